@@ -1,0 +1,1 @@
+"""Cameras that deliver colour and registered depth. Knows nothing of odometry."""

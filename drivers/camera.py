@@ -1,0 +1,166 @@
+"""The camera contract: what every backend delivers and how it says that it cannot.
+
+A backend is one folder beside this file with one class derived from `RgbdCamera`.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array
+from drivers.trajectory import StampedPoses
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """Intrinsics of an undistorted image, in pixels; the centre of the first pixel is (0, 0)."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    @property
+    def K(self) -> Array:
+        """3x3 intrinsics matrix."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class RgbdFrame:
+    """One instant of the camera: colour and depth never travel apart.
+
+    Both images are undistorted and share `camera`; depth is registered to colour.
+    The arrays are read-only by agreement: several readers share them.
+
+    seq             number of this frame at its source, from 0; a gap means frames not delivered
+    stamp_s         instant of the colour image's middle row, on the clock named by the camera
+    arrival_s       CLOCK_MONOTONIC when the whole frame was in the host's hands
+    colour_bgr      (height, width, 3) uint8, OpenCV's channel order
+    depth_raw       (height, width) uint16 as the sensor gave it, 0 = no reading
+    depth_factor    value of `depth_raw` per metre
+    camera          intrinsics of both images
+    device_stamp_s  the device's own clock, where it has one
+    skew_s          instant of depth minus instant of colour
+    lost_packets    packets lost since the frame before
+    """
+
+    seq: int
+    stamp_s: float
+    arrival_s: float
+    colour_bgr: NDArray[np.uint8]
+    depth_raw: NDArray[np.uint16]
+    depth_factor: float
+    camera: PinholeCamera
+    device_stamp_s: float | None = None
+    skew_s: float = 0.0
+    lost_packets: int = 0
+
+    @cached_property
+    def depth_m(self) -> NDArray[np.float32]:
+        """(height, width) float32 metres; 0 = no reading, never NaN."""
+        return self.depth_raw * np.float32(1.0 / self.depth_factor)
+
+    @cached_property
+    def grey(self) -> NDArray[np.uint8]:
+        """(height, width) uint8 brightness."""
+        grey: NDArray[np.uint8] = cv2.cvtColor(self.colour_bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[assignment]
+        return grey
+
+
+class Clock(StrEnum):
+    """The clock that a camera's stamps are on."""
+
+    MONOTONIC = "monotonic"  # this host's CLOCK_MONOTONIC
+    RECORDED = "recorded"  # the recording's own time
+
+
+class Pace(StrEnum):
+    """How a recorded or computed source delivers."""
+
+    LOCKSTEP = "lockstep"  # every frame, as fast as the reader takes them: repeatable
+    REALTIME = "realtime"  # on the recording's own clock; frames not taken in time are dropped
+
+
+@dataclass(frozen=True)
+class CameraCounters:
+    """Totals since `open`: what did not reach the reader, and why."""
+
+    delivered: int = 0
+    dropped: int = 0  # whole frames that a newer one replaced before they were read
+    skipped: int = 0  # frames that could not be read (a broken file, a torn frame)
+    lost_packets: int = 0
+
+
+class EndOfStream(Exception):  # noqa: N818 (like StopIteration: not an error)
+    """The source has delivered its last frame."""
+
+
+class NoFrameYet(Exception):  # noqa: N818 (a time-out that the reader expects)
+    """No frame came within the time given; the camera may still be healthy."""
+
+
+class RgbdCamera(ABC):
+    """A source of `RgbdFrame`. Use as a context manager; one reader at a time.
+
+    `open` may be called again after `close` (a camera that came back).
+    """
+
+    name: str  # for people: "tum:DIR", "synthetic"
+    clock: Clock
+
+    @abstractmethod
+    def open(self) -> None:
+        """Start delivering.
+
+        Raises InputError if what the user named is wrong (a missing folder, a bad camera file),
+        CameraError if the camera is not there or refuses now.
+        """
+
+    @abstractmethod
+    def read(self, timeout_s: float) -> RgbdFrame:
+        """Wait for the next frame: the next in order (lockstep) or the newest one not yet read.
+
+        Raises NoFrameYet after `timeout_s`, EndOfStream after the last frame, CameraLostError when
+        the camera has gone (close it, then open it again).
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Stop and release everything. Safe to call twice, and after a failed `open`."""
+
+    @property
+    @abstractmethod
+    def counters(self) -> CameraCounters:
+        """What was delivered, dropped, skipped and lost since `open`."""
+
+    @property
+    def frame_count(self) -> int | None:
+        """How many frames the source holds, where that is known: for progress."""
+        return None
+
+    @property
+    def ground_truth(self) -> StampedPoses | None:
+        """True poses of the colour camera, where the source knows them."""
+        return None
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()

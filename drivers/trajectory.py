@@ -1,0 +1,77 @@
+"""Trajectories in the TUM RGB-D benchmark's text format: ``stamp tx ty tz qx qy qz qw`` a line."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drivers.errors import InputError
+from drivers.geometry import Array, quaternion_from_rotation, transform_from_pose
+
+
+@dataclass(frozen=True)
+class StampedPoses:
+    """A trajectory: `stamps_s` (N,) strictly rising, `T_world_camera` (N, 4, 4)."""
+
+    stamps_s: Array
+    T_world_camera: Array
+
+    def __len__(self) -> int:
+        return len(self.stamps_s)
+
+
+def read_trajectory(path: Path) -> StampedPoses:
+    """Read a TUM-format file; blank lines and ``#`` comments are passed over.
+
+    Raises InputError naming the file and line if it cannot be read, does not parse, holds NaN or
+    a quaternion that is no rotation, or if stamps repeat or go backwards.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot read the trajectory: {_cause(error)}") from error
+    stamps: list[float] = []
+    poses: list[Array] = []
+    for number, line in enumerate(lines, 1):
+        text = line.split("#", 1)[0].replace(",", " ").split()
+        if not text:
+            continue
+        stamp_s, T = _parse_pose(text, f"{path}:{number}")
+        if stamps and stamp_s <= stamps[-1]:
+            raise InputError(
+                f"{path}:{number}: stamp {text[0]} does not come after the one before "
+                f"({stamps[-1]:.6f}): sort the file by its first column and remove repeats"
+            )
+        stamps.append(stamp_s)
+        poses.append(T)
+    if not poses:
+        raise InputError(f"{path}: holds no pose; expected lines of: stamp tx ty tz qx qy qz qw")
+    return StampedPoses(np.array(stamps), np.array(poses))
+
+
+def pose_line(stamp_s: float, T_world_camera: Array) -> str:
+    """One line of a trajectory file, with its newline. Microseconds, 0.1 um, 1e-9 of a rotation."""
+    q = quaternion_from_rotation(T_world_camera[:3, :3])
+    position = " ".join(f"{v:.7f}" for v in T_world_camera[:3, 3])
+    return f"{stamp_s:.6f} {position} {' '.join(f'{v:.9f}' for v in q)}\n"
+
+
+def _parse_pose(text: list[str], where: str) -> tuple[float, Array]:
+    if len(text) != 8:
+        raise InputError(
+            f"{where}: {len(text)} columns where 8 are expected: stamp tx ty tz qx qy qz qw"
+        )
+    try:
+        values = [float(word) for word in text]
+    except ValueError as error:
+        raise InputError(f"{where}: not a number: {_cause(error)}") from error
+    if not np.all(np.isfinite(values)):
+        raise InputError(f"{where}: a value is not finite: remove the line, a lost pose has none")
+    try:
+        return values[0], transform_from_pose(values[1:4], values[4:8])
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from error
+
+
+def _cause(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)

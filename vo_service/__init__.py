@@ -1,0 +1,1 @@
+"""Live visual odometry for RGB-D cameras, as a service."""

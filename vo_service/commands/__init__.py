@@ -1,0 +1,1 @@
+"""The subcommands of kinect-vo, one file each."""

@@ -1,0 +1,1 @@
+"""The method, pure: frames in, estimates out. No file, no clock, no thread."""

@@ -1,0 +1,66 @@
+"""What every odometry answers: a pose, how sure it is, or why there is none."""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array
+
+
+def _no_pixels() -> NDArray[np.float32]:
+    return np.empty((0, 2), np.float32)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a viewer can draw of one estimate. Pixels are (u, v) in the colour image.
+
+    keypoints_px          (N, 2) features of this frame
+    matches_px            (M, 2) matched features of this frame
+    reference_matches_px  (M, 2) the same features where the reference frame had them
+    inlier                (M,) bool, True where the match agrees with the motion found
+    """
+
+    keypoints_px: NDArray[np.float32] = field(default_factory=_no_pixels)
+    matches_px: NDArray[np.float32] = field(default_factory=_no_pixels)
+    reference_matches_px: NDArray[np.float32] = field(default_factory=_no_pixels)
+    inlier: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Result of one frame.
+
+    ok                     False: no motion could be found; `reason` says why
+    reason                 one short clause for people, "" when ok
+    T_world_camera         4x4 pose; world is the first camera. Not ok: the last good pose
+    T_reference_camera     4x4 motion since the reference frame (the last good one)
+    covariance             6x6 of T_reference_camera: (translation m, rotation rad), as a small
+                           motion in this camera's own axes; zero for the first frame
+    inliers                matches that agree with the motion
+    matches, features      how many matches and features there were
+    restarted              True when the pose is not continuous with the one before
+    evidence               what a viewer can draw
+    """
+
+    ok: bool
+    reason: str
+    T_world_camera: Array
+    T_reference_camera: Array
+    covariance: Array
+    features: int = 0
+    matches: int = 0
+    inliers: int = 0
+    restarted: bool = False
+    evidence: Evidence = field(default_factory=Evidence)
+
+
+class Odometry(Protocol):
+    """An estimator of the camera's motion. Siblings share this one method."""
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        """Where the camera is at this frame. Never raises for what the camera sees."""
+        ...

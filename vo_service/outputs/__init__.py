@@ -1,0 +1,1 @@
+"""Where results go: Zenoh, Rerun, trajectory file. Each takes poses and status, then closes."""

@@ -1,0 +1,90 @@
+"""What the service hands to its outputs, and the three methods that each output has."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array
+from vo_service.odometry.estimate import Estimate
+
+
+class TrackingState(StrEnum):
+    """How far a pose can be trusted."""
+
+    TRACKING = "tracking"
+    DEGRADED = "degraded"
+    LOST = "lost"
+    NO_CAMERA = "no_camera"
+
+
+@dataclass(frozen=True)
+class PoseUpdate:
+    """One frame's result, ready to go out.
+
+    seq                 counts published poses from 0
+    stamp_s             the frame's stamp on the published clock (Unix seconds when live)
+    state, reason       how far the pose can be trusted and, unless tracking, why
+    epoch               changes whenever the pose is not continuous with the one before
+    T_world_camera      4x4, optical axes, world = first camera: for trajectory files and pictures
+    T_odom_base         4x4, REP 103 axes: for robots
+    pose_covariance     6x6 accumulated since the epoch began, odom axes, ROS order (x y z rx ry rz)
+    twist               (6,) m/s and rad/s in the child frame, ROS order
+    twist_covariance    6x6 of this step, child frame, ROS order
+    stage_ms            CPU milliseconds by stage
+    latency_s           from the frame's arrival to this result
+    """
+
+    seq: int
+    stamp_s: float
+    state: TrackingState
+    reason: str
+    epoch: int
+    T_world_camera: Array
+    T_odom_base: Array
+    pose_covariance: Array
+    twist: Array
+    twist_covariance: Array
+    frame: RgbdFrame
+    estimate: Estimate
+    stage_ms: Mapping[str, float]
+    latency_s: float
+
+
+@dataclass(frozen=True)
+class Status:
+    """How the service is, as it goes out in JSON. `reason` is "" while tracking."""
+
+    state: TrackingState
+    reason: str
+    epoch: int
+    camera: str
+    method: str
+    fps: float
+    latency_p50_ms: float
+    latency_p99_ms: float
+    features: int
+    matches: int
+    inliers: int
+    frames: int
+    failed: int
+    dropped: int
+    skipped: int
+    lost_packets: int
+
+
+class Output(Protocol):
+    """Somewhere that poses go. None of the three may block the caller for long or raise."""
+
+    def pose(self, update: PoseUpdate) -> None:
+        """Take one result."""
+        ...
+
+    def status(self, status: Status) -> None:
+        """Take the service's status: twice a second and on change."""
+        ...
+
+    def close(self) -> None:
+        """Finish what was taken and release everything. Safe to call twice."""
+        ...

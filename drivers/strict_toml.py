@@ -1,0 +1,210 @@
+"""Settings files: TOML read into typed, frozen dataclasses, with every mistake named by its line.
+
+A table is a dataclass; a key is a field of type str, int, float, bool, a StrEnum, Path, another
+dataclass, a list or tuple of these, or any of these ``| None``. Describe a field with `setting`
+or `required`; a dataclass may check itself in ``__post_init__`` and raise ValueError.
+"""
+
+import dataclasses
+import difflib
+import json
+import math
+import tomllib
+import types
+from collections.abc import Iterable
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+
+from drivers.errors import InputError
+from drivers.toml_lines import KeyPath, key_lines, syntax_error_line
+
+SCHEMA = 1
+T = TypeVar("T")
+
+
+@dataclasses.dataclass(frozen=True)
+class Description:
+    """What a key means and what its value (or each value of its list) may be."""
+
+    about: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    above: float = -math.inf
+
+    @property
+    def hint(self) -> str:
+        """The meaning as a clause to put behind a message."""
+        return f" ({self.about})" if self.about else ""
+
+
+def setting(
+    default: T,
+    about: str,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    above: float = -math.inf,
+) -> T:
+    """Dataclass field with a default: low <= value <= high, and value > above."""
+    metadata = {"description": Description(about, low, high, above)}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def required(
+    about: str, *, low: float = -math.inf, high: float = math.inf, above: float = -math.inf
+) -> Any:
+    """Dataclass field that the file must give: low <= value <= high, and value > above."""
+    return dataclasses.field(metadata={"description": Description(about, low, high, above)})
+
+
+def read_toml(path: Path, kind: type[T]) -> T:
+    """Read a file into the dataclass `kind`. A Path is kept as it is written in the file.
+
+    Raises InputError ``FILE:LINE: key `a.b`: reason; what to do`` for whatever is wrong with it.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        cause = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise InputError(f"{path}: cannot be read: {cause}; name a TOML file") from error
+    return parse_toml(text, str(path), kind)
+
+
+def parse_toml(text: str, name: str, kind: type[T]) -> T:
+    """As `read_toml`, from a text; `name` is what messages call it."""
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        line = syntax_error_line(error, text)
+        raise InputError(
+            f"{name}:{line}: not TOML: {error}; write `key = value`, text in double quotes"
+        ) from error
+    try:
+        _check_schema(table)
+        return _build(kind, {k: v for k, v in table.items() if k != "schema"}, ())
+    except _BadKeyError as bad:
+        line = key_lines(text).get(bad.path, 0)
+        raise InputError(f"{name}{f':{line}' if line else ''}: {bad}") from bad.__cause__
+
+
+class _BadKeyError(Exception):
+    def __init__(self, path: KeyPath, reason: str) -> None:
+        super().__init__(f"key `{'.'.join(path)}`: {reason}" if path else reason)
+        self.path = path
+
+
+def _check_schema(table: dict[str, Any]) -> None:
+    if "schema" not in table:
+        raise _BadKeyError(
+            ("schema",), f"is missing; put `schema = {SCHEMA}` at the top of the file"
+        )
+    found = table["schema"]
+    if type(found) is not int or found != SCHEMA:
+        raise _BadKeyError(
+            ("schema",),
+            f"version {found!r} cannot be read; this program reads version {SCHEMA}: "
+            f"install the version of kinect-vo that the file was written for, or write the file "
+            f"anew with `schema = {SCHEMA}`",
+        )
+
+
+def _build(kind: type[T], table: dict[str, Any], path: KeyPath) -> T:
+    fields = {f.name: f for f in dataclasses.fields(cast(Any, kind))}
+    hints = get_type_hints(kind)
+    for key in table:
+        if key not in fields:
+            raise _BadKeyError((*path, key), f"is unknown; {_suggest(key, fields)}")
+    values = {}
+    for name, field in fields.items():
+        description = field.metadata.get("description", Description())
+        if name in table:
+            values[name] = _value(hints[name], table[name], description, (*path, name))
+        elif field.default is field.default_factory is dataclasses.MISSING:
+            raise _BadKeyError((*path, name), f"is missing; add `{name} = ...`{description.hint}")
+    try:
+        return kind(**values)
+    except ValueError as error:
+        raise _BadKeyError(path, str(error)) from error
+
+
+def _value(kind: Any, value: Any, description: Description, path: KeyPath) -> Any:
+    """`value` as TOML gave it, checked and converted to the type `kind`."""
+    if get_origin(kind) in (types.UnionType, Union):
+        kind = next(arm for arm in get_args(kind) if arm is not type(None))
+    if dataclasses.is_dataclass(kind):
+        _expect(isinstance(value, dict), "a table", value, description, path)
+        return _build(cast(type[Any], kind), value, path)
+    if get_origin(kind) in (list, tuple):
+        return _sequence(kind, value, description, path)
+    if kind is float or kind is int:
+        return _number(kind, value, description, path)
+    if kind is bool:
+        _expect(isinstance(value, bool), "true or false", value, description, path)
+        return value
+    if not issubclass(kind, (str, Path)):
+        raise TypeError(f"settings of type {kind} cannot be read: {'.'.join(path)}")
+    _expect(isinstance(value, str), "text in double quotes", value, description, path)
+    if issubclass(kind, StrEnum) and value not in set(kind):
+        raise _BadKeyError(path, f"{_shown(value)} is not a choice; {_suggest(value, kind)}")
+    return kind(value)
+
+
+def _sequence(kind: Any, value: Any, description: Description, path: KeyPath) -> Any:
+    items = get_args(kind)
+    length = None if get_origin(kind) is list or items[-1] is ... else len(items)
+    wanted = "a list" if length is None else f"a list of {length}"
+    matches = isinstance(value, list) and length in (None, len(value))
+    _expect(matches, wanted, value, description, path)
+    return get_origin(kind)(_value(items[0], item, description, path) for item in value)
+
+
+def _number(kind: type[Any], value: Any, description: Description, path: KeyPath) -> Any:
+    allowed = (int, float) if kind is float else (int,)
+    is_number = isinstance(value, allowed) and not isinstance(value, bool)
+    _expect(is_number, "a number" if kind is float else "a whole number", value, description, path)
+    if isinstance(value, float) and not math.isfinite(value):
+        raise _BadKeyError(path, f"{value} is not allowed; give a finite number{description.hint}")
+    if value < description.low or value > description.high or value <= description.above:
+        raise _BadKeyError(
+            path, f"{value} is out of range; give {_range(description)}{description.hint}"
+        )
+    try:
+        return kind(value)
+    except OverflowError as error:
+        raise _BadKeyError(path, "is too large for a number; shorten it") from error
+
+
+def _range(description: Description) -> str:
+    bounds = []
+    if description.low > -math.inf:
+        bounds.append(f"at least {description.low:g}")
+    if description.above > -math.inf:
+        bounds.append(f"more than {description.above:g}")
+    if description.high < math.inf:
+        bounds.append(f"at most {description.high:g}")
+    return " and ".join(bounds)
+
+
+def _expect(ok: bool, wanted: str, value: Any, description: Description, path: KeyPath) -> None:
+    if not ok:
+        found = _shown(value)
+        raise _BadKeyError(path, f"{found} is the wrong type; give {wanted}{description.hint}")
+
+
+def _shown(value: Any) -> str:
+    """`value` roughly as the file has it, in a few words."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        text = json.dumps(value, ensure_ascii=False)
+        return text if len(text) <= 60 else f'{text[:57]}..."'
+    if isinstance(value, dict):
+        return "a table"
+    return f"a list of {len(value)}" if isinstance(value, list) else str(value)
+
+
+def _suggest(word: str, known: Iterable[str]) -> str:
+    names = list(known)
+    close = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
+    return f"did you mean `{close[0]}`?" if close else f"known here: {', '.join(names)}"

@@ -1,0 +1,148 @@
+"""Check, without installing anything, that the lock file resolves to wheels alone.
+
+A robot's board has no compiler and no time to build: every package that the project needs (its
+extras and development groups included) must have a wheel for each processor and each Python.
+"""
+
+import sys
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain, product
+from pathlib import Path
+from typing import Any
+
+from packaging.markers import Marker
+from packaging.tags import Tag, compatible_tags, cpython_tags
+from packaging.utils import parse_wheel_filename
+
+Table = Mapping[str, Any]
+
+MACHINES = ("x86_64", "aarch64")
+PYTHONS = ("3.11.2", "3.12.0", "3.13.0")  # 3.11.2 is Debian 12's own
+GLIBC_MINOR = 36  # glibc 2.36, Debian 12
+OLDEST_GLIBC_MINOR = 5  # manylinux_2_5, the first of its kind (PEP 600)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A processor and a CPython on Debian 12."""
+
+    machine: str
+    python: str
+
+    def __str__(self) -> str:
+        return f"Python {self.minor} on {self.machine}"
+
+    @property
+    def minor(self) -> str:
+        """The Python version without its patch number."""
+        return self.python.rpartition(".")[0]
+
+    @property
+    def markers(self) -> dict[str, str]:
+        """What PEP 508 markers evaluate to there."""
+        return {
+            "implementation_name": "cpython",
+            "implementation_version": self.python,
+            "os_name": "posix",
+            "platform_machine": self.machine,
+            "platform_python_implementation": "CPython",
+            "platform_release": "",
+            "platform_system": "Linux",
+            "platform_version": "",
+            "python_full_version": self.python,
+            "python_version": self.minor,
+            "sys_platform": "linux",
+        }
+
+    @cached_property
+    def tags(self) -> frozenset[Tag]:
+        """Tags of the wheels that can be installed there."""
+        version = tuple(int(part) for part in self.minor.split("."))
+        interpreter = "cp" + self.minor.replace(".", "")
+        platforms = [
+            f"manylinux_2_{minor}_{self.machine}"
+            for minor in range(GLIBC_MINOR, OLDEST_GLIBC_MINOR - 1, -1)
+        ]
+        own = cpython_tags(version, [interpreter], platforms)
+        pure = compatible_tags(version, interpreter, platforms)
+        return frozenset((*own, *pure))
+
+
+TARGETS = tuple(Target(machine, python) for machine, python in product(MACHINES, PYTHONS))
+
+
+def needed_packages(packages: Sequence[Table], target: Target) -> list[Table]:
+    """Every package of a lock file that `target` needs for the project, its extras and groups."""
+    project = next(p for p in packages if p["source"].keys() & {"editable", "virtual"})
+    extras = list(project.get("optional-dependencies", {}))
+    groups = project.get("dev-dependencies", {}).values()
+    waiting = [*_dependencies(project, extras, target), *_applying(chain(*groups), target)]
+    followed: list[Table] = []
+    reached: dict[tuple[str, str], Table] = {}
+    while waiting:
+        dependency = waiting.pop()
+        if dependency in followed:
+            continue
+        followed.append(dependency)
+        package = _locked(packages, dependency)
+        reached[package["name"], package["version"]] = package
+        waiting += _dependencies(package, dependency.get("extra", []), target)
+    return [reached[key] for key in sorted(reached)]
+
+
+def has_wheel(package: Table, target: Target) -> bool:
+    """True if a locked wheel of `package` can be installed on `target`."""
+    names = (wheel["url"].rpartition("/")[2] for wheel in package.get("wheels", []))
+    return any(not parse_wheel_filename(name)[3].isdisjoint(target.tags) for name in names)
+
+
+def problems(lock: Table) -> list[str]:
+    """One line for each package that some target would have to build from source."""
+    return [
+        f"{package['name']} {package['version']} has no wheel for {target}: "
+        "constrain or replace it in pyproject.toml, then run uv lock"
+        for target in TARGETS
+        for package in needed_packages(lock["package"], target)
+        if not has_wheel(package, target)
+    ]
+
+
+def main(path: Path) -> int:
+    """Print what is wrong with the lock file, or what was checked; 1 if anything is wrong."""
+    lock = tomllib.loads(path.read_text(encoding="utf-8"))
+    found = problems(lock)
+    for problem in found:
+        print(f"{path.name}: {problem}", file=sys.stderr)
+    if not found:
+        for target in TARGETS:
+            print(f"{target}: {len(needed_packages(lock['package'], target))} packages, all wheels")
+    return 1 if found else 0
+
+
+def _dependencies(package: Table, extras: Iterable[str], target: Target) -> list[Table]:
+    optional = package.get("optional-dependencies", {})
+    wanted = [package.get("dependencies", []), *(optional[extra] for extra in extras)]
+    return _applying(chain(*wanted), target)
+
+
+def _applying(dependencies: Iterable[Table], target: Target) -> list[Table]:
+    return [
+        d for d in dependencies if "marker" not in d or Marker(d["marker"]).evaluate(target.markers)
+    ]
+
+
+def _locked(packages: Sequence[Table], dependency: Table) -> Table:
+    """The locked package; the version is only written where several are locked."""
+    return next(
+        package
+        for package in packages
+        if package["name"] == dependency["name"]
+        and dependency.get("version", package["version"]) == package["version"]
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(__file__).resolve().parent.parent / "uv.lock"))

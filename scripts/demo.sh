@@ -1,0 +1,7 @@
+#!/bin/sh
+# Set up what is missing, then run the odometry on the virtual Kinect.
+# Arguments go to `kinect-vo demo`: scripts/demo.sh --help
+set -eu
+checkout=$(cd "$(dirname "$0")/.." && pwd)
+"$checkout/scripts/setup.sh"
+exec "$checkout/.venv/bin/kinect-vo" demo "$@"

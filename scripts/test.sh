@@ -1,0 +1,18 @@
+#!/bin/sh
+# Set up what is missing, then check everything: style, types, lock file, tests.
+# With arguments: only pytest, with these arguments: scripts/test.sh tests/drivers -k stamps
+set -eu
+cd "$(dirname "$0")/.."
+. scripts/steps.sh
+
+scripts/setup.sh
+export PATH="$PWD/.venv/bin:$PATH"
+if [ $# = 0 ]; then
+    step "Checking the layout of the code" ruff format --check
+    step "Checking the style of the code" ruff check
+    step "Checking types" mypy
+    step "Checking that the lock file is up to date" .tools/bin/uv lock --check --python .venv/bin/python
+    step "Checking that every locked package is a wheel" python scripts/check_lock.py
+fi
+say "Running the tests"
+exec pytest "$@"

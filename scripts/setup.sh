@@ -13,6 +13,7 @@ packages="ca-certificates"
 [ -n "${KINECT_VO_PYTHON:-}" ] || packages="$packages python3 python3-venv"
 
 missing_packages() {
+    command -v dpkg-query >/dev/null || return 0 # not a Debian: take them as given
     for package in $packages; do
         case $(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>&1) in
             installed) ;;
@@ -21,15 +22,14 @@ missing_packages() {
     done
 }
 
-# apt_get ARGUMENTS...: without questions, as root or through sudo.
+# apt_get ARGUMENTS...: as root or through sudo; asks nothing, prints only what goes wrong.
 apt_get() {
-    set -- env DEBIAN_FRONTEND=noninteractive LC_ALL=C.UTF-8 apt-get -qq "$@"
-    if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi
+    set -- env DEBIAN_FRONTEND=noninteractive LC_ALL=C.UTF-8 apt-get -qq -o Dpkg::Use-Pty=0 "$@"
+    if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi >/dev/null
 }
 
 install_packages() {
     by_hand="as root: apt-get update && apt-get install --no-install-recommends$1"
-    command -v apt-get >/dev/null || fail "needs the Debian packages$1, and this system has no apt-get"
     [ "$(id -u)" = 0 ] || command -v sudo >/dev/null || fail "neither root nor sudo here; run once $by_hand"
     step "Reading Debian's package lists" apt_get update
     # shellcheck disable=SC2086  # a list of names

@@ -1,3 +1,4 @@
+# shellcheck shell=sh
 # Read by the scripts beside it: how they speak.
 
 say() {

@@ -149,6 +149,11 @@ class RgbdCamera(ABC):
         return None
 
     @property
+    def readout_s(self) -> float:
+        """Rolling shutter: seconds from the first row to the last; 0 if global or not known."""
+        return 0.0
+
+    @property
     def ground_truth(self) -> StampedPoses | None:
         """True poses of the colour camera, where the source knows them."""
         return None

@@ -1,0 +1,99 @@
+"""The camera file: what turns a recording's pixels and depth values into rays and metres."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.camera import PinholeCamera
+from drivers.errors import InputError
+from drivers.strict_toml import SCHEMA, read_toml, required, setting
+
+FILE_NAME = "camera.toml"
+Distortion = tuple[float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """A pinhole camera with lens distortion (k1 k2 p1 p2 k3, Brown's model as in OpenCV).
+
+    depth_factor  value of the depth images per metre
+    readout_s     rolling shutter: seconds from the first row to the last; a stamp is the middle row
+    """
+
+    width: int = required("image width in pixels", low=1, high=16384)
+    height: int = required("image height in pixels", low=1, high=16384)
+    fx: float = required("horizontal focal length in pixels", low=1.0, high=1e6)
+    fy: float = required("vertical focal length in pixels", low=1.0, high=1e6)
+    cx: float = required("column of the principal point in pixels", low=-1e5, high=1e5)
+    cy: float = required("row of the principal point in pixels", low=-1e5, high=1e5)
+    distortion: Distortion = required(  # noqa: RUF009 (a field, not a shared value)
+        "k1, k2, p1, p2, k3; zeros for none", low=-1e3, high=1e3
+    )
+    depth_factor: float = required(
+        "depth image value of one metre: 5000 for TUM, 1000 for millimetres", low=1.0, high=1e6
+    )
+    readout_s: float = setting(0.0, "seconds from the first row to the last", low=0.0, high=1.0)
+
+    @property
+    def pinhole(self) -> PinholeCamera:
+        """Intrinsics without the distortion."""
+        return PinholeCamera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+
+
+def _tum(
+    fx: float, fy: float, cx: float, cy: float, distortion: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
+) -> CameraFile:
+    return CameraFile(640, 480, fx, fy, cx, cy, distortion, 5000.0)
+
+
+# The colour calibration that the TUM RGB-D benchmark publishes for its three sensors (the page
+# "File Formats"; freiburg3 was undistorted before it was published). The factor is the nominal
+# 5000 for all: the scale corrections on the same page (1.035, 1.031, 1.000) are not applied, so
+# that results compare with published ones. A camera file in the folder can say otherwise.
+KNOWN_CAMERAS = {
+    "1": _tum(517.3, 516.5, 318.6, 255.3, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
+    "2": _tum(520.9, 521.0, 325.1, 249.7, (0.2312, -0.7849, -0.0033, -0.0001, 0.9172)),
+    "3": _tum(535.4, 539.2, 320.1, 247.6),
+}
+_KNOWN_NAME = re.compile(r"(?<![a-z0-9])(?:freiburg|fr)([123])(?![a-z0-9])", re.IGNORECASE)
+
+
+def camera_of_folder(folder: Path, given: Path | None) -> CameraFile:
+    """The file `given`, else FOLDER/camera.toml, else TUM's camera named by the folder.
+
+    Raises InputError if there is none of the three, or the file is wrong.
+    """
+    if given is not None:
+        return read_camera_file(given)
+    inside = folder / FILE_NAME
+    if inside.exists() or inside.is_symlink():
+        return read_camera_file(inside)
+    known = _KNOWN_NAME.search(folder.resolve().name)
+    if known:
+        return KNOWN_CAMERAS[known[1]]
+    raise InputError(
+        f"{folder}: no camera file, and the name says none of freiburg1, freiburg2, freiburg3; "
+        f"write {inside} with the keys schema = {SCHEMA}, width, height, fx, fy, cx, cy, "
+        "distortion = [k1, k2, p1, p2, k3], depth_factor"
+    )
+
+
+def read_camera_file(path: Path) -> CameraFile:
+    """Read a camera file. Raises InputError naming file, line and key of what is wrong."""
+    return read_toml(path, CameraFile)
+
+
+def camera_file_text(camera: CameraFile) -> str:
+    """`camera` as a camera file; reading it gives exactly the same numbers."""
+    return (
+        f"schema = {SCHEMA}\n"
+        f"width = {camera.width}\n"
+        f"height = {camera.height}\n"
+        f"fx = {camera.fx!r}\n"
+        f"fy = {camera.fy!r}\n"
+        f"cx = {camera.cx!r}\n"
+        f"cy = {camera.cy!r}\n"
+        f"distortion = {list(camera.distortion)!r}  # k1 k2 p1 p2 k3\n"
+        f"depth_factor = {camera.depth_factor!r}  # depth image value of one metre\n"
+        f"readout_s = {camera.readout_s!r}  # rolling shutter: first row to last\n"
+    )

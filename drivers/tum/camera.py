@@ -1,0 +1,148 @@
+"""A recorded TUM folder as a camera."""
+
+import logging
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from drivers.camera import CameraCounters, Clock, EndOfStream, Pace, RgbdCamera, RgbdFrame
+from drivers.camera_file import CameraFile
+from drivers.errors import InputError
+from drivers.trajectory import StampedPoses
+from drivers.tum.decode import UnreadableFrameError, load_pair
+from drivers.tum.folder import TumFolder, open_folder
+from drivers.tum.frame_buffer import (
+    BufferClosedError,
+    FrameBuffer,
+    LockstepBuffer,
+    RealtimeBuffer,
+)
+from drivers.tum.lists import FramePair
+from drivers.undistort import undistorter
+
+JOIN_TIMEOUT_S = 5.0
+_log = logging.getLogger(__name__)
+
+
+class TumCamera(RgbdCamera):
+    """Replays a folder; a thread of its own decodes ahead of the reader.
+
+    `camera_file` wins over FOLDER/camera.toml, which wins over TUM's own cameras, known by the
+    folder's name. `every` uses each n-th pair only; `seq` counts what is used.
+    A frame in the middle that cannot be read is skipped, counted and reported in the log.
+    """
+
+    clock = Clock.RECORDED
+
+    def __init__(
+        self,
+        folder: Path,
+        camera_file: Path | None = None,
+        pace: Pace = Pace.LOCKSTEP,
+        every: int = 1,
+    ) -> None:
+        if every < 1:
+            raise InputError(f"every {every}: must be 1 (each frame) or more")
+        self.name = f"tum:{folder}"
+        self._folder, self._camera_file = folder, camera_file
+        self._pace, self._every = pace, every
+        self._opened: TumFolder | None = None
+        self._pairs: Sequence[FramePair] = ()
+        self._thread = threading.Thread()
+        self._buffer: FrameBuffer = LockstepBuffer()
+        self._buffer.close()
+
+    def open(self) -> None:
+        """Check the folder and start decoding. Raises InputError for a folder without use."""
+        self.close()
+        self._opened = open_folder(self._folder, self._camera_file)
+        self._pairs = self._opened.frames.pairs[:: self._every]
+        self._buffer = _buffer(self._pace, self._pairs)
+        self._thread = threading.Thread(
+            target=_decode_ahead,
+            args=(self._pairs, self._opened.camera_file, self._buffer),
+            name="tum-decode",
+            daemon=True,
+        )
+        self._thread.start()
+
+    def read(self, timeout_s: float) -> RgbdFrame:
+        """The next frame at this pace, as the contract says."""
+        return self._buffer.take(timeout_s)
+
+    def close(self) -> None:
+        """Stop the decoding; what has been counted can still be asked for."""
+        self._buffer.close()
+        if self._thread.is_alive():
+            # A read from a dead network disk can hang; the thread is then left to itself.
+            self._thread.join(JOIN_TIMEOUT_S)
+
+    @property
+    def counters(self) -> CameraCounters:
+        """Totals since `open`."""
+        return self._buffer.counters
+
+    @property
+    def frame_count(self) -> int | None:
+        """Pairs that are used; None before `open`."""
+        return len(self._pairs) if self._opened else None
+
+    @property
+    def unpaired(self) -> int | None:
+        """Colour and depth images without a partner within 20 ms; None before `open`."""
+        return self._opened.frames.unpaired if self._opened else None
+
+    @property
+    def readout_s(self) -> float:
+        """From the camera file; 0 before `open`."""
+        return self._opened.camera_file.readout_s if self._opened else 0.0
+
+    @property
+    def ground_truth(self) -> StampedPoses | None:
+        """FOLDER/groundtruth.txt, if there is one; None before `open`."""
+        return self._opened.ground_truth if self._opened else None
+
+
+def _buffer(pace: Pace, pairs: Sequence[FramePair]) -> FrameBuffer:
+    if pace is Pace.LOCKSTEP:
+        return LockstepBuffer()
+    first_s = pairs[0].colour.stamp_s
+    return RealtimeBuffer([pair.colour.stamp_s - first_s for pair in pairs])
+
+
+def _decode_ahead(pairs: Sequence[FramePair], camera: CameraFile, buffer: FrameBuffer) -> None:
+    """Body of the decoding thread. Whatever goes wrong in it reaches the reader."""
+    try:
+        _fill(buffer, pairs, camera)
+        buffer.finish(EndOfStream())
+    except BufferClosedError:
+        pass
+    except Exception as error:
+        buffer.finish(error)
+
+
+def _fill(buffer: FrameBuffer, pairs: Sequence[FramePair], camera: CameraFile) -> None:
+    pinhole = camera.pinhole
+    lens = undistorter(pinhole, camera.distortion)
+    index = 0
+    while (index := buffer.next_wanted(index)) < len(pairs):
+        pair = pairs[index]
+        try:
+            colour, depth = load_pair(pair, (camera.width, camera.height))
+        except UnreadableFrameError as error:
+            _log.warning("frame %d is skipped: %s", index, error)
+            buffer.skip()
+        else:
+            frame = RgbdFrame(
+                seq=index,
+                stamp_s=pair.colour.stamp_s,
+                arrival_s=time.monotonic(),
+                colour_bgr=lens.colour(colour),
+                depth_raw=lens.depth(depth),
+                depth_factor=camera.depth_factor,
+                camera=pinhole,
+                skew_s=pair.skew_s,
+            )
+            buffer.put(frame)
+        index += 1

@@ -1,0 +1,138 @@
+"""From image files to arrays, refusing whatever is not whole."""
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.tum.lists import FramePair
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+JPEG_START = b"\xff\xd8"
+JPEG_END = b"\xff\xd9"
+JPEG_SCAN = 0xDA
+
+ColourImage = NDArray[np.uint8]
+DepthImage = NDArray[np.uint16]
+
+
+class UnreadableFrameError(Exception):
+    """A frame's file is missing, broken or of the wrong kind: ``FILE: reason; what to do``."""
+
+
+def load_pair(pair: FramePair, size: tuple[int, int]) -> tuple[ColourImage, DepthImage]:
+    """Colour (height, width, 3) BGR uint8 and depth (height, width) uint16 of one frame.
+
+    `size` is (width, height) of the camera. Raises UnreadableFrameError.
+    """
+    colour = _load_colour(pair.colour.file)
+    depth = _load_depth(pair.depth.file)
+    if colour.shape[:2] != depth.shape:
+        raise UnreadableFrameError(
+            f"{pair.colour.file}: colour is {_size(colour)} but depth ({pair.depth.file}) is "
+            f"{_size(depth)}; register the depth to the colour image"
+        )
+    if depth.shape != size[::-1]:
+        raise UnreadableFrameError(
+            f"{pair.colour.file}: the image is {_size(colour)} but the camera is "
+            f"{size[0]}x{size[1]}; give the camera file of these images"
+        )
+    return colour, depth
+
+
+def _load_colour(file: Path) -> ColourImage:
+    image = _load(file)
+    if image.dtype != np.uint8:
+        raise UnreadableFrameError(
+            f"{file}: colour is not 8 bits a channel; give the colour image here, "
+            "depth has a place of its own"
+        )
+    if image.ndim == 2:
+        return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)  # type: ignore[return-value]
+    if image.shape[2] == 4:
+        return cv2.cvtColor(image, cv2.COLOR_BGRA2BGR)  # type: ignore[return-value]
+    return image
+
+
+def _load_depth(file: Path) -> DepthImage:
+    image = _load(file)
+    if image.ndim != 2 or image.dtype != np.uint16:
+        raise UnreadableFrameError(
+            f"{file}: depth has {image.dtype.itemsize * 8} bits and "
+            f"{1 if image.ndim == 2 else image.shape[2]} channel(s), where 16 bits and 1 channel "
+            "are needed; export the sensor's raw depth, not a picture of it"
+        )
+    return image
+
+
+def _load(file: Path) -> NDArray[Any]:
+    """Any whole PNG or JPEG as it is stored, channels in BGR order."""
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise UnreadableFrameError(f"{file}: cannot be read: {error.strerror}") from error
+    fault = _fault(data)
+    if fault:
+        raise UnreadableFrameError(f"{file}: {fault}")
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise UnreadableFrameError(f"{file}: cannot be decoded: {error.err}") from error
+    if image is None:
+        raise UnreadableFrameError(f"{file}: cannot be decoded; the file is damaged")
+    return image
+
+
+def _fault(data: bytes) -> str:
+    """Why an image file is not whole, "" if it is.
+
+    OpenCV would fill what is missing with grey, or complain on standard error: so look first.
+    """
+    if not data:
+        return "is empty (0 bytes)"
+    if data.startswith(PNG_SIGNATURE):
+        return _png_fault(data)
+    if data.startswith(JPEG_START):
+        return _jpeg_fault(data)
+    return "is not an image (neither PNG nor JPEG)"
+
+
+def _png_fault(data: bytes) -> str:
+    """Walk the chunks (length, type, data, CRC) up to IEND: PNG specification, section 5."""
+    position = len(PNG_SIGNATURE)
+    while position + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, position)
+        end = position + 12 + length
+        if end > len(data):
+            break
+        (crc,) = struct.unpack_from(">I", data, end - 4)
+        if zlib.crc32(memoryview(data)[position + 4 : end - 4]) != crc:
+            return "is damaged (a checksum of the PNG does not match)"
+        if data[position + 4 : position + 8] == b"IEND":
+            return ""
+        position = end
+    return f"is truncated (the PNG breaks off after {len(data)} bytes)"
+
+
+def _jpeg_fault(data: bytes) -> str:
+    """Walk the segments to the scan, then look for the end: ITU-T T.81, annex B.
+
+    In a scan 0xFF is always escaped, so an end marker found there is the real one, not one of an
+    embedded preview.
+    """
+    position = len(JPEG_START)
+    while position + 4 <= len(data) and data[position] == 0xFF:
+        if data[position + 1] == JPEG_SCAN:
+            whole = data.find(JPEG_END, position) >= 0
+            return "" if whole else f"is truncated (the JPEG breaks off after {len(data)} bytes)"
+        (length,) = struct.unpack_from(">H", data, position + 2)
+        position += 2 + length
+    return "is truncated or damaged (the JPEG has no picture in it)"
+
+
+def _size(image: NDArray[Any]) -> str:
+    return f"{image.shape[1]}x{image.shape[0]}"

@@ -1,0 +1,103 @@
+"""A recording in the layout of the TUM RGB-D benchmark: everything that can be checked at once."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from drivers.camera_file import CameraFile, camera_of_folder
+from drivers.errors import InputError
+from drivers.trajectory import StampedPoses, read_trajectory
+from drivers.tum.decode import UnreadableFrameError, load_pair
+from drivers.tum.lists import FramePair, ListedImage, read_associations, read_image_list
+from drivers.tum.pairing import Stamps, pair_nearest
+
+WITHIN_US = 20_000
+
+
+@dataclass(frozen=True)
+class PairedFrames:
+    """The frames of a folder, and how many images were left without a partner."""
+
+    pairs: list[FramePair]
+    unpaired: int = 0
+
+
+@dataclass(frozen=True)
+class TumFolder:
+    """A folder that has been checked: it can be replayed from its first frame."""
+
+    frames: PairedFrames
+    camera_file: CameraFile
+    ground_truth: StampedPoses | None
+
+
+def open_folder(folder: Path, camera_file: Path | None) -> TumFolder:
+    """Read the lists, the camera and the ground truth of a folder, and try its first frame.
+
+    Raises InputError for whatever makes the folder as a whole unusable.
+    """
+    _check_folder(folder)
+    frames = _paired_frames(folder)
+    camera = camera_of_folder(folder, camera_file)
+    _check_files(frames.pairs)
+    try:
+        load_pair(frames.pairs[0], (camera.width, camera.height))
+    except UnreadableFrameError as error:
+        where = frames.pairs[0].colour.where
+        raise InputError(f"{error} (the first frame, {where})") from error
+    truth = folder / "groundtruth.txt"
+    return TumFolder(frames, camera, read_trajectory(truth) if truth.exists() else None)
+
+
+def _check_folder(folder: Path) -> None:
+    if not folder.exists():
+        raise InputError(f"{folder}: no such folder; check the path")
+    if not folder.is_dir():
+        raise InputError(f"{folder}: is not a folder; unpack it and name the folder")
+    try:
+        empty = not any(folder.iterdir())
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read: {error.strerror}") from error
+    if empty:
+        raise InputError(f"{folder}: the folder is empty; name one with rgb.txt and depth.txt")
+
+
+def _paired_frames(folder: Path) -> PairedFrames:
+    associations = folder / "associations.txt"
+    if associations.exists():
+        return PairedFrames(read_associations(associations))
+    for name in ("rgb.txt", "depth.txt"):
+        if not (folder / name).exists():
+            raise InputError(
+                f"{folder / name}: no such file; a TUM folder holds rgb.txt and depth.txt, "
+                "or associations.txt"
+            )
+    colour, depth = read_image_list(folder / "rgb.txt"), read_image_list(folder / "depth.txt")
+    found = pair_nearest(_microseconds(colour), _microseconds(depth), WITHIN_US)
+    if not found:
+        raise InputError(
+            f"{folder}: no colour and depth images within {WITHIN_US // 1000} ms of each other; "
+            "rgb.txt and depth.txt must be of one recording, with stamps in seconds"
+        )
+    pairs = [FramePair(colour[i], depth[j]) for i, j in found]
+    return PairedFrames(pairs, len(colour) + len(depth) - 2 * len(pairs))
+
+
+def _microseconds(images: list[ListedImage]) -> Stamps:
+    return np.array([int(image.stamp.scaleb(6).to_integral_value()) for image in images], np.int64)
+
+
+def _check_files(pairs: list[FramePair]) -> None:
+    """Raise unless the first frame's files are there and most of the others' too."""
+    missing = [_missing(pair) for pair in pairs]
+    named = [image for image in missing if image is not None]
+    if missing[0] is not None or 2 * len(named) > len(pairs):
+        raise InputError(
+            f"{named[0].where}: names {named[0].file}, which is missing "
+            f"({len(named)} of {len(pairs)} frames lack a file); restore it or remove the line"
+        )
+
+
+def _missing(pair: FramePair) -> ListedImage | None:
+    return next((image for image in (pair.colour, pair.depth) if not image.file.is_file()), None)

@@ -1,0 +1,110 @@
+"""The text lists of a TUM folder: which image was taken when."""
+
+from dataclasses import dataclass
+from decimal import Context, Decimal, InvalidOperation
+from itertools import pairwise
+from pathlib import Path
+
+from drivers.errors import InputError
+
+# Stamps are kept as written: 17 digits of seconds do not fit a float, and a difference of two
+# stamps is then exact. The precision holds the sum of any two floats that have been printed.
+EXACT = Context(prec=100)
+_FAR_FUTURE_S = Decimal(10**11)
+
+
+@dataclass(frozen=True)
+class ListedImage:
+    """One image of a list: its stamp in seconds, its file, and where the list says so."""
+
+    stamp: Decimal
+    file: Path
+    where: str  # "LIST:LINE"
+
+    @property
+    def stamp_s(self) -> float:
+        """The stamp as a float."""
+        return float(self.stamp)
+
+
+@dataclass(frozen=True)
+class FramePair:
+    """Colour and depth that belong together."""
+
+    colour: ListedImage
+    depth: ListedImage
+
+    @property
+    def skew_s(self) -> float:
+        """Instant of depth minus instant of colour."""
+        return float(EXACT.subtract(self.depth.stamp, self.colour.stamp))
+
+
+def read_image_list(path: Path) -> list[ListedImage]:
+    """Read ``rgb.txt`` or ``depth.txt``: lines of ``stamp file``, ``#`` comments.
+
+    Files are relative to the list's folder. Raises InputError naming file and line if the list
+    cannot be read, is empty, does not parse, or if stamps repeat or go backwards.
+    """
+    images = [_image(words, path, n) for n, words in _rows(path, "stamp file")]
+    _check_rising(images)
+    return images
+
+
+def read_associations(path: Path) -> list[FramePair]:
+    """Read ``associations.txt``: lines of ``stamp colour_file stamp depth_file``.
+
+    Raises InputError as `read_image_list`, for either column of stamps.
+    """
+    rows = _rows(path, "stamp colour_file stamp depth_file")
+    pairs = [FramePair(_image(w[:2], path, n), _image(w[2:], path, n)) for n, w in rows]
+    _check_rising([pair.colour for pair in pairs])
+    _check_rising([pair.depth for pair in pairs])
+    return pairs
+
+
+def _rows(path: Path, form: str) -> list[tuple[int, list[str]]]:
+    """The line number and the words of every line that is neither blank nor a comment."""
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not a text file; expected lines of: {form}") from error
+    rows = []
+    for number, line in enumerate(lines, 1):
+        words = line.replace(",", " ").split()
+        if not words or words[0].startswith("#"):
+            continue
+        if len(words) != len(form.split()):
+            raise InputError(
+                f"{path}:{number}: {len(words)} columns where {len(form.split())} are expected: "
+                f"{form}"
+            )
+        rows.append((number, words))
+    if not rows:
+        raise InputError(f"{path}: names no image; expected lines of: {form}")
+    return rows
+
+
+def _image(words: list[str], path: Path, number: int) -> ListedImage:
+    where = f"{path}:{number}"
+    try:
+        stamp = Decimal(words[0])
+    except InvalidOperation as error:
+        raise InputError(
+            f'{where}: "{words[0]}" is not a stamp; the column must be seconds, as 1305031102.1753'
+        ) from error
+    if not stamp.is_finite() or abs(stamp) > _FAR_FUTURE_S:
+        raise InputError(f"{where}: stamp {words[0]} is not in seconds; rewrite the list")
+    return ListedImage(stamp, path.parent / words[1], where)
+
+
+def _check_rising(images: list[ListedImage]) -> None:
+    for before, image in pairwise(images):
+        if image.stamp_s <= before.stamp_s:
+            fault = "repeats" if image.stamp_s == before.stamp_s else "goes back behind"
+            raise InputError(
+                f"{image.where}: stamp {image.stamp} {fault} the one before ({before.stamp}); "
+                "sort the list by its stamps and remove repeats"
+            )

@@ -1,0 +1,148 @@
+"""The CDR packer against rosbags' own serialiser."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+
+from drivers.geometry import rigid_transform, rotation_from_vector
+from vo_service.outputs.cdr import (
+    OdometryMessage,
+    decode_odometry,
+    encode_odometry,
+    split_stamp,
+)
+
+ROS = get_typestore(Stores.ROS2_JAZZY)
+metres = st.floats(-1e6, 1e6)
+frame_names = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=20)
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> OdometryMessage:
+    vector = [draw(st.floats(-3.0, 3.0)) for _ in range(3)]
+    return OdometryMessage(
+        stamp_s=draw(st.floats(-(2.0**31), 2.0**31 - 1)),
+        frame_id=draw(frame_names),
+        child_frame_id=draw(frame_names),
+        T_frame_child=rigid_transform(
+            rotation_from_vector(vector), [draw(metres) for _ in range(3)]
+        ),
+        pose_covariance=np.full((6, 6), draw(metres)) + np.arange(36).reshape(6, 6),
+        twist=np.array([draw(metres) for _ in range(6)]),
+        twist_covariance=np.full((6, 6), draw(metres)) - np.arange(36).reshape(6, 6),
+    )
+
+
+def example(**changes: object) -> OdometryMessage:
+    message = OdometryMessage(
+        stamp_s=1305031453.359684,
+        frame_id="odom",
+        child_frame_id="base_link",
+        T_frame_child=np.eye(4),
+        pose_covariance=np.eye(6),
+        twist=np.zeros(6),
+        twist_covariance=np.eye(6),
+    )
+    return dataclasses.replace(message, **changes)
+
+
+def by_rosbags(message: OdometryMessage) -> bytes:
+    t = ROS.types
+    sec, nanosec = split_stamp(message.stamp_s)
+    pose = t["geometry_msgs/msg/Pose"](
+        position=t["geometry_msgs/msg/Point"](*message.position_m),
+        orientation=t["geometry_msgs/msg/Quaternion"](*message.quaternion_xyzw),
+    )
+    twist = t["geometry_msgs/msg/Twist"](
+        linear=t["geometry_msgs/msg/Vector3"](*message.twist[:3]),
+        angular=t["geometry_msgs/msg/Vector3"](*message.twist[3:]),
+    )
+    odometry = t["nav_msgs/msg/Odometry"](
+        header=t["std_msgs/msg/Header"](
+            stamp=t["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec),
+            frame_id=message.frame_id,
+        ),
+        child_frame_id=message.child_frame_id,
+        pose=t["geometry_msgs/msg/PoseWithCovariance"](
+            pose=pose, covariance=message.pose_covariance.ravel()
+        ),
+        twist=t["geometry_msgs/msg/TwistWithCovariance"](
+            twist=twist, covariance=message.twist_covariance.ravel()
+        ),
+    )
+    return bytes(ROS.serialize_cdr(odometry, "nav_msgs/msg/Odometry"))
+
+
+@given(messages())
+@settings(max_examples=60, deadline=None)
+def test_bytes_equal_those_of_rosbags(message: OdometryMessage) -> None:
+    assert encode_odometry(message) == by_rosbags(message)
+
+
+@given(messages())
+@settings(max_examples=60, deadline=None)
+def test_decoding_gives_back_what_was_encoded(message: OdometryMessage) -> None:
+    decoded = decode_odometry(encode_odometry(message))
+    assert decoded.stamp_s == pytest.approx(message.stamp_s, abs=1e-9)
+    assert (decoded.frame_id, decoded.child_frame_id) == (message.frame_id, message.child_frame_id)
+    np.testing.assert_allclose(decoded.T_frame_child, message.T_frame_child, atol=1e-12)
+    np.testing.assert_array_equal(decoded.pose_covariance, message.pose_covariance)
+    np.testing.assert_array_equal(decoded.twist, message.twist)
+    np.testing.assert_array_equal(decoded.twist_covariance, message.twist_covariance)
+
+
+def test_the_usual_message_has_724_bytes() -> None:
+    assert len(encode_odometry(example())) == 724
+
+
+@pytest.mark.parametrize(
+    ("stamp_s", "expected"),
+    [
+        (0.0, (0, 0)),
+        (1.5, (1, 500_000_000)),
+        (-0.25, (-1, 750_000_000)),
+        (-3.0, (-3, 0)),
+        (np.nextafter(2.0, 0.0), (2, 0)),
+        (2147483647.5, (2147483647, 500_000_000)),
+    ],
+)
+def test_a_stamp_splits_into_seconds_and_nanoseconds(
+    stamp_s: float, expected: tuple[int, int]
+) -> None:
+    assert split_stamp(stamp_s) == expected
+
+
+@given(st.floats(1e9, 2e9))
+def test_a_unix_stamp_survives_to_the_last_bit(stamp_s: float) -> None:
+    sec, nanosec = split_stamp(stamp_s)
+    assert sec + nanosec * 1e-9 == stamp_s
+
+
+@pytest.mark.parametrize("stamp_s", [2.0**31, -(2.0**31) - 1, np.inf, np.nan])
+def test_a_stamp_that_does_not_fit_is_refused(stamp_s: float) -> None:
+    with pytest.raises(ValueError, match="stamp"):
+        split_stamp(stamp_s)
+
+
+@pytest.mark.parametrize("field", ["T_frame_child", "pose_covariance", "twist", "twist_covariance"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_number_that_is_not_finite_never_leaves(field: str, bad: float) -> None:
+    values = np.array(getattr(example(), field))
+    values[np.unravel_index(3, values.shape)] = bad
+    with pytest.raises(ValueError, match="not finite"):
+        encode_odometry(example(**{field: values}))
+
+
+@pytest.mark.parametrize("length", [0, 3, 10, 18, 40, 723])
+def test_a_cut_message_is_refused(length: int) -> None:
+    with pytest.raises(ValueError, match="CDR|Odometry"):
+        decode_odometry(encode_odometry(example())[:length])
+
+
+def test_a_big_endian_message_is_refused() -> None:
+    with pytest.raises(ValueError, match="little-endian"):
+        decode_odometry(b"\x00\x00\x00\x00" + encode_odometry(example())[4:])

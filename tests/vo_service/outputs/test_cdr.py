@@ -1,6 +1,7 @@
 """The CDR packer against rosbags' own serialiser."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def messages(draw: st.DrawFn) -> OdometryMessage:
     )
 
 
-def example(**changes: object) -> OdometryMessage:
+def example(**changes: Any) -> OdometryMessage:
     message = OdometryMessage(
         stamp_s=1305031453.359684,
         frame_id="odom",
@@ -139,7 +140,7 @@ def test_a_number_that_is_not_finite_never_leaves(field: str, bad: float) -> Non
 
 @pytest.mark.parametrize("length", [0, 3, 10, 18, 40, 723])
 def test_a_cut_message_is_refused(length: int) -> None:
-    with pytest.raises(ValueError, match="CDR|Odometry"):
+    with pytest.raises(ValueError, match=r"CDR|Odometry"):
         decode_odometry(encode_odometry(example())[:length])
 
 

@@ -1,0 +1,220 @@
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.camera import CameraCounters, Clock, EndOfStream, NoFrameYet, Pace, RgbdFrame
+from drivers.camera_file import read_camera_file
+from drivers.errors import CameraError, InputError
+from drivers.tum import camera as tum_camera
+from drivers.tum.camera import TumCamera
+
+FolderMaker = Callable[..., Path]
+
+
+def frames(camera: TumCamera, timeout_s: float = 10.0) -> Iterator[RgbdFrame]:
+    while True:
+        try:
+            yield camera.read(timeout_s)
+        except EndOfStream:
+            return
+
+
+def image(folder: Path, kind: str, number: int) -> Path:
+    return sorted((folder / kind).iterdir())[number]
+
+
+def test_lockstep_gives_every_frame_as_it_is_on_disk(make_folder: FolderMaker) -> None:
+    folder = make_folder(count=12)
+    with TumCamera(folder) as camera:
+        read = list(frames(camera))
+        assert camera.frame_count == 12
+        assert camera.counters == CameraCounters(delivered=12)
+    assert [frame.seq for frame in read] == list(range(12))
+    assert read[0].stamp_s == 1305031102.175304
+    assert read[3].skew_s == 0.005
+    assert read[0].camera == read_camera_file(folder / "camera.toml").pinhole
+    for k, frame in enumerate(read):
+        np.testing.assert_array_equal(frame.colour_bgr, cv2.imread(str(image(folder, "rgb", k))))
+        np.testing.assert_array_equal(
+            frame.depth_raw, cv2.imread(str(image(folder, "depth", k)), -1)
+        )
+
+
+def test_it_says_what_it_is(make_folder: FolderMaker) -> None:
+    folder = make_folder()
+    camera = TumCamera(folder)
+    assert camera.name == f"tum:{folder}"
+    assert camera.clock is Clock.RECORDED
+    assert (camera.frame_count, camera.unpaired, camera.ground_truth) == (None, None, None)
+    with camera:
+        assert (camera.frame_count, camera.unpaired, camera.readout_s) == (5, 0, 0.02)
+
+
+def test_every_nth_frame_alone_can_be_used(make_folder: FolderMaker) -> None:
+    with TumCamera(make_folder(count=7), every=3) as camera:
+        read = list(frames(camera))
+        assert camera.frame_count == 3
+    assert [frame.seq for frame in read] == [0, 1, 2]
+    assert read[1].stamp_s - read[0].stamp_s == pytest.approx(0.12, abs=1e-6)
+    with pytest.raises(InputError, match="must be 1"):
+        TumCamera(Path(), every=0)
+
+
+def test_frames_are_undistorted(make_folder: FolderMaker, tmp_path: Path) -> None:
+    folder = make_folder()
+    straight, bent = (folder / "camera.toml").read_text(), tmp_path / "bent.toml"
+    bent.write_text(straight.replace("[0.0, 0.0,", "[0.3, 0.0,"))
+    with TumCamera(folder) as plain, TumCamera(folder, bent) as corrected:
+        a, b = plain.read(10), corrected.read(10)
+    assert a.camera == b.camera
+    assert not np.array_equal(a.colour_bgr, b.colour_bgr)
+    assert set(np.unique(b.depth_raw)) <= {0, *np.unique(a.depth_raw)}
+
+
+@pytest.mark.parametrize("damage", ["cut", "gone", "text", "8 bits", "small"])
+def test_one_bad_frame_is_skipped_counted_and_reported_once(
+    make_folder: FolderMaker, caplog: pytest.LogCaptureFixture, damage: str
+) -> None:
+    folder = make_folder()
+    bad = image(folder, "depth", 2)
+    whole = bad.read_bytes()
+    bad.unlink()
+    if damage == "cut":
+        bad.write_bytes(whole[: len(whole) // 2])
+    elif damage == "text":
+        bad.write_text("hello")
+    elif damage in ("8 bits", "small"):
+        shape, dtype = ((48, 64), np.uint8) if damage == "8 bits" else ((24, 32), np.uint16)
+        cv2.imwrite(str(bad), np.zeros(shape, dtype))
+    with caplog.at_level(logging.WARNING), TumCamera(folder) as camera:
+        assert [frame.seq for frame in frames(camera)] == [0, 1, 3, 4]
+        assert camera.counters == CameraCounters(delivered=4, skipped=1)
+    assert len(caplog.records) == 1
+    assert str(bad) in caplog.text
+
+
+def test_realtime_keeps_the_recording_s_own_clock(make_folder: FolderMaker) -> None:
+    with TumCamera(make_folder(count=6, period_s=0.05), pace=Pace.REALTIME) as camera:
+        began = time.monotonic()
+        read = [(frame, time.monotonic() - began) for frame in frames(camera)]
+    assert all(late >= frame.seq * 0.05 - 1e-5 for frame, late in read)
+    assert read[-1][0].seq == 5
+
+
+def test_realtime_accounts_for_every_frame_of_a_slow_reader(make_folder: FolderMaker) -> None:
+    folder = make_folder(count=40, period_s=0.01)
+    image(folder, "rgb", 39).write_bytes(b"")
+    with TumCamera(folder, pace=Pace.REALTIME) as camera:
+        seqs = []
+        for frame in frames(camera):
+            seqs.append(frame.seq)
+            time.sleep(0.06)
+        totals = camera.counters
+    assert seqs == sorted(set(seqs))
+    assert totals.delivered == len(seqs) < 20
+    assert totals.delivered + totals.dropped + totals.skipped == 40
+
+
+def test_realtime_says_when_no_frame_is_due(make_folder: FolderMaker) -> None:
+    with TumCamera(make_folder(count=2, period_s=60.0), pace=Pace.REALTIME) as camera:
+        camera.read(10)
+        with pytest.raises(NoFrameYet):
+            camera.read(0.02)
+
+
+@pytest.mark.parametrize("pace", Pace)
+def test_closing_in_the_middle_ends_the_thread(make_folder: FolderMaker, pace: Pace) -> None:
+    camera = TumCamera(make_folder(count=20), pace=pace)
+    for _ in range(5):
+        camera.open()
+        camera.close()
+    camera.open()
+    camera.read(10)
+    camera.close()
+    camera.close()
+    assert not [thread for thread in threading.enumerate() if thread.name == "tum-decode"]
+    assert camera.counters.delivered == 1
+    with pytest.raises(CameraError, match="not open"):
+        camera.read(1)
+
+
+def test_it_can_be_opened_again_from_the_start(make_folder: FolderMaker) -> None:
+    camera = TumCamera(make_folder(count=6))
+    for _ in range(2):
+        with camera:
+            assert [frame.seq for frame in frames(camera)] == [0, 1, 2, 3, 4, 5]
+
+
+def test_reading_before_opening_is_an_error(tmp_path: Path) -> None:
+    camera = TumCamera(tmp_path)
+    camera.close()
+    with pytest.raises(CameraError, match="not open"):
+        camera.read(1)
+
+
+def test_a_failed_open_leaves_nothing_behind(tmp_path: Path) -> None:
+    camera = TumCamera(tmp_path / "gone")
+    with pytest.raises(InputError, match="no such folder"):
+        camera.open()
+    camera.close()
+    assert camera.frame_count is None
+
+
+def test_an_error_in_the_thread_reaches_the_reader(
+    make_folder: FolderMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise MemoryError("no room for an image")
+
+    monkeypatch.setattr(tum_camera, "load_pair", broken)
+    with TumCamera(make_folder()) as camera, pytest.raises(MemoryError, match="no room"):
+        camera.read(10)
+
+
+def test_nothing_is_printed_for_broken_images(
+    make_folder: FolderMaker, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = make_folder(count=4, kind="jpg")
+    for kind in ("rgb", "depth"):
+        file = image(folder, kind, 1 if kind == "rgb" else 2)
+        file.write_bytes(file.read_bytes()[:-30])
+    with TumCamera(folder) as camera:
+        assert [frame.seq for frame in frames(camera)] == [0, 3]
+    assert capfd.readouterr() == ("", "")
+
+
+def test_redkitchen_is_500_frames(recordings: Path) -> None:
+    with TumCamera(recordings / "redkitchen") as camera:
+        assert camera.frame_count == 500
+        assert sum(1 for _ in frames(camera)) == 500
+        assert camera.ground_truth is not None
+        assert camera.counters == CameraCounters(delivered=500)
+
+
+@pytest.mark.parametrize(
+    ("name", "count"), [("freiburg1_xyz_head", 10), ("freiburg1_desk_piece", 9)]
+)
+def test_freiburg1_pieces_are_undistorted(recordings: Path, name: str, count: int) -> None:
+    folder = recordings / name
+    with TumCamera(folder) as camera:
+        read = list(frames(camera))
+        assert camera.ground_truth is not None
+    assert len(read) == count
+    seen = cv2.imread(str(image(folder, "rgb", 0)))
+    first_depth = cv2.imread(str(image(folder, "depth", 0)), -1)
+    assert seen is not None
+    assert first_depth is not None
+    calibration = read_camera_file(folder / "camera.toml")
+    ours = read[0].colour_bgr.astype(int)
+    theirs = cv2.undistort(seen, calibration.pinhole.K, np.array(calibration.distortion))
+    # Both round coordinates to 1/32 px, not alike: a few levels where the image is steep.
+    assert np.abs(ours - theirs).max() <= 8
+    assert np.abs(ours - theirs).mean() < 0.05
+    assert np.abs(ours - seen).max() > 50
+    assert set(np.unique(read[0].depth_raw)) <= {0, *np.unique(first_depth)}

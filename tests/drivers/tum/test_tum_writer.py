@@ -1,0 +1,258 @@
+import dataclasses
+import logging
+import os
+import signal
+import subprocess
+import sys
+import weakref
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.camera import EndOfStream, PinholeCamera, RgbdFrame
+from drivers.camera_file import read_camera_file
+from drivers.errors import InputError, UserFacingError
+from drivers.trajectory import StampedPoses
+from drivers.tum.camera import TumCamera
+from drivers.tum.encode import ColourFormat, FrameStamps, exact
+from drivers.tum.writer import MOST_PENDING, TumWriter
+
+FolderMaker = Callable[..., Path]
+FrameMaker = Callable[..., RgbdFrame]
+
+
+def replayed(folder: Path) -> list[RgbdFrame]:
+    frames = []
+    with TumCamera(folder) as camera:
+        while True:
+            try:
+                frames.append(camera.read(10))
+            except EndOfStream:
+                return frames
+
+
+def assert_same(ours: list[RgbdFrame], theirs: list[RgbdFrame]) -> None:
+    assert len(ours) == len(theirs) > 0
+    for a, b in zip(ours, theirs, strict=True):
+        assert (a.stamp_s, a.skew_s, a.camera) == (b.stamp_s, b.skew_s, b.camera)
+        assert a.depth_factor == b.depth_factor
+        np.testing.assert_array_equal(a.colour_bgr, b.colour_bgr)
+        np.testing.assert_array_equal(a.depth_raw, b.depth_raw)
+
+
+def test_a_recorded_folder_replays_as_the_same_frames(
+    make_folder: FolderMaker, tmp_path: Path
+) -> None:
+    first = replayed(make_folder(count=12))
+    with TumWriter(tmp_path / "copy") as writer:
+        for frame in first:
+            writer.write(frame)
+    assert writer.written == 12
+    assert_same(replayed(tmp_path / "copy"), first)
+
+
+def test_live_stamps_survive_to_the_last_bit(make_frame: FrameMaker, tmp_path: Path) -> None:
+    frames = [
+        make_frame(k, stamp_s=12345.678901234567 + k / 30, skew_s=0.01 - k / 3000) for k in range(6)
+    ]
+    with TumWriter(tmp_path / "live") as writer:
+        for frame in frames:
+            writer.write(frame)
+    assert_same(replayed(tmp_path / "live"), frames)
+
+
+@given(st.floats(0, 4e9), st.floats(-0.05, 0.05))
+def test_any_stamp_and_skew_can_be_written_exactly(stamp_s: float, skew_s: float) -> None:
+    frame = RgbdFrame(
+        0, stamp_s, 0.0, np.empty(0, np.uint8), np.empty(0, np.uint16), 1.0,
+        PinholeCamera(1, 1, 1, 1, 0, 0), skew_s=skew_s,
+    )  # fmt: skip
+    stamps = FrameStamps.of(frame)
+    assert float(exact(stamps.colour)) == stamp_s
+    assert float(stamps.depth - stamps.colour) == pytest.approx(skew_s, abs=1e-15)
+    assert "e" not in exact(stamps.depth).lower()
+
+
+def test_the_layout_is_the_benchmark_s(make_frame: FrameMaker, tmp_path: Path) -> None:
+    with TumWriter(tmp_path / "new/place", readout_s=0.02) as writer:
+        writer.write(make_frame(0))
+        writer.write(make_frame(1, stamp_s=1000.5))
+    folder = tmp_path / "new/place"
+    assert (folder / "associations.txt").read_text() == (
+        "# timestamp rgb timestamp depth\n"
+        "1000.000000 rgb/1000.000000.png 1000.010000 depth/1000.010000.png\n"
+        "1000.500000 rgb/1000.500000.png 1000.510000 depth/1000.510000.png\n"
+    )
+    assert (folder / "rgb.txt").read_text().splitlines()[1] == "1000.000000 rgb/1000.000000.png"
+    assert (folder / "depth.txt").read_text().splitlines()[2] == "1000.510000 depth/1000.510000.png"
+    camera = read_camera_file(folder / "camera.toml")
+    assert camera.pinhole == make_frame(0).camera
+    assert (camera.distortion, camera.readout_s) == ((0.0,) * 5, 0.02)
+    assert not list(folder.rglob(".*"))
+
+
+def test_ground_truth_is_kept(make_frame: FrameMaker, tmp_path: Path) -> None:
+    T = np.stack([np.eye(4)] * 2)
+    T[1, :3, 3] = [1.0, -2.0, 0.5]
+    with TumWriter(tmp_path, ground_truth=StampedPoses(np.array([1.0, 2.0]), T)) as writer:
+        writer.write(make_frame(0))
+    with TumCamera(tmp_path) as camera:
+        assert camera.ground_truth is not None
+        np.testing.assert_array_equal(camera.ground_truth.stamps_s, [1.0, 2.0])
+        np.testing.assert_allclose(camera.ground_truth.T_world_camera, T)
+
+
+def test_jpeg_colour_is_smaller_and_close(make_frame: FrameMaker, tmp_path: Path) -> None:
+    frame = make_frame(0)
+    with TumWriter(tmp_path / "jpg", colour=ColourFormat.JPEG) as writer:
+        writer.write(frame)
+    (read,) = replayed(tmp_path / "jpg")
+    assert (tmp_path / "jpg/rgb/1000.000000.jpg").is_file()
+    assert np.abs(read.colour_bgr.astype(int) - frame.colour_bgr).mean() < 3
+    np.testing.assert_array_equal(read.depth_raw, frame.depth_raw)
+
+
+@pytest.mark.parametrize("stamp_s", [1000.0, 1000.0000001, 999.0])
+def test_a_stamp_that_does_not_rise_is_left_out_and_reported(
+    make_frame: FrameMaker, tmp_path: Path, stamp_s: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING), TumWriter(tmp_path / "r") as writer:
+        for frame in (make_frame(0), make_frame(1, stamp_s=stamp_s), make_frame(2)):
+            writer.write(frame)
+    assert (writer.written, writer.skipped) == (2, 1)
+    assert "frame 1 is not recorded" in caplog.text
+    assert_same(replayed(tmp_path / "r"), [make_frame(0), make_frame(2)])
+
+
+def test_a_folder_that_holds_something_is_refused(make_folder: FolderMaker) -> None:
+    folder = make_folder(count=1)
+    before = sorted(folder.rglob("*"))
+    with pytest.raises(InputError, match="is not empty; name a new folder"):
+        TumWriter(folder)
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for place in (tmp_path / "file", tmp_path / "file/inside", Path("/proc/recording")):
+        with pytest.raises(InputError, match=r"cannot be written: .*; name a folder that you may"):
+            TumWriter(place)
+
+
+def test_another_camera_in_the_middle_is_refused(make_frame: FrameMaker, tmp_path: Path) -> None:
+    with TumWriter(tmp_path / "r") as writer:
+        writer.write(make_frame(0))
+        with pytest.raises(UserFacingError, match="the camera changed while it was recorded"):
+            writer.write(dataclasses.replace(make_frame(1), depth_factor=1000.0))
+    assert len(replayed(tmp_path / "r")) == 1
+
+
+def test_a_folder_that_vanishes_is_one_clear_error(make_frame: FrameMaker, tmp_path: Path) -> None:
+    writer = TumWriter(tmp_path / "r")
+    for seq in range(9):
+        writer.write(make_frame(seq))
+    (tmp_path / "r").rename(tmp_path / "elsewhere")
+    more = [make_frame(seq) for seq in range(9, 20)]
+    with pytest.raises(UserFacingError, match=r"cannot be written: No such file.*frames recorded"):
+        list(map(writer.write, more))
+    with pytest.raises(UserFacingError):
+        writer.write(make_frame(99))
+    writer.close()
+    writer.close()
+    assert len(replayed(tmp_path / "elsewhere")) == writer.written
+
+
+def test_memory_does_not_grow_with_the_recording(make_frame: FrameMaker, tmp_path: Path) -> None:
+    images = []
+    with TumWriter(tmp_path / "r") as writer:
+        for seq in range(40):
+            frame = make_frame(seq)
+            images.append(weakref.ref(frame.colour_bgr))
+            writer.write(frame)
+            alive = [image for image in images if image() is not None]
+            assert len(alive) <= MOST_PENDING + 2
+    assert writer.written == 40
+
+
+RECORD_FOR_EVER = """
+import sys
+import weakref
+from pathlib import Path
+import numpy as np
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.errors import UserFacingError
+from drivers.tum.writer import TumWriter
+
+noise = np.random.default_rng(0)
+writer = TumWriter(Path(sys.argv[1]))
+print("ready", flush=True)
+try:
+    for k in range(int(sys.argv[2])):
+        colour = noise.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+        depth = noise.integers(0, 65536, (48, 64), dtype=np.uint16)
+        camera = PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)
+        writer.write(RgbdFrame(k, 1000 + k / 30, 0.0, colour, depth, 5000.0, camera))
+    writer.close()
+except UserFacingError as error:
+    writer.close()
+    print(writer.written, error)
+"""
+
+
+def test_a_recording_killed_at_any_moment_can_be_replayed(tmp_path: Path) -> None:
+    for attempt in range(4):
+        folder = tmp_path / str(attempt)
+        command = [sys.executable, "-c", RECORD_FOR_EVER, str(folder), "1000000"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as recording:
+            assert recording.stdout is not None
+            recording.stdout.readline()
+            while len((folder / "associations.txt").read_bytes()) < 1000 * (attempt + 1):
+                assert recording.poll() is None
+            os.kill(recording.pid, signal.SIGKILL)
+        frames = replayed(folder)
+        listed = (folder / "associations.txt").read_text()
+        assert listed.endswith("\n")
+        assert len(frames) == listed.count("\n") - 1 > 5
+
+
+ON_A_SMALL_DISK = """
+mount -t tmpfs -o size=300k,mode=777 small "$1" || exit 77
+"$2" -c "$3" "$1/recording" 1000000
+cp -r "$1/recording" "$4"
+"""
+
+
+def record_on_a_small_disk(tmp_path: Path, copy: Path) -> str:
+    mount = tmp_path / "disk"
+    mount.mkdir()
+    script = ["sh", "-c", ON_A_SMALL_DISK, "sh", str(mount), sys.executable, RECORD_FOR_EVER]
+    # A mount namespace of its own: the file system is gone with the process.
+    unshare = ["unshare", "--mount"] + ([] if os.geteuid() == 0 else ["--map-root-user"])
+    done = subprocess.run([*unshare, *script, str(copy)], capture_output=True, text=True)
+    if done.returncode == 77 or "unshare failed" in done.stderr:
+        pytest.skip(f"may not mount a small file system here: {done.stderr.strip()}")
+    assert done.returncode == 0, done.stderr
+    return done.stdout.removeprefix("ready\n")
+
+
+def test_a_full_disk_is_one_clear_error_and_what_was_written_replays(tmp_path: Path) -> None:
+    printed = record_on_a_small_disk(tmp_path, tmp_path / "copy")
+    written, message = printed.split(" ", 1)
+    assert "recording: the disk is full; the " in message
+    assert message.endswith("complete; free some space and record into a new folder\n")
+    assert len(replayed(tmp_path / "copy")) == int(written) > 3
+    assert not list((tmp_path / "copy").rglob(".*"))
+
+
+def test_a_file_size_limit_is_one_clear_error_and_what_was_written_replays(tmp_path: Path) -> None:
+    """The kernel refuses the lists' next byte in the middle of a line."""
+    command = [sys.executable, "-c", RECORD_FOR_EVER, str(tmp_path / "r"), "1000000"]
+    limited = ["prlimit", "--fsize=20000", *command]
+    done = subprocess.run(limited, capture_output=True, text=True, check=True)
+    written, message = done.stdout.removeprefix("ready\n").split(" ", 1)
+    assert "cannot be written: File too large; the " in message
+    assert len(replayed(tmp_path / "r")) == int(written) > 100

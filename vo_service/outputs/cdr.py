@@ -12,7 +12,6 @@ import numpy as np
 
 from drivers.geometry import Array, quaternion_from_rotation, transform_from_pose
 
-ENCODING = "application/cdr"
 SCHEMA = "nav_msgs/msg/Odometry"
 
 _HEADER = b"\x00\x01\x00\x00"

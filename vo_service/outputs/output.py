@@ -75,7 +75,10 @@ class Status:
 
 
 class Output(Protocol):
-    """Somewhere that poses go. None of the three may block the caller for long or raise."""
+    """Somewhere that poses go. None of the three blocks the caller for long.
+
+    `pose` and `status` never raise: an output that fails logs it once.
+    """
 
     def pose(self, update: PoseUpdate) -> None:
         """Take one result."""
@@ -86,5 +89,8 @@ class Output(Protocol):
         ...
 
     def close(self) -> None:
-        """Finish what was taken and release everything. Safe to call twice."""
+        """Finish what was taken and release everything. Safe to call twice.
+
+        Raises UserFacingError, the first time, if something taken could not be kept.
+        """
         ...

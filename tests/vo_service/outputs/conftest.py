@@ -1,0 +1,119 @@
+"""Results to feed an output with, free ports, and who listens where."""
+
+import socket
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.geometry import rigid_transform, rotation_from_vector
+from vo_service.odometry.estimate import Estimate, Evidence
+from vo_service.outputs.output import PoseUpdate, Status, TrackingState
+
+CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
+START_S = 1305031453.359684
+
+
+@pytest.fixture
+def free_port() -> int:
+    """A port of 127.0.0.1 that the kernel has just found free."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@pytest.fixture
+def make_update() -> Callable[..., PoseUpdate]:
+    """Results of a slow walk forward with a turn: ``make_update(seq, ok=True)``."""
+    return _update
+
+
+@pytest.fixture
+def status() -> Status:
+    """A status as the service would send it."""
+    return Status(
+        state=TrackingState.DEGRADED,
+        reason="few inliers",
+        epoch=1,
+        camera="tum:desk",
+        method="surf",
+        fps=29.9,
+        latency_p50_ms=11.0,
+        latency_p99_ms=19.5,
+        features=980,
+        matches=400,
+        inliers=300,
+        frames=100,
+        failed=1,
+        dropped=2,
+        skipped=0,
+        lost_packets=0,
+    )
+
+
+@pytest.fixture
+def listening() -> Callable[[int], set[str]]:
+    """Addresses that a process listens on: ``listening(pid)`` answers {"127.0.0.1", ...}."""
+    return _listening
+
+
+def _update(seq: int, *, ok: bool = True) -> PoseUpdate:
+    stamp_s = START_S + seq / 30
+    T = rigid_transform(rotation_from_vector([0, 0.01 * seq, 0]), [0.01 * seq, 0.0, 0.02 * seq])
+    reason = "" if ok else "too few matches"
+    return PoseUpdate(
+        seq=seq,
+        stamp_s=stamp_s,
+        state=TrackingState.TRACKING if ok else TrackingState.LOST,
+        reason=reason,
+        epoch=1,
+        T_world_camera=T,
+        T_odom_base=T,
+        pose_covariance=np.eye(6) * (1 + seq),
+        twist=np.arange(6.0) + seq,
+        twist_covariance=np.eye(6) * 0.1,
+        frame=_frame(seq, stamp_s),
+        estimate=Estimate(
+            ok, reason, T, np.eye(4), np.eye(6) * 1e-4, 20, 10, 7, evidence=_evidence(seq)
+        ),
+        stage_ms={"surf": 4.0, "match": 1.0},
+        latency_s=0.012,
+    )
+
+
+def _frame(seq: int, stamp_s: float) -> RgbdFrame:
+    """A colour gradient that moves, a slanted wall with a hole."""
+    ramp = np.arange(CAMERA.width, dtype=np.uint8) + np.uint8(seq % 100)
+    colour = np.broadcast_to(ramp[None, :, None], (CAMERA.height, CAMERA.width, 3)).copy()
+    depth = np.full((CAMERA.height, CAMERA.width), 10000, np.uint16)
+    depth += np.arange(CAMERA.width, dtype=np.uint16) * np.uint16(50)
+    depth[10:20, 10:20] = 0
+    return RgbdFrame(seq, stamp_s, stamp_s, colour, depth, 5000.0, CAMERA)
+
+
+def _evidence(seq: int) -> Evidence:
+    """Twenty features, ten of them matched, seven of these inliers."""
+    random = np.random.default_rng(seq)
+    keypoints = random.uniform((0, 0), (63, 47), (20, 2)).astype(np.float32)
+    matches = keypoints[:10]
+    return Evidence(keypoints, matches, matches + np.float32(1.5), np.arange(10) < 7)
+
+
+def _listening(pid: int) -> set[str]:
+    links = [str(fd.readlink()) for fd in Path(f"/proc/{pid}/fd").iterdir() if fd.is_symlink()]
+    inodes = {link[8:-1] for link in links if link.startswith("socket:[")}
+    tcp4, tcp6 = (Path(f"/proc/net/{name}").read_text().splitlines() for name in ("tcp", "tcp6"))
+    addresses = set()
+    for line in tcp4[1:] + tcp6[1:]:
+        fields = line.split()
+        if fields[3] == "0A" and fields[9] in inodes:
+            words = bytes.fromhex(fields[1].split(":")[0])
+            count = len(words) // 4
+            network_order = struct.pack(f">{count}I", *struct.unpack(f"<{count}I", words))
+            family = socket.AF_INET if count == 1 else socket.AF_INET6
+            addresses.add(socket.inet_ntop(family, network_order))
+    return addresses

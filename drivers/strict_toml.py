@@ -103,9 +103,8 @@ def _check_schema(table: dict[str, Any]) -> None:
     if type(found) is not int or found != SCHEMA:
         raise _BadKeyError(
             ("schema",),
-            f"version {found!r} cannot be read; this program reads version {SCHEMA}: "
-            f"install the version of kinect-vo that the file was written for, or write the file "
-            f"anew with `schema = {SCHEMA}`",
+            f"version {_shown(found)} cannot be read, only {SCHEMA}; install the kinect-vo that "
+            f"the file was written for, or write it anew with `schema = {SCHEMA}`",
         )
 
 
@@ -178,11 +177,11 @@ def _number(kind: type[Any], value: Any, description: Description, path: KeyPath
 def _range(description: Description) -> str:
     bounds = []
     if description.low > -math.inf:
-        bounds.append(f"at least {description.low:g}")
+        bounds.append(f"at least {description.low:.15g}")
     if description.above > -math.inf:
-        bounds.append(f"more than {description.above:g}")
+        bounds.append(f"more than {description.above:.15g}")
     if description.high < math.inf:
-        bounds.append(f"at most {description.high:g}")
+        bounds.append(f"at most {description.high:.15g}")
     return " and ".join(bounds)
 
 

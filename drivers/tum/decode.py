@@ -48,8 +48,8 @@ def _load_colour(file: Path) -> ColourImage:
     image = _load(file)
     if image.dtype != np.uint8:
         raise UnreadableFrameError(
-            f"{file}: colour is not 8 bits a channel; give the colour image here, "
-            "depth has a place of its own"
+            f"{file}: colour is not 8 bits a channel; give the colour image here "
+            "(in associations.txt colour stands before depth)"
         )
     if image.ndim == 2:
         return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)  # type: ignore[return-value]
@@ -77,13 +77,13 @@ def _load(file: Path) -> NDArray[Any]:
         raise UnreadableFrameError(f"{file}: cannot be read: {error.strerror}") from error
     fault = _fault(data)
     if fault:
-        raise UnreadableFrameError(f"{file}: {fault}")
+        raise UnreadableFrameError(f"{file}: {fault}; restore it or take it out of the list")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise UnreadableFrameError(f"{file}: cannot be decoded: {error.err}") from error
+        raise UnreadableFrameError(f"{file}: cannot be decoded: {error.err}; replace it") from error
     if image is None:
-        raise UnreadableFrameError(f"{file}: cannot be decoded; the file is damaged")
+        raise UnreadableFrameError(f"{file}: cannot be decoded; replace it")
     return image
 
 

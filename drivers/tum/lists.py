@@ -103,8 +103,8 @@ def _image(words: list[str], path: Path, number: int) -> ListedImage:
 def _check_rising(images: list[ListedImage]) -> None:
     for before, image in pairwise(images):
         if image.stamp_s <= before.stamp_s:
-            fault = "repeats" if image.stamp_s == before.stamp_s else "goes back behind"
+            fault = "repeats" if image.stamp_s == before.stamp_s else "goes back"
             raise InputError(
-                f"{image.where}: stamp {image.stamp} {fault} the one before ({before.stamp}); "
+                f"{image.where}: stamp {image.stamp} {fault} (the one before is {before.stamp}); "
                 "sort the list by its stamps and remove repeats"
             )

@@ -149,7 +149,7 @@ def test_a_key_given_twice_is_refused() -> None:
 
 @pytest.mark.parametrize("found", ["2", "0", "true", '"1"', "1.0"])
 def test_another_schema_is_refused_saying_what_to_do(found: str) -> None:
-    with pytest.raises(InputError, match=r"room\.toml:2: key `schema`: version .* install the ver"):
+    with pytest.raises(InputError, match=r"room\.toml:2: key `schema`: version .* install the kin"):
         parse_toml(f"\nschema = {found}\nwidth = 4", "room.toml", Room)
 
 

@@ -1,0 +1,77 @@
+"""Which features of two images are the same: nearest descriptor, ratio test, mutual check."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.jit import kernel
+from vo_service.odometry.surf import Features
+
+
+def match_features(query: Features, reference: Features, ratio: float) -> NDArray[np.int64]:
+    """Pairs (M, 2) of indices into `query` and `reference`, by index of the query.
+
+    A pair is kept if the second nearest descriptor is further by 1/ratio (Lowe 2004, Section 7.1)
+    and if each is the other's nearest. Bright and dark blobs are never compared (Bay et al. 2008,
+    Section 4.3).
+    """
+    blocks = [np.empty((0, 2), np.int64)]
+    for sign in (-1.0, 1.0):
+        queries = np.flatnonzero(query.sign == sign)
+        references = np.flatnonzero(reference.sign == sign)
+        if len(queries) and len(references):
+            pairs = match_descriptors(
+                query.descriptor[queries], reference.descriptor[references], ratio
+            )
+            blocks.append(np.column_stack([queries[pairs[:, 0]], references[pairs[:, 1]]]))
+    pairs = np.concatenate(blocks)
+    return pairs[np.argsort(pairs[:, 0], kind="stable")]
+
+
+def match_descriptors(
+    query: NDArray[np.float32], reference: NDArray[np.float32], ratio: float
+) -> NDArray[np.int64]:
+    """Pairs (M, 2) of rows of `query` (N, D) and `reference` (K, D), float32 whole numbers.
+
+    Whole numbers make every dot product exact, so any BLAS and any thread count agree.
+    """
+    closeness = _closeness(query, reference)
+    best, second, nearest = best_two(closeness)
+    queries = np.flatnonzero(best > ratio**2 * second)
+    references = nearest[queries]
+    is_mutual = closeness.argmax(axis=1)[references] == queries
+    return np.column_stack([queries[is_mutual], references[is_mutual]]).astype(np.int64)
+
+
+def _closeness(query: NDArray[np.float32], reference: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(K, N) table of -|q - r|^2 / 2 = q.r - |r|^2 / 2 - |q|^2 / 2, as one matrix product."""
+    half = np.float32(0.5)
+    one_q, one_r = np.ones(len(query), np.float32), np.ones(len(reference), np.float32)
+    queries = np.vstack([query.T, one_q, -half * np.einsum("nd,nd->n", query, query)])
+    references = np.column_stack(
+        [reference, -half * np.einsum("kd,kd->k", reference, reference), one_r]
+    )
+    table: NDArray[np.float32] = references @ queries
+    return table
+
+
+@kernel
+def best_two(
+    similarity: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+    """Per column of a (K, N) table: largest value, second largest, and row of the largest.
+
+    Runs down all columns at once, so that it vectorises.
+    """
+    rows, columns = similarity.shape
+    best = np.full(columns, np.float32(-np.inf), np.float32)
+    second = np.full(columns, np.float32(-np.inf), np.float32)
+    nearest = np.zeros(columns, np.int32)
+    for r in range(rows):
+        row = similarity[r]
+        for c in range(columns):
+            value, leader = row[c], best[c]
+            runner_up = leader if value > leader else value
+            second[c] = runner_up if runner_up > second[c] else second[c]
+            nearest[c] = np.int32(r) if value > leader else nearest[c]
+            best[c] = value if value > leader else leader
+    return best, second, nearest

@@ -1,0 +1,213 @@
+"""RANSAC on pairs of points in space (Fischler and Bolles 1981).
+
+Three pairs give a motion; the motion that most pairs agree with, within the sensor's noise, wins.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array, transform_points
+from drivers.jit import inline_kernel, kernel
+from vo_service.odometry.points import PointPairs
+
+# A pair agrees if its distance, in standard deviations of the two readings, is below this.
+GATE_SIGMAS = 3.0
+# What the noise model leaves out: rolling shutter, colour and depth not taken at once.
+MODEL_ERROR_M = 0.002
+# The search stops when the chance of having missed a better motion is below this.
+MISS_PROBABILITY = 1e-4
+# Three points closer together than this say too little about the rotation.
+MIN_SIDE_M = 0.05
+
+
+@dataclass(frozen=True)
+class Consensus:
+    """The motion that most pairs agree with.
+
+    T_reference_camera  4x4
+    inlier              (N,) bool
+    """
+
+    T_reference_camera: Array
+    inlier: NDArray[np.bool_]
+
+
+def find_consensus(pairs: PointPairs, max_hypotheses: int, seed: int) -> Consensus:
+    """Best motion of max_hypotheses or fewer.
+
+    With fewer than 3 pairs, or none that fit together, no pair is an inlier.
+    """
+    T = best_hypothesis(
+        np.ascontiguousarray(pairs.P_camera.T),
+        np.ascontiguousarray(pairs.P_reference.T),
+        np.ascontiguousarray(inverse_gate(pairs).T),
+        max_hypotheses,
+        np.uint32(seed),
+    )
+    return Consensus(T, agreeing(T, pairs))
+
+
+def inverse_gate(pairs: PointPairs) -> Array:
+    """(N, 2): 1 / largest distance of an inlier, across the viewing ray and along it, in 1/m.
+
+    One distance for all pairs would be too wide near the camera and too narrow far from it.
+    """
+    sigma_m = np.column_stack([pairs.sigma_across_m, pairs.sigma_along_m])
+    gate: Array = 1.0 / (GATE_SIGMAS * sigma_m + MODEL_ERROR_M)
+    return gate
+
+
+def agreeing(T_reference_camera: Array, pairs: PointPairs) -> NDArray[np.bool_]:
+    """(N,) bool: which pairs agree with a motion."""
+    difference = transform_points(T_reference_camera, pairs.P_camera) - pairs.P_reference
+    scaled = difference * inverse_gate(pairs)[:, [0, 0, 1]]
+    inlier: NDArray[np.bool_] = np.einsum("ni,ni->n", scaled, scaled) < 1.0
+    return inlier
+
+
+@kernel
+def best_hypothesis(
+    P: Array, Q: Array, inverse_gate: Array, max_hypotheses: int, seed: np.uint32
+) -> Array:
+    """4x4 motion with the highest score; P, Q (3, N), inverse_gate (2, N).
+
+    The score of a pair falls from 1 to 0 at the gate (MSAC, Torr and Zisserman 2000).
+    """
+    n = P.shape[1]
+    best = np.eye(4)
+    if n < 3:
+        return best
+    T = np.eye(4)
+    best_score = 0.0
+    state = np.uint32(seed * np.uint32(2) + np.uint32(1))
+    hypotheses = max_hypotheses
+    tried = 0
+    while tried < hypotheses:
+        tried += 1
+        state = _next_random(state)
+        i = int(state % np.uint32(n))
+        state = _next_random(state)
+        j = int(state % np.uint32(n))
+        state = _next_random(state)
+        k = int(state % np.uint32(n))
+        if i in (j, k) or j == k or not _same_shape(P, Q, inverse_gate, i, j, k):
+            continue
+        if not _motion_of_triangle(P, Q, i, j, k, T):
+            continue
+        score, inliers = _score(P, Q, inverse_gate, T)
+        if score > best_score:
+            best_score = score
+            best[:] = T
+            all_three = (inliers / n) ** 3
+            if all_three >= 1.0:
+                break
+            needed = np.log(MISS_PROBABILITY) / np.log(1.0 - all_three)
+            hypotheses = min(max_hypotheses, int(needed) + 1)
+    return best
+
+
+@inline_kernel
+def _next_random(state: np.uint32) -> np.uint32:
+    """Marsaglia's xorshift: the same numbers on every machine."""
+    state ^= np.uint32(state << np.uint32(13))
+    state ^= np.uint32(state >> np.uint32(17))
+    state ^= np.uint32(state << np.uint32(5))
+    return np.uint32(state)
+
+
+@inline_kernel
+def _same_shape(P: Array, Q: Array, inverse_gate: Array, i: int, j: int, k: int) -> bool:
+    """A rigid motion keeps the sides of the triangle; sides too short say nothing of rotation."""
+    corners = (i, j, k, i)
+    for side in range(3):
+        a, b = corners[side], corners[side + 1]
+        p = q = 0.0
+        for axis in range(3):
+            p += (P[axis, a] - P[axis, b]) ** 2
+            q += (Q[axis, a] - Q[axis, b]) ** 2
+        p, q = np.sqrt(p), np.sqrt(q)
+        tolerance = 1.0 / inverse_gate[1, a] + 1.0 / inverse_gate[1, b]
+        if p < MIN_SIDE_M or abs(p - q) > tolerance + 0.01:
+            return False
+    return True
+
+
+@inline_kernel
+def _score(P: Array, Q: Array, inverse_gate: Array, T: Array) -> tuple[float, int]:
+    score = 0.0
+    inliers = 0
+    for n in range(P.shape[1]):
+        dx = T[0, 0] * P[0, n] + T[0, 1] * P[1, n] + T[0, 2] * P[2, n] + T[0, 3] - Q[0, n]
+        dy = T[1, 0] * P[0, n] + T[1, 1] * P[1, n] + T[1, 2] * P[2, n] + T[1, 3] - Q[1, n]
+        dz = T[2, 0] * P[0, n] + T[2, 1] * P[1, n] + T[2, 2] * P[2, n] + T[2, 3] - Q[2, n]
+        across, along = inverse_gate[0, n], inverse_gate[1, n]
+        squared = (dx * dx + dy * dy) * across * across + dz * dz * along * along
+        if squared < 1.0:
+            score += 1.0 - squared
+            inliers += 1
+    return score, inliers
+
+
+@inline_kernel
+def _motion_of_triangle(P: Array, Q: Array, i: int, j: int, k: int, T: Array) -> bool:
+    """Motion of three pairs, without an SVD: plane to plane, then the angle within the plane.
+
+    Writes the least-squares motion of the triangles into T; False if one is a line.
+    """
+    p_axes, p_mean, p_ok = _triangle_axes(P, i, j, k)
+    q_axes, q_mean, q_ok = _triangle_axes(Q, i, j, k)
+    if not (p_ok and q_ok):
+        return False
+    # In the triangle's own plane (axes 0 and 1) what is left is a rotation by one angle.
+    c = s = 0.0
+    for n in (i, j, k):
+        pu = pv = qu = qv = 0.0
+        for axis in range(3):
+            p, q = P[axis, n] - p_mean[axis], Q[axis, n] - q_mean[axis]
+            pu += p * p_axes[0, axis]
+            pv += p * p_axes[1, axis]
+            qu += q * q_axes[0, axis]
+            qv += q * q_axes[1, axis]
+        c += pu * qu + pv * qv
+        s += pu * qv - pv * qu
+    length = np.sqrt(c * c + s * s)
+    if length < 1e-12:
+        return False
+    c, s = c / length, s / length
+    for row in range(3):
+        u = c * q_axes[0, row] + s * q_axes[1, row]
+        v = c * q_axes[1, row] - s * q_axes[0, row]
+        T[row, 3] = q_mean[row]
+        for column in range(3):
+            T[row, column] = (
+                u * p_axes[0, column] + v * p_axes[1, column] + q_axes[2, row] * p_axes[2, column]
+            )
+            T[row, 3] -= T[row, column] * p_mean[column]
+    return True
+
+
+@inline_kernel
+def _triangle_axes(P: Array, i: int, j: int, k: int) -> tuple[Array, Array, bool]:
+    """Orthonormal axes (rows; the last is the normal), centroid, and whether it is no line."""
+    axes = np.empty((3, 3))
+    mean = np.empty(3)
+    for axis in range(3):
+        mean[axis] = (P[axis, i] + P[axis, j] + P[axis, k]) / 3.0
+        axes[0, axis] = P[axis, j] - P[axis, i]
+        axes[1, axis] = P[axis, k] - P[axis, i]
+    nx = axes[0, 1] * axes[1, 2] - axes[0, 2] * axes[1, 1]
+    ny = axes[0, 2] * axes[1, 0] - axes[0, 0] * axes[1, 2]
+    nz = axes[0, 0] * axes[1, 1] - axes[0, 1] * axes[1, 0]
+    area = np.sqrt(nx * nx + ny * ny + nz * nz)
+    side = np.sqrt(axes[0, 0] ** 2 + axes[0, 1] ** 2 + axes[0, 2] ** 2)
+    if area < 1e-6 or side < 1e-6:
+        return axes, mean, False
+    axes[2, 0], axes[2, 1], axes[2, 2] = nx / area, ny / area, nz / area
+    for axis in range(3):
+        axes[0, axis] /= side
+    axes[1, 0] = axes[2, 1] * axes[0, 2] - axes[2, 2] * axes[0, 1]
+    axes[1, 1] = axes[2, 2] * axes[0, 0] - axes[2, 0] * axes[0, 2]
+    axes[1, 2] = axes[2, 0] * axes[0, 1] - axes[2, 1] * axes[0, 0]
+    return axes, mean, True

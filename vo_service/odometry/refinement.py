@@ -1,0 +1,55 @@
+"""From RANSAC's consensus to the final motion: fit the inliers, choose them anew, fit again."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array
+from vo_service.odometry.points import PointPairs
+from vo_service.odometry.ransac import Consensus, agreeing
+from vo_service.odometry.rigid_motion import fit_rigid_motion, motion_covariance
+
+# Times that the inliers are chosen anew; after that they hardly change.
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion of the camera since the reference frame.
+
+    T_reference_camera  4x4
+    inlier              (N,) bool, pairs that agree with it
+    covariance          6x6, (translation m, rotation rad) as a small motion in the camera's axes
+    """
+
+    T_reference_camera: Array
+    inlier: NDArray[np.bool_]
+    covariance: Array
+
+
+def refine_motion(consensus: Consensus, pairs: PointPairs) -> Motion:
+    """Least-squares motion of the inliers; fewer than 3 inliers are no motion."""
+    w = pair_weights(pairs)
+    T, inlier = consensus.T_reference_camera, consensus.inlier
+    for _ in range(ROUNDS):
+        if inlier.sum() < 3:
+            return Motion(np.eye(4), np.zeros(len(pairs), np.bool_), np.zeros((6, 6)))
+        T = fit_rigid_motion(pairs.P_camera[inlier], pairs.P_reference[inlier], w[inlier])
+        inlier = agreeing(T, pairs)
+    point_covariance = _pair_covariance(pairs)[inlier]
+    return Motion(T, inlier, motion_covariance(pairs.P_camera[inlier], w[inlier], point_covariance))
+
+
+def pair_weights(pairs: PointPairs) -> Array:
+    """(N,) weights of the fit: the inverse variance of the distance between two readings."""
+    weights: Array = 1.0 / (pairs.sigma_along_m**2 + 2 * pairs.sigma_across_m**2)
+    return weights
+
+
+def _pair_covariance(pairs: PointPairs) -> Array:
+    """(N, 3, 3) covariance of the difference of two readings, noise along the camera's z axis."""
+    covariance = np.zeros((len(pairs), 3, 3))
+    covariance[:, 0, 0] = covariance[:, 1, 1] = pairs.sigma_across_m**2
+    covariance[:, 2, 2] = pairs.sigma_along_m**2
+    return covariance

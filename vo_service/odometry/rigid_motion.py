@@ -1,0 +1,74 @@
+"""The rigid motion between two sets of points, by singular value decomposition.
+
+Sorkine-Hornung and Rabinovich, "Least-Squares Rigid Motion Using SVD" (2017): the five steps of
+its Section 4, one function each. Points are rows: P, Q (N, 3); weights w (N,).
+"""
+
+import numpy as np
+
+from drivers.geometry import Array, rigid_transform, skew_matrix
+
+
+def fit_rigid_motion(P: Array, Q: Array, w: Array) -> Array:
+    """4x4 transform T that minimises sum w_i |T p_i - q_i|^2; 3 points or more, not on a line."""
+    p_mean, q_mean = weighted_centroid(P, w), weighted_centroid(Q, w)
+    X, Y = centred(P, p_mean), centred(Q, q_mean)
+    S = covariance_matrix(X, Y, w)
+    R = rotation_from_covariance(S)
+    t = translation_between(p_mean, q_mean, R)
+    return rigid_transform(R, t)
+
+
+def weighted_centroid(P: Array, w: Array) -> Array:
+    """Step 1: the weighted centroid, sum w_i p_i / sum w_i."""
+    centroid: Array = w @ P / w.sum()
+    return centroid
+
+
+def centred(P: Array, centroid: Array) -> Array:
+    """Step 2: the centred vectors, x_i = p_i - centroid."""
+    return P - centroid
+
+
+def covariance_matrix(X: Array, Y: Array, w: Array) -> Array:
+    """Step 3: the 3x3 covariance matrix S = X W Y^T (with points as columns)."""
+    S: Array = (X * w[:, None]).T @ Y
+    return S
+
+
+def rotation_from_covariance(S: Array) -> Array:
+    """Step 4: with S = U D V^T, R = V diag(1, 1, det(V U^T)) U^T; the last factor bars mirrors."""
+    U, _, Vt = np.linalg.svd(S)
+    V = Vt.T
+    mirror = 1.0 if np.linalg.det(V @ U.T) >= 0 else -1.0
+    R: Array = V @ np.diag([1.0, 1.0, mirror]) @ U.T
+    return R
+
+
+def translation_between(p_mean: Array, q_mean: Array, R: Array) -> Array:
+    """Step 5: t = q_mean - R p_mean."""
+    return q_mean - R @ p_mean
+
+
+def motion_covariance(P: Array, w: Array, point_covariance: Array) -> Array:
+    """6x6 covariance of a fitted motion, (translation, rotation) in the axes of P.
+
+    P (N, 3), w (N,) as given to the fit; point_covariance (N, 3, 3) of T p_i - q_i in the axes of
+    P. First order: the fit solves H xi = sum w_i J_i^T r_i, so cov(xi) = H^-1 M H^-1 with
+    M = sum w_i^2 J_i^T C_i J_i.
+    """
+    J = np.zeros((len(P), 3, 6))
+    J[:, :, :3] = np.eye(3)
+    J[:, :, 3:] = -_skew_matrices(P)
+    weighted = J * w[:, None, None]
+    H = np.einsum("nij,nik->jk", weighted, J)
+    M = np.einsum("nij,nil,nlk->jk", weighted, point_covariance, weighted, optimize=True)
+    H_inverse = np.linalg.inv(H)
+    covariance: Array = H_inverse @ M @ H_inverse
+    return 0.5 * (covariance + covariance.T)
+
+
+def _skew_matrices(P: Array) -> Array:
+    basis = np.stack([skew_matrix(axis) for axis in np.eye(3)])
+    matrices: Array = np.einsum("ni,ijk->njk", P, basis)
+    return matrices

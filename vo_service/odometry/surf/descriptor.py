@@ -1,0 +1,136 @@
+"""The 64 numbers that describe a keypoint (Bay et al. 2008, Section 4.2)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.jit import inline_kernel, kernel
+from vo_service.odometry.surf.maxima import SCALE, X, Y
+from vo_service.odometry.surf.orientation import GRID, dominant_direction
+from vo_service.odometry.surf.pyramid import level_of_scale, sample, turned_grid
+
+SIZE = 64
+REGIONS = 4  # 4x4 square regions
+PER_REGION = 5  # of 5x5 samples each
+SIDE = REGIONS * PER_REGION  # the window is 20 s wide
+PATCH = SIDE + 1  # grey values a side: differences lie between them
+
+# Descriptors are rounded to whole numbers of this length: it loses nothing in matching, and dot
+# products of them are exact in float32, whatever order or number of threads adds them up.
+NORM = 300.0
+
+
+def patch_weights() -> NDArray[np.float32]:
+    """(20 * 21,) Gaussian about the keypoint; 4.5 s matches better than the paper's 3.3 s."""
+    offsets = np.arange(PATCH) - (SIDE - 1) / 2
+    squared = offsets[:SIDE, None] ** 2 + offsets[None, :] ** 2
+    return np.exp(-squared / (2 * 4.5**2)).astype(np.float32).ravel()
+
+
+@kernel
+def describe(
+    packed: NDArray[np.uint32],
+    levels: NDArray[np.int64],
+    keypoints: NDArray[np.float32],
+    upright: bool,
+    disc_weights: NDArray[np.float32],
+    disc_grid: NDArray[np.float32],
+    patch_weights: NDArray[np.float32],
+    patch_grid: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    descriptors: NDArray[np.float32],
+) -> None:
+    """Orient and describe all keypoints of a table.
+
+    packed, levels: a PackedPyramid; disc_* from `orientation`, patch_* from here.
+    Writes directions (N, 2) as (cos, sin), (1, 0) when upright, and descriptors (N, 64): for each
+    region the sums of dx, dy, |dx| and |dy|, in the keypoint's own axes.
+    """
+    us = np.empty(PATCH * PATCH, np.float32)
+    vs = np.empty(PATCH * PATCH, np.float32)
+    where = np.empty(PATCH * PATCH, np.int32)
+    squares = np.empty(PATCH * PATCH, np.uint32)
+    grey = np.empty(PATCH * PATCH, np.float32)
+    dx = np.empty((SIDE, PATCH), np.float32)
+    dy = np.empty((SIDE, PATCH), np.float32)
+    sums = np.empty((4, SIDE), np.float32)
+    cells = GRID * GRID
+    full_height, full_width = levels[0, 1], levels[0, 2]
+    for n in range(len(keypoints)):
+        level = level_of_scale(keypoints[n, SCALE])
+        offset, height, width = levels[level, 0], levels[level, 1], levels[level, 2]
+        half = np.float32(0.5)
+        zoom_x = np.float32(width) / np.float32(full_width)
+        zoom_y = np.float32(height) / np.float32(full_height)
+        x = (keypoints[n, X] + half) * zoom_x - half
+        y = (keypoints[n, Y] + half) * zoom_y - half
+        spacing = keypoints[n, SCALE] * zoom_x
+        co, si = np.float32(1.0), np.float32(0.0)
+        if not upright:
+            turned_grid(x, y, spacing, np.float32(0.0), disc_grid, us[:cells], vs[:cells])
+            sample(
+                packed, offset, height, width,
+                us[:cells], vs[:cells], where[:cells], squares[:cells], grey[:cells],
+            )  # fmt: skip
+            co, si = dominant_direction(grey[:cells], disc_weights, us, vs, where)
+        directions[n, 0], directions[n, 1] = co, si
+        turned_grid(x, y, spacing * co, spacing * si, patch_grid, us, vs)
+        sample(packed, offset, height, width, us, vs, where, squares, grey)
+        _sum_regions(grey, patch_weights, dx, dy, sums, descriptors[n])
+        _normalise(descriptors[n])
+
+
+@inline_kernel
+def _sum_regions(
+    grey: NDArray[np.float32],
+    weights: NDArray[np.float32],
+    dx: NDArray[np.float32],
+    dy: NDArray[np.float32],
+    sums: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
+    """Sums of weighted Haar responses over 5x5 samples: first down the columns, then along.
+
+    dx and dy (20, 21), their last column void, and sums (4, 20) are scratch.
+    """
+    flat_dx, flat_dy = dx.reshape(-1), dy.reshape(-1)
+    upper, upper_right = grey, grey[1:]
+    lower, lower_right = grey[PATCH:], grey[PATCH + 1 :]
+    for k in range(SIDE * PATCH - 1):
+        falling = lower_right[k] - upper[k]
+        rising = upper_right[k] - lower[k]
+        flat_dx[k] = weights[k] * (falling + rising)
+        flat_dy[k] = weights[k] * (falling - rising)
+    for region_row in range(REGIONS):
+        r = region_row * PER_REGION
+        for k in range(SIDE):
+            x0, x1, x2, x3, x4 = dx[r, k], dx[r + 1, k], dx[r + 2, k], dx[r + 3, k], dx[r + 4, k]
+            y0, y1, y2, y3, y4 = dy[r, k], dy[r + 1, k], dy[r + 2, k], dy[r + 3, k], dy[r + 4, k]
+            sums[0, k] = x0 + x1 + x2 + x3 + x4
+            sums[1, k] = y0 + y1 + y2 + y3 + y4
+            sums[2, k] = abs(x0) + abs(x1) + abs(x2) + abs(x3) + abs(x4)
+            sums[3, k] = abs(y0) + abs(y1) + abs(y2) + abs(y3) + abs(y4)
+        for region_column in range(REGIONS):
+            first = region_column * PER_REGION
+            for kind in range(4):
+                total = np.float32(0.0)
+                for k in range(first, first + PER_REGION):
+                    total += sums[kind, k]
+                out[4 * (region_row * REGIONS + region_column) + kind] = total
+
+
+@inline_kernel
+def _normalise(descriptor: NDArray[np.float32]) -> None:
+    """Signed square root, then constant length, then whole numbers.
+
+    The square root (Arandjelovic and Zisserman, CVPR 2012) keeps a few strong gradients from
+    deciding every match; 3 to 4 % more of the matches are right.
+    """
+    total = np.float32(0.0)
+    for k in range(SIZE):
+        total += abs(descriptor[k])
+    gain = np.float32(NORM) / np.float32(np.sqrt(total)) if total > 0 else np.float32(0.0)
+    for k in range(SIZE):
+        v = descriptor[k]
+        root = gain * np.float32(np.sqrt(abs(v)))
+        rounded = np.float32(np.floor(root + np.float32(0.5)))
+        descriptor[k] = rounded if v >= 0 else -rounded

@@ -1,0 +1,103 @@
+"""SURF on one image: detect, choose the strongest, orient, describe."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vo_service.odometry.surf.descriptor import PATCH, SIZE, describe, patch_weights
+from vo_service.odometry.surf.maxima import RESPONSE, SCALE, SIGN, TABLE_WIDTH, X, Y
+from vo_service.odometry.surf.orientation import GRID, disc_weights
+from vo_service.odometry.surf.pyramid import build_pyramid, grid
+from vo_service.odometry.surf.scale_space import ScaleSpace
+
+# Below this response (grey levels^2) a maximum is sensor noise.
+LOWEST_THRESHOLD = 10.0
+# The next search starts at this share of the weakest response kept, to find just enough.
+NEXT_THRESHOLD = 0.6
+# And every further search of the same image, when it found too few, at this share of the last.
+RETRY_THRESHOLD = 0.2
+TABLE_LENGTH = 16384
+
+
+@dataclass(frozen=True)
+class Features:
+    """SURF features of one image, strongest first.
+
+    position_px  (N, 2) float32, (x, y); the centre of the first pixel is (0, 0)
+    scale_px     (N,) float32, the sigma s of the blob
+    direction    (N, 2) float32, (cos, sin) of the dominant direction, x right and y down
+    response     (N,) float32, det(H), grey levels^2
+    sign         (N,) float32, of the Laplacian: +1 dark blob, -1 bright blob
+    descriptor   (N, 64) float32 whole numbers, of length 300 but for rounding
+    """
+
+    position_px: NDArray[np.float32]
+    scale_px: NDArray[np.float32]
+    direction: NDArray[np.float32]
+    response: NDArray[np.float32]
+    sign: NDArray[np.float32]
+    descriptor: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.position_px)
+
+
+class SurfExtractor:
+    """Finds the `count` strongest SURF features of an image.
+
+    The result depends on the image alone: what is kept from one image to the next (buffers, the
+    threshold to start from) only saves time.
+    """
+
+    def __init__(self, count: int = 1000, upright: bool = False) -> None:
+        self._count = count
+        self._upright = upright
+        self._threshold = LOWEST_THRESHOLD
+        self._scale_space = ScaleSpace(0, 0)
+        self._shape = (0, 0)
+        self._table = np.empty((TABLE_LENGTH, TABLE_WIDTH), np.float32)
+        self._templates = (disc_weights(), grid(GRID), patch_weights(), grid(PATCH))
+
+    def extract(self, grey: NDArray[np.uint8]) -> Features:
+        """Features of a (H, W) uint8 image, at least 16x16."""
+        keypoints = self._strongest(self.detect(grey))
+        directions = np.empty((len(keypoints), 2), np.float32)
+        descriptors = np.empty((len(keypoints), SIZE), np.float32)
+        pyramid = build_pyramid(grey)
+        describe(
+            pyramid.packed, pyramid.shape, keypoints, self._upright,
+            *self._templates, directions, descriptors,
+        )  # fmt: skip
+        return Features(
+            position_px=np.ascontiguousarray(keypoints[:, [X, Y]]),
+            scale_px=keypoints[:, SCALE].copy(),
+            direction=directions,
+            response=keypoints[:, RESPONSE].copy(),
+            sign=keypoints[:, SIGN].copy(),
+            descriptor=descriptors,
+        )
+
+    def detect(self, grey: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """At least the `count` strongest keypoints, where there are as many, in image order."""
+        if grey.shape != self._shape:
+            self._shape = (grey.shape[0], grey.shape[1])
+            self._scale_space = ScaleSpace(*self._shape)
+        self._scale_space.fill(cv2.integral(grey))  # type: ignore[arg-type]
+        found = self._scale_space.find(self._threshold, self._table)
+        while found > len(self._table):
+            self._threshold *= 2.0
+            found = self._scale_space.find(self._threshold, self._table)
+        while found < self._count and self._threshold > LOWEST_THRESHOLD:
+            self._threshold = max(RETRY_THRESHOLD * self._threshold, LOWEST_THRESHOLD)
+            found = self._scale_space.find(self._threshold, self._table)
+        return self._table[:found]
+
+    def _strongest(self, keypoints: NDArray[np.float32]) -> NDArray[np.float32]:
+        order = np.argsort(-keypoints[:, RESPONSE], kind="stable")[: self._count]
+        chosen: NDArray[np.float32] = keypoints[order]
+        if len(chosen) == self._count:
+            weakest = float(chosen[-1, RESPONSE])
+            self._threshold = max(NEXT_THRESHOLD * weakest, LOWEST_THRESHOLD)
+        return chosen

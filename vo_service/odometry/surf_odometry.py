@@ -1,0 +1,168 @@
+"""The paper's method: SURF, matching, RANSAC, rigid motion by SVD, poses by concatenation.
+
+Fontes and Maia, "Visual odometry for moving RGB-D cameras", Section III.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array
+from vo_service.odometry.estimate import Estimate, Evidence
+from vo_service.odometry.matching import match_features
+from vo_service.odometry.points import FeaturePoints, locate_features, pair_points
+from vo_service.odometry.ransac import find_consensus
+from vo_service.odometry.refinement import Motion, refine_motion
+from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
+from vo_service.odometry.surf import Features, SurfExtractor
+
+
+class FeatureExtractor(Protocol):
+    """What finds features in an image: SURF, or another that a benchmark compares it with."""
+
+    def extract(self, grey: NDArray[np.uint8]) -> Features:
+        """Features of a (H, W) image."""
+        ...
+
+
+@dataclass(frozen=True)
+class SurfParameters:
+    """What can be set of the method, apart from SURF's own settings."""
+
+    match_ratio: float = 0.8
+    max_hypotheses: int = 500  # of RANSAC, a frame
+    min_inliers: int = 15  # fewer pairs agree by chance
+    max_failures: int = 30  # frames in a row; then the pose is held and tracking starts afresh
+    seed: int = 1  # of RANSAC, the same for every frame
+
+
+@dataclass(frozen=True)
+class View:
+    """A frame as the next one needs it."""
+
+    features: Features
+    points: FeaturePoints
+
+
+class SurfOdometry:
+    """Frame-to-frame odometry; a frame that fails is left out of the chain.
+
+    The reference is the last good frame. World is the first good camera.
+    """
+
+    def __init__(
+        self,
+        extractor: FeatureExtractor | None = None,
+        parameters: SurfParameters | None = None,
+        stopwatch: Stopwatch | None = None,
+    ) -> None:
+        self._extractor = extractor or SurfExtractor()
+        self._parameters = parameters or SurfParameters()
+        self._stopwatch = stopwatch or NullStopwatch()
+        self._reference: View | None = None
+        self._T_world_reference = np.eye(4)
+        self._failures = 0
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        """Where the camera is, from this frame and the last good one."""
+        # Features, and the points in space under them.
+        with self._stopwatch.stage("surf"):
+            features = self._extractor.extract(frame.grey)
+        with self._stopwatch.stage("points"):
+            view = View(features, locate_features(features, frame))
+        if self._reference is None:
+            return self._start(view, restarted=False)
+        # Matching.
+        with self._stopwatch.stage("match"):
+            matches = self._match(view, self._reference)
+            pairs = pair_points(view.points, self._reference.points, matches)
+        # RANSAC.
+        with self._stopwatch.stage("ransac"):
+            parameters = self._parameters
+            consensus = find_consensus(pairs, parameters.max_hypotheses, parameters.seed)
+        # Rotation and translation by SVD, on the inliers.
+        with self._stopwatch.stage("svd"):
+            motion = refine_motion(consensus, pairs)
+        evidence = _draw(view, self._reference, matches, motion)
+        if evidence.inlier.sum() < parameters.min_inliers:
+            return self._fail(view, evidence)
+        # Concatenation.
+        return self._advance(view, motion, evidence)
+
+    def _match(self, view: View, reference: View) -> NDArray[np.int64]:
+        """Pairs (M, 2) of features that look the same and both have depth."""
+        pairs = match_features(view.features, reference.features, self._parameters.match_ratio)
+        return pairs[view.points.has_depth[pairs[:, 0]] & reference.points.has_depth[pairs[:, 1]]]
+
+    def _start(self, view: View, restarted: bool) -> Estimate:
+        """Make this view the first of a chain, if it has enough points to be found again."""
+        evidence = Evidence(keypoints_px=view.features.position_px)
+        if view.points.has_depth.sum() < self._parameters.min_inliers:
+            return self._estimate(view, _why_no_points(view), np.eye(4), evidence)
+        self._reference = view
+        self._failures = 0
+        return self._estimate(view, "", np.eye(4), evidence, restarted=restarted)
+
+    def _fail(self, view: View, evidence: Evidence) -> Estimate:
+        """Hold the pose; after too many failures give the last good view up."""
+        self._failures += 1
+        if self._failures > self._parameters.max_failures:
+            return self._start(view, restarted=True)
+        return self._estimate(view, _why_no_motion(view, evidence), np.eye(4), evidence)
+
+    def _advance(self, view: View, motion: Motion, evidence: Evidence) -> Estimate:
+        """Poses by concatenation: T_world_camera = T_world_reference T_reference_camera."""
+        self._T_world_reference = self._T_world_reference @ motion.T_reference_camera
+        self._reference = view
+        self._failures = 0
+        return self._estimate(
+            view, "", motion.T_reference_camera, evidence, covariance=motion.covariance
+        )
+
+    def _estimate(
+        self,
+        view: View,
+        reason: str,
+        T_reference_camera: Array,
+        evidence: Evidence,
+        covariance: Array | None = None,
+        restarted: bool = False,
+    ) -> Estimate:
+        return Estimate(
+            ok=not reason,
+            reason=reason,
+            T_world_camera=self._T_world_reference.copy(),
+            T_reference_camera=T_reference_camera,
+            covariance=np.zeros((6, 6)) if covariance is None else covariance,
+            features=len(view.features),
+            matches=len(evidence.matches_px),
+            inliers=int(evidence.inlier.sum()),
+            restarted=restarted and not reason,
+            evidence=evidence,
+        )
+
+
+def _draw(view: View, reference: View, matches: NDArray[np.int64], motion: Motion) -> Evidence:
+    return Evidence(
+        keypoints_px=view.features.position_px,
+        matches_px=view.features.position_px[matches[:, 0]],
+        reference_matches_px=reference.features.position_px[matches[:, 1]],
+        inlier=motion.inlier,
+    )
+
+
+def _why_no_points(view: View) -> str:
+    """Why a view cannot begin a chain."""
+    return (
+        f"too few features with depth to start: {int(view.points.has_depth.sum())} "
+        f"of {len(view.features)}"
+    )
+
+
+def _why_no_motion(view: View, evidence: Evidence) -> str:
+    """Why no motion was found between a view and its reference."""
+    inliers, matches = int(evidence.inlier.sum()), len(evidence.matches_px)
+    return f"{inliers} of {matches} matches agree ({len(view.features)} features)"

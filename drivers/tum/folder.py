@@ -38,7 +38,7 @@ def open_folder(folder: Path, camera_file: Path | None) -> TumFolder:
     Raises InputError for whatever makes the folder as a whole unusable.
     """
     _check_folder(folder)
-    frames = _paired_frames(folder)
+    frames = paired_frames(folder)
     camera = camera_of_folder(folder, camera_file)
     _check_files(frames.pairs)
     try:
@@ -63,7 +63,11 @@ def _check_folder(folder: Path) -> None:
         raise InputError(f"{folder}: the folder is empty; name one with rgb.txt and depth.txt")
 
 
-def _paired_frames(folder: Path) -> PairedFrames:
+def paired_frames(folder: Path) -> PairedFrames:
+    """The frames that the lists of a folder name, without a look at its images or its camera.
+
+    Raises InputError if a list is missing, does not parse, or no two images belong together.
+    """
     associations = folder / "associations.txt"
     if associations.exists():
         return PairedFrames(read_associations(associations))

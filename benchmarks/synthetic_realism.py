@@ -1,0 +1,197 @@
+"""Is the virtual Kinect as hard as a real one? Plain pipelines along a real hand's track.
+
+    python benchmarks/synthetic_realism.py TRACK [--start-s 0.1] [--frames 360] [--folder RECORDING]
+
+TRACK is a TUM trajectory file. SIFT and ORB features are matched from frame to frame (ratio test,
+both ways), lifted to 3-D by the depth, and the motion is fitted by RANSAC and SVD. Prints the error
+of the trajectory (ATE RMSE after alignment) for: the default faults, the same with a pinhole lens,
+with the lens of TUM's freiburg1, and without any fault. RECORDING, a rendered or recorded folder
+with exact truth, gives the figures to compare with.
+"""
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from drivers.geometry import Array, inverse, rigid_transform, transform_points
+from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.synthetic.config import NO_DISTORTION, SyntheticConfig
+from drivers.synthetic.motion import make_path
+from drivers.synthetic.render import Renderer
+from drivers.synthetic.scene import ROOM_HEIGHT_M
+from drivers.trajectory import read_trajectory
+
+FREIBURG1 = PinholeCamera(640, 480, 517.3, 516.5, 318.6, 255.3)
+FREIBURG1_LENS = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)
+RATIO = 0.8
+RANSAC_ROUNDS = 200
+INLIER_M = 0.03
+
+
+@dataclass(frozen=True)
+class View:
+    """What a pipeline is given of a frame, and where it truly was."""
+
+    grey: NDArray[np.uint8]
+    depth_m: NDArray[np.float32]
+    camera: PinholeCamera
+    T_world_camera: Array
+
+
+@dataclass(frozen=True)
+class Features:
+    """Descriptors (N, D) of features with depth, and their points (N, 3) in metres."""
+
+    descriptors: NDArray[np.generic]
+    points_m: Array
+
+
+def rigid_fit(source: Array, target: Array) -> Array:
+    """Least-squares rigid motion of points (N, 3) onto others (Arun, Huang, Blostein 1987)."""
+    a, b = source.mean(axis=0), target.mean(axis=0)
+    U, _, Vt = np.linalg.svd((source - a).T @ (target - b))
+    R = Vt.T @ np.diag([1.0, 1.0, np.linalg.det(Vt.T @ U.T)]) @ U.T
+    return rigid_transform(R, b - R @ a)
+
+
+def find_features(detector: cv2.Feature2D, view: View) -> Features:
+    """Features at pixels that have a depth."""
+    keypoints, descriptors = detector.detectAndCompute(view.grey, None)  # type: ignore[call-overload]
+    if descriptors is None:
+        return Features(np.zeros((0, 1), np.uint8), np.zeros((0, 3)))
+    pixels = np.array([keypoint.pt for keypoint in keypoints])
+    columns, rows = np.rint(pixels).astype(int).T
+    z = view.depth_m[rows, columns].astype(np.float64)
+    x = (pixels[:, 0] - view.camera.cx) / view.camera.fx * z
+    y = (pixels[:, 1] - view.camera.cy) / view.camera.fy * z
+    return Features(descriptors[z > 0], np.stack([x, y, z], axis=1)[z > 0])
+
+
+def match(matcher: cv2.BFMatcher, a: Features, b: Features) -> tuple[Array, Array]:
+    """Points of both that pass the ratio test and choose each other."""
+    if min(len(a.points_m), len(b.points_m)) < 2:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    back = {m.queryIdx: m.trainIdx for m in matcher.match(b.descriptors, a.descriptors)}
+    pairs = [
+        (best.queryIdx, best.trainIdx)
+        for best, second in matcher.knnMatch(a.descriptors, b.descriptors, 2)
+        if best.distance < RATIO * second.distance and back[best.trainIdx] == best.queryIdx
+    ]
+    i, j = np.array(pairs, dtype=int).reshape(-1, 2).T
+    return a.points_m[i], b.points_m[j]
+
+
+def estimate(now: Array, before: Array, rng: np.random.Generator) -> Array | None:
+    """T_before_now by RANSAC and SVD, None with too few pairs."""
+    best = np.zeros(len(now), dtype=bool)
+    if len(now) < 6:
+        return None
+    for _ in range(RANSAC_ROUNDS):
+        sample = rng.choice(len(now), 3, replace=False)
+        T = rigid_fit(now[sample], before[sample])
+        near = np.linalg.norm(transform_points(T, now) - before, axis=1) < INLIER_M
+        if near.sum() > best.sum():
+            best = near
+    return rigid_fit(now[best], before[best]) if best.sum() >= 6 else None
+
+
+def odometry_error_m(views: Iterator[View], detector: cv2.Feature2D, norm: int) -> tuple[float, int]:
+    """ATE RMSE and the number of failed steps (taken as standing still)."""
+    rng, matcher = np.random.default_rng(0), cv2.BFMatcher(norm)
+    estimated, true, failed = [np.eye(4)], [], 0
+    before: Features | None = None
+    for view in views:
+        now = find_features(detector, view)
+        true.append(view.T_world_camera)
+        if before is not None:
+            step = estimate(*match(matcher, now, before), rng)
+            failed += step is None
+            estimated.append(estimated[-1] @ (np.eye(4) if step is None else step))
+        before = now
+    a, b = (np.array(poses)[:, :3, 3] for poses in (estimated, true))
+    residual = transform_points(rigid_fit(a, b), a) - b
+    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))), failed
+
+
+def virtual_views(config: SyntheticConfig) -> list[View]:
+    """Frames of the virtual camera."""
+    views = []
+    with SyntheticCamera(config, preparation=Preparation(preload=False)) as camera:
+        truth = camera.ground_truth
+        assert truth is not None
+        for T in truth.T_world_camera:
+            frame = camera.read(1.0)
+            views.append(View(frame.grey, frame.depth_m, frame.camera, T))
+    return views
+
+
+def recorded_views(folder: Path, camera: PinholeCamera, factor: float) -> list[View]:
+    """Frames of a folder whose ground truth has one pose a frame."""
+    truth = read_trajectory(folder / "groundtruth.txt")
+    colour, depth = sorted((folder / "rgb").iterdir()), sorted((folder / "depth").iterdir())
+    views = []
+    for T, c, d in zip(truth.T_world_camera, colour, depth, strict=True):
+        grey = cv2.imread(str(c), cv2.IMREAD_GRAYSCALE)
+        raw = cv2.imread(str(d), cv2.IMREAD_UNCHANGED)
+        assert grey is not None and raw is not None
+        depth_m = (raw / np.float32(factor)).astype(np.float32)
+        views.append(View(grey.astype(np.uint8), depth_m, camera, T))
+    return views
+
+
+def report(name: str, views: list[View]) -> None:
+    """One line: both pipelines' errors."""
+    z = np.concatenate([view.depth_m[view.depth_m > 0][::101] for view in views])
+    holes = np.mean([np.mean(view.depth_m == 0) for view in views])
+    line = f"{name:28} {len(views):4} frames, median depth {np.median(z):.2f} m, {holes:4.0%} holes"
+    for kind, detector, norm in (
+        ("SIFT", cv2.SIFT_create(1000), cv2.NORM_L2),
+        ("ORB", cv2.ORB_create(1000), cv2.NORM_HAMMING),
+    ):
+        error_m, failed = odometry_error_m(iter(views), detector, norm)
+        line += f" | {kind} {1e3 * error_m:6.1f} mm, {failed} failed"
+    print(line, flush=True)
+
+
+def main() -> None:
+    """Run every variant that is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("track", type=Path)
+    parser.add_argument("--start-s", type=float, default=0.1)
+    parser.add_argument("--frames", type=int, default=360)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1])
+    parser.add_argument("--folder", type=Path, help="a recording to compare with")
+    parser.add_argument("--only", nargs="+", default=["default", "pinhole", "freiburg1", "ideal"])
+    options = parser.parse_args()
+    if options.folder is not None:
+        report(options.folder.name, recorded_views(options.folder, FREIBURG1, 5000.0))
+    driven = {
+        "track": options.track,
+        "track_start_s": options.start_s,
+        "duration_s": options.frames / 30.0,
+        "camera": FREIBURG1,
+    }
+    for seed in options.seeds:
+        default = replace(SyntheticConfig(), seed=seed, **driven)
+        ideal = replace(SyntheticConfig.ideal(), seed=seed, **driven)
+        variants = {
+            "default": default,
+            "pinhole": replace(default, colour=replace(default.colour, distortion=NO_DISTORTION)),
+            "freiburg1": replace(
+                default, colour=replace(default.colour, distortion=FREIBURG1_LENS)
+            ),
+            "ideal": ideal,
+        }
+        for name in options.only:
+            report(f"seed {seed} {name}", virtual_views(variants[name]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,86 @@
+"""All skins of a room, painted and lit once, as one store of texels with mip levels."""
+
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array
+from drivers.synthetic.lighting import light_on_face
+from drivers.synthetic.solids import FACES, Kind, Solid, SolidArrays
+
+LEVELS = 9
+LARGEST_FACE_PX = 6000
+ROOM_COARSER = 1.5  # walls and floor are seen from further away than what stands before them
+
+
+@dataclass(frozen=True)
+class Atlas:
+    """Skins of S solids. Level k has half the size of level k - 1.
+
+    texels  (N, 3) uint8 BGR, the images of all levels one after the other
+    levels  (S, FACES, LEVELS, 3) int64: first texel, width, height
+    """
+
+    texels: NDArray[np.uint8]
+    levels: NDArray[np.int64]
+
+
+def paint_atlas(
+    solids: list[Solid], arrays: SolidArrays, lights: Array, texel_m: float, seed: int, threads: int
+) -> Atlas:
+    """Paint every face by a generator of its own: the same picture for any number of threads."""
+    faces = [(s, face) for s, solid in enumerate(solids) for face in range(_faces(solid))]
+
+    def paint(key: tuple[int, int]) -> list[NDArray[np.uint8]]:
+        s, face = key
+        rng = np.random.default_rng([seed, 3, s, face])
+        return _mip_levels(_paint_face(solids[s], face, arrays, lights, texel_m, rng))
+
+    with ThreadPoolExecutor(threads) as pool:
+        return _pack(len(solids), zip(faces, pool.map(paint, faces), strict=True))
+
+
+def _faces(solid: Solid) -> int:
+    return FACES if solid.kind in (Kind.BOX, Kind.ROOM) else 1
+
+
+def _paint_face(
+    solid: Solid,
+    face: int,
+    arrays: SolidArrays,
+    lights: Array,
+    texel_m: float,
+    rng: np.random.Generator,
+) -> NDArray[np.uint8]:
+    wide_m, high_m = solid.face_size_m(face)
+    if solid.kind is Kind.ROOM:
+        texel_m *= ROOM_COARSER
+    width, height = (int(np.clip(m / texel_m, 4, LARGEST_FACE_PX)) for m in (wide_m, high_m))
+    paint = solid.skins[face](rng, height, width, texel_m)
+    light = cv2.resize(light_on_face(solid, face, arrays, lights), (width, height))
+    image: NDArray[np.uint8] = np.clip(paint * light[..., None], 0.0, 255.0).astype(np.uint8)
+    return image
+
+
+def _mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+    levels = [image]
+    for _ in range(LEVELS - 1):
+        height, width = levels[-1].shape[:2]
+        half = max(1, width // 2), max(1, height // 2)
+        levels.append(cv2.resize(levels[-1], half, interpolation=cv2.INTER_AREA))  # type: ignore[arg-type]
+    return levels
+
+
+def _pack(count: int, painted: Iterable[tuple[tuple[int, int], list[NDArray[np.uint8]]]]) -> Atlas:
+    table = np.zeros((count, FACES, LEVELS, 3), dtype=np.int64)
+    images, first = [], 0
+    for (s, face), levels in painted:
+        for k, image in enumerate(levels):
+            table[s, face, k] = first, image.shape[1], image.shape[0]
+            images.append(image.reshape(-1, 3))
+            first += images[-1].shape[0]
+    return Atlas(np.concatenate(images), table)

@@ -1,0 +1,101 @@
+"""From the light that reaches the lens to an 8-bit picture: blur, vignette, exposure, noise."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from drivers.geometry import Array
+from drivers.jit import kernel
+from drivers.synthetic.config import ColourEye
+from drivers.synthetic.raycast import Floats
+
+MOST_TAPS = 12
+MID_GREY = 128.0
+# A camera's automatic exposure hunts slowly: relative parts, and hertz.
+GAIN_WAVES = ((0.7, 0.11, 0.3), (0.3, 0.43, 1.9))
+
+
+def gain_at(eye: ColourEye, time_s: float, duration_s: float) -> float:
+    """Exposure gain at a time; whole periods in `duration_s`, so that it can be looped."""
+    total = 0.0
+    for part, frequency, phase in GAIN_WAVES:
+        periods = max(1.0, round(frequency * duration_s))
+        total += part * np.sin(2 * np.pi * periods * time_s / duration_s + phase)
+    return 1.0 + eye.gain_drift * float(total)
+
+
+def vignette(camera: PinholeCamera, loss: float) -> Floats:
+    """Brightness (H, W) kept at each pixel: `loss` is what is missing in the corners."""
+    x = (np.arange(camera.width) - camera.cx) / (0.5 * camera.width)
+    y = (np.arange(camera.height) - camera.cy) / (0.5 * camera.height)
+    kept = 1.0 - 0.5 * loss * (x**2 + (y**2)[:, None])
+    return kept.astype(np.float32)
+
+
+def expose(
+    image: Floats, gain: float, kept: Floats, eye: ColourEye, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8: half of the noise's power at mid grey is shot noise, half read-out."""
+    exposed = image * (np.float32(gain) * kept)[..., None]
+    if eye.noise_sigma > 0:
+        sigma = eye.noise_sigma * np.sqrt(0.5 + exposed * np.float32(0.5 / MID_GREY))
+        exposed += sigma * rng.standard_normal(exposed.shape, dtype=np.float32)
+    result: NDArray[np.uint8] = np.clip(exposed + np.float32(0.5), 0, 255).astype(np.uint8)
+    return result
+
+
+@kernel
+def motion_blur(
+    image: Floats,
+    rays: Array,
+    depth_m: Floats,
+    T_opening_now: Array,
+    T_closing_now: Array,
+    focal_px: float,
+) -> Floats:
+    """Mean of `image` along each pixel's way from the shutter's opening to its closing.
+
+    `T_opening_now`, `T_closing_now` (H, 4, 4) map a row's camera coordinates at its own instant
+    to those when its exposure begins and ends.
+    """
+    height, width = depth_m.shape
+    blurred = np.empty_like(image)
+    for v in range(height):
+        A, B = T_opening_now[v], T_closing_now[v]
+        for u in range(width):
+            x, y, z = rays[v, u, 0], rays[v, u, 1], depth_m[v, u]
+            ax, ay = seen_from(A, x, y, z)
+            bx, by = seen_from(B, x, y, z)
+            du, dv = focal_px * (bx - ax), focal_px * (by - ay)
+            taps = 1 + min(MOST_TAPS - 1, int(math.sqrt(du * du + dv * dv) + 0.5))
+            b, g, r = 0.0, 0.0, 0.0
+            for k in range(taps):
+                # The light of this pixel came from where the surface was: against the motion.
+                along = (k + 0.5) / taps - 0.5
+                i = min(max(u - along * du, 0.0), width - 1.001)
+                j = min(max(v - along * dv, 0.0), height - 1.001)
+                column, row = int(i), int(j)
+                p, q = np.float32(i - column), np.float32(j - row)
+                top, low = image[row], image[row + 1]
+                w00, w01 = (1 - p) * (1 - q), p * (1 - q)
+                w10, w11 = (1 - p) * q, p * q
+                e = column + 1
+                b += w00 * top[column, 0] + w01 * top[e, 0] + w10 * low[column, 0] + w11 * low[e, 0]
+                g += w00 * top[column, 1] + w01 * top[e, 1] + w10 * low[column, 1] + w11 * low[e, 1]
+                r += w00 * top[column, 2] + w01 * top[e, 2] + w10 * low[column, 2] + w11 * low[e, 2]
+            blurred[v, u, 0] = b / taps
+            blurred[v, u, 1] = g / taps
+            blurred[v, u, 2] = r / taps
+    return blurred
+
+
+@kernel
+def seen_from(T: Array, x: float, y: float, z: float) -> tuple[float, float]:
+    """Where on the plane z = 1 the point (x, y, 1) z is seen after the rigid motion T."""
+    depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] / z
+    return (
+        (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] / z) / depth,
+        (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] / z) / depth,
+    )

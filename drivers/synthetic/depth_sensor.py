@@ -1,0 +1,137 @@
+"""From true distance to what a structured-light sensor reports.
+
+The projector stands to the right of the infrared camera. Disparity is focal * baseline / depth;
+its noise and its step are constant, so both grow with depth squared (Khoshelham and Elberink,
+Accuracy and resolution of Kinect depth data, Sensors 2012, equation 10). The edges fray as in Handa
+et al., A benchmark for RGB-D visual odometry, ICRA 2014, section IV.
+"""
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from drivers.geometry import Array
+from drivers.jit import kernel
+from drivers.synthetic.config import DepthEye
+from drivers.synthetic.raycast import FAR_M, Floats
+
+# The sensor matches windows of 9 x 9 pixels: neighbours share their errors.
+NOISE_BLUR_PX = 1.2
+KINECT_WIDTH_PX = 640
+SHADOW_TOLERANCE_PX = 1.5
+
+
+def infrared_camera(eye: DepthEye, colour: PinholeCamera) -> PinholeCamera:
+    """Intrinsics of the infrared image, for a colour image of any size."""
+    focal_px = eye.focal_px * colour.width / KINECT_WIDTH_PX
+    cx, cy = (colour.width - 1) / 2, (colour.height - 1) / 2
+    return PinholeCamera(colour.width, colour.height, focal_px, focal_px, cx, cy)
+
+
+def measure(depth_m: Floats, eye: DepthEye, rng: np.random.Generator) -> Floats:
+    """(H, W) what the sensor reads in metres, 0 = no reading."""
+    true_m = fray(depth_m, eye.lateral_sigma_px, rng)
+    scale = eye.focal_px * eye.baseline_m
+    disparity_px = np.float32(scale) / true_m
+    hidden = np.zeros(depth_m.shape, dtype=np.bool_)
+    if eye.shadows:
+        # In pixels of this image, which may be smaller than a Kinect's.
+        hidden = shadowed(disparity_px * np.float32(depth_m.shape[1] / KINECT_WIDTH_PX))
+    if eye.disparity_sigma_px > 0:
+        disparity_px += eye.disparity_sigma_px * _noise(depth_m.shape, rng)
+    if eye.disparity_step_px > 0:
+        disparity_px = np.rint(disparity_px / eye.disparity_step_px) * eye.disparity_step_px
+    with np.errstate(divide="ignore"):
+        measured_m = np.float32(scale) / disparity_px
+    seen = (measured_m >= eye.min_range_m) & (measured_m <= eye.max_range_m) & ~hidden
+    return np.where(seen & (depth_m < FAR_M), measured_m, 0).astype(np.float32)
+
+
+def fray(depth_m: Floats, sigma_px: float, rng: np.random.Generator) -> Floats:
+    """Each pixel takes the depth of a neighbour `sigma_px` away on average."""
+    if sigma_px == 0:
+        return depth_m
+    height, width = depth_m.shape
+    columns = np.arange(width, dtype=np.float32) + sigma_px * _noise(depth_m.shape, rng)
+    rows = np.arange(height, dtype=np.float32)[:, None] + sigma_px * _noise(depth_m.shape, rng)
+    flags, border = cv2.INTER_NEAREST, cv2.BORDER_REPLICATE
+    return cv2.remap(depth_m, columns, rows, flags, borderMode=border)  # type: ignore[return-value]
+
+
+def _noise(shape: tuple[int, ...], rng: np.random.Generator) -> Floats:
+    """(H, W) noise of unit deviation that neighbours share."""
+    white = rng.standard_normal(shape, dtype=np.float32)
+    # A Gaussian of width s leaves 1 / (4 pi s^2) of white noise's power.
+    gain = np.float32(2.0 * np.sqrt(np.pi) * NOISE_BLUR_PX)
+    return gain * cv2.GaussianBlur(white, (0, 0), NOISE_BLUR_PX)
+
+
+@kernel
+def shadowed(disparity_px: Floats) -> NDArray[np.bool_]:
+    """(H, W) where something nearer hides the point from the projector.
+
+    The point of column u is in the projector's column u - disparity: the nearest one there has it.
+    """
+    height, width = disparity_px.shape
+    hidden = np.zeros((height, width), dtype=np.bool_)
+    reach = int(np.max(disparity_px)) + 3
+    nearest = np.empty(width + reach)
+    for v in range(height):
+        nearest[:] = 0.0
+        for u in range(width):
+            d = disparity_px[v, u]
+            column = u - d + reach
+            for k in (int(column), int(column) + 1):
+                if 0 <= k < len(nearest):
+                    nearest[k] = max(nearest[k], d)
+        for u in range(width):
+            d = disparity_px[v, u]
+            k = int(u - d + reach + 0.5)
+            hidden[v, u] = nearest[k] > d + SHADOW_TOLERANCE_PX
+    return hidden
+
+
+@kernel
+def register(
+    measured_m: Floats,
+    infrared: tuple[float, float, float],
+    colour: tuple[float, float, float, float],
+    distortion: Array,
+    eye_offset_m: float,
+    factor: float,
+) -> NDArray[np.uint16]:
+    """Depth (H, W) as the colour camera's raw, distorted image would see it, 0 = no reading.
+
+    Every reading is carried to the pixel where its point falls; the nearest wins. `infrared` is
+    focal length and centre, `colour` fx fy cx cy; the infrared eye is `eye_offset_m` to the left.
+    """
+    height, width = measured_m.shape
+    focal, cx, cy = infrared
+    result = np.zeros((height, width), dtype=np.uint16)
+    for v in range(height):
+        for u in range(width):
+            z = measured_m[v, u]
+            if z <= 0.0:
+                continue
+            x, y = distort((u - cx) / focal - eye_offset_m / z, (v - cy) / focal, distortion)
+            column = math.floor(colour[0] * x + colour[2] + 0.5)
+            row = math.floor(colour[1] * y + colour[3] + 0.5)
+            if 0 <= column < width and 0 <= row < height:
+                reading = min(z * factor + 0.5, 65535.0)
+                if result[row, column] == 0 or reading < result[row, column]:
+                    result[row, column] = np.uint16(reading)
+    return result
+
+
+@kernel
+def distort(x: float, y: float, k: Array) -> tuple[float, float]:
+    """Brown's model in OpenCV's order: k1 k2 p1 p2 k3."""
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
+    return (
+        x * radial + 2.0 * k[2] * x * y + k[3] * (r2 + 2.0 * x * x),
+        y * radial + k[2] * (r2 + 2.0 * y * y) + 2.0 * k[3] * x * y,
+    )

@@ -1,0 +1,236 @@
+"""Printed matter: pictures, pages, book spines, parcels, screens; and collages of them."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.synthetic.textures import Colour, Paint, Skin, fractal, random_colour, tinted
+
+FONTS = (
+    cv2.FONT_HERSHEY_SIMPLEX,
+    cv2.FONT_HERSHEY_DUPLEX,
+    cv2.FONT_HERSHEY_COMPLEX,
+    cv2.FONT_HERSHEY_TRIPLEX,
+)
+LETTERS = "aaabcdeeeefghiiklmnnooprrssttuuvwyABDEGKMNPRSTZ0123456789"
+
+
+Canvas = NDArray[np.uint8]  # OpenCV smooths what it draws in bytes only
+
+
+def canvas(paint: Paint) -> Canvas:
+    """Paint in bytes, to draw on."""
+    return np.clip(paint, 0.0, 255.0).astype(np.uint8)
+
+
+def picture(detail: float = 1.0) -> Skin:
+    """A photograph's statistics: leaves of every size fallen on each other.
+
+    Lee, Mumford and Huang, Occlusion models for natural images, IJCV 2001: radii with density
+    r^-3 give the 1/f spectrum and the edges of natural scenes.
+    """
+
+    def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
+        image = np.full((height, width, 3), random_colour(rng), dtype=np.uint8)
+        largest = 0.5 * max(height, width)
+        smallest = 0.03 * largest
+        count = int(rng.uniform(40, 220) * detail)
+        palette = [random_colour(rng, rng.uniform(0.05, 0.7)) for _ in range(8)]
+        radii = smallest / np.sqrt(1.0 - rng.uniform(0.0, 1.0 - (smallest / largest) ** 2, count))
+        for radius in np.sort(radii)[::-1]:
+            _leaf(rng, image, radius, palette[rng.integers(len(palette))])
+        light = 1.0 + 0.12 * fractal(rng, height, width, max(height, width) / 2, 2.0)
+        result: Paint = image * light[..., None]
+        return result
+
+    return paint
+
+
+def _leaf(rng: np.random.Generator, image: Canvas, radius: float, colour: Colour) -> None:
+    height, width = image.shape[:2]
+    centre = rng.uniform(0, width), rng.uniform(0, height)
+    shade = tuple(float(c) for c in np.clip(np.array(colour) * rng.uniform(0.7, 1.25), 0, 255))
+    corners = int(rng.integers(3, 9))
+    if corners > 6:
+        axes = max(1, round(radius)), max(1, round(radius * rng.uniform(0.3, 1.0)))
+        at = round(centre[0]), round(centre[1])
+        cv2.ellipse(image, at, axes, rng.uniform(0, 180), 0, 360, shade, -1, cv2.LINE_AA)
+        return
+    angles = np.sort(rng.uniform(0, 2 * np.pi, corners))
+    reach = radius * rng.uniform(0.5, 1.2, corners)
+    points = np.stack([np.cos(angles) * reach, np.sin(angles) * reach], axis=1) + centre
+    cv2.fillPoly(image, [np.round(points * 16).astype(np.int32)], shade, cv2.LINE_AA, 4)
+
+
+def _words(rng: np.random.Generator, length: int) -> str:
+    text = ""
+    while len(text) < length:
+        word = "".join(rng.choice(list(LETTERS), int(rng.integers(2, 10))))
+        text += word + " "
+    return text[:length]
+
+
+def write(
+    rng: np.random.Generator, image: Canvas, left: float, base: float, high_px: float, ink: Colour
+) -> None:
+    """A line of random words from (`left`, `base`) to the right edge, letters `high_px` high."""
+    if high_px < 3.0:
+        return
+    font, scale = FONTS[rng.integers(len(FONTS))], high_px / 21.0
+    length = int((image.shape[1] - 2 * left) / (0.85 * high_px))
+    thickness = max(1, round(high_px / 9.0))
+    at = round(left), round(base)
+    cv2.putText(image, _words(rng, length), at, font, scale, ink, thickness, cv2.LINE_AA)
+
+
+def page(heading_m: float = 0.02) -> Skin:
+    """A printed sheet: a heading, lines of text, now and then a picture."""
+
+    def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
+        paper = rng.uniform(205.0, 250.0)
+        image = np.full((height, width, 3), paper, dtype=np.uint8)
+        margin, y = 0.08 * width, 0.06 * height + heading_m / texel_m
+        ink = random_colour(rng, 0.7, 10.0, 120.0)
+        write(rng, image, margin, y, heading_m / texel_m, ink)
+        body_px = max(3.5, rng.uniform(0.004, 0.009) / texel_m)
+        while y < height - 2 * body_px:
+            y += 1.9 * body_px
+            if rng.uniform() < 0.06 and y + 0.25 * height < height:
+                inset = image[int(y) : int(y + 0.22 * height), int(margin) : int(width - margin)]
+                if inset.size:
+                    inset[:] = picture(0.4)(rng, inset.shape[0], inset.shape[1], texel_m)
+                y += 0.25 * height
+            else:
+                write(rng, image, margin, y, body_px, (50.0, 50.0, 50.0))
+        return image.astype(np.float32)
+
+    return paint
+
+
+def poster() -> Skin:
+    """A picture with large writing across it, in a border."""
+
+    def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
+        image = canvas(picture()(rng, height, width, texel_m))
+        for _ in range(int(rng.integers(1, 4))):
+            high = rng.uniform(0.03, 0.10) * height
+            base = rng.uniform(0.15, 0.95) * height
+            band = image[max(0, int(base - 1.3 * high)) : int(base + 0.4 * high)]
+            band[:] = 0.35 * band + 0.65 * np.array(random_colour(rng))
+            write(rng, image, 0.05 * width, base, high, random_colour(rng, 0.5, 0.0, 255.0))
+        edge = max(1, int(0.02 * min(height, width)))
+        frame = random_colour(rng, 0.3, 20.0, 250.0)
+        cv2.rectangle(image, (0, 0), (width - 1, height - 1), frame, 2 * edge)
+        return image.astype(np.float32)
+
+    return paint
+
+
+def spines() -> Skin:
+    """A row of books seen from their backs, of every breadth and height, with titles."""
+
+    def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
+        image = np.full((height, width, 3), 28.0, dtype=np.float32)
+        left = 0
+        while left < width:
+            right = left + max(3, round(rng.uniform(0.012, 0.055) / texel_m))
+            top = round(rng.uniform(0.0, 0.28) * height)
+            book = image[top:, left : right - 1]
+            if book.size:
+                book[:] = _spine(rng, book.shape[0], book.shape[1])
+            left = right
+        return image
+
+    return paint
+
+
+def _spine(rng: np.random.Generator, height: int, width: int) -> Paint:
+    """One book, painted lying on its side, then stood up."""
+    light = 1.0 + 0.05 * fractal(rng, width, height, height / 2)
+    round_back = np.sin(np.linspace(0.6, np.pi - 0.6, width, dtype=np.float32))
+    colour = random_colour(rng, rng.uniform(0.2, 0.9))
+    lying = canvas(tinted(colour, light * round_back[:, None]))
+    for _ in range(int(rng.integers(0, 3))):
+        x = int(rng.uniform(0.02, 0.95) * height)
+        lying[:, x : x + max(1, height // 25)] = random_colour(rng)
+    ink = random_colour(rng, 0.3, 0.0, 255.0)
+    write(rng, lying, rng.uniform(0.08, 0.3) * height, 0.7 * width, 0.5 * width, ink)
+    standing = lying.transpose(1, 0, 2)
+    return standing[:: rng.choice((-1, 1))].astype(np.float32)
+
+
+def parcel() -> Skin:
+    """Cardboard with tape, a label and print."""
+
+    def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
+        card = np.array((95.0, 140.0, 180.0), dtype=np.float32) * rng.uniform(0.75, 1.1)
+        light = 1.0 + 0.06 * fractal(rng, height, width, 0.2 / texel_m)
+        image = canvas(light[..., None] * card)
+        middle, tape = height // 2, max(1, round(0.025 / texel_m))
+        image[middle - tape : middle + tape] = random_colour(rng, 0.3)
+        for _ in range(2):
+            ink = random_colour(rng, 0.8, 10.0, 130.0)
+            write(rng, image, 0.1 * width, rng.uniform(0.2, 0.95) * height, 0.12 * height, ink)
+        return collage(_same(image.astype(np.float32)), [(page(0.01), 0.35 * width * texel_m)] * 2)(
+            rng, height, width, texel_m
+        )
+
+    return paint
+
+
+def screen() -> Skin:
+    """A monitor that is switched on: windows of text and pictures in a black frame."""
+
+    def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
+        wallpaper = picture(0.3)(rng, height, width, texel_m)
+        windows: list[tuple[Skin, float]] = [(page(0.012), 0.2), (page(0.008), 0.25)]
+        image = collage(_same(wallpaper), windows, turn_rad=0.0)(rng, height, width, texel_m)
+        edge = max(1, round(0.02 / texel_m))
+        cv2.rectangle(image, (0, 0), (width - 1, height - 1), (18.0, 18.0, 20.0), 2 * edge)
+        return image
+
+    return paint
+
+
+def collage(ground: Skin, pieces: Sequence[tuple[Skin, float]], turn_rad: float = 0.5) -> Skin:
+    """`pieces` (a skin and its breadth in metres) strewn over a ground, turned at random."""
+
+    def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
+        image = ground(rng, height, width, texel_m)
+        for skin, breadth_m in pieces:
+            wide = max(4, min(width, round(breadth_m / texel_m)))
+            high = max(4, min(height, round(wide * rng.uniform(0.65, 1.5))))
+            piece = skin(rng, high, wide, texel_m)
+            angle = rng.uniform(-turn_rad, turn_rad)
+            _paste(image, piece, rng.uniform(0, width), rng.uniform(0, height), angle)
+        return image
+
+    return paint
+
+
+def _paste(image: Paint, piece: Paint, x: float, y: float, angle_rad: float) -> None:
+    """Lay `piece` with its middle at (x, y); only the window that it covers is touched."""
+    high, wide = piece.shape[:2]
+    reach = int(np.hypot(high, wide) / 2) + 2
+    left, top = max(0, int(x) - reach), max(0, int(y) - reach)
+    window = image[top : int(y) + reach, left : int(x) + reach]
+    if not window.size:
+        return
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    M = np.array([[c, -s, x - left], [s, c, y - top]])
+    M[:, 2] -= M[:, :2] @ ((wide - 1) / 2, (high - 1) / 2)
+    size = window.shape[1], window.shape[0]
+    warped = cv2.warpAffine(piece, M, size, flags=cv2.INTER_LINEAR)
+    cover = cv2.warpAffine(np.ones((high, wide), np.float32), M, size, flags=cv2.INTER_LINEAR)
+    window *= 1.0 - cover[..., None]
+    # Outside the piece the warp is black: what it adds there is nothing.
+    window += warped
+
+
+def _same(image: Paint) -> Skin:
+    def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
+        return image
+
+    return paint

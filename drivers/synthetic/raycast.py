@@ -1,0 +1,234 @@
+"""Which surface each pixel sees, and how far away: rays against solids.
+
+A ray of a pixel is (x, y, 1) in camera axes, so the ray's parameter is the depth z in metres.
+Every row has a pose of its own (rolling shutter).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array
+from drivers.jit import kernel
+from drivers.synthetic.solids import Kind, SolidArrays
+
+TILE = 16
+NEAR_M = 0.02
+FAR_M = 1e6
+# How far a solid's outline may move between the three rows that were looked at, in tan(angle).
+OUTLINE_MARGIN = 0.01
+BOX, ROOM, TUBE = int(Kind.BOX), int(Kind.ROOM), int(Kind.TUBE)
+
+Floats = NDArray[np.float32]
+Indices = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class View:
+    """Solids as seen from each row's pose: what rays are tested against.
+
+    `frames` (H, S, 3, 4) maps camera coordinates at that row to a solid's unit cube;
+    `candidates` (tiles down, tiles across, S) lists the solids that a tile may see, nearest first,
+    ended by -1; `near_m` (S,) is where each begins.
+    """
+
+    kind: NDArray[np.int64]
+    frames: Array
+    candidates: Indices
+    near_m: Array
+
+
+@dataclass(frozen=True)
+class RayGrid:
+    """Where each pixel looks: `rays` (H, W, 2) on the plane z = 1, and the bounds of each tile.
+
+    `bounds` (tiles down, tiles across, 4): least and greatest x, least and greatest y.
+    """
+
+    rays: Array
+    bounds: Array
+
+    @classmethod
+    def of(cls, rays: Array) -> "RayGrid":
+        """The grid of `rays` (H, W, 2)."""
+        down, across = np.arange(0, rays.shape[0], TILE), np.arange(0, rays.shape[1], TILE)
+        bounds = [
+            ufunc.reduceat(ufunc.reduceat(rays[..., channel], down, axis=0), across, axis=1)
+            for channel in (0, 1)
+            for ufunc in (np.minimum, np.maximum)
+        ]
+        return cls(rays, np.stack(bounds, axis=-1))
+
+
+def look(solids: SolidArrays, grid: RayGrid, T_world_camera: Array) -> View:
+    """Prepare to cast the rays of `grid` from the poses of its rows (H, 4, 4)."""
+    frames = unit_frames(solids.to_unit, solids.centre_m, T_world_camera)
+    rows = np.array([0, len(grid.rays) // 2, len(grid.rays) - 1])
+    outlines = project_outlines(solids.corners_m, np.linalg.inv(T_world_camera[rows]))
+    order = np.argsort(outlines[:, 0], kind="stable")
+    candidates = list_candidates(outlines, order, grid.bounds)
+    return View(solids.kind, frames, candidates, outlines[:, 0].copy())
+
+
+@kernel
+def unit_frames(to_unit: Array, centre_m: Array, T_world_camera: Array) -> Array:
+    """(H, S, 3, 4): camera coordinates of a row to each solid's unit cube."""
+    frames = np.empty((len(T_world_camera), len(to_unit), 3, 4))
+    for row in range(len(T_world_camera)):
+        T = T_world_camera[row]
+        for s in range(len(to_unit)):
+            M = to_unit[s]
+            for i in range(3):
+                for j in range(3):
+                    frames[row, s, i, j] = M[i, 0] * T[0, j] + M[i, 1] * T[1, j] + M[i, 2] * T[2, j]
+                frames[row, s, i, 3] = (
+                    M[i, 0] * (T[0, 3] - centre_m[s, 0])
+                    + M[i, 1] * (T[1, 3] - centre_m[s, 1])
+                    + M[i, 2] * (T[2, 3] - centre_m[s, 2])
+                )
+    return frames
+
+
+@kernel
+def project_outlines(corners_m: Array, T_camera_world: Array) -> Array:
+    """(S, 5): nearest depth, then least and greatest x and y on the plane z = 1.
+
+    The union over the poses given. A solid wholly behind the camera has an empty range.
+    """
+    outlines = np.empty((len(corners_m), 5))
+    outlines[:] = np.inf
+    outlines[:, 2] = -np.inf
+    outlines[:, 4] = -np.inf
+    p = np.empty((8, 3))
+    for s in range(len(corners_m)):
+        outline = outlines[s]
+        for T in T_camera_world:
+            for i in range(8):
+                for j in range(3):
+                    c = corners_m[s, i]
+                    p[i, j] = T[j, 0] * c[0] + T[j, 1] * c[1] + T[j, 2] * c[2] + T[j, 3]
+            for i in range(8):
+                if p[i, 2] >= NEAR_M:
+                    _widen(outline, p[i, 0], p[i, 1], p[i, 2])
+                for bit in (1, 2, 4):
+                    a, b = p[i], p[i ^ bit]
+                    if a[2] >= NEAR_M and b[2] < NEAR_M:
+                        k = (NEAR_M - a[2]) / (b[2] - a[2])
+                        _widen(outline, a[0] + k * (b[0] - a[0]), a[1] + k * (b[1] - a[1]), NEAR_M)
+    return outlines
+
+
+@kernel
+def _widen(outline: Array, x: float, y: float, z: float) -> None:
+    outline[0] = min(outline[0], z)
+    outline[1] = min(outline[1], x / z)
+    outline[2] = max(outline[2], x / z)
+    outline[3] = min(outline[3], y / z)
+    outline[4] = max(outline[4], y / z)
+
+
+@kernel
+def list_candidates(outlines: Array, order: NDArray[np.int64], bounds: Array) -> Indices:
+    """Candidates of each tile: see `View`."""
+    lists = np.full((bounds.shape[0], bounds.shape[1], len(order) + 1), -1, dtype=np.int32)
+    for i in range(bounds.shape[0]):
+        for j in range(bounds.shape[1]):
+            n = 0
+            for s in order:
+                apart_x = (
+                    outlines[s, 1] > bounds[i, j, 1] + OUTLINE_MARGIN
+                    or outlines[s, 2] < bounds[i, j, 0] - OUTLINE_MARGIN
+                )
+                apart_y = (
+                    outlines[s, 3] > bounds[i, j, 3] + OUTLINE_MARGIN
+                    or outlines[s, 4] < bounds[i, j, 2] - OUTLINE_MARGIN
+                )
+                if not (apart_x or apart_y):
+                    lists[i, j, n] = s
+                    n += 1
+    return lists
+
+
+@kernel
+def cast(
+    rays: Array, kind: NDArray[np.int64], frames: Array, candidates: Indices, near_m: Array
+) -> tuple[Floats, Indices]:
+    """Depth (H, W) in metres and index of the solid (H, W) that each pixel sees."""
+    height, width = rays.shape[0], rays.shape[1]
+    depth_m = np.empty((height, width), dtype=np.float32)
+    solid = np.empty((height, width), dtype=np.int32)
+    for v in range(height):
+        for u in range(width):
+            t, s = closest(
+                rays[v, u, 0],
+                rays[v, u, 1],
+                kind,
+                frames[v],
+                candidates[v // TILE, u // TILE],
+                near_m,
+            )
+            depth_m[v, u] = t
+            solid[v, u] = s
+    return depth_m, solid
+
+
+@kernel
+def closest(
+    x: float,
+    y: float,
+    kind: NDArray[np.int64],
+    frames: Array,
+    candidates: Indices,
+    near_m: Array,
+) -> tuple[float, int]:
+    """Depth and index of the first solid that the ray (x, y, 1) meets; FAR_M, -1 if none."""
+    best, found = FAR_M, -1
+    for s in candidates:
+        if s < 0 or near_m[s] >= best:
+            break
+        F = frames[s]
+        dx = F[0, 0] * x + F[0, 1] * y + F[0, 2]
+        dy = F[1, 0] * x + F[1, 1] * y + F[1, 2]
+        dz = F[2, 0] * x + F[2, 1] * y + F[2, 2]
+        if kind[s] <= ROOM:
+            t = meet_box(F[0, 3], F[1, 3], F[2, 3], dx, dy, dz, kind[s] == ROOM)
+        else:
+            t = meet_round(F[0, 3], F[1, 3], F[2, 3], dx, dy, dz, kind[s] == TUBE)
+        if t < best:
+            best, found = t, s
+    return best, found
+
+
+@kernel
+def meet_box(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, inside: bool
+) -> float:
+    """Where o + t d enters the unit cube (leaves it, if seen from `inside`); FAR_M if nowhere."""
+    ix, iy, iz = 1.0 / dx, 1.0 / dy, 1.0 / dz
+    cx, cy, cz = -ox * ix, -oy * iy, -oz * iz
+    rx, ry, rz = abs(ix), abs(iy), abs(iz)
+    enter = max(cx - rx, max(cy - ry, cz - rz))
+    leave = min(cx + rx, min(cy + ry, cz + rz))
+    if inside:
+        return leave
+    return enter if enter <= leave and enter > NEAR_M else FAR_M
+
+
+@kernel
+def meet_round(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, tube: bool
+) -> float:
+    """Where o + t d first meets the unit ball, or the wall of the unit tube; FAR_M if nowhere."""
+    w = 0.0 if tube else 1.0
+    a = dx * dx + dy * dy + w * dz * dz
+    half_b = ox * dx + oy * dy + w * oz * dz
+    root = half_b * half_b - a * (ox * ox + oy * oy + w * oz * oz - 1.0)
+    if root < 0.0:
+        return FAR_M
+    root = math.sqrt(root)
+    for t in ((-half_b - root) / a, (-half_b + root) / a):
+        if t > NEAR_M and abs(oz + t * dz) <= 1.0:
+            return t
+    return FAR_M

@@ -1,0 +1,90 @@
+"""Solids that a room is made of, and the arrays in which the kernels read them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from drivers.synthetic.textures import Skin
+
+
+class Kind(IntEnum):
+    """Shape of a solid in its own unit cube, -1 to 1 along each axis."""
+
+    BOX = 0
+    ROOM = 1  # a box seen from inside
+    TUBE = 2  # upright, open at both ends
+    BALL = 3
+
+
+FACES = 6  # a box's: -x +x -y +y -z +z; a round solid has one skin, face 0
+# For a face across axis x, y, z: the axes along its skin's columns and rows, and the sign that
+# makes writing run from left to right for whoever looks at it from outside.
+FACE_U = (1, 0, 0)
+FACE_V = (2, 2, 1)
+FACE_FLIP = (1.0, -1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A shape with `half_m` extents (3,) in its own frame, and a skin for each face."""
+
+    kind: Kind
+    T_world_solid: Array
+    half_m: Array
+    skins: tuple[Skin, ...]
+
+    def moved(self, T: Array) -> "Solid":
+        """The same solid after the rigid motion `T` of its world."""
+        return replace(self, T_world_solid=T @ self.T_world_solid)
+
+    def face_size_m(self, face: int) -> tuple[float, float]:
+        """Width and height of a face's skin in metres."""
+        x, y, z = (2.0 * float(half) for half in self.half_m)
+        if self.kind in (Kind.TUBE, Kind.BALL):
+            return np.pi * (x + y) / 2, z
+        return ((y, z), (x, z), (x, y))[face // 2]
+
+
+def box(
+    centre_m: Sequence[float],
+    size_m: Sequence[float],
+    skins: Skin | tuple[Skin, ...],
+    yaw_rad: float = 0.0,
+    kind: Kind = Kind.BOX,
+) -> Solid:
+    """An upright solid of full `size_m`, turned by `yaw_rad`; one skin for all faces or six."""
+    six = skins if isinstance(skins, tuple) else (skins,) * FACES
+    T = rigid_transform(rotation_from_vector([0.0, 0.0, yaw_rad]), centre_m)
+    return Solid(kind, T, np.asarray(size_m, dtype=np.float64) / 2, six)
+
+
+@dataclass(frozen=True)
+class SolidArrays:
+    """Solids as the kernels read them.
+
+    `to_unit` (S, 3, 3) turns and scales a world vector into a solid's unit cube, `centre_m` (S, 3),
+    `corners_m` (S, 8, 3): corner i and corner i ^ (1, 2 or 4) share an edge.
+    """
+
+    kind: NDArray[np.int64]
+    to_unit: Array
+    centre_m: Array
+    corners_m: Array
+
+    @classmethod
+    def pack(cls, solids: Sequence[Solid]) -> "SolidArrays":
+        """Arrays of `solids`, in their order."""
+        unit = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)]) * 2.0 - 1.0
+        R = np.array([s.T_world_solid[:3, :3] for s in solids])
+        centre = np.array([s.T_world_solid[:3, 3] for s in solids])
+        half = np.array([s.half_m for s in solids])
+        return cls(
+            kind=np.array([int(s.kind) for s in solids], dtype=np.int64),
+            to_unit=np.ascontiguousarray(R.transpose(0, 2, 1) / half[:, :, None]),
+            centre_m=centre,
+            corners_m=(unit * half[:, None, :]) @ R.transpose(0, 2, 1) + centre[:, None, :],
+        )

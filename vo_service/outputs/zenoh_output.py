@@ -1,26 +1,28 @@
 """Poses and status over Zenoh, published from a thread of its own."""
 
-import json
 import logging
-import platform
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
-from importlib.metadata import version
+from dataclasses import dataclass
 
 import zenoh
 
-from vo_service.outputs.cdr import SCHEMA, OdometryMessage, encode_odometry
+from vo_service.outputs.cdr import SCHEMA
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.tcp_backlog import backlog_bytes
 from vo_service.outputs.worker import DropOldest, HandOver, Wait, Worker
+from vo_service.outputs.zenoh_messages import (
+    Frames,
+    pose_attachment,
+    pose_payload,
+    status_payload,
+    versions,
+)
 from vo_service.outputs.zenoh_session import ZenohConfig, check_prefix, open_session
 
 logger = logging.getLogger(__name__)
-
-MESSAGE_SCHEMA = 1
 
 Item = PoseUpdate | Status
 
@@ -54,9 +56,9 @@ class ZenohOutput:
     """
 
     def __init__(self, config: ZenohConfig, delivery: Delivery = LIVE) -> None:
-        self._config = config
         self._delivery = delivery
-        self._versions = _versions()
+        self._versions = versions()
+        self._frames = Frames(config.odom_frame_id, config.child_frame_id)
         prefix = check_prefix(config.prefix)
         self._session = open_session(config)
         self._odom = self._session.declare_publisher(
@@ -115,26 +117,9 @@ class ZenohOutput:
 
     def _publish(self, item: Item) -> None:
         if isinstance(item, Status):
-            self._status.put(self._encode_status(item))
+            self._status.put(status_payload(item, self._versions))
         else:
-            self._odom.put(self._encode_pose(item), attachment=_attachment(item))
-
-    def _encode_pose(self, update: PoseUpdate) -> bytes:
-        return encode_odometry(
-            OdometryMessage(
-                stamp_s=update.stamp_s,
-                frame_id=self._config.odom_frame_id,
-                child_frame_id=self._config.child_frame_id,
-                T_frame_child=update.T_odom_base,
-                pose_covariance=update.pose_covariance,
-                twist=update.twist,
-                twist_covariance=update.twist_covariance,
-            )
-        )
-
-    def _encode_status(self, status: Status) -> bytes:
-        content = {"schema": MESSAGE_SCHEMA, **asdict(status), "versions": self._versions}
-        return json.dumps(content, allow_nan=False).encode()
+            self._odom.put(pose_payload(item, self._frames), attachment=pose_attachment(item))
 
     def _finish(self) -> None:
         if not self._drained():
@@ -161,17 +146,6 @@ class ZenohOutput:
         return True
 
 
-def _attachment(update: PoseUpdate) -> bytes:
-    content = {
-        "schema": MESSAGE_SCHEMA,
-        "seq": update.seq,
-        "state": update.state,
-        "epoch": update.epoch,
-        "reason": update.reason,
-    }
-    return json.dumps(content).encode()
-
-
 def _matching(publisher: zenoh.Publisher) -> bool:
     # The stub says bool; it is an object that is always true.
     status: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]
@@ -182,8 +156,3 @@ def _port(locator: str) -> int:
     """Port of a link's end, such as tcp/127.0.0.1:7450; 0 where it has none."""
     port = locator.rsplit(":", 1)[-1]
     return int(port) if port.isdigit() else 0
-
-
-def _versions() -> dict[str, str]:
-    packages = ("kinect-vo", "eclipse-zenoh", "numpy", "numba", "opencv-python-headless")
-    return {"python": platform.python_version()} | {name: version(name) for name in packages}

@@ -1,0 +1,135 @@
+"""``kinect-vo listen``: print the poses that a kinect-vo publishes, from a process of its own."""
+
+import argparse
+import json
+import math
+import os
+import sys
+from queue import Empty, SimpleQueue
+
+import zenoh
+
+from vo_service.commands.pose_printers import JsonPrinter, Printer, TextPrinter, say
+from vo_service.outputs.cdr import decode_odometry
+from vo_service.outputs.zenoh_session import (
+    DEFAULT_ENDPOINT,
+    ZenohConfig,
+    check_prefix,
+    open_session,
+)
+
+NAME = "listen"
+HELP = "print the poses that a running kinect-vo publishes"
+EPILOG = """\
+examples:
+  kinect-vo listen                          poses of the kinect-vo on this computer
+  kinect-vo listen --count 10 --json        ten poses, one JSON object a line
+  kinect-vo listen --prefix robot1 --connect tcp/192.168.1.20:7450
+
+A line is: stamp x y z qx qy qz qw state. What is not a pose goes to stderr. A publisher that stops
+is waited for, as is one that has not started yet. Ctrl-C ends.
+"""
+
+# How long a publisher that is already there may take to say so.
+_FIRST_WAIT_S = 1.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=DEFAULT_ENDPOINT,
+        help="where it publishes (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--prefix", default="kinect", help="its zenoh prefix (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--count", type=_count, metavar="N", default=math.inf, help="stop after N poses"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object a line, status changes among them"
+    )
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if count < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of poses: give 1 or more")
+    return count
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print until `--count` poses have come, Ctrl-C, or nobody reads what is printed."""
+    prefix = check_prefix(args.prefix)
+    printer: Printer = JsonPrinter() if args.json else TextPrinter()
+    listener = _Listener(f"{prefix} at {args.connect}", printer, args.count)
+    with open_session(ZenohConfig(listen=(), connect=(args.connect,))) as session:
+        session.declare_subscriber(f"{prefix}/status", listener.receive)
+        session.declare_subscriber(f"{prefix}/odom", listener.receive)
+        session.liveliness().declare_subscriber(f"{prefix}/alive", listener.receive, history=True)
+        try:
+            listener.run()
+        except KeyboardInterrupt:
+            pass
+        except BrokenPipeError:
+            _ignore_what_is_still_buffered()
+    return 0
+
+
+class _Listener:
+    """Takes samples from Zenoh's threads and prints them on the caller's."""
+
+    def __init__(self, publisher: str, printer: Printer, count: float) -> None:
+        self._publisher = publisher
+        self._printer = printer
+        self._remaining = count
+        self._status: tuple[str, str] = ("", "")
+        self._samples: SimpleQueue[zenoh.Sample] = SimpleQueue()
+        self._handlers = {"alive": self._alive, "status": self._on_status, "odom": self._odom}
+
+    def receive(self, sample: zenoh.Sample) -> None:
+        """Take one sample."""
+        self._samples.put(sample)
+
+    def run(self) -> None:
+        """Print until enough poses have come."""
+        try:
+            self._handle(self._samples.get(timeout=_FIRST_WAIT_S))
+        except Empty:
+            say(f"waiting for {self._publisher} (Ctrl-C ends)")
+        while self._remaining > 0:
+            self._handle(self._samples.get())
+
+    def _handle(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        try:
+            self._handlers[key.rsplit("/", 1)[-1]](sample)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            say(f"{key}: passed over a message that cannot be read: {error}")
+
+    def _alive(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            say(f"listening to {self._publisher}")
+        else:
+            say(f"{self._publisher} has gone; waiting for it to come back (Ctrl-C ends)")
+
+    def _on_status(self, sample: zenoh.Sample) -> None:
+        content = json.loads(sample.payload.to_bytes())
+        status = (str(content["state"]), str(content["reason"]))
+        if status != self._status:
+            self._status = status
+            self._printer.status(content)
+
+    def _odom(self, sample: zenoh.Sample) -> None:
+        message = decode_odometry(sample.payload.to_bytes())
+        attachment = sample.attachment
+        about = json.loads(attachment.to_bytes()) if attachment else {}
+        self._printer.pose(message, about)
+        self._remaining -= 1
+
+
+def _ignore_what_is_still_buffered() -> None:
+    """Whoever read our output has gone (``| head``): Python's flush at exit must not complain."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,62 @@
+"""What goes out over Zenoh, as bytes. A change that breaks readers raises the schema's number."""
+
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+
+from vo_service.outputs.cdr import OdometryMessage, encode_odometry
+from vo_service.outputs.output import PoseUpdate, Status
+
+MESSAGE_SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Frames:
+    """ROS names of the pose's frame and of the frame that moves."""
+
+    frame_id: str
+    child_frame_id: str
+
+
+def pose_payload(update: PoseUpdate, frames: Frames) -> bytes:
+    """The pose as CDR ``nav_msgs/msg/Odometry``.
+
+    Raises ValueError if a number is not finite.
+    """
+    return encode_odometry(
+        OdometryMessage(
+            stamp_s=update.stamp_s,
+            frame_id=frames.frame_id,
+            child_frame_id=frames.child_frame_id,
+            T_frame_child=update.T_odom_base,
+            pose_covariance=update.pose_covariance,
+            twist=update.twist,
+            twist_covariance=update.twist_covariance,
+        )
+    )
+
+
+def pose_attachment(update: PoseUpdate) -> bytes:
+    """JSON beside the pose: what `Odometry` has no field for."""
+    content = {
+        "schema": MESSAGE_SCHEMA,
+        "seq": update.seq,
+        "state": update.state,
+        "epoch": update.epoch,
+        "reason": update.reason,
+    }
+    return json.dumps(content).encode()
+
+
+def status_payload(status: Status, versions: Mapping[str, str]) -> bytes:
+    """The status as JSON. Raises ValueError if a number is not finite."""
+    content = {"schema": MESSAGE_SCHEMA, **asdict(status), "versions": dict(versions)}
+    return json.dumps(content, allow_nan=False).encode()
+
+
+def versions() -> dict[str, str]:
+    """Versions of what makes the poses."""
+    packages = ("kinect-vo", "eclipse-zenoh", "numpy", "numba", "opencv-python-headless")
+    return {"python": platform.python_version()} | {name: version(name) for name in packages}

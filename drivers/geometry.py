@@ -100,6 +100,16 @@ def rotation_from_vector(rotation_vector_rad: ArrayLike) -> Array:
     return np.eye(3) + sine * K + cosine * (K @ K)
 
 
+def rotation_vector(R: Array) -> Array:
+    """Axis times angle (3,), radians, of a 3x3 rotation: inverse of `rotation_from_vector`."""
+    q = quaternion_from_rotation(R)
+    sine = float(np.linalg.norm(q[:3]))
+    half_angle = float(np.arctan2(sine, q[3]))
+    scale = 2.0 if sine < 1e-12 else 2.0 * half_angle / sine
+    vector: Array = scale * q[:3]
+    return vector
+
+
 def transform_from_pose(position_m: ArrayLike, quaternion_xyzw: ArrayLike) -> Array:
     """4x4 transform from a position and a quaternion (x y z w)."""
     return rigid_transform(rotation_from_quaternion(quaternion_xyzw), position_m)

@@ -1,0 +1,129 @@
+"""Frames for the loop: straight from the camera, or from one that may go and come back."""
+
+import logging
+import threading
+import time
+from collections.abc import Iterator
+from typing import Protocol
+
+from drivers.camera import CameraCounters, EndOfStream, NoFrameYet, RgbdCamera, RgbdFrame
+from drivers.errors import CameraError
+
+logger = logging.getLogger(__name__)
+
+# The loop gets a turn at least this often, frame or no frame.
+TICK_S = 0.25
+# Without a frame for this long, a camera that is still there counts as gone quiet.
+QUIET_S = 1.0
+# How long to wait before a camera is opened again.
+FIRST_RETRY_S, LONGEST_RETRY_S = 0.25, 1.5
+
+
+class Feed(Protocol):
+    """Frames, one after another; None where a tick passed without one, for the reason given."""
+
+    @property
+    def reason(self) -> str:
+        """Why there is no frame now; "" while there are frames."""
+        ...
+
+    @property
+    def counters(self) -> CameraCounters:
+        """Totals since the start, over all times that the camera was opened."""
+        ...
+
+    def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
+        """Yield until the source ends or `stop` is set."""
+        ...
+
+
+class PlainFeed:
+    """One pass through an open camera. Its errors reach the caller."""
+
+    def __init__(self, camera: RgbdCamera) -> None:
+        self._camera = camera
+        self.reason = ""
+
+    @property
+    def counters(self) -> CameraCounters:
+        """The camera's own."""
+        return self._camera.counters
+
+    def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
+        """Yield until the last frame."""
+        last_s = time.monotonic()
+        while not stop.is_set():
+            try:
+                frame = self._camera.read(TICK_S)
+            except NoFrameYet:
+                quiet_s = time.monotonic() - last_s
+                self.reason = f"no frame for {quiet_s:.0f} s" if quiet_s > QUIET_S else ""
+                yield None
+            except EndOfStream:
+                return
+            else:
+                last_s = time.monotonic()
+                self.reason = ""
+                yield frame
+
+
+class PersistentFeed:
+    """Opens the camera, and opens it again whenever it goes. Ends only when told to stop.
+
+    Raises InputError from the first `open`: what the user named will not get better by waiting.
+    """
+
+    def __init__(self, camera: RgbdCamera) -> None:
+        self._camera = camera
+        self._before = CameraCounters()
+        self.reason = "camera not opened yet"
+
+    @property
+    def counters(self) -> CameraCounters:
+        """Totals over all times that the camera was opened."""
+        return _sum(self._before, self._camera.counters)
+
+    def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
+        """Yield until stopped; None while the camera is away."""
+        retry_s = FIRST_RETRY_S
+        while not stop.is_set():
+            try:
+                self._open()
+                plain = PlainFeed(self._camera)
+                for frame in plain.frames(stop):
+                    self.reason = plain.reason
+                    retry_s = FIRST_RETRY_S
+                    yield frame
+                if stop.is_set():
+                    return
+                yield from self._rest("the recording has ended", stop)
+            except CameraError as error:
+                if self.reason != str(error):
+                    logger.warning("%s", error)
+                self.reason = str(error)
+            finally:
+                self._camera.close()
+            yield None
+            stop.wait(retry_s)
+            retry_s = min(2.0 * retry_s, LONGEST_RETRY_S)
+
+    def _rest(self, reason: str, stop: threading.Event) -> Iterator[None]:
+        """The source has nothing more to give, ever."""
+        self.reason = reason
+        while not stop.wait(TICK_S):
+            yield None
+
+    def _open(self) -> None:
+        """Open the camera; what it counted the last time is kept, as it counts from 0 again."""
+        counted = self._camera.counters
+        self._camera.open()
+        self._before = _sum(self._before, counted)
+
+
+def _sum(a: CameraCounters, b: CameraCounters) -> CameraCounters:
+    return CameraCounters(
+        delivered=a.delivered + b.delivered,
+        dropped=a.dropped + b.dropped,
+        skipped=a.skipped + b.skipped,
+        lost_packets=a.lost_packets + b.lost_packets,
+    )

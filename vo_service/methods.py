@@ -1,0 +1,27 @@
+"""The odometry methods by name: the one place where a new estimator is listed."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from vo_service.odometry.estimate import Odometry
+from vo_service.odometry.stopwatch import Stopwatch
+from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.surf_odometry import SurfOdometry
+
+DEFAULT_METHOD = "surf"
+
+
+@dataclass(frozen=True)
+class FeatureSettings:
+    """What the methods that use features share."""
+
+    count: int = 1000
+    upright: bool = False
+
+
+def _surf(features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
+    """The paper's method."""
+    return SurfOdometry(SurfExtractor(features.count, features.upright), stopwatch=stopwatch)
+
+
+METHODS: Mapping[str, Callable[[FeatureSettings, Stopwatch], Odometry]] = {"surf": _surf}

@@ -1,0 +1,132 @@
+"""From estimates to what is published: state, epoch, frames and covariance of the pose."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array, adjoint, inverse, rigid_transform, rotation_vector
+from vo_service.odometry.estimate import Estimate
+from vo_service.outputs.output import PoseUpdate, TrackingState
+
+# Optical axes (x right, y down, z forward) in REP 103's (x forward, y left, z up).
+R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+# The base that a camera without a mounting has: its own body.
+T_BODY_CAMERA = rigid_transform(R_BODY_OPTICAL, np.zeros(3))
+
+# With fewer inliers than this a motion is found, but a wrong one is no longer out of the question.
+FEW_INLIERS = 30
+# How fast the pose gets unsure while lost: standard deviations after one second, then in
+# proportion to time, of a hand-held camera or a slow robot.
+LOST_SIGMA_M, LOST_SIGMA_RAD = 0.5, 1.0
+# A pose is never surer than this: sigma of the first pose of an epoch.
+FLOOR_SIGMA_M, FLOOR_SIGMA_RAD = 1e-4, 1e-4
+
+
+@dataclass(frozen=True)
+class StampedFrame:
+    """A frame with the stamp that it is published under."""
+
+    frame: RgbdFrame
+    published_s: float
+
+
+class PoseTracker:
+    """Accumulates what a chain of estimates says, since the epoch began."""
+
+    def __init__(self, T_base_camera: Array = T_BODY_CAMERA) -> None:
+        self._T_base_camera = T_base_camera
+        self._Ad_base_camera = adjoint(T_base_camera)
+        self._seq = 0
+        self.epoch = 0
+        self._epoch_reason = ""
+        self._last_good_s: float | None = None
+        self._covariance = _diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
+
+    def begin_epoch(self, reason: str) -> None:
+        """The next pose is not continuous with the last; it carries the reason."""
+        self.epoch += 1
+        self._epoch_reason = reason
+        self._last_good_s = None
+        self._covariance = _diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
+
+    def update(
+        self,
+        stamped: StampedFrame,
+        estimate: Estimate,
+        stage_ms: Mapping[str, float],
+        latency_s: float,
+    ) -> PoseUpdate:
+        """What to publish of one estimate."""
+        if estimate.restarted:
+            self.begin_epoch("tracking began anew after a loss")
+        frame = stamped.frame
+        since_good_s = 0.0 if self._last_good_s is None else frame.stamp_s - self._last_good_s
+        state, reason = _judge(estimate)
+        if estimate.ok:
+            self._advance(estimate)
+            self._last_good_s = frame.stamp_s
+            covariance = self._covariance
+        else:
+            covariance = self._covariance + _diagonal(
+                LOST_SIGMA_M * since_good_s, LOST_SIGMA_RAD * since_good_s
+            )
+        twist, twist_covariance = self._twist(estimate, since_good_s)
+        T_odom_base = self._T_base_camera @ estimate.T_world_camera @ inverse(self._T_base_camera)
+        update = PoseUpdate(
+            seq=self._seq,
+            stamp_s=stamped.published_s,
+            state=state,
+            reason=reason or self._epoch_reason,
+            epoch=self.epoch,
+            T_world_camera=estimate.T_world_camera,
+            T_odom_base=T_odom_base,
+            pose_covariance=self._in_odom_axes(covariance, T_odom_base),
+            twist=twist,
+            twist_covariance=twist_covariance,
+            frame=frame,
+            estimate=estimate,
+            stage_ms=stage_ms,
+            latency_s=latency_s,
+        )
+        self._seq += 1
+        self._epoch_reason = ""
+        return update
+
+    def _advance(self, estimate: Estimate) -> None:
+        """Carry the covariance (in the camera's axes) over to the new camera; add the step's."""
+        Ad = adjoint(inverse(estimate.T_reference_camera))
+        self._covariance = Ad @ self._covariance @ Ad.T + estimate.covariance
+
+    def _in_odom_axes(self, covariance: Array, T_odom_base: Array) -> Array:
+        in_base = self._Ad_base_camera @ covariance @ self._Ad_base_camera.T
+        turn = np.kron(np.eye(2), T_odom_base[:3, :3])
+        turned = turn @ in_base @ turn.T
+        return 0.5 * (turned + turned.T)
+
+    def _twist(self, estimate: Estimate, duration_s: float) -> tuple[Array, Array]:
+        """Velocity (m/s, rad/s) of the base in its own axes, and its covariance."""
+        if not estimate.ok:
+            return np.zeros(6), _diagonal(LOST_SIGMA_M, LOST_SIGMA_RAD)
+        if duration_s <= 0.0:
+            return np.zeros(6), _diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
+        T_camera_reference = inverse(estimate.T_reference_camera)
+        step = np.concatenate(
+            [-T_camera_reference[:3, 3], rotation_vector(estimate.T_reference_camera[:3, :3])]
+        )
+        Ad = self._Ad_base_camera / duration_s
+        return Ad @ step, Ad @ estimate.covariance @ Ad.T
+
+
+def _judge(estimate: Estimate) -> tuple[TrackingState, str]:
+    if not estimate.ok:
+        return TrackingState.LOST, estimate.reason
+    if 0 < estimate.inliers < FEW_INLIERS:
+        reason = f"only {estimate.inliers} of {estimate.matches} matches agree"
+        return TrackingState.DEGRADED, reason
+    return TrackingState.TRACKING, ""
+
+
+def _diagonal(sigma_m: float, sigma_rad: float) -> Array:
+    return np.diag([sigma_m**2] * 3 + [sigma_rad**2] * 3)

@@ -1,0 +1,130 @@
+"""The loop: frames in, poses out. `demo`, `replay` and `run` are all this loop."""
+
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivers.camera import RgbdFrame
+from vo_service.feed import Feed
+from vo_service.odometry.estimate import Estimate, Odometry
+from vo_service.outputs.output import Output, PoseUpdate, Status, TrackingState
+from vo_service.pose_tracker import PoseTracker, StampedFrame
+from vo_service.stage_clock import StageClock
+from vo_service.stamps import StampClock, StampGuard
+from vo_service.statistics import Statistics
+
+STATUS_PERIOD_S = 0.5
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the status calls the parts."""
+
+    camera: str
+    method: str
+
+
+class Service:
+    """Drives one camera's frames through one odometry and into the outputs.
+
+    Everything here runs on the caller's thread; whatever could block has a thread of its own.
+    """
+
+    def __init__(
+        self,
+        feed: Feed,
+        odometry: Odometry,
+        stages: StageClock,
+        tracker: PoseTracker,
+        clock: StampClock,
+        outputs: Sequence[Output],
+        names: Names,
+    ) -> None:
+        self._feed = feed
+        self._odometry = odometry
+        self._stages = stages
+        self._tracker = tracker
+        self._clock = clock
+        self._outputs = outputs
+        self._names = names
+        self._guard = StampGuard()
+        self._last: PoseUpdate | None = None
+        self._told: tuple[TrackingState, str] | None = None
+        self._told_at_s = 0.0
+        self.statistics = Statistics()
+
+    def run(self, stop: threading.Event) -> None:
+        """Work until the frames end or `stop` is set."""
+        self._report()
+        for frame in self._feed.frames(stop):
+            if frame is not None:
+                self._process(frame)
+            self._report()
+
+    def _process(self, frame: RgbdFrame) -> None:
+        """One frame, from its stamp to the outputs."""
+        # Stamps only rise, or a new epoch says why not.
+        verdict = self._guard.check(frame.stamp_s)
+        if not verdict.use:
+            self.statistics.stale += 1
+            return
+        if verdict.restarted or self._clock.has_stepped():
+            self._tracker.begin_epoch("clock_step")
+        # Where is the camera?
+        begin_s = time.thread_time()
+        estimate = self._odometry.estimate(frame)
+        cpu_ms = (time.thread_time() - begin_s) * 1e3
+        # What does that mean for the robot?
+        update = self._update(frame, estimate)
+        # Tell everyone.
+        for output in self._outputs:
+            output.pose(update)
+        self.statistics.add(update, cpu_ms)
+        self._last = update
+
+    def _update(self, frame: RgbdFrame, estimate: Estimate) -> PoseUpdate:
+        stamped = StampedFrame(frame, self._clock.published_s(frame.stamp_s))
+        latency_s = time.monotonic() - frame.arrival_s
+        return self._tracker.update(stamped, estimate, self._stages.take(), latency_s)
+
+    def _report(self) -> None:
+        """Publish the status, twice a second and whenever state or reason change."""
+        told = self._state()
+        now_s = time.monotonic()
+        if told == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
+            return
+        self._told, self._told_at_s = told, now_s
+        status = self._status(*told)
+        for output in self._outputs:
+            output.status(status)
+
+    def _state(self) -> tuple[TrackingState, str]:
+        if self._feed.reason:
+            return TrackingState.NO_CAMERA, self._feed.reason
+        if self._last is None:
+            return TrackingState.NO_CAMERA, "no frame yet"
+        return self._last.state, self._last.reason
+
+    def _status(self, state: TrackingState, reason: str) -> Status:
+        statistics, counters = self.statistics, self._feed.counters
+        rolling = statistics.rolling()
+        estimate = self._last.estimate if self._last else None
+        return Status(
+            state=state,
+            reason=reason,
+            epoch=self._tracker.epoch,
+            camera=self._names.camera,
+            method=self._names.method,
+            fps=rolling.fps,
+            latency_p50_ms=rolling.latency_p50_ms,
+            latency_p99_ms=rolling.latency_p99_ms,
+            features=estimate.features if estimate else 0,
+            matches=estimate.matches if estimate else 0,
+            inliers=estimate.inliers if estimate else 0,
+            frames=statistics.frames,
+            failed=statistics.failed,
+            dropped=counters.dropped,
+            skipped=counters.skipped + statistics.stale,
+            lost_packets=counters.lost_packets,
+        )

@@ -1,0 +1,79 @@
+"""Running figures of the loop: for the status twice a second, and for the summary at the end."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from statistics import median
+
+import numpy as np
+
+from vo_service.outputs.output import PoseUpdate
+
+# The status describes the last few seconds.
+WINDOW = 100
+# And the rate that of the frames that came within this time.
+RATE_WINDOW_S = 2.0
+# Processor times are kept for so many frames: a service runs for weeks.
+LONGEST_RECORD = 20_000
+
+
+@dataclass(frozen=True)
+class Rolling:
+    """Figures of the last frames. Latencies are 0 before the first frame."""
+
+    fps: float
+    latency_p50_ms: float
+    latency_p99_ms: float
+
+
+@dataclass
+class Statistics:
+    """Counts and times since the start."""
+
+    now_s: Callable[[], float] = time.monotonic
+    frames: int = 0
+    failed: int = 0
+    stale: int = 0  # frames left out because their stamp did not rise
+    begin_s: float | None = None
+    end_s: float = 0.0
+    _latency_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
+    _arrived_s: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
+    _cpu_ms: deque[float] = field(default_factory=lambda: deque(maxlen=LONGEST_RECORD))
+    _stages_ms: dict[str, deque[float]] = field(default_factory=dict)
+
+    def add(self, update: PoseUpdate, cpu_ms: float) -> None:
+        """Take one frame's figures."""
+        self.frames += 1
+        self.failed += not update.estimate.ok
+        self.end_s = self.now_s()
+        self.begin_s = self.end_s if self.begin_s is None else self.begin_s
+        self._cpu_ms.append(cpu_ms)
+        self._latency_ms.append(update.latency_s * 1e3)
+        self._arrived_s.append(self.end_s)
+        for stage, spent_ms in update.stage_ms.items():
+            record = self._stages_ms.setdefault(stage, deque(maxlen=LONGEST_RECORD))
+            record.append(spent_ms)
+
+    def rolling(self) -> Rolling:
+        """Figures of the last few seconds."""
+        recent = sum(1 for at_s in self._arrived_s if self.now_s() - at_s <= RATE_WINDOW_S)
+        p50, p99 = np.percentile(list(self._latency_ms) or [0.0], (50, 99))
+        return Rolling(recent / RATE_WINDOW_S, float(p50), float(p99))
+
+    @property
+    def mean_fps(self) -> float:
+        """Frames per second from the first result to the last."""
+        if self.begin_s is None or self.end_s <= self.begin_s:
+            return 0.0
+        return (self.frames - 1) / (self.end_s - self.begin_s)
+
+    @property
+    def cpu_ms_per_frame(self) -> float:
+        """Median processor time of the odometry; decoding and outputs run elsewhere."""
+        return median(self._cpu_ms) if self._cpu_ms else 0.0
+
+    @property
+    def stage_ms(self) -> Mapping[str, float]:
+        """Median processor time by stage."""
+        return {stage: median(spent) for stage, spent in self._stages_ms.items()}

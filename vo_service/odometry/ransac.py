@@ -37,15 +37,18 @@ class Consensus:
 def find_consensus(pairs: PointPairs, max_hypotheses: int, seed: int) -> Consensus:
     """Best motion of max_hypotheses or fewer.
 
-    With fewer than 3 pairs, or none that fit together, no pair is an inlier.
+    With fewer than 3 pairs, or no three that fit together, no pair is an inlier.
     """
-    T = best_hypothesis(
+    T, score = best_hypothesis(
         np.ascontiguousarray(pairs.P_camera.T),
         np.ascontiguousarray(pairs.P_reference.T),
         np.ascontiguousarray(inverse_gate(pairs).T),
         max_hypotheses,
         np.uint32(seed),
     )
+    if score == 0.0:
+        # Pairs that agree with standing still by chance are no consensus.
+        return Consensus(T, np.zeros(len(pairs), np.bool_))
     return Consensus(T, agreeing(T, pairs))
 
 
@@ -70,17 +73,18 @@ def agreeing(T_reference_camera: Array, pairs: PointPairs) -> NDArray[np.bool_]:
 @kernel
 def best_hypothesis(
     P: Array, Q: Array, inverse_gate: Array, max_hypotheses: int, seed: np.uint32
-) -> Array:
-    """4x4 motion with the highest score; P, Q (3, N), inverse_gate (2, N).
+) -> tuple[Array, float]:
+    """4x4 motion with the highest score, and the score; P, Q (3, N), inverse_gate (2, N).
 
-    The score of a pair falls from 1 to 0 at the gate (MSAC, Torr and Zisserman 2000).
+    The score of a pair falls from 1 to 0 at the gate (MSAC, Torr and Zisserman 2000). Without any
+    hypothesis it is 0 and the motion the identity.
     """
     n = P.shape[1]
     best = np.eye(4)
-    if n < 3:
-        return best
-    T = np.eye(4)
     best_score = 0.0
+    if n < 3:
+        return best, best_score
+    T = np.eye(4)
     state = np.uint32(seed * np.uint32(2) + np.uint32(1))
     hypotheses = max_hypotheses
     tried = 0
@@ -105,7 +109,7 @@ def best_hypothesis(
                 break
             needed = np.log(MISS_PROBABILITY) / np.log(1.0 - all_three)
             hypotheses = min(max_hypotheses, int(needed) + 1)
-    return best
+    return best, best_score
 
 
 @inline_kernel

@@ -35,10 +35,11 @@ def refine_motion(consensus: Consensus, pairs: PointPairs) -> Motion:
     for _ in range(ROUNDS):
         if inlier.sum() < 3:
             return Motion(np.eye(4), np.zeros(len(pairs), np.bool_), np.zeros((6, 6)))
-        T = fit_rigid_motion(pairs.P_camera[inlier], pairs.P_reference[inlier], w[inlier])
+        fitted = inlier
+        T = fit_rigid_motion(pairs.P_camera[fitted], pairs.P_reference[fitted], w[fitted])
         inlier = agreeing(T, pairs)
-    point_covariance = _pair_covariance(pairs)[inlier]
-    return Motion(T, inlier, motion_covariance(pairs.P_camera[inlier], w[inlier], point_covariance))
+    point_covariance = _pair_covariance(pairs)[fitted]
+    return Motion(T, inlier, motion_covariance(pairs.P_camera[fitted], w[fitted], point_covariance))
 
 
 def pair_weights(pairs: PointPairs) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vo_service.odometry.surf.descriptor import PATCH, SIZE, describe, patch_weights
-from vo_service.odometry.surf.maxima import RESPONSE, SCALE, SIGN, TABLE_WIDTH, X, Y
+from vo_service.odometry.surf.maxima import RESPONSE, SCALE, SIGN, X, Y
 from vo_service.odometry.surf.orientation import GRID, disc_weights
 from vo_service.odometry.surf.pyramid import build_pyramid, grid
 from vo_service.odometry.surf.scale_space import ScaleSpace
@@ -18,7 +18,6 @@ LOWEST_THRESHOLD = 10.0
 NEXT_THRESHOLD = 0.6
 # And every further search of the same image, when it found too few, at this share of the last.
 RETRY_THRESHOLD = 0.2
-TABLE_LENGTH = 16384
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,6 @@ class SurfExtractor:
         self._threshold = LOWEST_THRESHOLD
         self._scale_space = ScaleSpace(0, 0)
         self._shape = (0, 0)
-        self._table = np.empty((TABLE_LENGTH, TABLE_WIDTH), np.float32)
         self._templates = (disc_weights(), grid(GRID), patch_weights(), grid(PATCH))
 
     def extract(self, grey: NDArray[np.uint8]) -> Features:
@@ -85,14 +83,11 @@ class SurfExtractor:
             self._shape = (grey.shape[0], grey.shape[1])
             self._scale_space = ScaleSpace(*self._shape)
         self._scale_space.fill(cv2.integral(grey))  # type: ignore[arg-type]
-        found = self._scale_space.find(self._threshold, self._table)
-        while found > len(self._table):
-            self._threshold *= 2.0
-            found = self._scale_space.find(self._threshold, self._table)
-        while found < self._count and self._threshold > LOWEST_THRESHOLD:
+        found = self._scale_space.find(self._threshold)
+        while len(found) < self._count and self._threshold > LOWEST_THRESHOLD:
             self._threshold = max(RETRY_THRESHOLD * self._threshold, LOWEST_THRESHOLD)
-            found = self._scale_space.find(self._threshold, self._table)
-        return self._table[:found]
+            found = self._scale_space.find(self._threshold)
+        return found
 
     def _strongest(self, keypoints: NDArray[np.float32]) -> NDArray[np.float32]:
         order = np.argsort(-keypoints[:, RESPONSE], kind="stable")[: self._count]

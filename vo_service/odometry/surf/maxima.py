@@ -11,6 +11,11 @@ X, Y, SCALE, RESPONSE, SIGN = 0, 1, 2, 3, 4
 TABLE_WIDTH = 5
 
 
+def most_maxima(rows: int, columns: int) -> int:
+    """How many maxima a layer can have: no two are neighbours, so one in a square of 2x2."""
+    return -(-rows // 2) * -(-columns // 2)
+
+
 @kernel
 def find_maxima(
     integral: NDArray[np.int32],
@@ -27,7 +32,7 @@ def find_maxima(
 
     A maximum is above `threshold` and above its 26 neighbours in space and scale. Its position
     (pixels of the full image) and scale are those of the quadratic fitted to the 27 values.
-    The count goes on past the table's end, so that the caller sees what did not fit.
+    The table must have room for `most_maxima` of the layer.
     """
     rows, columns = middle.shape
     first = (lobe_margin(lobes[2]) + step - 1) // step + 1
@@ -50,14 +55,11 @@ def find_maxima(
                 continue
             for column in range(word * 8, word * 8 + 8):
                 if is_peak[column] and _is_first_of_equals(below, middle, above, row, column):
-                    if found < len(table):
-                        entry = table[found]
-                        if not _interpolate(below, middle, above, lobes, step, row, column, entry):
-                            continue
-                        positive = laplacian_is_positive(
-                            integral, row * step, column * step, lobes[1]
-                        )
-                        entry[SIGN] = 1.0 if positive else -1.0
+                    entry = table[found]
+                    if not _interpolate(below, middle, above, lobes, step, row, column, entry):
+                        continue
+                    positive = laplacian_is_positive(integral, row * step, column * step, lobes[1])
+                    entry[SIGN] = 1.0 if positive else -1.0
                     found += 1
     return found
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vo_service.odometry.surf.hessian import fill_responses
-from vo_service.odometry.surf.maxima import TABLE_WIDTH, find_maxima
+from vo_service.odometry.surf.maxima import TABLE_WIDTH, find_maxima, most_maxima
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,13 @@ class ScaleSpace:
             for octave in OCTAVES
             for lobe in octave.lobes
         }
+        room = sum(
+            most_maxima(*self._layers[octave.step, lobe].shape)
+            for octave in OCTAVES
+            for lobe in octave.lobes[1:-1]
+        )
+        # Room for the worst image; memory that is never written to is never taken.
+        self._table = np.empty((room, TABLE_WIDTH), np.float32)
 
     def fill(self, integral: NDArray[np.int32]) -> None:
         """Compute all layers of an image from its integral image, (H+1, W+1) int32."""
@@ -53,18 +60,17 @@ class ScaleSpace:
             else:
                 layer[:] = finer[::step, ::step]
 
-    def find(self, threshold: float, table: NDArray[np.float32]) -> int:
-        """Write the maxima above the threshold into `table` (N, 5); return how many there are.
+    def find(self, threshold: float) -> NDArray[np.float32]:
+        """Keypoint table (N, 5) of the maxima above the threshold, valid until the next search.
 
-        More than fit in the table are counted, not written. Order: octave, layer, row, column.
+        Order: octave, layer, row, column.
         """
-        assert table.shape[1] == TABLE_WIDTH
         found = 0
         for octave in OCTAVES:
             for lobes in zip(octave.lobes, octave.lobes[1:], octave.lobes[2:], strict=False):
                 below, middle, above = (self._layers[octave.step, lobe] for lobe in lobes)
                 found = find_maxima(
                     self._integral, below, middle, above, lobes, octave.step,
-                    np.float32(threshold), table, found,
+                    np.float32(threshold), self._table, found,
                 )  # fmt: skip
-        return found
+        return self._table[:found]

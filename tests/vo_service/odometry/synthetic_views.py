@@ -1,0 +1,86 @@
+"""Images and frames whose truth is known, for the tests of the odometry."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.geometry import Array
+
+CAMERA = PinholeCamera(320, 240, 290.0, 290.0, 159.5, 119.5)
+DEPTH_FACTOR = 5000.0
+
+# Planes n.X = d in the world, and how many pixels of texture lie on a metre.
+WALL = (np.array([0.25, 0.1, 1.0]), 2.4)
+FLOOR = (np.array([0.0, 1.0, 0.35]), 1.25)
+TEXELS_PER_M = 130.0
+
+
+def textured_image(height: int, width: int, seed: int = 0) -> NDArray[np.uint8]:
+    """Blobs, corners and grain of many sizes."""
+    random = np.random.default_rng(seed)
+    image = np.full((height, width), 128.0, np.float32)
+    for sigma in (1.5, 3.0, 6.0, 12.0):
+        noise = random.normal(size=(height, width)).astype(np.float32)
+        image += cv2.GaussianBlur(noise, (0, 0), sigma) * np.float32(45.0 * sigma)
+    for _ in range(height * width // 1500):
+        x, y = int(random.integers(width)), int(random.integers(height))
+        w, h = random.integers(4, 30, 2)
+        cv2.rectangle(image, (x, y), (x + int(w), y + int(h)), float(random.integers(256)), -1)
+    blurred = cv2.GaussianBlur(image, (0, 0), 0.8)
+    return np.clip(np.rint(blurred), 0, 255).astype(np.uint8)
+
+
+def blob_image(
+    height: int, width: int, centre_px: tuple[float, float], sigma_px: float, dark: bool = False
+) -> NDArray[np.uint8]:
+    """One Gaussian blob on flat ground, bright unless dark."""
+    y, x = np.mgrid[:height, :width]
+    squared = (x - centre_px[0]) ** 2 + (y - centre_px[1]) ** 2
+    blob = 40 + 180 * np.exp(-squared / (2 * sigma_px**2))
+    image: NDArray[np.uint8] = np.rint(255 - blob if dark else blob).astype(np.uint8)
+    return image
+
+
+def frame_of(grey: NDArray[np.uint8], depth_m: Array, seq: int = 0) -> RgbdFrame:
+    """A frame of a grey image and its depth, taken by CAMERA."""
+    return RgbdFrame(
+        seq=seq,
+        stamp_s=seq / 30.0,
+        arrival_s=0.0,
+        colour_bgr=np.repeat(grey[:, :, None], 3, axis=2),
+        depth_raw=np.rint(depth_m * DEPTH_FACTOR).astype(np.uint16),
+        depth_factor=DEPTH_FACTOR,
+        camera=CAMERA,
+    )
+
+
+def view_of_a_corner(T_world_camera: Array, seq: int = 0) -> RgbdFrame:
+    """A textured wall above a textured floor, seen from a pose, with exact depth."""
+    v, u = np.mgrid[: CAMERA.height, : CAMERA.width].astype(np.float64)
+    rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones_like(u)], -1)
+    rays = rays @ T_world_camera[:3, :3].T
+    origin = T_world_camera[:3, 3]
+    depth_m = np.full(u.shape, np.inf)
+    grey = np.zeros(u.shape, np.uint8)
+    for seed, (normal, distance) in enumerate((WALL, FLOOR)):
+        with np.errstate(divide="ignore"):
+            z = (distance - normal @ origin) / (rays @ normal)
+        z[z <= 0] = np.inf
+        is_seen = z < depth_m
+        depth_m[is_seen] = z[is_seen]
+        points = origin + rays * np.where(is_seen, z, 0.0)[..., None]
+        grey[is_seen] = _texture(points, normal, seed)[is_seen]
+    return frame_of(grey, depth_m, seq)
+
+
+def _texture(points: Array, normal: Array, seed: int) -> NDArray[np.uint8]:
+    along = np.cross(normal, [0.3, 0.5, 1.0])
+    along /= np.linalg.norm(along)
+    across = np.cross(normal, along) / np.linalg.norm(normal)
+    x, y = (TEXELS_PER_M * (points @ axis) + 512.0 for axis in (along, across))
+    texture = textured_image(1024, 1024, seed)
+    colours: NDArray[np.uint8] = cv2.remap(
+        texture, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR
+    )  # type: ignore[assignment]
+    return colours

@@ -74,7 +74,7 @@ class Config:
     camera: CameraSettings = CameraSettings()
     odometry: OdometrySettings = OdometrySettings()
     T_base_camera: MountingSettings = MountingSettings()
-    zenoh: ZenohConfig = ZenohConfig()
+    zenoh: ZenohConfig = ZenohConfig()  # noqa: RUF009 (frozen)
     rerun: RerunSettings = RerunSettings()
     synthetic: SyntheticConfig = SyntheticConfig.light()  # noqa: RUF009 (frozen)
 

@@ -1,0 +1,101 @@
+"""The command line: ``kinect-vo COMMAND ...``. Each command is a file in `vo_service.commands`."""
+
+import argparse
+import importlib
+import logging
+import os
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from types import ModuleType
+from typing import NoReturn
+
+from drivers.errors import UserFacingError
+from vo_service.folders import cache_folder
+from vo_service.interrupts import INTERRUPTED
+
+COMMANDS = ("demo", "replay", "run", "record", "listen", "evaluate", "warm-up", "config")
+
+EPILOG = """\
+examples:
+  kinect-vo demo                                        see it work, without a camera
+  kinect-vo replay recordings/desk --trajectory desk.txt
+  kinect-vo run --camera synthetic                      as a service, until Ctrl-C
+  kinect-vo listen                                      its poses, in another terminal
+
+exit codes: 0 done; 1 failed while running; 2 something given is wrong (an argument, a file, a
+key); 130 stopped by Ctrl-C, everything up to there is kept.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> NoReturn:
+    """Entry point of ``kinect-vo``; never returns."""
+    _prepare_libraries()
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    args = _parser(arguments).parse_args(arguments)
+    _log_to_stderr(args.verbose)
+    sys.exit(_run(args))
+
+
+def _run(args: argparse.Namespace) -> int:
+    """The command's exit code; a user's mistake becomes one line."""
+    command: ModuleType = args.command
+    try:
+        code: int = command.run(args)
+        return code
+    except UserFacingError as error:
+        logging.getLogger("kinect-vo").error("%s", error)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has gone (``| head``); Python's flush at exit must not complain.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    """Parser for all commands; only the one that is asked for is imported, if one is."""
+    parser = argparse.ArgumentParser(
+        prog="kinect-vo",
+        description="Visual odometry for RGB-D cameras: poses over Zenoh, pictures in Rerun.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"kinect-vo {version('kinect-vo')}")
+    parser.set_defaults(verbose=False)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    asked = [name for name in COMMANDS if name in arguments[:1]]
+    for name in asked or COMMANDS:
+        module = importlib.import_module(f"vo_service.commands.{name.replace('-', '_')}")
+        sub = commands.add_parser(
+            name,
+            help=module.HELP,
+            description=f"{module.HELP[0].upper()}{module.HELP[1:]}.",
+            epilog=module.EPILOG,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(sub)
+        sub.add_argument("--verbose", action="store_true", help="log what goes on, to stderr")
+        sub.set_defaults(command=module)
+    return parser
+
+
+def _prepare_libraries() -> None:
+    """Settings that numeric libraries read when they are imported: before any of them is."""
+    # One thread each: a frame is too small to share, and idle threads spin on the other core.
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_folder() / "kernels"))
+    # OpenCV prints what it makes of a broken image; our own line names the file.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+
+
+def _log_to_stderr(verbose: bool) -> None:
+    logging.basicConfig(
+        level=logging.INFO if verbose else logging.WARNING,
+        format="kinect-vo: %(levelname)s: %(message)s",
+        stream=sys.stderr,
+    )
+    for level in (logging.INFO, logging.WARNING, logging.ERROR):
+        logging.addLevelName(level, logging.getLevelName(level).lower())

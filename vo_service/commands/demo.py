@@ -1,0 +1,126 @@
+"""``kinect-vo demo``: the whole line at work on the virtual Kinect, for a newcomer."""
+
+import argparse
+import json
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+from drivers.camera import Pace
+from drivers.errors import InputError
+from drivers.synthetic.config import SyntheticConfig
+from drivers.trajectory import StampedPoses, pose_line
+from drivers.tum.whole_files import write_whole
+from vo_service.cameras import CameraRequest, make_camera
+from vo_service.commands.options import add_config_options, config_of, seconds
+from vo_service.evaluation.picture import write_picture
+from vo_service.feed import PlainFeed
+from vo_service.outputs.opening import OutputRequest, opened_outputs
+from vo_service.outputs.progress_output import ProgressOutput
+from vo_service.outputs.trajectory_memory import TrajectoryMemory
+from vo_service.session import Ending, prepare_kernels, run_loop
+from vo_service.summary import Summary
+from vo_service.terminal import Terminal
+
+NAME = "demo"
+HELP = "see it work: 20 seconds of the virtual Kinect, then a table and a picture"
+EPILOG = """\
+examples:
+  kinect-vo demo
+  kinect-vo demo --seconds 5 --output /tmp/demo
+
+Renders a room once (a minute; kept for the next time), then plays it at 30 frames a second as a
+Kinect would. Poses go out over Zenoh on this computer alone: kinect-vo listen prints them.
+OUTPUT gets trajectory.txt, groundtruth.txt, trajectory.png and, with Rerun, demo.rrd.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    add_config_options(parser)
+    parser.add_argument(
+        "--seconds", type=seconds, default=20.0, help="how long (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--output", metavar="FOLDER", type=Path, default=Path("output/demo"),
+        help="where to leave the results (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-serve", action="store_true", help="do not serve Rerun's page while it runs"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Play, then say how it went."""
+    config = config_of(args)
+    _create(args.output)
+    terminal = Terminal()
+    prepare_kernels(config, terminal)
+    camera = make_camera(
+        CameraRequest(
+            source="synthetic",
+            file=None,
+            pace=Pace.REALTIME,
+            synthetic=replace(SyntheticConfig(), duration_s=args.seconds),
+            progress=lambda done, total: terminal.progress(
+                "rendering the room: frame", done, total
+            ),
+        )
+    )
+    memory = TrajectoryMemory()
+    with camera:
+        terminal.clear()
+        truth = camera.ground_truth
+        assert truth is not None  # a virtual camera that does not loop knows where it was
+        request = OutputRequest(
+            pace=Pace.REALTIME,
+            zenoh=config.zenoh,
+            rerun_targets=_rerun_targets(args),
+            trajectory=args.output / "trajectory.txt",
+            ground_truth=truth,
+        )
+        with opened_outputs(request) as outputs:
+            _say(args, "poses: run `kinect-vo listen` in another terminal")
+            progress = ProgressOutput(terminal, "demo", camera.frame_count)
+            ending = run_loop(config, camera, PlainFeed(camera), [*outputs, memory, progress])
+        terminal.clear()
+        summary = Summary.of(
+            ending.statistics, camera.counters, memory.trajectory, truth, truth.stamps_s
+        )
+    _leave_results(args, ending, memory.trajectory, truth)
+    print(json.dumps(summary.as_json()) if args.json else summary.as_table())
+    return ending.exit_code
+
+
+def _create(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot be created: {error.strerror}; name another with --output"
+        ) from error
+
+
+def _rerun_targets(args: argparse.Namespace) -> tuple[str, ...]:
+    if find_spec("rerun") is None:
+        _say(args, "pictures: none, Rerun is not installed (pip install 'kinect-vo[rerun]')")
+        return ()
+    recording = args.output / "demo.rrd"
+    return (str(recording),) if args.no_serve else ("serve", str(recording))
+
+
+def _leave_results(
+    args: argparse.Namespace, ending: Ending, trajectory: StampedPoses, truth: StampedPoses
+) -> None:
+    """Write the truth and the picture, and say where everything is."""
+    lines = map(pose_line, truth.stamps_s, truth.T_world_camera)
+    write_whole(args.output / "groundtruth.txt", "".join(lines).encode())
+    if len(trajectory) >= 3:
+        write_picture(args.output / "trajectory.png", trajectory, truth, "kinect-vo demo")
+    _say(args, f"results: {args.output}" + (" (cut short)" if ending.interrupted else ""))
+
+
+def _say(args: argparse.Namespace, text: str) -> None:
+    if not args.json:
+        print(text, flush=True)

@@ -1,0 +1,50 @@
+"""Options that several commands share, and what they change in the configuration."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from vo_service.config import Config, read_config
+from vo_service.methods import METHODS
+
+
+def add_config_options(parser: argparse.ArgumentParser) -> None:
+    """--config and --method."""
+    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
+    parser.add_argument(
+        "--method", choices=list(METHODS), help="how motion is estimated (default: the config's)"
+    )
+
+
+def add_output_options(parser: argparse.ArgumentParser) -> None:
+    """--trajectory, --rerun, --no-publish."""
+    parser.add_argument(
+        "--trajectory", metavar="FILE", type=Path,
+        help="write the poses of the optical camera: stamp tx ty tz qx qy qz qw",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rerun", metavar="TARGET", action="append",
+        help="show it in Rerun: serve (a page on this computer), connect or connect:HOST:PORT "
+        "(a viewer that is open), or FILE.rrd (a recording); may be given several times",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-publish", action="store_true", help="do not publish over Zenoh, listen nowhere"
+    )
+
+
+def config_of(args: argparse.Namespace) -> Config:
+    """The configuration file with the command line's changes. Raises InputError."""
+    config = read_config(args.config)
+    if args.method:
+        config = replace(config, odometry=replace(config.odometry, method=args.method))
+    if getattr(args, "rerun", None):
+        config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))
+    return config
+
+
+def seconds(text: str) -> float:
+    """Parse a positive number of seconds."""
+    value = float(text)
+    if not 0 < value < 1e9:
+        raise argparse.ArgumentTypeError(f"{text} is not a time: give seconds, more than 0")
+    return value

@@ -1,0 +1,87 @@
+"""``kinect-vo record``: any camera into a folder in TUM format."""
+
+import argparse
+from pathlib import Path
+
+from drivers.camera import EndOfStream, NoFrameYet, Pace, RgbdCamera
+from drivers.tum.encode import ColourFormat
+from drivers.tum.writer import TumWriter
+from vo_service.cameras import USAGES, CameraRequest, make_camera
+from vo_service.config import read_config
+from vo_service.interrupts import INTERRUPTED, Stop, stop_on_signals
+from vo_service.terminal import Terminal
+
+NAME = "record"
+HELP = "record any camera into a folder in TUM format"
+EPILOG = """\
+examples:
+  kinect-vo record --camera synthetic --seconds 10 recordings/room
+  kinect-vo record --camera tum:recordings/desk --jpeg desk-small
+
+The folder can be replayed at once, and whenever the recording is cut off: an image is listed only
+when it is there. PNG keeps every bit, so a replay gives the same trajectory as the camera did.
+"""
+TICK_S = 0.25
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help="new folder to record into")
+    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
+    parser.add_argument(
+        "--camera", metavar="SOURCE",
+        help=f"the camera (default: the config's): {', '.join(USAGES.values())}",
+    )  # fmt: skip
+    parser.add_argument(
+        "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) of a recording"
+    )
+    parser.add_argument(
+        "--seconds", type=float, metavar="S", default=float("inf"),
+        help="stop after S seconds of the camera's time (default: at its end, or at Ctrl-C)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--jpeg", action="store_true", help="colour as JPEG: a third of the size, not bit for bit"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record until the camera ends, the time is up, or Ctrl-C."""
+    config = read_config(args.config)
+    terminal = Terminal()
+    camera = make_camera(
+        CameraRequest(
+            source=args.camera or config.camera.source,
+            file=args.camera_file or config.camera.file,
+            pace=Pace.LOCKSTEP,
+            synthetic=config.synthetic,
+            progress=lambda done, total: terminal.progress(
+                "rendering the room: frame", done, total
+            ),
+        )
+    )
+    colour = ColourFormat.JPEG if args.jpeg else ColourFormat.PNG
+    with camera, TumWriter(
+        args.folder, readout_s=camera.readout_s, ground_truth=camera.ground_truth, colour=colour
+    ) as writer, stop_on_signals() as stop:  # fmt: skip
+        _record(camera, writer, args.seconds, terminal, stop)
+    terminal.clear()
+    print(f"{writer.written} frames in {args.folder}")
+    return INTERRUPTED if stop.by_user else 0
+
+
+def _record(
+    camera: RgbdCamera, writer: TumWriter, seconds: float, terminal: Terminal, stop: Stop
+) -> None:
+    first_s: float | None = None
+    while not stop.event.is_set():
+        try:
+            frame = camera.read(TICK_S)
+        except NoFrameYet:
+            continue
+        except EndOfStream:
+            return
+        first_s = frame.stamp_s if first_s is None else first_s
+        if frame.stamp_s - first_s >= seconds:
+            return
+        writer.write(frame)
+        terminal.progress("recording: frame", frame.seq + 1, camera.frame_count)

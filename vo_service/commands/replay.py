@@ -1,0 +1,78 @@
+"""``kinect-vo replay``: the odometry over a recorded folder, with its figures at the end."""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from drivers.camera import Pace
+from drivers.tum.camera import TumCamera
+from drivers.tum.folder import paired_frames
+from vo_service.commands.options import add_config_options, add_output_options, config_of, seconds
+from vo_service.feed import PlainFeed
+from vo_service.outputs.opening import OutputRequest, opened_outputs
+from vo_service.outputs.progress_output import ProgressOutput
+from vo_service.outputs.trajectory_memory import TrajectoryMemory
+from vo_service.session import prepare_kernels, run_loop
+from vo_service.summary import Summary
+from vo_service.terminal import Terminal
+
+NAME = "replay"
+HELP = "run the odometry over a recorded folder in TUM format"
+EPILOG = """\
+examples:
+  kinect-vo replay recordings/desk --trajectory desk.txt
+  kinect-vo replay recordings/desk --pace realtime --rerun serve
+  kinect-vo replay recordings/desk --json --no-publish | jq .ate_rmse_m
+
+The folder needs FOLDER/camera.toml, a name that says freiburg1, freiburg2 or freiburg3, or
+--camera FILE. With FOLDER/groundtruth.txt the summary says how good the trajectory is.
+
+lockstep runs every frame as fast as it goes and repeats bit for bit; subscribers get every pose.
+realtime keeps the recording's own clock and drops what comes too late, as on the robot.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help="the recording")
+    add_config_options(parser)
+    parser.add_argument(
+        "--pace", type=Pace, choices=list(Pace), default=Pace.LOCKSTEP,
+        help="lockstep (default) or realtime",
+    )  # fmt: skip
+    parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")
+    add_output_options(parser)
+    parser.add_argument(
+        "--wait-for-subscriber", metavar="SECONDS", type=seconds, default=0.0,
+        help="begin when someone subscribes to the poses, or after SECONDS",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay and print the summary."""
+    config = config_of(args)
+    terminal = Terminal()
+    memory = TrajectoryMemory()
+    with TumCamera(args.folder, args.camera or config.camera.file, args.pace) as camera:
+        prepare_kernels(config, terminal)
+        request = OutputRequest(
+            pace=args.pace,
+            zenoh=None if args.no_publish else config.zenoh,
+            wait_for_subscriber_s=args.wait_for_subscriber,
+            rerun_targets=config.rerun.targets,
+            trajectory=args.trajectory,
+            ground_truth=camera.ground_truth,
+        )
+        progress = ProgressOutput(terminal, "replay", camera.frame_count)
+        with opened_outputs(request) as outputs:
+            ending = run_loop(config, camera, PlainFeed(camera), [*outputs, memory, progress])
+        progress.close()
+        frames_s = np.array([pair.colour.stamp_s for pair in paired_frames(args.folder).pairs])
+        summary = Summary.of(
+            ending.statistics, camera.counters, memory.trajectory, camera.ground_truth, frames_s
+        )
+    print(json.dumps(summary.as_json()) if args.json else summary.as_table())
+    return ending.exit_code

@@ -1,0 +1,30 @@
+"""``kinect-vo warm-up``: compile the numeric kernels ahead of time."""
+
+import argparse
+
+from vo_service.commands.options import add_config_options, config_of
+from vo_service.session import prepare_kernels
+from vo_service.terminal import Terminal
+
+NAME = "warm-up"
+HELP = "compile the numeric kernels and keep them, so that the next start is quick"
+EPILOG = """\
+examples:
+  kinect-vo warm-up                     as the user who will run kinect-vo
+
+The kernels are kept in the cache folder: $CACHE_DIRECTORY (systemd), else
+$XDG_CACHE_HOME/kinect-vo, else ~/.cache/kinect-vo. $NUMBA_CACHE_DIR names another.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    add_config_options(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compile, or find that all is there."""
+    config = config_of(args)
+    taken_s = prepare_kernels(config, Terminal())
+    print(f"the kernels of {config.odometry.method} are ready ({taken_s:.1f} s)")
+    return 0

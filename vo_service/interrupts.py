@@ -1,0 +1,36 @@
+"""Ctrl-C and SIGTERM as a request to end, so that everything is kept."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+# A shell's exit code for a program ended by Ctrl-C: 128 + SIGINT.
+INTERRUPTED = 130
+
+
+class Stop:
+    """Set once by the first Ctrl-C or SIGTERM. A second Ctrl-C interrupts at once."""
+
+    def __init__(self) -> None:
+        self.event = threading.Event()
+        self.by_user = False
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Handle a signal."""
+        self.by_user = number == signal.SIGINT
+        self.event.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[Stop]:
+    """Turn SIGINT and SIGTERM into `Stop` while the block runs."""
+    stop = Stop()
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

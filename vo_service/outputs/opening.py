@@ -1,0 +1,63 @@
+"""Opening the outputs that were asked for, so that a failure closes those already open."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.camera import Pace
+from drivers.trajectory import StampedPoses
+from vo_service.outputs.output import Output
+from vo_service.outputs.trajectory_output import TrajectoryOutput
+from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, ZenohOutput
+from vo_service.outputs.zenoh_session import ZenohConfig
+
+
+@dataclass(frozen=True)
+class OutputRequest:
+    """What to open.
+
+    pace                   lockstep: every pose reaches every subscriber, in order
+    zenoh                  None: do not publish
+    wait_for_subscriber_s  how long to wait for the first one; 0 = not at all
+    rerun_targets          where to show what is going on
+    trajectory             file to write
+    ground_truth           for the picture, where it is known
+    """
+
+    pace: Pace
+    zenoh: ZenohConfig | None
+    wait_for_subscriber_s: float = 0.0
+    rerun_targets: tuple[str, ...] = ()
+    trajectory: Path | None = None
+    ground_truth: StampedPoses | None = None
+
+
+@contextmanager
+def opened_outputs(request: OutputRequest) -> Iterator[list[Output]]:
+    """Open everything, close everything, the last opened first.
+
+    The trajectory file comes last: what is there already is kept until all else has worked.
+    """
+    with ExitStack() as stack:
+        outputs: list[Output] = []
+        if request.zenoh is not None:
+            delivery = LOCKSTEP if request.pace is Pace.LOCKSTEP else LIVE
+            publisher = stack.enter_context(closing(ZenohOutput(request.zenoh, delivery)))
+            outputs.append(publisher)
+            if request.wait_for_subscriber_s:
+                publisher.wait_for_subscriber(request.wait_for_subscriber_s)
+        outputs += [
+            stack.enter_context(closing(_rerun(target, request.ground_truth)))
+            for target in request.rerun_targets
+        ]
+        if request.trajectory is not None:
+            outputs.append(stack.enter_context(closing(TrajectoryOutput(request.trajectory))))
+        yield outputs
+
+
+def _rerun(target: str, ground_truth: StampedPoses | None) -> Output:
+    # Rerun is an extra: what does not show anything runs without it.
+    from vo_service.outputs.rerun_output import open_rerun
+
+    return open_rerun(target, ground_truth)

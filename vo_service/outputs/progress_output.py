@@ -1,0 +1,25 @@
+"""How far a run is, for the person at the terminal."""
+
+from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.terminal import Terminal
+
+
+class ProgressOutput:
+    """Draws the number of frames done, the state and the inliers. Nothing in a log."""
+
+    def __init__(self, terminal: Terminal, label: str, total: int | None) -> None:
+        self._terminal = terminal
+        self._label = label
+        self._total = total
+
+    def pose(self, update: PoseUpdate) -> None:
+        """Count one frame."""
+        label = f"{self._label}: {update.state}, {update.estimate.inliers} inliers, frame"
+        self._terminal.progress(label, update.frame.seq + 1, self._total)
+
+    def status(self, status: Status) -> None:
+        """Nothing to draw: the next frame tells."""
+
+    def close(self) -> None:
+        """Take the line away."""
+        self._terminal.clear()

@@ -1,0 +1,36 @@
+"""The trajectory kept in memory, for the figures at the end of a run."""
+
+import numpy as np
+
+from drivers.geometry import Array
+from drivers.trajectory import StampedPoses
+from vo_service.outputs.output import PoseUpdate, Status
+
+
+class TrajectoryMemory:
+    """Remembers the pose of every good frame, as a trajectory file would hold it."""
+
+    def __init__(self) -> None:
+        self._stamps_s: list[float] = []
+        self._poses: list[Array] = []
+
+    def pose(self, update: PoseUpdate) -> None:
+        """Remember one pose, if this frame has one of its own."""
+        if update.estimate.ok:
+            self._stamps_s.append(update.frame.stamp_s)
+            self._poses.append(update.T_world_camera)
+
+    def status(self, status: Status) -> None:
+        """Nothing to remember."""
+
+    def close(self) -> None:
+        """Nothing to release; the trajectory can still be asked for."""
+
+    @property
+    def trajectory(self) -> StampedPoses:
+        """Everything so far, by rising stamps: of poses that went back in time, the last."""
+        stamps_s = np.array(self._stamps_s)
+        poses = np.array(self._poses).reshape(-1, 4, 4)
+        _, last = np.unique(stamps_s[::-1], return_index=True)
+        chosen = len(stamps_s) - 1 - last
+        return StampedPoses(stamps_s[chosen], poses[chosen])

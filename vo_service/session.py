@@ -1,0 +1,71 @@
+"""One run from start to end: put the parts together and run the loop."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+
+from drivers.camera import RgbdCamera
+from vo_service.config import Config
+from vo_service.feed import Feed
+from vo_service.interrupts import INTERRUPTED, stop_on_signals
+from vo_service.methods import METHODS, FeatureSettings
+from vo_service.outputs.output import Output
+from vo_service.pose_tracker import PoseTracker
+from vo_service.service import Names, Service
+from vo_service.stage_clock import StageClock
+from vo_service.stamps import stamp_clock
+from vo_service.statistics import Statistics
+from vo_service.terminal import Terminal
+from vo_service.warm_up import warm_up
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a run ended, and its figures."""
+
+    statistics: Statistics
+    interrupted: bool
+
+    @property
+    def exit_code(self) -> int:
+        """0, or the shell's code for a program ended by Ctrl-C."""
+        return INTERRUPTED if self.interrupted else 0
+
+
+def run_loop(config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output]) -> Ending:
+    """Run until the frames end, Ctrl-C or SIGTERM."""
+    service = _service(config, camera, feed, outputs)
+    with stop_on_signals() as stop:
+        service.run(stop.event)
+    return Ending(service.statistics, stop.by_user)
+
+
+def prepare_kernels(config: Config, terminal: Terminal) -> float:
+    """Compile or load the method's kernels, with progress; returns the seconds it took."""
+    # One thread: the service's latency must not depend on who else needs the other core.
+    cv2.setNumThreads(1)
+    taken_s = warm_up(
+        config.odometry.method,
+        lambda stage: terminal.show(
+            f"preparing the numeric kernels ({stage}); the first time this takes half a minute"
+        ),
+    )
+    terminal.clear()
+    return taken_s
+
+
+def _service(config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output]) -> Service:
+    odometry = config.odometry
+    stages = StageClock()
+    return Service(
+        feed=feed,
+        odometry=METHODS[odometry.method](
+            FeatureSettings(odometry.feature_count, odometry.upright), stages
+        ),
+        stages=stages,
+        tracker=PoseTracker(config.T_base_camera.T_base_camera),
+        clock=stamp_clock(camera.clock, config.camera.stamp_offset_s),
+        outputs=outputs,
+        names=Names(camera.name, odometry.method),
+    )

@@ -1,0 +1,55 @@
+"""How Rerun's window is laid out: what each pane shows. Imports rerun: load it lazily."""
+
+import rerun.blueprint as rrb
+
+# Entity paths, shared with what logs them.
+WORLD = "world"
+CAMERA = "world/camera"
+IMAGE = "world/camera/image"
+FEATURES = "world/camera/image/features"
+INLIERS = "world/camera/image/inliers"
+OUTLIERS = "world/camera/image/outliers"
+POINTS = "world/camera/points"
+TRAJECTORY = "world/trajectory"
+GROUND_TRUTH = "world/ground_truth"
+DEPTH = "depth"
+COUNTS = "plots/counts"
+STAGES = "plots/stages"
+LOG = "log"
+
+TIMELINE = "frame"
+
+
+def blueprint() -> rrb.Blueprint:
+    """3-D on the left; what the camera sees, and how well it does, on the right."""
+    scene = rrb.Spatial3DView(
+        name="Camera, trajectory and ground truth",
+        origin=WORLD,
+        # The picture belongs in its own pane; here the frustum is enough.
+        contents=[
+            f"{WORLD}/**",
+            f"- {FEATURES}",
+            f"- {INLIERS}",
+            f"- {OUTLIERS}",
+        ],
+    )
+    pictures = rrb.Horizontal(
+        rrb.Spatial2DView(name="Colour: features and matches", origin=IMAGE),
+        rrb.Spatial2DView(name="Depth", origin=DEPTH),
+    )
+    plots = rrb.Horizontal(
+        rrb.TimeSeriesView(name="Features, matches, inliers", origin=COUNTS),
+        rrb.TimeSeriesView(name="CPU ms by stage", origin=STAGES),
+    )
+    log = rrb.TextLogView(name="State", origin=LOG)
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            scene,
+            rrb.Vertical(pictures, plots, log, row_shares=[4, 3, 1.5]),
+            column_shares=[5, 6],
+        ),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+    )

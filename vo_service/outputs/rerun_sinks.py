@@ -1,0 +1,110 @@
+"""Where Rerun's pictures can go: what such a place offers, the file and the viewer."""
+
+import logging
+import socket
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+from urllib.parse import urlsplit
+
+from drivers.errors import InputError
+from vo_service.outputs.output import PoseUpdate
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+logger = logging.getLogger(__name__)
+
+LOOPBACK = "127.0.0.1"
+DATA_PORT = 9876  # Rerun's own default
+
+
+class Sink(Protocol):
+    """One place for pictures.
+
+    address    what a person opens
+    queue      results that may wait for the worker before the oldest is dropped
+    close_s    how long finishing may take
+    """
+
+    address: str
+    queue: int
+    close_s: float
+
+    def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
+        """Make the stream go here. Raises InputError or UserFacingError."""
+
+    def clock_s(self, update: PoseUpdate) -> float:
+        """The time that the rate of pictures is measured on."""
+
+    def close(self) -> None:
+        """Release what is not the stream's. Must not block."""
+
+
+class RecordingFile:
+    """An .rrd file. Pictures follow the frames' own time, so that a fast replay has as many."""
+
+    queue = 8
+    close_s = 10.0
+
+    def __init__(self, path: Path) -> None:
+        self.address = str(path)
+
+    def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
+        """Create the file."""
+        try:
+            stream.save(self.address, default_blueprint=blueprint)
+        except RuntimeError as error:
+            raise InputError(
+                f"{self.address}: cannot write the Rerun recording: {error}"
+            ) from error
+
+    def clock_s(self, update: PoseUpdate) -> float:
+        """The frame's stamp."""
+        return update.frame.stamp_s
+
+    def close(self) -> None:
+        """The stream closes the file."""
+
+
+class LiveSink:
+    """What the places that are watched now have in common."""
+
+    queue = 2
+    close_s = 2.5
+
+    def clock_s(self, update: PoseUpdate) -> float:
+        """The clock of this computer: a viewer has to keep up with real seconds."""
+        return time.monotonic()
+
+
+class Viewer(LiveSink):
+    """A Rerun viewer that is running (``rerun``), such as rerun+http://127.0.0.1:9876/proxy."""
+
+    def __init__(self, address: str = f"rerun+http://{LOOPBACK}:{DATA_PORT}/proxy") -> None:
+        self.address = address
+
+    def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
+        """Connect; a viewer that starts later gets what is logged from then on."""
+        try:
+            stream.connect_grpc(self.address, default_blueprint=blueprint)
+        except RuntimeError as error:
+            raise InputError(
+                f"{self.address}: not the address of a Rerun viewer: write it as "
+                f"rerun+http://{LOOPBACK}:{DATA_PORT}/proxy"
+            ) from error
+        if not self._answers():
+            logger.warning("no Rerun viewer at %s yet; start one with: rerun", self.address)
+
+    def close(self) -> None:
+        """The viewer stays open."""
+
+    def _answers(self) -> bool:
+        parts = urlsplit(self.address)
+        try:
+            port = parts.port or DATA_PORT
+            socket.create_connection((parts.hostname or LOOPBACK, port), timeout=0.5).close()
+        except (OSError, ValueError):
+            return False
+        return True

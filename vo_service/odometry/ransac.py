@@ -39,17 +39,18 @@ def find_consensus(pairs: PointPairs, max_hypotheses: int, seed: int) -> Consens
 
     With fewer than 3 pairs, or no three that fit together, no pair is an inlier.
     """
+    gate = inverse_gate(pairs)
     T, score = best_hypothesis(
         np.ascontiguousarray(pairs.P_camera.T),
         np.ascontiguousarray(pairs.P_reference.T),
-        np.ascontiguousarray(inverse_gate(pairs).T),
+        np.ascontiguousarray(gate.T),
         max_hypotheses,
         np.uint32(seed),
     )
     if score == 0.0:
         # Pairs that agree with standing still by chance are no consensus.
         return Consensus(T, np.zeros(len(pairs), np.bool_))
-    return Consensus(T, agreeing(T, pairs))
+    return Consensus(T, agreeing(T, pairs, gate))
 
 
 def inverse_gate(pairs: PointPairs) -> Array:
@@ -62,11 +63,12 @@ def inverse_gate(pairs: PointPairs) -> Array:
     return gate
 
 
-def agreeing(T_reference_camera: Array, pairs: PointPairs) -> NDArray[np.bool_]:
-    """(N,) bool: which pairs agree with a motion."""
+def agreeing(T_reference_camera: Array, pairs: PointPairs, gate: Array) -> NDArray[np.bool_]:
+    """(N,) bool: which pairs agree with a motion; `gate` from `inverse_gate`."""
     difference = transform_points(T_reference_camera, pairs.P_camera) - pairs.P_reference
-    scaled = difference * inverse_gate(pairs)[:, [0, 0, 1]]
-    inlier: NDArray[np.bool_] = np.einsum("ni,ni->n", scaled, scaled) < 1.0
+    across = (difference[:, 0] ** 2 + difference[:, 1] ** 2) * gate[:, 0] ** 2
+    along = (difference[:, 2] * gate[:, 1]) ** 2
+    inlier: NDArray[np.bool_] = across + along < 1.0
     return inlier
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drivers.geometry import Array
 from vo_service.odometry.points import PointPairs
-from vo_service.odometry.ransac import Consensus, agreeing
+from vo_service.odometry.ransac import Consensus, agreeing, inverse_gate
 from vo_service.odometry.rigid_motion import fit_rigid_motion, motion_covariance
 
 # Times that the inliers are chosen anew; after that they hardly change.
@@ -31,15 +31,16 @@ class Motion:
 def refine_motion(consensus: Consensus, pairs: PointPairs) -> Motion:
     """Least-squares motion of the inliers; fewer than 3 inliers are no motion."""
     w = pair_weights(pairs)
+    gate = inverse_gate(pairs)
     T, inlier = consensus.T_reference_camera, consensus.inlier
     for _ in range(ROUNDS):
         if inlier.sum() < 3:
             return Motion(np.eye(4), np.zeros(len(pairs), np.bool_), np.zeros((6, 6)))
         fitted = inlier
         T = fit_rigid_motion(pairs.P_camera[fitted], pairs.P_reference[fitted], w[fitted])
-        inlier = agreeing(T, pairs)
-    point_covariance = _pair_covariance(pairs)[fitted]
-    return Motion(T, inlier, motion_covariance(pairs.P_camera[fitted], w[fitted], point_covariance))
+        inlier = agreeing(T, pairs, gate)
+    covariance = motion_covariance(pairs.P_camera[fitted], w[fitted], _sigma_m(pairs)[fitted])
+    return Motion(T, inlier, covariance)
 
 
 def pair_weights(pairs: PointPairs) -> Array:
@@ -48,9 +49,6 @@ def pair_weights(pairs: PointPairs) -> Array:
     return weights
 
 
-def _pair_covariance(pairs: PointPairs) -> Array:
-    """(N, 3, 3) covariance of the difference of two readings, noise along the camera's z axis."""
-    covariance = np.zeros((len(pairs), 3, 3))
-    covariance[:, 0, 0] = covariance[:, 1, 1] = pairs.sigma_across_m**2
-    covariance[:, 2, 2] = pairs.sigma_along_m**2
-    return covariance
+def _sigma_m(pairs: PointPairs) -> Array:
+    """(N, 3) standard deviations along x, y and z of the camera; the ray is taken as along z."""
+    return np.column_stack([pairs.sigma_across_m, pairs.sigma_across_m, pairs.sigma_along_m])

@@ -6,7 +6,7 @@ its Section 4, one function each. Points are rows: P, Q (N, 3); weights w (N,).
 
 import numpy as np
 
-from drivers.geometry import Array, rigid_transform, skew_matrix
+from drivers.geometry import Array, rigid_transform
 
 
 def fit_rigid_motion(P: Array, Q: Array, w: Array) -> Array:
@@ -50,25 +50,28 @@ def translation_between(p_mean: Array, q_mean: Array, R: Array) -> Array:
     return q_mean - R @ p_mean
 
 
-def motion_covariance(P: Array, w: Array, point_covariance: Array) -> Array:
+def motion_covariance(P: Array, w: Array, sigma_m: Array) -> Array:
     """6x6 covariance of a fitted motion, (translation, rotation) in the axes of P.
 
-    P (N, 3), w (N,) as given to the fit; point_covariance (N, 3, 3) of T p_i - q_i in the axes of
-    P. First order: the fit solves H xi = sum w_i J_i^T r_i, so cov(xi) = H^-1 M H^-1 with
-    M = sum w_i^2 J_i^T C_i J_i.
+    P (N, 3), w (N,) as given to the fit; sigma_m (N, 3) standard deviations of T p_i - q_i in the
+    axes of P. First order: the fit solves H xi = sum w_i J_i^T r_i with H = sum w_i J_i^T J_i, so
+    cov(xi) = H^-1 M H^-1 with M = sum w_i^2 J_i^T diag(sigma_i^2) J_i. A direction that the points
+    say nothing about (all on a line) gets a metre and a radian, not infinity.
     """
-    J = np.zeros((len(P), 3, 6))
-    J[:, :, :3] = np.eye(3)
-    J[:, :, 3:] = -_skew_matrices(P)
-    weighted = J * w[:, None, None]
-    H = np.einsum("nij,nik->jk", weighted, J)
-    M = np.einsum("nij,nil,nlk->jk", weighted, point_covariance, weighted, optimize=True)
-    H_inverse = np.linalg.inv(H)
-    covariance: Array = H_inverse @ M @ H_inverse
+    J = _motion_jacobian(P)
+    root = (J * np.sqrt(w)[:, None, None]).reshape(-1, 6)
+    noise = (J * (w[:, None] * sigma_m)[:, :, None]).reshape(-1, 6)
+    H_inverse = np.linalg.inv(root.T @ root + np.eye(6))
+    covariance: Array = H_inverse @ (noise.T @ noise + np.eye(6)) @ H_inverse
     return 0.5 * (covariance + covariance.T)
 
 
-def _skew_matrices(P: Array) -> Array:
-    basis = np.stack([skew_matrix(axis) for axis in np.eye(3)])
-    matrices: Array = np.einsum("ni,ijk->njk", P, basis)
-    return matrices
+def _motion_jacobian(P: Array) -> Array:
+    """(N, 3, 6): how a point moves with a small motion (rho, phi): rho + phi x p."""
+    x, y, z = P.T
+    J = np.zeros((len(P), 3, 6))
+    J[:, :, :3] = np.eye(3)
+    J[:, 0, 4], J[:, 0, 5] = z, -y
+    J[:, 1, 3], J[:, 1, 5] = -z, x
+    J[:, 2, 3], J[:, 2, 4] = y, -x
+    return J

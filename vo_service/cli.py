@@ -5,7 +5,8 @@ import importlib
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
 from types import ModuleType
 from typing import NoReturn
@@ -28,13 +29,20 @@ key); 130 stopped by Ctrl-C, everything up to there is kept.
 """
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong with an argument in one line, as every other mistake."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"kinect-vo: error: {message}; see `{self.prog} --help`\n")
+
+
 def main(argv: Sequence[str] | None = None) -> NoReturn:
     """Entry point of ``kinect-vo``; never returns."""
     _prepare_libraries()
     arguments = list(sys.argv[1:] if argv is None else argv)
     args = _parser(arguments).parse_args(arguments)
-    _log_to_stderr(args.verbose)
-    sys.exit(_run(args))
+    with _log_to_stderr(args.verbose):
+        sys.exit(_run(args))
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -56,7 +64,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """Parser for all commands; only the one that is asked for is imported, if one is."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="kinect-vo",
         description="Visual odometry for RGB-D cameras: poses over Zenoh, pictures in Rerun.",
         epilog=EPILOG,
@@ -91,11 +99,22 @@ def _prepare_libraries() -> None:
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 
 
-def _log_to_stderr(verbose: bool) -> None:
-    logging.basicConfig(
-        level=logging.INFO if verbose else logging.WARNING,
-        format="kinect-vo: %(levelname)s: %(message)s",
-        stream=sys.stderr,
-    )
-    for level in (logging.INFO, logging.WARNING, logging.ERROR):
-        logging.addLevelName(level, logging.getLevelName(level).lower())
+class _Line(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return f"kinect-vo: {record.levelname.lower()}: {super().format(record)}"
+
+
+@contextmanager
+def _log_to_stderr(verbose: bool) -> Iterator[None]:
+    """While the command runs; another call in the same process begins afresh."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(_Line())
+    root = logging.getLogger()
+    before = root.level
+    root.addHandler(handler)
+    root.setLevel(logging.INFO if verbose else logging.WARNING)
+    try:
+        yield
+    finally:
+        root.removeHandler(handler)
+        root.setLevel(before)

@@ -1,6 +1,5 @@
 """Frames for the loop: straight from the camera, or from one that may go and come back."""
 
-import logging
 import threading
 import time
 from collections.abc import Iterator
@@ -8,8 +7,6 @@ from typing import Protocol
 
 from drivers.camera import CameraCounters, EndOfStream, NoFrameYet, RgbdCamera, RgbdFrame
 from drivers.errors import CameraError
-
-logger = logging.getLogger(__name__)
 
 # The loop gets a turn at least this often, frame or no frame.
 TICK_S = 0.25
@@ -56,8 +53,8 @@ class PlainFeed:
             try:
                 frame = self._camera.read(TICK_S)
             except NoFrameYet:
-                quiet_s = time.monotonic() - last_s
-                self.reason = f"no frame for {quiet_s:.0f} s" if quiet_s > QUIET_S else ""
+                is_quiet = time.monotonic() - last_s > QUIET_S
+                self.reason = "the camera is there but sends no frames" if is_quiet else ""
                 yield None
             except EndOfStream:
                 return
@@ -98,8 +95,6 @@ class PersistentFeed:
                     return
                 yield from self._rest("the recording has ended", stop)
             except CameraError as error:
-                if self.reason != str(error):
-                    logger.warning("%s", error)
                 self.reason = str(error)
             finally:
                 self._camera.close()

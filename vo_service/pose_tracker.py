@@ -42,13 +42,14 @@ class PoseTracker:
         self.epoch = 0
         self._epoch_reason = ""
         self._last_good_s: float | None = None
+        self._sure_s: float | None = None  # until then, the covariance covers the motion
         self._covariance = _diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
 
     def begin_epoch(self, reason: str) -> None:
         """The next pose is not continuous with the last; it carries the reason."""
         self.epoch += 1
         self._epoch_reason = reason
-        self._last_good_s = None
+        self._last_good_s = self._sure_s = None
         self._covariance = _diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
 
     def update(
@@ -62,23 +63,15 @@ class PoseTracker:
         if estimate.restarted:
             self.begin_epoch("tracking began anew after a loss")
         frame = stamped.frame
-        since_good_s = 0.0 if self._last_good_s is None else frame.stamp_s - self._last_good_s
+        twist, twist_covariance = self._twist(estimate, frame.stamp_s)
+        covariance = self._accumulated(estimate, frame.stamp_s)
         state, reason = _judge(estimate)
-        if estimate.ok:
-            self._advance(estimate)
-            self._last_good_s = frame.stamp_s
-            covariance = self._covariance
-        else:
-            covariance = self._covariance + _diagonal(
-                LOST_SIGMA_M * since_good_s, LOST_SIGMA_RAD * since_good_s
-            )
-        twist, twist_covariance = self._twist(estimate, since_good_s)
         T_odom_base = self._T_base_camera @ estimate.T_world_camera @ inverse(self._T_base_camera)
         update = PoseUpdate(
             seq=self._seq,
             stamp_s=stamped.published_s,
             state=state,
-            reason=reason or self._epoch_reason,
+            reason=self._epoch_reason or reason,
             epoch=self.epoch,
             T_world_camera=estimate.T_world_camera,
             T_odom_base=T_odom_base,
@@ -94,10 +87,17 @@ class PoseTracker:
         self._epoch_reason = ""
         return update
 
-    def _advance(self, estimate: Estimate) -> None:
-        """Carry the covariance (in the camera's axes) over to the new camera; add the step's."""
-        Ad = adjoint(inverse(estimate.T_reference_camera))
-        self._covariance = Ad @ self._covariance @ Ad.T + estimate.covariance
+    def _accumulated(self, estimate: Estimate, stamp_s: float) -> Array:
+        """Covariance of the pose since the epoch began, in the camera's axes."""
+        if estimate.ok:
+            # Carry it over to the new camera; add the step's.
+            Ad = adjoint(inverse(estimate.T_reference_camera))
+            self._covariance = Ad @ self._covariance @ Ad.T + estimate.covariance
+            self._last_good_s = self._sure_s = stamp_s
+            return self._covariance
+        self._sure_s = stamp_s if self._sure_s is None else self._sure_s
+        lost_s = stamp_s - self._sure_s
+        return self._covariance + _diagonal(LOST_SIGMA_M * lost_s, LOST_SIGMA_RAD * lost_s)
 
     def _in_odom_axes(self, covariance: Array, T_odom_base: Array) -> Array:
         in_base = self._Ad_base_camera @ covariance @ self._Ad_base_camera.T
@@ -105,12 +105,11 @@ class PoseTracker:
         turned = turn @ in_base @ turn.T
         return 0.5 * (turned + turned.T)
 
-    def _twist(self, estimate: Estimate, duration_s: float) -> tuple[Array, Array]:
+    def _twist(self, estimate: Estimate, stamp_s: float) -> tuple[Array, Array]:
         """Velocity (m/s, rad/s) of the base in its own axes, and its covariance."""
-        if not estimate.ok:
+        if not estimate.ok or self._last_good_s is None:
             return np.zeros(6), _diagonal(LOST_SIGMA_M, LOST_SIGMA_RAD)
-        if duration_s <= 0.0:
-            return np.zeros(6), _diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
+        duration_s = stamp_s - self._last_good_s
         T_camera_reference = inverse(estimate.T_reference_camera)
         step = np.concatenate(
             [-T_camera_reference[:3, 3], rotation_vector(estimate.T_reference_camera[:3, :3])]

@@ -70,7 +70,13 @@ class LiveClock:
         return True
 
     def _measured_epoch_s(self) -> float:
-        return self._realtime_s() - self._monotonic_s()
+        """CLOCK_REALTIME minus CLOCK_MONOTONIC: of three readings, the least interrupted."""
+        return min(self._reading() for _ in range(3))[1]
+
+    def _reading(self) -> tuple[float, float]:
+        """How long the reading took (a busy machine may pause us in it), and the difference."""
+        before_s, realtime_s, after_s = self._monotonic_s(), self._realtime_s(), self._monotonic_s()
+        return after_s - before_s, realtime_s - 0.5 * (before_s + after_s)
 
 
 def stamp_clock(clock: Clock, offset_s: float) -> StampClock:

@@ -57,9 +57,15 @@ class Statistics:
 
     def rolling(self) -> Rolling:
         """Figures of the last few seconds."""
-        recent = sum(1 for at_s in self._arrived_s if self.now_s() - at_s <= RATE_WINDOW_S)
         p50, p99 = np.percentile(list(self._latency_ms) or [0.0], (50, 99))
-        return Rolling(recent / RATE_WINDOW_S, float(p50), float(p99))
+        return Rolling(self._recent_fps(), float(p50), float(p99))
+
+    def _recent_fps(self) -> float:
+        now_s = self.now_s()
+        recent_s = [at_s for at_s in self._arrived_s if now_s - at_s <= RATE_WINDOW_S]
+        if len(recent_s) < 2 or recent_s[0] >= now_s:
+            return 0.0
+        return (len(recent_s) - 1) / (now_s - recent_s[0])
 
     @property
     def mean_fps(self) -> float:

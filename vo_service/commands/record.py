@@ -7,6 +7,7 @@ from drivers.camera import EndOfStream, NoFrameYet, Pace, RgbdCamera
 from drivers.tum.encode import ColourFormat
 from drivers.tum.writer import TumWriter
 from vo_service.cameras import USAGES, CameraRequest, make_camera
+from vo_service.commands.options import seconds
 from vo_service.config import read_config
 from vo_service.interrupts import INTERRUPTED, Stop, stop_on_signals
 from vo_service.terminal import Terminal
@@ -36,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) of a recording"
     )
     parser.add_argument(
-        "--seconds", type=float, metavar="S", default=float("inf"),
+        "--seconds", type=seconds, metavar="S", default=float("inf"),
         help="stop after S seconds of the camera's time (default: at its end, or at Ctrl-C)",
     )  # fmt: skip
     parser.add_argument(
@@ -70,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _record(
-    camera: RgbdCamera, writer: TumWriter, seconds: float, terminal: Terminal, stop: Stop
+    camera: RgbdCamera, writer: TumWriter, longest_s: float, terminal: Terminal, stop: Stop
 ) -> None:
     first_s: float | None = None
     while not stop.event.is_set():
@@ -81,7 +82,7 @@ def _record(
         except EndOfStream:
             return
         first_s = frame.stamp_s if first_s is None else first_s
-        if frame.stamp_s - first_s >= seconds:
+        if frame.stamp_s - first_s >= longest_s:
             return
         writer.write(frame)
         terminal.progress("recording: frame", frame.seq + 1, camera.frame_count)

@@ -91,9 +91,9 @@ class PersistentFeed:
                     self.reason = plain.reason
                     retry_s = FIRST_RETRY_S
                     yield frame
-                if stop.is_set():
-                    return
-                yield from self._rest("the recording has ended", stop)
+                if not stop.is_set():
+                    yield from self._rest("the recording has ended", stop)
+                return
             except CameraError as error:
                 self.reason = str(error)
             finally:

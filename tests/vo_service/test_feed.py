@@ -1,0 +1,120 @@
+"""Frames from cameras that go away, fall silent and come back."""
+
+import threading
+
+import pytest
+
+from drivers.camera import NoFrameYet
+from drivers.errors import CameraLostError, CameraNotFoundError, InputError
+from tests.vo_service.fakes import After, FakeClock, PatientStop, ScriptedCamera, frame
+from vo_service import feed
+from vo_service.feed import FIRST_RETRY_S, LONGEST_RETRY_S, TICK_S, PersistentFeed, PlainFeed
+
+LOST = CameraLostError("unplugged; plug it in again")
+MISSING = CameraNotFoundError("no Kinect found; plug one in")
+
+
+def seqs(stop: threading.Event, source: PlainFeed | PersistentFeed) -> list[int | None]:
+    return [None if each is None else each.seq for each in source.frames(stop)]
+
+
+def test_one_pass_gives_every_frame_and_ends() -> None:
+    camera = ScriptedCamera([frame(1), frame(2), frame(3)])
+    camera.open()
+    plain = PlainFeed(camera)
+    assert seqs(threading.Event(), plain) == [1, 2, 3]
+    assert (plain.reason, plain.counters.delivered) == ("", 3)
+
+
+def test_one_pass_lets_a_lost_camera_reach_the_caller() -> None:
+    camera = ScriptedCamera([frame(1), LOST])
+    camera.open()
+    with pytest.raises(CameraLostError, match="unplugged"):
+        seqs(threading.Event(), PlainFeed(camera))
+
+
+def test_a_short_pause_is_no_reason_and_a_quiet_second_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock()
+    monkeypatch.setattr(feed, "time", clock)
+    pauses = [After(0.4, NoFrameYet()) for _ in range(3)]
+    camera = ScriptedCamera([frame(1), *pauses, After(0.1, frame(2))], clock=clock)
+    camera.open()
+    plain = PlainFeed(camera)
+    reasons = [plain.reason for _ in plain.frames(threading.Event())]
+    assert reasons == ["", "", "", "the camera is there but sends no frames", ""]
+
+
+def test_a_lost_camera_is_opened_again() -> None:
+    camera = ScriptedCamera([frame(1), LOST], [frame(7)])
+    assert seqs(PatientStop(3), PersistentFeed(camera)) == [1, None, 7, None]
+    assert camera.opened == 2
+
+
+def test_the_reason_is_what_the_camera_said_and_goes_when_frames_come() -> None:
+    source = PersistentFeed(ScriptedCamera(MISSING, [frame(1), LOST]))
+    reasons = [source.reason, *(source.reason for _ in source.frames(PatientStop(2)))]
+    assert reasons == ["camera not opened yet", str(MISSING), "", str(LOST)]
+
+
+def test_retries_wait_longer_and_longer_up_to_a_limit() -> None:
+    stop = PatientStop(6)
+    seqs(stop, PersistentFeed(ScriptedCamera(*[MISSING] * 6)))
+    assert stop.waited_s == [0.25, 0.5, 1.0, 1.5, 1.5, 1.5]
+    assert (stop.waited_s[0], stop.waited_s[-1]) == (FIRST_RETRY_S, LONGEST_RETRY_S)
+
+
+def test_a_camera_that_delivered_is_opened_again_quickly() -> None:
+    stop = PatientStop(4)
+    camera = ScriptedCamera(MISSING, MISSING, MISSING, [frame(1), LOST])
+    seqs(stop, PersistentFeed(camera))
+    assert stop.waited_s == [0.25, 0.5, 1.0, 0.25]
+
+
+def test_counts_add_up_over_all_openings() -> None:
+    camera = ScriptedCamera([frame(1), frame(2), LOST], MISSING, [frame(7), LOST], [frame(9)])
+    source = PersistentFeed(camera)
+    seqs(PatientStop(4), source)
+    assert source.counters.delivered == 4
+
+
+def test_a_camera_that_goes_is_closed_before_it_is_opened_again() -> None:
+    camera = ScriptedCamera(MISSING, [frame(1), LOST], [frame(2)])
+    seqs(PatientStop(3), PersistentFeed(camera))
+    assert camera.closed == camera.opened == 3
+
+
+def test_after_its_end_a_recording_has_no_frames_but_the_loop_goes_on() -> None:
+    source = PersistentFeed(ScriptedCamera([frame(1)]))
+    stop = PatientStop(5)
+    assert seqs(stop, source) == [1, None, None, None, None]
+    assert source.reason == "the recording has ended"
+    assert stop.waited_s[:4] == [TICK_S] * 4
+
+
+def test_what_the_user_named_wrong_reaches_the_caller_and_the_camera_is_closed() -> None:
+    camera = ScriptedCamera(InputError("DESK: no such folder"))
+    with pytest.raises(InputError, match="no such folder"):
+        seqs(PatientStop(3), PersistentFeed(camera))
+    assert camera.closed == 1
+
+
+@pytest.mark.parametrize("kind", [PlainFeed, PersistentFeed])
+def test_a_stop_ends_it_at_the_next_frame(kind: type[PlainFeed] | type[PersistentFeed]) -> None:
+    camera = ScriptedCamera([frame(1), frame(2), frame(3)])
+    camera.open() if kind is PlainFeed else None
+    stop = threading.Event()
+    taken = []
+    for each in kind(camera).frames(stop):
+        taken.append(each)
+        stop.set()
+    assert len(taken) == 1
+
+
+def test_a_stop_ends_it_within_a_tick_while_the_camera_is_silent() -> None:
+    camera = ScriptedCamera([NoFrameYet()] * 10)
+    stop = threading.Event()
+    given = 0
+    for _ in PersistentFeed(camera).frames(stop):
+        given += 1
+        stop.set()
+    assert (given, camera.closed) == (1, 1)

@@ -45,14 +45,8 @@ def prepare_kernels(config: Config, terminal: Terminal) -> float:
     """Compile or load the method's kernels, with progress; returns the seconds it took."""
     # One thread: the service's latency must not depend on who else needs the other core.
     cv2.setNumThreads(1)
-    taken_s = warm_up(
-        config.odometry.method,
-        lambda stage: terminal.show(
-            f"preparing the numeric kernels ({stage}); the first time this takes half a minute"
-        ),
-    )
-    terminal.clear()
-    return taken_s
+    with terminal.busy("preparing the numeric kernels (the first time only)") as busy:
+        return warm_up(config.odometry.method, busy.detail)
 
 
 def _service(config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output]) -> Service:

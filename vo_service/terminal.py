@@ -1,10 +1,14 @@
 """Progress for a person at a terminal; silence in a log."""
 
 import sys
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TextIO
 
 REDRAW_S = 0.1
+BUSY_REDRAW_S = 0.5
 
 
 class Terminal:
@@ -32,9 +36,47 @@ class Terminal:
         self._drawn_s = now_s
         self.show(f"{label} {done}/{total} ({done / total:.0%})" if total else f"{label} {done}")
 
+    @contextmanager
+    def busy(self, label: str) -> Iterator["Busy"]:
+        """Show that work of unknown length goes on: a line that counts the seconds."""
+        busy = Busy(self, label)
+        thread = threading.Thread(target=busy.run, name="busy", daemon=True)
+        thread.start()
+        try:
+            yield busy
+        finally:
+            busy.end()
+            thread.join()
+            self.clear()
+
     def clear(self) -> None:
         """Take the line away."""
         if self._is_drawn:
             self._stream.write("\r\x1b[K")
             self._stream.flush()
             self._is_drawn = False
+
+
+class Busy:
+    """Redraws a line twice a second until it is ended; `detail` says what is being done."""
+
+    def __init__(self, terminal: Terminal, label: str) -> None:
+        self._terminal = terminal
+        self._label = label
+        self._detail = ""
+        self._ended = threading.Event()
+
+    def detail(self, text: str) -> None:
+        """What is being done now."""
+        self._detail = f": {text}"
+
+    def run(self) -> None:
+        """Body of the thread that draws."""
+        begin_s = time.monotonic()
+        while not self._ended.wait(BUSY_REDRAW_S):
+            elapsed_s = time.monotonic() - begin_s
+            self._terminal.show(f"{self._label}{self._detail} ... {elapsed_s:.0f} s")
+
+    def end(self) -> None:
+        """Draw no more."""
+        self._ended.set()

@@ -1,0 +1,219 @@
+"""The loop: every frame to every output, and a status that is never silent without a reason."""
+
+import threading
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivers.camera import NoFrameYet
+from drivers.errors import CameraLostError
+from tests.vo_service.fakes import (
+    After,
+    Collector,
+    Event,
+    FakeClock,
+    PatientStop,
+    ScriptedCamera,
+    ScriptedOdometry,
+    bad,
+    frame,
+    good,
+)
+from vo_service import service as service_module
+from vo_service.feed import Feed, PersistentFeed, PlainFeed
+from vo_service.odometry.estimate import Estimate
+from vo_service.outputs.output import Output, TrackingState
+from vo_service.pose_tracker import PoseTracker
+from vo_service.service import Names, Service
+from vo_service.stage_clock import StageClock
+from vo_service.stamps import LiveClock, RecordedClock, StampClock
+
+NAMES = Names("scripted", "surf")
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    """The loop's own clock."""
+    clock = FakeClock()
+    monkeypatch.setattr(service_module, "time", clock)
+    return clock
+
+
+def make_service(
+    feed: Feed,
+    outputs: Sequence[Output],
+    estimates: Sequence[Estimate] = (),
+    stamps: StampClock | None = None,
+) -> Service:
+    return Service(
+        feed=feed,
+        odometry=ScriptedOdometry(*estimates),
+        stages=StageClock(),
+        tracker=PoseTracker(),
+        clock=stamps or RecordedClock(),
+        outputs=outputs,
+        names=NAMES,
+    )
+
+
+def play(
+    events: Sequence[Event],
+    estimates: Sequence[Estimate] = (),
+    clock: FakeClock | None = None,
+    stamps: StampClock | None = None,
+) -> Collector:
+    """Run the loop over one pass of a camera."""
+    camera, collector = ScriptedCamera(events, clock=clock), Collector()
+    with camera:
+        make_service(PlainFeed(camera), [collector], estimates, stamps).run(threading.Event())
+    return collector
+
+
+def test_every_frame_goes_to_every_output_in_order() -> None:
+    camera, outputs = ScriptedCamera([frame(k) for k in range(5)]), [Collector(), Collector()]
+    with camera:
+        make_service(PlainFeed(camera), outputs).run(threading.Event())
+    for output in outputs:
+        assert [pose.frame.seq for pose in output.poses] == [0, 1, 2, 3, 4]
+        assert [pose.seq for pose in output.poses] == [0, 1, 2, 3, 4]
+
+
+def test_outputs_are_left_open_for_whoever_opened_them() -> None:
+    assert play([frame(0)]).closed == 0
+
+
+def test_a_pose_carries_the_frames_stamp_with_the_known_bias_corrected() -> None:
+    collector = play([frame(0, 50.0)], stamps=RecordedClock(-0.25))
+    assert collector.poses[0].stamp_s == 49.75
+    assert collector.poses[0].frame.stamp_s == 50.0
+
+
+def test_the_latency_runs_from_the_frames_arrival(clock: FakeClock) -> None:
+    clock.now_s = 0.125  # frames of the script arrive at 0
+    assert play([frame(0)]).poses[0].latency_s == 0.125
+
+
+def test_the_first_status_goes_out_before_the_first_frame() -> None:
+    first = play([frame(0)]).statuses[0]
+    assert (first.state, first.reason) == (TrackingState.NO_CAMERA, "no frame yet")
+    assert (first.camera, first.method, first.frames) == ("scripted", "surf", 0)
+
+
+def test_the_status_goes_out_twice_a_second(clock: FakeClock) -> None:
+    frames = [After(1 / 32, frame(k)) for k in range(97)]
+    collector = play(frames, clock=clock)
+    # Before the first frame, at the first (a change), then twice in each of three seconds.
+    assert len(collector.statuses) == 2 + 6
+    assert [status.frames for status in collector.statuses[1:4]] == [1, 17, 33]
+
+
+def test_a_change_of_state_goes_out_at_once(clock: FakeClock) -> None:
+    estimates = [good(np.eye(4)), good(np.eye(4)), bad(reason="lens covered"), good(np.eye(4))]
+    collector = play([frame(k) for k in range(4)], estimates, clock)
+    told = [(status.state.value, status.reason) for status in collector.statuses]
+    assert told[1:] == [("tracking", ""), ("lost", "lens covered"), ("tracking", "")]
+
+
+def test_the_status_counts_failures_and_shows_the_last_frames_matches(clock: FakeClock) -> None:
+    collector = play([frame(0), frame(1)], [good(np.eye(4)), bad()], clock)
+    last = collector.statuses[-1]
+    assert (last.frames, last.failed) == (2, 1)
+    assert (last.features, last.matches, last.inliers) == (20, 9, 3)
+
+
+def test_while_the_camera_is_away_the_status_says_so_and_goes_on(clock: FakeClock) -> None:
+    camera = ScriptedCamera(
+        [frame(0), CameraLostError("unplugged")], CameraLostError("not found"), [frame(9)]
+    )
+    collector = Collector()
+    make_service(PersistentFeed(camera), [collector]).run(PatientStop(4))
+    told = [(status.state.value, status.reason) for status in collector.statuses]
+    assert told == [
+        ("no_camera", "camera not opened yet"),
+        ("tracking", ""),
+        ("no_camera", "unplugged"),
+        ("no_camera", "not found"),
+        ("tracking", ""),
+        ("no_camera", "the recording has ended"),
+    ]
+
+
+def test_a_silent_camera_still_gets_two_statuses_a_second(clock: FakeClock) -> None:
+    silence = [After(0.25, NoFrameYet()) for _ in range(12)]
+    collector = play([frame(0), *silence], clock=clock)
+    assert len(collector.statuses) == 2 + 6
+
+
+def test_frames_whose_stamp_does_not_rise_are_left_out_and_counted_as_skipped(
+    clock: FakeClock,
+) -> None:
+    stamps_s = [1.0, 2.0, 2.0, 1.5, 3.0]
+    events = [After(1.0, frame(k, stamp_s)) for k, stamp_s in enumerate(stamps_s)]
+    collector = play(events, clock=clock)
+    assert [pose.stamp_s for pose in collector.poses] == [1.0, 2.0, 3.0]
+    assert [pose.epoch for pose in collector.poses] == [0, 0, 0]
+    assert [status.skipped for status in collector.statuses] == [0, 0, 0, 1, 2, 2]
+    assert [status.frames for status in collector.statuses] == [0, 1, 2, 2, 2, 3]
+
+
+def test_a_step_of_the_wall_clock_begins_an_epoch() -> None:
+    monotonic, ahead_s = FakeClock(), [5000.0]
+    stamps = LiveClock(0.0, monotonic, lambda: monotonic.now_s + ahead_s[0])
+
+    class Stepping(ScriptedOdometry):
+        def estimate(self, given: object) -> Estimate:
+            ahead_s[0] = 1400.0 if len(self.frames) == 1 else ahead_s[0]
+            return super().estimate(given)  # type: ignore[arg-type]
+
+    camera, collector = ScriptedCamera([frame(k) for k in range(4)]), Collector()
+    service = Service(
+        PlainFeed(camera), Stepping(), StageClock(), PoseTracker(), stamps, [collector], NAMES
+    )
+    with camera:
+        service.run(threading.Event())
+    assert [pose.epoch for pose in collector.poses] == [0, 0, 1, 1]
+    assert [pose.reason for pose in collector.poses] == ["", "", "clock_step", ""]
+    steps_s = np.diff([pose.stamp_s for pose in collector.poses])
+    np.testing.assert_allclose(steps_s, [1 / 30, 1 / 30 - 3600, 1 / 30], atol=1e-6)
+
+
+def test_a_camera_whose_own_clock_began_anew_begins_an_epoch() -> None:
+    stamps_s = [1000.0, *(k / 30 for k in range(16))]
+    collector = play([frame(k, stamp_s) for k, stamp_s in enumerate(stamps_s)])
+    assert [pose.epoch for pose in collector.poses] == [0, 1, 1]
+    assert collector.poses[1].reason == "clock_step"
+
+
+def test_a_stop_ends_the_loop_with_the_frame_at_hand() -> None:
+    stop = threading.Event()
+
+    class Stopping(Collector):
+        def pose(self, update: object) -> None:
+            super().pose(update)  # type: ignore[arg-type]
+            stop.set()
+
+    camera, output = ScriptedCamera([frame(k) for k in range(5)]), Stopping()
+    with camera:
+        make_service(PlainFeed(camera), [output]).run(stop)
+    assert len(output.poses) == 1
+
+
+EVENTS = st.one_of(
+    st.floats(0.0, 10.0).map(lambda stamp_s: frame(0, stamp_s)), st.builds(NoFrameYet)
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(EVENTS, max_size=30), st.lists(st.booleans(), max_size=30))
+def test_whatever_comes_every_number_is_finite_and_every_silence_has_a_reason(
+    events: list[Event], outcomes: list[bool]
+) -> None:
+    collector = play(events, [good(np.eye(4)) if ok else bad() for ok in outcomes])
+    for pose in collector.poses:
+        for numbers in (pose.pose_covariance, pose.twist, pose.twist_covariance, pose.T_odom_base):
+            assert np.all(np.isfinite(numbers))
+    for status in collector.statuses:
+        assert status.reason or status.state is TrackingState.TRACKING

@@ -1,0 +1,43 @@
+"""Processor time by stage, one frame at a time."""
+
+import pytest
+
+from vo_service import stage_clock
+from vo_service.stage_clock import StageClock
+
+
+class Ticking:
+    """A module `time` whose thread clock moves on by a millisecond a look."""
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+
+    def thread_time(self) -> float:
+        self._now_s += 1e-3
+        return self._now_s
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> StageClock:
+    monkeypatch.setattr(stage_clock, "time", Ticking())
+    return StageClock()
+
+
+def test_the_same_stage_adds_up_within_a_frame(clock: StageClock) -> None:
+    for name in ("surf", "match", "match"):
+        with clock.stage(name):
+            pass
+    assert clock.take() == pytest.approx({"surf": 1.0, "match": 2.0})
+
+
+def test_each_frame_begins_at_nothing(clock: StageClock) -> None:
+    with clock.stage("surf"):
+        pass
+    clock.take()
+    assert clock.take() == {}
+
+
+def test_a_stage_that_fails_is_timed_too(clock: StageClock) -> None:
+    with pytest.raises(ValueError, match="no"), clock.stage("surf"):
+        raise ValueError("no")
+    assert clock.take() == pytest.approx({"surf": 1.0})

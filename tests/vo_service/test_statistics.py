@@ -1,0 +1,73 @@
+"""Figures of the loop: rates over the last seconds, medians over the run."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.vo_service.fakes import FakeClock, bad, frame, good
+from vo_service.odometry.estimate import Estimate
+from vo_service.outputs.output import PoseUpdate
+from vo_service.pose_tracker import PoseTracker, StampedFrame
+from vo_service.statistics import Statistics
+
+
+def result(estimate: Estimate, stage_ms: float = 1.0, latency_s: float = 0.01) -> PoseUpdate:
+    stamped = StampedFrame(frame(0), 0.0)
+    return PoseTracker().update(stamped, estimate, {"surf": stage_ms}, latency_s)
+
+
+def run(count: int, period_s: float) -> tuple[Statistics, FakeClock]:
+    clock = FakeClock()
+    statistics = Statistics(clock)
+    for _ in range(count):
+        clock.now_s += period_s
+        statistics.add(result(good(np.eye(4))), cpu_ms=5.0)
+    return statistics, clock
+
+
+def test_before_the_first_frame_everything_is_zero() -> None:
+    statistics = Statistics()
+    rolling = statistics.rolling()
+    assert (rolling.fps, rolling.latency_p50_ms, rolling.latency_p99_ms) == (0.0, 0.0, 0.0)
+    assert (statistics.mean_fps, statistics.cpu_ms_per_frame, statistics.stage_ms) == (0.0, 0.0, {})
+
+
+@pytest.mark.parametrize("fps", [5.0, 30.0, 200.0])
+@pytest.mark.parametrize("seconds", [0.5, 10.0])
+def test_the_rate_is_right_from_the_first_frames_on(fps: float, seconds: float) -> None:
+    statistics, _ = run(round(fps * seconds) + 1, 1 / fps)
+    assert statistics.rolling().fps == pytest.approx(fps, rel=1e-6)
+    assert statistics.mean_fps == pytest.approx(fps, rel=1e-6)
+
+
+def test_the_rate_falls_when_frames_stop() -> None:
+    statistics, clock = run(61, 1 / 30)
+    clock.now_s += 1.0
+    assert statistics.rolling().fps < 20.0
+    clock.now_s += 1.5
+    assert statistics.rolling().fps == 0.0
+
+
+def test_latencies_are_percentiles_of_the_last_hundred_frames() -> None:
+    statistics = Statistics(FakeClock())
+    for latency_ms in [9000.0] * 50 + list(range(1, 101)):
+        statistics.add(result(good(np.eye(4)), latency_s=latency_ms / 1e3), cpu_ms=1.0)
+    rolling = statistics.rolling()
+    assert rolling.latency_p50_ms == pytest.approx(50.5)
+    assert rolling.latency_p99_ms == pytest.approx(99.01)
+
+
+def test_processor_times_are_medians() -> None:
+    statistics = Statistics(FakeClock())
+    for cpu_ms in (900.0, 5.0, 6.0, 7.0, 6.0):
+        statistics.add(result(good(np.eye(4)), stage_ms=cpu_ms / 2), cpu_ms)
+    assert statistics.cpu_ms_per_frame == 6.0
+    assert statistics.stage_ms == {"surf": 3.0}
+
+
+def test_failed_frames_are_counted() -> None:
+    statistics = Statistics(FakeClock())
+    for estimate in (good(np.eye(4)), bad(), replace(good(np.eye(4)), inliers=16)):
+        statistics.add(result(estimate), cpu_ms=1.0)
+    assert (statistics.frames, statistics.failed) == (3, 1)

@@ -30,7 +30,7 @@ PICTURE_PERIOD_S = 0.1
 class RerunOutput:
     """Shows results in one place; give each place an output of its own.
 
-    Numbers (pose, counts, times) go out for every frame, pictures at most ten times a second. It
+    Numbers (pose, counts, times) go out for every frame, pictures once in `picture_period_s`. It
     never blocks: results that come faster than Rerun takes them are dropped, oldest first, and
     counted. `ground_truth` is drawn beside the estimate where it is known.
 
@@ -38,9 +38,14 @@ class RerunOutput:
     if a port is taken.
     """
 
-    def __init__(self, sink: Sink, ground_truth: StampedPoses | None = None) -> None:
+    def __init__(
+        self,
+        sink: Sink,
+        ground_truth: StampedPoses | None = None,
+        picture_period_s: float = PICTURE_PERIOD_S,
+    ) -> None:
         self._sink = sink
-        self._throttle = Throttle(PICTURE_PERIOD_S)
+        self._throttle = Throttle(picture_period_s)
         self._scene = _open_scene(sink, ground_truth)
         self._worker: Worker[PoseUpdate | Status] = Worker(
             "rerun", DropOldest(sink.queue), self._log, self._scene.finish
@@ -119,9 +124,7 @@ def _sink(target: str) -> Sink:
         return Viewer(f"rerun+http://{target.removeprefix('connect:')}/proxy")
     if target.endswith(".rrd"):
         return RecordingFile(Path(target))
-    raise InputError(
-        f"rerun target {target!r}: use serve, connect, connect:HOST:PORT or FILE.rrd"
-    )
+    raise InputError(f"rerun target {target!r}: use serve, connect, connect:HOST:PORT or FILE.rrd")
 
 
 def _open_scene(sink: Sink, ground_truth: StampedPoses | None) -> "Scene":

@@ -17,6 +17,7 @@ from vo_service.outputs.output import PoseUpdate, Status, TrackingState
 from vo_service.outputs.rerun_sinks import Sink
 
 FEATURE_COLOUR = (255, 220, 90)
+MATCH_COLOUR = (90, 160, 250)
 INLIER_COLOUR = (40, 220, 130)
 OUTLIER_COLOUR = (240, 80, 60)
 TRAJECTORY_COLOUR = (255, 150, 40)
@@ -93,7 +94,7 @@ class Scene:
         self._stream.log(paths.WORLD, rr.ViewCoordinates.RDF, static=True)
         colours = {
             "features": FEATURE_COLOUR,
-            "matches": OUTLIER_COLOUR,
+            "matches": MATCH_COLOUR,
             "inliers": INLIER_COLOUR,
         }
         for name, colour in colours.items():
@@ -152,7 +153,7 @@ class Scene:
 
     def _log_points(self, frame: RgbdFrame) -> None:
         points, colours = back_project(frame, POINT_GRID_PX)
-        cloud = rr.Points3D(points, colors=colours, radii=rr.Radius.ui_points(1.5))
+        cloud = rr.Points3D(points, colors=colours, radii=rr.Radius.ui_points(2.0))
         self._stream.log(paths.POINTS, cloud)
 
 

@@ -1,11 +1,12 @@
 """Where Rerun's pictures can go: what such a place offers, the file and the viewer."""
 
 import logging
+import re
 import socket
 import time
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Protocol
-from urllib.parse import urlsplit
 
 from drivers.errors import InputError
 from vo_service.outputs.output import PoseUpdate
@@ -18,6 +19,7 @@ logger = logging.getLogger(__name__)
 
 LOOPBACK = "127.0.0.1"
 DATA_PORT = 9876  # Rerun's own default
+CONNECT_WAIT_S = 0.5
 
 
 class Sink(Protocol):
@@ -80,31 +82,46 @@ class LiveSink:
 
 
 class Viewer(LiveSink):
-    """A Rerun viewer that is running (``rerun``), such as rerun+http://127.0.0.1:9876/proxy."""
+    """A Rerun viewer that is running (``rerun``), such as rerun+http://127.0.0.1:9876/proxy.
+
+    Raises InputError for an address that is none.
+    """
 
     def __init__(self, address: str = f"rerun+http://{LOOPBACK}:{DATA_PORT}/proxy") -> None:
         self.address = address
+        self._host, self._port = _host_and_port(address)
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
         """Connect; a viewer that starts later gets what is logged from then on."""
-        try:
-            stream.connect_grpc(self.address, default_blueprint=blueprint)
-        except RuntimeError as error:
-            raise InputError(
-                f"{self.address}: not the address of a Rerun viewer: write it as "
-                f"rerun+http://{LOOPBACK}:{DATA_PORT}/proxy"
-            ) from error
+        # Rerun waits five seconds for a viewer that is not there.
+        connecting = Thread(target=self._connect, args=(stream, blueprint), daemon=True)
+        connecting.start()
         if not self._answers():
             logger.warning("no Rerun viewer at %s yet; start one with: rerun", self.address)
+        connecting.join(CONNECT_WAIT_S)
 
     def close(self) -> None:
         """The viewer stays open."""
 
-    def _answers(self) -> bool:
-        parts = urlsplit(self.address)
+    def _connect(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
         try:
-            port = parts.port or DATA_PORT
-            socket.create_connection((parts.hostname or LOOPBACK, port), timeout=0.5).close()
-        except (OSError, ValueError):
+            stream.connect_grpc(self.address, default_blueprint=blueprint)
+        except RuntimeError as error:
+            logger.error("rerun: cannot connect to %s: %s", self.address, error)
+
+    def _answers(self) -> bool:
+        try:
+            socket.create_connection((self._host, self._port), CONNECT_WAIT_S).close()
+        except (OSError, OverflowError):
             return False
         return True
+
+
+def _host_and_port(address: str) -> tuple[str, int]:
+    parts = re.fullmatch(r"rerun\+http://([\w.-]+|\[[0-9a-fA-F:]+\]):(\d{1,5})/proxy", address)
+    if parts is None:
+        raise InputError(
+            f"{address}: not the address of a Rerun viewer: write it as "
+            f"rerun+http://{LOOPBACK}:{DATA_PORT}/proxy"
+        )
+    return parts[1].strip("[]"), int(parts[2])

@@ -1,0 +1,71 @@
+"""The page that is served: on loopback alone, and it may talk to nobody else."""
+
+import os
+import socket
+from collections.abc import Callable
+from http.client import HTTPConnection, HTTPResponse
+
+import pytest
+
+from drivers.errors import UserFacingError
+from vo_service.outputs.output import PoseUpdate
+from vo_service.outputs.rerun_browser import Browser
+from vo_service.outputs.rerun_output import RerunOutput
+
+
+@pytest.fixture
+def other_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def get(port: int, path: str) -> tuple[HTTPResponse, bytes]:
+    connection = HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("GET", path)
+    response = connection.getresponse()
+    content = response.read()
+    connection.close()
+    return response, content
+
+
+def test_the_page_is_served_and_may_reach_only_this_computer(
+    free_port: int, other_port: int, make_update: Callable[..., PoseUpdate]
+) -> None:
+    output = RerunOutput(Browser(free_port, other_port))
+    output.pose(make_update(0))
+    response, page = get(other_port, output.address.split(str(other_port))[1])
+    policy = str(response.headers["Content-Security-Policy"])
+    assert (response.status, response.headers["Content-Type"]) == (200, "text/html")
+    assert b"re_viewer.js" in page
+    assert b"googleapis" not in page
+    assert policy.startswith("default-src 'self';")
+    assert f"connect-src 'self' http://127.0.0.1:{free_port}" in policy
+    assert get(other_port, "/re_viewer_bg.wasm")[1][:4] == b"\0asm"
+    assert get(other_port, "/../etc/passwd")[0].status == 404
+    output.close()
+    with pytest.raises(ConnectionRefusedError):
+        get(other_port, "/")
+
+
+def test_everything_listens_on_loopback_alone(
+    free_port: int, other_port: int, listening: Callable[[int], set[str]]
+) -> None:
+    before = listening(os.getpid())
+    output = RerunOutput(Browser(free_port, other_port))
+    get(other_port, "/")
+    assert listening(os.getpid()) == before | {"127.0.0.1"}
+    output.close()
+
+
+@pytest.mark.parametrize("which", ["data", "page"])
+def test_a_taken_port_is_one_line(free_port: int, which: str) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        busy = taken.getsockname()[1]
+        ports = (busy, free_port) if which == "data" else (free_port, busy)
+        with pytest.raises(UserFacingError, match=rf"127\.0\.0\.1:{busy}") as caught:
+            Browser(*ports)
+    assert "\n" not in str(caught.value)

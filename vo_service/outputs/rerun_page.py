@@ -1,0 +1,174 @@
+"""Rerun's web viewer as a page of this computer that talks to nobody else.
+
+The viewer is three files inside Rerun's own web server. As it comes, the page reports its use and
+loads fonts and release notes from the internet. Here it is served with a policy that lets the
+browser reach nothing but this computer, and by this process: no server is left behind.
+"""
+
+import json
+import os
+import re
+import socket
+import subprocess
+import tempfile
+import time
+from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.util import find_spec
+from pathlib import Path
+from threading import Lock, Thread
+from typing import Any
+from urllib.request import urlopen
+
+from drivers.errors import UserFacingError
+from vo_service.outputs.rerun_sinks import LOOPBACK
+
+_FILES = {
+    "": "text/html",
+    "re_viewer.js": "text/javascript",
+    "re_viewer_bg.wasm": "application/wasm",
+    "favicon.ico": "image/x-icon",
+}
+_START_WITHIN_S = 10.0
+
+
+class PageServer:
+    """Serves the page on loopback until closed. Raises UserFacingError if the port is taken."""
+
+    def __init__(self, port: int, data_port: int) -> None:
+        handler = partial(_Handler, _Viewer(), _policy(data_port))
+        try:
+            self._server = ThreadingHTTPServer((LOOPBACK, port), handler)
+        except (OSError, OverflowError) as error:
+            raise port_taken(port, error) from error
+        Thread(target=self._server.serve_forever, name="rerun page", daemon=True).start()
+
+    def close(self) -> None:
+        """Serve no more."""
+        self._server.shutdown()
+        self._server.server_close()
+
+
+def port_taken(port: int, error: Exception) -> UserFacingError:
+    """The line for a port that cannot be listened on."""
+    return UserFacingError(
+        f"rerun cannot listen on {LOOPBACK}:{port}: {error}; stop what uses the port, or record "
+        "to a file that ends in .rrd instead"
+    )
+
+
+class _Viewer:
+    """The viewer's files, fetched when a browser first asks for them."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._files: dict[str, bytes] = {}
+
+    def file(self, name: str) -> bytes:
+        with self._lock:
+            if not self._files:
+                self._files = _fetch_files()
+            return self._files[name]
+
+
+class _Handler(BaseHTTPRequestHandler):
+    def __init__(self, viewer: _Viewer, policy: str, *args: Any) -> None:
+        self._viewer = viewer
+        self._policy = policy
+        super().__init__(*args)
+
+    def do_GET(self) -> None:
+        name = self.path.split("?")[0].removeprefix("/")
+        if name not in _FILES:
+            self.send_error(404)
+            return
+        content = self._viewer.file(name)
+        self.send_response(200)
+        self.send_header("Content-Type", _FILES[name])
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Content-Security-Policy", self._policy)
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the base class's name)
+        """Say nothing on the terminal."""
+
+
+def _policy(data_port: int) -> str:
+    """Content-Security-Policy: this page and the data, nothing else."""
+    return (
+        "default-src 'self'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; "
+        "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; worker-src 'self' blob:; "
+        f"connect-src 'self' http://{LOOPBACK}:{data_port}"
+    )
+
+
+def _fetch_files() -> dict[str, bytes]:
+    """Start Rerun's own web server for a moment and read the files from it."""
+    port = _free_port()
+    # Given something to show, it opens no port for data of its own.
+    command = [str(_rerun_binary()), "--serve-web", f"rerun+http://{LOOPBACK}:1/proxy"]
+    command += ["--bind", LOOPBACK, "--web-viewer-port", str(port)]
+    with tempfile.TemporaryDirectory(prefix="kinect-vo-") as home:
+        environment = os.environ | {"XDG_CONFIG_HOME": home, "RUST_LOG": "error"}
+        _switch_reports_off(Path(home))
+        server = subprocess.Popen(command, env=environment)
+        try:
+            _wait_until_it_answers(port)
+            files = {name: _read(f"http://{LOOPBACK}:{port}/{name}") for name in _FILES}
+        finally:
+            server.kill()
+            server.wait()
+    return files | {"": _without_links_outside(files[""])}
+
+
+def _without_links_outside(page: bytes) -> bytes:
+    """The page without its fonts: a policy does not keep a browser from connecting ahead."""
+    return re.sub(rb"<link[^>]*https://[^>]*>", b"", page)
+
+
+def _wait_until_it_answers(port: int) -> None:
+    deadline_s = time.monotonic() + _START_WITHIN_S
+    while time.monotonic() < deadline_s:
+        try:
+            socket.create_connection((LOOPBACK, port), timeout=1.0).close()
+        except OSError:
+            time.sleep(0.05)
+        else:
+            return
+    raise UserFacingError("Rerun's web server did not start")
+
+
+def _read(url: str) -> bytes:
+    with urlopen(url, timeout=_START_WITHIN_S) as response:
+        content: bytes = response.read()
+    return content
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def _rerun_binary() -> Path:
+    """The program itself: the `rerun` command is a script, and killing that leaves it running."""
+    package = find_spec("rerun_cli")
+    if package is None or package.origin is None:
+        raise UserFacingError("Rerun's web server is missing: pip install 'kinect-vo[rerun]'")
+    return Path(package.origin).with_name("rerun")
+
+
+def _switch_reports_off(home: Path) -> None:
+    """Write Rerun's configuration of usage reports; it wants all five keys."""
+    settings = home / "rerun" / "analytics.json"
+    settings.parent.mkdir()
+    content = {
+        "analytics_enabled": False,
+        "analytics_id": "",
+        "metadata": {},
+        "config_file_path": str(settings),
+        "data_dir_path": home.as_posix(),
+    }
+    settings.write_text(json.dumps(content))

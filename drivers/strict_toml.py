@@ -2,7 +2,7 @@
 
 A table is a dataclass; a key is a field of type str, int, float, bool, a StrEnum, Path, another
 dataclass, a list or tuple of these, or any of these ``| None``. Describe a field with `setting`
-or `required`; a dataclass may check itself in ``__post_init__`` and raise ValueError.
+or `required`; a dataclass may check itself in ``__post_init__``: ValueError or InputError.
 """
 
 import dataclasses
@@ -123,7 +123,7 @@ def _build(kind: type[T], table: dict[str, Any], path: KeyPath) -> T:
             raise _BadKeyError((*path, name), f"is missing; add `{name} = ...`{description.hint}")
     try:
         return kind(**values)
-    except ValueError as error:
+    except (ValueError, InputError) as error:
         raise _BadKeyError(path, str(error)) from error
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from drivers.geometry import Array, transform_from_pose
 from drivers.strict_toml import read_toml, setting
 from drivers.synthetic.config import SyntheticConfig
+from vo_service.cameras import USAGES
 from vo_service.methods import DEFAULT_METHOD, METHODS
 from vo_service.outputs.zenoh_session import ZenohConfig
 from vo_service.pose_tracker import T_BODY_CAMERA
@@ -17,11 +18,17 @@ from vo_service.pose_tracker import T_BODY_CAMERA
 class CameraSettings:
     """`[camera]`: where frames come from."""
 
-    source: str = setting("synthetic", "the camera: synthetic, or tum:FOLDER")
+    source: str = setting("synthetic", f"one of {', '.join(USAGES.values())}")
     file: Path | None = setting(None, "camera file of a recording without one of its own")
     stamp_offset_s: float = setting(
         0.0, "added to every published stamp, seconds", low=-1.0, high=1.0
     )
+
+    def __post_init__(self) -> None:
+        if self.source.partition(":")[0] not in USAGES:
+            raise ValueError(
+                f"source {self.source!r} is unknown; use one of {', '.join(USAGES.values())}"
+            )
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from vo_service.outputs.zenoh_messages import (
     status_payload,
     versions,
 )
-from vo_service.outputs.zenoh_session import ZenohConfig, check_prefix, open_session
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
 logger = logging.getLogger(__name__)
 
@@ -59,7 +59,7 @@ class ZenohOutput:
         self._delivery = delivery
         self._versions = versions()
         self._frames = Frames(config.odom_frame_id, config.child_frame_id)
-        prefix = check_prefix(config.prefix)
+        prefix = config.prefix
         self._session = open_session(config)
         self._odom = self._session.declare_publisher(
             f"{prefix}/odom",

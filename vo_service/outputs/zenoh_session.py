@@ -23,6 +23,8 @@ class ZenohConfig:
                     Zenoh's own default is set as without it: `listen`, `connect`, no scouting
     odom_frame_id   frame of the poses
     child_frame_id  frame that moves
+
+    Raises InputError for a prefix that is none.
     """
 
     prefix: str = "kinect"
@@ -31,6 +33,9 @@ class ZenohConfig:
     config_file: Path | None = None
     odom_frame_id: str = "odom"
     child_frame_id: str = "base_link"
+
+    def __post_init__(self) -> None:
+        check_prefix(self.prefix)
 
 
 def check_prefix(prefix: str) -> str:

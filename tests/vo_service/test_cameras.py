@@ -1,0 +1,53 @@
+"""Cameras by name, and the methods."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import Clock, Pace
+from drivers.errors import InputError
+from drivers.synthetic.config import SyntheticConfig
+from vo_service.cameras import CameraRequest, make_camera
+
+LIGHT = CameraRequest("synthetic", None, Pace.REALTIME, SyntheticConfig.light(), lambda *_: None)
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
+
+
+def test_a_virtual_kinect_at_its_own_pace_is_on_this_hosts_clock() -> None:
+    camera = make_camera(LIGHT)
+    assert (camera.name, camera.clock) == ("synthetic", Clock.MONOTONIC)
+
+
+def test_a_recording_is_named_by_its_folder(tmp_path: Path) -> None:
+    camera = make_camera(replace(LIGHT, source=f"tum:{tmp_path}"))
+    assert (camera.name, camera.clock) == (f"tum:{tmp_path}", Clock.RECORDED)
+
+
+def test_a_folder_may_have_a_colon_in_its_name() -> None:
+    assert make_camera(replace(LIGHT, source="tum:C:/desk")).name == "tum:C:/desk"
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("kinekt", "camera 'kinekt' is unknown; use one of: synthetic, tum:FOLDER"),
+        ("", "camera '' is unknown"),
+        ("desk", "camera 'desk' is unknown"),
+        ("tum", "needs a folder: tum:FOLDER"),
+        ("tum:", "needs a folder: tum:FOLDER"),
+        ("synthetic:7", "it takes nothing after its name"),
+    ],
+)
+def test_a_source_that_is_none_says_what_to_write(source: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        make_camera(replace(LIGHT, source=source))
+
+
+def test_a_virtual_kinect_takes_no_camera_file() -> None:
+    with pytest.raises(InputError, match=r"camera\.toml: the virtual Kinect knows its own"):
+        make_camera(replace(LIGHT, file=Path("camera.toml")))

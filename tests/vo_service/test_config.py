@@ -1,0 +1,171 @@
+"""The configuration file: its tables, its defaults, and every mistake named by line and key."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import InputError
+from drivers.geometry import rigid_transform
+from vo_service.config import Config, read_config
+from vo_service.pose_tracker import R_BODY_OPTICAL
+
+WHOLE = """\
+schema = 1
+[camera]
+source = "tum:desk"
+file = "camera.toml"
+stamp_offset_s = -0.02
+[odometry]
+method = "surf"
+feature_count = 500
+upright = true
+[T_base_camera]
+translation_m = [0.1, 0, 0.4]
+quaternion_xyzw = [0, 0, 0, 1]
+[zenoh]
+prefix = "robot1/kinect"
+listen = []
+connect = ["tcp/192.168.1.2:7447"]
+config_file = "zenoh.json5"
+odom_frame_id = "o"
+child_frame_id = "b"
+[rerun]
+targets = ["serve", "run.rrd"]
+[synthetic]
+seed = 7
+duration_s = 2
+[synthetic.colour]
+noise_sigma = 0.0
+[[synthetic.faults]]
+kind = "black"
+first = 5
+"""
+
+
+def read(tmp_path: Path, text: str) -> Config:
+    file = tmp_path / "kinect.toml"
+    file.write_text(text)
+    return read_config(file)
+
+
+def mistake(tmp_path: Path, text: str) -> str:
+    """What is said about a file, without the folder."""
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text)
+    assert "\n" not in str(caught.value)
+    return str(caught.value).removeprefix(f"{tmp_path}/")
+
+
+def test_without_a_file_everything_has_its_default() -> None:
+    config = read_config(None)
+    assert (config.camera.source, config.odometry.method) == ("synthetic", "surf")
+    assert config.zenoh.listen == ("tcp/127.0.0.1:7450",)
+    assert (config.zenoh.prefix, config.zenoh.connect, config.rerun.targets) == ("kinect", (), ())
+
+
+def test_an_empty_file_is_the_default_too(tmp_path: Path) -> None:
+    assert read(tmp_path, "schema = 1\n") == read_config(None)
+
+
+def test_the_example_that_is_shipped_holds_exactly_the_defaults() -> None:
+    example = Path(__file__).parents[2] / "config" / "kinect.toml"
+    assert read_config(example) == read_config(None)
+
+
+def test_every_table_is_read(tmp_path: Path) -> None:
+    config = read(tmp_path, WHOLE)
+    assert config.camera.source == "tum:desk"
+    assert (config.camera.file, config.camera.stamp_offset_s) == (Path("camera.toml"), -0.02)
+    assert (config.odometry.feature_count, config.odometry.upright) == (500, True)
+    assert (config.zenoh.prefix, config.zenoh.listen) == ("robot1/kinect", ())
+    assert config.zenoh.connect == ("tcp/192.168.1.2:7447",)
+    assert (config.zenoh.odom_frame_id, config.zenoh.child_frame_id) == ("o", "b")
+    assert config.rerun.targets == ("serve", "run.rrd")
+    assert (config.synthetic.seed, config.synthetic.duration_s) == (7, 2.0)
+    assert config.synthetic.colour.noise_sigma == 0.0
+    assert config.synthetic.faults[0].first == 5
+
+
+def test_a_mounting_becomes_a_transform(tmp_path: Path) -> None:
+    T = read(tmp_path, WHOLE).T_base_camera.T_base_camera
+    np.testing.assert_array_equal(T, rigid_transform(np.eye(3), [0.1, 0.0, 0.4]))
+
+
+def test_the_default_mounting_looks_straight_ahead_from_the_base() -> None:
+    T = read_config(None).T_base_camera.T_base_camera
+    np.testing.assert_array_equal(T, rigid_transform(R_BODY_OPTICAL, [0.0, 0.0, 0.0]))
+
+
+def test_a_camera_ahead_of_the_base_keeps_the_default_axes(tmp_path: Path) -> None:
+    config = read(tmp_path, "schema = 1\n[T_base_camera]\ntranslation_m = [0.3, 0.0, 0.5]\n")
+    expected = rigid_transform(R_BODY_OPTICAL, [0.3, 0.0, 0.5])
+    np.testing.assert_allclose(config.T_base_camera.T_base_camera, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("table", "line", "where"),
+    [
+        ("camera", 'sorce = "synthetic"', "key `camera.sorce`: is unknown; did you mean `source`?"),
+        ("camera", "source = 3", "key `camera.source`: 3 is the wrong type; give text"),
+        ("camera", "stamp_offset_s = 60", "key `camera.stamp_offset_s`: 60 is out of range"),
+        ("odometry", "feature_count = 49", "key `odometry.feature_count`: 49 is out of range"),
+        ("odometry", "feature_count = 1e3", "key `odometry.feature_count`: 1000.0 is the wrong"),
+        ("odometry", 'upright = "no"', 'key `odometry.upright`: "no" is the wrong type; give true'),
+        ("T_base_camera", "translation_m = [1, 2]", "key `T_base_camera.translation_m`: a list of"),
+        ("T_base_camera", "translation_m = [0, 0, nan]", "key `T_base_camera.translation_m`: nan"),
+        (
+            "T_base_camera",
+            "quaternion_xyzw = [0, 0, 0, inf]",
+            "key `T_base_camera.quaternion_xyzw`",
+        ),
+        ("zenoh", 'listen = "tcp/127.0.0.1:1"', "key `zenoh.listen`: "),
+        ("zenoh", "prefix = true", "key `zenoh.prefix`: true is the wrong type; give text"),
+        ("rerun", "targets = [1]", "key `rerun.targets`: 1 is the wrong type; give text"),
+        ("synthetic", 'motion = "wild"', 'key `synthetic.motion`: "wild" is not a choice'),
+        ("synthetic.depth", "shadow = true", "key `synthetic.depth.shadow`: is unknown; did you"),
+    ],
+)
+def test_a_bad_key_is_named_with_its_line(
+    tmp_path: Path, table: str, line: str, where: str
+) -> None:
+    text = f"schema = 1\n# a comment\n[{table}]\n{line}\n"
+    assert mistake(tmp_path, text).startswith(f"kinect.toml:4: {where}")
+
+
+@pytest.mark.parametrize(
+    ("table", "line", "why"),
+    [
+        ("camera", 'source = "kinekt"', "use one of synthetic, tum:FOLDER"),
+        ("odometry", 'method = "orb"', "method 'orb' is unknown; use one of surf"),
+        ("T_base_camera", "quaternion_xyzw = [0, 0, 0, 0]", "must have length 1, as x y z w"),
+        ("T_base_camera", "quaternion_xyzw = [1, 1, 1, 1]", "must have length 1, as x y z w"),
+        ("zenoh", 'prefix = "/kinect"', "without a slash at either end"),
+        ("synthetic", "rate_hz = 0", "rate_hz must be above 0"),
+    ],
+)
+def test_a_value_that_makes_no_sense_is_named_with_its_table(
+    tmp_path: Path, table: str, line: str, why: str
+) -> None:
+    said = mistake(tmp_path, f"schema = 1\n\n[{table}]\n{line}\n")
+    assert said.startswith(f"kinect.toml:3: key `{table}`: ")
+    assert why in said
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[zeno]\n", "kinect.toml: key `schema`: is missing; put `schema = 1` at the top"),
+        ("schema = 1\n[zeno]\n", "kinect.toml:2: key `zeno`: is unknown; did you mean `zenoh`?"),
+        ("schema = 2\n", "kinect.toml:1: key `schema`: version 2 cannot be read, only 1"),
+        ("schema = 1\n[camera\n", "kinect.toml:2: not TOML"),
+        ("schema = 1\ncamera = 3\n", "kinect.toml:2: key `camera`: 3 is the wrong type"),
+    ],
+)
+def test_a_file_that_is_wrong_as_a_whole_says_so(tmp_path: Path, text: str, said: str) -> None:
+    assert mistake(tmp_path, text).startswith(said)
+
+
+def test_a_file_that_is_not_there_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.toml: cannot be read: No such file"):
+        read_config(tmp_path / "none.toml")

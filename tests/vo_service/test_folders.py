@@ -1,0 +1,66 @@
+"""Where things are kept that can be made again."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from vo_service.folders import cache_folder
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A home of one's own, and nothing else set."""
+    for name in ("CACHE_DIRECTORY", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    return tmp_path / "home"
+
+
+def test_it_is_in_the_users_cache(home: Path) -> None:
+    assert cache_folder() == home / ".cache" / "kinect-vo"
+    assert cache_folder().is_dir()
+
+
+def test_the_users_own_choice_of_a_cache_is_followed(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert cache_folder() == tmp_path / "xdg" / "kinect-vo"
+
+
+def test_what_systemd_gives_comes_first_and_of_several_the_first(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    monkeypatch.setenv("CACHE_DIRECTORY", f"{tmp_path / 'a'}:{tmp_path / 'b'}")
+    assert cache_folder() == tmp_path / "a"
+
+
+def test_a_folder_that_cannot_be_made_is_passed_over(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "file" / "below"))
+    assert cache_folder() == home / ".cache" / "kinect-vo"
+
+
+def test_without_a_home_that_can_be_written_a_temporary_one_serves(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home.touch()  # a file where the home should be: nobody, not even root, can write below it
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    folder = cache_folder()
+    assert (folder.parent, folder.name[:10]) == (tmp_path, "kinect-vo-")
+    assert os.access(folder, os.W_OK)
+
+
+def test_a_user_without_a_home_gets_one_too(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", no_home)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert cache_folder().parent == tmp_path

@@ -1,0 +1,79 @@
+"""Progress for a person at a terminal; silence in a log."""
+
+import io
+import os
+import pty
+
+import pytest
+
+from tests.vo_service.fakes import FakeClock
+from vo_service import terminal as terminal_module
+from vo_service.terminal import Terminal
+
+
+class Screen(io.StringIO):
+    """A terminal that keeps what was drawn."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    clock = FakeClock()
+    monkeypatch.setattr(terminal_module, "time", clock)
+    return clock
+
+
+def test_a_log_gets_nothing() -> None:
+    log = io.StringIO()
+    terminal = Terminal(log)
+    terminal.show("busy")
+    terminal.progress("frame", 1, 1)
+    terminal.clear()
+    assert log.getvalue() == ""
+
+
+def test_a_line_is_drawn_over_the_one_before_and_taken_away() -> None:
+    screen = Screen()
+    terminal = Terminal(screen)
+    terminal.show("one")
+    terminal.show("two")
+    terminal.clear()
+    assert screen.getvalue() == "\r\x1b[Kone\r\x1b[Ktwo\r\x1b[K"
+
+
+def test_what_was_never_drawn_is_not_taken_away() -> None:
+    screen = Screen()
+    terminal = Terminal(screen)
+    terminal.clear()
+    terminal.show("one")
+    terminal.clear()
+    terminal.clear()
+    assert screen.getvalue() == "\r\x1b[Kone\r\x1b[K"
+
+
+def test_progress_is_drawn_ten_times_a_second_and_at_the_end(clock: FakeClock) -> None:
+    screen = Screen()
+    terminal = Terminal(screen)
+    for done in range(1, 64):
+        clock.now_s += 1 / 32
+        terminal.progress("frame", done, 63)
+    drawn = screen.getvalue().split("\r\x1b[K")[1:]
+    assert drawn[:2] == ["frame 1/63 (2%)", "frame 5/63 (8%)"]
+    assert drawn[-1] == "frame 63/63 (100%)"
+    assert len(drawn) == 17
+
+
+def test_progress_without_a_total_only_counts(clock: FakeClock) -> None:
+    screen = Screen()
+    Terminal(screen).progress("frame", 7, None)
+    assert screen.getvalue() == "\r\x1b[Kframe 7"
+
+
+def test_it_draws_on_a_real_terminal() -> None:
+    ours, theirs = pty.openpty()
+    with os.fdopen(theirs, "w") as stream:
+        Terminal(stream).show("busy")
+        assert os.read(ours, 100) == b"\r\x1b[Kbusy"
+    os.close(ours)

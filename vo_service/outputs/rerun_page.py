@@ -105,16 +105,14 @@ def _policy(data_port: int) -> str:
 
 def _fetch_files() -> dict[str, bytes]:
     """Start Rerun's own web server for a moment and read the files from it."""
-    port = _free_port()
+    port = free_port()
     # Given something to show, it opens no port for data of its own.
-    command = [str(_rerun_binary()), "--serve-web", f"rerun+http://{LOOPBACK}:1/proxy"]
+    command = [str(rerun_binary()), "--serve-web", f"rerun+http://{LOOPBACK}:1/proxy"]
     command += ["--bind", LOOPBACK, "--web-viewer-port", str(port)]
     with tempfile.TemporaryDirectory(prefix="kinect-vo-") as home:
-        environment = os.environ | {"XDG_CONFIG_HOME": home, "RUST_LOG": "error"}
-        _switch_reports_off(Path(home))
-        server = subprocess.Popen(command, env=environment)
+        server = subprocess.Popen(command, env=quiet_environment(Path(home)))
         try:
-            _wait_until_it_answers(port)
+            wait_until_it_answers(port)
             files = {name: _read(f"http://{LOOPBACK}:{port}/{name}") for name in _FILES}
         finally:
             server.kill()
@@ -127,7 +125,8 @@ def _without_links_outside(page: bytes) -> bytes:
     return re.sub(rb"<link[^>]*https://[^>]*>", b"", page)
 
 
-def _wait_until_it_answers(port: int) -> None:
+def wait_until_it_answers(port: int) -> None:
+    """Until something listens on a port. Raises UserFacingError after ten seconds."""
     deadline_s = time.monotonic() + _START_WITHIN_S
     while time.monotonic() < deadline_s:
         try:
@@ -145,14 +144,15 @@ def _read(url: str) -> bytes:
     return content
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A port of loopback that the kernel has just found free."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         port: int = probe.getsockname()[1]
     return port
 
 
-def _rerun_binary() -> Path:
+def rerun_binary() -> Path:
     """The program itself: the `rerun` command is a script, and killing that leaves it running."""
     package = find_spec("rerun_cli")
     if package is None or package.origin is None:
@@ -160,8 +160,11 @@ def _rerun_binary() -> Path:
     return Path(package.origin).with_name("rerun")
 
 
-def _switch_reports_off(home: Path) -> None:
-    """Write Rerun's configuration of usage reports; it wants all five keys."""
+def quiet_environment(home: Path) -> dict[str, str]:
+    """Environment for Rerun's programs: no usage reports (the file wants all five keys), no chat.
+
+    `home` is an empty folder that must last as long as the program.
+    """
     settings = home / "rerun" / "analytics.json"
     settings.parent.mkdir()
     content = {
@@ -169,6 +172,7 @@ def _switch_reports_off(home: Path) -> None:
         "analytics_id": "",
         "metadata": {},
         "config_file_path": str(settings),
-        "data_dir_path": home.as_posix(),
+        "data_dir_path": str(home),
     }
     settings.write_text(json.dumps(content))
+    return os.environ | {"XDG_CONFIG_HOME": str(home), "RUST_LOG": "error"}

@@ -1,0 +1,92 @@
+"""Open a recording in Rerun's web viewer in a real browser and take its picture.
+
+    python benchmarks/rerun_screenshot.py output/demo.rrd /tmp/demo.png
+
+Needs Debian's `chromium`. Exit code 1 if the picture shows no trajectory or no camera image.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import quote
+
+import cv2
+import numpy as np
+
+from vo_service.outputs.rerun_page import (
+    PageServer,
+    free_port,
+    quiet_environment,
+    rerun_binary,
+    wait_until_it_answers,
+)
+from vo_service.outputs.rerun_scene import TRAJECTORY_COLOUR
+from vo_service.outputs.rerun_sinks import LOOPBACK
+
+BROWSER = [
+    "chromium",
+    "--headless",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--window-size=1400,850",
+    # Time as the page sees it: it gets this much to load and draw, however slow the computer.
+    "--virtual-time-budget=20000",
+]
+
+
+def main() -> int:
+    """Take the picture and look whether it shows anything."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("recording", type=Path)
+    parser.add_argument("picture", type=Path)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as home:
+        photograph(args.recording, args.picture, Path(home))
+    problems = missing(args.picture)
+    print("\n".join(problems) or f"{args.picture}: trajectory and camera image are there")
+    return 1 if problems else 0
+
+
+def photograph(recording: Path, picture: Path, home: Path) -> None:
+    """Serve the recording on loopback and let a browser draw it."""
+    data_port, page_port = free_port(), free_port()
+    command = [str(rerun_binary()), "--serve-grpc", "--bind", LOOPBACK, "--port", str(data_port)]
+    data = subprocess.Popen([*command, str(recording)], env=quiet_environment(home))
+    try:
+        wait_until_it_answers(data_port)
+        with closing(PageServer(page_port, data_port)):
+            url = quote(f"rerun+http://{LOOPBACK}:{data_port}/proxy", safe="")
+            page = f"http://{LOOPBACK}:{page_port}/?url={url}&renderer=webgl"
+            options = [f"--screenshot={picture.resolve()}", f"--user-data-dir={home}/browser"]
+            subprocess.run(
+                [*BROWSER, *options, page], check=True, stderr=subprocess.DEVNULL, timeout=180
+            )
+    finally:
+        data.kill()
+        data.wait()
+
+
+def missing(picture: Path) -> list[str]:
+    """What a person would miss in the picture."""
+    image = cv2.imread(str(picture))
+    if image is None:
+        return [f"{picture}: the browser took no picture"]
+    width = image.shape[1]
+    below_the_bar = image[50:]
+    scene, pictures = below_the_bar[:, : width // 2], below_the_bar[:, width // 2 :]
+    trajectory = np.abs(scene.astype(int) - TRAJECTORY_COLOUR[::-1]).max(axis=2) < 30
+    problems = []
+    if np.count_nonzero(trajectory) < 50:
+        problems.append(f"{picture}: no trajectory in the 3-D view")
+    if len(np.unique(pictures.reshape(-1, 3), axis=0)) < 2000:
+        problems.append(f"{picture}: no camera image beside it")
+    return problems
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -58,10 +58,11 @@ def rotation_from_quaternion(quaternion_xyzw: ArrayLike) -> Array:
     Raises ValueError if the quaternion is zero or not finite.
     """
     q = np.asarray(quaternion_xyzw, dtype=np.float64)
-    norm = float(np.linalg.norm(q))
-    if not np.isfinite(norm) or norm == 0.0:
-        raise ValueError(f"not a rotation: quaternion {q.tolist()} has length {norm}")
-    x, y, z, w = q / norm
+    largest = np.max(np.abs(q))
+    if not 0.0 < largest < np.inf:
+        raise ValueError(f"not a rotation: quaternion {q.tolist()} is zero or not finite")
+    q = q / largest  # so that no square overflows or vanishes
+    x, y, z, w = q / np.linalg.norm(q)
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -120,5 +121,7 @@ def is_rigid(T: NDArray[Any], tolerance: float = 1e-6) -> bool:
     if T.shape != (4, 4) or not np.all(np.isfinite(T)):
         return False
     R = T[:3, :3]
-    orthonormal = np.allclose(R @ R.T, np.eye(3), atol=tolerance)
+    if np.max(np.abs(R)) > 1.0 + tolerance:  # its square may overflow
+        return False
+    orthonormal = np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=tolerance)
     return bool(orthonormal and np.linalg.det(R) > 0 and np.array_equal(T[3], [0, 0, 0, 1]))

@@ -8,6 +8,11 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.geometry import Array, quaternion_from_rotation, transform_from_pose
 
+COLUMNS = "stamp tx ty tz qx qy qz qw"
+# Beyond these a file is in other units: nanoseconds, say.
+FARTHEST_STAMP_S = 1e11
+FARTHEST_POSITION_M = 1e9
+
 
 @dataclass(frozen=True)
 class StampedPoses:
@@ -23,13 +28,15 @@ class StampedPoses:
 def read_trajectory(path: Path) -> StampedPoses:
     """Read a TUM-format file; blank lines and ``#`` comments are passed over.
 
-    Raises InputError naming the file and line if it cannot be read, does not parse, holds NaN or
-    a quaternion that is no rotation, or if stamps repeat or go backwards.
+    Raises InputError naming the file and line if it cannot be read, does not parse, holds NaN,
+    a quaternion that is no rotation or values in other units, or if stamps repeat or go backwards.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot read the trajectory: {_cause(error)}") from error
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: cannot read the trajectory: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not a text file; expected lines of: {COLUMNS}") from error
     stamps: list[float] = []
     poses: list[Array] = []
     for number, line in enumerate(lines, 1):
@@ -45,7 +52,7 @@ def read_trajectory(path: Path) -> StampedPoses:
         stamps.append(stamp_s)
         poses.append(T)
     if not poses:
-        raise InputError(f"{path}: holds no pose; expected lines of: stamp tx ty tz qx qy qz qw")
+        raise InputError(f"{path}: holds no pose; expected lines of: {COLUMNS}")
     return StampedPoses(np.array(stamps), np.array(poses))
 
 
@@ -58,20 +65,18 @@ def pose_line(stamp_s: float, T_world_camera: Array) -> str:
 
 def _parse_pose(text: list[str], where: str) -> tuple[float, Array]:
     if len(text) != 8:
-        raise InputError(
-            f"{where}: {len(text)} columns where 8 are expected: stamp tx ty tz qx qy qz qw"
-        )
+        raise InputError(f"{where}: {len(text)} columns where 8 are expected: {COLUMNS}")
     try:
         values = [float(word) for word in text]
     except ValueError as error:
-        raise InputError(f"{where}: not a number: {_cause(error)}") from error
+        raise InputError(f"{where}: {error}; expected numbers: {COLUMNS}") from error
     if not np.all(np.isfinite(values)):
         raise InputError(f"{where}: a value is not finite: remove the line, a lost pose has none")
+    if abs(values[0]) > FARTHEST_STAMP_S or max(map(abs, values[1:4])) > FARTHEST_POSITION_M:
+        raise InputError(
+            f"{where}: stamps must be in seconds and positions in metres; convert them"
+        )
     try:
         return values[0], transform_from_pose(values[1:4], values[4:8])
     except ValueError as error:
         raise InputError(f"{where}: {error}") from error
-
-
-def _cause(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)

@@ -4,6 +4,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from drivers.camera import Pace
 from vo_service.config import Config, read_config
 from vo_service.methods import METHODS
 
@@ -40,6 +41,16 @@ def config_of(args: argparse.Namespace) -> Config:
     if getattr(args, "rerun", None):
         config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))
     return config
+
+
+def pace(text: str) -> Pace:
+    """Parse a pace."""
+    try:
+        return Pace(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a pace: give {' or '.join(Pace)}"
+        ) from error
 
 
 def seconds(text: str) -> float:

@@ -9,7 +9,13 @@ import numpy as np
 from drivers.camera import Pace
 from drivers.tum.camera import TumCamera
 from drivers.tum.folder import paired_frames
-from vo_service.commands.options import add_config_options, add_output_options, config_of, seconds
+from vo_service.commands.options import (
+    add_config_options,
+    add_output_options,
+    config_of,
+    pace,
+    seconds,
+)
 from vo_service.feed import PlainFeed
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
@@ -39,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="the recording")
     add_config_options(parser)
     parser.add_argument(
-        "--pace", type=Pace, choices=list(Pace), default=Pace.LOCKSTEP,
+        "--pace", type=pace, metavar="PACE", default=Pace.LOCKSTEP,
         help="lockstep (default) or realtime",
     )  # fmt: skip
     parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")

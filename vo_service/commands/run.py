@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drivers.camera import Pace
 from vo_service.cameras import USAGES, CameraRequest, make_camera
-from vo_service.commands.options import add_config_options, add_output_options, config_of
+from vo_service.commands.options import add_config_options, add_output_options, config_of, pace
 from vo_service.feed import PersistentFeed
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) of a recording"
     )
     parser.add_argument(
-        "--pace", type=Pace, choices=list(Pace), default=Pace.REALTIME,
+        "--pace", type=pace, metavar="PACE", default=Pace.REALTIME,
         help="realtime (default), or lockstep for a recording",
     )  # fmt: skip
     add_output_options(parser)

@@ -1,5 +1,7 @@
 """Images and frames whose truth is known, for the tests of the odometry."""
 
+from functools import cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -74,12 +76,17 @@ def view_of_a_corner(T_world_camera: Array, seq: int = 0) -> RgbdFrame:
     return frame_of(grey, depth_m, seq)
 
 
+@cache
+def _plane(seed: int) -> NDArray[np.uint8]:
+    return textured_image(1024, 1024, seed)
+
+
 def _texture(points: Array, normal: Array, seed: int) -> NDArray[np.uint8]:
     along = np.cross(normal, [0.3, 0.5, 1.0])
     along /= np.linalg.norm(along)
     across = np.cross(normal, along) / np.linalg.norm(normal)
     x, y = (TEXELS_PER_M * (points @ axis) + 512.0 for axis in (along, across))
-    texture = textured_image(1024, 1024, seed)
+    texture = _plane(seed)
     colours: NDArray[np.uint8] = cv2.remap(
         texture, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR
     )  # type: ignore[assignment]

@@ -1,0 +1,47 @@
+"""A small recording that the whole line can follow, rendered once a session."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from drivers.trajectory import StampedPoses
+from drivers.tum.writer import TumWriter
+from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+
+FRAMES = 12
+
+
+def _pose(seq: int) -> Array:
+    """A hand that moves a little forward and to the right, turning."""
+    turn = rotation_from_vector([0.002 * seq, 0.006 * seq, -0.003 * seq])
+    return rigid_transform(turn, [0.01 * seq, -0.004 * seq, 0.015 * seq])
+
+
+@pytest.fixture(scope="session")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of 12 frames, 320x240, 30 a second, with ground truth. Leave it as it is."""
+    folder = tmp_path_factory.mktemp("recordings") / "corner"
+    frames = [view_of_a_corner(_pose(seq), seq) for seq in range(FRAMES)]
+    stamps_s = np.array([frame.stamp_s for frame in frames])
+    truth = StampedPoses(stamps_s, np.array([_pose(seq) for seq in range(FRAMES)]))
+    with TumWriter(folder, ground_truth=truth) as writer:
+        for frame in frames:
+            writer.write(frame)
+    return folder
+
+
+@pytest.fixture
+def copy_recording(recording: Path, tmp_path: Path) -> Callable[..., Path]:
+    """A copy to break: ``copy_recording(lists=True)`` has rgb.txt and depth.txt alone."""
+
+    def copy(lists: bool = False, name: str = "corner") -> Path:
+        folder = Path(shutil.copytree(recording, tmp_path / name))
+        if lists:
+            (folder / "associations.txt").unlink()
+        return folder
+
+    return copy

@@ -1,0 +1,67 @@
+"""kinect-vo as a user runs it: in a process of its own, or (much quicker) within this one."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vo_service import cli
+
+KINECT_VO = str(Path(sys.executable).parent / "kinect-vo")
+PATIENCE_S = 60.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a user sees of a command."""
+
+    code: int | str | None
+    out: str
+    err: str
+
+
+def call(capfd: pytest.CaptureFixture[str], *arguments: object) -> Outcome:
+    """Run a command in this process; what native libraries print counts too."""
+    capfd.readouterr()
+    with pytest.raises(SystemExit) as caught:
+        cli.main([str(argument) for argument in arguments])
+    said = capfd.readouterr()
+    return Outcome(caught.value.code, said.out, said.err)
+
+
+def run(*arguments: object) -> Outcome:
+    """Run a command in a process of its own."""
+    command = [KINECT_VO, *(str(argument) for argument in arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    return Outcome(done.returncode, done.stdout, done.stderr)
+
+
+@contextmanager
+def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """A command that is still going; killed at the end of the block."""
+    command = [KINECT_VO, *(str(argument) for argument in arguments)]
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def wait_for(holds: Callable[[], bool]) -> None:
+    """Until something holds; a test that waits in vain fails."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline_s, "waited in vain"
+        time.sleep(0.02)
+
+
+def line_count(path: Path) -> int:
+    """Whole lines of a file that may not be there yet."""
+    return path.read_bytes().count(b"\n") if path.exists() else 0

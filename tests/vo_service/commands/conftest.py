@@ -1,0 +1,33 @@
+"""Surroundings for commands: a cache of their own, one set of compiled kernels, a free port."""
+
+import socket
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def surroundings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing of the user's; kernels are compiled once for all processes, beside the sources."""
+    monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.setenv(name, "1")
+    monkeypatch.setenv("OPENCV_LOG_LEVEL", "SILENT")
+
+
+@pytest.fixture
+def port() -> int:
+    """A port of 127.0.0.1 that the kernel has just found free."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        found: int = probe.getsockname()[1]
+        return found
+
+
+@pytest.fixture
+def config(tmp_path: Path, port: int) -> Path:
+    """A configuration that publishes on the free port."""
+    file = tmp_path / "kinect.toml"
+    file.write_text(f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n')
+    return file

@@ -1,0 +1,91 @@
+"""Which pose of a trajectory belongs to which pose of the ground truth, by their stamps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import InputError
+from drivers.geometry import Array
+from drivers.trajectory import StampedPoses
+
+WITHIN_S = 0.020
+# Closer than this, two stamps are one stamp written with different rounding.
+SAME_STAMP_S = 0.001
+FEWEST_MATCHES = 3
+
+
+@dataclass(frozen=True)
+class MatchedPoses:
+    """M pairs of poses, in order of time; the two worlds need not agree.
+
+    stamps_s        (M,) of the trajectory's poses
+    T_world_camera  (M, 4, 4) the trajectory's, in its own world
+    T_truth_camera  (M, 4, 4) the ground truth's, in the truth's world
+    """
+
+    stamps_s: Array
+    T_world_camera: Array
+    T_truth_camera: Array
+
+
+def nearest(stamps_s: Array, wanted_s: Array) -> NDArray[np.intp]:
+    """For each of `wanted_s`, the index of the nearest of the rising `stamps_s`; ties: earlier."""
+    after = np.searchsorted(stamps_s, wanted_s, side="right").clip(max=len(stamps_s) - 1)
+    before = (after - 1).clip(min=0)
+    is_before = wanted_s - stamps_s[before] <= stamps_s[after] - wanted_s
+    return np.where(is_before, before, after)
+
+
+def has_partner(
+    stamps_s: Array, partners_s: Array, within_s: float = WITHIN_S
+) -> NDArray[np.bool_]:
+    """For each of `stamps_s`, whether one of the rising `partners_s` is within reach."""
+    return np.abs(partners_s[nearest(partners_s, stamps_s)] - stamps_s) <= within_s
+
+
+def associate(trajectory: StampedPoses, truth: StampedPoses) -> MatchedPoses:
+    """Pair each pose of the shorter list with the nearest of the other, at most 20 ms apart.
+
+    The trajectory counts as the shorter one where both are as long. This is the rule of evo's
+    ``associate_trajectories``, so the figures agree with evo's.
+
+    Raises InputError if fewer than 3 poses find a partner.
+    """
+    if len(trajectory) <= len(truth):
+        mine = np.flatnonzero(has_partner(trajectory.stamps_s, truth.stamps_s))
+        theirs = nearest(truth.stamps_s, trajectory.stamps_s[mine])
+    else:
+        theirs = np.flatnonzero(has_partner(truth.stamps_s, trajectory.stamps_s))
+        mine = nearest(trajectory.stamps_s, truth.stamps_s[theirs])
+    if len(mine) < FEWEST_MATCHES:
+        raise InputError(_too_few(len(mine), trajectory, truth))
+    return MatchedPoses(
+        trajectory.stamps_s[mine], trajectory.T_world_camera[mine], truth.T_world_camera[theirs]
+    )
+
+
+def coverage(poses_s: Array, truth_s: Array, frames_s: Array | None) -> float | None:
+    """Poses that have ground truth within 20 ms, as a share of the frames that have it.
+
+    frames_s  stamps of all frames that the recording delivered; None if they are not known. A
+              truth that has a pose at the very stamp of every pose is then taken to have one a
+              frame. Any other (motion capture at 100 Hz) does not say how many frames there were.
+
+    Returns None where it cannot be told.
+    """
+    if frames_s is None:
+        one_a_frame = bool(np.all(has_partner(poses_s, truth_s, SAME_STAMP_S)))
+        frames_s = truth_s if one_a_frame else np.empty(0)
+    frames = np.count_nonzero(has_partner(frames_s, truth_s))
+    poses = np.count_nonzero(has_partner(poses_s, truth_s))
+    return min(1.0, float(poses / frames)) if frames else None
+
+
+def _too_few(matches: int, trajectory: StampedPoses, truth: StampedPoses) -> str:
+    mine, theirs = (f"{p.stamps_s[0]:.3f}..{p.stamps_s[-1]:.3f} s" for p in (trajectory, truth))
+    return (
+        f"{matches} of {len(trajectory)} poses have ground truth within {1000 * WITHIN_S:.0f} ms, "
+        f"{FEWEST_MATCHES} are needed (trajectory {mine}, truth {theirs}): "
+        "give the truth of the same recording, on the same clock"
+    )

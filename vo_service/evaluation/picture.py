@@ -1,0 +1,104 @@
+"""A picture of a trajectory beside its ground truth: from above, from the side, error over time."""
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drivers.errors import InputError, UserFacingError
+from drivers.geometry import Array, inverse, transform_points
+from drivers.trajectory import StampedPoses
+from drivers.tum.whole_files import write_whole
+from vo_service.evaluation.association import WITHIN_S, MatchedPoses, associate
+from vo_service.evaluation.metrics import best_alignment, position_errors_m
+
+if TYPE_CHECKING:  # drawn with rarely, and slow to import
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FORMATS = (".png", ".svg")
+# A line is broken where poses are further apart than this many usual steps.
+GAP_STEPS = 3.0
+TRUTH: dict[str, Any] = {"color": "0.55", "linewidth": 2.5, "label": "ground truth"}
+TRAJECTORY: dict[str, Any] = {"color": "tab:blue", "linewidth": 1.2, "label": "trajectory"}
+
+
+def write_picture(path: Path, trajectory: StampedPoses, truth: StampedPoses, title: str) -> None:
+    """Draw both after the best rigid alignment, in metres, and write a PNG or SVG by the suffix.
+
+    The axes are those of the first true camera: right, forward, up.
+
+    Raises InputError for any other suffix or if fewer than 3 poses have ground truth within 20 ms,
+    UserFacingError if the file cannot be written; no half-written file is left.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"{path}: a picture is {' or '.join(FORMATS)}: name it so")
+    figure = draw(trajectory, truth, title)
+    image = io.BytesIO()
+    figure.savefig(image, format=path.suffix.lower().removeprefix("."))
+    try:
+        write_whole(path, image.getvalue())
+    except OSError as error:
+        raise UserFacingError(
+            f"{path}: cannot write the picture: {error.strerror}; name a folder that can be "
+            "written to"
+        ) from error
+
+
+def draw(trajectory: StampedPoses, truth: StampedPoses, title: str) -> "Figure":
+    """The picture as a matplotlib figure, drawn without pyplot: no global state, no window."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    matched = associate(trajectory, truth)
+    T_truth_world = best_alignment(matched)
+    T_first_truth = inverse(matched.T_truth_camera[0])
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title)
+    plots = figure.subplot_mosaic("AB;EE", height_ratios=[3, 1])
+    _label(plots["A"], "from above", "right (m)", "forward (m)")
+    _label(plots["B"], "from the right", "forward (m)", "up (m)")
+    _label(plots["E"], "position error after alignment", "time (s)", "error (m)")
+    _draw_path(plots, _while_matched(truth, matched), T_first_truth, TRUTH)
+    _draw_path(plots, trajectory, T_first_truth @ T_truth_world, TRAJECTORY)
+    for view in (plots["A"], plots["B"]):
+        view.set_aspect("equal", adjustable="datalim")
+    plots["A"].legend()
+    errors_m = position_errors_m(matched, T_truth_world)
+    time_s = matched.stamps_s - matched.stamps_s[0]
+    plots["E"].plot(*_broken_at_gaps(matched.stamps_s, np.column_stack([time_s, errors_m])).T)
+    plots["E"].set_ylim(bottom=0)
+    return figure
+
+
+def _label(plot: "Axes", title: str, x: str, y: str) -> None:
+    plot.set_title(title)
+    plot.set_xlabel(x)
+    plot.set_ylabel(y)
+    plot.grid(alpha=0.3)
+
+
+def _draw_path(
+    plots: "dict[str, Axes]", poses: StampedPoses, T_first_world: Array, style: dict[str, Any]
+) -> None:
+    """Draw into both views; T_first_world maps to the axes of the first true camera."""
+    positions_m = transform_points(T_first_world, poses.T_world_camera[:, :3, 3])
+    right_m, down_m, forward_m = _broken_at_gaps(poses.stamps_s, positions_m).T
+    plots["A"].plot(right_m, forward_m, **style)
+    plots["B"].plot(forward_m, -down_m, **style)
+
+
+def _while_matched(truth: StampedPoses, matched: MatchedPoses) -> StampedPoses:
+    """The truth while the trajectory lasts: motion capture may have started long before."""
+    first_s, last_s = matched.stamps_s[[0, -1]] + [-WITHIN_S, WITHIN_S]
+    during = (truth.stamps_s >= first_s) & (truth.stamps_s <= last_s)
+    return StampedPoses(truth.stamps_s[during], truth.T_world_camera[during])
+
+
+def _broken_at_gaps(stamps_s: Array, columns: Array) -> Array:
+    """`columns` (N, k) with a row of NaN wherever poses are missing: no line is drawn there."""
+    steps_s = np.diff(stamps_s)
+    gaps = np.flatnonzero(steps_s > GAP_STEPS * np.median(steps_s))
+    return np.insert(columns, gaps + 1, np.nan, axis=0)

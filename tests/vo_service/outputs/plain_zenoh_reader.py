@@ -14,6 +14,7 @@ port, count, seconds_per_sample = int(sys.argv[1]), int(sys.argv[2]), float(sys.
 config = zenoh.Config()
 config.insert_json5("mode", '"client"')
 config.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{port}"]')
+config.insert_json5("connect/timeout_ms", "-1")  # wait for the publisher
 samples: list[dict[str, object]] = []
 done = threading.Event()
 

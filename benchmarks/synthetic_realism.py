@@ -10,22 +10,18 @@ with exact truth, gives the figures to compare with.
 """
 
 import argparse
-import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+from cv2.typing import MatLike
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
-from drivers.geometry import Array, inverse, rigid_transform, transform_points
+from drivers.geometry import Array, rigid_transform, transform_points
 from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import NO_DISTORTION, SyntheticConfig
-from drivers.synthetic.motion import make_path
-from drivers.synthetic.render import Renderer
-from drivers.synthetic.scene import ROOM_HEIGHT_M
 from drivers.trajectory import read_trajectory
 
 FREIBURG1 = PinholeCamera(640, 480, 517.3, 516.5, 318.6, 255.3)
@@ -49,7 +45,7 @@ class View:
 class Features:
     """Descriptors (N, D) of features with depth, and their points (N, 3) in metres."""
 
-    descriptors: NDArray[np.generic]
+    descriptors: MatLike
     points_m: Array
 
 
@@ -63,8 +59,8 @@ def rigid_fit(source: Array, target: Array) -> Array:
 
 def find_features(detector: cv2.Feature2D, view: View) -> Features:
     """Features at pixels that have a depth."""
-    keypoints, descriptors = detector.detectAndCompute(view.grey, None)  # type: ignore[call-overload]
-    if descriptors is None:
+    keypoints, descriptors = detector.detectAndCompute(view.grey, np.ones_like(view.grey))
+    if not keypoints:
         return Features(np.zeros((0, 1), np.uint8), np.zeros((0, 3)))
     pixels = np.array([keypoint.pt for keypoint in keypoints])
     columns, rows = np.rint(pixels).astype(int).T
@@ -102,7 +98,7 @@ def estimate(now: Array, before: Array, rng: np.random.Generator) -> Array | Non
     return rigid_fit(now[best], before[best]) if best.sum() >= 6 else None
 
 
-def odometry_error_m(views: Iterator[View], detector: cv2.Feature2D, norm: int) -> tuple[float, int]:
+def odometry_error_m(views: list[View], detector: cv2.Feature2D, norm: int) -> tuple[float, int]:
     """ATE RMSE and the number of failed steps (taken as standing still)."""
     rng, matcher = np.random.default_rng(0), cv2.BFMatcher(norm)
     estimated, true, failed = [np.eye(4)], [], 0
@@ -140,7 +136,8 @@ def recorded_views(folder: Path, camera: PinholeCamera, factor: float) -> list[V
     for T, c, d in zip(truth.T_world_camera, colour, depth, strict=True):
         grey = cv2.imread(str(c), cv2.IMREAD_GRAYSCALE)
         raw = cv2.imread(str(d), cv2.IMREAD_UNCHANGED)
-        assert grey is not None and raw is not None
+        if grey is None or raw is None:
+            raise SystemExit(f"{c} or {d}: not an image")
         depth_m = (raw / np.float32(factor)).astype(np.float32)
         views.append(View(grey.astype(np.uint8), depth_m, camera, T))
     return views
@@ -152,10 +149,10 @@ def report(name: str, views: list[View]) -> None:
     holes = np.mean([np.mean(view.depth_m == 0) for view in views])
     line = f"{name:28} {len(views):4} frames, median depth {np.median(z):.2f} m, {holes:4.0%} holes"
     for kind, detector, norm in (
-        ("SIFT", cv2.SIFT_create(1000), cv2.NORM_L2),
-        ("ORB", cv2.ORB_create(1000), cv2.NORM_HAMMING),
+        ("SIFT", cv2.SIFT.create(1000), cv2.NORM_L2),
+        ("ORB", cv2.ORB.create(1000), cv2.NORM_HAMMING),
     ):
-        error_m, failed = odometry_error_m(iter(views), detector, norm)
+        error_m, failed = odometry_error_m(views, detector, norm)
         line += f" | {kind} {1e3 * error_m:6.1f} mm, {failed} failed"
     print(line, flush=True)
 

@@ -4,6 +4,7 @@ A film is KEY.npy, an array of (colour, depth), beside KEY.json, which holds its
 written last. Both appear under their names only when whole.
 """
 
+import contextlib
 import json
 import os
 import time
@@ -54,6 +55,7 @@ class FilmCache:
         """
         size = frames * dtype.itemsize
         part = self._folder / f"{key}.{os.getpid()}.part"
+        note = part.with_suffix(".note.part")
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             self._make_room(size)
@@ -61,19 +63,22 @@ class FilmCache:
             film = np.lib.format.open_memmap(part, mode="r+")
             fill_film(film)
             film.flush()
-            note = self._folder / f"{key}.{os.getpid()}.note.part"
             note.write_text(json.dumps({"crc32": _checksum(film)}))
             part.replace(self._folder / f"{key}.npy")
             note.replace(self._folder / f"{key}.json")
-        except PermissionError as error:
-            raise InputError(f"{self._folder}: cannot write the cache: {error.strerror}") from error
+        except (PermissionError, NotADirectoryError, FileExistsError) as error:
+            raise InputError(
+                f"{self._folder}: frames cannot be kept there: {error.strerror}"
+            ) from error
         except OSError as error:
             raise CameraError(
                 f"{self._folder}: cannot keep {size / 1e6:.0f} MB of frames: {error.strerror}; "
                 "free some space or ask for a shorter duration"
             ) from error
         finally:
-            part.unlink(missing_ok=True)
+            for leftover in (part, note):
+                with contextlib.suppress(OSError):
+                    leftover.unlink()
         readable: Film = np.load(self._folder / f"{key}.npy", mmap_mode="r")
         return readable
 

@@ -14,7 +14,7 @@ from drivers.synthetic.faults import FaultKind, FaultySource, Source
 from drivers.synthetic.film import Progress, film_source, load_or_render, silent
 from drivers.synthetic.motion import make_path
 from drivers.synthetic.pacing import HostClock, make_pacer
-from drivers.synthetic.render import Renderer
+from drivers.synthetic.render import make_renderer
 from drivers.synthetic.scene import ROOM_HEIGHT_M
 from drivers.trajectory import StampedPoses
 
@@ -131,7 +131,7 @@ class SyntheticCamera(RgbdCamera):
         threads = way.threads or os.cpu_count() or 1
         if way.preload:
             return film_source(load_or_render(config, way.cache_dir, way.progress, threads))
-        renderer = Renderer(config, threads)
+        renderer = make_renderer(config, threads)
         return lambda seq: renderer.render(seq % config.frame_count)
 
     def _unplug_by(self, seq: int) -> None:

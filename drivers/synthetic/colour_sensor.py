@@ -2,6 +2,7 @@
 
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +39,8 @@ def expose(
     image: Floats, gain: float, kept: Floats, eye: ColourEye, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     """(H, W, 3) uint8: half of the noise's power at mid grey is shot noise, half read-out."""
+    if eye.softness_px > 0:
+        image = cv2.GaussianBlur(image, (0, 0), eye.softness_px)  # type: ignore[assignment]
     exposed = image * (np.float32(gain) * kept)[..., None]
     if eye.noise_sigma > 0:
         sigma = eye.noise_sigma * np.sqrt(0.5 + exposed * np.float32(0.5 / MID_GREY))

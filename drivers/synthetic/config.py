@@ -26,8 +26,9 @@ class ColourEye:
     """The colour sensor. Sensible values are those of a Kinect v1 indoors."""
 
     distortion: tuple[float, ...] = (0.05, -0.10, 0.0005, -0.0005, 0.0)  # k1 k2 p1 p2 k3
-    noise_sigma: float = 2.5  # grey levels at mid grey
-    exposure_s: float = 0.008  # motion blur; 0 = a perfect instant
+    noise_sigma: float = 3.0  # grey levels at mid grey
+    softness_px: float = 0.9  # blur of the lens and of the colour filter array
+    exposure_s: float = 0.016  # motion blur; 0 = a perfect instant
     gain_drift: float = 0.12  # automatic exposure: relative amplitude
     vignetting: float = 0.12  # loss of brightness in the corners
     smooth_edges: bool = True  # average four rays where surfaces meet
@@ -43,8 +44,8 @@ class DepthEye:
     registration: bool = True  # False: depth is seen through the colour eye, without parallax
     shadows: bool = True  # no reading where the projector is hidden
     disparity_step_px: float = 1.0 / 8.0
-    disparity_sigma_px: float = 0.06
-    lateral_sigma_px: float = 0.5  # edges fray: the depth is that of a neighbour
+    disparity_sigma_px: float = 0.07
+    lateral_sigma_px: float = 0.7  # edges fray: the depth is that of a neighbour
     min_range_m: float = 0.5
     max_range_m: float = 5.0
 
@@ -54,7 +55,7 @@ class Timing:
     """When rows are taken. Rows are read top to bottom; a stamp is that of the middle row."""
 
     readout_s: float = 0.020  # rolling shutter: first row to last, both eyes
-    skew_s: float = 0.006  # depth after colour
+    skew_s: float = 0.010  # depth after colour
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,7 @@ class SyntheticConfig:
             colour=ColourEye(
                 distortion=NO_DISTORTION,
                 noise_sigma=0.0,
+                softness_px=0.0,
                 exposure_s=0.0,
                 gain_drift=0.0,
                 vignetting=0.0,

@@ -16,7 +16,8 @@ from drivers.camera import PinholeCamera
 from drivers.geometry import Array
 from drivers.jit import kernel
 from drivers.synthetic.config import DepthEye
-from drivers.synthetic.raycast import FAR_M, Floats
+from drivers.synthetic.intersect import FAR_M
+from drivers.synthetic.raycast import Floats
 
 # The sensor matches windows of 9 x 9 pixels: neighbours share their errors.
 NOISE_BLUR_PX = 1.2

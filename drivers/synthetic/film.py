@@ -15,7 +15,7 @@ from drivers.errors import InputError
 from drivers.synthetic.cache import Film, FilmCache
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Images, Source
-from drivers.synthetic.render import Renderer
+from drivers.synthetic.render import make_renderer
 
 Progress = Callable[[int, int], None]  # frames done, frames in all
 LARGEST_FILM_BYTES = 3 << 30
@@ -37,7 +37,7 @@ def load_or_render(
 
     def shoot(film: Film) -> None:
         progress(0, len(film))
-        fill(film, Renderer(config, threads).render, threads, progress)
+        fill(film, make_renderer(config, threads).render, threads, progress)
 
     if cache_dir is None:
         film: Film = np.zeros(config.frame_count, dtype=dtype)

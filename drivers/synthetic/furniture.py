@@ -1,16 +1,13 @@
 """Pieces of furniture, each standing on the floor with its back to y = 0 and its front to -y."""
 
-from collections.abc import Callable
-
 import numpy as np
 
-from drivers.geometry import rigid_transform
-from drivers.synthetic.prints import collage, page, parcel, picture, poster, screen, spines
-from drivers.synthetic.solids import Kind, Solid, box
+from drivers.synthetic.collage import collage
+from drivers.synthetic.prints import parcel, picture, screen, spines
+from drivers.synthetic.solids import Kind, box
 from drivers.synthetic.textures import Skin, doors, fabric, plaster, random_colour, wood
+from drivers.synthetic.things import Piece, Solids, sheet, sides, strew_things
 
-Solids = list[Solid]
-Piece = Callable[[np.random.Generator], Solids]
 WOODS = ((70.0, 115.0, 165.0), (95.0, 150.0, 200.0), (45.0, 70.0, 110.0), (150.0, 185.0, 210.0))
 
 
@@ -19,18 +16,10 @@ def any_wood(rng: np.random.Generator, board_m: float = 0.0) -> Skin:
     return wood(WOODS[rng.integers(len(WOODS))], board_m)
 
 
-def sides(
-    rng: np.random.Generator, low_m: float, high_m: float, shape: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    """Random sides of a parcel, stretched to a `shape`."""
-    x, y, z = (rng.uniform(low_m, high_m) * stretch for stretch in shape)
-    return x, y, z
-
-
 def table(rng: np.random.Generator, wide_m: float, deep_m: float, high_m: float) -> Solids:
     """A table littered with papers and things."""
     timber = any_wood(rng, rng.choice((0.0, 0.14)))
-    strewn = [(_sheet(rng), rng.uniform(0.12, 0.3)) for _ in range(int(6 * wide_m * deep_m))]
+    strewn = [(sheet(rng), rng.uniform(0.12, 0.3)) for _ in range(int(6 * wide_m * deep_m))]
     top = (timber, timber, timber, timber, timber, collage(timber, strewn, 3.1))
     solids = [box((0, -deep_m / 2, high_m - 0.02), (wide_m, deep_m, 0.04), top)]
     solids += [
@@ -103,7 +92,7 @@ def cupboard(rng: np.random.Generator) -> Solids:
     wide, high, deep = rng.uniform(0.8, 1.6), rng.uniform(0.7, 1.1), rng.uniform(0.4, 0.55)
     body = any_wood(rng) if rng.uniform() < 0.6 else plaster(random_colour(rng, 0.7, 90.0))
     front = doors(body, int(rng.integers(2, 5)), int(rng.integers(1, 4)))
-    stickers = [(_sheet(rng), rng.uniform(0.08, 0.2)) for _ in range(5)]
+    stickers = [(sheet(rng), rng.uniform(0.08, 0.2)) for _ in range(5)]
     skins = (body, body, collage(front, stickers), body, body, body)
     return [
         box((0, -deep / 2, high / 2), (wide, deep, high), skins),
@@ -148,60 +137,6 @@ def parcels(rng: np.random.Generator) -> Solids:
     return solids
 
 
-def strew_things(rng: np.random.Generator, wide_m: float, deep_m: float, z: float) -> Solids:
-    """Books, boxes, mugs and balls on a surface, more on a larger one."""
-    solids: Solids = []
-    cell = 0.28
-    for x in np.arange(-wide_m / 2 + cell / 2, wide_m / 2, cell):
-        for y in np.arange(-deep_m + cell / 2, 0.0, cell):
-            if rng.uniform() < 0.55:
-                spot = rigid_transform(np.eye(3), (x + rng.uniform(-0.05, 0.05), y, z))
-                thing = THINGS[rng.integers(len(THINGS))]
-                solids += [solid.moved(spot) for solid in thing(rng)]
-    return solids
-
-
-def _books(rng: np.random.Generator) -> Solids:
-    solids, z = [], 0.0
-    for _ in range(int(rng.integers(1, 5))):
-        thick = rng.uniform(0.015, 0.05)
-        side = spines()
-        skins = (side, side, side, side, poster(), poster())
-        size = (rng.uniform(0.13, 0.21), rng.uniform(0.18, 0.26), thick)
-        solids.append(box((0, 0, z + thick / 2), size, skins, rng.uniform(-1.5, 1.5)))
-        z += thick
-    return solids
-
-
-def _packet(rng: np.random.Generator) -> Solids:
-    size = sides(rng, 0.06, 0.18, (1.0, 1.0, 1.3))
-    skin = poster() if rng.uniform() < 0.6 else parcel()
-    return [box((0, 0, size[2] / 2), size, skin, rng.uniform(-1.5, 1.5))]
-
-
-def _mug(rng: np.random.Generator) -> Solids:
-    wide, high = rng.uniform(0.07, 0.10), rng.uniform(0.08, 0.13)
-    glaze = collage(plaster(random_colour(rng, 0.5, 120.0)), [(picture(), 0.08)] * 3)
-    return [box((0, 0, high / 2), (wide, wide, high), glaze, kind=Kind.TUBE)]
-
-
-def _ball(rng: np.random.Generator) -> Solids:
-    wide = rng.uniform(0.08, 0.2)
-    skin = collage(plaster(random_colour(rng)), [(picture(), 0.1)] * 4)
-    return [box((0, 0, wide / 2), (wide, wide, wide), skin, kind=Kind.BALL)]
-
-
-def _standing_card(rng: np.random.Generator) -> Solids:
-    size = (rng.uniform(0.12, 0.22), 0.015, rng.uniform(0.14, 0.26))
-    return [box((0, 0, size[2] / 2), size, poster(), rng.uniform(-0.8, 0.8))]
-
-
-def _sheet(rng: np.random.Generator) -> Skin:
-    sorts = (page(), page(0.035), poster(), picture())
-    return sorts[rng.integers(len(sorts))]
-
-
-THINGS: tuple[Piece, ...] = (_books, _books, _packet, _mug, _ball, _standing_card)
 ALONG_WALLS: tuple[tuple[Piece, float], ...] = (
     (desk, 1.75),
     (bookcase, 1.35),

@@ -1,26 +1,30 @@
 """Light on the walls and the furniture, with soft shadows, worked out once on a coarse grid."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import Array
 from drivers.jit import kernel
-from drivers.synthetic.raycast import ROOM, TUBE, Floats, meet_box, meet_round
+from drivers.synthetic.intersect import meet_box, meet_round
+from drivers.synthetic.raycast import ROOM, TUBE, Floats
 from drivers.synthetic.solids import FACE_FLIP, FACE_U, FACE_V, Kind, Solid, SolidArrays
 
 CELL_M = 0.08
 AMBIENT = 0.42
 BULBS_PER_LAMP = 3
 FALL_OFF_M = 2.0
+LIFT_M = 0.01  # off the surface, lest it shadow itself
 
 
 def bulbs(rng: np.random.Generator, half_m: Array) -> Array:
     """Points of light (B, 4): position in metres and power; two lamps and a window, each soft."""
     x, y, high = half_m[0], half_m[1], 2 * half_m[2]
     lamps = (
-        ((rng.uniform(-0.5, 0.5) * x, rng.uniform(-0.5, 0.5) * y, high - 0.15), 1.6),
-        ((rng.uniform(-0.8, 0.8) * x, rng.uniform(-0.8, 0.8) * y, high - 0.5), 0.9),
-        ((0.93 * x * rng.choice((-1, 1)), rng.uniform(-0.6, 0.6) * y, 0.65 * high), 1.5),
+        ((rng.uniform(-0.5, 0.5) * x, rng.uniform(-0.5, 0.5) * y, high - 0.15), 1.3),
+        ((rng.uniform(-0.8, 0.8) * x, rng.uniform(-0.8, 0.8) * y, high - 0.5), 0.7),
+        ((0.93 * x * rng.choice((-1, 1)), rng.uniform(-0.6, 0.6) * y, 0.65 * high), 1.2),
     )
     points = [
         (*(np.array(position) + rng.normal(0.0, 0.10, 3) * (1, 1, 0.3)), power / BULBS_PER_LAMP)
@@ -73,32 +77,39 @@ def lit(
     """Brightness (N,) at points (N, 3) with unit normals: ambient, and each bulb not hidden."""
     light = np.full(len(points), AMBIENT, dtype=np.float32)
     for i in range(len(points)):
+        p, n = points[i], normals[i]
         for bulb in lights:
-            way = bulb[:3] - points[i]
-            distance_m = np.sqrt(np.sum(way * way))
-            cosine = np.sum(way * normals[i]) / distance_m
+            wx, wy, wz = bulb[0] - p[0], bulb[1] - p[1], bulb[2] - p[2]
+            distance_m = math.sqrt(wx * wx + wy * wy + wz * wz)
+            cosine = (wx * n[0] + wy * n[1] + wz * n[2]) / distance_m
             if cosine <= 0.0:
                 continue
-            if not hidden(points[i] + 0.01 * normals[i], way, kind, to_unit, centre_m):
+            x, y, z = p[0] + LIFT_M * n[0], p[1] + LIFT_M * n[1], p[2] + LIFT_M * n[2]
+            if not hidden(x, y, z, wx, wy, wz, kind, to_unit, centre_m):
                 light[i] += bulb[3] * cosine / (1.0 + (distance_m / FALL_OFF_M) ** 2)
     return light
 
 
 @kernel
 def hidden(
-    start: Array, way: Array, kind: NDArray[np.int64], to_unit: Array, centre_m: Array
+    x: float,
+    y: float,
+    z: float,
+    wx: float,
+    wy: float,
+    wz: float,
+    kind: NDArray[np.int64],
+    to_unit: Array,
+    centre_m: Array,
 ) -> bool:
-    """True if a solid other than the room stands between `start` and `start + way`."""
+    """True if a solid other than the room stands between (x, y, z) and that plus (wx, wy, wz)."""
     for s in range(len(kind)):
         if kind[s] == ROOM:
             continue
-        M, away = to_unit[s], start - centre_m[s]
-        ox = M[0, 0] * away[0] + M[0, 1] * away[1] + M[0, 2] * away[2]
-        oy = M[1, 0] * away[0] + M[1, 1] * away[1] + M[1, 2] * away[2]
-        oz = M[2, 0] * away[0] + M[2, 1] * away[1] + M[2, 2] * away[2]
-        dx = M[0, 0] * way[0] + M[0, 1] * way[1] + M[0, 2] * way[2]
-        dy = M[1, 0] * way[0] + M[1, 1] * way[1] + M[1, 2] * way[2]
-        dz = M[2, 0] * way[0] + M[2, 1] * way[1] + M[2, 2] * way[2]
+        M, c = to_unit[s], centre_m[s]
+        ax, ay, az = x - c[0], y - c[1], z - c[2]
+        ox, oy, oz = turned(M, ax, ay, az)
+        dx, dy, dz = turned(M, wx, wy, wz)
         if kind[s] >= TUBE:
             t = meet_round(ox, oy, oz, dx, dy, dz, kind[s] == TUBE)
         else:
@@ -106,3 +117,13 @@ def hidden(
         if t < 1.0:
             return True
     return False
+
+
+@kernel
+def turned(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """M (3, 3) times (x, y, z)."""
+    return (
+        M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
+        M[1, 0] * x + M[1, 1] * y + M[1, 2] * z,
+        M[2, 0] * x + M[2, 1] * y + M[2, 2] * z,
+    )

@@ -1,11 +1,10 @@
-"""Printed matter: pictures, pages, book spines, parcels, screens; and collages of them."""
-
-from collections.abc import Sequence
+"""Printed matter: pictures, pages, posters, book spines, parcels and screens."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.synthetic.collage import collage, same
 from drivers.synthetic.textures import Colour, Paint, Skin, fractal, random_colour, tinted
 
 FONTS = (
@@ -14,6 +13,7 @@ FONTS = (
     cv2.FONT_HERSHEY_COMPLEX,
     cv2.FONT_HERSHEY_TRIPLEX,
 )
+LEAST_LEAF_PX = 30
 LETTERS = "aaabcdeeeefghiiklmnnooprrssttuuvwyABDEGKMNPRSTZ0123456789"
 
 
@@ -35,8 +35,8 @@ def picture(detail: float = 1.0) -> Skin:
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         image = np.full((height, width, 3), random_colour(rng), dtype=np.uint8)
         largest = 0.5 * max(height, width)
-        smallest = 0.03 * largest
-        count = int(rng.uniform(40, 220) * detail)
+        smallest = 0.05 * largest
+        count = min(int(rng.uniform(25, 140) * detail), height * width // LEAST_LEAF_PX)
         palette = [random_colour(rng, rng.uniform(0.05, 0.7)) for _ in range(8)]
         radii = smallest / np.sqrt(1.0 - rng.uniform(0.0, 1.0 - (smallest / largest) ** 2, count))
         for radius in np.sort(radii)[::-1]:
@@ -89,7 +89,7 @@ def page(heading_m: float = 0.02) -> Skin:
     """A printed sheet: a heading, lines of text, now and then a picture."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        paper = rng.uniform(205.0, 250.0)
+        paper = rng.uniform(180.0, 235.0)
         image = np.full((height, width, 3), paper, dtype=np.uint8)
         margin, y = 0.08 * width, 0.06 * height + heading_m / texel_m
         ink = random_colour(rng, 0.7, 10.0, 120.0)
@@ -103,7 +103,7 @@ def page(heading_m: float = 0.02) -> Skin:
                     inset[:] = picture(0.4)(rng, inset.shape[0], inset.shape[1], texel_m)
                 y += 0.25 * height
             else:
-                write(rng, image, margin, y, body_px, (50.0, 50.0, 50.0))
+                write(rng, image, margin, y, body_px, (75.0, 75.0, 75.0))
         return image.astype(np.float32)
 
     return paint
@@ -173,7 +173,7 @@ def parcel() -> Skin:
         for _ in range(2):
             ink = random_colour(rng, 0.8, 10.0, 130.0)
             write(rng, image, 0.1 * width, rng.uniform(0.2, 0.95) * height, 0.12 * height, ink)
-        return collage(_same(image.astype(np.float32)), [(page(0.01), 0.35 * width * texel_m)] * 2)(
+        return collage(same(image.astype(np.float32)), [(page(0.01), 0.35 * width * texel_m)] * 2)(
             rng, height, width, texel_m
         )
 
@@ -186,51 +186,9 @@ def screen() -> Skin:
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         wallpaper = picture(0.3)(rng, height, width, texel_m)
         windows: list[tuple[Skin, float]] = [(page(0.012), 0.2), (page(0.008), 0.25)]
-        image = collage(_same(wallpaper), windows, turn_rad=0.0)(rng, height, width, texel_m)
+        image = collage(same(wallpaper), windows, turn_rad=0.0)(rng, height, width, texel_m)
         edge = max(1, round(0.02 / texel_m))
         cv2.rectangle(image, (0, 0), (width - 1, height - 1), (18.0, 18.0, 20.0), 2 * edge)
-        return image
-
-    return paint
-
-
-def collage(ground: Skin, pieces: Sequence[tuple[Skin, float]], turn_rad: float = 0.5) -> Skin:
-    """`pieces` (a skin and its breadth in metres) strewn over a ground, turned at random."""
-
-    def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        image = ground(rng, height, width, texel_m)
-        for skin, breadth_m in pieces:
-            wide = max(4, min(width, round(breadth_m / texel_m)))
-            high = max(4, min(height, round(wide * rng.uniform(0.65, 1.5))))
-            piece = skin(rng, high, wide, texel_m)
-            angle = rng.uniform(-turn_rad, turn_rad)
-            _paste(image, piece, rng.uniform(0, width), rng.uniform(0, height), angle)
-        return image
-
-    return paint
-
-
-def _paste(image: Paint, piece: Paint, x: float, y: float, angle_rad: float) -> None:
-    """Lay `piece` with its middle at (x, y); only the window that it covers is touched."""
-    high, wide = piece.shape[:2]
-    reach = int(np.hypot(high, wide) / 2) + 2
-    left, top = max(0, int(x) - reach), max(0, int(y) - reach)
-    window = image[top : int(y) + reach, left : int(x) + reach]
-    if not window.size:
-        return
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    M = np.array([[c, -s, x - left], [s, c, y - top]])
-    M[:, 2] -= M[:, :2] @ ((wide - 1) / 2, (high - 1) / 2)
-    size = window.shape[1], window.shape[0]
-    warped = cv2.warpAffine(piece, M, size, flags=cv2.INTER_LINEAR)
-    cover = cv2.warpAffine(np.ones((high, wide), np.float32), M, size, flags=cv2.INTER_LINEAR)
-    window *= 1.0 - cover[..., None]
-    # Outside the piece the warp is black: what it adds there is nothing.
-    window += warped
-
-
-def _same(image: Paint) -> Skin:
-    def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         return image
 
     return paint

@@ -1,6 +1,6 @@
 """One frame of the virtual Kinect, from the exact motion to the images that leave the driver."""
 
-import os
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array, rigid_transform
 from drivers.synthetic import colour_sensor, depth_sensor
-from drivers.synthetic.atlas import paint_atlas
+from drivers.synthetic.atlas import Atlas, paint_atlas
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Images
 from drivers.synthetic.lighting import bulbs
-from drivers.synthetic.motion import make_path
+from drivers.synthetic.motion import Path, make_path
 from drivers.synthetic.raycast import RayGrid, View, cast, look
 from drivers.synthetic.scene import ROOM_HEIGHT_M, furnish
 from drivers.synthetic.shade import shade, smooth_edges
@@ -23,26 +23,39 @@ from drivers.undistort import undistorter
 PATH_CHECKS_PER_S = 10
 
 
-class Renderer:
-    """The room, the path and the sensor of one configuration. `render` may run on many threads."""
+@dataclass(frozen=True)
+class Room:
+    """What there is to see: solids and their painted skins."""
 
-    def __init__(self, config: SyntheticConfig, threads: int = 0) -> None:
-        """Raises InputError if the track of `config` cannot be used. 0 threads: one a core."""
-        self._config = config
-        self.path = make_path(config, ROOM_HEIGHT_M)
+    solids: SolidArrays
+    atlas: Atlas
+
+    @classmethod
+    def build(cls, config: SyntheticConfig, path: Path, threads: int) -> "Room":
+        """The room of `config`, clear of furniture along `path`."""
         checks = max(2, int(config.duration_s * PATH_CHECKS_PER_S))
-        way = self.path.poses(np.linspace(0.0, config.duration_s, checks))[:, :3, 3]
-        solids = furnish(config.seed, way, config.bare_wall)
-        self._solids = SolidArrays.pack(solids)
+        way_m = path.poses(np.linspace(0.0, config.duration_s, checks))[:, :3, 3]
+        solids = furnish(config.seed, way_m, config.bare_wall)
+        arrays = SolidArrays.pack(solids)
         lights = bulbs(np.random.default_rng([config.seed, 4]), solids[0].half_m)
-        self._atlas = paint_atlas(
-            solids,
-            self._solids,
-            lights,
-            config.texel_m,
-            config.seed,
-            threads or os.cpu_count() or 1,
+        return cls(
+            arrays, paint_atlas(solids, arrays, lights, config.texel_m, config.seed, threads)
         )
+
+
+def make_renderer(config: SyntheticConfig, threads: int) -> "Renderer":
+    """Build the path and the room of `config`. Raises InputError if its track cannot be used."""
+    path = make_path(config, ROOM_HEIGHT_M)
+    return Renderer(config, path, Room.build(config, path, threads))
+
+
+class Renderer:
+    """A sensor moving through a room. `render` may run on many threads."""
+
+    def __init__(self, config: SyntheticConfig, path: Path, room: Room) -> None:
+        self._config = config
+        self._path = path
+        self._room = room
         camera, eye = config.camera, config.depth
         self._distortion = np.array(config.colour.distortion)
         self._undistort = undistorter(camera, config.colour.distortion)
@@ -65,14 +78,14 @@ class Renderer:
 
     def _colour(self, stamp_s: float, rng: np.random.Generator) -> NDArray[np.uint8]:
         config, rays, times_s = self._config, self._colour_grid.rays, self._row_times(stamp_s)
-        T_world_row = self.path.poses(times_s)
-        view = look(self._solids, self._colour_grid, T_world_row)
+        T_world_row = self._path.poses(times_s)
+        view = look(self._room.solids, self._colour_grid, T_world_row)
         depth_m, solid = cast(rays, view.kind, view.frames, view.candidates, view.near_m)
         image = self._shade(view, depth_m, solid)
         if config.colour.exposure_s > 0:
             half_s = config.colour.exposure_s / 2
-            T_opening_now = np.linalg.inv(self.path.poses(times_s - half_s)) @ T_world_row
-            T_closing_now = np.linalg.inv(self.path.poses(times_s + half_s)) @ T_world_row
+            T_opening_now = np.linalg.inv(self._path.poses(times_s - half_s)) @ T_world_row
+            T_closing_now = np.linalg.inv(self._path.poses(times_s + half_s)) @ T_world_row
             image = colour_sensor.motion_blur(
                 image, rays, depth_m, T_opening_now, T_closing_now, config.camera.fx
             )
@@ -82,7 +95,7 @@ class Renderer:
     def _shade(
         self, view: View, depth_m: NDArray[np.float32], solid: NDArray[np.int32]
     ) -> NDArray[np.float32]:
-        atlas, rays, pixel = self._atlas, self._colour_grid.rays, 1.0 / self._config.camera.fx
+        atlas, rays, pixel = self._room.atlas, self._colour_grid.rays, 1.0 / self._config.camera.fx
         image, surface = shade(
             rays, depth_m, solid, view.kind, view.frames, atlas.texels, atlas.levels, pixel
         )
@@ -103,7 +116,7 @@ class Renderer:
 
     def _depth(self, middle_s: float, rng: np.random.Generator) -> NDArray[np.uint16]:
         config, eye, camera = self._config, self._config.depth, self._config.camera
-        T_world_row = self.path.poses(self._row_times(middle_s))
+        T_world_row = self._path.poses(self._row_times(middle_s))
         if not eye.registration:
             true_m = self._distances(self._colour_grid, T_world_row)
             measured_m = depth_sensor.measure(true_m, eye, rng)
@@ -122,7 +135,7 @@ class Renderer:
         )
 
     def _distances(self, grid: RayGrid, T_world_row: Array) -> NDArray[np.float32]:
-        view = look(self._solids, grid, T_world_row)
+        view = look(self._room.solids, grid, T_world_row)
         return cast(grid.rays, view.kind, view.frames, view.candidates, view.near_m)[0]
 
 

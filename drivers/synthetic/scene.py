@@ -4,8 +4,8 @@ import numpy as np
 
 from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector, transform_points
 from drivers.synthetic import furniture
-from drivers.synthetic.furniture import Solids
-from drivers.synthetic.prints import collage, page, picture, poster
+from drivers.synthetic.collage import collage
+from drivers.synthetic.prints import page, picture, poster
 from drivers.synthetic.solids import Kind, Solid, box
 from drivers.synthetic.textures import (
     Skin,
@@ -15,6 +15,7 @@ from drivers.synthetic.textures import (
     plaster,
     random_colour,
 )
+from drivers.synthetic.things import Solids, sheet
 
 ROOM_HEIGHT_M = 2.7
 LEAST_HALF_M = np.array([2.9, 2.5])
@@ -47,7 +48,7 @@ def _shell(rng: np.random.Generator, half_m: Array, bare_wall: bool) -> Solid:
     rugs = [
         (fabric(random_colour(rng), random_colour(rng)), rng.uniform(0.8, 2.0)) for _ in range(4)
     ]
-    litter = [(furniture._sheet(rng), rng.uniform(0.15, 0.35)) for _ in range(10)]
+    litter = [(sheet(rng), rng.uniform(0.15, 0.35)) for _ in range(9)]
     floor = collage(furniture.any_wood(rng, 0.16), rugs + litter, 1.5)
     ceiling = collage(plaster((225.0, 228.0, 230.0)), [(picture(0.5), 0.6)] * 3)
     size = (2 * half_m[0], 2 * half_m[1], ROOM_HEIGHT_M)
@@ -58,7 +59,7 @@ def _wall(rng: np.random.Generator) -> Skin:
     paint = random_colour(rng, 0.25, 130.0, 220.0)
     ground = bricks((70.0, 90.0, 150.0)) if rng.uniform() < 0.3 else plaster(paint)
     sorts: tuple[Skin, ...] = (poster(), poster(), picture(), page(0.05), page())
-    hung = [(sorts[rng.integers(len(sorts))], rng.uniform(0.2, 0.8)) for _ in range(11)]
+    hung = [(sorts[rng.integers(len(sorts))], rng.uniform(0.2, 0.8)) for _ in range(9)]
     return collage(ground, hung, 0.06)
 
 
@@ -66,9 +67,9 @@ def _island(rng: np.random.Generator) -> Solids:
     """Two tables side by side in the middle, with chairs."""
     turn = rigid_transform(rotation_from_vector([0, 0, rng.uniform(-0.4, 0.4)]), (0, 0, 0))
     solids: Solids = []
-    for y, high in ((0.75, rng.uniform(0.66, 0.76)), (-0.02, rng.uniform(0.66, 0.76))):
+    for y, high in ((0.70, rng.uniform(0.62, 0.74)), (-0.10, rng.uniform(0.42, 0.55))):
         place = turn @ rigid_transform(np.eye(3), (rng.uniform(-0.2, 0.2), y, 0.0))
-        piece = furniture.table(rng, rng.uniform(1.5, 2.1), rng.uniform(0.65, 0.75), high)
+        piece = furniture.table(rng, rng.uniform(1.2, 1.6), rng.uniform(0.60, 0.70), high)
         solids += [solid.moved(place) for solid in piece]
     for _ in range(3):
         yaw = rng.uniform(-np.pi, np.pi)

@@ -57,7 +57,7 @@ def tinted(colour: Colour, light: Paint) -> Paint:
 
 
 def random_colour(
-    rng: np.random.Generator, saturation: float = 0.5, low: float = 40.0, high: float = 235.0
+    rng: np.random.Generator, saturation: float = 0.5, low: float = 60.0, high: float = 210.0
 ) -> Colour:
     """A random hue: saturation 0 is grey."""
     brightness = rng.uniform(low, high)
@@ -89,15 +89,17 @@ def plaster(colour: Colour, roughness: float = 0.04) -> Skin:
 
 
 def fabric(colour: Colour, other: Colour) -> Skin:
-    """Woven cloth or carpet: irregular stripes of two colours, yarn and wear."""
+    """Woven cloth or carpet: irregular stripes, the second colour a hint; yarn and wear."""
+    b, g, r = (0.75 * one + 0.15 * two for one, two in zip(colour, other, strict=True))
+    shade = (b, g, r)
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         stripes = stretched(rng, 1, width, 0.03 / texel_m, 1.0)
         bands = stretched(rng, height, 1, 1.0, 0.05 / texel_m)
         wander = 0.5 * fractal(rng, height, width, 0.3 / texel_m)
-        mix = 1.0 / (1.0 + np.exp(-3.0 * (stripes + 0.7 * bands + wander)))
-        yarn = 1.0 + 0.10 * fractal(rng, height, width, 0.02 / texel_m)
-        return tinted(colour, mix * yarn) + tinted(other, (1.0 - mix) * yarn)
+        mix = 1.0 / (1.0 + np.exp(-1.6 * (stripes + 0.7 * bands + wander)))
+        yarn = 1.0 + 0.07 * fractal(rng, height, width, 0.02 / texel_m)
+        return tinted(colour, mix * yarn) + tinted(shade, (1.0 - mix) * yarn)
 
     return paint
 
@@ -110,7 +112,7 @@ def wood(colour: Colour, board_m: float = 0.0) -> Skin:
         veins = np.sin(7.0 * rings + stretched(rng, height, width, 0.2 / texel_m, 0.006 / texel_m))
         fibre = stretched(rng, height, width, 0.05 / texel_m, 0.003 / texel_m)
         clouds = fractal(rng, height, width, 0.3 / texel_m)
-        light = rng.uniform(0.85, 1.1) + 0.08 * veins + 0.05 * fibre + 0.05 * clouds
+        light = rng.uniform(0.92, 1.05) + 0.03 * veins + 0.015 * fibre + 0.03 * clouds
         return tinted(colour, light)
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
@@ -125,8 +127,8 @@ def wood(colour: Colour, board_m: float = 0.0) -> Skin:
                 part = image[top : top + step, max(left, 0) : right]
                 if part.size:
                     part[:] = grain(rng, part.shape[0], part.shape[1], texel_m)
-                part[-seam:] *= 0.45
-                part[:, -seam:] *= 0.45
+                part[-seam:] *= 0.7
+                part[:, -seam:] *= 0.7
                 left = right
         return image
 
@@ -137,14 +139,14 @@ def bricks(colour: Colour, brick_m: tuple[float, float] = (0.24, 0.075)) -> Skin
     """A wall of bricks, each burnt differently, in rough mortar."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        image = np.full((height, width, 3), (165.0, 172.0, 178.0), dtype=np.float32)
+        image = np.full((height, width, 3), (120.0, 128.0, 140.0), dtype=np.float32)
         long, high = (max(4, round(side / texel_m)) for side in brick_m)
         joint = max(1, round(0.010 / texel_m))
         for row, top in enumerate(range(0, height, high)):
             for left in range(-(row % 2) * long // 2 - rng.integers(0, 3), width, long):
-                burnt = np.array(colour) * rng.uniform(0.65, 1.2) + rng.normal(0.0, 7.0, 3)
+                burnt = np.array(colour) * rng.uniform(0.85, 1.1) + rng.normal(0.0, 4.0, 3)
                 image[top : top + high - joint, max(left, 0) : max(left + long - joint, 0)] = burnt
-        light = 1.0 + 0.09 * fractal(rng, height, width, 0.2 / texel_m)
+        light = 1.0 + 0.06 * fractal(rng, height, width, 0.2 / texel_m)
         result: Paint = image * light[..., None]
         return result
 

@@ -1,0 +1,46 @@
+"""Small, quickly rendered virtual cameras."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import PinholeCamera
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.motion import make_path
+from drivers.synthetic.render import Renderer, Room
+from drivers.synthetic.scene import ROOM_HEIGHT_M
+
+SMALL = PinholeCamera(128, 96, 105.0, 105.0, 63.5, 47.5)
+
+
+def small(config: SyntheticConfig) -> SyntheticConfig:
+    return replace(config, camera=SMALL, duration_s=0.2, texel_m=0.02)
+
+
+@pytest.fixture
+def faulty() -> SyntheticConfig:
+    """All of the Kinect's own faults, six frames."""
+    return small(SyntheticConfig())
+
+
+@pytest.fixture
+def ideal() -> SyntheticConfig:
+    """No fault at all, six frames."""
+    return small(SyntheticConfig.ideal())
+
+
+@pytest.fixture(scope="session")
+def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where films are kept, so that each is rendered once for all tests."""
+    return tmp_path_factory.mktemp("films")
+
+
+@pytest.fixture(scope="session")
+def shoot() -> Callable[[SyntheticConfig], Renderer]:
+    """Renderers with the default motion through one room, whatever their sensor is like."""
+    config = small(SyntheticConfig())
+    path = make_path(config, ROOM_HEIGHT_M)
+    room = Room.build(config, path, threads=2)
+    return lambda variant: Renderer(variant, path, room)

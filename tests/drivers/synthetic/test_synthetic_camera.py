@@ -1,0 +1,237 @@
+import contextlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.camera import Clock, EndOfStream, NoFrameYet, Pace, RgbdFrame
+from drivers.errors import CameraLostError, CameraNotFoundError, InputError
+from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.synthetic.config import ColourEye, SyntheticConfig, Timing
+from drivers.synthetic.faults import Fault, FaultKind
+from drivers.synthetic.pacing import HostClock
+
+
+class FakeHost:
+    """A clock that moves only when someone sleeps."""
+
+    def __init__(self) -> None:
+        self.now_s = 5000.0
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+
+    @property
+    def clock(self) -> HostClock:
+        return HostClock(lambda: self.now_s, self.sleep)
+
+
+def frames_of(camera: SyntheticCamera) -> list[RgbdFrame]:
+    frames: list[RgbdFrame] = []
+    with contextlib.suppress(EndOfStream):
+        while len(frames) < 100:
+            frames.append(camera.read(1.0))
+    return frames
+
+
+class Studio:
+    """Cameras whose films are rendered once for all tests."""
+
+    def __init__(self, films: Path) -> None:
+        self._films = films
+
+    def camera(
+        self,
+        config: SyntheticConfig,
+        pace: Pace = Pace.LOCKSTEP,
+        host: FakeHost | None = None,
+    ) -> SyntheticCamera:
+        clock = HostClock() if host is None else host.clock
+        return SyntheticCamera(config, pace, Preparation(cache_dir=self._films), clock)
+
+    def play(self, config: SyntheticConfig, *faults: Fault) -> list[RgbdFrame]:
+        with self.camera(replace(config, faults=faults)) as camera:
+            return frames_of(camera)
+
+
+@pytest.fixture
+def studio(films: Path) -> Studio:
+    return Studio(films)
+
+
+def test_lockstep_delivers_every_frame_under_fixed_stamps(
+    studio: Studio, faulty: SyntheticConfig
+) -> None:
+    with studio.camera(faulty) as camera:
+        frames = frames_of(camera)
+        assert camera.clock is Clock.RECORDED
+        assert camera.frame_count == len(frames) == 6
+        assert camera.counters.delivered == 6
+    assert [frame.seq for frame in frames] == list(range(6))
+    assert [frame.stamp_s for frame in frames[:3]] == [1000.0, 1000.033333, 1000.066667]
+    assert frames[0].skew_s == faulty.timing.skew_s
+    assert frames[0].depth_factor == faulty.depth_factor
+
+
+def test_two_runs_give_the_same_bytes_whatever_the_threads(
+    studio: Studio, faulty: SyntheticConfig
+) -> None:
+    """Rendered by one thread while reading, by two ahead of it, and from the cache."""
+    ways = (Preparation(preload=False, threads=1), Preparation(threads=2))
+    runs = [studio.play(faulty)]
+    for way in ways:
+        with SyntheticCamera(faulty, preparation=way) as camera:
+            runs.append(frames_of(camera))
+    for frames in zip(*runs, strict=True):
+        assert len({frame.colour_bgr.tobytes() for frame in frames}) == 1
+        assert len({frame.depth_raw.tobytes() for frame in frames}) == 1
+        assert len({frame.stamp_s for frame in frames}) == 1
+
+
+def test_ground_truth_is_stamped_like_the_frames(studio: Studio, ideal: SyntheticConfig) -> None:
+    camera = studio.camera(ideal)
+    with camera:
+        stamps = [frame.stamp_s for frame in frames_of(camera)]
+    truth = camera.ground_truth
+    assert truth is not None
+    assert truth.stamps_s.tolist() == stamps
+    assert truth.T_world_camera.shape == (6, 4, 4)
+
+
+def test_opening_again_starts_over(studio: Studio, ideal: SyntheticConfig) -> None:
+    camera = studio.camera(ideal)
+    with camera:
+        first = camera.read(1.0)
+        camera.read(1.0)
+    camera.close()
+    with camera:
+        again = camera.read(1.0)
+        assert camera.counters.delivered == 1
+    assert (again.seq, again.stamp_s) == (first.seq, first.stamp_s)
+    with pytest.raises(CameraLostError, match="not open"):
+        camera.read(1.0)
+
+
+def test_a_loop_goes_on_for_ever_without_a_seam(studio: Studio, ideal: SyntheticConfig) -> None:
+    with studio.camera(replace(ideal, loop=True)) as camera:
+        frames = [camera.read(1.0) for _ in range(14)]
+        assert camera.frame_count is None
+        assert camera.ground_truth is None
+    np.testing.assert_array_equal(frames[0].colour_bgr, frames[6].colour_bgr)
+    assert [frame.seq for frame in frames] == list(range(14))
+    assert np.all(np.diff([frame.stamp_s for frame in frames]) > 0.033)
+
+
+def test_live_frames_come_when_due_and_stamped_by_the_host(
+    studio: Studio, faulty: SyntheticConfig
+) -> None:
+    host = FakeHost()
+    with studio.camera(faulty, Pace.REALTIME, host) as camera:
+        assert camera.clock is Clock.MONOTONIC
+        with pytest.raises(NoFrameYet):
+            camera.read(0.005)
+        frames = frames_of(camera)
+    assert [frame.seq for frame in frames] == list(range(6))
+    assert frames[3].stamp_s == 5000.1
+    # The last row and the depth come after the middle of the colour image.
+    assert frames[3].arrival_s == pytest.approx(5000.1 + 0.010 + 0.010)
+    assert host.now_s == pytest.approx(frames[5].arrival_s)
+
+
+def test_a_slow_reader_gets_the_newest_frame_and_the_rest_is_counted(
+    studio: Studio,
+    faulty: SyntheticConfig,
+) -> None:
+    host = FakeHost()
+    with studio.camera(faulty, Pace.REALTIME, host) as camera:
+        seqs = [camera.read(1.0).seq]
+        host.sleep(0.11)
+        seqs += [camera.read(1.0).seq, camera.read(1.0).seq]
+        assert seqs == [0, 3, 4]
+        assert camera.counters.dropped == 2
+        host.sleep(9.0)
+        assert camera.read(1.0).seq == 5
+        assert camera.counters.dropped == 2
+
+
+def test_a_dropped_frame_leaves_a_gap(studio: Studio, ideal: SyntheticConfig) -> None:
+    with studio.camera(replace(ideal, faults=(Fault(FaultKind.DROPPED, 2, 2),))) as camera:
+        assert [frame.seq for frame in frames_of(camera)] == [0, 1, 4, 5]
+        assert camera.counters.skipped == 2
+
+
+def test_a_frozen_camera_repeats_its_last_images(studio: Studio, ideal: SyntheticConfig) -> None:
+    frames = studio.play(ideal, Fault(FaultKind.FROZEN, 2, 2))
+    for frame in frames[2:4]:
+        np.testing.assert_array_equal(frame.colour_bgr, frames[1].colour_bgr)
+        np.testing.assert_array_equal(frame.depth_raw, frames[1].depth_raw)
+    assert np.any(frames[4].colour_bgr != frames[1].colour_bgr)
+    assert len({frame.stamp_s for frame in frames}) == 6
+
+
+def test_black_and_dark_spare_the_depth(studio: Studio, ideal: SyntheticConfig) -> None:
+    clean, frames = (
+        studio.play(ideal),
+        studio.play(ideal, Fault(FaultKind.BLACK, 1), Fault(FaultKind.DARK, 2)),
+    )
+    assert not frames[1].colour_bgr.any()
+    assert 0 < frames[2].colour_bgr.mean() < 8
+    assert frames[2].colour_bgr.std() > 1
+    for seq in (1, 2):
+        np.testing.assert_array_equal(frames[seq].depth_raw, clean[seq].depth_raw)
+
+
+def test_a_torn_frame_is_new_above_and_old_below(studio: Studio, ideal: SyntheticConfig) -> None:
+    clean, torn = studio.play(ideal), studio.play(ideal, Fault(FaultKind.TORN, 3))[3]
+    np.testing.assert_array_equal(torn.colour_bgr[:48], clean[3].colour_bgr[:48])
+    np.testing.assert_array_equal(torn.colour_bgr[48:], clean[2].colour_bgr[48:])
+    np.testing.assert_array_equal(torn.depth_raw[48:], clean[2].depth_raw[48:])
+
+
+def test_stamps_jump_and_repeat(studio: Studio, ideal: SyntheticConfig) -> None:
+    jump = Fault(FaultKind.STAMP_JUMP, 2, 1, seconds=-0.5)
+    stamps = [f.stamp_s for f in studio.play(ideal, jump, Fault(FaultKind.STAMP_REPEAT, 4, 2))]
+    assert stamps == [1000.0, 1000.033333, 999.566667, 1000.1, 1000.1, 1000.1]
+
+
+@pytest.mark.parametrize("pace", list(Pace))
+def test_an_unplugged_camera_is_lost_then_not_found_then_back(
+    studio: Studio, ideal: SyntheticConfig, pace: Pace
+) -> None:
+    host = FakeHost()
+    fault = Fault(FaultKind.UNPLUGGED, 2, seconds=0.09)
+    camera = studio.camera(replace(ideal, faults=(fault,)), pace, host)
+    camera.open()
+    assert [camera.read(1.0).seq for _ in range(2)] == [0, 1]
+    with pytest.raises(CameraLostError, match="unplugged"):
+        camera.read(1.0)
+    camera.close()
+    with pytest.raises(CameraNotFoundError, match=r"another 0\.1 s"):
+        camera.open()
+    host.sleep(0.095)
+    camera.open()
+    assert [frame.seq for frame in frames_of(camera)] == [5]
+    assert camera.counters.dropped == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rate_hz": 0.0}, "rate_hz"),
+        ({"duration_s": 0.0}, "duration_s"),
+        ({"depth_factor": 0.0}, "depth_factor"),
+        ({"timing": Timing(skew_s=0.02)}, "skew_s must be at most half a frame"),
+        ({"timing": Timing(readout_s=0.05)}, "readout_s"),
+        ({"colour": ColourEye(distortion=(0.1,))}, "k1 k2 p1 p2 k3"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_by_name(change: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        replace(SyntheticConfig(), **change)  # type: ignore[arg-type]
+
+
+def test_a_film_too_long_to_keep_is_refused_before_work_begins() -> None:
+    camera = SyntheticCamera(SyntheticConfig(duration_s=600.0))
+    with pytest.raises(InputError, match=r"18000 frames are 27\.6 GB"):
+        camera.open()

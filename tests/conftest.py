@@ -1,5 +1,6 @@
-"""A small recording that the whole line can follow, rendered once a session."""
+"""A small recording that the whole line can follow, rendered once a session; and the real ones."""
 
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -45,3 +46,12 @@ def copy_recording(recording: Path, tmp_path: Path) -> Callable[..., Path]:
         return folder
 
     return copy
+
+
+@pytest.fixture
+def recordings() -> Path:
+    """The folder of real recordings."""
+    folder = os.environ.get("KINECT_VO_DATA")
+    if folder is None:
+        pytest.skip("needs the real recordings: set KINECT_VO_DATA to their folder")
+    return Path(folder)

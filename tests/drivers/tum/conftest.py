@@ -1,4 +1,3 @@
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -71,12 +70,3 @@ def make_frame() -> Callable[..., RgbdFrame]:
         return RgbdFrame(**(values | fields))  # type: ignore[arg-type]
 
     return make
-
-
-@pytest.fixture
-def recordings() -> Path:
-    """The folder of real recordings."""
-    folder = os.environ.get("KINECT_VO_DATA")
-    if folder is None:
-        pytest.skip("needs the real recordings: set KINECT_VO_DATA to their folder")
-    return Path(folder)

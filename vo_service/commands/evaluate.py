@@ -36,9 +36,7 @@ KNOWN_TO_REPLAY_ALONE = ("failed", "skipped", "stage_ms", "cpu_ms_per_frame")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command's arguments."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = EPILOG
+    """Declare the command's options."""
     parser.add_argument("trajectory", metavar="TRAJECTORY", type=Path, help="file of poses")
     parser.add_argument(
         "groundtruth", metavar="GROUNDTRUTH", type=Path,

@@ -104,7 +104,7 @@ def aligned(rows: list[tuple[str, str]]) -> str:
 
 
 def _metres(value: float | None) -> str:
-    return f"{'-':>9}" if value is None else f"{value:9.4f} m"
+    return f"{'-':>9}  " if value is None else f"{value:9.4f} m"
 
 
 def _degrees(value: float | None) -> str:

@@ -12,13 +12,14 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.trajectory import StampedPoses, pose_line
 from drivers.tum.whole_files import write_whole
 from vo_service.cameras import CameraRequest, make_camera
-from vo_service.commands.options import add_config_options, config_of, seconds
+from vo_service.commands.options import add_config_options, config_of, say, seconds
+from vo_service.evaluation.association import FEWEST_MATCHES
 from vo_service.evaluation.picture import write_picture
 from vo_service.feed import PlainFeed
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.trajectory_memory import TrajectoryMemory
-from vo_service.session import Ending, prepare_kernels, run_loop
+from vo_service.session import prepare_kernels, run_loop
 from vo_service.summary import Summary
 from vo_service.terminal import Terminal
 
@@ -71,24 +72,26 @@ def run(args: argparse.Namespace) -> int:
     memory = TrajectoryMemory()
     with camera:
         terminal.clear()
-        truth = camera.ground_truth
-        assert truth is not None  # a virtual camera that does not loop knows where it was
         request = OutputRequest(
             pace=Pace.REALTIME,
             zenoh=config.zenoh,
             rerun_targets=_rerun_targets(args),
             trajectory=args.output / "trajectory.txt",
-            ground_truth=truth,
+            ground_truth=lambda: camera.ground_truth,
+            tell=say,
         )
         with opened_outputs(request) as outputs:
-            _say(args, "poses: run `kinect-vo listen` in another terminal")
+            say("poses: run `kinect-vo listen` in another terminal")
             progress = ProgressOutput(terminal, "demo", camera.frame_count)
             ending = run_loop(config, camera, PlainFeed(camera), [*outputs, memory, progress])
         terminal.clear()
+        truth = camera.ground_truth
+        assert truth is not None  # a virtual camera that does not loop knows where it was
         summary = Summary.of(
             ending.statistics, camera.counters, memory.trajectory, truth, truth.stamps_s
         )
-    _leave_results(args, ending, memory.trajectory, truth)
+    _leave_results(args.output, memory.trajectory, truth)
+    say(f"results: {args.output}" + (" (cut short)" if ending.interrupted else ""))
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
     return ending.exit_code
 
@@ -104,23 +107,15 @@ def _create(folder: Path) -> None:
 
 def _rerun_targets(args: argparse.Namespace) -> tuple[str, ...]:
     if find_spec("rerun") is None:
-        _say(args, "pictures: none, Rerun is not installed (pip install 'kinect-vo[rerun]')")
+        say("pictures: none, Rerun is not installed (pip install 'kinect-vo[rerun]')")
         return ()
     recording = args.output / "demo.rrd"
     return (str(recording),) if args.no_serve else ("serve", str(recording))
 
 
-def _leave_results(
-    args: argparse.Namespace, ending: Ending, trajectory: StampedPoses, truth: StampedPoses
-) -> None:
-    """Write the truth and the picture, and say where everything is."""
+def _leave_results(folder: Path, trajectory: StampedPoses, truth: StampedPoses) -> None:
+    """Write the truth, and the picture of both."""
     lines = map(pose_line, truth.stamps_s, truth.T_world_camera)
-    write_whole(args.output / "groundtruth.txt", "".join(lines).encode())
-    if len(trajectory) >= 3:
-        write_picture(args.output / "trajectory.png", trajectory, truth, "kinect-vo demo")
-    _say(args, f"results: {args.output}" + (" (cut short)" if ending.interrupted else ""))
-
-
-def _say(args: argparse.Namespace, text: str) -> None:
-    if not args.json:
-        print(text, flush=True)
+    write_whole(folder / "groundtruth.txt", "".join(lines).encode())
+    if len(trajectory) >= FEWEST_MATCHES:
+        write_picture(folder / "trajectory.png", trajectory, truth, "kinect-vo demo")

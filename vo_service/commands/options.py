@@ -1,6 +1,7 @@
 """Options that several commands share, and what they change in the configuration."""
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,6 +52,11 @@ def pace(text: str) -> Pace:
         raise argparse.ArgumentTypeError(
             f"{text} is not a pace: give {' or '.join(Pace)}"
         ) from error
+
+
+def say(text: str) -> None:
+    """Tell the person at the terminal something that is no result."""
+    print(text, file=sys.stderr, flush=True)
 
 
 def seconds(text: str) -> float:

@@ -14,6 +14,7 @@ from vo_service.commands.options import (
     add_output_options,
     config_of,
     pace,
+    say,
     seconds,
 )
 from vo_service.feed import PlainFeed
@@ -70,7 +71,8 @@ def run(args: argparse.Namespace) -> int:
             wait_for_subscriber_s=args.wait_for_subscriber,
             rerun_targets=config.rerun.targets,
             trajectory=args.trajectory,
-            ground_truth=camera.ground_truth,
+            ground_truth=lambda: camera.ground_truth,
+            tell=say,
         )
         progress = ProgressOutput(terminal, "replay", camera.frame_count)
         with opened_outputs(request) as outputs:

@@ -1,16 +1,22 @@
 """Opening the outputs that were asked for, so that a failure closes those already open."""
 
-from collections.abc import Iterator
+import logging
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drivers.camera import Pace
-from drivers.trajectory import StampedPoses
-from vo_service.outputs.output import Output
+from vo_service.outputs.output import Output, TruthSource, no_truth
 from vo_service.outputs.trajectory_output import TrajectoryOutput
 from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig
+
+if TYPE_CHECKING:
+    from vo_service.outputs.rerun_output import RerunOutput
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -22,7 +28,8 @@ class OutputRequest:
     wait_for_subscriber_s  how long to wait for the first one; 0 = not at all
     rerun_targets          where to show what is going on
     trajectory             file to write
-    ground_truth           for the picture, where it is known
+    ground_truth           asked for the truth, to draw it, once frames come
+    tell                   gets a line for the person who wants to look
     """
 
     pace: Pace
@@ -30,7 +37,8 @@ class OutputRequest:
     wait_for_subscriber_s: float = 0.0
     rerun_targets: tuple[str, ...] = ()
     trajectory: Path | None = None
-    ground_truth: StampedPoses | None = None
+    ground_truth: TruthSource = no_truth
+    tell: Callable[[str], None] = logger.info
 
 
 @contextmanager
@@ -47,16 +55,16 @@ def opened_outputs(request: OutputRequest) -> Iterator[list[Output]]:
             outputs.append(publisher)
             if request.wait_for_subscriber_s:
                 publisher.wait_for_subscriber(request.wait_for_subscriber_s)
-        outputs += [
-            stack.enter_context(closing(_rerun(target, request.ground_truth)))
-            for target in request.rerun_targets
-        ]
+        for target in request.rerun_targets:
+            pictures = stack.enter_context(closing(_rerun(target, request.ground_truth)))
+            outputs.append(pictures)
+            request.tell(f"pictures: {pictures.address}")
         if request.trajectory is not None:
             outputs.append(stack.enter_context(closing(TrajectoryOutput(request.trajectory))))
         yield outputs
 
 
-def _rerun(target: str, ground_truth: StampedPoses | None) -> Output:
+def _rerun(target: str, ground_truth: TruthSource) -> "RerunOutput":
     # Rerun is an extra: what does not show anything runs without it.
     from vo_service.outputs.rerun_output import open_rerun
 

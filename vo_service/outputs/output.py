@@ -1,12 +1,13 @@
 """What the service hands to its outputs, and the three methods that each output has."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
+from drivers.trajectory import StampedPoses
 from vo_service.odometry.estimate import Estimate
 
 
@@ -72,6 +73,15 @@ class Status:
     dropped: int
     skipped: int
     lost_packets: int
+
+
+# Asked for the ground truth once frames come: a live camera's truth has no stamps before that.
+TruthSource = Callable[[], StampedPoses | None]
+
+
+def no_truth() -> StampedPoses | None:
+    """Where the truth is not known."""
+    return None
 
 
 class Output(Protocol):

@@ -1,6 +1,7 @@
 """Rerun's pictures in a browser of this computer."""
 
 import socket
+from contextlib import suppress
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -39,6 +40,17 @@ class Browser(LiveSink):
     def close(self) -> None:
         """Serve the page no more."""
         self._page.close()
+
+
+def free_port(preferred: int) -> int:
+    """The preferred port of loopback, or any other where that one is taken (by a viewer, say)."""
+    for port in (preferred, 0):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            with suppress(OSError):
+                probe.bind((LOOPBACK, port))
+                return int(probe.getsockname()[1])
+    return preferred
 
 
 def _check_free(port: int) -> None:

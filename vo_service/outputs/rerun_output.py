@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import InputError
-from drivers.trajectory import StampedPoses
-from vo_service.outputs.output import PoseUpdate, Status
-from vo_service.outputs.rerun_browser import Browser
-from vo_service.outputs.rerun_sinks import RecordingFile, Sink, Viewer
+from vo_service.outputs.output import PoseUpdate, Status, TruthSource, no_truth
+from vo_service.outputs.rerun_browser import WEB_PORT, Browser, free_port
+from vo_service.outputs.rerun_sinks import DATA_PORT, RecordingFile, Sink, Viewer
 from vo_service.outputs.worker import DropOldest, Worker
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ class RerunOutput:
     def __init__(
         self,
         sink: Sink,
-        ground_truth: StampedPoses | None = None,
+        ground_truth: TruthSource = no_truth,
         picture_period_s: float = PICTURE_PERIOD_S,
     ) -> None:
         self._sink = sink
@@ -105,19 +104,17 @@ class Throttle:
         return True
 
 
-def open_rerun(target: str, ground_truth: StampedPoses | None = None) -> RerunOutput:
+def open_rerun(target: str, ground_truth: TruthSource = no_truth) -> RerunOutput:
     """Open a target as users write it: serve, connect, connect:HOST:PORT or FILE.rrd.
 
     Raises what `RerunOutput` raises, and InputError for anything else.
     """
-    output = RerunOutput(_sink(target), ground_truth)
-    logger.info("pictures: %s", output.address)
-    return output
+    return RerunOutput(_sink(target), ground_truth)
 
 
 def _sink(target: str) -> Sink:
     if target == "serve":
-        return Browser()
+        return Browser(free_port(DATA_PORT), free_port(WEB_PORT))
     if target == "connect":
         return Viewer()
     if target.startswith("connect:"):
@@ -127,7 +124,7 @@ def _sink(target: str) -> Sink:
     raise InputError(f"rerun target {target!r}: use serve, connect, connect:HOST:PORT or FILE.rrd")
 
 
-def _open_scene(sink: Sink, ground_truth: StampedPoses | None) -> "Scene":
+def _open_scene(sink: Sink, ground_truth: TruthSource) -> "Scene":
     if find_spec("rerun") is None:
         raise InputError("Rerun is not installed: pip install 'kinect-vo[rerun]'")
     # Rerun reads this when it is loaded, and would tell about its ports and threads otherwise.

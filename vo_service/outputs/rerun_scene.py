@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse, quaternion_from_rotation
-from drivers.trajectory import StampedPoses
 from vo_service.odometry.estimate import Evidence
 from vo_service.outputs import rerun_blueprint as paths
-from vo_service.outputs.output import PoseUpdate, Status, TrackingState
+from vo_service.outputs.output import PoseUpdate, Status, TrackingState, TruthSource, no_truth
 from vo_service.outputs.rerun_sinks import Sink
 
 FEATURE_COLOUR = (255, 220, 90)
@@ -31,7 +30,7 @@ TRUTH_WITHIN_S = 0.02
 DEPTH_RANGE_M = (0.4, 5.0)
 
 
-def open_scene(application: str, sink: Sink, ground_truth: StampedPoses | None) -> "Scene":
+def open_scene(application: str, sink: Sink, ground_truth: TruthSource) -> "Scene":
     """A scene that goes to a sink. Raises what the sink raises."""
     # Rerun waits at exit until everything is sent, for ever if the viewer is frozen.
     rr.unregister_shutdown()
@@ -51,7 +50,7 @@ class Scene:
     then grows apart is drift.
     """
 
-    def __init__(self, stream: rr.RecordingStream, ground_truth: StampedPoses | None) -> None:
+    def __init__(self, stream: rr.RecordingStream, ground_truth: TruthSource) -> None:
         self._stream = stream
         self._truth = ground_truth
         self._trajectory = _GrowingLine(stream, paths.TRAJECTORY)
@@ -111,17 +110,18 @@ class Scene:
 
     def _log_truth(self, update: PoseUpdate) -> None:
         """Once, as soon as a frame has truth."""
-        if self._truth is None:
+        truth = self._truth()
+        if truth is None or not update.estimate.ok:
             return
-        gaps_s = np.abs(self._truth.stamps_s - update.frame.stamp_s)
+        gaps_s = np.abs(truth.stamps_s - update.frame.stamp_s)
         nearest = int(np.argmin(gaps_s))
-        if gaps_s[nearest] > TRUTH_WITHIN_S or not update.estimate.ok:
+        if gaps_s[nearest] > TRUTH_WITHIN_S:
             return
-        T_world_truth = update.T_world_camera @ inverse(self._truth.T_world_camera[nearest])
-        line = (T_world_truth @ self._truth.T_world_camera)[:, :3, 3]
+        T_world_truth = update.T_world_camera @ inverse(truth.T_world_camera[nearest])
+        line = (T_world_truth @ truth.T_world_camera)[:, :3, 3]
         strip = rr.LineStrips3D([line], colors=TRUTH_COLOUR, radii=rr.Radius.ui_points(1.0))
         self._stream.log(paths.GROUND_TRUTH, strip, static=True)
-        self._truth = None
+        self._truth = no_truth
 
     def _log_camera(self, frame: RgbdFrame) -> None:
         camera = frame.camera

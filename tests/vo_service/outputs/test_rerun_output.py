@@ -30,7 +30,7 @@ RERUN = Path(str(find_spec("rerun_cli").origin)).with_name("rerun")  # type: ign
 def record(path: Path, updates: list[PoseUpdate], truth: StampedPoses | None = None) -> None:
     sink = RecordingFile(path)
     sink.queue = len(updates)  # nothing dropped, however slow the day
-    output = RerunOutput(sink, truth)
+    output = RerunOutput(sink, lambda: truth)
     for update in updates:
         output.pose(update)
     output.close()

@@ -1,0 +1,79 @@
+"""The command line as a whole: help, version, exit codes, logging."""
+
+import logging
+import os
+import signal
+import subprocess
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from tests.vo_service.commands.command_line import KINECT_VO, call, run
+from vo_service.cli import COMMANDS
+
+
+def test_help_names_every_command_with_examples_and_exit_codes() -> None:
+    outcome = run("--help")
+    assert (outcome.code, outcome.err) == (0, "")
+    for word in (*COMMANDS, "examples:", "exit codes:"):
+        assert word in outcome.out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_command_has_help_with_an_example(
+    command: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    outcome = call(capfd, command, "--help")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"examples:\n  kinect-vo {command}" in outcome.out
+
+
+def test_the_version_is_the_packages() -> None:
+    outcome = run("--version")
+    assert (outcome.code, outcome.out) == (0, f"kinect-vo {version('kinect-vo')}\n")
+
+
+def test_two_calls_in_one_process_say_everything_once(capfd: pytest.CaptureFixture[str]) -> None:
+    for _ in range(2):
+        outcome = call(capfd, "replay", "none", "--no-publish")
+        assert outcome.err == "kinect-vo: error: none: no such folder; check the path\n"
+
+
+def test_a_call_leaves_the_log_as_it_was(capfd: pytest.CaptureFixture[str]) -> None:
+    root = logging.getLogger()
+    before = (root.level, list(root.handlers))
+    call(capfd, "config", "check", "none.toml", "--verbose")
+    assert (root.level, list(root.handlers)) == before
+
+
+def test_a_call_leaves_the_signals_as_they_were(
+    recording: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    before = (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM))
+    call(capfd, "replay", recording, "--no-publish")
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_a_good_configuration_is_said_to_be_good(
+    config: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    outcome = call(capfd, "config", "check", config)
+    assert (outcome.code, outcome.out, outcome.err) == (0, f"{config}: no mistakes\n", "")
+
+
+def test_warming_up_says_that_it_is_done(capfd: pytest.CaptureFixture[str]) -> None:
+    outcome = call(capfd, "warm-up")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out.startswith("the kernels of surf are ready (")
+
+
+def test_a_reader_that_has_gone_is_no_error(recording: Path) -> None:
+    ours, theirs = os.pipe()
+    os.close(ours)
+    done = subprocess.run(
+        [KINECT_VO, "replay", recording, "--no-publish"],
+        stdout=theirs, stderr=subprocess.PIPE, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    os.close(theirs)
+    assert (done.returncode, done.stderr) == (0, "")

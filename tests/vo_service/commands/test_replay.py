@@ -1,0 +1,124 @@
+"""``replay`` over a small recording: figures, trajectory, the same bytes every time, Ctrl-C."""
+
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.trajectory import read_trajectory
+from tests.conftest import FRAMES
+from tests.vo_service.commands.command_line import (
+    call,
+    line_count,
+    run,
+    running,
+    stretched,
+    wait_for,
+)
+
+FIGURES = (
+    *("frames", "failed", "skipped", "coverage", "stage_ms", "cpu_ms_per_frame", "ate_rmse_m"),
+    *("mean_global_error_m", "rpe_frame_m", "rpe_frame_deg", "rpe_1s_m", "rpe_1s_deg"),
+)
+CopyRecording = Callable[..., Path]
+
+
+def test_json_is_one_object_on_stdout_and_nothing_else(recording: Path, tmp_path: Path) -> None:
+    outcome = run("replay", recording, "--no-publish", "--json")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out.count("\n") == 1
+    figures = json.loads(outcome.out)
+    assert set(FIGURES) <= set(figures)
+    assert [figures[key] for key in ("frames", "failed", "skipped", "coverage")] == [
+        FRAMES,
+        0,
+        0,
+        1,
+    ]
+    assert 0 < figures["ate_rmse_m"] < 0.003
+    assert 0 < figures["rpe_frame_deg"] < 0.1
+    assert figures["rpe_1s_m"] is None  # the recording is shorter
+    assert set(figures["stage_ms"]) == {"surf", "points", "match", "ransac", "svd"}
+    assert figures["cpu_ms_per_frame"] > 0
+
+
+def test_without_ground_truth_its_figures_are_null(
+    copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording()
+    (folder / "groundtruth.txt").unlink()
+    figures = json.loads(call(capfd, "replay", folder, "--no-publish", "--json").out)
+    assert (figures["frames"], figures["failed"]) == (FRAMES, 0)
+    judged = [key for key in FIGURES if key.endswith(("_m", "_deg"))]
+    assert [figures[key] for key in ("coverage", *judged)] == [None] * 7
+
+
+def test_for_people_the_figures_are_a_table(
+    recording: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    outcome = call(capfd, "replay", recording, "--no-publish")
+    assert (outcome.code, outcome.err) == (0, "")
+    for label in ("frames", "failed", "CPU a frame", "ATE, RMSE", "RPE, one second", "coverage"):
+        assert f"\n{label}  " in f"\n{outcome.out}"
+
+
+def test_the_trajectory_starts_at_the_identity_and_follows_the_truth(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    written = tmp_path / "poses.txt"
+    call(capfd, "replay", recording, "--no-publish", "--trajectory", written)
+    found, truth = read_trajectory(written), read_trajectory(recording / "groundtruth.txt")
+    np.testing.assert_array_equal(found.T_world_camera[0], np.eye(4))
+    np.testing.assert_array_equal(found.stamps_s, truth.stamps_s)
+    np.testing.assert_allclose(found.T_world_camera, truth.T_world_camera, atol=0.004)
+
+
+def test_a_replay_repeats_bit_for_bit_also_in_another_process(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    call(capfd, "replay", recording, "--no-publish", "--trajectory", tmp_path / "a.txt")
+    run("replay", recording, "--no-publish", "--trajectory", tmp_path / "b.txt")
+    assert (tmp_path / "a.txt").read_bytes() == (tmp_path / "b.txt").read_bytes()
+    assert line_count(tmp_path / "a.txt") == FRAMES
+
+
+def test_an_unreadable_frame_in_the_middle_is_skipped_counted_and_reported(
+    copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording()
+    broken = folder / "rgb" / "0.200000.png"
+    broken.write_bytes(broken.read_bytes()[:500])
+    outcome = call(capfd, "replay", folder, "--no-publish", "--json")
+    figures = json.loads(outcome.out)
+    assert (outcome.code, outcome.err.count("\n")) == (0, 1)
+    assert outcome.err.startswith(f"kinect-vo: warning: frame 6 is skipped: {broken}: is truncated")
+    assert [figures[key] for key in ("frames", "failed", "skipped")] == [FRAMES - 1, 0, 1]
+    assert figures["coverage"] == pytest.approx((FRAMES - 1) / FRAMES)
+
+
+def test_a_camera_file_on_the_command_line_wins(
+    copy_recording: CopyRecording, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording()
+    given = (folder / "camera.toml").rename(tmp_path / "given.toml")
+    assert call(capfd, "replay", folder, "--no-publish").code == 2
+    assert call(capfd, "replay", folder, "--no-publish", "--camera", given).code == 0
+
+
+def test_ctrl_c_ends_it_and_keeps_whole_lines(
+    copy_recording: CopyRecording, tmp_path: Path
+) -> None:
+    folder, written = stretched(copy_recording(lists=True), 0.5), tmp_path / "poses.txt"
+    options = ("--no-publish", "--json", "--pace", "realtime", "--trajectory", written)
+    with running("replay", folder, *options) as process:
+        wait_for(lambda: line_count(written) >= 2)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    assert (process.returncode, err.count("\n")) == (130, err.count("no evaluation"))
+    poses = line_count(written)
+    assert 2 <= poses < FRAMES
+    assert written.read_bytes().endswith(b"\n")
+    assert json.loads(out)["frames"] == poses == len(read_trajectory(written))

@@ -1,0 +1,55 @@
+"""``run`` as a service: ended by signals, published poses, and what the log says."""
+
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import FRAMES
+from tests.vo_service.commands.command_line import (
+    call,
+    is_listening,
+    line_count,
+    run,
+    running,
+    stretched,
+    wait_for,
+)
+
+CopyRecording = Callable[..., Path]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_service_in_lockstep_writes_what_a_replay_writes_and_ends_with_0(
+    number: signal.Signals, recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    served, replayed = tmp_path / "run.txt", tmp_path / "replay.txt"
+    call(capfd, "replay", recording, "--no-publish", "--trajectory", replayed)
+    options = ("--pace", "lockstep", "--no-publish", "--trajectory", served)
+    with running("run", "--camera", f"tum:{recording}", *options) as process:
+        wait_for(lambda: line_count(served) == FRAMES)
+        process.send_signal(number)
+        out, err = process.communicate(timeout=20)
+    assert (process.returncode, out) == (0, "")
+    assert err in ("", "kinect-vo: warning: no_camera: the recording has ended\n")
+    assert served.read_bytes() == replayed.read_bytes()
+
+
+def test_listen_prints_what_a_service_publishes(
+    copy_recording: CopyRecording, config: Path, port: int
+) -> None:
+    source = f"tum:{stretched(copy_recording(lists=True), 0.5)}"
+    with running("run", "--camera", source, "--config", config) as service:
+        wait_for(lambda: is_listening(port))
+        outcome = run("listen", "--connect", f"tcp/127.0.0.1:{port}", "--count", "3", "--json")
+        service.send_signal(signal.SIGTERM)
+        assert service.wait(20) == 0
+    said_first = f"listen: listening to kinect at tcp/127.0.0.1:{port}\n"
+    assert (outcome.code, outcome.err) == (0, said_first)
+    said = [json.loads(line) for line in outcome.out.splitlines()]
+    poses = [each for each in said if each["kind"] == "pose"]
+    assert len(poses) == 3
+    assert [pose["state"] for pose in poses] == ["tracking"] * 3
+    assert [pose["frame_id"] for pose in poses] == ["odom"] * 3

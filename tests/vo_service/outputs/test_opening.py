@@ -1,0 +1,71 @@
+"""Outputs that were asked for are all open, or none is."""
+
+import errno
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import Pace
+from drivers.errors import InputError, UserFacingError
+from vo_service.outputs.opening import OutputRequest, opened_outputs
+from vo_service.outputs.output import PoseUpdate
+from vo_service.outputs.trajectory_output import TrajectoryOutput
+from vo_service.outputs.zenoh_output import ZenohOutput
+from vo_service.outputs.zenoh_session import ZenohConfig
+
+
+def zenoh_at(port: int) -> ZenohConfig:
+    return ZenohConfig(listen=(f"tcp/127.0.0.1:{port}",))
+
+
+def is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == errno.ECONNREFUSED
+
+
+def test_nothing_asked_for_is_nothing_open() -> None:
+    with opened_outputs(OutputRequest(Pace.LOCKSTEP, zenoh=None)) as outputs:
+        assert outputs == []
+
+
+def test_what_was_asked_for_is_open_and_closed_afterwards(
+    free_port: int, tmp_path: Path, make_update: Callable[..., PoseUpdate]
+) -> None:
+    request = OutputRequest(Pace.REALTIME, zenoh_at(free_port), trajectory=tmp_path / "poses.txt")
+    with opened_outputs(request) as outputs:
+        assert [type(output) for output in outputs] == [ZenohOutput, TrajectoryOutput]
+        for output in outputs:
+            output.pose(make_update(0))
+    assert (tmp_path / "poses.txt").read_bytes().count(b"\n") == 1
+    assert is_free(free_port)
+
+
+def test_a_trajectory_that_cannot_be_written_leaves_the_port_free(
+    free_port: int, tmp_path: Path
+) -> None:
+    request = OutputRequest(Pace.REALTIME, zenoh_at(free_port), trajectory=tmp_path / "no" / "file")
+    with pytest.raises(InputError, match="cannot write"), opened_outputs(request):
+        pass
+    assert is_free(free_port)
+
+
+def test_a_port_that_is_taken_leaves_the_trajectory_that_is_there(
+    free_port: int, tmp_path: Path
+) -> None:
+    (tmp_path / "poses.txt").write_text("precious")
+    request = OutputRequest(Pace.LOCKSTEP, zenoh_at(free_port), trajectory=tmp_path / "poses.txt")
+    with (
+        socket.create_server(("127.0.0.1", free_port)),
+        pytest.raises(UserFacingError, match="taken"),
+        opened_outputs(request),
+    ):
+        pass
+    assert (tmp_path / "poses.txt").read_text() == "precious"
+
+
+def test_waiting_for_a_subscriber_that_does_not_come_ends(free_port: int) -> None:
+    request = OutputRequest(Pace.LOCKSTEP, zenoh_at(free_port), wait_for_subscriber_s=0.1)
+    with opened_outputs(request) as outputs:
+        assert len(outputs) == 1

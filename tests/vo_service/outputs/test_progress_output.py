@@ -1,0 +1,27 @@
+"""How far a run is, on a terminal."""
+
+import io
+from collections.abc import Callable
+
+from vo_service.outputs.output import PoseUpdate
+from vo_service.outputs.progress_output import ProgressOutput
+from vo_service.terminal import Terminal
+
+
+class Screen(io.StringIO):
+    """A terminal that keeps what was drawn."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_it_shows_the_frame_the_state_and_the_inliers_and_takes_the_line_away(
+    make_update: Callable[..., PoseUpdate],
+) -> None:
+    screen = Screen()
+    progress = ProgressOutput(Terminal(screen), "replay", 40)
+    progress.pose(make_update(9))
+    progress.close()
+    assert screen.getvalue().split("\r\x1b[K") == [
+        "", "replay: tracking, 7 inliers, frame 10/40 (25%)", ""
+    ]  # fmt: skip

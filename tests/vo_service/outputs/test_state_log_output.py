@@ -1,0 +1,57 @@
+"""Changes of state in the log, each once."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from vo_service.outputs.output import Status, TrackingState
+from vo_service.outputs.state_log_output import StateLogOutput
+
+TRACKING, DEGRADED, LOST, NO_CAMERA = (
+    *(TrackingState.TRACKING, TrackingState.DEGRADED),
+    *(TrackingState.LOST, TrackingState.NO_CAMERA),
+)
+Told = tuple[TrackingState, str]
+START: Told = (NO_CAMERA, "camera not opened yet")
+
+
+@pytest.fixture
+def log(status: Status, caplog: pytest.LogCaptureFixture) -> Callable[..., list[str]]:
+    """What is logged of a row of states."""
+
+    def run(*told: Told) -> list[str]:
+        output = StateLogOutput()
+        with caplog.at_level("INFO"):
+            for state, reason in told:
+                output.status(replace(status, state=state, reason=reason))
+        return [f"{record.levelname} {record.getMessage()}" for record in caplog.records]
+
+    return run
+
+
+def test_how_things_are_at_the_start_is_no_news(log: Callable[..., list[str]]) -> None:
+    assert log(START, START) == []
+
+
+def test_losing_is_a_warning_and_recovering_information(log: Callable[..., list[str]]) -> None:
+    assert log(START, (TRACKING, ""), (LOST, "lens covered"), (TRACKING, "")) == [
+        "INFO tracking",
+        "WARNING lost: lens covered",
+        "INFO tracking",
+    ]
+
+
+def test_a_state_that_lasts_is_told_once(log: Callable[..., list[str]]) -> None:
+    told = [(DEGRADED, f"only {n} of 80 matches agree") for n in range(20, 25)]
+    assert log((TRACKING, ""), *told) == ["WARNING degraded: only 20 of 80 matches agree"]
+
+
+def test_a_camera_that_cannot_be_had_is_told_from_the_start_and_when_the_cause_changes(
+    log: Callable[..., list[str]],
+) -> None:
+    missing, refused = (NO_CAMERA, "no Kinect found"), (NO_CAMERA, "not allowed to open it")
+    assert log(START, missing, missing, refused, refused) == [
+        "WARNING no_camera: no Kinect found",
+        "WARNING no_camera: not allowed to open it",
+    ]

@@ -1,0 +1,32 @@
+"""Signals as a request to end."""
+
+import os
+import signal
+
+import pytest
+
+from vo_service.interrupts import stop_on_signals
+
+
+@pytest.mark.parametrize(("number", "by_user"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
+def test_a_signal_sets_the_stop(number: signal.Signals, by_user: bool) -> None:
+    with stop_on_signals() as stop:
+        assert not stop.event.is_set()
+        os.kill(os.getpid(), number)
+        assert stop.event.wait(5)
+    assert stop.by_user is by_user
+
+
+def test_a_second_ctrl_c_interrupts_at_once() -> None:
+    with stop_on_signals() as stop:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.event.wait(5)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_afterwards_signals_do_what_they_did() -> None:
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    with stop_on_signals():
+        os.kill(os.getpid(), signal.SIGINT)
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before

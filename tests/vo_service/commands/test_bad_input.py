@@ -170,7 +170,10 @@ def test_a_busy_port_is_named_and_the_trajectory_kept(
 
 ARGUMENTS = {
     "method": (["replay", "X", "--method", "orb"], "--method: invalid choice: 'orb'"),
-    "pace": (["replay", "X", "--pace", "fast"], "--pace: fast is not a pace: give lockstep or realtime"),
+    "pace": (
+        ["replay", "X", "--pace", "fast"],
+        "--pace: fast is not a pace: give lockstep or realtime",
+    ),
     "wait": (["replay", "X", "--wait-for-subscriber", "-1"], "-1 is not a time"),
     "no folder": (["replay"], "required: FOLDER; see `kinect-vo replay --help`"),
     "option": (["replay", "X", "--trajectry", "Y"], "unrecognized arguments: --trajectry Y"),

@@ -74,7 +74,7 @@ class SyntheticCamera(RgbdCamera):
         if self._lost:
             self._next_seq = self._pacer.resume(self._next_seq)
         else:
-            self._pacer.start()
+            self._pacer.rewind()
             self._next_seq = 0
             self._unplugs = [f for f in self._config.faults if f.kind is FaultKind.UNPLUGGED]
         self._open, self._lost = True, False
@@ -118,9 +118,9 @@ class SyntheticCamera(RgbdCamera):
     def ground_truth(self) -> StampedPoses | None:
         """The exact poses at every frame's true stamp, in the room's frame; None in a loop.
 
-        With a live pace the stamps are known from `open` on.
+        With a live pace the stamps, and so the truth, are known from the first `read` on.
         """
-        if self._config.loop:
+        if self._config.loop or not self._pacer.is_running:
             return None
         seqs = np.arange(self._config.frame_count)
         stamps_s = np.array([self._pacer.stamp_s(int(seq)) for seq in seqs])

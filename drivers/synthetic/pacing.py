@@ -23,8 +23,13 @@ class Pacer(Protocol):
 
     clock: Clock
 
-    def start(self) -> None:
-        """Frame 0 is taken now."""
+    @property
+    def is_running(self) -> bool:
+        """Whether stamps are known."""
+        ...
+
+    def rewind(self) -> None:
+        """Frame 0 is taken when the next one is asked for."""
         ...
 
     def resume(self, seq: int) -> int:
@@ -60,7 +65,12 @@ class LockstepPacer:
         self._rate_hz = rate_hz
         self._host = host
 
-    def start(self) -> None:
+    @property
+    def is_running(self) -> bool:
+        """Always: the stamps are the same in every run."""
+        return True
+
+    def rewind(self) -> None:
         """See `Pacer`."""
 
     def resume(self, seq: int) -> int:
@@ -90,10 +100,16 @@ class RealtimePacer:
         self._latency_s = latency_s
         self._host = host
         self._start_s = 0.0
+        self._is_running = False
 
-    def start(self) -> None:
+    @property
+    def is_running(self) -> bool:
+        """From the first `take` on."""
+        return self._is_running
+
+    def rewind(self) -> None:
         """See `Pacer`."""
-        self._start_s = self._host.now_s()
+        self._is_running = False
 
     def resume(self, seq: int) -> int:
         """See `Pacer`."""
@@ -101,6 +117,8 @@ class RealtimePacer:
 
     def take(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
         """See `Pacer`."""
+        if not self._is_running:
+            self._start_s, self._is_running = self._host.now_s(), True
         due_s = self.arrival_s(next_seq)
         deadline_s = self._host.now_s() + timeout_s
         while (now_s := self._host.now_s()) < due_s:

@@ -4,10 +4,14 @@ from functools import cache
 
 import cv2
 import numpy as np
+from hypothesis import settings
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import Array
+
+# A kernel may have to be compiled before its first call returns.
+FIRST_CALL_COMPILES = settings(deadline=None)
 
 CAMERA = PinholeCamera(320, 240, 290.0, 290.0, 159.5, 119.5)
 DEPTH_FACTOR = 5000.0

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.geometry import Array
-from tests.vo_service.odometry.synthetic_views import blob_image
+from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, blob_image
 from vo_service.odometry.surf.maxima import (
     RESPONSE,
     SCALE,
@@ -40,6 +40,7 @@ def hill(x: float, y: float, layer: float) -> Array:
     return layers
 
 
+@FIRST_CALL_COMPILES
 @given(OFFSET, OFFSET, OFFSET)
 def test_the_top_of_a_quadratic_is_found_between_pixels_and_scales(
     dx: float, dy: float, ds: float
@@ -93,7 +94,7 @@ def quadratic(cube: Array) -> tuple[Array, Array]:
     return H, -g
 
 
-@settings(max_examples=25, deadline=None)
+@settings(FIRST_CALL_COMPILES, max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.integers(33, 47), st.integers(33, 47))
 def test_the_maxima_of_noise_are_those_of_a_brute_force_search(
     seed: int, height: int, width: int
@@ -123,6 +124,7 @@ def test_nothing_is_found_where_a_filter_of_the_layer_above_does_not_fit() -> No
     assert len(maxima(hill(20.0, SIZE - FIRST, 0.0), 50.0)) == 0
 
 
+@FIRST_CALL_COMPILES
 @given(st.integers(1, 21), st.integers(1, 21))
 def test_layers_too_small_for_a_maximum_have_none(height: int, width: int) -> None:
     assert len(maxima(np.random.default_rng(0).random((3, height, width)), 0.0)) == 0

@@ -1,0 +1,111 @@
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.vo_service.odometry.synthetic_views import blob_image, textured_image
+from vo_service.odometry.surf import Features, SurfExtractor
+
+SHAPE = (240, 320)
+FIELDS = ("position_px", "scale_px", "direction", "response", "sign", "descriptor")
+
+
+def noise(height: int, width: int, low: int = 0, high: int = 256) -> NDArray[np.uint8]:
+    return np.random.default_rng(7).integers(low, high, (height, width), dtype=np.uint8)
+
+
+def raster(height: int, width: int) -> NDArray[np.uint8]:
+    """Dots at every fifth pixel under faint noise: as many strong maxima as there can be."""
+    image = np.full((height, width), 60, np.uint8)
+    image[::5, ::5] = 230
+    return image + noise(height, width, 0, 17)
+
+
+def bits(features: Features) -> bytes:
+    return b"".join(getattr(features, field).tobytes() for field in FIELDS)
+
+
+@pytest.mark.parametrize("image", [textured_image(*SHAPE), raster(960, 1280), noise(480, 640)])
+@pytest.mark.parametrize("contrast", [1, 16, 60, 256])
+def test_features_do_not_depend_on_the_image_before(
+    image: NDArray[np.uint8], contrast: int
+) -> None:
+    height, width = image.shape
+    used = SurfExtractor()
+    used.extract(noise(height, width, 0, contrast))
+    assert bits(used.extract(image)) == bits(SurfExtractor().extract(image))
+
+
+def test_the_size_of_the_image_may_change() -> None:
+    extractor = SurfExtractor()
+    images = [textured_image(*shape) for shape in (SHAPE, (120, 160), (241, 317), SHAPE)]
+    expected = [bits(SurfExtractor().extract(image)) for image in images]
+    assert [bits(extractor.extract(image)) for image in images] == expected
+
+
+def test_what_was_returned_is_not_overwritten_by_the_next_image() -> None:
+    extractor = SurfExtractor()
+    first = extractor.extract(textured_image(*SHAPE))
+    before = bits(first)
+    extractor.extract(textured_image(*SHAPE, seed=1))
+    assert bits(first) == before
+
+
+def test_the_strongest_are_kept_strongest_first() -> None:
+    image = textured_image(*SHAPE)
+    all_of_them = SurfExtractor(100_000).extract(image)
+    fifty = SurfExtractor(50).extract(image)
+    assert len(all_of_them) > 200
+    assert np.all(np.diff(all_of_them.response) <= 0)
+    assert np.array_equal(fifty.position_px, all_of_them.position_px[:50])
+    assert np.array_equal(fifty.descriptor, all_of_them.descriptor[:50])
+
+
+def test_all_fields_are_float32_and_of_one_length() -> None:
+    features = SurfExtractor(123).extract(textured_image(*SHAPE))
+    assert len(features) == 123
+    assert all(len(getattr(features, field)) == 123 for field in FIELDS)
+    assert all(getattr(features, field).dtype == np.float32 for field in FIELDS)
+    assert np.linalg.norm(features.direction, axis=1) == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (20, 33), (17, 640), SHAPE])
+@pytest.mark.parametrize("grey", [0, 128, 255])
+def test_a_blank_image_has_no_features(shape: tuple[int, int], grey: int) -> None:
+    features = SurfExtractor().extract(np.full(shape, grey, np.uint8))
+    assert len(features) == 0
+    assert features.descriptor.shape == (0, 64)
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (20, 33), (17, 640), (33, 32), (101, 57)])
+def test_noise_of_any_size_is_described(shape: tuple[int, int]) -> None:
+    features = SurfExtractor().extract(noise(*shape))
+    assert np.all(np.isfinite(features.descriptor))
+    assert np.all((features.position_px >= 0) & (features.position_px < shape[::-1]))
+
+
+def test_the_noise_of_a_sensor_alone_gives_no_feature() -> None:
+    grey = np.random.default_rng(1).normal(128.0, 0.8, SHAPE)
+    assert len(SurfExtractor().extract(np.rint(grey).astype(np.uint8))) == 0
+
+
+def test_an_image_that_is_not_contiguous_is_the_same_image() -> None:
+    image = textured_image(*SHAPE)
+    wide = np.zeros((SHAPE[0], 2 * SHAPE[1]), np.uint8)
+    wide[:, ::2] = image
+    assert bits(SurfExtractor().extract(wide[:, ::2])) == bits(SurfExtractor().extract(image))
+
+
+def test_two_extractors_at_once_do_not_disturb_each_other() -> None:
+    images = [textured_image(*SHAPE, seed=seed) for seed in range(6)] + [
+        blob_image(*SHAPE, (100.0, 90.0), 5.0)
+    ]
+
+    def extract_all() -> list[bytes]:
+        extractor = SurfExtractor()
+        return [bits(extractor.extract(image)) for image in images]
+
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.submit(extract_all), pool.submit(extract_all)
+        assert first.result() == second.result() == extract_all()

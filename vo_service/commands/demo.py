@@ -69,28 +69,27 @@ def run(args: argparse.Namespace) -> int:
             ),
         )
     )
-    with camera:
-        terminal.clear()  # rendered; it is opened again, to play, once someone looks
     memory = TrajectoryMemory()
-    request = OutputRequest(
-        pace=Pace.REALTIME,
-        zenoh=config.zenoh,
-        rerun_targets=_rerun_targets(args),
-        trajectory=args.output / "trajectory.txt",
-        ground_truth=lambda: camera.ground_truth,
-        tell=say,
-    )
-    with opened_outputs(request) as outputs:
-        say("poses: run `kinect-vo listen` in another terminal")
-        progress = ProgressOutput(terminal, "demo", camera.frame_count)
-        with camera:
+    with camera:
+        terminal.clear()
+        request = OutputRequest(
+            pace=Pace.REALTIME,
+            zenoh=config.zenoh,
+            rerun_targets=_rerun_targets(args),
+            trajectory=args.output / "trajectory.txt",
+            ground_truth=lambda: camera.ground_truth,
+            tell=say,
+        )
+        with opened_outputs(request) as outputs:
+            say("poses: run `kinect-vo listen` in another terminal")
+            progress = ProgressOutput(terminal, "demo", camera.frame_count)
             ending = run_loop(config, camera, PlainFeed(camera), [*outputs, memory, progress])
-    terminal.clear()
-    truth = camera.ground_truth
-    assert truth is not None  # a virtual camera that does not loop knows where it was
-    summary = Summary.of(
-        ending.statistics, camera.counters, memory.trajectory, truth, truth.stamps_s
-    )
+        terminal.clear()
+        truth = camera.ground_truth
+        assert truth is not None  # a virtual camera that does not loop knows where it was
+        summary = Summary.of(
+            ending.statistics, camera.counters, memory.trajectory, truth, truth.stamps_s
+        )
     _leave_results(args.output, memory.trajectory, truth)
     say(f"results: {args.output}" + (" (cut short)" if ending.interrupted else ""))
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())

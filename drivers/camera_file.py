@@ -26,9 +26,7 @@ class CameraFile:
     fy: float = required("vertical focal length in pixels", low=1.0, high=1e6)
     cx: float = required("column of the principal point in pixels", low=-1e5, high=1e5)
     cy: float = required("row of the principal point in pixels", low=-1e5, high=1e5)
-    distortion: Distortion = required(  # noqa: RUF009 (a field, not a shared value)
-        "k1, k2, p1, p2, k3; zeros for none", low=-1e3, high=1e3
-    )
+    distortion: Distortion = required("k1, k2, p1, p2, k3; zeros for none", low=-1e3, high=1e3)
     depth_factor: float = required(
         "depth image value of one metre: 5000 for TUM, 1000 for millimetres", low=1.0, high=1e6
     )

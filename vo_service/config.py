@@ -1,4 +1,4 @@
-"""The configuration file: one dataclass a table, one field a key. `docs/config.md` explains it."""
+"""The configuration file: one dataclass a table, one field a key; `config/kinect.toml` has all."""
 
 from dataclasses import dataclass
 from pathlib import Path

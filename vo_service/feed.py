@@ -2,7 +2,8 @@
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import count
 from typing import Protocol
 
 from drivers.camera import CameraCounters, EndOfStream, NoFrameYet, RgbdCamera, RgbdFrame
@@ -12,8 +13,8 @@ from drivers.errors import CameraError
 TICK_S = 0.25
 # Without a frame for this long, a camera that is still there counts as gone quiet.
 QUIET_S = 1.0
-# How long to wait before a camera is opened again.
-FIRST_RETRY_S, LONGEST_RETRY_S = 0.25, 1.5
+# How many ticks to wait before a camera is opened again, at first and at most.
+FIRST_RETRY, LONGEST_RETRY = 1, 6
 
 
 class Feed(Protocol):
@@ -82,37 +83,38 @@ class PersistentFeed:
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
         """Yield until stopped; None while the camera is away."""
-        retry_s = FIRST_RETRY_S
+        retry = FIRST_RETRY
         while not stop.is_set():
             try:
                 self._open()
                 plain = PlainFeed(self._camera)
                 for frame in plain.frames(stop):
                     self.reason = plain.reason
-                    retry_s = FIRST_RETRY_S
+                    retry = FIRST_RETRY
                     yield frame
-                if not stop.is_set():
-                    yield from self._rest("the recording has ended", stop)
-                return
+                self.reason = "the recording has ended"
+                yield from _idle(count(), stop)
             except CameraError as error:
                 self.reason = str(error)
             finally:
                 self._camera.close()
-            yield None
-            stop.wait(retry_s)
-            retry_s = min(2.0 * retry_s, LONGEST_RETRY_S)
-
-    def _rest(self, reason: str, stop: threading.Event) -> Iterator[None]:
-        """The source has nothing more to give, ever."""
-        self.reason = reason
-        while not stop.wait(TICK_S):
-            yield None
+            yield from _idle(range(retry), stop)
+            retry = min(2 * retry, LONGEST_RETRY)
 
     def _open(self) -> None:
         """Open the camera; what it counted the last time is kept, as it counts from 0 again."""
         counted = self._camera.counters
         self._camera.open()
         self._before = _sum(self._before, counted)
+
+
+def _idle(ticks: Iterable[int], stop: threading.Event) -> Iterator[None]:
+    """Give the loop its turns while there is nothing to read."""
+    for _ in ticks:
+        if stop.is_set():
+            return
+        yield None
+        stop.wait(TICK_S)
 
 
 def _sum(a: CameraCounters, b: CameraCounters) -> CameraCounters:

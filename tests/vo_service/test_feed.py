@@ -8,7 +8,7 @@ from drivers.camera import NoFrameYet
 from drivers.errors import CameraLostError, CameraNotFoundError, InputError
 from tests.vo_service.fakes import After, FakeClock, PatientStop, ScriptedCamera, frame
 from vo_service import feed
-from vo_service.feed import FIRST_RETRY_S, LONGEST_RETRY_S, TICK_S, PersistentFeed, PlainFeed
+from vo_service.feed import TICK_S, PersistentFeed, PlainFeed
 
 LOST = CameraLostError("unplugged; plug it in again")
 MISSING = CameraNotFoundError("no Kinect found; plug one in")
@@ -46,7 +46,7 @@ def test_a_short_pause_is_no_reason_and_a_quiet_second_is(monkeypatch: pytest.Mo
 
 def test_a_lost_camera_is_opened_again() -> None:
     camera = ScriptedCamera([frame(1), LOST], [frame(7)])
-    assert seqs(PatientStop(3), PersistentFeed(camera)) == [1, None, 7, None]
+    assert seqs(PatientStop(2), PersistentFeed(camera)) == [1, None, 7, None]
     assert camera.opened == 2
 
 
@@ -56,24 +56,31 @@ def test_the_reason_is_what_the_camera_said_and_goes_when_frames_come() -> None:
     assert reasons == ["camera not opened yet", str(MISSING), "", str(LOST)]
 
 
+def openings(camera: ScriptedCamera, ticks: int) -> list[int]:
+    """How often the camera had been opened, at each turn of the loop."""
+    return [camera.opened for _ in PersistentFeed(camera).frames(PatientStop(ticks))]
+
+
 def test_retries_wait_longer_and_longer_up_to_a_limit() -> None:
-    stop = PatientStop(6)
-    seqs(stop, PersistentFeed(ScriptedCamera(*[MISSING] * 6)))
-    assert stop.waited_s == [0.25, 0.5, 1.0, 1.5, 1.5, 1.5]
-    assert (stop.waited_s[0], stop.waited_s[-1]) == (FIRST_RETRY_S, LONGEST_RETRY_S)
+    found = openings(ScriptedCamera(*[MISSING] * 9), ticks=19)
+    assert found == [1] + [2] * 2 + [3] * 4 + [4] * 6 + [5] * 6
 
 
 def test_a_camera_that_delivered_is_opened_again_quickly() -> None:
-    stop = PatientStop(4)
-    camera = ScriptedCamera(MISSING, MISSING, MISSING, [frame(1), LOST])
-    seqs(stop, PersistentFeed(camera))
-    assert stop.waited_s == [0.25, 0.5, 1.0, 0.25]
+    camera = ScriptedCamera(MISSING, MISSING, [frame(1), LOST], MISSING)
+    assert openings(camera, ticks=6) == [1] + [2] * 2 + [3] * 2 + [4] * 2
+
+
+def test_while_it_waits_the_loop_gets_its_turns() -> None:
+    stop = PatientStop(20)
+    seqs(stop, PersistentFeed(ScriptedCamera(*[MISSING] * 9)))
+    assert stop.waited_s == [TICK_S] * 20
 
 
 def test_counts_add_up_over_all_openings() -> None:
     camera = ScriptedCamera([frame(1), frame(2), LOST], MISSING, [frame(7), LOST], [frame(9)])
     source = PersistentFeed(camera)
-    seqs(PatientStop(4), source)
+    seqs(PatientStop(5), source)
     assert source.counters.delivered == 4
 
 
@@ -85,10 +92,10 @@ def test_a_camera_that_goes_is_closed_before_it_is_opened_again() -> None:
 
 def test_after_its_end_a_recording_has_no_frames_but_the_loop_goes_on() -> None:
     source = PersistentFeed(ScriptedCamera([frame(1)]))
-    stop = PatientStop(5)
+    stop = PatientStop(4)
     assert seqs(stop, source) == [1, None, None, None, None]
     assert source.reason == "the recording has ended"
-    assert stop.waited_s[:4] == [TICK_S] * 4
+    assert stop.waited_s == [TICK_S] * 4
 
 
 def test_what_the_user_named_wrong_reaches_the_caller_and_the_camera_is_closed() -> None:

@@ -117,6 +117,12 @@ def test_of_two_equal_neighbours_one_is_found(cells: list[tuple[int, int, int]])
     assert len(maxima(layers, 50.0)) == 1
 
 
+def test_of_two_equal_layers_the_lower_one_has_the_maximum() -> None:
+    layers = hill(20.0, 18.0, 0.0) - 20.0
+    layers[1, 18, 20] = layers[0, 17, 21] = 99.0
+    assert len(maxima(layers, 50.0)) == 0
+
+
 def test_nothing_is_found_where_a_filter_of_the_layer_above_does_not_fit() -> None:
     assert len(maxima(hill(FIRST, 18.0, 0.0), 50.0)) == 1
     assert len(maxima(hill(FIRST - 1, 18.0, 0.0), 50.0)) == 0

@@ -1,0 +1,125 @@
+"""SURF beside SIFT and ORB in the very same odometry: how far off each ends up, and at what cost.
+
+    python -m benchmarks.odometry FOLDER... [--methods SURF SIFT ORB] [--json]
+
+Each FOLDER is a TUM folder. Only the features differ: points, matching, RANSAC and SVD are those of
+the service. Times are CPU milliseconds of one thread, the median over the frames; decoding is not
+counted. Distances are in millimetres; see `kinect-vo evaluate` for what the figures are.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.odometry_methods import METHODS, make_odometry
+from benchmarks.odometry_table import STAGES, Result, table
+from drivers.camera import EndOfStream, Pace, RgbdFrame
+from drivers.errors import InputError, UserFacingError
+from drivers.trajectory import StampedPoses
+from drivers.tum.camera import TumCamera
+from vo_service.evaluation import Evaluation, evaluate
+from vo_service.odometry.estimate import Estimate
+from vo_service.stage_clock import StageClock
+
+READ_TIMEOUT_S = 60.0
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.odometry",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    results: dict[str, dict[str, Result]] = {}
+    try:
+        for folder in args.folder:
+            results[str(folder)] = {name: measure(name, folder) for name in args.methods}
+            if not args.json:
+                print(f"{folder}\n{table(results[str(folder)])}\n", flush=True)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    if args.json:
+        print(json.dumps(as_json(results)))
+    return 0
+
+
+def measure(method: str, folder: Path) -> Result:
+    """Follow a folder from its first frame to its last."""
+    clock = StageClock()
+    odometry = make_odometry(method, clock)
+    estimates: list[Estimate] = []
+    stamps_s, stages_ms, cpu_ms = [], [], []
+    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
+        for frame in all_frames(camera):
+            begin_s = time.thread_time()
+            estimates.append(odometry.estimate(frame))
+            cpu_ms.append((time.thread_time() - begin_s) * 1e3)
+            stages_ms.append(clock.take())
+            stamps_s.append(frame.stamp_s)
+        truth = camera.ground_truth
+    return Result(
+        frames=len(estimates),
+        failed=sum(not e.ok for e in estimates),
+        inliers=median([e.inliers for e in estimates if e.ok]),
+        stage_ms={name: median([s[name] for s in stages_ms if name in s]) for name in STAGES},
+        cpu_ms=median(cpu_ms),
+        evaluation=compare(estimates, stamps_s, truth),
+    )
+
+
+def all_frames(camera: TumCamera) -> Iterator[RgbdFrame]:
+    """Frames of an open camera until it ends."""
+    while True:
+        try:
+            yield camera.read(READ_TIMEOUT_S)
+        except EndOfStream:
+            return
+
+
+def compare(
+    estimates: list[Estimate], stamps_s: list[float], truth: StampedPoses | None
+) -> Evaluation | None:
+    """The trajectory against the truth; None where there is none, or too few poses."""
+    good = [n for n, estimate in enumerate(estimates) if estimate.ok]
+    if truth is None or not good:
+        return None
+    poses = np.array([estimates[n].T_world_camera for n in good])
+    try:
+        return evaluate(StampedPoses(np.array(stamps_s)[good], poses), truth, np.array(stamps_s))
+    except InputError:
+        return None
+
+
+def median(values: list[float] | list[int]) -> float:
+    """The median; 0 of none."""
+    return float(np.median(values)) if values else 0.0
+
+
+def as_json(results: dict[str, dict[str, Result]]) -> dict[str, dict[str, object]]:
+    """By folder, then by method."""
+    return {
+        folder: {name: asdict(result) for name, result in methods.items()}
+        for folder, methods in results.items()
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -19,7 +19,7 @@ def test_the_example_holds_the_defaults() -> None:
 
 @pytest.mark.parametrize("table", TABLES)
 def test_the_example_shows_every_key(table: str) -> None:
-    text = EXAMPLE.read_text().split(f"[{table}]")[1].split("\n[")[0]
+    text = re.split(r"\n(?:# )?\[", EXAMPLE.read_text().split(f"[{table}]")[1])[0]
     section: Any = getattr(Config(), table)
     keys = {field.name for field in dataclasses.fields(section)}
     assert set(re.findall(r"^(?:# )?(\w+) = ", text, re.MULTILINE)) == keys

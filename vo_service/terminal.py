@@ -3,7 +3,7 @@
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
@@ -35,6 +35,17 @@ class Terminal:
             return
         self._drawn_s = now_s
         self.show(f"{label} {done}/{total} ({done / total:.0%})" if total else f"{label} {done}")
+
+    def counter(self, label: str) -> Callable[[int, int], None]:
+        """`progress` under one label, for those who know only (done, total)."""
+        return lambda done, total: self.progress(label, done, total)
+
+    def say(self, text: str) -> None:
+        """Leave a line that stays."""
+        if not self._is_quiet:
+            self.clear()
+            self._stream.write(f"{text}\n")
+            self._stream.flush()
 
     @contextmanager
     def busy(self, label: str) -> Iterator["Busy"]:

@@ -19,7 +19,7 @@ class Shade(StrEnum):
 @dataclass(frozen=True)
 class Lamp:
     power_w: float = setting(5.0, "electric power", above=0.0, high=100.0)
-    shade: Shade = setting(Shade.LIGHT, "colour of the shade")  # noqa: RUF009
+    shade: Shade = setting(Shade.LIGHT, "colour of the shade")
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Room:
     heated: bool = setting(False, "has a stove")
     corner: tuple[float, float] = setting((0.0, 0.0), "where it starts", low=-10.0)
     tags: list[str] = field(default_factory=list)
-    plan: Path | None = setting(None, "drawing of the room")  # noqa: RUF009
+    plan: Path | None = setting(None, "drawing of the room")
     lamp: Lamp = Lamp()
 
     def __post_init__(self) -> None:

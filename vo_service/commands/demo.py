@@ -64,9 +64,7 @@ def run(args: argparse.Namespace) -> int:
             file=None,
             pace=Pace.REALTIME,
             synthetic=replace(SyntheticConfig(), duration_s=args.seconds),
-            progress=lambda done, total: terminal.progress(
-                "rendering the room: frame", done, total
-            ),
+            progress=terminal.counter("rendering the room: frame"),
         )
     )
     memory = TrajectoryMemory()
@@ -81,7 +79,6 @@ def run(args: argparse.Namespace) -> int:
             tell=say,
         )
         with opened_outputs(request) as outputs:
-            say("poses: run `kinect-vo listen` in another terminal")
             progress = ProgressOutput(terminal, "demo", camera.frame_count)
             ending = run_loop(config, camera, PlainFeed(camera), [*outputs, memory, progress])
         terminal.clear()

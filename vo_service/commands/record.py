@@ -1,9 +1,12 @@
 """``kinect-vo record``: any camera into a folder in TUM format."""
 
 import argparse
+import math
+from dataclasses import replace
 from pathlib import Path
 
 from drivers.camera import EndOfStream, NoFrameYet, Pace, RgbdCamera
+from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.encode import ColourFormat
 from drivers.tum.writer import TumWriter
 from vo_service.cameras import USAGES, CameraRequest, make_camera
@@ -37,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) of a recording"
     )
     parser.add_argument(
-        "--seconds", type=seconds, metavar="S", default=float("inf"),
+        "--seconds", type=seconds, metavar="S", default=math.inf,
         help="stop after S seconds of the camera's time (default: at its end, or at Ctrl-C)",
     )  # fmt: skip
     parser.add_argument(
@@ -54,10 +57,8 @@ def run(args: argparse.Namespace) -> int:
             source=args.camera or config.camera.source,
             file=args.camera_file or config.camera.file,
             pace=Pace.LOCKSTEP,
-            synthetic=config.synthetic,
-            progress=lambda done, total: terminal.progress(
-                "rendering the room: frame", done, total
-            ),
+            synthetic=_played_once(config.synthetic, args.seconds),
+            progress=terminal.counter("rendering the room: frame"),
         )
     )
     colour = ColourFormat.JPEG if args.jpeg else ColourFormat.PNG
@@ -68,6 +69,12 @@ def run(args: argparse.Namespace) -> int:
     terminal.clear()
     print(f"{writer.written} frames in {args.folder}")
     return INTERRUPTED if stop.by_user else 0
+
+
+def _played_once(synthetic: SyntheticConfig, longest_s: float) -> SyntheticConfig:
+    """The virtual Kinect's room without going round, so that there is an end and a ground truth."""
+    duration_s = longest_s if math.isfinite(longest_s) else synthetic.duration_s
+    return replace(synthetic, loop=False, duration_s=duration_s)
 
 
 def _record(

@@ -14,7 +14,6 @@ from vo_service.commands.options import (
     add_output_options,
     config_of,
     pace,
-    say,
     seconds,
 )
 from vo_service.feed import PlainFeed
@@ -72,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
             rerun_targets=config.rerun.targets,
             trajectory=args.trajectory,
             ground_truth=lambda: camera.ground_truth,
-            tell=say,
+            tell=terminal.say,
         )
         progress = ProgressOutput(terminal, "replay", camera.frame_count)
         with opened_outputs(request) as outputs:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drivers.camera import Pace
 from vo_service.cameras import USAGES, CameraRequest, make_camera
-from vo_service.commands.options import add_config_options, add_output_options, config_of, pace, say
+from vo_service.commands.options import add_config_options, add_output_options, config_of, pace
 from vo_service.feed import PersistentFeed
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
@@ -55,9 +55,7 @@ def run(args: argparse.Namespace) -> int:
             file=args.camera_file or config.camera.file,
             pace=args.pace,
             synthetic=config.synthetic,
-            progress=lambda done, total: terminal.progress(
-                "rendering the room: frame", done, total
-            ),
+            progress=terminal.counter("rendering the room: frame"),
         )
     )
     config = replace(config, camera=replace(config.camera, source=source))
@@ -67,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         zenoh=None if args.no_publish else config.zenoh,
         rerun_targets=config.rerun.targets,
         trajectory=args.trajectory,
-        tell=say,
+        tell=terminal.say,
     )
     with opened_outputs(request) as outputs:
         outputs += [StateLogOutput(), ProgressOutput(terminal, "run", None)]

@@ -53,6 +53,8 @@ def opened_outputs(request: OutputRequest) -> Iterator[list[Output]]:
             delivery = LOCKSTEP if request.pace is Pace.LOCKSTEP else LIVE
             publisher = stack.enter_context(closing(ZenohOutput(request.zenoh, delivery)))
             outputs.append(publisher)
+            where = ", ".join(request.zenoh.listen + request.zenoh.connect)
+            request.tell(f"poses: {request.zenoh.prefix}/odom at {where} (kinect-vo listen)")
             if request.wait_for_subscriber_s:
                 publisher.wait_for_subscriber(request.wait_for_subscriber_s)
         for target in request.rerun_targets:

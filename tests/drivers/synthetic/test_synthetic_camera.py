@@ -207,7 +207,7 @@ def test_an_unplugged_camera_is_lost_then_not_found_then_back(
     with pytest.raises(CameraLostError, match="unplugged"):
         camera.read(1.0)
     camera.close()
-    with pytest.raises(CameraNotFoundError, match=r"another 0\.1 s"):
+    with pytest.raises(CameraNotFoundError, match="comes back by itself"):
         camera.open()
     host.sleep(0.095)
     camera.open()

@@ -112,6 +112,11 @@ class SyntheticCamera(RgbdCamera):
         return None if self._config.loop else self._config.frame_count
 
     @property
+    def readout_s(self) -> float:
+        """See `RgbdCamera`."""
+        return self._config.timing.readout_s
+
+    @property
     def ground_truth(self) -> StampedPoses | None:
         """The exact poses at every frame's true stamp, in the room's frame; None in a loop.
 

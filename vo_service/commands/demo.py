@@ -12,7 +12,13 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.trajectory import StampedPoses, pose_line
 from drivers.tum.whole_files import write_whole
 from vo_service.cameras import CameraRequest, make_camera
-from vo_service.commands.options import add_config_options, config_of, say, seconds
+from vo_service.commands.options import (
+    add_config_options,
+    add_publish_option,
+    config_of,
+    say,
+    seconds,
+)
 from vo_service.evaluation.association import FEWEST_MATCHES
 from vo_service.evaluation.picture import write_picture
 from vo_service.feed import PlainFeed
@@ -49,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-serve", action="store_true", help="do not serve Rerun's page while it runs"
     )
+    add_publish_option(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
 
 
@@ -72,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         terminal.clear()
         request = OutputRequest(
             pace=Pace.REALTIME,
-            zenoh=config.zenoh,
+            zenoh=None if args.no_publish else config.zenoh,
             rerun_targets=_rerun_targets(args),
             trajectory=args.output / "trajectory.txt",
             ground_truth=lambda: camera.ground_truth,

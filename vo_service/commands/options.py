@@ -29,6 +29,11 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
         help="show it in Rerun: serve (a page on this computer), connect or connect:HOST:PORT "
         "(a viewer that is open), or FILE.rrd (a recording); may be given several times",
     )  # fmt: skip
+    add_publish_option(parser)
+
+
+def add_publish_option(parser: argparse.ArgumentParser) -> None:
+    """--no-publish."""
     parser.add_argument(
         "--no-publish", action="store_true", help="do not publish over Zenoh, listen nowhere"
     )

@@ -132,6 +132,20 @@ def test_the_gate_follows_the_noise_of_the_sensor() -> None:
 
 
 @pytest.mark.parametrize(("axis", "column"), [(0, 0), (1, 0), (2, 1)])
+@pytest.mark.parametrize(("share", "score"), [(0.0, 1.0), (0.5, 0.75), (0.9, 0.19), (1.01, 0.0)])
+def test_the_score_of_a_pair_falls_to_zero_at_the_gate(
+    axis: int, column: int, share: float, score: float
+) -> None:
+    P = points_in_view(np.random.default_rng(0), 40)
+    gate = inverse_gate(exact_pairs(P, P))
+    Q = P.copy()
+    Q[0, axis] += share / gate[0, column]
+    found, total = best_hypothesis(P.T.copy(), Q.T.copy(), gate.T.copy(), 500, np.uint32(1))
+    assert total == pytest.approx(39 + score)
+    assert found == pytest.approx(np.eye(4), abs=1e-9)
+
+
+@pytest.mark.parametrize(("axis", "column"), [(0, 0), (1, 0), (2, 1)])
 @pytest.mark.parametrize(("share", "agrees"), [(0.99, True), (1.01, False)])
 def test_a_pair_agrees_up_to_the_gate(axis: int, column: int, share: float, agrees: bool) -> None:
     P = np.array([[0.1, 0.2, 2.0]])

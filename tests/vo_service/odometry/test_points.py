@@ -62,6 +62,13 @@ def test_a_feature_on_a_depth_edge_is_no_point(x: float) -> None:
     assert inverse_depth_at(depth_m, x, 30.0) == 0.0
 
 
+@pytest.mark.parametrize(("away", "inverse_m"), [(1, 0.0), (2, 0.5)])
+def test_a_single_jump_counts_only_right_beside_the_feature(away: int, inverse_m: float) -> None:
+    depth_m = plane(0.5, 0.0, 0.0)
+    depth_m[30 + away, 20 - away] = 1.2
+    assert inverse_depth_at(depth_m, 20.0, 30.0) == pytest.approx(inverse_m, abs=1e-6)
+
+
 def test_beside_a_depth_edge_the_surface_under_the_feature_counts_alone() -> None:
     depth_m = plane(0.5, 0.001, -0.002)
     expected = 0.5 + 0.001 * 22 - 0.002 * 30

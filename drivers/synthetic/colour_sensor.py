@@ -65,6 +65,7 @@ def motion_blur(
     """
     height, width = depth_m.shape
     blurred = np.empty_like(image)
+    total = np.empty(3)
     for v in range(height):
         A, B = T_opening_now[v], T_closing_now[v]
         for u in range(width):
@@ -73,7 +74,7 @@ def motion_blur(
             bx, by = seen_from(B, x, y, z)
             du, dv = focal_px * (bx - ax), focal_px * (by - ay)
             taps = 1 + min(MOST_TAPS - 1, int(math.sqrt(du * du + dv * dv) + 0.5))
-            b, g, r = 0.0, 0.0, 0.0
+            total[:] = 0.0
             for k in range(taps):
                 # The light of this pixel came from where the surface was: against the motion.
                 along = (k + 0.5) / taps - 0.5
@@ -81,16 +82,17 @@ def motion_blur(
                 j = min(max(v - along * dv, 0.0), height - 1.001)
                 column, row = int(i), int(j)
                 p, q = np.float32(i - column), np.float32(j - row)
-                top, low = image[row], image[row + 1]
                 w00, w01 = (1 - p) * (1 - q), p * (1 - q)
                 w10, w11 = (1 - p) * q, p * q
-                e = column + 1
-                b += w00 * top[column, 0] + w01 * top[e, 0] + w10 * low[column, 0] + w11 * low[e, 0]
-                g += w00 * top[column, 1] + w01 * top[e, 1] + w10 * low[column, 1] + w11 * low[e, 1]
-                r += w00 * top[column, 2] + w01 * top[e, 2] + w10 * low[column, 2] + w11 * low[e, 2]
-            blurred[v, u, 0] = b / taps
-            blurred[v, u, 1] = g / taps
-            blurred[v, u, 2] = r / taps
+                for c in range(3):
+                    total[c] += (
+                        w00 * image[row, column, c]
+                        + w01 * image[row, column + 1, c]
+                        + w10 * image[row + 1, column, c]
+                        + w11 * image[row + 1, column + 1, c]
+                    )
+            for c in range(3):
+                blurred[v, u, c] = total[c] / taps
     return blurred
 
 

@@ -28,7 +28,7 @@ class ColourEye:
     distortion: tuple[float, ...] = (0.05, -0.10, 0.0005, -0.0005, 0.0)  # k1 k2 p1 p2 k3
     noise_sigma: float = 3.0  # grey levels at mid grey
     softness_px: float = 0.9  # blur of the lens and of the colour filter array
-    exposure_s: float = 0.016  # motion blur; 0 = a perfect instant
+    exposure_s: float = 0.012  # motion blur; 0 = a perfect instant
     gain_drift: float = 0.12  # automatic exposure: relative amplitude
     vignetting: float = 0.12  # loss of brightness in the corners
     smooth_edges: bool = True  # average four rays where surfaces meet

@@ -149,6 +149,10 @@ def list_candidates(outlines: Array, order: NDArray[np.int64], bounds: Array) ->
     return lists
 
 
+# In the kernels below arrays are passed whole, with indices: a slice in an inner loop costs more
+# than the arithmetic, for its reference count is shared by all threads.
+
+
 @kernel
 def cast(
     rays: Array, kind: NDArray[np.int64], frames: Array, candidates: Indices, near_m: Array
@@ -159,16 +163,8 @@ def cast(
     solid = np.empty((height, width), dtype=np.int32)
     for v in range(height):
         for u in range(width):
-            t, s = closest(
-                rays[v, u, 0],
-                rays[v, u, 1],
-                kind,
-                frames[v],
-                candidates[v // TILE, u // TILE],
-                near_m,
-            )
-            depth_m[v, u] = t
-            solid[v, u] = s
+            x, y = rays[v, u, 0], rays[v, u, 1]
+            depth_m[v, u], solid[v, u] = closest(x, y, v, u, kind, frames, candidates, near_m)
     return depth_m, solid
 
 
@@ -176,24 +172,43 @@ def cast(
 def closest(
     x: float,
     y: float,
+    v: int,
+    u: int,
     kind: NDArray[np.int64],
     frames: Array,
     candidates: Indices,
     near_m: Array,
 ) -> tuple[float, int]:
-    """Depth and index of the first solid that the ray (x, y, 1) meets; FAR_M, -1 if none."""
+    """Depth and index of the first solid that the ray (x, y, 1) of pixel (v, u) meets.
+
+    FAR_M and -1 if it meets none.
+    """
     best, found = FAR_M, -1
-    for s in candidates:
+    i, j = v // TILE, u // TILE
+    for n in range(candidates.shape[2]):
+        s = candidates[i, j, n]
         if s < 0 or near_m[s] >= best:
             break
-        F = frames[s]
-        dx = F[0, 0] * x + F[0, 1] * y + F[0, 2]
-        dy = F[1, 0] * x + F[1, 1] * y + F[1, 2]
-        dz = F[2, 0] * x + F[2, 1] * y + F[2, 2]
+        ox, oy, oz, dx, dy, dz = in_unit_cube(x, y, v, s, frames)
         if kind[s] <= ROOM:
-            t = meet_box(F[0, 3], F[1, 3], F[2, 3], dx, dy, dz, kind[s] == ROOM)
+            t = meet_box(ox, oy, oz, dx, dy, dz, kind[s] == ROOM)
         else:
-            t = meet_round(F[0, 3], F[1, 3], F[2, 3], dx, dy, dz, kind[s] == TUBE)
+            t = meet_round(ox, oy, oz, dx, dy, dz, kind[s] == TUBE)
         if t < best:
             best, found = t, s
     return best, found
+
+
+@kernel
+def in_unit_cube(
+    x: float, y: float, v: int, s: int, frames: Array
+) -> tuple[float, float, float, float, float, float]:
+    """Origin and direction of the ray (x, y, 1) of row v in the unit cube of solid s."""
+    return (
+        frames[v, s, 0, 3],
+        frames[v, s, 1, 3],
+        frames[v, s, 2, 3],
+        frames[v, s, 0, 0] * x + frames[v, s, 0, 1] * y + frames[v, s, 0, 2],
+        frames[v, s, 1, 0] * x + frames[v, s, 1, 1] * y + frames[v, s, 1, 2],
+        frames[v, s, 2, 0] * x + frames[v, s, 2, 1] * y + frames[v, s, 2, 2],
+    )

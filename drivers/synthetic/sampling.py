@@ -21,8 +21,10 @@ def texels_along(
     across_w: float,
     down_u: float,
     down_w: float,
+    s: int,
+    face: int,
     texels: Bytes,
-    level: Table,
+    levels: Table,
 ) -> Colour3:
     """Mean over a pixel's footprint: samples along its longer side, as broad as its shorter."""
     across = math.sqrt(across_u * across_u + across_w * across_w)
@@ -34,50 +36,63 @@ def texels_along(
     breadth = area / max(longest, 1e-9)
     taps = min(MOST_TAPS, int(longest / max(breadth, 1e-9) + 0.5))
     if taps <= 1:
-        return texel(u, w, longest, texels, level)
-    lod = level_of(max(breadth, longest / taps), level)
+        return texel(u, w, longest, s, face, texels, levels)
+    # One level will do: the taps overlap, which hides the step to the next.
+    k = int(level_of(max(breadth, longest / taps), levels.shape[2]) + 0.5)
+    scale_u = levels[s, face, k, 1] / levels[s, face, 0, 1]
+    scale_w = levels[s, face, k, 2] / levels[s, face, 0, 2]
+    step_u, step_w = long_u * scale_u / taps, long_w * scale_w / taps
+    x, y = u * scale_u - 0.5 * (taps - 1) * step_u, w * scale_w - 0.5 * (taps - 1) * step_w
     b, g, r = 0.0, 0.0, 0.0
-    for i in range(taps):
-        along = (i + 0.5) / taps - 0.5
-        # One level will do: the taps overlap, which hides the step to the next.
-        tb, tg, tr = bilinear(u + along * long_u, w + along * long_w, texels, level, int(lod + 0.5))
+    for _ in range(taps):
+        tb, tg, tr = bilinear(x, y, s, face, k, texels, levels)
         b, g, r = b + tb, g + tg, r + tr
+        x, y = x + step_u, y + step_w
     return b / taps, g / taps, r / taps
 
 
 @kernel
-def texel(u: float, w: float, size: float, texels: Bytes, level: Table) -> Colour3:
+def texel(
+    u: float, w: float, size: float, s: int, face: int, texels: Bytes, levels: Table
+) -> Colour3:
     """Trilinear sample at (u, w), in pixels of level 0, of a footprint `size` pixels wide."""
-    lod = level_of(size, level)
+    lod = level_of(size, levels.shape[2])
     k = int(lod)
     part = lod - k
-    b, g, r = bilinear(u, w, texels, level, k)
+    x, y = u / levels[s, face, 0, 1], w / levels[s, face, 0, 2]
+    wide, high = levels[s, face, k, 1], levels[s, face, k, 2]
+    b, g, r = bilinear(x * wide, y * high, s, face, k, texels, levels)
     if part < 0.02:
         return b, g, r
-    cb, cg, cr = bilinear(u, w, texels, level, k + 1)
+    wide, high = levels[s, face, k + 1, 1], levels[s, face, k + 1, 2]
+    cb, cg, cr = bilinear(x * wide, y * high, s, face, k + 1, texels, levels)
     return b + part * (cb - b), g + part * (cg - g), r + part * (cr - r)
 
 
 @kernel
-def level_of(size: float, level: Table) -> float:
+def level_of(size: float, levels: int) -> float:
     """Mip level, with a fraction, whose texels are `size` texels of level 0 wide."""
-    return min(max(math.log2(max(size, 1e-6)), 0.0), len(level) - 1.001)
+    return min(max(math.log2(max(size, 1e-6)), 0.0), levels - 1.001)
 
 
 @kernel
-def bilinear(u: float, w: float, texels: Bytes, level: Table, k: int) -> Colour3:
-    """Sample of one level; (u, w) in pixels of level 0, whose first pixel's centre is 0.5."""
-    first, width, height = level[k, 0], level[k, 1], level[k, 2]
-    x = min(max(u * width / level[0, 1] - 0.5, 0.0), width - 1.0)
-    y = min(max(w * height / level[0, 2] - 0.5, 0.0), height - 1.0)
+def bilinear(
+    u: float, w: float, s: int, face: int, k: int, texels: Bytes, levels: Table
+) -> Colour3:
+    """Sample of level k at (u, w) in its pixels; the first pixel's centre is 0.5."""
+    first, width, height = levels[s, face, k, 0], levels[s, face, k, 1], levels[s, face, k, 2]
+    x = min(max(u - 0.5, 0.0), width - 1.0)
+    y = min(max(w - 0.5, 0.0), height - 1.0)
     column, row = int(x), int(y)
     fx, fy = x - column, y - row
-    a = first + row * width + column
     right = 1 if column + 1 < width else 0
-    c = a + (width if row + 1 < height else 0)
-    p, q, m, n = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
+    below = width if row + 1 < height else 0
+    # Unsigned: the compiler then need not look for negative indices.
+    i = np.uint64(first + row * width + column)
+    j, m, n = i + np.uint64(right), i + np.uint64(below), i + np.uint64(right + below)
+    a, b, c, d = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
     return (
-        p * texels[a, 0] + q * texels[a + right, 0] + m * texels[c, 0] + n * texels[c + right, 0],
-        p * texels[a, 1] + q * texels[a + right, 1] + m * texels[c, 1] + n * texels[c + right, 1],
-        p * texels[a, 2] + q * texels[a + right, 2] + m * texels[c, 2] + n * texels[c + right, 2],
+        a * texels[i, 0] + b * texels[j, 0] + c * texels[m, 0] + d * texels[n, 0],
+        a * texels[i, 1] + b * texels[j, 1] + c * texels[m, 1] + d * texels[n, 1],
+        a * texels[i, 2] + b * texels[j, 2] + c * texels[m, 2] + d * texels[n, 2],
     )

@@ -6,8 +6,8 @@ import numpy as np
 
 from drivers.geometry import Array
 from drivers.jit import kernel
-from drivers.synthetic.raycast import ROOM, TILE, TUBE, Floats, Indices, closest
-from drivers.synthetic.sampling import Bytes, Table, texel, texels_along
+from drivers.synthetic.raycast import ROOM, TUBE, Floats, Indices, closest, in_unit_cube
+from drivers.synthetic.sampling import Bytes, Colour3, Table, texel, texels_along
 from drivers.synthetic.solids import FACE_FLIP, FACE_U, FACE_V
 
 
@@ -35,9 +35,17 @@ def shade(
             if s < 0:
                 surface[v, u] = -1
                 continue
-            x, y = rays[v, u, 0], rays[v, u, 1]
             face, b, g, r = colour_at(
-                x, y, depth_m[v, u], kind[s], frames[v, s], texels, levels[s], pixel
+                rays[v, u, 0],
+                rays[v, u, 1],
+                depth_m[v, u],
+                v,
+                s,
+                kind[s],
+                frames,
+                texels,
+                levels,
+                pixel,
             )
             image[v, u, 0], image[v, u, 1], image[v, u, 2] = b, g, r
             surface[v, u] = s * 8 + face
@@ -69,16 +77,19 @@ def smooth_edges(
                 and here == surface[v + 1, u]
             ):
                 continue
-            across, down = rays[v, u + 1] - rays[v, u - 1], rays[v + 1, u] - rays[v - 1, u]
+            across_x = rays[v, u + 1, 0] - rays[v, u - 1, 0]
+            across_y = rays[v, u + 1, 1] - rays[v, u - 1, 1]
+            down_x = rays[v + 1, u, 0] - rays[v - 1, u, 0]
+            down_y = rays[v + 1, u, 1] - rays[v - 1, u, 1]
             image[v, u] = 0.0
             for i in (-0.125, 0.125):
                 for j in (-0.125, 0.125):
-                    x = rays[v, u, 0] + i * across[0] + j * down[0]
-                    y = rays[v, u, 1] + i * across[1] + j * down[1]
-                    t, s = closest(x, y, kind, frames[v], candidates[v // TILE, u // TILE], near_m)
+                    x = rays[v, u, 0] + i * across_x + j * down_x
+                    y = rays[v, u, 1] + i * across_y + j * down_y
+                    t, s = closest(x, y, v, u, kind, frames, candidates, near_m)
                     if s >= 0:
                         _, b, g, r = colour_at(
-                            x, y, t, kind[s], frames[v, s], texels, levels[s], pixel
+                            x, y, t, v, s, kind[s], frames, texels, levels, pixel
                         )
                         image[v, u, 0] += 0.25 * b
                         image[v, u, 1] += 0.25 * g
@@ -90,40 +101,63 @@ def colour_at(
     x: float,
     y: float,
     t: float,
+    v: int,
+    s: int,
     kind: int,
-    F: Array,
+    frames: Array,
     texels: Bytes,
     levels: Table,
     pixel: float,
 ) -> tuple[int, float, float, float]:
-    """Face and colour where the ray (x, y, 1) meets a solid at depth t."""
-    dx = F[0, 0] * x + F[0, 1] * y + F[0, 2]
-    dy = F[1, 0] * x + F[1, 1] * y + F[1, 2]
-    dz = F[2, 0] * x + F[2, 1] * y + F[2, 2]
-    px, py, pz = F[0, 3] + t * dx, F[1, 3] + t * dy, F[2, 3] + t * dz
+    """Face and colour where the ray (x, y, 1) of row v meets solid s at depth t."""
+    ox, oy, oz, dx, dy, dz = in_unit_cube(x, y, v, s, frames)
+    px, py, pz = ox + t * dx, oy + t * dy, oz + t * dz
     if kind >= TUBE:
-        width, height = levels[0, 0, 1], levels[0, 0, 2]
-        u = math.atan2(py, px) / (2.0 * math.pi) + 0.5
-        scale = math.sqrt(F[0, 0] ** 2 + F[1, 0] ** 2 + F[2, 0] ** 2)
-        size = t * pixel * scale * width / (2.0 * math.pi)
-        b, g, r = texel(u * width, 0.5 * (1.0 - pz) * height, size, texels, levels[0])
+        b, g, r = round_colour(px, py, pz, t, v, s, frames, texels, levels, pixel)
         return 0, b, g, r
     ax, ay, az = abs(px), abs(py), abs(pz)
     axis = 0 if ax >= ay and ax >= az else (1 if ay >= az else 2)
     p, d = (px, py, pz), (dx, dy, dz)
-    face = 2 * axis + (1 if p[axis] > 0.0 else 0)
-    level = levels[face]
+    outside = p[axis] > 0.0
+    face = 2 * axis + (1 if outside else 0)
+    wide, high = levels[s, face, 0, 1], levels[s, face, 0, 2]
     i, j = FACE_U[axis], FACE_V[axis]
-    flip = FACE_FLIP[axis] * (1.0 if p[axis] > 0.0 else -1.0) * (-1.0 if kind == ROOM else 1.0)
-    half_w, half_h = 0.5 * flip * level[0, 1], -0.5 * level[0, 2]
-    u = 0.5 * level[0, 1] + half_w * p[i]
-    w = 0.5 * level[0, 2] + half_h * p[j]
+    flip = FACE_FLIP[axis] * (1.0 if outside != (kind == ROOM) else -1.0)
+    half_w, half_h = 0.5 * flip * wide, -0.5 * high
     # How the texel under the ray moves from one pixel to the next, across and down.
     step = t * pixel
-    kx, ky = F[axis, 0] / d[axis], F[axis, 1] / d[axis]
-    across_u = half_w * step * (F[i, 0] - d[i] * kx)
-    across_w = half_h * step * (F[j, 0] - d[j] * kx)
-    down_u = half_w * step * (F[i, 1] - d[i] * ky)
-    down_w = half_h * step * (F[j, 1] - d[j] * ky)
-    b, g, r = texels_along(u, w, across_u, across_w, down_u, down_w, texels, level)
+    kx, ky = frames[v, s, axis, 0] / d[axis], frames[v, s, axis, 1] / d[axis]
+    b, g, r = texels_along(
+        0.5 * wide + half_w * p[i],
+        0.5 * high + half_h * p[j],
+        half_w * step * (frames[v, s, i, 0] - d[i] * kx),
+        half_h * step * (frames[v, s, j, 0] - d[j] * kx),
+        half_w * step * (frames[v, s, i, 1] - d[i] * ky),
+        half_h * step * (frames[v, s, j, 1] - d[j] * ky),
+        s,
+        face,
+        texels,
+        levels,
+    )
     return face, b, g, r
+
+
+@kernel
+def round_colour(
+    px: float,
+    py: float,
+    pz: float,
+    t: float,
+    v: int,
+    s: int,
+    frames: Array,
+    texels: Bytes,
+    levels: Table,
+    pixel: float,
+) -> Colour3:
+    """Colour of a tube or ball at (px, py, pz) in its unit cube: the skin is wound round it."""
+    wide, high = levels[s, 0, 0, 1], levels[s, 0, 0, 2]
+    turn = math.atan2(py, px) / (2.0 * math.pi) + 0.5
+    scale = math.sqrt(frames[v, s, 0, 0] ** 2 + frames[v, s, 1, 0] ** 2 + frames[v, s, 2, 0] ** 2)
+    size = t * pixel * scale * wide / (2.0 * math.pi)
+    return texel(turn * wide, 0.5 * (1.0 - pz) * high, size, s, 0, texels, levels)

@@ -1,0 +1,60 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.odometry_methods import METHODS, make_odometry
+from tests.vo_service.odometry.synthetic_views import frame_of, view_of_a_corner
+from vo_service.odometry.stopwatch import NullStopwatch
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    root = str(Path(__file__).parents[2])
+    command = [sys.executable, "-m", "benchmarks.odometry", *arguments]
+    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=100)
+
+
+def test_each_method_is_measured_on_each_folder(recording: Path) -> None:
+    done = run(str(recording), "--json")
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)[str(recording)]
+    assert list(results) == list(METHODS)
+    for result in results.values():
+        assert (result["frames"], result["failed"]) == (12, 0)
+        assert 0 < result["evaluation"]["ate_rmse_m"] < 0.02
+        assert list(result["stage_ms"]) == ["surf", "points", "match", "ransac", "svd"]
+        assert min(result["stage_ms"].values()) > 0
+
+
+def test_the_table_compares_with_sift(recording: Path) -> None:
+    done = run(str(recording), "--methods", "SURF", "SIFT")
+    first_words = [line.split()[0] for line in done.stdout.splitlines() if line]
+    assert first_words == [str(recording), "frames", "SURF", "SIFT", "SURF/SIFT"]
+
+
+def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+    done = run(str(tmp_path / "missing"))
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "missing" in done.stderr
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_answers_a_black_image_and_goes_on(method: str) -> None:
+    odometry = make_odometry(method, NullStopwatch())
+    view = view_of_a_corner(np.eye(4))
+    black = frame_of(np.zeros_like(view.grey), view.depth_m.astype(np.float64))
+    assert [odometry.estimate(f).ok for f in (view, black, view)] == [True, False, True]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_descriptors_are_whole_numbers_that_float32_multiplies_exactly(method: str) -> None:
+    odometry = make_odometry(method, NullStopwatch())
+    descriptor = odometry._extractor.extract(view_of_a_corner(np.eye(4)).grey).descriptor
+    assert len(descriptor) > 100
+    assert descriptor.dtype == np.float32
+    assert np.array_equal(descriptor, np.rint(descriptor))
+    assert (descriptor.astype(np.float64) ** 2).sum(axis=1).max() < 2**23

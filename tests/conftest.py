@@ -8,6 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vo_service.folders import kernel_folder
+
+# Before anything that compiles is imported; processes that tests start find the same kernels.
+os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
+
 from drivers.geometry import Array, rigid_transform, rotation_from_vector
 from drivers.trajectory import StampedPoses
 from drivers.tum.writer import TumWriter

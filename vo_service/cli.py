@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from drivers.errors import UserFacingError
-from vo_service.folders import cache_folder
+from vo_service.folders import kernel_folder
 from vo_service.interrupts import INTERRUPTED
 
 COMMANDS = ("demo", "replay", "run", "record", "listen", "evaluate", "warm-up", "config")
@@ -94,7 +94,7 @@ def _prepare_libraries() -> None:
     # One thread each: a frame is too small to share, and idle threads spin on the other core.
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
-    os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_folder() / "kernels"))
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
     # OpenCV prints what it makes of a broken image; our own line names the file.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 

@@ -1,9 +1,15 @@
 """Where the program keeps what it can make again: compiled kernels, rendered films."""
 
+import hashlib
 import os
+import shutil
 import tempfile
 from contextlib import suppress
 from pathlib import Path
+
+PACKAGES = ("drivers", "vo_service")
+# Several checkouts and versions may share a computer.
+KERNEL_FOLDERS_KEPT = 4
 
 
 def cache_folder() -> Path:
@@ -20,6 +26,32 @@ def cache_folder() -> Path:
         if os.access(folder, os.W_OK | os.X_OK):
             return folder
     return Path(tempfile.mkdtemp(prefix="kinect-vo-"))
+
+
+def kernel_folder() -> Path:
+    """Where compiled kernels of this very source are kept; those of older sources are removed.
+
+    Numba's own cache looks at a kernel's file alone: it would go on using the old code of a helper
+    that was inlined from another file. So each state of the source has a folder of its own.
+    """
+    kernels = cache_folder() / "kernels"
+    folder = kernels / _source_digest()
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        folder.touch()
+        kept = sorted(kernels.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        for old in kept[KERNEL_FOLDERS_KEPT:]:
+            shutil.rmtree(old, ignore_errors=True)
+    return folder
+
+
+def _source_digest() -> str:
+    digest = hashlib.sha256()
+    for package in PACKAGES:
+        for source in sorted((Path(__file__).parents[1] / package).rglob("*.py")):
+            state = source.stat()
+            digest.update(f"{source} {state.st_mtime_ns} {state.st_size}\n".encode())
+    return digest.hexdigest()[:16]
 
 
 def _candidates() -> list[Path]:

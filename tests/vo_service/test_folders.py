@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from vo_service.folders import cache_folder
+from vo_service import folders
+from vo_service.folders import cache_folder, kernel_folder
 
 
 @pytest.fixture
@@ -64,3 +65,27 @@ def test_a_user_without_a_home_gets_one_too(
     monkeypatch.setattr(Path, "home", no_home)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert cache_folder().parent == tmp_path
+
+
+def test_another_state_of_the_source_has_another_folder_for_kernels(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = tmp_path / "checkout" / "drivers" / "jit.py"
+    source.parent.mkdir(parents=True)
+    monkeypatch.setattr(folders, "__file__", str(tmp_path / "checkout" / "vo_service" / "f.py"))
+    source.write_text("a = 1\n")
+    before = kernel_folder()
+    assert kernel_folder() == before
+    source.write_text("a = 1234\n")
+    assert kernel_folder() != before
+
+
+def test_only_the_latest_folders_of_kernels_are_kept(home: Path) -> None:
+    mine = kernel_folder()
+    for number in range(6):
+        old = mine.parent / f"old{number}"
+        old.mkdir()
+        os.utime(old, (number, number))
+    assert kernel_folder() == mine
+    kept = {path.name for path in mine.parent.iterdir()}
+    assert kept == {mine.name, "old5", "old4", "old3"}

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.camera import Pace
+from vo_service.cameras import USAGES
 from vo_service.config import Config, read_config
 from vo_service.methods import METHODS
 
@@ -15,6 +16,17 @@ def add_config_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     parser.add_argument(
         "--method", choices=list(METHODS), help="how motion is estimated (default: the config's)"
+    )
+
+
+def add_camera_options(parser: argparse.ArgumentParser) -> None:
+    """--camera and --camera-file."""
+    parser.add_argument(
+        "--camera", metavar="SOURCE",
+        help=f"the camera (default: the config's): {', '.join(USAGES.values())}",
+    )  # fmt: skip
+    parser.add_argument(
+        "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) of a recording"
     )
 
 

@@ -9,8 +9,8 @@ from drivers.camera import EndOfStream, NoFrameYet, Pace, RgbdCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.encode import ColourFormat
 from drivers.tum.writer import TumWriter
-from vo_service.cameras import USAGES, CameraRequest, make_camera
-from vo_service.commands.options import seconds
+from vo_service.cameras import CameraRequest, make_camera
+from vo_service.commands.options import add_camera_options, seconds
 from vo_service.config import read_config
 from vo_service.interrupts import INTERRUPTED, Stop, stop_on_signals
 from vo_service.terminal import Terminal
@@ -32,13 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="new folder to record into")
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
-    parser.add_argument(
-        "--camera", metavar="SOURCE",
-        help=f"the camera (default: the config's): {', '.join(USAGES.values())}",
-    )  # fmt: skip
-    parser.add_argument(
-        "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) of a recording"
-    )
+    add_camera_options(parser)
     parser.add_argument(
         "--seconds", type=seconds, metavar="S", default=math.inf,
         help="stop after S seconds of the camera's time (default: at its end, or at Ctrl-C)",

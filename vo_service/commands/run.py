@@ -2,11 +2,16 @@
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 from drivers.camera import Pace
-from vo_service.cameras import USAGES, CameraRequest, make_camera
-from vo_service.commands.options import add_config_options, add_output_options, config_of, pace
+from vo_service.cameras import CameraRequest, make_camera
+from vo_service.commands.options import (
+    add_camera_options,
+    add_config_options,
+    add_output_options,
+    config_of,
+    pace,
+)
 from vo_service.feed import PersistentFeed
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
@@ -30,13 +35,7 @@ recording has ended. Ctrl-C and SIGTERM are the way to end it, with exit code 0.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     add_config_options(parser)
-    parser.add_argument(
-        "--camera", metavar="SOURCE",
-        help=f"the camera (default: the config's): {', '.join(USAGES.values())}",
-    )  # fmt: skip
-    parser.add_argument(
-        "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) of a recording"
-    )
+    add_camera_options(parser)
     parser.add_argument(
         "--pace", type=pace, metavar="PACE", default=Pace.REALTIME,
         help="realtime (default), or lockstep for a recording",

@@ -42,12 +42,12 @@ def find_maxima(
     # One row each: the largest of the three layers in every column, for three rows in turn.
     tallest = np.empty((3, columns), np.float32)
     for row in range(first - 1, first + 1):
-        _max_over_layers(below[row], middle[row], above[row], tallest[row % 3])
+        _max_of_three(below[row], middle[row], above[row], tallest[row % 3])
     around = np.zeros(columns, np.float32)
     is_peak = np.zeros((columns + 7) // 8 * 8, np.uint8)
     eight_at_once = is_peak.view(np.uint64)
     for row in range(first, last_row + 1):
-        _max_over_layers(below[row + 1], middle[row + 1], above[row + 1], tallest[(row + 1) % 3])
+        _max_of_three(below[row + 1], middle[row + 1], above[row + 1], tallest[(row + 1) % 3])
         _max_of_three(tallest[0], tallest[1], tallest[2], around)
         _mark_peaks(middle[row], around, threshold, first, last_column, is_peak)
         for word in range(eight_at_once.size):
@@ -65,24 +65,13 @@ def find_maxima(
 
 
 @inline_kernel
-def _max_over_layers(
-    a: NDArray[np.float32],
-    b: NDArray[np.float32],
-    c: NDArray[np.float32],
-    out: NDArray[np.float32],
-) -> None:
-    for k in range(out.size):
-        m = a[k] if a[k] > b[k] else b[k]
-        out[k] = m if m > c[k] else c[k]
-
-
-@inline_kernel
 def _max_of_three(
     a: NDArray[np.float32],
     b: NDArray[np.float32],
     c: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
+    """Largest of three rows in every column."""
     for k in range(out.size):
         m = a[k] if a[k] > b[k] else b[k]
         out[k] = m if m > c[k] else c[k]

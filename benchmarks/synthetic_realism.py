@@ -173,12 +173,19 @@ def report(name: str, views: list[View]) -> None:
 def main() -> None:
     """Run every variant that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("track", type=Path)
-    parser.add_argument("--start-s", type=float, default=0.1)
-    parser.add_argument("--frames", type=int, default=360)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[1])
+    parser.add_argument("track", type=Path, help="trajectory of a real hand, in TUM format")
+    parser.add_argument(
+        "--start-s", type=float, default=0.1, help="where in the track to begin (%(default)s)"
+    )
+    parser.add_argument("--frames", type=int, default=360, help="how many frames (%(default)s)")
+    parser.add_argument(
+        "--seeds", type=int, nargs="+", default=[1], help="rooms, by their seeds (%(default)s)"
+    )
     parser.add_argument("--folder", type=Path, help="a recording to compare with")
-    parser.add_argument("--only", nargs="+", default=["default", "pinhole", "freiburg1", "ideal"])
+    parser.add_argument(
+        "--only", nargs="+", default=["default", "pinhole", "freiburg1", "ideal"],
+        help="which sensors: all faults, without lens, with another lens, no fault (%(default)s)",
+    )  # fmt: skip
     options = parser.parse_args()
     if options.folder is not None:
         report(options.folder.name, recorded_views(options.folder, FREIBURG1, 5000.0))

@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -22,6 +22,16 @@ class Stop:
         self.by_user = number == signal.SIGINT
         self.event.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def interrupting(self, progress: Callable[[int, int], None]) -> Callable[[int, int], None]:
+        """The same progress, which raises KeyboardInterrupt once a stop was asked for."""
+
+        def report(done: int, total: int) -> None:
+            if self.event.is_set():
+                raise KeyboardInterrupt
+            progress(done, total)
+
+        return report
 
 
 @contextmanager

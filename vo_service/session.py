@@ -8,7 +8,7 @@ import cv2
 from drivers.camera import RgbdCamera
 from vo_service.config import Config
 from vo_service.feed import Feed
-from vo_service.interrupts import INTERRUPTED, stop_on_signals
+from vo_service.interrupts import INTERRUPTED, Stop
 from vo_service.methods import METHODS, FeatureSettings
 from vo_service.outputs.output import Output
 from vo_service.pose_tracker import PoseTracker
@@ -33,11 +33,12 @@ class Ending:
         return INTERRUPTED if self.interrupted else 0
 
 
-def run_loop(config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output]) -> Ending:
-    """Run until the frames end, Ctrl-C or SIGTERM."""
+def run_loop(
+    config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output], stop: Stop
+) -> Ending:
+    """Run until the frames end or `stop` is set."""
     service = _service(config, camera, feed, outputs)
-    with stop_on_signals() as stop:
-        service.run(stop.event)
+    service.run(stop.event)
     return Ending(service.statistics, stop.by_user)
 
 

@@ -30,3 +30,14 @@ def test_afterwards_signals_do_what_they_did() -> None:
     with stop_on_signals():
         os.kill(os.getpid(), signal.SIGINT)
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_work_that_shows_progress_is_interrupted_once_a_stop_was_asked_for() -> None:
+    steps: list[tuple[int, int]] = []
+    with stop_on_signals() as stop:
+        progress = stop.interrupting(lambda done, total: steps.append((done, total)))
+        progress(1, 3)
+        signal.raise_signal(signal.SIGTERM)
+        with pytest.raises(KeyboardInterrupt):
+            progress(2, 3)
+    assert steps == [(1, 3)]

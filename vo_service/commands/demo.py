@@ -22,6 +22,7 @@ from vo_service.commands.options import (
 from vo_service.evaluation.association import FEWEST_MATCHES
 from vo_service.evaluation.picture import write_picture
 from vo_service.feed import PlainFeed
+from vo_service.interrupts import stop_on_signals
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.trajectory_memory import TrajectoryMemory
@@ -85,9 +86,10 @@ def run(args: argparse.Namespace) -> int:
             ground_truth=lambda: camera.ground_truth,
             tell=say,
         )
-        with opened_outputs(request) as outputs:
+        with opened_outputs(request) as outputs, stop_on_signals() as stop:
             progress = ProgressOutput(terminal, "demo", camera.frame_count)
-            ending = run_loop(config, camera, PlainFeed(camera), [*outputs, memory, progress])
+            outputs += [memory, progress]
+            ending = run_loop(config, camera, PlainFeed(camera), outputs, stop)
         terminal.clear()
         truth = camera.ground_truth
         if truth is None:  # stopped before the first frame

@@ -17,6 +17,7 @@ from vo_service.commands.options import (
     seconds,
 )
 from vo_service.feed import PlainFeed
+from vo_service.interrupts import stop_on_signals
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.trajectory_memory import TrajectoryMemory
@@ -74,8 +75,9 @@ def run(args: argparse.Namespace) -> int:
             tell=terminal.say,
         )
         progress = ProgressOutput(terminal, "replay", camera.frame_count)
-        with opened_outputs(request) as outputs:
-            ending = run_loop(config, camera, PlainFeed(camera), [*outputs, memory, progress])
+        with opened_outputs(request) as outputs, stop_on_signals() as stop:
+            outputs += [memory, progress]
+            ending = run_loop(config, camera, PlainFeed(camera), outputs, stop)
         progress.close()
         frames_s = np.array([pair.colour.stamp_s for pair in paired_frames(args.folder).pairs])
         summary = Summary.of(

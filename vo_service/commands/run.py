@@ -1,6 +1,7 @@
 """``kinect-vo run``: the odometry as a service, for as long as the robot is on."""
 
 import argparse
+from contextlib import suppress
 from dataclasses import replace
 
 from drivers.camera import Pace
@@ -12,7 +13,9 @@ from vo_service.commands.options import (
     config_of,
     pace,
 )
+from vo_service.config import Config
 from vo_service.feed import PersistentFeed
+from vo_service.interrupts import stop_on_signals
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.state_log_output import StateLogOutput
@@ -46,27 +49,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Serve until stopped."""
     config = config_of(args)
-    source = args.camera or config.camera.source
+    config = replace(
+        config, camera=replace(config.camera, source=args.camera or config.camera.source)
+    )
     terminal = Terminal()
-    camera = make_camera(
-        CameraRequest(
-            source=source,
-            file=args.camera_file or config.camera.file,
-            pace=args.pace,
-            synthetic=config.synthetic,
-            progress=terminal.counter("rendering the room: frame"),
-        )
-    )
-    config = replace(config, camera=replace(config.camera, source=source))
-    prepare_kernels(config, terminal)
-    request = OutputRequest(
-        pace=args.pace,
-        zenoh=None if args.no_publish else config.zenoh,
-        rerun_targets=config.rerun.targets,
-        trajectory=args.trajectory,
-        tell=terminal.say,
-    )
-    with opened_outputs(request) as outputs:
-        outputs += [StateLogOutput(), ProgressOutput(terminal, "run", None)]
-        run_loop(config, camera, PersistentFeed(camera), outputs)
+    with suppress(KeyboardInterrupt):
+        prepare_kernels(config, terminal)
+        _serve(args, config, terminal)
     return 0
+
+
+def _serve(args: argparse.Namespace, config: Config, terminal: Terminal) -> None:
+    with stop_on_signals() as stop:
+        progress = stop.interrupting(terminal.counter("rendering the room: frame"))
+        camera = make_camera(
+            CameraRequest(
+                source=config.camera.source,
+                file=args.camera_file or config.camera.file,
+                pace=args.pace,
+                synthetic=config.synthetic,
+                progress=progress,
+            )
+        )
+        request = OutputRequest(
+            pace=args.pace,
+            zenoh=None if args.no_publish else config.zenoh,
+            rerun_targets=config.rerun.targets,
+            trajectory=args.trajectory,
+            tell=terminal.say,
+        )
+        with opened_outputs(request) as outputs:
+            outputs += [StateLogOutput(), ProgressOutput(terminal, "run", None)]
+            run_loop(config, camera, PersistentFeed(camera), outputs, stop)

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +18,9 @@ from drivers.geometry import Array, rigid_transform, rotation_from_vector
 from drivers.trajectory import StampedPoses
 from drivers.tum.writer import TumWriter
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+
+# A shell that runs the tests in the background has Ctrl-C ignored, and so would what they start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 FRAMES = 12
 

@@ -50,6 +50,7 @@ def _run(args: argparse.Namespace) -> int:
     command: ModuleType = args.command
     try:
         code: int = command.run(args)
+        sys.stdout.flush()  # here, where a reader that has gone can be told from a failure
         return code
     except UserFacingError as error:
         logging.getLogger("kinect-vo").error("%s", error)

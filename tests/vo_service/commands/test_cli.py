@@ -73,6 +73,7 @@ def test_a_reader_that_has_gone_is_no_error(recording: Path) -> None:
     os.close(ours)
     done = subprocess.run(
         [KINECT_VO, "replay", recording, "--no-publish"],
+        env={name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
         stdout=theirs, stderr=subprocess.PIPE, text=True, timeout=60, check=False,
     )  # fmt: skip
     os.close(theirs)

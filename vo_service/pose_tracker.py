@@ -20,6 +20,8 @@ FEW_INLIERS = 30
 # How fast the pose gets unsure while lost: standard deviations after one second, then in
 # proportion to time, of a hand-held camera or a slow robot.
 LOST_SIGMA_M, LOST_SIGMA_RAD = 0.5, 1.0
+# Two frames closer in time than this say nothing of the speed.
+SHORTEST_STEP_S = 1e-3
 # A pose is never surer than this: sigma of the first pose of an epoch.
 FLOOR_SIGMA_M, FLOOR_SIGMA_RAD = 1e-4, 1e-4
 
@@ -107,9 +109,9 @@ class PoseTracker:
 
     def _twist(self, estimate: Estimate, stamp_s: float) -> tuple[Array, Array]:
         """Velocity (m/s, rad/s) of the base in its own axes, and its covariance."""
-        if not estimate.ok or self._last_good_s is None:
+        duration_s = 0.0 if self._last_good_s is None else stamp_s - self._last_good_s
+        if not estimate.ok or duration_s < SHORTEST_STEP_S:
             return np.zeros(6), _diagonal(LOST_SIGMA_M, LOST_SIGMA_RAD)
-        duration_s = stamp_s - self._last_good_s
         T_camera_reference = inverse(estimate.T_reference_camera)
         step = np.concatenate(
             [-T_camera_reference[:3, 3], rotation_vector(estimate.T_reference_camera[:3, :3])]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from drivers.camera import NoFrameYet
@@ -208,6 +208,7 @@ EVENTS = st.one_of(
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(EVENTS, max_size=30), st.lists(st.booleans(), max_size=30))
+@example([frame(0, 0.0), frame(1, 3e-307)], [True, True])
 def test_whatever_comes_every_number_is_finite_and_every_silence_has_a_reason(
     events: list[Event], outcomes: list[bool]
 ) -> None:

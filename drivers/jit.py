@@ -1,9 +1,11 @@
 """How numeric kernels are compiled: one place, so that all of them share the same guarantees."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
 import numba
+from numba.core import event
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -24,3 +26,25 @@ def inline_kernel(function: Callable[P, R]) -> Callable[P, R]:
         nogil=True, cache=True, error_model="numpy", inline="always"
     )(function)
     return compiled
+
+
+@contextmanager
+def interruptible(check: Callable[[], None]) -> Iterator[None]:
+    """Call `check` before each kernel that is compiled in the block; what it raises ends the block.
+
+    A signal's exception would be lost in LLVM's calls back into Python, or break the compiling.
+    """
+    with event.install_listener("numba:compile", _Check(check)):
+        yield
+
+
+class _Check(event.Listener):
+    def __init__(self, check: Callable[[], None]) -> None:
+        self._check = check
+
+    def on_start(self, event: event.Event) -> None:
+        """Called by Numba before it compiles."""
+        self._check()
+
+    def on_end(self, event: event.Event) -> None:
+        """Called by Numba afterwards."""

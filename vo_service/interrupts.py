@@ -23,12 +23,16 @@ class Stop:
         self.event.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
+    def check(self) -> None:
+        """Raise KeyboardInterrupt once a stop was asked for."""
+        if self.event.is_set():
+            raise KeyboardInterrupt
+
     def interrupting(self, progress: Callable[[int, int], None]) -> Callable[[int, int], None]:
         """The same progress, which raises KeyboardInterrupt once a stop was asked for."""
 
         def report(done: int, total: int) -> None:
-            if self.event.is_set():
-                raise KeyboardInterrupt
+            self.check()
             progress(done, total)
 
         return report

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 import cv2
 
 from drivers.camera import RgbdCamera
+from drivers.errors import UserFacingError
+from drivers.jit import interruptible
 from vo_service.config import Config
 from vo_service.feed import Feed
-from vo_service.interrupts import INTERRUPTED, Stop
+from vo_service.folders import cache_folder
+from vo_service.interrupts import INTERRUPTED, Stop, stop_on_signals
 from vo_service.methods import METHODS, FeatureSettings
 from vo_service.outputs.output import Output
 from vo_service.pose_tracker import PoseTracker
@@ -43,11 +46,24 @@ def run_loop(
 
 
 def prepare_kernels(config: Config, terminal: Terminal) -> float:
-    """Compile or load the method's kernels, with progress; returns the seconds it took."""
+    """Compile or load the method's kernels, with progress; returns the seconds it took.
+
+    Raises KeyboardInterrupt, between two kernels, when asked to stop; UserFacingError if what was
+    compiled cannot be kept.
+    """
     # One thread: the service's latency must not depend on who else needs the other core.
     cv2.setNumThreads(1)
-    with terminal.busy("preparing the numeric kernels (the first time only)") as busy:
-        return warm_up(config.odometry.method, busy.detail)
+    label = "preparing the numeric kernels (longer the first time)"
+    with stop_on_signals() as stop, interruptible(stop.check), terminal.busy(label) as busy:
+        try:
+            taken_s = warm_up(config.odometry.method, busy.detail)
+        except OSError as error:
+            raise UserFacingError(
+                f"{cache_folder()}: the compiled kernels cannot be kept: {error.strerror}; free "
+                "some space, or name a folder elsewhere in XDG_CACHE_HOME"
+            ) from error
+        stop.check()
+    return taken_s
 
 
 def _service(config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output]) -> Service:

@@ -32,6 +32,14 @@ def test_afterwards_signals_do_what_they_did() -> None:
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
+def test_a_check_raises_once_a_stop_was_asked_for() -> None:
+    with stop_on_signals() as stop:
+        stop.check()
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            stop.check()
+
+
 def test_work_that_shows_progress_is_interrupted_once_a_stop_was_asked_for() -> None:
     steps: list[tuple[int, int]] = []
     with stop_on_signals() as stop:

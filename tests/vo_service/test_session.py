@@ -1,0 +1,39 @@
+"""What comes before the loop: the kernels."""
+
+import errno
+import signal
+from collections.abc import Callable
+
+import numba
+import pytest
+
+from drivers.errors import UserFacingError
+from vo_service import session
+from vo_service.config import Config
+from vo_service.session import prepare_kernels
+from vo_service.terminal import Terminal
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_compiling_ends_with_the_kernel_at_work_when_asked_to_stop(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    double = numba.njit(lambda x: 2 * x)
+
+    def compile_one(method: str, tell: Callable[[str], None]) -> float:
+        signal.raise_signal(number)
+        return float(double(1))
+
+    monkeypatch.setattr(session, "warm_up", compile_one)
+    with pytest.raises(KeyboardInterrupt):
+        prepare_kernels(Config(), Terminal())
+    assert double.signatures == []
+
+
+def test_kernels_that_do_not_fit_on_the_disk_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fill(method: str, tell: Callable[[str], None]) -> float:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(session, "warm_up", fill)
+    with pytest.raises(UserFacingError, match="cannot be kept: No space left on device; free"):
+        prepare_kernels(Config(), Terminal())

@@ -9,11 +9,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from types import ModuleType
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 from drivers.errors import UserFacingError
 from vo_service.folders import kernel_folder
 from vo_service.interrupts import INTERRUPTED
+from vo_service.terminal import wipe
 
 COMMANDS = ("demo", "replay", "run", "record", "listen", "evaluate", "warm-up", "config")
 
@@ -38,11 +39,16 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> NoReturn:
     """Entry point of ``kinect-vo``; never returns."""
-    _prepare_libraries()
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    args = _parser(arguments).parse_args(arguments)
-    with _log_to_stderr(args.verbose):
-        sys.exit(_run(args))
+    try:
+        _prepare_libraries()
+        arguments = list(sys.argv[1:] if argv is None else argv)
+        args = _parser(arguments).parse_args(arguments)
+        with _log_to_stderr(args.verbose):
+            sys.exit(_run(args))
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
+    finally:
+        wipe(sys.stderr)
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -55,12 +61,22 @@ def _run(args: argparse.Namespace) -> int:
     except UserFacingError as error:
         logging.getLogger("kinect-vo").error("%s", error)
         return error.exit_code
-    except KeyboardInterrupt:
-        return INTERRUPTED
     except BrokenPipeError:
-        # Whoever read our output has gone (``| head``); Python's flush at exit must not complain.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_what_is_still_buffered()
         return 0
+    except OSError as error:
+        # Files have their own messages: this is the disk that standard output goes to.
+        where = error.filename or "standard output"
+        logging.getLogger("kinect-vo").error(
+            "%s: %s; mend that and run again", where, error.strerror
+        )
+        _drop_what_is_still_buffered()
+        return 1
+
+
+def _drop_what_is_still_buffered() -> None:
+    """Whoever read our output has gone (``| head``): Python's flush at exit must not complain."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
@@ -100,6 +116,14 @@ def _prepare_libraries() -> None:
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 
 
+class _Handler(logging.StreamHandler[TextIO]):
+    """To stderr, on a line of its own even where progress is drawn."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        wipe(self.stream)
+        super().emit(record)
+
+
 class _Line(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         return f"kinect-vo: {record.levelname.lower()}: {super().format(record)}"
@@ -108,7 +132,7 @@ class _Line(logging.Formatter):
 @contextmanager
 def _log_to_stderr(verbose: bool) -> Iterator[None]:
     """While the command runs; another call in the same process begins afresh."""
-    handler = logging.StreamHandler()
+    handler = _Handler()
     handler.setFormatter(_Line())
     root = logging.getLogger()
     before = root.level

@@ -9,6 +9,14 @@ from typing import TextIO
 
 REDRAW_S = 0.1
 BUSY_REDRAW_S = 0.5
+CLEAR_LINE = "\r\x1b[K"
+
+
+def wipe(stream: TextIO) -> None:
+    """Empty the line that a terminal's cursor is in; anything else is left as it is."""
+    if stream.isatty():
+        stream.write(CLEAR_LINE)
+        stream.flush()
 
 
 class Terminal:
@@ -24,7 +32,7 @@ class Terminal:
         """Replace the line."""
         if self._is_quiet:
             return
-        self._stream.write(f"\r\x1b[K{text}")
+        self._stream.write(f"{CLEAR_LINE}{text}")
         self._stream.flush()
         self._is_drawn = True
 
@@ -63,7 +71,7 @@ class Terminal:
     def clear(self) -> None:
         """Take the line away."""
         if self._is_drawn:
-            self._stream.write("\r\x1b[K")
+            self._stream.write(CLEAR_LINE)
             self._stream.flush()
             self._is_drawn = False
 

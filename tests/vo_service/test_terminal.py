@@ -8,7 +8,7 @@ import pytest
 
 from tests.vo_service.fakes import FakeClock
 from vo_service import terminal as terminal_module
-from vo_service.terminal import Terminal
+from vo_service.terminal import Terminal, wipe
 
 
 class Screen(io.StringIO):
@@ -80,3 +80,10 @@ def test_it_draws_on_a_real_terminal() -> None:
         Terminal(stream).show("busy")
         assert os.read(ours, 100) == b"\r\x1b[Kbusy"
     os.close(ours)
+
+
+def test_the_line_is_wiped_on_a_terminal_alone() -> None:
+    screen, log = Screen(), io.StringIO()
+    wipe(screen)
+    wipe(log)
+    assert (screen.getvalue(), log.getvalue()) == ("\r\x1b[K", "")

@@ -4,6 +4,7 @@ import logging
 import os
 import signal
 import subprocess
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
@@ -78,3 +79,40 @@ def test_a_reader_that_has_gone_is_no_error(recording: Path) -> None:
     )  # fmt: skip
     os.close(theirs)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_full_disk_under_standard_output_is_one_line() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [KINECT_VO, "warm-up"],
+            stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr.startswith("kinect-vo: error: standard output: No space left on device")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_line_of_the_log_takes_the_place_of_the_progress(
+    copy_recording: Callable[..., Path],
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    recording = copy_recording()
+    max((recording / "depth").iterdir()).write_bytes(b"")
+    outcome = call(capfd, "replay", recording, "--no-publish")
+    warnings = [line for line in outcome.err.split("\r\x1b[K") if "skipped" in line]
+    assert warnings
+    assert all(line.startswith("kinect-vo: warning: ") for line in warnings)
+    assert outcome.err.endswith("\r\x1b[K")
+
+
+def test_ctrl_c_before_anything_has_begun_is_no_traceback(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(name: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("importlib.import_module", interrupt)
+    outcome = call(capfd, "replay", "room")
+    assert (outcome.code, outcome.out, outcome.err) == (130, "", "")

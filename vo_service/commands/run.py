@@ -2,7 +2,6 @@
 
 import argparse
 from contextlib import suppress
-from dataclasses import replace
 
 from drivers.camera import Pace
 from vo_service.cameras import CameraRequest, make_camera
@@ -49,9 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Serve until stopped."""
     config = config_of(args)
-    config = replace(
-        config, camera=replace(config.camera, source=args.camera or config.camera.source)
-    )
     terminal = Terminal()
     with suppress(KeyboardInterrupt):
         prepare_kernels(config, terminal)
@@ -64,7 +60,7 @@ def _serve(args: argparse.Namespace, config: Config, terminal: Terminal) -> None
         progress = stop.interrupting(terminal.counter("rendering the room: frame"))
         camera = make_camera(
             CameraRequest(
-                source=config.camera.source,
+                source=args.camera or config.camera.source,
                 file=args.camera_file or config.camera.file,
                 pace=args.pace,
                 synthetic=config.synthetic,

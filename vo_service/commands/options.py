@@ -1,6 +1,7 @@
 """Options that several commands share, and what they change in the configuration."""
 
 import argparse
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -78,7 +79,10 @@ def say(text: str) -> None:
 
 def seconds(text: str) -> float:
     """Parse a positive number of seconds."""
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not 0 < value < 1e9:
         raise argparse.ArgumentTypeError(f"{text} is not a time: give seconds, more than 0")
     return value

@@ -1,5 +1,6 @@
 """A picture of a trajectory beside its ground truth: from above, from the side, error over time."""
 
+import errno
 import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,8 +30,8 @@ def write_picture(path: Path, trajectory: StampedPoses, truth: StampedPoses, tit
 
     The axes are those of the first true camera: right, forward, up.
 
-    Raises InputError for any other suffix or if fewer than 3 poses have ground truth within 20 ms,
-    UserFacingError if the file cannot be written; no half-written file is left.
+    Raises InputError for any other suffix, if fewer than 3 poses have ground truth within 20 ms or
+    if the file cannot be created; UserFacingError if the disk is full. No half of a file is left.
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: a picture is {' or '.join(FORMATS)}: name it so")
@@ -40,7 +41,8 @@ def write_picture(path: Path, trajectory: StampedPoses, truth: StampedPoses, tit
     try:
         write_whole(path, image.getvalue())
     except OSError as error:
-        raise UserFacingError(
+        is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        raise (UserFacingError if is_full else InputError)(
             f"{path}: cannot write the picture: {error.strerror}; name a folder that can be "
             "written to"
         ) from error

@@ -57,7 +57,7 @@ class RecordingFile:
         """Create the file."""
         try:
             stream.save(self.address, default_blueprint=blueprint)
-        except RuntimeError as error:
+        except (RuntimeError, UnicodeError) as error:
             raise InputError(
                 f"{self.address}: cannot write the Rerun recording: {error}"
             ) from error
@@ -119,7 +119,7 @@ class Viewer(LiveSink):
 
 def _host_and_port(address: str) -> tuple[str, int]:
     parts = re.fullmatch(r"rerun\+http://([\w.-]+|\[[0-9a-fA-F:]+\]):(\d{1,5})/proxy", address)
-    if parts is None:
+    if parts is None or not 0 < int(parts[2]) < 1 << 16:
         raise InputError(
             f"{address}: not the address of a Rerun viewer: write it as "
             f"rerun+http://{LOOPBACK}:{DATA_PORT}/proxy"

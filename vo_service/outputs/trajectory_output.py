@@ -30,7 +30,10 @@ class TrajectoryOutput:
         try:
             self._file = path.open("wb", buffering=0)
         except OSError as error:
-            raise InputError(f"{path}: cannot write the trajectory: {error.strerror}") from error
+            raise InputError(
+                f"{path}: cannot write the trajectory: {error.strerror}; name a file in a folder "
+                "that you may write to"
+            ) from error
 
     def pose(self, update: PoseUpdate) -> None:
         """Write one line, if this frame has a pose of its own."""

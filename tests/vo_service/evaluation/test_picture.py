@@ -1,5 +1,6 @@
 """The picture of a trajectory beside its truth, drawn by the real matplotlib."""
 
+import errno
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ from drivers.errors import InputError, UserFacingError
 from drivers.geometry import Array, rigid_transform, rotation_from_vector
 from drivers.trajectory import StampedPoses
 from tests.vo_service.evaluation.walks import random_walk
+from vo_service.evaluation import picture
 from vo_service.evaluation.picture import draw, write_picture
 
 OTHER_WORLD = rigid_transform(rotation_from_vector([1.0, -2.0, 0.5]), [4.0, 5.0, -6.0])
@@ -109,8 +111,20 @@ def test_another_suffix_is_refused(
 def test_a_place_that_cannot_be_written_to_is_told(
     tmp_path: Path, trajectory: StampedPoses, truth: StampedPoses
 ) -> None:
-    with pytest.raises(UserFacingError, match=r"gone/walk.png: cannot write the picture: No such"):
+    with pytest.raises(InputError, match=r"gone/walk.png: cannot write the picture: No such"):
         write_picture(tmp_path / "gone" / "walk.png", trajectory, truth, "walk")
+
+
+def test_a_full_disk_is_no_mistake_of_the_user(
+    tmp_path: Path, trajectory: StampedPoses, truth: StampedPoses, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, data: bytes) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(picture, "write_whole", full)
+    with pytest.raises(UserFacingError, match=r"walk.png: cannot write the picture: No") as caught:
+        write_picture(tmp_path / "walk.png", trajectory, truth, "walk")
+    assert caught.value.exit_code == 1
 
 
 def test_drawing_needs_no_pyplot_and_evaluating_no_matplotlib() -> None:

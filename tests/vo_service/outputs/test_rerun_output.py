@@ -140,7 +140,13 @@ def test_pictures_come_at_most_once_a_period_and_again_after_a_clock_step() -> N
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("target", ["missing/out.rrd", "connect:no port", "serve?", "out.txt"])
+@pytest.mark.parametrize(
+    "target",
+    [
+        "missing/out.rrd", "not\udcffutf8/out.rrd", "connect:no port", "connect:robot:0",
+        "connect:robot:65536", "serve?", "out.txt",
+    ],
+)  # fmt: skip
 def test_a_bad_target_is_one_line(tmp_path: Path, target: str) -> None:
     name = str(tmp_path / target) if "/" in target else target
     with pytest.raises(InputError) as caught:

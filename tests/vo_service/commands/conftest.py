@@ -8,9 +8,8 @@ import pytest
 
 @pytest.fixture(autouse=True)
 def surroundings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing of the user's; kernels are compiled once for all processes, beside the sources."""
+    """Nothing of the user's but the compiled kernels, which all processes of the tests share."""
     monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         monkeypatch.setenv(name, "1")
     monkeypatch.setenv("OPENCV_LOG_LEVEL", "SILENT")

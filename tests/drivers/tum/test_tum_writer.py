@@ -231,9 +231,7 @@ def record_on_a_small_disk(tmp_path: Path, copy: Path) -> str:
     mount.mkdir()
     script = ["sh", "-c", ON_A_SMALL_DISK, "sh", str(mount), sys.executable, RECORD_FOR_EVER]
     # A mount namespace of its own: the file system is gone with the process.
-    unshare = ["unshare", "--mount"] + (
-        [] if os.geteuid() == 0 else ["--map-root-user"]
-    )
+    unshare = ["unshare", "--mount"] + ([] if os.geteuid() == 0 else ["--map-root-user"])
     done = subprocess.run([*unshare, *script, str(copy)], capture_output=True, text=True)
     if done.returncode == 77 or done.stderr.startswith("unshare:"):
         pytest.skip(f"may not mount a small file system here: {done.stderr.strip()}")

@@ -26,7 +26,7 @@ examples:
   kinect-vo listen                                      its poses, in another terminal
 
 exit codes: 0 done; 1 failed while running; 2 something given is wrong (an argument, a file, a
-key); 130 stopped by Ctrl-C, everything up to there is kept.
+key); 130 or 143 stopped by Ctrl-C or SIGTERM, everything up to there is kept.
 """
 
 

@@ -15,11 +15,11 @@ class Stop:
 
     def __init__(self) -> None:
         self.event = threading.Event()
-        self.by_user = False
+        self.exit_code = 0  # the shell's for a program ended by this signal, once there is one
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal."""
-        self.by_user = number == signal.SIGINT
+        self.exit_code = 128 + number
         self.event.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -11,7 +11,7 @@ from drivers.jit import interruptible
 from vo_service.config import Config
 from vo_service.feed import Feed
 from vo_service.folders import cache_folder
-from vo_service.interrupts import INTERRUPTED, Stop, stop_on_signals
+from vo_service.interrupts import Stop, stop_on_signals
 from vo_service.methods import METHODS, FeatureSettings
 from vo_service.outputs.output import Output
 from vo_service.pose_tracker import PoseTracker
@@ -28,12 +28,7 @@ class Ending:
     """How a run ended, and its figures."""
 
     statistics: Statistics
-    interrupted: bool
-
-    @property
-    def exit_code(self) -> int:
-        """0, or the shell's code for a program ended by Ctrl-C."""
-        return INTERRUPTED if self.interrupted else 0
+    exit_code: int  # 0, or the shell's for a program that a signal ended
 
 
 def run_loop(
@@ -42,7 +37,7 @@ def run_loop(
     """Run until the frames end or `stop` is set."""
     service = _service(config, camera, feed, outputs)
     service.run(stop.event)
-    return Ending(service.statistics, stop.by_user)
+    return Ending(service.statistics, stop.exit_code)
 
 
 def prepare_kernels(config: Config, terminal: Terminal) -> float:

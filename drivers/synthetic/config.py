@@ -81,6 +81,7 @@ class SyntheticConfig:
     def __post_init__(self) -> None:
         half_frame_s = 0.5 / self.rate_hz if self.rate_hz > 0 else 0.0
         checks = (
+            (self.seed >= 0, "seed must be at least 0"),
             (self.rate_hz > 0, "rate_hz must be above 0"),
             (self.duration_s * self.rate_hz >= 1, "duration_s must hold at least one frame"),
             (min(self.camera.width, self.camera.height) >= 32, "images need at least 32 x 32"),

@@ -8,13 +8,13 @@ import pytest
 from vo_service.interrupts import stop_on_signals
 
 
-@pytest.mark.parametrize(("number", "by_user"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
-def test_a_signal_sets_the_stop(number: signal.Signals, by_user: bool) -> None:
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_sets_the_stop(number: signal.Signals, code: int) -> None:
     with stop_on_signals() as stop:
         assert not stop.event.is_set()
         os.kill(os.getpid(), number)
         assert stop.event.wait(5)
-    assert stop.by_user is by_user
+    assert stop.exit_code == code
 
 
 def test_a_second_ctrl_c_interrupts_at_once() -> None:

@@ -37,8 +37,8 @@ examples:
   kinect-vo demo
   kinect-vo demo --seconds 5 --output /tmp/demo
 
-Renders a room once (a minute; kept for the next time), then plays it at 30 frames a second as a
-Kinect would. Poses go out over Zenoh on this computer alone: kinect-vo listen prints them.
+Renders a room once (a minute or two; kept for the next time), then plays it at 30 frames a second
+as a Kinect would. Poses go out over Zenoh on this computer alone: kinect-vo listen prints them.
 OUTPUT gets trajectory.txt, groundtruth.txt, trajectory.png and, with Rerun, demo.rrd.
 """
 
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
             ending.statistics, camera.counters, memory.trajectory, truth, truth.stamps_s
         )
     _leave_results(args.output, memory.trajectory, truth)
-    say(f"results: {args.output}" + (" (cut short)" if ending.interrupted else ""))
+    say(f"results: {args.output}" + (" (cut short)" if ending.exit_code else ""))
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
     return ending.exit_code
 

@@ -12,7 +12,7 @@ from drivers.tum.writer import TumWriter
 from vo_service.cameras import CameraRequest, make_camera
 from vo_service.commands.options import add_camera_options, seconds
 from vo_service.config import read_config
-from vo_service.interrupts import INTERRUPTED, Stop, stop_on_signals
+from vo_service.interrupts import Stop, stop_on_signals
 from vo_service.terminal import Terminal
 
 NAME = "record"
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         _record(camera, writer, args.seconds, terminal, stop)
     terminal.clear()
     print(f"{writer.written} frames in {args.folder}")
-    return INTERRUPTED if stop.by_user else 0
+    return stop.exit_code
 
 
 def _played_once(synthetic: SyntheticConfig, longest_s: float) -> SyntheticConfig:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import Pace
+from drivers.errors import InputError
 from drivers.tum.camera import TumCamera
 from drivers.tum.folder import paired_frames
 from vo_service.commands.options import (
@@ -40,6 +41,9 @@ lockstep runs every frame as fast as it goes and repeats bit for bit; subscriber
 realtime keeps the recording's own clock and drops what comes too late, as on the robot.
 """
 
+# What a recording consists of, beside its images.
+RECORDING_FILES = ("rgb.txt", "depth.txt", "associations.txt", "groundtruth.txt", "camera.toml")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
@@ -61,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Replay and print the summary."""
     config = config_of(args)
+    _spare_the_recording(args)
     terminal = Terminal()
     memory = TrajectoryMemory()
     with TumCamera(args.folder, args.camera or config.camera.file, args.pace) as camera:
@@ -85,3 +90,13 @@ def run(args: argparse.Namespace) -> int:
         )
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
     return ending.exit_code
+
+
+def _spare_the_recording(args: argparse.Namespace) -> None:
+    """Raise InputError if the trajectory would be written over one of the recording's files."""
+    if args.trajectory is not None and args.trajectory.exists():
+        inside = args.trajectory.resolve().is_relative_to(args.folder.resolve())
+        if inside and args.trajectory.name in RECORDING_FILES:
+            raise InputError(
+                f"{args.trajectory}: belongs to the recording; write the trajectory elsewhere"
+            )

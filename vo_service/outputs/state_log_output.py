@@ -8,13 +8,14 @@ logger = logging.getLogger(__name__)
 
 
 class StateLogOutput:
-    """Logs each change of state once: trouble as a warning, recovery as information.
+    """Logs each change of state once: trouble, and its end, as a warning.
 
     How things are at the start is no news. Why there is no camera is, whenever it changes.
     """
 
     def __init__(self) -> None:
         self._told: tuple[TrackingState, str] | None = None
+        self._in_trouble = False
 
     def pose(self, update: PoseUpdate) -> None:
         """Nothing: the status tells of every change."""
@@ -26,7 +27,9 @@ class StateLogOutput:
         before, self._told = self._told, news
         if before in (None, news):
             return
-        level = logging.INFO if status.state is TrackingState.TRACKING else logging.WARNING
+        was_in_trouble = self._in_trouble
+        self._in_trouble = status.state is not TrackingState.TRACKING
+        level = logging.WARNING if was_in_trouble or self._in_trouble else logging.INFO
         reason = f": {status.reason}" if status.reason else ""
         logger.log(level, "%s%s", status.state, reason)
 

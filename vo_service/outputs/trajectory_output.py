@@ -49,7 +49,7 @@ class TrajectoryOutput:
         self._file.close()
         failure, self._failure = self._failure, None
         if failure is not None:
-            raise failure
+            raise UserFacingError(f"{self._path}: the trajectory is not complete") from failure
 
     def _append(self, line: bytes) -> None:
         try:

@@ -107,5 +107,5 @@ def test_a_picture_that_cannot_be_written_is_one_clear_line(
     half: Path, recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     outcome = call(capfd, "evaluate", half, recording, "--picture", tmp_path / "gone" / "walk.png")
-    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (1, "", 1)
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
     assert "cannot write the picture" in outcome.err

@@ -122,3 +122,13 @@ def test_ctrl_c_ends_it_and_keeps_whole_lines(
     assert 2 <= poses < FRAMES
     assert written.read_bytes().endswith(b"\n")
     assert json.loads(out)["frames"] == poses == len(read_trajectory(written))
+
+
+def test_a_recording_is_not_overwritten_by_its_own_trajectory(
+    copy_recording: Callable[..., Path], capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording()
+    before = (folder / "groundtruth.txt").read_bytes()
+    outcome = call(capfd, "replay", folder, "--trajectory", folder / "groundtruth.txt")
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
+    assert (folder / "groundtruth.txt").read_bytes() == before

@@ -34,11 +34,11 @@ def test_how_things_are_at_the_start_is_no_news(log: Callable[..., list[str]]) -
     assert log(START, START) == []
 
 
-def test_losing_is_a_warning_and_recovering_information(log: Callable[..., list[str]]) -> None:
+def test_losing_is_a_warning_and_so_is_the_all_clear(log: Callable[..., list[str]]) -> None:
     assert log(START, (TRACKING, ""), (LOST, "lens covered"), (TRACKING, "")) == [
         "INFO tracking",
         "WARNING lost: lens covered",
-        "INFO tracking",
+        "WARNING tracking",
     ]
 
 

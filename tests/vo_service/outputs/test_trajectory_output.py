@@ -71,8 +71,9 @@ def test_a_full_disk_keeps_whole_lines_and_is_told_once(
     with file_size_limit(250):
         for seq in range(6):
             output.pose(make_update(seq))
-    with pytest.raises(UserFacingError, match=r"out\.txt: the trajectory stops"):
+    with pytest.raises(UserFacingError, match=r"out\.txt: the trajectory is not complete"):
         output.close()
     output.close()
     assert len(read_trajectory(tmp_path / "out.txt")) == 2
     assert [record.levelno for record in caplog.records] == [logging.ERROR]
+    assert "out.txt: the trajectory stops after" in caplog.text

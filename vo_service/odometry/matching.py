@@ -36,7 +36,7 @@ def match_descriptors(
     """
     closeness = _closeness(query, reference)
     best, second, nearest = best_two(closeness)
-    queries = np.flatnonzero(best > ratio**2 * second)
+    queries = np.flatnonzero(best > ratio**2 * second.astype(np.float64))
     references = nearest[queries]
     is_mutual = closeness.argmax(axis=1)[references] == queries
     return np.column_stack([queries[is_mutual], references[is_mutual]]).astype(np.int64)

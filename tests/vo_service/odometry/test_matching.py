@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -42,6 +42,7 @@ def brute_force(query: Table, reference: Table, ratio: float) -> list[list[int]]
     st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(1, 30), st.integers(1, 8),
     st.integers(1, 20), st.sampled_from([0.6, 0.75, 0.8, 0.9]),
 )  # fmt: skip
+@example(seed=5, n=5, k=4, size=2, largest=5, ratio=0.8)  # a second nearest at the very ratio
 def test_matches_are_those_of_a_brute_force_search(
     seed: int, n: int, k: int, size: int, largest: int, ratio: float
 ) -> None:

@@ -19,7 +19,7 @@ from vo_service.odometry.surf.maxima import (
 LOBES = (3, 5, 7)
 FIRST = 11  # of the 21x21 filter's border, and one neighbour
 SIZE = 40
-OFFSET = st.floats(-0.45, 0.45)
+OFFSET = st.floats(-0.4, 0.4)  # further out, the mixed terms can lift a neighbour above
 
 
 def maxima(layers: Array, threshold: float, step: int = 1) -> NDArray[np.float32]:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import settings
 
 from vo_service.folders import kernel_folder
 
@@ -22,11 +21,6 @@ from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 
 # A shell that runs the tests in the background has Ctrl-C ignored, and so would what they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-
-# CI tries the same examples every time: what fails there fails here. Elsewhere they are new.
-settings.register_profile("ci", derandomize=True)
-if os.environ.get("CI"):
-    settings.load_profile("ci")
 
 FRAMES = 12
 

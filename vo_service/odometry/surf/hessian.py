@@ -14,10 +14,8 @@ from drivers.jit import inline_kernel, kernel
 # one common area normaliser; 1.2 matches more features at the same precision.
 CROSS_WEIGHT = 1.2
 
-
-def scale_of_lobe(lobe: float) -> float:
-    """Sigma, in pixels, of the Gaussian that a filter approximates: 1.2 for the 9x9 filter."""
-    return 1.2 * lobe / 3.0
+# Sigma, in pixels, of the Gaussian that a filter of lobe 1 would approximate: 1.2 for the 9x9.
+SCALE_PER_LOBE = 0.4
 
 
 @inline_kernel

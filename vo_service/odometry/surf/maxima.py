@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.jit import inline_kernel, kernel
-from vo_service.odometry.surf.hessian import laplacian_is_positive, lobe_margin
+from vo_service.odometry.surf.hessian import SCALE_PER_LOBE, laplacian_is_positive, lobe_margin
 
 # Columns of a keypoint table, float32, one keypoint a row.
 X, Y, SCALE, RESPONSE, SIGN = 0, 1, 2, 3, 4
@@ -161,6 +161,6 @@ def _interpolate(
     lobe_step = (lobes[2] - lobes[1]) if ds > 0 else (lobes[1] - lobes[0])
     entry[X] = (c + dx) * step
     entry[Y] = (r + dy) * step
-    entry[SCALE] = 0.4 * (lobes[1] + ds * lobe_step)
+    entry[SCALE] = SCALE_PER_LOBE * (lobes[1] + ds * lobe_step)
     entry[RESPONSE] = v
     return True

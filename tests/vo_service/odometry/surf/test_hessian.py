@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from tests.vo_service.odometry.surf.box_filters import products
 from tests.vo_service.odometry.synthetic_views import blob_image
-from vo_service.odometry.surf.hessian import fill_responses, laplacian_is_positive, scale_of_lobe
+from vo_service.odometry.surf.hessian import SCALE_PER_LOBE, fill_responses, laplacian_is_positive
 
 
 def responses(image: NDArray[np.uint8], lobe: int, step: int = 1) -> NDArray[np.float32]:
@@ -85,9 +85,9 @@ def test_a_slope_has_no_response() -> None:
 @pytest.mark.parametrize("dark", [True, False])
 @pytest.mark.parametrize("lobe", [5, 9, 17])
 def test_the_laplacian_is_positive_on_dark_blobs_only(dark: bool, lobe: int) -> None:
-    image = blob_image(90, 80, (40.0, 45.0), scale_of_lobe(lobe), dark)
+    image = blob_image(90, 80, (40.0, 45.0), SCALE_PER_LOBE * lobe, dark)
     assert laplacian_is_positive(cv2.integral(image), 45, 40, lobe) is dark  # type: ignore[arg-type]
 
 
 def test_the_9x9_filter_stands_for_a_gaussian_of_sigma_1_2() -> None:
-    assert scale_of_lobe(3) == pytest.approx(1.2)
+    assert pytest.approx(1.2) == SCALE_PER_LOBE * 3

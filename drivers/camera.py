@@ -3,6 +3,7 @@
 A backend is one folder beside this file with one class derived from `RgbdCamera`.
 """
 
+import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import StrEnum
@@ -52,6 +53,8 @@ class RgbdFrame:
     device_stamp_s  the device's own clock, where it has one
     skew_s          instant of depth minus instant of colour
     lost_packets    packets lost since the frame before
+    gravity_m_s2    gravity in camera axes (x right, y down, z forward), where an accelerometer
+                    tells it
     """
 
     seq: int
@@ -64,6 +67,7 @@ class RgbdFrame:
     device_stamp_s: float | None = None
     skew_s: float = 0.0
     lost_packets: int = 0
+    gravity_m_s2: tuple[float, float, float] | None = None
 
     @cached_property
     def depth_m(self) -> NDArray[np.float32]:
@@ -89,6 +93,24 @@ class Pace(StrEnum):
 
     LOCKSTEP = "lockstep"  # every frame, as fast as the reader takes them: repeatable
     REALTIME = "realtime"  # on the recording's own clock; frames not taken in time are dropped
+
+
+class CameraState(StrEnum):
+    """Where a camera is on its way from nothing to frames."""
+
+    ABSENT = "absent"  # not there
+    OPENING = "opening"  # there, being opened
+    STARTING = "starting"  # open, no frame yet
+    STREAMING = "streaming"
+    LOST = "lost"  # was streaming; unplugged, stalled or crashed
+
+
+@dataclass(frozen=True)
+class Condition:
+    """How a camera is, and why it sends no frames; the reason is "" while it does."""
+
+    state: CameraState
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -142,6 +164,20 @@ class RgbdCamera(ABC):
     @abstractmethod
     def counters(self) -> CameraCounters:
         """What was delivered, dropped, skipped and lost since `open`."""
+
+    @property
+    def condition(self) -> Condition:
+        """How it is now. A camera whose `open` returns only once it can deliver need not say."""
+        return Condition(CameraState.STREAMING)
+
+    @property
+    def intrinsics_source(self) -> str:
+        """Where the intrinsics come from: "camera file FILE", "factory", "default"; "" = exact."""
+        return ""
+
+    def wait_to_retry(self, timeout_s: float) -> None:
+        """Wait before the next `open`; return early when the device seems to be back."""
+        time.sleep(timeout_s)
 
     @property
     def frame_count(self) -> int | None:

@@ -1,15 +1,59 @@
 """The camera file: what turns a recording's pixels and depth values into rays and metres."""
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.camera import PinholeCamera
 from drivers.errors import InputError
+from drivers.geometry import Array, transform_from_pose
 from drivers.strict_toml import SCHEMA, read_toml, required, setting
 
 FILE_NAME = "camera.toml"
 Distortion = tuple[float, float, float, float, float]
+NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class RigidPose:
+    """A rigid motion as a table."""
+
+    translation_m: tuple[float, float, float] = required("x y z in metres", low=-10.0, high=10.0)
+    quaternion_xyzw: tuple[float, float, float, float] = required("x y z w, of length 1")
+
+    def __post_init__(self) -> None:
+        if abs(math.hypot(*self.quaternion_xyzw) - 1.0) > 1e-2:
+            raise ValueError("quaternion_xyzw must have length 1, as x y z w")
+
+    @property
+    def matrix(self) -> Array:
+        """4x4."""
+        return transform_from_pose(self.translation_m, self.quaternion_xyzw)
+
+
+@dataclass(frozen=True)
+class DepthTable:
+    """`[depth]`: a depth camera of its own, for depth that the sensor does not register.
+
+    T_color_depth  maps coordinates of the depth camera to those of the colour camera
+    scale          true distance per distance read
+    """
+
+    fx: float = required("horizontal focal length in pixels", low=1.0, high=1e6)
+    fy: float = required("vertical focal length in pixels", low=1.0, high=1e6)
+    cx: float = required("column of the principal point in pixels", low=-1e5, high=1e5)
+    cy: float = required("row of the principal point in pixels", low=-1e5, high=1e5)
+    T_color_depth: RigidPose = required("translation_m and quaternion_xyzw")
+    distortion: Distortion = setting(NO_DISTORTION, "k1, k2, p1, p2, k3", low=-1e3, high=1e3)
+    width: int = setting(640, "depth image width in pixels", low=1, high=16384)
+    height: int = setting(480, "depth image height in pixels", low=1, high=16384)
+    scale: float = setting(1.0, "true distance per distance read", low=0.5, high=2.0)
+
+    @property
+    def pinhole(self) -> PinholeCamera:
+        """Intrinsics without the distortion."""
+        return PinholeCamera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
 
 
 @dataclass(frozen=True)
@@ -31,6 +75,7 @@ class CameraFile:
         "depth image value of one metre: 5000 for TUM, 1000 for millimetres", low=1.0, high=1e6
     )
     readout_s: float = setting(0.0, "seconds from the first row to the last", low=0.0, high=1.0)
+    depth: DepthTable | None = setting(None, "the depth camera, where it is one of its own")
 
     @property
     def pinhole(self) -> PinholeCamera:
@@ -39,7 +84,7 @@ class CameraFile:
 
 
 def _tum(
-    fx: float, fy: float, cx: float, cy: float, distortion: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
+    fx: float, fy: float, cx: float, cy: float, distortion: Distortion = NO_DISTORTION
 ) -> CameraFile:
     return CameraFile(640, 480, fx, fy, cx, cy, distortion, 5000.0)
 
@@ -83,6 +128,27 @@ def read_camera_file(path: Path) -> CameraFile:
 
 def camera_file_text(camera: CameraFile) -> str:
     """`camera` as a camera file; reading it gives exactly the same numbers."""
+    return _colour_text(camera) + ("" if camera.depth is None else _depth_text(camera.depth))
+
+
+def _depth_text(depth: DepthTable) -> str:
+    return (
+        "\n[depth]\n"
+        f"width = {depth.width}\n"
+        f"height = {depth.height}\n"
+        f"fx = {depth.fx!r}\n"
+        f"fy = {depth.fy!r}\n"
+        f"cx = {depth.cx!r}\n"
+        f"cy = {depth.cy!r}\n"
+        f"distortion = {list(depth.distortion)!r}\n"
+        f"scale = {depth.scale!r}  # true distance per distance read\n"
+        "\n[depth.T_color_depth]  # maps depth camera coordinates to the colour camera\n"
+        f"translation_m = {list(depth.T_color_depth.translation_m)!r}\n"
+        f"quaternion_xyzw = {list(depth.T_color_depth.quaternion_xyzw)!r}\n"
+    )
+
+
+def _colour_text(camera: CameraFile) -> str:
     return (
         f"schema = {SCHEMA}\n"
         f"width = {camera.width}\n"

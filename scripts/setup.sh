@@ -3,13 +3,16 @@
 # Safe to run again: what is there already is left alone. Nothing outside the checkout is touched
 # except Debian's own packages and uv's download cache.
 #
+# Usage: scripts/setup.sh [PACKAGE...]    the names of further Debian packages that are needed
+#
 # KINECT_VO_PYTHON  use this Python (3.11 to 3.13) in place of Debian's own
 set -eu
 cd "$(dirname "$0")/.."
 . scripts/steps.sh
 
 python=${KINECT_VO_PYTHON:-/usr/bin/python3}
-packages="ca-certificates"
+# The sensors' native libraries, loaded by name when a sensor is opened.
+packages="ca-certificates libfreenect0.5 libopenni2-0 libusb-1.0-0 $*"
 [ -n "${KINECT_VO_PYTHON:-}" ] || packages="$packages python3 python3-venv"
 
 missing_packages() {

@@ -1,0 +1,1 @@
+"""Microsoft Kinect through libfreenect."""

@@ -1,0 +1,1 @@
+"""PrimeSense and Xtion sensors and .oni recordings through OpenNI2."""

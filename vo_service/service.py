@@ -3,9 +3,8 @@
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-from drivers.camera import RgbdFrame
+from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.feed import Feed
 from vo_service.odometry.estimate import Estimate, Odometry
 from vo_service.outputs.output import Output, PoseUpdate, Status, TrackingState
@@ -15,14 +14,6 @@ from vo_service.stamps import StampClock, StampGuard
 from vo_service.statistics import Statistics
 
 STATUS_PERIOD_S = 0.5
-
-
-@dataclass(frozen=True)
-class Names:
-    """What the status calls the parts."""
-
-    camera: str
-    method: str
 
 
 class Service:
@@ -39,15 +30,18 @@ class Service:
         tracker: PoseTracker,
         clock: StampClock,
         outputs: Sequence[Output],
-        names: Names,
+        camera: RgbdCamera,
+        method: str,
     ) -> None:
+        """`camera` and `method` are only told of in the status; frames come from `feed`."""
         self._feed = feed
         self._odometry = odometry
         self._stages = stages
         self._tracker = tracker
         self._clock = clock
         self._outputs = outputs
-        self._names = names
+        self._camera = camera
+        self._method = method
         self._guard = StampGuard()
         self._last: PoseUpdate | None = None
         self._told: tuple[TrackingState, str] | None = None
@@ -114,11 +108,15 @@ class Service:
             state=state,
             reason=reason,
             epoch=self._tracker.epoch,
-            camera=self._names.camera,
-            method=self._names.method,
+            camera=self._camera.name,
+            camera_state=self._camera.condition.state,
+            intrinsics=self._camera.intrinsics_source,
+            method=self._method,
             fps=rolling.fps,
             latency_p50_ms=rolling.latency_p50_ms,
             latency_p99_ms=rolling.latency_p99_ms,
+            skew_ms=rolling.skew_ms,
+            jitter_ms=rolling.jitter_ms,
             features=estimate.features if estimate else 0,
             matches=estimate.matches if estimate else 0,
             inliers=estimate.inliers if estimate else 0,

@@ -15,7 +15,7 @@ from vo_service.interrupts import Stop, stop_on_signals
 from vo_service.methods import METHODS, FeatureSettings
 from vo_service.outputs.output import Output
 from vo_service.pose_tracker import PoseTracker
-from vo_service.service import Names, Service
+from vo_service.service import Service
 from vo_service.stage_clock import StageClock
 from vo_service.stamps import stamp_clock
 from vo_service.statistics import Statistics
@@ -73,5 +73,6 @@ def _service(config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[O
         tracker=PoseTracker(config.T_base_camera.T_base_camera),
         clock=stamp_clock(camera.clock, config.camera.stamp_offset_s),
         outputs=outputs,
-        names=Names(camera.name, odometry.method),
+        camera=camera,
+        method=odometry.method,
     )

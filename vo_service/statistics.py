@@ -4,10 +4,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from statistics import median
+from statistics import median, pstdev
 
 import numpy as np
 
+from drivers.camera import RgbdFrame
 from vo_service.outputs.output import PoseUpdate
 
 # The status describes the last few seconds.
@@ -25,6 +26,8 @@ class Rolling:
     fps: float
     latency_p50_ms: float
     latency_p99_ms: float
+    skew_ms: float
+    jitter_ms: float
 
 
 @dataclass
@@ -38,6 +41,9 @@ class Statistics:
     begin_s: float | None = None
     end_s: float = 0.0
     _latency_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
+    _skew_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
+    _interval_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
+    _last_frame: RgbdFrame | None = None
     _arrived_s: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
     _cpu_ms: deque[float] = field(default_factory=lambda: deque(maxlen=LONGEST_RECORD))
     _stages_ms: dict[str, deque[float]] = field(default_factory=dict)
@@ -51,14 +57,28 @@ class Statistics:
         self._cpu_ms.append(cpu_ms)
         self._latency_ms.append(update.latency_s * 1e3)
         self._arrived_s.append(self.end_s)
+        self._add_stamp(update.frame)
         for stage, spent_ms in update.stage_ms.items():
             record = self._stages_ms.setdefault(stage, deque(maxlen=LONGEST_RECORD))
             record.append(spent_ms)
 
+    def _add_stamp(self, frame: RgbdFrame) -> None:
+        """Intervals count per frame of the camera: those that were not delivered are no jitter."""
+        last, self._last_frame = self._last_frame, frame
+        self._skew_ms.append(frame.skew_s * 1e3)
+        if last is not None and frame.seq > last.seq:
+            self._interval_ms.append((frame.stamp_s - last.stamp_s) * 1e3 / (frame.seq - last.seq))
+
     def rolling(self) -> Rolling:
         """Figures of the last few seconds."""
         p50, p99 = np.percentile(list(self._latency_ms) or [0.0], (50, 99))
-        return Rolling(self._recent_fps(), float(p50), float(p99))
+        return Rolling(
+            fps=self._recent_fps(),
+            latency_p50_ms=float(p50),
+            latency_p99_ms=float(p99),
+            skew_ms=median(self._skew_ms) if self._skew_ms else 0.0,
+            jitter_ms=pstdev(self._interval_ms) if self._interval_ms else 0.0,
+        )
 
     def _recent_fps(self) -> float:
         now_s = self.now_s()

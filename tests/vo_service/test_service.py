@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from drivers.camera import NoFrameYet
+from drivers.camera import CameraState, NoFrameYet
 from drivers.errors import CameraLostError
 from tests.vo_service.fakes import (
     After,
@@ -27,11 +27,9 @@ from vo_service.feed import Feed, PersistentFeed, PlainFeed
 from vo_service.odometry.estimate import Estimate
 from vo_service.outputs.output import Output, TrackingState
 from vo_service.pose_tracker import PoseTracker
-from vo_service.service import Names, Service
+from vo_service.service import Service
 from vo_service.stage_clock import StageClock
 from vo_service.stamps import LiveClock, RecordedClock, StampClock
-
-NAMES = Names("scripted", "surf")
 
 
 @pytest.fixture
@@ -55,7 +53,8 @@ def make_service(
         tracker=PoseTracker(),
         clock=stamps or RecordedClock(),
         outputs=outputs,
-        names=NAMES,
+        camera=ScriptedCamera(),
+        method="surf",
     )
 
 
@@ -170,7 +169,14 @@ def test_a_step_of_the_wall_clock_begins_an_epoch() -> None:
 
     camera, collector = ScriptedCamera([frame(k) for k in range(4)]), Collector()
     service = Service(
-        PlainFeed(camera), Stepping(), StageClock(), PoseTracker(), stamps, [collector], NAMES
+        PlainFeed(camera),
+        Stepping(),
+        StageClock(),
+        PoseTracker(),
+        stamps,
+        [collector],
+        camera,
+        "surf",
     )
     with camera:
         service.run(threading.Event())
@@ -218,3 +224,10 @@ def test_whatever_comes_every_number_is_finite_and_every_silence_has_a_reason(
             assert np.all(np.isfinite(numbers))
     for status in collector.statuses:
         assert status.reason or status.state is TrackingState.TRACKING
+
+
+def test_the_status_tells_of_the_camera_and_its_intrinsics() -> None:
+    collector = play([frame(0)])
+    status = collector.statuses[-1]
+    assert (status.camera, status.camera_state) == ("scripted", CameraState.STREAMING)
+    assert (status.intrinsics, status.method) == ("", "surf")

@@ -1,19 +1,26 @@
 """Figures of the loop: rates over the last seconds, medians over the run."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from drivers.camera import RgbdFrame
 from tests.vo_service.fakes import FakeClock, bad, frame, good
 from vo_service.odometry.estimate import Estimate
 from vo_service.outputs.output import PoseUpdate
 from vo_service.pose_tracker import PoseTracker, StampedFrame
-from vo_service.statistics import Statistics
+from vo_service.statistics import Rolling, Statistics
 
 
-def result(estimate: Estimate, stage_ms: float = 1.0, latency_s: float = 0.01) -> PoseUpdate:
-    stamped = StampedFrame(frame(0), 0.0)
+def result(
+    estimate: Estimate,
+    stage_ms: float = 1.0,
+    latency_s: float = 0.01,
+    seen: RgbdFrame | None = None,
+) -> PoseUpdate:
+    stamped = StampedFrame(seen or frame(0), 0.0)
     return PoseTracker().update(stamped, estimate, {"surf": stage_ms}, latency_s)
 
 
@@ -71,3 +78,27 @@ def test_failed_frames_are_counted() -> None:
     for estimate in (good(np.eye(4)), bad(), replace(good(np.eye(4)), inliers=16)):
         statistics.add(result(estimate), cpu_ms=1.0)
     assert (statistics.frames, statistics.failed) == (3, 1)
+
+
+def rolling_over(frames: Iterable[RgbdFrame]) -> Rolling:
+    statistics = Statistics(FakeClock())
+    for seen in frames:
+        statistics.add(result(good(np.eye(4)), seen=seen), cpu_ms=1.0)
+    return statistics.rolling()
+
+
+def test_skew_is_the_median_of_depth_minus_colour() -> None:
+    skews_s = [0.004, -0.9, 0.005, 0.006, 0.9]
+    rolling = rolling_over(replace(frame(k), skew_s=skew) for k, skew in enumerate(skews_s))
+    assert rolling.skew_ms == pytest.approx(5.0)
+
+
+def test_even_stamps_have_no_jitter_even_where_frames_are_missing() -> None:
+    rolling = rolling_over(frame(seq, seq / 30) for seq in (0, 1, 2, 5, 6, 9))
+    assert rolling.jitter_ms == pytest.approx(0.0, abs=1e-9)
+
+
+def test_jitter_is_the_standard_deviation_of_the_interval() -> None:
+    stamps_s = [0.0, 0.032, 0.066, 0.098, 0.132]
+    rolling = rolling_over(frame(seq, stamp_s) for seq, stamp_s in enumerate(stamps_s))
+    assert rolling.jitter_ms == pytest.approx(1.0)

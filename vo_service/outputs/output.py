@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
-from drivers.camera import RgbdFrame
+from drivers.camera import CameraState, RgbdFrame
 from drivers.geometry import Array
 from drivers.trajectory import StampedPoses
 from vo_service.odometry.estimate import Estimate
@@ -55,16 +55,26 @@ class PoseUpdate:
 
 @dataclass(frozen=True)
 class Status:
-    """How the service is, as it goes out in JSON. `reason` is "" while tracking."""
+    """How the service is, as it goes out in JSON. `reason` is "" while tracking.
+
+    camera_state  how far the camera is from sending frames
+    intrinsics    where they come from: "camera file FILE", "factory", "default"; "" = exact
+    skew_ms       instant of depth minus instant of colour, median of the last frames
+    jitter_ms     standard deviation of the time from one stamp to the next
+    """
 
     state: TrackingState
     reason: str
     epoch: int
     camera: str
+    camera_state: CameraState
+    intrinsics: str
     method: str
     fps: float
     latency_p50_ms: float
     latency_p99_ms: float
+    skew_ms: float
+    jitter_ms: float
     features: int
     matches: int
     inliers: int

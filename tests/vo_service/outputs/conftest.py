@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.camera import CameraState, PinholeCamera, RgbdFrame
 from drivers.geometry import rigid_transform, rotation_from_vector
 from vo_service.odometry.estimate import Estimate, Evidence
 from vo_service.outputs.output import PoseUpdate, Status, TrackingState
@@ -40,10 +40,14 @@ def status() -> Status:
         reason="few inliers",
         epoch=1,
         camera="tum:desk",
+        camera_state=CameraState.STREAMING,
+        intrinsics="camera file camera.toml",
         method="surf",
         fps=29.9,
         latency_p50_ms=11.0,
         latency_p99_ms=19.5,
+        skew_ms=-2.5,
+        jitter_ms=0.5,
         features=980,
         matches=400,
         inliers=300,

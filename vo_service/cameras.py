@@ -6,6 +6,7 @@ from pathlib import Path
 
 from drivers.camera import Pace, RgbdCamera
 from drivers.errors import InputError
+from drivers.sensor_settings import SensorSettings
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.folders import cache_folder
 
@@ -19,6 +20,7 @@ class CameraRequest:
     source     "synthetic", or "tum:FOLDER"
     file       camera file, for a recording without one of its own
     pace       for sources that have a choice
+    sensor     a real sensor's settings
     synthetic  the virtual Kinect's settings
     progress   gets (done, total) while a virtual camera renders
     """
@@ -26,6 +28,7 @@ class CameraRequest:
     source: str
     file: Path | None
     pace: Pace
+    sensor: SensorSettings
     synthetic: SyntheticConfig
     progress: Progress
 

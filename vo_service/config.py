@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.geometry import Array, transform_from_pose
+from drivers.sensor_settings import SensorSettings
 from drivers.strict_toml import read_toml, setting
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.cameras import USAGES
@@ -19,7 +20,7 @@ class CameraSettings:
     """`[camera]`: where frames come from."""
 
     source: str = setting("synthetic", f"one of {', '.join(USAGES.values())}")
-    file: Path | None = setting(None, "camera file of a recording without one of its own")
+    file: Path | None = setting(None, "camera file: intrinsics, distortion, registration")
     stamp_offset_s: float = setting(
         0.0, "added to every published stamp, seconds", low=-1.0, high=1.0
     )
@@ -79,6 +80,7 @@ class Config:
     """A whole configuration file; every table and key may be left out."""
 
     camera: CameraSettings = CameraSettings()
+    sensor: SensorSettings = SensorSettings()
     odometry: OdometrySettings = OdometrySettings()
     T_base_camera: MountingSettings = MountingSettings()
     zenoh: ZenohConfig = ZenohConfig()  # noqa: RUF009 (frozen)

@@ -7,10 +7,18 @@ import pytest
 
 from drivers.camera import Clock, Pace
 from drivers.errors import InputError
+from drivers.sensor_settings import SensorSettings
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.cameras import CameraRequest, make_camera
 
-LIGHT = CameraRequest("synthetic", None, Pace.REALTIME, SyntheticConfig.light(), lambda *_: None)
+LIGHT = CameraRequest(
+    source="synthetic",
+    file=None,
+    pace=Pace.REALTIME,
+    sensor=SensorSettings(),
+    synthetic=SyntheticConfig.light(),
+    progress=lambda *_: None,
+)
 
 
 @pytest.fixture(autouse=True)

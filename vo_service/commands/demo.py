@@ -71,6 +71,7 @@ def run(args: argparse.Namespace) -> int:
             source="synthetic",
             file=None,
             pace=Pace.REALTIME,
+            sensor=config.sensor,
             synthetic=replace(SyntheticConfig(), duration_s=args.seconds),
             progress=terminal.counter("rendering the room: frame"),
         )

@@ -51,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
             source=args.camera or config.camera.source,
             file=args.camera_file or config.camera.file,
             pace=Pace.LOCKSTEP,
+            sensor=config.sensor,
             synthetic=_played_once(config.synthetic, args.seconds),
             progress=terminal.counter("rendering the room: frame"),
         )

@@ -63,6 +63,7 @@ def _serve(args: argparse.Namespace, config: Config, terminal: Terminal) -> None
                 source=args.camera or config.camera.source,
                 file=args.camera_file or config.camera.file,
                 pace=args.pace,
+                sensor=config.sensor,
                 synthetic=config.synthetic,
                 progress=progress,
             )

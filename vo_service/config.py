@@ -80,7 +80,7 @@ class Config:
     """A whole configuration file; every table and key may be left out."""
 
     camera: CameraSettings = CameraSettings()
-    sensor: SensorSettings = SensorSettings()
+    sensor: SensorSettings = SensorSettings()  # noqa: RUF009 (frozen)
     odometry: OdometrySettings = OdometrySettings()
     T_base_camera: MountingSettings = MountingSettings()
     zenoh: ZenohConfig = ZenohConfig()  # noqa: RUF009 (frozen)

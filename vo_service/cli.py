@@ -16,7 +16,7 @@ from vo_service.folders import kernel_folder
 from vo_service.interrupts import INTERRUPTED
 from vo_service.terminal import wipe
 
-COMMANDS = ("demo", "replay", "run", "record", "listen", "evaluate", "warm-up", "config")
+COMMANDS = ("demo", "replay", "run", "record", "listen", "evaluate", "warm-up", "config", "udev")
 
 EPILOG = """\
 examples:

@@ -1,0 +1,154 @@
+"""The two system files that let a sensor be opened without root, made from the table of USB ids."""
+
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.errors import UserFacingError
+from drivers.kinect_usb.ids import SUPPORTED_IDS, UsbId
+
+GROUP = "plugdev"
+KERNEL_DRIVER = "gspca_kinect"  # makes a webcam of a Kinect, and so holds its camera
+# Debian's 60-libopenni2-0.rules opens some of these ids to everybody, and with ":=", which no later
+# file can change. Only a file that comes before it and itself says ":=" can keep them closed.
+RULES_FILE = Path("etc/udev/rules.d/59-kinect-vo.rules")
+MODPROBE_FILE = Path("etc/modprobe.d/kinect-vo.conf")
+PATIENCE_S = 20.0
+
+_RULES_HEADING = f"""\
+# Depth cameras may be used by who sits at the computer (uaccess) and by the group {GROUP}.
+# Written by: kinect-vo udev install    Taken away by: kinect-vo udev uninstall
+# The name begins with 59 and the assignments with ":=" for one reason: 60-libopenni2-0.rules
+# sets MODE:="0666" for some of these devices, and the first ":=" is the one that counts.
+# The Kinect 1473 has ids of the 1414 and of the Kinect for Windows.
+ACTION=="remove", GOTO="kinect_vo_end"
+SUBSYSTEM!="usb", GOTO="kinect_vo_end"
+ENV{{DEVTYPE}}!="usb_device", GOTO="kinect_vo_end"
+"""
+_MODPROBE_TEXT = f"""\
+# The kernel's own driver makes a webcam of a Kinect and would hold its camera.
+# Written by: kinect-vo udev install    Taken away by: kinect-vo udev uninstall
+blacklist {KERNEL_DRIVER}
+"""
+
+
+@dataclass(frozen=True)
+class SystemFile:
+    """A file to install; `path` is relative to the root of the file system."""
+
+    path: Path
+    text: str
+
+
+def system_files() -> tuple[SystemFile, ...]:
+    """The udev rules and the modprobe blacklist."""
+    return (SystemFile(RULES_FILE, rules_text()), SystemFile(MODPROBE_FILE, _MODPROBE_TEXT))
+
+
+def rules_text() -> str:
+    """One rule for every id of every sensor that can be driven."""
+    rules = "".join(_rule(line) for line in SUPPORTED_IDS)
+    return f'{_RULES_HEADING}{rules}LABEL="kinect_vo_end"\n'
+
+
+def _rule(line: UsbId) -> str:
+    product = "" if line.product is None else f'ATTR{{idProduct}}=="{line.product:04x}", '
+    return (
+        f"# {line.model}: {line.role}\n"
+        f'ATTR{{idVendor}}=="{line.vendor:04x}", {product}'
+        f'MODE:="0660", GROUP:="{GROUP}", TAG+="uaccess"\n'
+    )
+
+
+def install(root: Path) -> list[Path]:
+    """Write what differs, whole or not at all; the paths of what was written.
+
+    Raises UserFacingError, with the command to run instead, where this user may not.
+    """
+    written = []
+    for file in system_files():
+        path = root / file.path
+        try:
+            if not _holds(path, file.text):
+                _write(path, file.text)
+                written.append(path)
+        except OSError as error:
+            raise _refused(path, error, "install") from error
+    return written
+
+
+def uninstall(root: Path) -> list[Path]:
+    """Remove the files; the paths of what was there. Raises as `install`."""
+    removed = []
+    for file in system_files():
+        path = root / file.path
+        try:
+            path.unlink()
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise _refused(path, error, "uninstall") from error
+        removed.append(path)
+    return removed
+
+
+def apply_now() -> str:
+    """Have udev read its rules again and unload the webcam driver; "" or what did not work."""
+    complaints = [_call("udevadm", "control", "--reload")]
+    if _is_loaded(KERNEL_DRIVER):
+        complaints.append(_call("modprobe", "--remove", KERNEL_DRIVER))
+    return "; ".join(complaint for complaint in complaints if complaint)
+
+
+def sudo_command(*arguments: str) -> str:
+    """What a user types to run a kinect-vo command as root, whose PATH may be another."""
+    script = Path(sys.executable).with_name("kinect-vo")
+    return " ".join(["sudo", str(script) if script.exists() else "kinect-vo", *arguments])
+
+
+def _holds(path: Path, text: str) -> bool:
+    return path.is_file() and not path.is_symlink() and path.read_text() == text
+
+
+def _write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.part")  # neither udev nor modprobe reads such a name
+    try:
+        part.write_text(text)
+        part.chmod(0o644)
+        part.replace(path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def _refused(path: Path, error: OSError, action: str) -> UserFacingError:
+    if isinstance(error, PermissionError) and os.geteuid() != 0:
+        return UserFacingError(
+            f"{path}: only root may change this; run: {sudo_command('udev', action)}"
+        )
+    return UserFacingError(f"{path}: {error.strerror}; see to that and run it again")
+
+
+def _is_loaded(module: str) -> bool:
+    try:
+        return any(line.split()[0] == module for line in Path("/proc/modules").open())
+    except OSError:
+        return False
+
+
+def _call(*command: str) -> str:
+    """Run a system command; "" or what went wrong."""
+    told = " ".join(command)
+    if shutil.which(command[0]) is None:
+        return f"{command[0]} is not installed here"
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=PATIENCE_S, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"`{told}`: {error}"
+    return "" if done.returncode == 0 else f"`{told}` failed: {' '.join(done.stderr.split())}"

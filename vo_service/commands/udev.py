@@ -10,8 +10,8 @@ NAME = "udev"
 HELP = "install, show or remove the rules that let a sensor be opened without root"
 EPILOG = """\
 examples:
-  sudo kinect-vo udev install         then unplug the sensor and plug it in again
   kinect-vo udev show                 what would be written
+  sudo kinect-vo udev install         then unplug the sensor and plug it in again
   kinect-vo udev install --root DIR   into another tree, for a package; nothing is reloaded
 
 Two files: /etc/udev/rules.d/59-kinect-vo.rules, by which each sensor belongs to the group plugdev

@@ -26,6 +26,7 @@ class Role(StrEnum):
     """Which part of a sensor a USB device is. Each part of a Kinect is a device of its own."""
 
     CAMERA = "camera"
+    COLOUR = "colour camera"  # only where it is a device beside the depth camera
     MOTOR = "motor"
     AUDIO = "audio"
     HUB = "hub"
@@ -74,7 +75,7 @@ UNSUPPORTED_IDS = (
     UsbId(MICROSOFT, 0x097A, Role.HUB, Model.AZURE),
     UsbId(MICROSOFT, 0x097B, Role.HUB, Model.AZURE),
     UsbId(MICROSOFT, 0x097C, Role.CAMERA, Model.AZURE),
-    UsbId(MICROSOFT, 0x097D, Role.CAMERA, Model.AZURE),
+    UsbId(MICROSOFT, 0x097D, Role.COLOUR, Model.AZURE),
     UsbId(MICROSOFT, 0x097E, Role.AUDIO, Model.AZURE),
 )
 
@@ -84,6 +85,11 @@ def known_id(vendor: int, product: int) -> UsbId | None:
     lines = [line for line in SUPPORTED_IDS + UNSUPPORTED_IDS if line.vendor == vendor]
     exact = [line for line in lines if line.product == product]
     return next(iter(exact + [line for line in lines if line.product is None]), None)
+
+
+def is_kinect(model: Model) -> bool:
+    """True for the sensors that libfreenect drives."""
+    return model in (Model.K1414, Model.K1473, Model.K4W)
 
 
 def is_supported(model: Model) -> bool:

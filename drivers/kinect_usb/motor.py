@@ -1,0 +1,63 @@
+"""The motor device of the Kinect 1414 (045e:02b0): control transfers only, nothing to claim."""
+
+import struct
+
+import usb.core
+import usb.util
+
+from drivers.errors import CameraError
+from drivers.kinect_usb.base_device import TIMEOUT_MS, BaseReading, clamped_deg
+from drivers.kinect_usb.errors import usb_errors_of
+from drivers.kinect_usb.gravity import gravity_from_counts
+from drivers.sensor_settings import Led
+
+OUT, IN = 0x40, 0xC0  # vendor requests to and from the device
+SET_LED, SET_TILT, GET_STATE = 0x06, 0x31, 0x32
+LED_VALUES = {
+    Led.OFF: 0,
+    Led.GREEN: 1,
+    Led.RED: 2,
+    Led.YELLOW: 3,
+    Led.BLINK_GREEN: 4,
+    Led.BLINK_RED_YELLOW: 6,
+}
+# Two bytes of no use, x y z in counts, twice the tilt in degrees, status of the motor.
+STATE = struct.Struct(">2x3hbB")
+TILT_UNKNOWN, STATUS_MOVING = -128, 4
+
+
+class Motor:
+    """See `BaseDevice`."""
+
+    def __init__(self, device: usb.core.Device, name: str) -> None:
+        self.name = name
+        self._device = device
+
+    def set_led(self, led: Led) -> None:
+        """See `BaseDevice`."""
+        self._send(SET_LED, LED_VALUES[led])
+
+    def set_tilt_deg(self, tilt_deg: float) -> None:
+        """See `BaseDevice`."""
+        self._send(SET_TILT, round(2 * clamped_deg(tilt_deg)) & 0xFFFF)
+
+    def read(self) -> BaseReading:
+        """See `BaseDevice`."""
+        with usb_errors_of(self.name):
+            data = bytes(self._device.ctrl_transfer(IN, GET_STATE, 0, 0, STATE.size, TIMEOUT_MS))
+        if len(data) != STATE.size:
+            raise CameraError(f"{self.name}: answers with {len(data)} bytes; plug it in again")
+        x, y, z, half_degrees, status = STATE.unpack(data)
+        return BaseReading(
+            gravity_m_s2=gravity_from_counts(x, y, z) if any((x, y, z)) else None,
+            tilt_deg=None if half_degrees == TILT_UNKNOWN else half_degrees / 2,
+            is_moving=status == STATUS_MOVING,
+        )
+
+    def close(self) -> None:
+        """See `BaseDevice`."""
+        usb.util.dispose_resources(self._device)
+
+    def _send(self, request: int, value: int) -> None:
+        with usb_errors_of(self.name):
+            self._device.ctrl_transfer(OUT, request, value, 0, None, TIMEOUT_MS)

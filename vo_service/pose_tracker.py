@@ -7,8 +7,9 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, adjoint, inverse, rigid_transform, rotation_vector
+from vo_service.levelling import Levelling, level_by
 from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import PoseUpdate, TrackingState
+from vo_service.outputs.output import Level, PoseUpdate, TrackingState
 
 # Optical axes (x right, y down, z forward) in REP 103's (x forward, y left, z up).
 R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -40,12 +41,19 @@ class PoseTracker:
     def __init__(self, T_base_camera: Array = T_BODY_CAMERA) -> None:
         self._T_base_camera = T_base_camera
         self._Ad_base_camera = adjoint(T_base_camera)
+        self._levelling = Levelling()
+        self._has_begun = False
         self._seq = 0
         self.epoch = 0
         self._epoch_reason = ""
         self._last_good_s: float | None = None
         self._sure_s: float | None = None  # until then, the covariance covers the motion
         self._covariance = _diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
+
+    @property
+    def level(self) -> Level:
+        """How it is known which way is up in `odom`."""
+        return self._levelling.level
 
     def begin_epoch(self, reason: str) -> None:
         """The next pose is not continuous with the last; it carries the reason."""
@@ -65,10 +73,11 @@ class PoseTracker:
         if estimate.restarted:
             self.begin_epoch("tracking began anew after a loss")
         frame = stamped.frame
+        self._level(frame, estimate)
         twist, twist_covariance = self._twist(estimate, frame.stamp_s)
         covariance = self._accumulated(estimate, frame.stamp_s)
         state, reason = _judge(estimate)
-        T_odom_base = self._T_base_camera @ estimate.T_world_camera @ inverse(self._T_base_camera)
+        T_odom_base = self._T_odom_base(estimate.T_world_camera)
         update = PoseUpdate(
             seq=self._seq,
             stamp_s=stamped.published_s,
@@ -88,6 +97,19 @@ class PoseTracker:
         self._seq += 1
         self._epoch_reason = ""
         return update
+
+    def _level(self, frame: RgbdFrame, estimate: Estimate) -> None:
+        """The first good frame is the world, so its gravity says which way is up, for good.
+
+        Later epochs keep to it: where tracking begins anew, the world stays as it was.
+        """
+        if not self._has_begun:
+            self._levelling = level_by(frame.gravity_m_s2, self._T_base_camera)
+            self._has_begun = estimate.ok
+
+    def _T_odom_base(self, T_world_camera: Array) -> Array:
+        T_start_base = self._T_base_camera @ T_world_camera @ inverse(self._T_base_camera)
+        return self._levelling.T_odom_start @ T_start_base
 
     def _accumulated(self, estimate: Estimate, stamp_s: float) -> Array:
         """Covariance of the pose since the epoch began, in the camera's axes."""

@@ -111,6 +111,7 @@ class Service:
             camera=self._camera.name,
             camera_state=self._camera.condition.state,
             intrinsics=self._camera.intrinsics_source,
+            level=self._tracker.level,
             method=self._method,
             fps=rolling.fps,
             latency_p50_ms=rolling.latency_p50_ms,

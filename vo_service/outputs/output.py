@@ -20,6 +20,13 @@ class TrackingState(StrEnum):
     NO_CAMERA = "no_camera"
 
 
+class Level(StrEnum):
+    """How it is known which way is up in `odom`."""
+
+    GRAVITY = "gravity"  # an accelerometer told it at the first frame
+    ASSUMED = "assumed"  # the base's first pose counts as level
+
+
 @dataclass(frozen=True)
 class PoseUpdate:
     """One frame's result, ready to go out.
@@ -59,6 +66,7 @@ class Status:
 
     camera_state  how far the camera is from sending frames
     intrinsics    where they come from: "camera file FILE", "factory", "default"; "" = exact
+    level         how it is known which way is up; assumed until the first frame says
     skew_ms       instant of depth minus instant of colour, median of the last frames
     jitter_ms     standard deviation of the time from one stamp to the next
     """
@@ -69,6 +77,7 @@ class Status:
     camera: str
     camera_state: CameraState
     intrinsics: str
+    level: Level
     method: str
     fps: float
     latency_p50_ms: float

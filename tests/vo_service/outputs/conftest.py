@@ -11,7 +11,7 @@ import pytest
 from drivers.camera import CameraState, PinholeCamera, RgbdFrame
 from drivers.geometry import rigid_transform, rotation_from_vector
 from vo_service.odometry.estimate import Estimate, Evidence
-from vo_service.outputs.output import PoseUpdate, Status, TrackingState
+from vo_service.outputs.output import Level, PoseUpdate, Status, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684
@@ -42,6 +42,7 @@ def status() -> Status:
         camera="tum:desk",
         camera_state=CameraState.STREAMING,
         intrinsics="camera file camera.toml",
+        level=Level.GRAVITY,
         method="surf",
         fps=29.9,
         latency_p50_ms=11.0,

@@ -16,7 +16,18 @@ from vo_service.folders import kernel_folder
 from vo_service.interrupts import INTERRUPTED
 from vo_service.terminal import wipe
 
-COMMANDS = ("demo", "replay", "run", "record", "listen", "evaluate", "warm-up", "config", "udev")
+COMMANDS = (
+    "demo",
+    "replay",
+    "run",
+    "record",
+    "listen",
+    "evaluate",
+    "warm-up",
+    "config",
+    "udev",
+    "doctor",
+)
 
 EPILOG = """\
 examples:

@@ -1,0 +1,1 @@
+"""What is wrong with this computer's sensor, and how to mend it."""

@@ -1,0 +1,120 @@
+"""Whether this user may open the sensor, and whether anything else has it."""
+
+import getpass
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from vo_service.doctor.context import Context
+from vo_service.doctor.finding import Finding, failed, passed, warned
+from vo_service.doctor.usb_facts import Refusal, UsbPart
+from vo_service.udev import GROUP, KERNEL_DRIVER, RULES_FILE, sudo_command
+
+REPLUG = "then unplug the sensor and plug it in again"
+
+
+class Permission:
+    """Root may open everything; for others it is up to udev."""
+
+    name = "permission"
+    needs = ("sensor",)
+
+    def run(self, context: Context) -> Finding:
+        """See `Check`."""
+        has_rule = (context.machine.root / RULES_FILE).is_file()
+        rule = "are installed" if has_rule else "are not installed"
+        facts = {"udev_rules_installed": has_rule}
+        if context.sensor.refusal is not Refusal.PERMISSION:
+            who = "root" if os.geteuid() == 0 else "this user"
+            return passed(f"{who} may open it; the udev rules of kinect-vo {rule}", **facts)
+        text = f"this user may not open it; the udev rules of kinect-vo {rule}"
+        if not has_rule:
+            return failed(text, f"{sudo_command('udev', 'install')}, {REPLUG}", **facts)
+        return failed(
+            text,
+            f"unplug the sensor and plug it in again; away from the computer's own screen also "
+            f"sudo usermod -aG {GROUP} {_user()}, and log in again",
+            **facts,
+        )
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "USER"
+
+
+class KernelDriver:
+    """libfreenect takes the camera from the kernel's webcam driver, if no program films with it."""
+
+    name = "kernel-driver"
+    needs = ("permission",)
+
+    def run(self, context: Context) -> Finding:
+        """See `Check`."""
+        device = context.kernel_device(context.sensor.camera)
+        drivers = [driver for driver in device.drivers if driver != "usbfs"] if device else []
+        if not drivers and not context.sensor.kernel_driver:
+            return passed("no kernel driver has the camera", drivers=drivers)
+        named = ", ".join(drivers) or "a kernel driver"
+        nodes = device.video_nodes if device else []
+        return warned(
+            f"{named} has the camera{''.join(f' as /dev/{node}' for node in nodes)}",
+            f"{sudo_command('udev', 'install')} keeps {KERNEL_DRIVER} away",
+            drivers=drivers,
+        )
+
+
+class InUse:
+    """One program at a time."""
+
+    name = "in-use"
+    needs = ("permission",)
+
+    def run(self, context: Context) -> Finding:
+        """See `Check`."""
+        sensor = context.sensor
+        holders = sorted(set(_holders(context)))
+        facts = {"processes": holders}
+        if sensor.refusal is Refusal.BUSY or holders:
+            who = ", ".join(holders) or "another program, or another user's, which only root sees,"
+            return failed(f"{who} has the camera", "end that program, then try again", **facts)
+        if sensor.refusal is Refusal.NONE:
+            return passed("no other program has the camera", **facts)
+        return failed(
+            f"it cannot be opened: {sensor.refusal_text}",
+            "unplug the sensor and its power supply, wait ten seconds, plug both in",
+            **facts,
+        )
+
+
+def _holders(context: Context) -> Iterator[str]:
+    """Programs that have a file of the camera open, of those that this user may look into."""
+    device = context.kernel_device(context.sensor.camera)
+    files = {_usb_file(context.sensor.camera)}
+    files |= {f"/dev/{node}" for node in device.video_nodes} if device else set()
+    for process in context.machine.proc.glob("[0-9]*"):
+        if process.name != str(os.getpid()) and files & set(_open_files(process)):
+            yield f"{_command(process)} (process {process.name})"
+
+
+def _usb_file(part: UsbPart) -> str:
+    return f"/dev/bus/usb/{part.bus:03d}/{part.address:03d}"
+
+
+def _open_files(process: Path) -> list[str]:
+    found = []
+    with suppress(OSError):  # another user's, or just ended
+        for link in (process / "fd").iterdir():
+            with suppress(OSError):
+                found.append(str(link.readlink()))
+    return found
+
+
+def _command(process: Path) -> str:
+    try:
+        return (process / "comm").read_text().strip()
+    except OSError:
+        return "a program"

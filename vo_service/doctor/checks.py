@@ -1,0 +1,76 @@
+"""Which checks a camera gets, in their order: the one place where a new check is listed."""
+
+from pathlib import Path
+
+from drivers.kinect_usb.ids import Model
+from vo_service.doctor.access import InUse, KernelDriver, Permission
+from vo_service.doctor.bus import SensorOnBus, SharedController, UsbSpeed
+from vo_service.doctor.context import Wanted
+from vo_service.doctor.finding import Check
+from vo_service.doctor.firmware import Firmware
+from vo_service.doctor.libraries import Libraries
+from vo_service.doctor.stream import (
+    ClockRate,
+    FirstFrames,
+    FrameRate,
+    Gravity,
+    LostPackets,
+    Skew,
+)
+
+KINECTS = frozenset({Model.K1414, Model.K1473, Model.K4W})
+PRIMESENSES = frozenset({Model.PRIMESENSE, Model.XTION, Model.XTION_LIVE, Model.CARMINE})
+SENSOR_HZ = 30.0
+ANY_RATE = 0.0
+USB_CHECKS: tuple[Check, ...] = (
+    SensorOnBus(),
+    UsbSpeed(),
+    SharedController(),
+    Permission(),
+    KernelDriver(),
+    InUse(),
+)
+# The picture cannot come while one of these fails.
+BEFORE_FRAMES = ("libraries", "sensor", "usb-speed", "permission", "in-use")
+
+
+def wanted_by(source: str) -> Wanted:
+    """The sensors that `--camera SOURCE` means."""
+    kind, _, argument = source.partition(":")
+    if kind == "openni2":
+        return Wanted(PRIMESENSES, "plug it in")
+    return Wanted(KINECTS, "plug it in, with its own power supply: its light must blink", argument)
+
+
+def checks_for(source: str) -> tuple[Check, ...]:
+    """The checks that make sense for `--camera SOURCE`."""
+    kind, _, argument = source.partition(":")
+    if kind == "freenect":
+        libraries = Libraries("libusb-1.0.so.0", "libfreenect.so.0.5")
+        return (
+            libraries,
+            *USB_CHECKS,
+            Firmware(),
+            FirstFrames(*BEFORE_FRAMES),
+            *_stream(SENSOR_HZ, has_accelerometer=True),
+        )
+    if kind == "openni2" and not _is_recording(argument):
+        libraries = Libraries("libusb-1.0.so.0", "libOpenNI2.so.0")
+        return (
+            libraries,
+            *USB_CHECKS,
+            FirstFrames(*BEFORE_FRAMES),
+            *_stream(SENSOR_HZ, has_accelerometer=False),
+        )
+    if kind == "openni2":
+        libraries = Libraries("libOpenNI2.so.0")
+        return (libraries, FirstFrames("libraries"), *_stream(ANY_RATE, has_accelerometer=False))
+    return (FirstFrames(), *_stream(ANY_RATE, has_accelerometer=False))
+
+
+def _stream(nominal_hz: float, has_accelerometer: bool) -> tuple[Check, ...]:
+    return (FrameRate(nominal_hz), LostPackets(), Skew(), ClockRate(), Gravity(has_accelerometer))
+
+
+def _is_recording(argument: str) -> bool:
+    return Path(argument).suffix == ".oni"

@@ -1,0 +1,50 @@
+"""The stand-in for libusb-1.0, compiled once for as long as its sources stay the same."""
+
+import hashlib
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from drivers.errors import UserFacingError
+from vo_service.folders import cache_folder
+
+SONAME = "libusb-1.0.so.0"
+SOURCES = Path(__file__).parent / "libusb"
+_OPTIONS = (
+    *("-std=gnu11", "-O2", "-g", "-fPIC", "-shared", "-pthread", "-fvisibility=hidden"),
+    *("-Wall", "-Wextra", "-Wno-missing-field-initializers"),
+    *(f"-Wl,-soname,{SONAME}", "-Wl,-z,defs"),
+)
+
+
+def libusb_folder() -> Path:
+    """The folder to put into LD_LIBRARY_PATH: it holds the stand-in under libusb's own name.
+
+    Raises UserFacingError where there is no C compiler.
+    """
+    folder = cache_folder() / "played-kinect" / _fingerprint()
+    if not (folder / SONAME).exists():
+        _compile_into(folder)
+    return folder
+
+
+def _fingerprint() -> str:
+    digest = hashlib.sha256(" ".join(_OPTIONS).encode())
+    for file in sorted(SOURCES.iterdir()):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _compile_into(folder: Path) -> None:
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        raise UserFacingError("no C compiler to make the played Kinect with; apt install gcc")
+    folder.mkdir(parents=True, exist_ok=True)
+    # Whoever looks for the library at this moment finds all of it or nothing.
+    with tempfile.TemporaryDirectory(dir=folder) as draft:
+        library = Path(draft) / SONAME
+        sources = [str(file) for file in sorted(SOURCES.glob("*.c"))]
+        command = [compiler, *_OPTIONS, "-o", str(library), *sources]
+        subprocess.run(command, check=True)
+        library.replace(folder / SONAME)

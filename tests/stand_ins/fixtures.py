@@ -1,0 +1,57 @@
+"""What tests need to play a Kinect; tests/conftest.py hands it on to all of them."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.errors import UserFacingError
+from tests.stand_ins.compiled_libusb import libusb_folder
+from tests.stand_ins.played_kinect import PlayedKinect
+from tests.stand_ins.wire_film import WireFilm, wire_film
+
+FILM_FRAMES = 8
+PlayKinect = Callable[..., PlayedKinect]
+
+
+def pattern(seq: int) -> tuple[np.ndarray[Any, np.dtype[np.uint8]], Any]:
+    """Frame `seq` of the film of most tests: BGR and millimetres, no two frames alike.
+
+    Colour is smooth, so that it survives Bayer's mosaic but for a few grey levels; depth is a slope
+    from 0.6 to 3.5 m with a hole.
+    """
+    rows, columns = np.mgrid[0:480, 0:640]
+    bgr = np.stack([columns // 4 + 16 * seq, rows // 3 + 8 * seq, (rows + columns) // 6], axis=2)
+    depth_mm = 600 + 10 * seq + 4 * columns + rows // 2
+    depth_mm[200:220, 300:340] = 0
+    return (bgr % 256).astype(np.uint8), depth_mm.astype(np.uint16)
+
+
+@pytest.fixture(scope="session")
+def played_libusb() -> Path:
+    """The folder of the stand-in for libusb; skips where it cannot be compiled."""
+    try:
+        return libusb_folder()
+    except UserFacingError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def kinect_film(tmp_path_factory: pytest.TempPathFactory) -> WireFilm:
+    """A quarter of a second of `pattern`, to be looped."""
+    frames = (pattern(seq) for seq in range(FILM_FRAMES))
+    return wire_film(tmp_path_factory.mktemp("films"), frames)
+
+
+@pytest.fixture
+def play_kinect(tmp_path: Path, played_libusb: Path, kinect_film: WireFilm) -> Iterator[PlayKinect]:
+    """A function that plugs in a Kinect, with options as PlayedKinect has, until the test ends."""
+    with ExitStack() as stack:
+
+        def play(film: WireFilm = kinect_film, **options: Any) -> PlayedKinect:
+            return stack.enter_context(PlayedKinect(tmp_path, film, **options))
+
+        yield play

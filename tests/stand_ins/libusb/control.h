@@ -1,0 +1,80 @@
+/* The control file: what Python commands of the played Kinect, and what it tells back.
+ *
+ * The file is mapped by every process that uses the Kinect, so it is also where the state lives
+ * that a real Kinect keeps in its own hardware: registers, tilt, light. `kinect_control.py` has
+ * the same fields in the same order; `size` lets each side see that the other agrees.
+ */
+#ifndef CONTROL_H
+#define CONTROL_H
+
+#include <stdint.h>
+
+#define CONTROL_MAGIC 0x4B494E31u /* "KIN1" */
+
+enum stream { DEPTH, VIDEO, STREAMS };
+enum model { MODEL_1414, MODEL_1473, MODEL_K4W };
+enum { CAMERA_REGISTERS = 0x400, CMOS_REGISTERS = 0x400 };
+enum { SERIAL_ROOM = 32, PATH_ROOM = 1024 };
+
+/* Locks in the file, beyond its contents: who holds what. They go when their process goes, as
+ * the kernel's do, however it ends. */
+enum { LOCKS_OPEN_HANDLES = 1 << 20, OPEN_HANDLE_SLOTS = 64, LOCKS_CLAIMS = 1 << 21 };
+
+struct stream_control {
+    /* Commands. */
+    uint32_t stalled;     /* slots stay empty */
+    uint32_t lose_every;  /* every n-th packet is lost; 0 = none */
+    uint32_t lose_next;   /* so many packets are lost from now on; counts down */
+    int32_t offset_ns;    /* frame k begins this much after the film's frame k */
+    /* Read-outs. */
+    uint64_t frames_sent;
+    uint64_t packets_lost;
+    /* Frames that begin before this instant are not sent: the stream was off. */
+    uint64_t sends_from_ns;
+    uint32_t submitted_transfers;
+    uint32_t unused;
+};
+
+struct control {
+    uint32_t magic, size;
+
+    /* What it is. */
+    uint32_t model;
+    char camera_serial[SERIAL_ROOM], audio_serial[SERIAL_ROOM], film[PATH_ROOM];
+    int32_t registration[29]; /* polynomial of the depth-to-colour map, as the camera stores it */
+    uint16_t padding[3];      /* start, end and cropping lines */
+    uint16_t const_shift;
+    float zero_plane[4]; /* emitter cm, colour camera cm, reference distance cm, pixel mm */
+
+    /* Faults and settings. */
+    uint32_t plugged;
+    uint32_t generation; /* counts pluggings: what was opened before the last one is dead */
+    uint32_t frozen;     /* control replies have no bytes */
+    uint32_t busy;       /* the camera cannot be claimed */
+    uint32_t forbidden;  /* nothing can be opened */
+    uint32_t starved;    /* no bandwidth: transfers cannot be submitted */
+    uint32_t slow_bus;   /* full speed instead of high speed */
+    uint32_t firmware;   /* the audio device has its firmware (1473, K4W) */
+    uint32_t kernel_driver; /* gspca_kinect holds the camera */
+    uint32_t rate;          /* frames a second */
+    uint32_t loop;          /* the film begins again at its end */
+    uint32_t start_ticks;   /* the 60 MHz clock at the first frame after power on */
+    int32_t clock_error_ppm;
+    uint32_t tilt_deg_per_s;
+    uint64_t start_delay_ns; /* from the command to stream until the first frame */
+
+    /* State of the hardware. */
+    int32_t acceleration[3]; /* counts, 819 a g, in the order and signs of the wire */
+    int32_t tilt_from_deg, tilt_to_deg;
+    uint32_t led; /* in the 1414's numbers */
+    uint64_t tilt_began_ns;
+    uint64_t film_began_ns;    /* CLOCK_MONOTONIC of the film's frame 0; 0 = not yet */
+    int64_t clock_began_frame; /* the film's frame that carries start_ticks; -1 = not yet */
+    uint32_t abandoned_transfers; /* still submitted when their device was closed */
+    uint32_t unused;
+    struct stream_control streams[STREAMS];
+    uint16_t registers[CAMERA_REGISTERS];
+    uint16_t cmos[CMOS_REGISTERS];
+};
+
+#endif

@@ -1,0 +1,136 @@
+/* What travels on the wire at which instant.
+ *
+ * The film runs on the host's monotonic clock: its frame k begins at film_began + k / rate,
+ * and goes on whether or not anybody looks, as the world does. A frame's packets follow each other
+ * in the slots of 125 microseconds; the rest of the frame's time its slots are empty.
+ */
+#include <string.h>
+
+#include "played.h"
+
+enum { HEADER_BYTES = 12 };
+enum { FIRST = 1, MIDDLE = 2, LAST = 5 }; /* in the low half of the flag */
+enum { REGISTER_VIDEO = 0x05, REGISTER_DEPTH = 0x06, VIDEO_INFRARED = 3 };
+enum { TICKS_PER_S = 60000000 };
+#define NS_PER_S 1000000000
+
+/* One stream's part of a frame of the film. */
+struct picture {
+    const uint8_t *bytes;
+    unsigned length, packet_bytes;
+    uint8_t flag;
+};
+
+static int64_t frame_begins_ns(const volatile struct control *control, enum stream stream,
+                               int64_t frame)
+{
+    return (int64_t)control->film_began_ns + control->streams[stream].offset_ns +
+           frame * NS_PER_S / control->rate;
+}
+
+static int64_t frame_at(const volatile struct control *control, enum stream stream, uint64_t ns)
+{
+    int64_t since = (int64_t)ns - frame_begins_ns(control, stream, 0);
+    return since < 0 ? -1 : since * control->rate / NS_PER_S;
+}
+
+/* The first stream of all starts the film; a later one joins it. Should the film not have begun
+ * when the second stream is switched on, its beginning waits, so that both show frame 0. */
+void stream_switched_on(struct kinect *kinect, enum stream stream)
+{
+    volatile struct control *control = kinect->control;
+    uint64_t now = now_ns(), begins = now + control->start_delay_ns;
+    bool fresh = control->film_began_ns == 0 || control->film_began_ns > now;
+    if (fresh)
+        control->film_began_ns = begins;
+    control->streams[stream].sends_from_ns = fresh ? now : begins;
+    if (control->clock_began_frame < 0)
+        control->clock_began_frame = frame_at(control, stream, begins) + (fresh ? 0 : 1);
+}
+
+static uint32_t stamp_of(const volatile struct control *control, enum stream stream, int64_t frame)
+{
+    int64_t whole = (frame - control->clock_began_frame) * (TICKS_PER_S / control->rate);
+    int64_t offset = (int64_t)control->streams[stream].offset_ns * (TICKS_PER_S / 1000000) / 1000;
+    int64_t drift = whole * control->clock_error_ppm / 1000000;
+    return control->start_ticks + (uint32_t)(whole + offset + drift);
+}
+
+static struct picture picture_of(const struct kinect *kinect, enum stream stream, int64_t frame)
+{
+    const struct film *film = &kinect->film;
+    size_t frame_bytes = (size_t)film->depth_bytes + film->video_bytes + film->infrared_bytes;
+    const uint8_t *start = film->frames + (size_t)(frame % film->count) * frame_bytes;
+    bool infrared = kinect->control->registers[REGISTER_VIDEO] == VIDEO_INFRARED;
+    if (stream == DEPTH)
+        return (struct picture){start, film->depth_bytes, 1748, 0x70};
+    start += film->depth_bytes;
+    if (!infrared)
+        return (struct picture){start, film->video_bytes, 1908, 0x80};
+    return (struct picture){start + film->video_bytes, film->infrared_bytes, 1908, 0x80};
+}
+
+static bool is_sent(const struct kinect *kinect, enum stream stream, int64_t frame)
+{
+    const volatile struct control *control = kinect->control;
+    const volatile struct stream_control *own = &control->streams[stream];
+    uint16_t on = control->registers[stream == DEPTH ? REGISTER_DEPTH : REGISTER_VIDEO];
+    if (!on || own->stalled || control->film_began_ns == 0 || frame < 0)
+        return false;
+    if (!control->loop && frame >= kinect->film.count)
+        return false;
+    return frame_begins_ns(control, stream, frame) >= (int64_t)own->sends_from_ns;
+}
+
+static bool is_lost(volatile struct stream_control *own, int64_t packet)
+{
+    bool in_burst = own->lose_next > 0;
+    bool lost = in_burst || (own->lose_every && packet % own->lose_every == 0);
+    if (in_burst)
+        __atomic_sub_fetch(&own->lose_next, 1, __ATOMIC_SEQ_CST);
+    if (lost)
+        own->packets_lost++;
+    return lost;
+}
+
+static void write_header(uint8_t *packet, uint8_t flag, uint8_t sequence, uint32_t stamp)
+{
+    memset(packet, 0, HEADER_BYTES);
+    packet[0] = 'R';
+    packet[1] = 'B';
+    packet[3] = flag;
+    packet[5] = sequence;
+    put32(packet + 8, stamp);
+}
+
+/* Bytes written to `packet`; 0 for an empty slot. */
+unsigned packet_in_slot(struct kinect *kinect, enum stream stream, uint64_t slot, uint8_t *packet,
+                        unsigned room)
+{
+    volatile struct control *control = kinect->control;
+    uint64_t slot_ns = slot * MICROFRAME_NS;
+    int64_t frame = frame_at(control, stream, slot_ns);
+    if (!is_sent(kinect, stream, frame))
+        return 0;
+    struct picture picture = picture_of(kinect, stream, frame);
+    unsigned packets = (picture.length + picture.packet_bytes - 1) / picture.packet_bytes;
+    unsigned number = (unsigned)(((int64_t)slot_ns - frame_begins_ns(control, stream, frame)) /
+                                 MICROFRAME_NS);
+    if (number >= packets)
+        return 0;
+    int64_t counted = frame * packets + number;
+    if (number + 1 == packets)
+        control->streams[stream].frames_sent++;
+    if (is_lost(&control->streams[stream], counted))
+        return 0;
+    unsigned start = number * picture.packet_bytes, bytes = picture.length - start;
+    if (bytes > picture.packet_bytes)
+        bytes = picture.packet_bytes;
+    if (bytes + HEADER_BYTES > room)
+        return 0;
+    uint8_t place = number == 0 ? FIRST : number + 1 == packets ? LAST : MIDDLE;
+    write_header(packet, picture.flag | place, (uint8_t)counted,
+                 stamp_of(control, stream, frame));
+    memcpy(packet + HEADER_BYTES, picture.bytes + start, bytes);
+    return HEADER_BYTES + bytes;
+}

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from drivers.gravity import Vector
 from vo_service.outputs.output import Level
-
-Gravity = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -18,7 +17,7 @@ class Levelling:
     T_odom_start: Array = field(default_factory=lambda: np.eye(4))
 
 
-def level_by(gravity_m_s2: Gravity | None, T_base_camera: Array) -> Levelling:
+def level_by(gravity_m_s2: Vector | None, T_base_camera: Array) -> Levelling:
     """From gravity in camera axes: z of `odom` is up, the base starts at its origin with yaw 0.
 
     Without gravity the base's first pose counts as level.

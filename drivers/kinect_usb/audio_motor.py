@@ -2,7 +2,7 @@
 
 It is there once the audio firmware is loaded. Commands and answers are little-endian words on two
 bulk endpoints (as in libfreenect's src/tilt.c); the accelerometer is taken to count as the 1414's
-does, which `gravity.is_gravity` would notice if it were wrong.
+does, which `is_gravity` would notice if it were wrong.
 """
 
 import struct
@@ -70,8 +70,7 @@ class AudioMotor:
         if len(data) < STATE.size:
             raise CameraError(f"{self.name}: answers with {len(data)} bytes; plug it in again")
         x, y, z, tilt_deg = STATE.unpack_from(data)
-        gravity = gravity_from_counts(x, y, z) if any((x, y, z)) else None
-        return BaseReading(gravity, float(tilt_deg), is_moving=False)
+        return BaseReading(gravity_from_counts(x, y, z), float(tilt_deg), is_moving=False)
 
     def close(self) -> None:
         """See `BaseDevice`."""

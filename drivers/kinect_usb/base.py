@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from drivers.kinect_usb.gravity import Gravity
+from drivers.gravity import Vector
 from drivers.sensor_settings import SensorSettings
 
 
@@ -10,7 +10,7 @@ class Base(Protocol):
     """The Kinect's base. Nothing of it raises: trouble is said in the log, once."""
 
     @property
-    def gravity_m_s2(self) -> Gravity | None:
+    def gravity_m_s2(self) -> Vector | None:
         """Gravity in camera axes over the last second; None while it is not known."""
         ...
 
@@ -30,7 +30,7 @@ class Base(Protocol):
 class NoBase:
     """For cameras without motor, light and accelerometer."""
 
-    gravity_m_s2: Gravity | None = None
+    gravity_m_s2: Vector | None = None
 
     def open(self, serial: str) -> None:
         """See `Base`."""

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.kinect_usb.gravity import Gravity
+from drivers.gravity import Vector
 from drivers.sensor_settings import Led
 
 TIMEOUT_MS = 500
@@ -20,7 +20,7 @@ class BaseReading:
     is_moving     the motor runs
     """
 
-    gravity_m_s2: Gravity | None
+    gravity_m_s2: Vector | None
     tilt_deg: float | None
     is_moving: bool
 

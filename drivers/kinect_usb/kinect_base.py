@@ -6,10 +6,11 @@ import time
 from collections.abc import Callable
 
 from drivers.errors import CameraError, UserFacingError
+from drivers.gravity import Vector
 from drivers.kinect_usb.audio_motor import AudioMotor
 from drivers.kinect_usb.base_device import BaseDevice, BaseReading
 from drivers.kinect_usb.devices import find_kinect
-from drivers.kinect_usb.gravity import Gravity, GravityMeter
+from drivers.kinect_usb.gravity import GravityMeter
 from drivers.kinect_usb.ids import Role
 from drivers.kinect_usb.motor import Motor
 from drivers.sensor_settings import Led, SensorSettings
@@ -52,7 +53,7 @@ class KinectBase:
         self._thread = threading.Thread()
 
     @property
-    def gravity_m_s2(self) -> Gravity | None:
+    def gravity_m_s2(self) -> Vector | None:
         """See `Base`; never waits."""
         return self._meter.at(time.monotonic())
 

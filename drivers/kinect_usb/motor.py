@@ -49,7 +49,7 @@ class Motor:
             raise CameraError(f"{self.name}: answers with {len(data)} bytes; plug it in again")
         x, y, z, half_degrees, status = STATE.unpack(data)
         return BaseReading(
-            gravity_m_s2=gravity_from_counts(x, y, z) if any((x, y, z)) else None,
+            gravity_m_s2=gravity_from_counts(x, y, z),
             tilt_deg=None if half_degrees == TILT_UNKNOWN else half_degrees / 2,
             is_moving=status == STATUS_MOVING,
         )

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, Pace, RgbdCamera, RgbdFrame
-from drivers.camera_file import CameraFile
 from drivers.errors import InputError
 from drivers.trajectory import StampedPoses
 from drivers.tum.decode import UnreadableFrameError, load_pair
@@ -61,7 +60,7 @@ class TumCamera(RgbdCamera):
         self._buffer = _buffer(self._pace, self._pairs)
         self._thread = threading.Thread(
             target=_decode_ahead,
-            args=(self._pairs, self._opened.camera_file, self._buffer),
+            args=(self._pairs, self._opened, self._buffer),
             name="tum-decode",
             daemon=True,
         )
@@ -111,10 +110,10 @@ def _buffer(pace: Pace, pairs: Sequence[FramePair]) -> FrameBuffer:
     return RealtimeBuffer([pair.colour.stamp_s - first_s for pair in pairs])
 
 
-def _decode_ahead(pairs: Sequence[FramePair], camera: CameraFile, buffer: FrameBuffer) -> None:
+def _decode_ahead(pairs: Sequence[FramePair], folder: TumFolder, buffer: FrameBuffer) -> None:
     """Body of the decoding thread. Whatever goes wrong in it reaches the reader."""
     try:
-        _fill(buffer, pairs, camera)
+        _fill(buffer, pairs, folder)
         buffer.finish(EndOfStream())
     except BufferClosedError:
         pass
@@ -122,7 +121,8 @@ def _decode_ahead(pairs: Sequence[FramePair], camera: CameraFile, buffer: FrameB
         buffer.finish(error)
 
 
-def _fill(buffer: FrameBuffer, pairs: Sequence[FramePair], camera: CameraFile) -> None:
+def _fill(buffer: FrameBuffer, pairs: Sequence[FramePair], folder: TumFolder) -> None:
+    camera = folder.camera_file
     pinhole = camera.pinhole
     lens = undistorter(pinhole, camera.distortion)
     index = 0
@@ -143,6 +143,7 @@ def _fill(buffer: FrameBuffer, pairs: Sequence[FramePair], camera: CameraFile) -
                 depth_factor=camera.depth_factor,
                 camera=pinhole,
                 skew_s=pair.skew_s,
+                gravity_m_s2=folder.gravity.at(pair.colour.stamp_s),
             )
             buffer.put(frame)
         index += 1

@@ -9,6 +9,7 @@ import cv2
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
+from drivers.gravity import Vector
 from drivers.tum.lists import EXACT
 
 MICROSECOND = Decimal("1e-6")
@@ -51,12 +52,13 @@ class EncodedFrame:
     stamps: FrameStamps
     colour: bytes
     depth: bytes
+    gravity_m_s2: Vector | None
 
 
 def encode(frame: RgbdFrame, stamps: FrameStamps, colour: ColourFormat) -> EncodedFrame:
     """Make the image files of a frame."""
     depth = _image_file(frame.depth_raw, ColourFormat.PNG)
-    return EncodedFrame(stamps, _image_file(frame.colour_bgr, colour), depth)
+    return EncodedFrame(stamps, _image_file(frame.colour_bgr, colour), depth, frame.gravity_m_s2)
 
 
 def microseconds(stamp: Decimal) -> Decimal:

@@ -8,6 +8,7 @@ import numpy as np
 from drivers.camera_file import CameraFile, camera_of_folder
 from drivers.errors import InputError
 from drivers.trajectory import StampedPoses, read_trajectory
+from drivers.tum.accelerometer import GravityTrack, read_gravity
 from drivers.tum.decode import UnreadableFrameError, load_pair
 from drivers.tum.lists import FramePair, ListedImage, read_associations, read_image_list
 from drivers.tum.pairing import Stamps, pair_nearest
@@ -30,10 +31,11 @@ class TumFolder:
     frames: PairedFrames
     camera_file: CameraFile
     ground_truth: StampedPoses | None
+    gravity: GravityTrack
 
 
 def open_folder(folder: Path, camera_file: Path | None) -> TumFolder:
-    """Read the lists, the camera and the ground truth of a folder, and try its first frame.
+    """Read a folder's lists, camera, ground truth and gravity, and try its first frame.
 
     Raises InputError for whatever makes the folder as a whole unusable.
     """
@@ -47,7 +49,8 @@ def open_folder(folder: Path, camera_file: Path | None) -> TumFolder:
         where = frames.pairs[0].colour.where
         raise InputError(f"{error} (the first frame, {where})") from error
     truth = folder / "groundtruth.txt"
-    return TumFolder(frames, camera, read_trajectory(truth) if truth.exists() else None)
+    known_truth = read_trajectory(truth) if truth.exists() else None
+    return TumFolder(frames, camera, known_truth, read_gravity(folder))
 
 
 def _check_folder(folder: Path) -> None:

@@ -46,7 +46,7 @@ def read_image_list(path: Path) -> list[ListedImage]:
     Files are relative to the list's folder. Raises InputError naming file and line if the list
     cannot be read, is empty, does not parse, or if stamps repeat or go backwards.
     """
-    images = [_image(words, path, n) for n, words in _rows(path, "stamp file")]
+    images = [_image(words, path, n) for n, words in _image_rows(path, "stamp file")]
     _check_rising(images)
     return images
 
@@ -56,15 +56,18 @@ def read_associations(path: Path) -> list[FramePair]:
 
     Raises InputError as `read_image_list`, for either column of stamps.
     """
-    rows = _rows(path, "stamp colour_file stamp depth_file")
+    rows = _image_rows(path, "stamp colour_file stamp depth_file")
     pairs = [FramePair(_image(w[:2], path, n), _image(w[2:], path, n)) for n, w in rows]
     _check_rising([pair.colour for pair in pairs])
     _check_rising([pair.depth for pair in pairs])
     return pairs
 
 
-def _rows(path: Path, form: str) -> list[tuple[int, list[str]]]:
-    """The line number and the words of every line that is neither blank nor a comment."""
+def words_of_list(path: Path, form: str) -> list[tuple[int, list[str]]]:
+    """The line number and the words of every line that is neither blank nor a comment.
+
+    Raises InputError naming the file, and the line where the number of words is not that of `form`.
+    """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
@@ -82,6 +85,11 @@ def _rows(path: Path, form: str) -> list[tuple[int, list[str]]]:
                 f"{form}"
             )
         rows.append((number, words))
+    return rows
+
+
+def _image_rows(path: Path, form: str) -> list[tuple[int, list[str]]]:
+    rows = words_of_list(path, form)
     if not rows:
         raise InputError(f"{path}: names no image; expected lines of: {form}")
     return rows

@@ -13,6 +13,7 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.camera_file import FILE_NAME, CameraFile, camera_file_text
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import StampedPoses, pose_line
+from drivers.tum.accelerometer import AccelerometerList
 from drivers.tum.encode import (
     BEFORE_ALL,
     ColourFormat,
@@ -30,7 +31,7 @@ _log = logging.getLogger(__name__)
 
 
 class TumWriter:
-    """Writes ``rgb/``, ``depth/``, their lists, the camera file and the ground truth.
+    """Writes ``rgb/``, ``depth/``, their lists, the camera file, gravity and the ground truth.
 
     Images are encoded on threads and written on the caller's, in order; memory stays bounded. A
     frame is listed once both its images are in place, so the folder can be replayed whenever the
@@ -54,6 +55,7 @@ class TumWriter:
         self._last = BEFORE_ALL
         self._failure: UserFacingError | None = None
         self._lists = _create(folder, ground_truth)
+        self._accelerometer = AccelerometerList(folder)
         self._pending: deque[Future[EncodedFrame]] = deque()
         self._pool = ThreadPoolExecutor(ENCODERS, thread_name_prefix="tum-encode")
 
@@ -84,6 +86,7 @@ class TumWriter:
         finally:
             self._pending.clear()
             self._pool.shutdown()
+            self._accelerometer.close()
             while self._lists:
                 self._lists.pop().close()
 
@@ -122,6 +125,7 @@ class TumWriter:
         depth_line = f"{exact(stamps.depth)} {depth_file}"
         lines = (colour_line, depth_line, f"{colour_line} {depth_line}")
         try:
+            self._accelerometer.add(exact(stamps.colour), frame.gravity_m_s2)
             for growing, line in zip(self._lists, lines, strict=True):
                 growing.append(line)
         except OSError as error:

@@ -38,7 +38,8 @@ class NearestPairing(Generic[C, D]):
     image at or after it is there, or one so shortly before it that the next must be farther. With
     both streams at 30 a second it waits at most half a period (17 ms) for its partner, and never
     has the farther neighbour. A colour image has at most one partner.
-    Each stream's stamps must rise.
+    Each stream's stamps must rise. `unpaired` counts depth images without a partner, those from
+    before the first colour image left out: the streams do not start at the same instant.
     """
 
     def __init__(
@@ -48,11 +49,12 @@ class NearestPairing(Generic[C, D]):
         self._sure_s = shortest_period_s / 2
         self._colours: deque[tuple[float, C]] = deque()
         self._depths: deque[tuple[float, D]] = deque()
-        self._forgotten_s = self._used_s = -math.inf
+        self._first_s, self._forgotten_s, self._used_s = math.inf, -math.inf, -math.inf
         self.unpaired = 0
 
     def add_colour(self, stamp_s: float, image: C) -> list[Pair[C, D]]:
         """The pairs that this colour image decides, in order."""
+        self._first_s = min(self._first_s, stamp_s)
         self._colours.append((stamp_s, image))
         pairs = self._settle()
         if len(self._colours) > HELD:
@@ -64,8 +66,7 @@ class NearestPairing(Generic[C, D]):
         self._depths.append((stamp_s, image))
         pairs = self._settle()
         if len(self._depths) > HELD:
-            self._depths.popleft()
-            self.unpaired += 1
+            self._count_unpaired(self._depths.popleft()[0])
         return pairs
 
     def finish(self) -> list[Pair[C, D]]:
@@ -89,7 +90,10 @@ class NearestPairing(Generic[C, D]):
         colour_s = stamps_s[nearest]
         taken = colour_s <= max(self._forgotten_s, self._used_s)
         if taken or abs(colour_s - depth_s) > self._tolerance_s:
-            self.unpaired += 1
+            self._count_unpaired(depth_s)
             return []
         self._used_s = colour_s
         return [Pair(colour_s, self._colours[nearest - 1][1], depth_s, depth)]
+
+    def _count_unpaired(self, depth_s: float) -> None:
+        self.unpaired += depth_s >= self._first_s

@@ -48,7 +48,9 @@ def test_every_image_is_used_once_and_in_order_or_counted(
     pairs, pairing = run(colours_s, depths_s)
     for used in ([p.colour for p in pairs], [p.depth for p in pairs]):
         assert used == sorted(set(used))
-    assert len(pairs) + pairing.unpaired == len(depths_s)
+    paired_early = [p for p in pairs if p.depth_s < colours_s[0]]
+    later = [s for s in depths_s if colours_s and s >= colours_s[0]]
+    assert len(pairs) - len(paired_early) + pairing.unpaired == len(later)
 
 
 @given(st.floats(-0.0166, 0.0166), st.floats(-0.02, 0.02), st.sets(st.integers(0, 59), max_size=30))
@@ -84,6 +86,12 @@ def test_images_too_far_apart_are_no_pair() -> None:
 
 def test_a_stream_that_falls_silent_holds_up_only_a_few_images() -> None:
     pairing: NearestPairing[int, int] = NearestPairing()
+    pairing.add_colour(-1.0, 0)
     for k in range(100):
         pairing.add_depth(k * PERIOD_S, k)
     assert pairing.unpaired == 96
+
+
+def test_depth_from_before_the_first_colour_image_is_not_missed() -> None:
+    pairs, pairing = run([0.1, 0.1333], [0.0, 0.0333, 0.0667, 0.1, 0.1333])
+    assert (len(pairs), pairing.unpaired) == (2, 0)

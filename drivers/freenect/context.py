@@ -1,0 +1,148 @@
+"""libfreenect's context and device, called in the order that works and always given back."""
+
+import ctypes
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import CameraError
+from drivers.freenect.faults import cannot_start
+from drivers.freenect.library import (
+    CAMERA_ONLY,
+    FRAME_CALLBACK,
+    INTERRUPTED,
+    LOG_CALLBACK,
+    LOG_SPEW,
+    RAW_VALUES,
+    RESOLUTION_640X480,
+    VIDEO_RGB,
+    DepthFormat,
+    DeviceAttributes,
+    Flag,
+    TimeValue,
+)
+from drivers.freenect.log import Log
+
+FrameTaker = Callable[[int, int], None]  # address of the pixels, device stamp
+
+
+class Context:
+    """One attempt with a Kinect. libfreenect has no locks: one thread makes all the calls.
+
+    After any failure it is closed and a new one made: libfreenect keeps half-open devices.
+    """
+
+    def __init__(self, library: ctypes.CDLL, log: Log) -> None:
+        """Raises CameraError if USB cannot be used at all."""
+        self.library, self.log = library, log
+        self._pointer = ctypes.c_void_p()
+        if library.freenect_init(ctypes.byref(self._pointer), None) < 0:
+            raise CameraError("libfreenect finds no USB: is /dev/bus/usb there in this container?")
+        self._log_callback = LOG_CALLBACK(lambda _, level, text: log.line(level, text.decode()))
+        library.freenect_set_log_callback(self._pointer, self._log_callback)
+        library.freenect_set_log_level(self._pointer, LOG_SPEW)
+        library.freenect_select_subdevices(self._pointer, CAMERA_ONLY)
+        self._failure: Exception | None = None
+
+    def close(self) -> None:
+        """Give the context back, and whatever is still open in it."""
+        self.library.freenect_shutdown(self._pointer)
+
+    def count(self) -> int:
+        """Kinects on the bus, those that may not be opened included."""
+        return int(self.library.freenect_num_devices(self._pointer))
+
+    def serials(self) -> list[str]:
+        """Serial numbers of the Kinects that may be opened."""
+        first = ctypes.POINTER(DeviceAttributes)()
+        self.library.freenect_list_device_attributes(self._pointer, ctypes.byref(first))
+        serials, item = [], first
+        while item:
+            serials.append(item.contents.camera_serial.decode())
+            item = item.contents.next
+        self.library.freenect_free_device_attributes(first)
+        return serials
+
+    @contextmanager
+    def device(self, serial: str) -> Iterator["Device | None"]:
+        """The Kinect of that serial number; None if libfreenect cannot open it."""
+        pointer = ctypes.c_void_p()
+        opened = self.library.freenect_open_device_by_camera_serial(
+            self._pointer, ctypes.byref(pointer), serial.encode()
+        )
+        if opened < 0:
+            yield None
+            return
+        device = Device(self, pointer, serial)
+        try:
+            yield device
+        finally:
+            device.close()
+
+    def process_events(self, timeout: TimeValue) -> bool:
+        """Let libfreenect work; False once the device is gone. Raises what a callback raised."""
+        result = self.library.freenect_process_events_timeout(self._pointer, timeout)
+        if self._failure is not None:
+            raise self._failure
+        return bool(result >= 0 or result == INTERRUPTED)
+
+    def guarded(self, take: FrameTaker) -> Any:
+        """A callback; what it raises is kept, for an exception cannot pass through C."""
+
+        def callback(_device: int, pixels: int, stamp: int) -> None:
+            try:
+                take(pixels, stamp)
+            except Exception as error:
+                self._failure = error
+
+        return FRAME_CALLBACK(callback)
+
+
+class Device:
+    """An open Kinect."""
+
+    def __init__(self, context: Context, pointer: ctypes.c_void_p, serial: str) -> None:
+        self._library, self._pointer, self._context = context.library, pointer, context
+        self.serial, self.log = serial, context.log
+        self._callbacks: list[Any] = []
+
+    def start(self, depth: DepthFormat, on_colour: FrameTaker, on_depth: FrameTaker) -> None:
+        """Start both streams at 640x480. Raises CameraError."""
+        library, pointer = self._library, self._pointer
+        self._callbacks = [self._context.guarded(on_colour), self._context.guarded(on_depth)]
+        library.freenect_set_video_callback(pointer, self._callbacks[0])
+        library.freenect_set_depth_callback(pointer, self._callbacks[1])
+        video_mode = library.freenect_find_video_mode(RESOLUTION_640X480, VIDEO_RGB)
+        depth_mode = library.freenect_find_depth_mode(RESOLUTION_640X480, depth)
+        for step, call, *arguments in (
+            ("set the colour mode", library.freenect_set_video_mode, video_mode),
+            ("set the depth mode", library.freenect_set_depth_mode, depth_mode),
+            ("start depth", library.freenect_start_depth),
+            ("start colour", library.freenect_start_video),
+        ):
+            if call(pointer, *arguments) < 0:
+                raise cannot_start(step, self.log)
+
+    def set_flag(self, flag: Flag, is_on: bool) -> None:
+        """Switch something of the colour camera, once it streams. Raises CameraError."""
+        if self._library.freenect_set_flag(self._pointer, flag, is_on) < 0:
+            raise cannot_start(f"set {flag.name.lower().replace('_', ' ')}", self.log)
+
+    def raw_to_mm(self) -> NDArray[np.uint16]:
+        """(2048,) uint16: libfreenect's millimetres for each raw value of this very Kinect.
+
+        To be asked for while depth streams in millimetres.
+        """
+        registration = self._library.freenect_copy_registration(self._pointer)
+        table = np.ctypeslib.as_array(registration.raw_to_mm, (RAW_VALUES,)).copy()
+        self._library.freenect_destroy_registration(ctypes.byref(registration))
+        return table
+
+    def close(self) -> None:
+        """Stop both streams, then close: closing while both run crashes libfreenect later on."""
+        self._library.freenect_stop_depth(self._pointer)
+        self._library.freenect_stop_video(self._pointer)
+        self._library.freenect_close_device(self._pointer)

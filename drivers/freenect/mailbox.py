@@ -1,0 +1,95 @@
+"""Between the thread that gets images and the one that reads frames."""
+
+import threading
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from drivers.camera import NoFrameYet
+from drivers.nearest import Pair
+
+
+@dataclass(frozen=True, eq=False, slots=True, weakref_slot=True)
+class Image:
+    """One image in its slot.
+
+    seq        number of the image in its stream, those that got lost included
+    arrival_s  CLOCK_MONOTONIC when the host had all of it
+    pixels     (480, 640, 3) uint8 RGB or (480, 640) uint16
+    """
+
+    seq: int
+    arrival_s: float
+    pixels: NDArray[Any]
+
+
+ImagePair = Pair[Image, Image]
+
+
+class MailboxClosedError(Exception):
+    """Tells the thread that gets images that nobody reads any more."""
+
+
+class Mailbox(ABC):
+    """Room for one pair of images."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._pair: ImagePair | None = None
+        self._end: Exception | None = None
+        self.delivered = self.dropped = 0
+
+    @abstractmethod
+    def put(self, pair: ImagePair) -> None:
+        """Leave a pair for the reader. Raises MailboxClosedError after `close`."""
+
+    def take(self, timeout_s: float) -> ImagePair:
+        """Wait for a pair. Raises NoFrameYet, or what `finish` was given."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._pair or self._end, timeout_s)
+            pair, self._pair = self._pair, None
+            if pair is None:
+                raise self._end or NoFrameYet
+            self.delivered += 1
+            self._changed.notify_all()
+            return pair
+
+    def finish(self, end: Exception) -> None:
+        """Nothing will follow: `end` is raised behind the last pair. Only the first one counts."""
+        with self._changed:
+            self._end = self._end or end
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Nobody reads any more."""
+        with self._changed:
+            self._pair, self._end = None, MailboxClosedError()
+            self._changed.notify_all()
+
+    def _leave(self, pair: ImagePair) -> None:
+        if isinstance(self._end, MailboxClosedError):
+            raise self._end
+        self._pair = pair
+        self._changed.notify_all()
+
+
+class NewestMailbox(Mailbox):
+    """A newer pair replaces one that was not read in time."""
+
+    def put(self, pair: ImagePair) -> None:
+        """See `Mailbox`; never waits."""
+        with self._changed:
+            self.dropped += self._pair is not None
+            self._leave(pair)
+
+
+class LockstepMailbox(Mailbox):
+    """Every pair: the source waits for the reader."""
+
+    def put(self, pair: ImagePair) -> None:
+        """See `Mailbox`; waits while the pair before has not been read."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._pair is None or self._end)
+            self._leave(pair)

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.camera import CameraCounters, EndOfStream, Pace, RgbdCamera, RgbdFrame
 from drivers.errors import CameraLostError, CameraNotFoundError
+from drivers.gravity import STANDARD_GRAVITY_M_S2, Vector
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import FaultKind, FaultySource, Source
 from drivers.synthetic.film import Progress, film_source, load_or_render, silent
@@ -160,7 +161,14 @@ class SyntheticCamera(RgbdCamera):
             depth_factor=self._config.depth_factor,
             camera=self._config.camera,
             skew_s=self._config.timing.skew_s,
+            gravity_m_s2=self._gravity(seq),
         )
+
+    def _gravity(self, seq: int) -> Vector:
+        """What an accelerometer without fault would tell; the room's z is up."""
+        instant_s = np.array([seq / self._config.rate_hz])
+        x, y, z = (-STANDARD_GRAVITY_M_S2 * self._path.poses(instant_s)[0, 2, :3]).tolist()
+        return (x, y, z)
 
     def _count(self, delivered: int = 0, dropped: int = 0, skipped: int = 0) -> None:
         now = self._counters

@@ -235,3 +235,14 @@ def test_a_film_too_long_to_keep_is_refused_before_work_begins() -> None:
     camera = SyntheticCamera(SyntheticConfig(duration_s=600.0))
     with pytest.raises(InputError, match=r"18000 frames are 27\.6 GB"):
         camera.open()
+
+
+def test_every_frame_knows_which_way_is_down(studio: Studio, ideal: SyntheticConfig) -> None:
+    with studio.camera(ideal) as camera:
+        frames = frames_of(camera)
+        truth = camera.ground_truth
+    assert truth is not None
+    for frame, T_world_camera in zip(frames, truth.T_world_camera, strict=True):
+        assert frame.gravity_m_s2 is not None
+        found = T_world_camera[:3, :3] @ frame.gravity_m_s2
+        np.testing.assert_allclose(found, [0.0, 0.0, -9.80665], atol=1e-12)

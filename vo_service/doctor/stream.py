@@ -5,7 +5,7 @@ from statistics import median
 
 import numpy as np
 
-from drivers.kinect_usb.gravity import is_gravity
+from drivers.gravity import is_gravity
 from vo_service.doctor.context import Context
 from vo_service.doctor.finding import Finding, failed, passed, unknown, warned
 

@@ -4,22 +4,14 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from drivers.camera import (
-    CameraCounters,
-    CameraState,
-    EndOfStream,
-    NoFrameYet,
-    RgbdCamera,
-    RgbdFrame,
-)
+from drivers.camera import CameraCounters, EndOfStream, NoFrameYet, RgbdCamera, RgbdFrame
 from drivers.errors import InputError, UserFacingError
 
 TICK_S = 0.1
-# Opening may take 5 s and the first frame 2 s more, then the camera is given up and says why.
-LONGEST_START_S = 12.0
+# A driver's process on a slow disk may take long to begin; no pause afterwards may be that long.
+LONGEST_START_S, LONGEST_PAUSE_S = 30.0, 5.0
 # A camera that says why it sends nothing may still come round by itself within this.
 SECOND_CHANCE_S = 2.0
-_ON_ITS_WAY = (CameraState.OPENING, CameraState.STARTING, CameraState.STREAMING)
 
 
 @dataclass(frozen=True)
@@ -55,14 +47,11 @@ class _TroubleError(Exception):
     """The camera has stopped, or never began; the text says why."""
 
 
-def watch(
-    make: Callable[[], RgbdCamera], seconds: float, keep: Callable[[RgbdFrame], None]
-) -> Watched:
-    """Read for `seconds` after the first frame, or to the end of a recording.
+def watch(camera: RgbdCamera, seconds: float, keep: Callable[[RgbdFrame], None]) -> Watched:
+    """Open it, read for `seconds` after the first frame or to the end of a recording, close it.
 
     `keep` gets every frame. Raises InputError for what the user gave.
     """
-    camera = make()
     samples: list[Sample] = []
     size, trouble = None, ""
     begin_s = time.monotonic()
@@ -111,24 +100,25 @@ class _Silence:
 
     def __init__(self, camera: RgbdCamera) -> None:
         self._camera = camera
-        self._reason = ""
-        self.end()
+        self._begin(LONGEST_START_S)
 
     def end(self) -> None:
         """A frame came."""
-        self._began_s = time.monotonic()
-        self._reasoned_s = float("inf")
+        self._begin(LONGEST_PAUSE_S)
+
+    def _begin(self, longest_s: float) -> None:
+        self._longest_s = longest_s
+        self._end_s = time.monotonic() + longest_s
+        self._reason = ""
 
     def endure(self) -> None:
         """Nothing came. Raises _TroubleError if there is no hope."""
-        now_s = time.monotonic()
-        condition = self._camera.condition
-        if condition.state not in _ON_ITS_WAY and condition.reason:
-            self._reason = condition.reason
-            self._reasoned_s = min(self._reasoned_s, now_s)
-        if now_s > self._reasoned_s + SECOND_CHANCE_S or now_s > self._began_s + LONGEST_START_S:
-            said = self._reason or condition.reason
-            raise _TroubleError(said or f"no frame within {LONGEST_START_S:g} s")
+        reason = self._camera.condition.reason
+        if reason and not self._reason:
+            self._end_s = min(self._end_s, time.monotonic() + SECOND_CHANCE_S)
+        self._reason = reason or self._reason
+        if time.monotonic() > self._end_s:
+            raise _TroubleError(self._reason or f"no frame within {self._longest_s:g} s")
 
 
 def _sample(frame: RgbdFrame) -> Sample:

@@ -122,6 +122,14 @@ class CameraCounters:
     skipped: int = 0  # frames that could not be read (a broken file, a torn frame)
     lost_packets: int = 0
 
+    def __add__(self, other: Self) -> Self:
+        return type(self)(
+            delivered=self.delivered + other.delivered,
+            dropped=self.dropped + other.dropped,
+            skipped=self.skipped + other.skipped,
+            lost_packets=self.lost_packets + other.lost_packets,
+        )
+
 
 class EndOfStream(Exception):  # noqa: N818 (like StopIteration: not an error)
     """The source has delivered its last frame."""

@@ -1,0 +1,73 @@
+"""How long a driver may take for what, and how soon it is tried again."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Phase(StrEnum):
+    """What the driver is busy with, as it may hang while doing it."""
+
+    LAUNCHING = "starting up"
+    OPENING = "opening the camera"
+    STARTING = "waiting for the first frame"
+    STREAMING = "reading frames"
+    CLOSING = "closing the camera"
+    WAITING = "waiting to open the camera again"
+
+
+@dataclass(frozen=True)
+class TimeLimits:
+    """Seconds. A driver that says nothing for longer is taken for hung, and killed.
+
+    launching_s      until the new process says its first word: Python and OpenCV, from a slow disk
+    opening_s        for the camera's `open`
+    closing_s        for the camera's `close`
+    heartbeat_s      between two words of a driver that waits for frames or delivers them
+    first_frame_s    from `open` until a live camera counts as lost if it sends nothing; a little
+                     more than the 2 s that cameras allow themselves, since they know more to say
+    first_retry_s    before a camera or driver that failed is tried again; doubled each time, up to
+    longest_retry_s
+    orphan_s         until a driver whose service is gone ends even if it hangs in native code that
+                     holds Python's lock
+    """
+
+    launching_s: float = 20.0
+    opening_s: float = 5.0
+    closing_s: float = 2.0
+    heartbeat_s: float = 1.5
+    first_frame_s: float = 2.5
+    first_retry_s: float = 0.2
+    longest_retry_s: float = 1.5
+    orphan_s: float = 10.0
+
+    def silence_s(self, phase: Phase) -> float:
+        """How long the driver may say nothing in this phase."""
+        match phase:
+            case Phase.LAUNCHING:
+                return self.launching_s
+            case Phase.OPENING:
+                return self.opening_s
+            case Phase.CLOSING:
+                return self.closing_s
+            case Phase.WAITING:
+                return self.longest_retry_s + self.heartbeat_s
+            case Phase.STARTING | Phase.STREAMING:
+                return self.heartbeat_s
+
+
+class BackOff:
+    """Waits that grow while nothing works."""
+
+    def __init__(self, limits: TimeLimits) -> None:
+        self._limits = limits
+        self._next_s = limits.first_retry_s
+
+    def next_s(self) -> float:
+        """How long to wait this time."""
+        wait_s = self._next_s
+        self._next_s = min(2 * wait_s, self._limits.longest_retry_s)
+        return wait_s
+
+    def reset(self) -> None:
+        """It worked: the next wait is a short one."""
+        self._next_s = self._limits.first_retry_s

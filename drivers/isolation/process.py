@@ -1,0 +1,151 @@
+"""The driver's process, as seen from the service."""
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import wait
+from types import TracebackType
+from typing import IO, Any, Self
+
+from drivers.isolation.messages import Word
+
+_LONGEST_LINE = 200
+_REAPED_S = 5.0
+_log = logging.getLogger(__name__)
+
+
+class DriverProcess:
+    """Starts the process; leaving the context ends it and leaves nothing of it.
+
+    What native libraries print goes to the log at level debug; the last line may explain a crash.
+    """
+
+    def __init__(self, fds: Sequence[int], patience_s: float) -> None:
+        """`fds` go to the process; it may take `patience_s` to end by itself. Raises OSError."""
+        self._patience_s = patience_s
+        self._connection, theirs = Pipe()
+        with theirs:
+            try:
+                self._process = _start(theirs.fileno(), fds)
+            except OSError:
+                self._connection.close()
+                raise
+        assert self._process.stdout is not None
+        self._output = _Output(self._process.stdout)
+
+    def tell(self, message: object) -> None:
+        """Send a message; a process that has died hears nothing."""
+        with suppress(OSError):
+            self._connection.send(message)
+
+    def receive(self, timeout_s: float, *wakes: int) -> Word | None:
+        """Wait for the next word. None: none yet, after `timeout_s` or as a wake can be read.
+
+        Raises EOFError if the process has ended.
+        """
+        sources: list[Any] = [self._connection, *wakes, *self._output.sources]
+        ready = wait(sources, timeout_s)
+        self._output.read()
+        if self._connection not in ready:
+            return None
+        try:
+            word: Word = self._connection.recv()
+        except OSError as error:
+            raise EOFError from error
+        return word
+
+    def kill(self) -> None:
+        """End it now."""
+        self._process.kill()
+
+    @property
+    def ending(self) -> str:
+        """How it ended, in words, once the context has been left."""
+        code = self._process.poll() or 0
+        how = f"ended (exit code {code})"
+        if code < 0:
+            how = f"crashed (signal {-code}, {signal.strsignal(-code)})"
+        return f"{how}; last line: {self._output.last}" if self._output.last else how
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            self._reap()
+        finally:
+            self._output.read()
+            self._output.close()
+            self._connection.close()
+
+    def _reap(self) -> None:
+        """Hear it out, as a process that cannot speak cannot end; then kill it if it must be."""
+        due_s = time.monotonic() + self._patience_s
+        try:
+            with suppress(EOFError):
+                while (left_s := due_s - time.monotonic()) > 0.0:
+                    self.receive(left_s)
+            self._process.wait(max(0.0, due_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            with suppress(subprocess.TimeoutExpired):  # it is stuck in the kernel
+                self._process.wait(_REAPED_S)
+
+
+class _Output:
+    """Lines that the process prints."""
+
+    def __init__(self, pipe: IO[bytes]) -> None:
+        self._pipe = pipe
+        self._begun = b""
+        self.sources = [pipe]  # to wait for, while something may come
+        self.last = ""
+        os.set_blocking(pipe.fileno(), False)
+
+    def read(self) -> None:
+        """Log the lines that are there."""
+        with suppress(BlockingIOError):
+            while self.sources:
+                data = os.read(self._pipe.fileno(), 65536)
+                if not data:
+                    self.sources.clear()
+                *lines, self._begun = (self._begun + data).split(b"\n")
+                for line in lines:
+                    self._log(line)
+
+    def close(self) -> None:
+        """Log what has no end of line, and release the pipe."""
+        self._log(self._begun)
+        self._pipe.close()
+
+    def _log(self, line: bytes) -> None:
+        text = "".join(c for c in line.decode(errors="replace").strip() if c.isprintable())
+        if text:
+            self.last = text[:_LONGEST_LINE]
+            _log.debug("driver: %s", text)
+
+
+def _start(connection: int, fds: Sequence[int]) -> "subprocess.Popen[bytes]":
+    # The same modules as here, and none from the working folder. A session of its own: Ctrl-C in
+    # the terminal is for the service alone.
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "drivers.isolation.child", str(connection)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        bufsize=0,
+        pass_fds=(connection, *fds),
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        start_new_session=True,
+    )

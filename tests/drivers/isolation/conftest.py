@@ -1,0 +1,44 @@
+"""A puppet's script, and cameras that are closed whatever happens."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.camera import Pace, RgbdCamera
+from drivers.isolation.camera import IsolatedCamera
+from drivers.isolation.limits import TimeLimits
+from tests.drivers.isolation.trial_cameras import Puppet
+
+Isolate = Callable[..., IsolatedCamera]
+
+
+@pytest.fixture
+def script(tmp_path: Path) -> Path:
+    """What the puppet does; it works until something is written here."""
+    path = tmp_path / "script"
+    path.write_text("")
+    return path
+
+
+@pytest.fixture
+def isolate(script: Path) -> Iterator[Isolate]:
+    """Makes isolated cameras: ``isolate(OnceLost, pace=Pace.LOCKSTEP)``."""
+    with ExitStack() as stack:
+
+        def make(
+            kind: type[Puppet] = Puppet,
+            *,
+            pace: Pace = Pace.REALTIME,
+            limits: TimeLimits = TimeLimits(),  # noqa: B008 (frozen)
+            **settings: Any,
+        ) -> IsolatedCamera:
+            recipe: Callable[[], RgbdCamera] = partial(kind, script, **settings)
+            camera = IsolatedCamera(kind.name, kind.clock, recipe, pace, limits)
+            stack.callback(camera.close)
+            return camera
+
+        yield make

@@ -1,0 +1,274 @@
+"""Live cameras in a process of their own: whatever they do there, the service goes on."""
+
+import logging
+import os
+import random
+import signal
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import CameraState, Condition, NoFrameYet, Pace, RgbdFrame
+from drivers.errors import CameraLostError, InputError
+from drivers.isolation.camera import IsolatedCamera
+from drivers.isolation.limits import TimeLimits
+from tests.drivers.isolation.belongings import belongings, children, wait_for
+from tests.drivers.isolation.conftest import Isolate
+from tests.drivers.isolation.trial_cameras import LOST_PACKETS, OnceLost, Puppet, is_whole
+
+STREAMING = Condition(CameraState.STREAMING)
+SHORT = TimeLimits(opening_s=1.0, heartbeat_s=1.0, closing_s=1.0, first_frame_s=0.5)
+IMPATIENT = TimeLimits(closing_s=0.2)
+
+
+def frames(camera: IsolatedCamera, count: int) -> list[RgbdFrame]:
+    return [camera.read(30.0) for _ in range(count)]
+
+
+def wait_for_reason(camera: IsolatedCamera, words: str) -> Condition:
+    wait_for(lambda: words in camera.condition.reason, f"for {words!r}: {camera.condition}")
+    return camera.condition
+
+
+def wait_for_end_of(process: int) -> None:
+    wait_for(lambda: process not in children())
+
+
+def assert_works_again(camera: IsolatedCamera, script: Path) -> None:
+    """The cause goes away: frames come, whole ones, and the condition says so."""
+    script.write_text("")
+    wait_for(lambda: camera.condition == STREAMING, f"to stream: {camera.condition}")
+    assert all(is_whole(frame) for frame in frames(camera, 5))
+
+
+def test_open_returns_at_once_and_frames_come_when_they_can(isolate: Isolate, script: Path) -> None:
+    script.write_text("hang in open")
+    with isolate(limits=SHORT) as camera:
+        with pytest.raises(NoFrameYet):
+            camera.read(0.0)
+        assert camera.condition.state is CameraState.OPENING
+        assert_works_again(camera, script)
+
+
+def test_an_unplugged_camera_is_away_and_then_back(isolate: Isolate, script: Path) -> None:
+    with isolate() as camera:
+        before = frames(camera, 5)[-1]
+        script.write_text("absent in open")
+        time.sleep(0.01)
+        script.write_text("absent")
+        missing = Condition(CameraState.ABSENT, "no puppet found; plug one in")
+        wait_for(lambda: camera.condition == missing)
+        assert_works_again(camera, script)
+        after = camera.read(30.0)
+    assert after.seq > before.seq
+    assert after.stamp_s > before.stamp_s
+    assert after.lost_packets == before.lost_packets  # one process, all the time
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("unplugged in read", Condition(CameraState.LOST, "the puppet was unplugged")),
+        ("busy", Condition(CameraState.OPENING, "the puppet is held by another process; end that")),
+    ],
+)
+def test_the_condition_is_what_the_camera_said(
+    isolate: Isolate, script: Path, words: str, expected: Condition
+) -> None:
+    with isolate() as camera:
+        frames(camera, 1)
+        script.write_text(words)
+        wait_for(lambda: camera.condition == expected, str(camera.condition))
+        assert_works_again(camera, script)
+
+
+@pytest.mark.parametrize(
+    ("words", "doing"),
+    [
+        ("hang in open", "opening the camera"),
+        ("hang in read", "reading frames"),
+        ("hang with lock in read", "reading frames"),
+        ("hang in close", "closing the camera"),
+    ],
+)
+def test_a_hanging_driver_is_killed_and_started_again(
+    isolate: Isolate, script: Path, words: str, doing: str
+) -> None:
+    with isolate(OnceLost if "read" not in words else Puppet, limits=SHORT) as camera:
+        first = camera.read(30.0)
+        script.write_text(words)
+        found = wait_for_reason(camera, f"the driver hung while {doing}: no answer for 1 s")
+        assert found.state is (CameraState.OPENING if "open" in words else CameraState.LOST)
+        script.write_text("")
+        second = camera.read(30.0)
+    assert second.lost_packets != first.lost_packets  # another process
+    assert second.seq > first.seq
+    assert second.stamp_s > first.stamp_s
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (
+            "crash in read",
+            "the driver crashed (signal 11, Segmentation fault); "
+            "last line: libpuppet: cutting a string",
+        ),
+        ("exit in read", "the driver ended (exit code 1); last line: libpuppet: out of strings"),
+        (
+            "raise in read",
+            "the driver ended (exit code 1); last line: ValueError: strings in a tangle",
+        ),
+    ],
+)
+def test_a_driver_that_dies_is_started_again(
+    isolate: Isolate, script: Path, words: str, reason: str
+) -> None:
+    with isolate() as camera:
+        frames(camera, 1)
+        script.write_text(words)
+        assert wait_for_reason(camera, reason) == Condition(CameraState.LOST, reason)
+        assert_works_again(camera, script)
+
+
+def test_a_camera_that_opens_and_sends_nothing_counts_as_lost(
+    isolate: Isolate, script: Path
+) -> None:
+    script.write_text("silent in read")
+    with isolate(limits=SHORT) as camera:
+        assert wait_for_reason(camera, "sent no frame within 0.5 s").state is CameraState.LOST
+        assert_works_again(camera, script)
+
+
+@pytest.mark.parametrize("pace", [Pace.LOCKSTEP, Pace.REALTIME])
+def test_what_is_wrong_for_good_reaches_the_reader(
+    isolate: Isolate, script: Path, pace: Pace
+) -> None:
+    script.write_text("wrong")
+    with isolate(pace=pace) as camera:
+        for _ in range(2):
+            with pytest.raises(InputError, match="no such file"):
+                camera.read(30.0)
+        wait_for(lambda: children() == [])
+
+
+def test_a_driver_killed_at_any_moment_never_leaves_a_torn_frame(isolate: Isolate) -> None:
+    chance = random.Random(4)
+    stamps_s, seqs = [-1.0], [-1]
+    with isolate(pace=Pace.LOCKSTEP, period_s=0.0, size=(640, 480)) as camera:
+        for _ in range(4):
+            until_s = time.monotonic() + 0.1 + 0.02 * chance.random()
+            victim = 0
+            while time.monotonic() < until_s or not victim:
+                frame = camera.read(30.0)
+                victim = frame.lost_packets
+                assert is_whole(frame)
+                stamps_s.append(frame.stamp_s)
+                seqs.append(frame.seq)
+            os.kill(victim, signal.SIGKILL)
+            wait_for_end_of(victim)
+    assert all(a < b for a, b in pairwise(stamps_s))
+    assert all(a < b for a, b in pairwise(seqs))
+
+
+def test_counts_go_on_over_openings_and_processes(isolate: Isolate, script: Path) -> None:
+    with isolate() as camera:
+        frames(camera, 3)
+        script.write_text("unplugged in read")
+        wait_for_reason(camera, "unplugged")
+        assert_works_again(camera, script)
+        script.write_text("exit in read")
+        wait_for_reason(camera, "exit code 1")
+        assert_works_again(camera, script)
+        wait_for(lambda: camera.counters.lost_packets >= 3 * LOST_PACKETS)
+        assert camera.counters.delivered == 13
+    assert camera.counters.lost_packets % LOST_PACKETS == 0
+
+
+def test_in_realtime_frames_that_a_late_reader_missed_are_counted(isolate: Isolate) -> None:
+    with isolate() as camera:
+        first = camera.read(30.0)
+        time.sleep(0.1)
+        seqs = [frame.seq for frame in frames(camera, 20)]
+        gaps = seqs[-1] - first.seq - 20
+        assert camera.counters.dropped >= gaps > 0
+
+
+def test_200_times_unplugged_leaks_nothing(isolate: Isolate) -> None:
+    before = belongings()
+    with isolate(OnceLost, period_s=0.0) as camera:
+        plugged_in = frames(camera, 200)
+    assert belongings() == before
+    assert len({frame.lost_packets for frame in plugged_in}) == 1
+    assert plugged_in[-1].device_stamp_s == plugged_in[1].device_stamp_s  # files open over there
+
+
+@pytest.mark.parametrize("words", ["", "absent", "hang in open", "hang with lock in open"])
+def test_closing_leaves_nothing_whatever_the_driver_is_doing(
+    isolate: Isolate, script: Path, words: str
+) -> None:
+    before = belongings()
+    script.write_text(words)
+    for _ in range(2):
+        with isolate(limits=IMPATIENT) as camera:
+            time.sleep(0.4)
+            camera.close()
+        assert belongings() == before
+
+
+def test_a_camera_that_was_killed_many_times_leaks_nothing(isolate: Isolate) -> None:
+    before = belongings()
+    with isolate(limits=TimeLimits(first_retry_s=0.0)) as camera:
+        for _ in range(5):
+            victim = camera.read(30.0).lost_packets
+            os.kill(victim, signal.SIGKILL)
+            wait_for_end_of(victim)
+        camera.read(30.0)
+    assert belongings() == before
+
+
+def test_a_process_that_cannot_be_started_is_said_and_tried_again(
+    isolate: Isolate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = belongings()
+    with monkeypatch.context() as patch:
+        patch.setattr("sys.executable", "/nowhere/python")
+        camera = isolate()
+        camera.open()
+        wait_for_reason(camera, "the driver cannot be started: No such file or directory")
+    frames(camera, 1)
+    camera.close()
+    assert belongings() == before
+
+
+def test_a_camera_that_is_not_open_is_lost(isolate: Isolate) -> None:
+    camera = isolate()
+    camera.close()
+    with pytest.raises(CameraLostError, match="puppet: not open; open it again"):
+        camera.read(1.0)
+
+
+def test_numbers_and_stamps_rise_over_close_and_open(isolate: Isolate) -> None:
+    camera = isolate()
+    last = (-1, -1.0)
+    for _ in range(2):
+        with camera:
+            for frame in frames(camera, 10):
+                assert (frame.seq, frame.stamp_s) > last
+                assert frame.stamp_s > last[1]
+                last = (frame.seq, frame.stamp_s)
+
+
+def test_what_the_driver_logs_and_prints_reaches_the_log(
+    isolate: Isolate, script: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG)
+    script.write_text("say in open")
+    with isolate() as camera:
+        camera.read(30.0)
+        wait_for(lambda: "libpuppet: mind the strings" in caplog.text)
+    said = {(record.name, record.levelname, record.getMessage()) for record in caplog.records}
+    assert ("puppet", "WARNING", "2 strings left") in said
+    assert ("drivers.isolation.process", "DEBUG", "driver: libpuppet: mind the strings") in said

@@ -1,0 +1,95 @@
+"""Recordings in a process of their own: nothing is lost, and what goes wrong is an error."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.camera import CameraCounters, EndOfStream, Pace
+from drivers.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
+from drivers.isolation.limits import TimeLimits
+from tests.drivers.isolation.belongings import belongings
+from tests.drivers.isolation.conftest import Isolate
+from tests.drivers.isolation.trial_cameras import Film, is_whole, patterned
+
+
+def test_in_lockstep_every_frame_comes_in_order_and_bit_for_bit(isolate: Isolate) -> None:
+    with isolate(Film, pace=Pace.LOCKSTEP, count=100) as camera:
+        for seq in range(100):
+            if seq % 30 == 0:
+                time.sleep(0.05)  # the camera waits
+            frame, expected = camera.read(30.0), patterned(seq, 100.0 + seq / 30.0)
+            assert (frame.seq, frame.stamp_s) == (expected.seq, expected.stamp_s)
+            assert np.array_equal(frame.colour_bgr, expected.colour_bgr)
+            assert np.array_equal(frame.depth_raw, expected.depth_raw)
+        for _ in range(2):
+            with pytest.raises(EndOfStream):
+                camera.read(30.0)
+        assert camera.counters.delivered == 100
+        assert camera.counters.dropped == 0
+
+
+def test_a_frame_arrives_when_it_is_asked_for(isolate: Isolate) -> None:
+    with isolate(Film, pace=Pace.LOCKSTEP, count=5) as camera:
+        for _ in range(5):
+            asked_s = time.monotonic()
+            assert asked_s <= camera.read(30.0).arrival_s <= time.monotonic()
+            time.sleep(0.01)
+
+
+def test_an_open_recording_is_known(isolate: Isolate) -> None:
+    with isolate(Film, pace=Pace.LOCKSTEP, count=9) as camera:
+        assert (camera.frame_count, camera.readout_s) == (9, 0.02)
+        assert (camera.intrinsics_source, camera.ground_truth) == ("factory", None)
+
+
+def test_it_begins_to_run_when_the_first_frame_is_asked_for(isolate: Isolate) -> None:
+    with isolate(Film, pace=Pace.REALTIME, count=50) as camera:
+        time.sleep(0.1)
+        assert camera.read(30.0).seq == 0
+
+
+def test_opened_again_it_starts_from_the_beginning(isolate: Isolate) -> None:
+    camera = isolate(Film, pace=Pace.LOCKSTEP, count=9)
+    for _ in range(2):
+        with camera:
+            assert [camera.read(30.0).seq for _ in range(3)] == [0, 1, 2]
+        assert camera.counters == CameraCounters(delivered=3, lost_packets=3)
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "message"),
+    [
+        ("wrong in open", InputError, "puppet.toml: no such file"),
+        ("absent in open", CameraNotFoundError, "no puppet found; plug one in"),
+        ("crash in open", CameraLostError, r"the driver crashed \(signal 11, Seg"),
+        ("hang in open", CameraLostError, "the driver hung while opening the camera"),
+    ],
+)
+def test_open_says_what_is_wrong_and_leaves_nothing(
+    isolate: Isolate, script: Path, words: str, kind: type[CameraError], message: str
+) -> None:
+    before = belongings()
+    script.write_text(words)
+    camera = isolate(Film, pace=Pace.LOCKSTEP, limits=TimeLimits(opening_s=0.5), count=9)
+    with pytest.raises(kind, match=message):
+        camera.open()
+    assert belongings() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("crash in read", "crashed .* last line: libpuppet: cutting a string; open the recording"),
+        ("unplugged in read", "the puppet was unplugged"),
+    ],
+)
+def test_a_recording_that_breaks_off_is_not_begun_anew(
+    isolate: Isolate, script: Path, words: str, message: str
+) -> None:
+    with isolate(Film, pace=Pace.LOCKSTEP, count=1000) as camera:
+        camera.read(30.0)
+        script.write_text(words)
+        with pytest.raises(CameraLostError, match=message):
+            all(is_whole(camera.read(30.0)) for _ in range(1000))

@@ -1,0 +1,96 @@
+"""The driver's process ends with the service, however that ends; and it starts light."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.drivers.isolation.belongings import is_alive, wait_for
+
+SERVICE = """
+import sys
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from drivers.camera import Clock, NoFrameYet, Pace
+from drivers.isolation.camera import IsolatedCamera
+from drivers.isolation.limits import TimeLimits
+from tests.drivers.isolation.belongings import belongings, children
+from tests.drivers.isolation.trial_cameras import Puppet
+
+script, action = Path(sys.argv[1]), sys.argv[2]
+before = belongings()
+limits = TimeLimits(heartbeat_s=60.0, closing_s=0.3, orphan_s=0.6)
+camera = IsolatedCamera("puppet", Clock.MONOTONIC, partial(Puppet, script), Pace.REALTIME, limits)
+try:
+    camera.open()
+    camera.read(30.0)
+    print(children()[0], flush=True)
+    while action == "read":
+        camera.read(30.0)
+    script.write_text("hang in read")
+    with suppress(NoFrameYet):
+        while True:
+            camera.read(0.5)
+    print("closing", flush=True)
+    while True:
+        camera.close()
+except KeyboardInterrupt:
+    camera.close()
+    print(belongings() == before, flush=True)
+"""
+
+
+def service(script: Path, action: str) -> "subprocess.Popen[str]":
+    """A service at work on a camera; its first line is the number of the driver's process."""
+    command = [sys.executable, "-c", SERVICE, str(script), action]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+def first_line(process: "subprocess.Popen[str]") -> int:
+    assert process.stdout is not None
+    return int(process.stdout.readline())
+
+
+@pytest.mark.parametrize("words", ["", "absent in read", "hang in read", "hang with lock in read"])
+def test_the_driver_ends_when_the_service_is_killed(script: Path, words: str) -> None:
+    with service(script, "read") as process:
+        driver = first_line(process)
+        script.write_text(words)
+        process.kill()
+    wait_for(lambda: not is_alive(driver))
+
+
+@pytest.mark.parametrize("action", ["read", "close"])
+def test_ctrl_c_in_the_middle_of_it_leaves_nothing(script: Path, action: str) -> None:
+    with service(script, action) as process:
+        driver = first_line(process)
+        if action == "close":
+            assert process.stdout is not None
+            assert process.stdout.readline() == "closing\n"
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=30)
+    assert (out, process.returncode) == ("True\n", 0)
+    assert not is_alive(driver)
+
+
+def test_ctrl_c_and_sigterm_for_all_processes_are_for_the_service_alone(script: Path) -> None:
+    with service(script, "read") as process:
+        driver = first_line(process)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            subprocess.run(["kill", f"-{number.value}", str(driver)], check=True)
+        assert process.stdout is not None
+        process.send_signal(signal.SIGINT)
+        assert process.stdout.readline() == "True\n"
+    assert not is_alive(driver)
+
+
+def test_a_driver_starts_without_what_only_the_service_needs() -> None:
+    names = "import json, sys, drivers.isolation.child; print(json.dumps(list(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", names], capture_output=True, check=True)
+    loaded = {name.partition(".")[0] for name in json.loads(done.stdout)}
+    assert {"numpy", "cv2", "drivers"} <= loaded
+    assert not {"vo_service", "numba", "zenoh", "rerun", "matplotlib", "usb"} & loaded

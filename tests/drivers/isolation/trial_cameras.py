@@ -1,0 +1,200 @@
+"""Cameras for a process of their own: one does as a file says, the other plays a short film."""
+
+import ctypes
+import logging
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from drivers.camera import (
+    CameraCounters,
+    Clock,
+    EndOfStream,
+    NoFrameYet,
+    PinholeCamera,
+    RgbdCamera,
+    RgbdFrame,
+)
+from drivers.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
+from tests.drivers.isolation.belongings import open_files
+
+SMALL = (64, 48)
+LONG_S = 3600
+LOST_PACKETS = 3
+
+
+def patterned(seq: int, stamp_s: float, size: tuple[int, int] = SMALL) -> RgbdFrame:
+    """A frame whose every pixel says which frame it is of."""
+    width, height = size
+    return RgbdFrame(
+        seq=seq,
+        stamp_s=stamp_s,
+        arrival_s=time.monotonic(),
+        colour_bgr=np.full((height, width, 3), seq % 251, np.uint8),
+        depth_raw=np.full((height, width), seq, np.uint16),
+        depth_factor=1000.0,
+        camera=PinholeCamera(width, height, 525.0, 525.0, width / 2, height / 2),
+    )
+
+
+def is_whole(frame: RgbdFrame) -> bool:
+    """Whether all pixels are of one frame."""
+    seq = int(frame.depth_raw[0, 0])
+    return bool(np.all(frame.depth_raw == seq) and np.all(frame.colour_bgr == seq % 251))
+
+
+class Puppet(RgbdCamera):
+    """A live camera that does what a file says; without words in it, it works.
+
+    A frame's `device_stamp_s` is how many files its process has open, its `lost_packets` the
+    process's number.
+    """
+
+    name = "puppet"
+    clock = Clock.MONOTONIC
+
+    def __init__(self, script: Path, period_s: float = 0.002, size: tuple[int, int] = SMALL):
+        self._script, self._period_s, self._size = script, period_s, size
+        self._seq = 0
+        self._counters = CameraCounters()
+
+    def open(self) -> None:
+        """Open, or whatever."""
+        self._obey("open")
+        self._seq = 0
+        self._counters = CameraCounters(lost_packets=LOST_PACKETS)
+
+    def read(self, timeout_s: float) -> RgbdFrame:
+        """A frame, or whatever."""
+        time.sleep(self._period_s)
+        self._obey("read")
+        frame = patterned(self._seq, time.monotonic(), self._size)
+        self._seq += 1
+        return replace(frame, device_stamp_s=float(open_files()), lost_packets=os.getpid())
+
+    def close(self) -> None:
+        """Close, or whatever it is told to do in close."""
+        if self._script.read_text().endswith(" in close"):
+            self._obey("close")
+
+    @property
+    def counters(self) -> CameraCounters:
+        """Three packets lost at every opening."""
+        return self._counters
+
+    def wait_to_retry(self, timeout_s: float) -> None:
+        """Notice at once that it is back."""
+        time.sleep(min(timeout_s, 0.005))
+
+    def _obey(self, where: str) -> None:
+        word, _, place = self._script.read_text().partition(" in ")
+        if word and place in ("", where):
+            _ACTS[word]()
+
+
+class OnceLost(Puppet):
+    """Sends one frame each time that it is plugged in."""
+
+    def read(self, timeout_s: float) -> RgbdFrame:
+        """A frame, then none."""
+        if self._seq:
+            raise CameraLostError("puppet: unplugged")
+        return super().read(timeout_s)
+
+
+def _act_absent() -> None:
+    raise CameraNotFoundError("no puppet found; plug one in")
+
+
+def _act_busy() -> None:
+    raise CameraError("the puppet is held by another process; end that")
+
+
+def _act_unplugged() -> None:
+    raise CameraLostError("the puppet was unplugged")
+
+
+def _act_wrong() -> None:
+    raise InputError("puppet.toml: no such file")
+
+
+def _act_raise() -> None:
+    raise ValueError("strings in a tangle")
+
+
+def _act_silent() -> None:
+    raise NoFrameYet
+
+
+def _act_exit() -> None:
+    os.write(2, b"libpuppet: out of strings\n")
+    os._exit(1)
+
+
+def _act_crash() -> None:
+    os.write(1, b"libpuppet: cutting a string\n")
+    ctypes.string_at(0)
+
+
+def _act_say() -> None:
+    logging.getLogger("puppet").warning("%d strings left", 2)
+    os.write(2, b"libpuppet: mind the strings\n")
+
+
+def _act_hang() -> None:
+    ctypes.CDLL(None).sleep(LONG_S)
+
+
+def _act_hang_with_lock() -> None:
+    ctypes.PyDLL(None).sleep(LONG_S)
+
+
+_ACTS = {
+    "absent": _act_absent,
+    "busy": _act_busy,
+    "unplugged": _act_unplugged,
+    "wrong": _act_wrong,
+    "raise": _act_raise,
+    "silent": _act_silent,
+    "exit": _act_exit,
+    "crash": _act_crash,
+    "say": _act_say,
+    "hang": _act_hang,
+    "hang with lock": _act_hang_with_lock,
+}
+
+
+class Film(Puppet):
+    """A recording of so many frames, 30 a second, as fast as they are read."""
+
+    name = "film"
+    clock = Clock.RECORDED
+
+    def __init__(self, script: Path, count: int) -> None:
+        super().__init__(script, period_s=0.0)
+        self._count = count
+
+    def read(self, timeout_s: float) -> RgbdFrame:
+        """The next frame."""
+        if self._seq == self._count:
+            raise EndOfStream
+        seq = super().read(timeout_s).seq
+        return patterned(seq, 100.0 + seq / 30.0)
+
+    @property
+    def frame_count(self) -> int | None:
+        """As given."""
+        return self._count
+
+    @property
+    def readout_s(self) -> float:
+        """Some."""
+        return 0.02
+
+    @property
+    def intrinsics_source(self) -> str:
+        """Some."""
+        return "factory"

@@ -29,8 +29,8 @@ def load_pair(pair: FramePair, size: tuple[int, int]) -> tuple[ColourImage, Dept
 
     `size` is (width, height) of the camera. Raises UnreadableFrameError.
     """
-    colour = _load_colour(pair.colour.file)
-    depth = _load_depth(pair.depth.file)
+    colour = load_colour(pair.colour.file)
+    depth = load_depth(pair.depth.file)
     if colour.shape[:2] != depth.shape:
         raise UnreadableFrameError(
             f"{pair.colour.file}: colour is {_size(colour)} but depth ({pair.depth.file}) is "
@@ -44,7 +44,8 @@ def load_pair(pair: FramePair, size: tuple[int, int]) -> tuple[ColourImage, Dept
     return colour, depth
 
 
-def _load_colour(file: Path) -> ColourImage:
+def load_colour(file: Path) -> ColourImage:
+    """(height, width, 3) BGR uint8 of a PNG or JPEG. Raises UnreadableFrameError."""
     image = _load(file)
     if image.dtype != np.uint8:
         raise UnreadableFrameError(
@@ -58,7 +59,8 @@ def _load_colour(file: Path) -> ColourImage:
     return image
 
 
-def _load_depth(file: Path) -> DepthImage:
+def load_depth(file: Path) -> DepthImage:
+    """(height, width) uint16 of a PNG. Raises UnreadableFrameError."""
     image = _load(file)
     if image.ndim != 2 or image.dtype != np.uint16:
         raise UnreadableFrameError(

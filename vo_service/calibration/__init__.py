@@ -1,0 +1,1 @@
+"""Calibration of a colour and a depth camera from views of a printed board."""

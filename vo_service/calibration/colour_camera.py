@@ -1,0 +1,119 @@
+"""The colour camera from views of a board: Zhang's method, as OpenCV has it.
+
+Zhang, A flexible new technique for camera calibration, IEEE PAMI 22(11), 2000.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from drivers.errors import UserFacingError
+from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from vo_service.calibration.snapshot import Lens, View
+
+FEWEST_VIEWS = 6
+# A view is wrong (a board that moved, bent or was misread) if its error is this many times the
+# usual one, and large enough to matter.
+WRONG_TIMES = 3.0
+WRONG_PX = 0.3
+# A coefficient is only used if it is this many standard deviations from zero.
+SIGNIFICANT = 3.0
+WITHOUT_K3 = cv2.CALIB_FIX_K3
+K3 = 8  # its place among fx fy cx cy k1 k2 p1 p2 k3
+STEPS = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-9)
+
+
+@dataclass(frozen=True)
+class ColourCalibration:
+    """The lens, and how well the views agree with it.
+
+    sigma           (9,) standard deviations of fx fy cx cy (pixels) k1 k2 p1 p2 k3
+    rms_px          root mean square distance of corners from where the lens puts them
+    views           those that were used, each with
+    T_camera_board    (V, 4, 4) where the board was
+    residuals_px      its corners found minus expected, (N, 2)
+    rejected        names of views that were left out
+    """
+
+    size: tuple[int, int]
+    lens: Lens
+    sigma: Array
+    rms_px: float
+    views: list[View]
+    T_camera_board: Array
+    residuals_px: list[Array]
+    rejected: list[str]
+
+    @property
+    def view_rms_px(self) -> Array:
+        """(V,) root mean square distance of each view's corners."""
+        return _view_rms_px(self.residuals_px)
+
+
+def calibrate_colour(views: Sequence[View]) -> ColourCalibration:
+    """Fit the lens, without the views that do not agree with the others.
+
+    Raises UserFacingError if too few views are left.
+    """
+    kept, rejected = list(views), list[str]()
+    while True:
+        if len(kept) < FEWEST_VIEWS:
+            left_out = f", {len(rejected)} were left out as wrong" if rejected else ""
+            raise UserFacingError(
+                f"only {len(kept)} different views of the board{left_out}; at least {FEWEST_VIEWS} "
+                "are needed and 25 are good: show it at other places and angles, and hold it still"
+            )
+        found = _fit(kept, rejected)
+        errors_px = found.view_rms_px
+        limit_px = max(WRONG_TIMES * float(np.median(errors_px)), WRONG_PX)
+        worst = int(np.argmax(errors_px))
+        if errors_px[worst] <= limit_px:
+            return found
+        # One at a time: a very wrong view spoils the errors of the others.
+        rejected.append(kept.pop(worst).name)
+
+
+def without(colour: ColourCalibration, numbers: Sequence[int]) -> ColourCalibration:
+    """Fitted again without some of its views, with the same coefficients."""
+    views = [view for number, view in enumerate(colour.views) if number not in numbers]
+    flags = 0 if colour.lens.distortion[-1] else WITHOUT_K3
+    return _fit_with(views, colour.rejected, flags)
+
+
+def _fit(views: list[View], rejected: list[str]) -> ColourCalibration:
+    """With as many coefficients as the views can tell."""
+    full = _fit_with(views, rejected, 0)
+    k3 = full.lens.distortion[-1]
+    is_known = abs(k3) > SIGNIFICANT * full.sigma[K3]
+    return full if is_known else _fit_with(views, rejected, WITHOUT_K3)
+
+
+def _fit_with(views: list[View], rejected: list[str], flags: int) -> ColourCalibration:
+    points = [view.corners.points_m.astype(np.float32) for view in views]
+    pixels = [view.corners.pixels.astype(np.float32) for view in views]
+    size = views[0].size
+    rms_px, K, distortion, turns, shifts, sigma, *_ = cv2.calibrateCameraExtended(
+        points, pixels, size, np.eye(3), np.zeros(5), flags=flags, criteria=STEPS
+    )
+    k1, k2, p1, p2, k3 = (float(value) for value in np.ravel(distortion))
+    lens = Lens(
+        float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]), (k1, k2, p1, p2, k3)
+    )
+    poses = np.array(
+        [
+            rigid_transform(rotation_from_vector(np.ravel(turn)), np.ravel(shift))
+            for turn, shift in zip(turns, shifts, strict=True)
+        ]
+    )
+    residuals_px = [
+        view.corners.pixels - lens.pixels(pose, view.corners.points_m)
+        for view, pose in zip(views, poses, strict=True)
+    ]
+    sigmas = np.asarray(sigma, np.float64).ravel()[: K3 + 1]
+    return ColourCalibration(size, lens, sigmas, rms_px, views, poses, residuals_px, list(rejected))
+
+
+def _view_rms_px(residuals_px: Sequence[Array]) -> Array:
+    return np.array([np.sqrt((each**2).sum(axis=1).mean()) for each in residuals_px])

@@ -1,0 +1,195 @@
+"""The depth camera from the planes of a board that the colour camera has seen.
+
+Every depth pixel on the board must lie in the board's plane, once it is turned into a point by the
+depth camera's intrinsics and carried into the colour camera. That ties down intrinsics, relative
+pose and scale together, if the board is seen at many tilts, places and distances.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera_file import DepthTable, RigidPose
+from drivers.errors import UserFacingError
+from drivers.geometry import Array, quaternion_from_rotation
+from vo_service.calibration.board import Layout
+from vo_service.calibration.colour_camera import SIGNIFICANT, ColourCalibration, without
+from vo_service.calibration.depth_model import DISTORTION, NAMES, DepthModel
+from vo_service.calibration.depth_pixels import BoardPixels, board_pixels
+from vo_service.calibration.least_squares import jackknife_sigma, minimise
+from vo_service.odometry.depth_noise import depth_sigma_m
+
+# How far from the board's plane a reading may be and still count, in standard deviations: generous
+# while the usual values are all that is known, strict in the end.
+GATES = (60.0, 10.0, 4.0, 4.0)
+FEWEST_VIEWS = 8
+# The least part of the readings that has to agree with the boards.
+FEWEST_USED = 0.6
+# Parts of the views that are left out in turn, to see how much each matters.
+GROUPS = 10
+ALL = np.arange(len(NAMES))
+WITHOUT_DISTORTION = np.delete(ALL, DISTORTION)
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class DepthCalibration:
+    """The depth camera, and how well the boards agree with it.
+
+    sigma        (13,) standard deviations, in the order of `depth_model.NAMES`
+    pixels       readings on the boards, one row each, with
+    residuals_m    (N,) their distances from the board's plane, and
+    is_used        (N,) bool: near enough to it to count
+    """
+
+    model: DepthModel
+    sigma: Array
+    pixels: BoardPixels
+    residuals_m: Array
+    is_used: NDArray[np.bool_]
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square distance of the used readings from the board's plane."""
+        return float(np.sqrt((self.residuals_m[self.is_used] ** 2).mean()))
+
+    @property
+    def view_count(self) -> int:
+        """Views with a reading that was used."""
+        return len(np.unique(self.pixels.view[self.is_used]))
+
+    @property
+    def table(self) -> DepthTable:
+        """The `[depth]` table of a camera file."""
+        model, lens = self.model, self.model.lens
+        x, y, z = (float(value) for value in model.T_color_depth[:3, 3])
+        qx, qy, qz, qw = (float(q) for q in quaternion_from_rotation(model.T_color_depth[:3, :3]))
+        height, width = self.pixels.shape
+        return DepthTable(
+            fx=lens.fx,
+            fy=lens.fy,
+            cx=lens.cx,
+            cy=lens.cy,
+            T_color_depth=RigidPose((x, y, z), (qx, qy, qz, qw)),
+            distortion=lens.distortion,
+            width=width,
+            height=height,
+            scale=model.scale,
+        )
+
+
+def calibrate_depth(
+    colour: ColourCalibration, layout: Layout, depth_factor: float, progress: Progress
+) -> DepthCalibration:
+    """Fit the depth camera to the boards of `colour`, whose views hold its images.
+
+    `progress` gets (done, total). Raises UserFacingError if the readings are not on the boards, or
+    on too few of them.
+    """
+    fit = _Fit(layout, depth_factor)
+    plain = fit.refined(colour, fit.start(colour), WITHOUT_DISTORTION, GATES)
+    bent = fit.refined(colour, plain, ALL, GATES[-1:])
+    steps = 2 * min(GROUPS, len(colour.views))
+    sigma = _sigma(fit, colour, bent, ALL, lambda done: progress(done, steps))
+    if np.any(np.abs(bent.vector[DISTORTION]) > SIGNIFICANT * sigma[DISTORTION]):
+        progress(steps, steps)
+        return _result(fit, colour, bent, sigma)
+    sigma = _sigma(
+        fit, colour, plain, WITHOUT_DISTORTION, lambda n: progress(n + steps // 2, steps)
+    )
+    return _result(fit, colour, plain, sigma)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """What all fits of one calibration share."""
+
+    layout: Layout
+    depth_factor: float
+
+    def start(self, colour: ColourCalibration) -> DepthModel:
+        """The usual camera, with the scale that brings its readings into the boards' planes."""
+        height, width = colour.views[0].depth_raw.shape
+        usual = DepthModel.usual((width, height), 1.0)
+        pixels = self.pixels(colour, usual)
+        points_m = usual.points_m(pixels.pixels, pixels.readings_m)
+        along_ray = pixels.offsets_m / (points_m * pixels.normals).sum(axis=1)
+        return DepthModel.usual((width, height), float(np.median(along_ray)))
+
+    def refined(
+        self,
+        colour: ColourCalibration,
+        model: DepthModel,
+        free: NDArray[np.int64],
+        gates: Sequence[float],
+    ) -> DepthModel:
+        """Fit the parameters numbered `free`; the boards' outlines follow what is found."""
+        for gate in gates:
+            pixels = self.pixels(colour, model)
+            weights = _is_used(pixels, model, gate) / depth_sigma_m(pixels.readings_m)
+            residuals = _residuals(pixels, model, free)
+            model = model.changed(free, minimise(residuals, model.vector[free], weights))
+        return model
+
+    def pixels(self, colour: ColourCalibration, model: DepthModel) -> BoardPixels:
+        """The readings on the boards, where `model` has them."""
+        views, poses = colour.views, colour.T_camera_board
+        found = board_pixels(views, poses, self.layout, model, self.depth_factor)
+        count = len(np.unique(found.view))
+        if count < FEWEST_VIEWS:
+            raise UserFacingError(
+                f"only {count} of {len(views)} views have depth readings on the board, at least "
+                f"{FEWEST_VIEWS} are needed; hold it 0.6 to 1.5 m away, out of the sun"
+            )
+        return found
+
+
+def _sigma(
+    fit: _Fit,
+    colour: ColourCalibration,
+    model: DepthModel,
+    free: NDArray[np.int64],
+    progress: Callable[[int], None],
+) -> Array:
+    """(13,) from calibrations of both cameras that each leave out a tenth of the views.
+
+    The normal matrix would promise ten times too much: the pixels of one view agree with each
+    other far better than with the truth, and all views share the colour camera's error.
+    """
+    fits = []
+    count = min(GROUPS, len(colour.views))
+    for group in range(count):
+        progress(group)
+        left = without(colour, range(group, len(colour.views), count))
+        fits.append(fit.refined(left, model, free, GATES[-1:]).vector)
+    return jackknife_sigma(fits)
+
+
+def _result(
+    fit: _Fit, colour: ColourCalibration, model: DepthModel, sigma: Array
+) -> DepthCalibration:
+    pixels = fit.pixels(colour, model)
+    is_used = _is_used(pixels, model, GATES[-1])
+    return DepthCalibration(model, sigma, pixels, pixels.residuals_m(model), is_used)
+
+
+def _is_used(pixels: BoardPixels, model: DepthModel, gate: float) -> NDArray[np.bool_]:
+    """(N,) near enough to the board. Raises UserFacingError if too few are."""
+    distances_m = np.abs(pixels.residuals_m(model))
+    is_used: NDArray[np.bool_] = distances_m < gate * depth_sigma_m(pixels.readings_m)
+    part = float(is_used.mean())
+    if part < FEWEST_USED:
+        raise UserFacingError(
+            f"only {part:.0%} of the depth readings agree with the boards that the colour camera "
+            "saw; the board must be flat and still, and depth must not be registered to colour"
+        )
+    return is_used
+
+
+def _residuals(
+    pixels: BoardPixels, model: DepthModel, free: NDArray[np.int64]
+) -> Callable[[Array], Array]:
+    return lambda x: pixels.residuals_m(model.changed(free, x))

@@ -1,0 +1,81 @@
+"""A depth camera as thirteen numbers."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from vo_service.calibration.snapshot import Lens
+
+NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "rx", "ry", "rz", "tx", "ty", "tz", "scale")
+LENS = slice(0, 4)
+DISTORTION = slice(4, 6)
+TURN = slice(6, 9)
+SHIFT = slice(9, 12)
+SCALE = 12
+# Kinect and Xtion: infrared focal length over the image's width, and the colour camera 25 mm to
+# the right of the infrared one.
+USUAL_FOCAL = 575.8 / 640.0
+USUAL_SHIFT_M = (-0.025, 0.0, 0.0)
+# Brown's model has no inverse in closed form; for a mild lens this is far below a pixel.
+INVERSION_STEPS = 8
+
+
+@dataclass(frozen=True)
+class DepthModel:
+    """vector (13,): `NAMES`, the turn as axis times angle (rad), the shift in metres."""
+
+    vector: Array
+
+    @classmethod
+    def usual(cls, size: tuple[int, int], scale: float) -> Self:
+        """What a Kinect's depth camera is like, for an image of (width, height)."""
+        width, height = size
+        focal_px = USUAL_FOCAL * width
+        middle = ((width - 1) / 2, (height - 1) / 2)
+        no_distortion_no_turn = [0.0] * 5
+        return cls(
+            np.array([focal_px, focal_px, *middle, *no_distortion_no_turn, *USUAL_SHIFT_M, scale])
+        )
+
+    def changed(self, free: NDArray[np.int64], values: Array) -> "DepthModel":
+        """The same but for the parameters numbered `free`."""
+        vector = self.vector.copy()
+        vector[free] = values
+        return DepthModel(vector)
+
+    @property
+    def T_color_depth(self) -> Array:
+        """4x4; maps depth camera coordinates to the colour camera."""
+        return rigid_transform(rotation_from_vector(self.vector[TURN]), self.vector[SHIFT])
+
+    @property
+    def scale(self) -> float:
+        """True distance per distance read."""
+        return float(self.vector[SCALE])
+
+    @property
+    def lens(self) -> Lens:
+        """Intrinsics and distortion."""
+        fx, fy, cx, cy, k1, k2 = (float(value) for value in self.vector[:6])
+        return Lens(fx, fy, cx, cy, (k1, k2, 0.0, 0.0, 0.0))
+
+    def points_m(self, pixels: Array, readings_m: Array) -> Array:
+        """(N, 3) in the colour camera, of readings (N,) at pixels (N, 2)."""
+        rays = self._rays(pixels)
+        points = rays * (self.scale * readings_m)[:, None]
+        T = self.T_color_depth
+        moved: Array = points @ T[:3, :3].T + T[:3, 3]
+        return moved
+
+    def _rays(self, pixels: Array) -> Array:
+        """(N, 3) with z = 1: the distortion taken out, by fixed-point iteration."""
+        k1, k2 = self.vector[DISTORTION]
+        seen = (pixels - self.vector[2:4]) / self.vector[0:2]
+        straight = seen
+        for _ in range(INVERSION_STEPS):
+            r2 = (straight**2).sum(axis=1, keepdims=True)
+            straight = seen / (1.0 + r2 * (k1 + r2 * k2))
+        return np.column_stack([straight, np.ones(len(seen))])

@@ -1,0 +1,90 @@
+"""The depth readings that lie on the board, and the plane that each must lie in."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array, inverse
+from vo_service.calibration.board import Layout
+from vo_service.calibration.depth_model import DepthModel
+from vo_service.calibration.snapshot import View
+
+MOST_A_VIEW = 300
+FEWEST_A_VIEW = 60
+
+
+@dataclass(frozen=True)
+class BoardPixels:
+    """Readings on boards, one row each; planes are n . x = offset in the colour camera.
+
+    shape       (height, width) of the depth images
+    view        (N,) number of the view
+    pixels      (N, 2) column and row
+    readings_m  (N,) as the sensor has them
+    normals     (N, 3)
+    offsets_m   (N,)
+    """
+
+    shape: tuple[int, int]
+    view: NDArray[np.int64]
+    pixels: Array
+    readings_m: Array
+    normals: Array
+    offsets_m: Array
+
+    def residuals_m(self, model: DepthModel) -> Array:
+        """(N,) signed distances of the readings from their boards' planes."""
+        points_m = model.points_m(self.pixels, self.readings_m)
+        residuals: Array = (points_m * self.normals).sum(axis=1) - self.offsets_m
+        return residuals
+
+
+def board_pixels(
+    views: Sequence[View],
+    T_camera_board: Array,
+    layout: Layout,
+    model: DepthModel,
+    depth_factor: float,
+) -> BoardPixels:
+    """Collect them, with the board outlined in each depth image as `model` has it.
+
+    T_camera_board (V, 4, 4) is where the colour camera saw the boards. Views with too few readings
+    give none.
+    """
+    rows: list[Array] = []
+    for number, (view, T) in enumerate(zip(views, T_camera_board, strict=True)):
+        column_row = _sampled(view.depth_raw, model, T, layout)
+        if len(column_row) < FEWEST_A_VIEW:
+            continue
+        readings_m = view.depth_raw[column_row[:, 1], column_row[:, 0]] / depth_factor
+        normal = T[:3, 2]
+        plane = np.tile([*normal, normal @ T[:3, 3]], (len(column_row), 1))
+        which = np.full(len(column_row), number)
+        rows.append(np.column_stack([which, column_row, readings_m, plane]))
+    table = np.concatenate(rows) if rows else np.empty((0, 8))
+    return BoardPixels(
+        views[0].depth_raw.shape,
+        table[:, 0].astype(np.int64),
+        table[:, 1:3],
+        table[:, 3],
+        table[:, 4:7],
+        table[:, 7],
+    )
+
+
+def _sampled(
+    depth_raw: NDArray[np.uint16], model: DepthModel, T_camera_board: Array, layout: Layout
+) -> NDArray[np.int64]:
+    """(N, 2) columns and rows of readings on the board, thinned to an even grid."""
+    T_depth_board = inverse(model.T_color_depth) @ T_camera_board
+    corners_px = model.lens.pixels(T_depth_board, layout.inside_m)
+    on_board = np.zeros(depth_raw.shape, np.uint8)
+    cv2.fillConvexPoly(on_board, np.rint(corners_px).astype(np.int32), 1)
+    rows, columns = np.nonzero((on_board > 0) & (depth_raw > 0))
+    step = math.ceil(math.sqrt(max(len(rows), 1) / MOST_A_VIEW))
+    is_kept = (rows % step == 0) & (columns % step == 0)
+    return np.column_stack([columns[is_kept], rows[is_kept]])

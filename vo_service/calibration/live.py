@@ -1,0 +1,69 @@
+"""Snapshots from a camera that is open now, and the file that makes it show raw images."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from drivers.camera import EndOfStream, NoFrameYet, RgbdCamera, RgbdFrame
+from drivers.camera_file import (
+    FILE_NAME,
+    NO_DISTORTION,
+    CameraFile,
+    DepthTable,
+    RigidPose,
+    camera_file_text,
+)
+from drivers.errors import CameraError
+from vo_service.calibration.snapshot import NO_DEPTH, Snapshot
+
+TICK_S = 0.25
+# A camera that has not shown anything for so long is not going to.
+PATIENCE_S = 15.0
+# A lens that bends nothing, and a depth camera in the same place with the same lens: undistorting
+# and registering then leave every pixel where it is.
+SAME_PLACE = RigidPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+RAW_DEPTH = DepthTable(525.0, 525.0, 319.5, 239.5, SAME_PLACE)
+RAW_COLOUR = CameraFile(640, 480, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, 1000.0)
+RAW = CameraFile(640, 480, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, 1000.0, 0.0, RAW_DEPTH)
+
+
+@contextmanager
+def raw_camera_file(with_depth: bool) -> Iterator[Path]:
+    """A camera file under which a driver hands on what the sensor sees; gone after the block.
+
+    Its `[depth]` table keeps a sensor from registering depth itself.
+    """
+    with TemporaryDirectory(prefix="kinect-vo-") as folder:
+        file = Path(folder) / FILE_NAME
+        file.write_text(camera_file_text(RAW if with_depth else RAW_COLOUR))
+        yield file
+
+
+def frames(camera: RgbdCamera, stop: threading.Event) -> Iterator[RgbdFrame | None]:
+    """The camera's frames until its end or `stop`; None while it has nothing to show.
+
+    Raises CameraError if there is none for `PATIENCE_S`.
+    """
+    last_s = time.monotonic()
+    while not stop.is_set():
+        try:
+            frame = camera.read(TICK_S)
+        except NoFrameYet as error:
+            if time.monotonic() - last_s > PATIENCE_S:
+                reason = camera.condition.reason or "it is there but sends no frames"
+                raise CameraError(f"{camera.name}: {reason}") from error
+            yield None
+        except EndOfStream:
+            return
+        else:
+            last_s = time.monotonic()
+            yield frame
+
+
+def snapshot(frame: RgbdFrame, with_depth: bool) -> Snapshot:
+    """A frame as the calibration sees it."""
+    depth = frame.depth_raw if with_depth else NO_DEPTH
+    return Snapshot(f"frame {frame.seq}", frame.stamp_s, frame.colour_bgr, depth)

@@ -1,0 +1,127 @@
+"""Which snapshots become views: the board is still in them and not where it has been before."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera_file import NO_DISTORTION
+from drivers.geometry import Array
+from vo_service.calibration.board import NO_CORNERS, Board, Corners
+from vo_service.calibration.snapshot import Lens, Snapshot, View, board_pose, view_of
+
+# Half a pixel from frame to frame blurs nothing; corners are found to a tenth.
+STILL_PX_PER_S = 15.0
+# Two images further apart than this are photographs, not a film: each may be still.
+FILM_GAP_S = 0.5
+# A new view is this far from all others: in parts of the image's diagonal for the place and the
+# size, in radians of tilt.
+NEW_VIEW = 0.12
+# The usual focal length over the image's width, for a rough pose.
+USUAL_FOCAL = 525.0 / 640.0
+
+
+class Verdict(StrEnum):
+    """What became of a snapshot, as something to do for whoever holds the board."""
+
+    NO_BOARD = "show the board"
+    MOVING = "hold it still"
+    KNOWN = "move or tilt it"
+    TAKEN = "taken"
+
+
+@dataclass(frozen=True)
+class Stance:
+    """How the board stood, roughly: the lens is not known yet.
+
+    centre    (2,) of its corners, in parts of the image's width and height
+    distance  of its centre along the axis, metres
+    normal    (3,) in camera axes, towards the camera
+    """
+
+    centre: Array
+    distance_m: float
+    normal: Array
+
+    def vector(self) -> Array:
+        """(5,) for distances between stances."""
+        return np.array([*self.centre, math.log(self.distance_m), *self.normal[:2]])
+
+
+def stance(view: View) -> Stance:
+    """From the corners and a usual lens."""
+    width, height = view.size
+    focal_px = USUAL_FOCAL * width
+    lens = Lens(focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, NO_DISTORTION)
+    T_camera_board = board_pose(lens, view.corners)
+    middle_m = view.corners.points_m.mean(axis=0)
+    centre_m = T_camera_board[:3, :3] @ middle_m + T_camera_board[:3, 3]
+    normal = T_camera_board[:3, 2] * -np.sign(T_camera_board[:3, 2] @ centre_m)
+    centre = view.corners.pixels.mean(axis=0) / (width, height)
+    return Stance(centre, max(float(centre_m[2]), 1e-3), normal)
+
+
+class ViewPicker:
+    """Takes snapshots one after another and keeps the views that tell something new."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._before_s = -math.inf
+        self._corners_before = NO_CORNERS
+        self.views: list[View] = []
+        self.stances: list[Stance] = []
+        self.offered = self.showing = 0
+
+    def offer(self, snapshot: Snapshot) -> Verdict:
+        """Look for the board; keep the view if it is still and new."""
+        self.offered += 1
+        corners = self._board.find(snapshot.grey)
+        is_still = self._is_still(snapshot.stamp_s, corners)
+        self._before_s, self._corners_before = snapshot.stamp_s, corners
+        if not len(corners.pixels):
+            return Verdict.NO_BOARD
+        self.showing += 1
+        if not is_still:
+            return Verdict.MOVING
+        view = view_of(snapshot, corners)
+        found = stance(view)
+        if not self._is_new(found):
+            return Verdict.KNOWN
+        self.views.append(view)
+        self.stances.append(found)
+        return Verdict.TAKEN
+
+    def _is_still(self, stamp_s: float, corners: Corners) -> bool:
+        gap_s = stamp_s - self._before_s
+        if gap_s > FILM_GAP_S:
+            return True
+        if not len(self._corners_before.pixels):
+            return False
+        return _shift_px(corners, self._corners_before) <= STILL_PX_PER_S * gap_s
+
+    def _is_new(self, found: Stance) -> bool:
+        here = found.vector()
+        return all(np.linalg.norm(here - old.vector()) > NEW_VIEW for old in self.stances)
+
+
+def _shift_px(corners: Corners, before: Corners) -> float:
+    """The median way of the corners that both have; infinite without any."""
+    now, then = _by_place(corners), _by_place(before)
+    both = now.keys() & then.keys()
+    if not both:
+        return math.inf
+    return float(np.median([np.linalg.norm(now[key] - then[key]) for key in both]))
+
+
+def _by_place(corners: Corners) -> dict[tuple[float, ...], Array]:
+    places = [tuple(point) for point in corners.points_m.tolist()]
+    return dict(zip(places, corners.pixels, strict=True))
+
+
+def outline(pixels: Array) -> NDArray[np.int32]:
+    """(K, 2) the convex hull of corners, in whole pixels."""
+    hull: NDArray[np.int32] = cv2.convexHull(np.rint(pixels).astype(np.int32)).reshape(-1, 2)  # type: ignore[assignment]
+    return hull

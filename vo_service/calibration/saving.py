@@ -1,0 +1,50 @@
+"""Files that appear whole or not at all, and say beforehand if they cannot."""
+
+import errno
+import os
+from pathlib import Path
+
+from drivers.camera_file import CameraFile, camera_file_text
+from drivers.errors import InputError, UserFacingError
+from drivers.tum.whole_files import write_whole
+
+
+def check_writable(path: Path) -> None:
+    """Raise InputError if a file cannot be written there: before the work, not after it."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no folder {path.parent}; create it")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: cannot be written; name a folder that you may write to")
+
+
+def save_camera_file(path: Path, camera: CameraFile, heading: str) -> Path | None:
+    """Write it; a file that was there is kept beside it, and its new name returned.
+
+    Raises UserFacingError if the disk refuses; the old file is then still in place.
+    """
+    path = path.resolve()
+    kept = None
+    try:
+        if path.exists():
+            kept = path.with_name(f"{path.name}.bak")
+            write_whole(kept, path.read_bytes())
+        write_whole(path, f"# {heading}\n{camera_file_text(camera)}".encode())
+    except OSError as error:
+        raise _refused(path, error) from error
+    return kept
+
+
+def save(path: Path, data: bytes) -> None:
+    """Write a file. Raises UserFacingError if the disk refuses."""
+    try:
+        write_whole(path, data)
+    except OSError as error:
+        raise _refused(path, error) from error
+
+
+def _refused(path: Path, error: OSError) -> UserFacingError:
+    is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    cause = "the disk is full" if is_full else error.strerror
+    return UserFacingError(f"{path}: cannot be written: {cause}; mend that and calibrate again")

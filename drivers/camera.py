@@ -112,6 +112,9 @@ class Condition:
     state: CameraState
     reason: str = ""
 
+    def __str__(self) -> str:
+        return f"{self.state}: {self.reason}" if self.reason else str(self.state)
+
 
 @dataclass(frozen=True)
 class CameraCounters:

@@ -6,7 +6,14 @@ from collections.abc import Iterable, Iterator
 from itertools import count
 from typing import Protocol
 
-from drivers.camera import CameraCounters, EndOfStream, NoFrameYet, RgbdCamera, RgbdFrame
+from drivers.camera import (
+    CameraCounters,
+    CameraState,
+    EndOfStream,
+    NoFrameYet,
+    RgbdCamera,
+    RgbdFrame,
+)
 from drivers.errors import CameraError
 
 # The loop gets a turn at least this often, frame or no frame.
@@ -54,8 +61,7 @@ class PlainFeed:
             try:
                 frame = self._camera.read(TICK_S)
             except NoFrameYet:
-                is_quiet = time.monotonic() - last_s > QUIET_S
-                self.reason = "the camera is there but sends no frames" if is_quiet else ""
+                self.reason = self._why_none(time.monotonic() - last_s)
                 yield None
             except EndOfStream:
                 return
@@ -63,6 +69,12 @@ class PlainFeed:
                 last_s = time.monotonic()
                 self.reason = ""
                 yield frame
+
+    def _why_none(self, quiet_s: float) -> str:
+        condition = self._camera.condition
+        if condition.state is not CameraState.STREAMING:
+            return str(condition)
+        return "the camera is there but sends no frames" if quiet_s > QUIET_S else ""
 
 
 class PersistentFeed:
@@ -79,7 +91,7 @@ class PersistentFeed:
     @property
     def counters(self) -> CameraCounters:
         """Totals over all times that the camera was opened."""
-        return _sum(self._before, self._camera.counters)
+        return self._before + self._camera.counters
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
         """Yield until stopped; None while the camera is away."""
@@ -105,7 +117,7 @@ class PersistentFeed:
         """Open the camera; what it counted the last time is kept, as it counts from 0 again."""
         counted = self._camera.counters
         self._camera.open()
-        self._before = _sum(self._before, counted)
+        self._before += counted
 
 
 def _idle(ticks: Iterable[int], stop: threading.Event) -> Iterator[None]:
@@ -115,12 +127,3 @@ def _idle(ticks: Iterable[int], stop: threading.Event) -> Iterator[None]:
             return
         yield None
         stop.wait(TICK_S)
-
-
-def _sum(a: CameraCounters, b: CameraCounters) -> CameraCounters:
-    return CameraCounters(
-        delivered=a.delivered + b.delivered,
-        dropped=a.dropped + b.dropped,
-        skipped=a.skipped + b.skipped,
-        lost_packets=a.lost_packets + b.lost_packets,
-    )

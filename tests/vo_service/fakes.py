@@ -6,7 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivers.camera import CameraCounters, Clock, EndOfStream, PinholeCamera, RgbdCamera, RgbdFrame
+from drivers.camera import (
+    CameraCounters,
+    CameraState,
+    Clock,
+    Condition,
+    EndOfStream,
+    NoFrameYet,
+    PinholeCamera,
+    RgbdCamera,
+    RgbdFrame,
+)
 from drivers.geometry import Array
 from vo_service.odometry.estimate import Estimate
 from vo_service.outputs.output import PoseUpdate, Status
@@ -65,17 +75,17 @@ class After:
     """Something that takes a while: the clock moves on before it happens."""
 
     seconds: float
-    event: RgbdFrame | Exception
+    event: RgbdFrame | Exception | Condition
 
 
-Event = RgbdFrame | Exception | After
+Event = RgbdFrame | Exception | Condition | After
 
 
 class ScriptedCamera(RgbdCamera):
     """Each `open` begins the next part of the script; a part that is an exception is its answer.
 
-    Each `read` gives the next frame of the part or raises what stands there. A part that is over
-    is the end of the stream.
+    Each `read` gives the next frame of the part or raises what stands there; a condition is how the
+    camera is from then on, without a frame. A part that is over is the end of the stream.
     """
 
     name = "scripted"
@@ -87,6 +97,7 @@ class ScriptedCamera(RgbdCamera):
         self._events: list[Event] = []
         self._clock = clock or FakeClock()
         self._counters = CameraCounters()
+        self._condition = Condition(CameraState.STREAMING)
 
     def open(self) -> None:
         """Begin the next part."""
@@ -105,6 +116,10 @@ class ScriptedCamera(RgbdCamera):
             event = event.event
         if isinstance(event, Exception):
             raise event
+        if isinstance(event, Condition):
+            self._condition = event
+            raise NoFrameYet
+        self._condition = Condition(CameraState.STREAMING)
         self._counters = replace(self._counters, delivered=self._counters.delivered + 1)
         return event
 
@@ -116,6 +131,11 @@ class ScriptedCamera(RgbdCamera):
     def counters(self) -> CameraCounters:
         """Only `delivered` counts."""
         return self._counters
+
+    @property
+    def condition(self) -> Condition:
+        """As the script says."""
+        return self._condition
 
 
 class PatientStop(threading.Event):

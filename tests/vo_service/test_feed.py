@@ -4,9 +4,9 @@ import threading
 
 import pytest
 
-from drivers.camera import NoFrameYet
+from drivers.camera import CameraState, Condition, NoFrameYet
 from drivers.errors import CameraLostError, CameraNotFoundError, InputError
-from tests.vo_service.fakes import After, FakeClock, PatientStop, ScriptedCamera, frame
+from tests.vo_service.fakes import After, Event, FakeClock, PatientStop, ScriptedCamera, frame
 from vo_service import feed
 from vo_service.feed import TICK_S, PersistentFeed, PlainFeed
 
@@ -42,6 +42,17 @@ def test_a_short_pause_is_no_reason_and_a_quiet_second_is(monkeypatch: pytest.Mo
     plain = PlainFeed(camera)
     reasons = [plain.reason for _ in plain.frames(threading.Event())]
     assert reasons == ["", "", "", "the camera is there but sends no frames", ""]
+
+
+def test_the_reason_is_the_cameras_condition_at_every_tick_until_a_frame_comes() -> None:
+    opening, starting = Condition(CameraState.OPENING), Condition(CameraState.STARTING)
+    missing = Condition(CameraState.ABSENT, "no Kinect found; plug one in")
+    lost = Condition(CameraState.LOST, "unplugged")
+    part: list[Event] = [opening, missing, starting, frame(1), lost, frame(2)]
+    source = PersistentFeed(ScriptedCamera(part))
+    reasons = [source.reason for _ in source.frames(PatientStop(1))]
+    told = ["opening", "absent: no Kinect found; plug one in", "starting", "", "lost: unplugged"]
+    assert reasons == [*told, "", "the recording has ended"]
 
 
 def test_a_lost_camera_is_opened_again() -> None:

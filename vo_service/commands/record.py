@@ -2,10 +2,14 @@
 
 import argparse
 import math
+import time
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain, islice
 from pathlib import Path
 
-from drivers.camera import EndOfStream, NoFrameYet, Pace, RgbdCamera
+from drivers.camera import EndOfStream, NoFrameYet, Pace, RgbdCamera, RgbdFrame
+from drivers.errors import CameraError, CameraLostError, CameraNotFoundError
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.encode import ColourFormat
 from drivers.tum.writer import TumWriter
@@ -26,6 +30,8 @@ The folder can be replayed at once, and whenever the recording is cut off: an im
 when it is there. PNG keeps every bit, so a replay gives the same trajectory as the camera did.
 """
 TICK_S = 0.25
+# Without a frame for this long, the camera is not waited for any more.
+PATIENCE_S = 10.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,10 +63,17 @@ def run(args: argparse.Namespace) -> int:
         )
     )
     colour = ColourFormat.JPEG if args.jpeg else ColourFormat.PNG
-    with camera, TumWriter(
-        args.folder, readout_s=camera.readout_s, ground_truth=camera.ground_truth, colour=colour
-    ) as writer, stop_on_signals() as stop:  # fmt: skip
-        _record(camera, writer, args.seconds, terminal, stop)
+    with camera, stop_on_signals() as stop:
+        frames = _frames(camera, terminal, stop)
+        first = list(islice(frames, 1))  # before the folder is made: there may be no camera
+        with TumWriter(
+            args.folder, readout_s=camera.readout_s, ground_truth=camera.ground_truth, colour=colour
+        ) as writer:
+            for frame in chain(first, frames):
+                if frame.stamp_s - first[0].stamp_s >= args.seconds:
+                    break
+                writer.write(frame)
+                terminal.progress("recording: frame", frame.seq + 1, camera.frame_count)
     terminal.clear()
     print(f"{writer.written} frames in {args.folder}")
     return stop.exit_code
@@ -72,19 +85,29 @@ def _played_once(synthetic: SyntheticConfig, longest_s: float) -> SyntheticConfi
     return replace(synthetic, loop=False, duration_s=duration_s)
 
 
-def _record(
-    camera: RgbdCamera, writer: TumWriter, longest_s: float, terminal: Terminal, stop: Stop
-) -> None:
-    first_s: float | None = None
+def _frames(camera: RgbdCamera, terminal: Terminal, stop: Stop) -> Iterator[RgbdFrame]:
+    """Until the camera ends or a stop is asked for.
+
+    Raises CameraNotFoundError or, after the first frame, CameraLostError if it sends none for long.
+    """
+    last_s, is_first = time.monotonic(), True
     while not stop.event.is_set():
         try:
             frame = camera.read(TICK_S)
         except NoFrameYet:
-            continue
+            if time.monotonic() - last_s > PATIENCE_S:
+                raise _given_up(camera, is_first) from None
+            terminal.show(f"recording: waiting for the camera ({camera.condition})")
         except EndOfStream:
             return
-        first_s = frame.stamp_s if first_s is None else first_s
-        if frame.stamp_s - first_s >= longest_s:
-            return
-        writer.write(frame)
-        terminal.progress("recording: frame", frame.seq + 1, camera.frame_count)
+        else:
+            yield frame
+            last_s, is_first = time.monotonic(), False
+
+
+def _given_up(camera: RgbdCamera, is_first: bool) -> CameraError:
+    """Why nothing, or nothing more, is recorded."""
+    what = f"{camera.name}: no frame for {PATIENCE_S:g} s, the camera is {camera.condition}"
+    if is_first:
+        return CameraNotFoundError(f"{what}; see to the camera and record again")
+    return CameraLostError(f"{what}; the frames recorded so far are complete")

@@ -5,8 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from drivers.camera import CameraState, Condition, NoFrameYet
 from tests.conftest import FRAMES
 from tests.vo_service.commands.command_line import call
+from tests.vo_service.fakes import After, Event, FakeClock, ScriptedCamera, frame
+from vo_service.commands import record
+
+MISSING = Condition(CameraState.ABSENT, "no Kinect found; plug one in")
 
 
 def test_a_recording_of_a_recording_replays_to_the_same_bytes(
@@ -46,3 +51,42 @@ def test_a_recording_in_jpeg_can_be_replayed(
     assert len(list((folder / "rgb").glob("*.jpg"))) == FRAMES
     outcome = call(capfd, "replay", folder, "--no-publish", "--json")
     assert json.loads(outcome.out)["failed"] == 0
+
+
+def have_camera(monkeypatch: pytest.MonkeyPatch, *events: Event) -> None:
+    """The camera that is recorded, whatever is asked for; it is waited for in no time."""
+    clock = FakeClock()
+    monkeypatch.setattr(record, "time", clock)
+    monkeypatch.setattr(record, "make_camera", lambda _: ScriptedCamera(events, clock=clock))
+
+
+def test_a_camera_that_is_not_there_is_an_error_after_a_while_and_makes_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    have_camera(monkeypatch, MISSING, After(9.0, NoFrameYet()), After(2.0, NoFrameYet()))
+    outcome = call(capfd, "record", tmp_path / "new")
+    assert outcome.err == (
+        "kinect-vo: error: scripted: no frame for 10 s, the camera is absent: no Kinect found; "
+        "plug one in; see to the camera and record again\n"
+    )
+    assert (outcome.code, outcome.out) == (1, "")
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_camera_that_comes_late_or_comes_back_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pause = After(9.0, NoFrameYet())
+    have_camera(monkeypatch, MISSING, pause, frame(1), MISSING, pause, frame(2))
+    outcome = call(capfd, "record", tmp_path / "new")
+    assert (outcome.code, outcome.out) == (0, f"2 frames in {tmp_path / 'new'}\n")
+
+
+def test_when_a_camera_stays_away_what_was_recorded_is_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    have_camera(monkeypatch, frame(1), frame(2), MISSING, After(11.0, NoFrameYet()), frame(3))
+    outcome = call(capfd, "record", tmp_path / "new")
+    assert outcome.code == 1
+    assert "plug one in; the frames recorded so far are complete\n" in outcome.err
+    assert len((tmp_path / "new" / "associations.txt").read_text().splitlines()) == 1 + 2

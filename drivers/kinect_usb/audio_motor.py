@@ -53,7 +53,8 @@ class AudioMotor:
             interfaces = device[0].bNumInterfaces
         if interfaces < INTERFACES_WITH_FIRMWARE:
             raise CameraError(
-                f"{name}: no tilt, light and gravity without its audio firmware (audios.bin)"
+                f"{name}: no tilt, light and gravity without its firmware (audios.bin); "
+                "kinect-vo doctor says where it belongs"
             )
 
     def set_led(self, led: Led) -> None:

@@ -1,7 +1,7 @@
 """Which sensors are plugged in: their parts on the USB, put together."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import usb.core
 import usb.util
@@ -31,6 +31,7 @@ MEGABITS_A_SECOND = {
 class Part:
     """One USB device of a sensor.
 
+    model         the first of those that share the id, unless the part belongs to a `Sensor`
     ports         from the root hub's port outwards; () where the system does not tell
     speed_mbit_s  that it was connected with; None where the system does not tell
     handle        pyusb's object, not opened
@@ -138,11 +139,17 @@ def find_kinect(serial: str) -> Sensor:
 
 
 def grouped(parts: Sequence[Part]) -> list[Sensor]:
-    """Put cameras together with what hangs on the same hub: a Kinect has one inside."""
+    """Put cameras together with what hangs on the same hub: a Kinect has one inside.
+
+    The camera says which model all of them are; the ids of the others are shared by two.
+    """
     cameras = [part for part in parts if part.id.role is Role.CAMERA]
     others = [part for part in parts if part.id.role is not Role.CAMERA]
     return [
-        Sensor(camera, tuple(part for part in others if part.hub == camera.hub))
+        Sensor(
+            camera,
+            tuple(replace(part, model=camera.model) for part in others if part.hub == camera.hub),
+        )
         for camera in cameras
     ]
 

@@ -1,0 +1,217 @@
+"""The base beside the camera: what frames get of it, and what happens when it goes."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import CameraError, UserFacingError
+from drivers.kinect_usb import kinect_base
+from drivers.kinect_usb.base import Base, NoBase
+from drivers.kinect_usb.kinect_base import KinectBase
+from drivers.sensor_settings import Led, SensorSettings
+from tests.stand_ins.played_kinect import Led as PlayedLed
+from tests.stand_ins.played_kinect import Model, PlayedKinect
+
+PlugIn = Callable[..., PlayedKinect]
+LEVEL = pytest.approx((0.0, 9.80665, 0.0))
+SETTINGS = SensorSettings(led=Led.RED, tilt_deg=10.0)
+
+
+def until(condition: Callable[[], object]) -> bool:
+    deadline_s = time.monotonic() + 20.0
+    while not condition() and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    return bool(condition())
+
+
+def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
+    return [r.getMessage() for r in caplog.records if r.levelno >= logging.WARNING]
+
+
+@pytest.fixture
+def base(monkeypatch: pytest.MonkeyPatch) -> Iterator[KinectBase]:
+    """One that looks for what is gone without waiting for long."""
+    monkeypatch.setattr(kinect_base, "LOOK_AGAIN_S", 0.05)
+    monkeypatch.setattr(kinect_base, "READ_EVERY_S", 0.02)
+    base = KinectBase()
+    yield base
+    base.close()
+
+
+@pytest.mark.parametrize("model", list(Model))
+def test_gravity_is_there_as_soon_as_it_is_open(
+    plug_in: PlugIn, base: KinectBase, model: Model
+) -> None:
+    plug_in(model=model)
+    base.open("")
+    assert base.gravity_m_s2 == LEVEL
+
+
+def test_gravity_follows_the_head(plug_in: PlugIn, base: KinectBase) -> None:
+    kinect = plug_in()
+    base.open("")
+    kinect.set_accelerometer(0, 700, -425)
+    looking_down = pytest.approx((0.0, 8.38, 5.09), abs=0.01)
+    assert until(lambda: base.gravity_m_s2 == looking_down)
+
+
+def test_settings_reach_the_light_and_the_head(plug_in: PlugIn, base: KinectBase) -> None:
+    kinect = plug_in()
+    base.open("")
+    base.apply(SETTINGS)
+    assert (kinect.led, kinect.tilt_deg) == (PlayedLed.RED, 10)
+
+
+def test_a_tilt_that_is_not_set_leaves_the_head_alone(plug_in: PlugIn, base: KinectBase) -> None:
+    kinect = plug_in()
+    base.open("")
+    base.set_tilt_deg(-8.0)
+    base.apply(SensorSettings())
+    assert (kinect.led, kinect.tilt_deg) == (PlayedLed.GREEN, -8)
+
+
+def test_closing_switches_the_light_off_and_leaves_nothing(
+    plug_in: PlugIn, base: KinectBase
+) -> None:
+    kinect = plug_in()
+    threads = threading.active_count()
+    base.open("")
+    base.apply(SETTINGS)
+    base.close()
+    base.close()
+    assert (kinect.led, kinect.open_handles) == (PlayedLed.OFF, 0)
+    assert threading.active_count() == threads
+    assert base.gravity_m_s2 is None
+
+
+def test_two_hundred_times_leave_nothing_behind(plug_in: PlugIn, base: KinectBase) -> None:
+    kinect = plug_in()
+    base.open("")
+    base.close()
+    before = _held()
+    for _ in range(200):
+        base.open("")
+        kinect.unplug()
+        base.close()
+        kinect.plug()
+    assert _held() == before
+    assert kinect.open_handles == 0
+
+
+def _held() -> tuple[int, int]:
+    return threading.active_count(), len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_a_base_that_only_measured_leaves_the_light_as_it_was(
+    plug_in: PlugIn, base: KinectBase
+) -> None:
+    kinect = plug_in()
+    base.open("")
+    base.close()
+    assert kinect.led == PlayedLed.BLINK_GREEN
+
+
+@pytest.mark.parametrize("model", list(Model))
+def test_unplugged_it_goes_quiet_and_plugged_in_again_it_is_set_up_anew(
+    plug_in: PlugIn, base: KinectBase, model: Model, caplog: pytest.LogCaptureFixture
+) -> None:
+    kinect = plug_in(model=model)
+    base.open("")
+    base.apply(SETTINGS)
+    kinect.unplug()
+    assert until(lambda: base.gravity_m_s2 is None)
+    assert until(lambda: len(warnings(caplog)) > 0)
+    kinect.plug()
+    assert until(lambda: base.gravity_m_s2 == LEVEL)
+    assert kinect.led == PlayedLed.RED
+    (told,) = warnings(caplog)
+    assert told.endswith("unplugged; plug it in again")
+
+
+def test_it_comes_when_it_is_plugged_in_later(plug_in: PlugIn, base: KinectBase) -> None:
+    kinect = plug_in()
+    kinect.unplug()
+    base.open("")
+    base.apply(SETTINGS)
+    assert base.gravity_m_s2 is None
+    kinect.plug()
+    assert until(lambda: base.gravity_m_s2 == LEVEL)
+    assert kinect.led == PlayedLed.RED
+
+
+def test_without_permission_it_is_quiet_and_says_so_once(
+    plug_in: PlugIn, base: KinectBase, caplog: pytest.LogCaptureFixture
+) -> None:
+    plug_in().forbid()
+    base.open("")
+    base.apply(SETTINGS)
+    time.sleep(0.3)  # a few more looks
+    assert base.gravity_m_s2 is None
+    assert [text.partition(";")[0] for text in warnings(caplog)] == [
+        "Kinect 1414 motor: no permission"
+    ]
+
+
+def test_firmware_that_comes_later_brings_gravity(
+    plug_in: PlugIn, base: KinectBase, caplog: pytest.LogCaptureFixture
+) -> None:
+    kinect = plug_in(model=Model.K1473)
+    kinect.firmware(False)
+    base.open("")
+    assert base.gravity_m_s2 is None
+    kinect.firmware(True)
+    assert until(lambda: base.gravity_m_s2 == LEVEL)
+    assert len(warnings(caplog)) == 1
+
+
+@pytest.mark.parametrize("counts", [(0, 0, 0), (0, 400, 0)])
+def test_readings_that_are_no_gravity_are_none_and_said_once(
+    plug_in: PlugIn,
+    base: KinectBase,
+    caplog: pytest.LogCaptureFixture,
+    counts: tuple[int, int, int],
+) -> None:
+    plug_in().set_accelerometer(*counts)
+    base.open("")
+    time.sleep(0.2)  # a few more readings
+    assert base.gravity_m_s2 is None
+    assert warnings(caplog) == [
+        "Kinect 1414 motor: gives no gravity; the first view counts as level"
+    ]
+
+
+def test_commands_say_when_there_is_nobody_to_obey(plug_in: PlugIn, base: KinectBase) -> None:
+    plug_in().unplug()
+    base.open("")
+    for command in (lambda: base.set_led(Led.RED), lambda: base.set_tilt_deg(3.0), base.read):
+        with pytest.raises(CameraError, match="not there now"):
+            command()
+
+
+def test_the_tilt_can_be_asked_for(plug_in: PlugIn, base: KinectBase) -> None:
+    plug_in(model=Model.K4W).tilt_deg_per_s = 1000
+    base.open("")
+    base.set_tilt_deg(-12.0)
+    assert until(lambda: base.read().tilt_deg == -12.0)
+
+
+def test_a_machine_without_libusb_has_no_base_either(caplog: pytest.LogCaptureFixture) -> None:
+    def no_libusb(serial: str) -> None:
+        raise UserFacingError("libusb-1.0.so.0 is not installed")
+
+    base = KinectBase(no_libusb)  # type: ignore[arg-type]
+    base.open("")
+    base.close()
+    assert warnings(caplog) == ["libusb-1.0.so.0 is not installed"]
+
+
+def test_a_camera_without_a_base_has_no_gravity() -> None:
+    base: Base = NoBase()
+    base.open("A1")
+    base.apply(SensorSettings())
+    base.close()
+    assert base.gravity_m_s2 is None

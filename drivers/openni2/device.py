@@ -1,0 +1,180 @@
+"""A device or a recording of libOpenNI2 and its streams, opened and taken down in the right order.
+
+Raises OpenNI2Error where a call fails.
+"""
+
+import ctypes
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.openni2.library import (
+    API_VERSION,
+    DEVICE_CALLBACK,
+    REGISTRATION_DEPTH_TO_COLOUR,
+    REGISTRATION_OFF,
+    STATE_CALLBACK,
+    TEXT_LENGTH,
+    TIMED_OUT,
+    DeviceCallbacks,
+    DeviceInfo,
+    DeviceProperty,
+    Sensor,
+    VideoMode,
+    check,
+    read_property,
+)
+from drivers.openni2.stream import Stream
+
+# A driver's thread may still be on its way through a stream that has just been stopped, and
+# destroying the stream under it crashes. Nothing tells when it is through.
+SETTLE_S = 0.2
+
+
+@dataclass(frozen=True)
+class FoundDevice:
+    """A device that libOpenNI2 sees."""
+
+    uri: str
+    vendor: str
+    name: str
+    usb_id: tuple[int, int]
+
+
+@contextmanager
+def initialised(library: ctypes.CDLL) -> Iterator[None]:
+    """The library's drivers are loaded and searched within the block; blocks may overlap."""
+    check(library, library.oniInitialize(API_VERSION), "OpenNI2 cannot start")
+    try:
+        yield
+    finally:
+        library.oniShutdown()
+
+
+def found_devices(library: ctypes.CDLL) -> list[FoundDevice]:
+    """What is plugged in, within `initialised`."""
+    devices, count = ctypes.POINTER(DeviceInfo)(), ctypes.c_int()
+    status = library.oniGetDeviceList(ctypes.byref(devices), ctypes.byref(count))
+    check(library, status, "OpenNI2 cannot list its devices")
+    found = [_found(devices[i]) for i in range(count.value)]
+    library.oniReleaseDeviceList(devices)
+    return found
+
+
+def _found(info: DeviceInfo) -> FoundDevice:
+    uri, vendor, name = (t.decode(errors="replace") for t in (info.uri, info.vendor, info.name))
+    return FoundDevice(uri, vendor, name, (info.usb_vendor, info.usb_product))
+
+
+class Device:
+    """An open device or recording, within `initialised`. Close it whatever happens."""
+
+    def __init__(self, library: ctypes.CDLL, uri: str) -> None:
+        self._library = library
+        self._streams: list[Stream] = []
+        self._handle = ctypes.c_void_p()
+        status = library.oniDeviceOpen(uri.encode(), ctypes.byref(self._handle))
+        check(library, status, f"{uri} cannot be opened")
+
+    def stream(self, sensor: Sensor) -> Stream:
+        """Create the stream of a sensor."""
+        stream = Stream(self._library, self._handle, sensor)
+        self._streams.append(stream)
+        return stream
+
+    def has(self, sensor: Sensor) -> bool:
+        """Whether there is such a sensor."""
+        return bool(self._library.oniDeviceGetSensorInfo(self._handle, sensor))
+
+    def modes(self, sensor: Sensor) -> list[VideoMode]:
+        """What a sensor can deliver."""
+        info = self._library.oniDeviceGetSensorInfo(self._handle, sensor).contents
+        return [VideoMode.from_buffer_copy(info.modes[i]) for i in range(info.mode_count)]
+
+    def set(self, prop: DeviceProperty, value: Any) -> None:
+        """Set a property to a ctypes value."""
+        status = self._library.oniDeviceSetProperty(
+            self._handle, prop, ctypes.byref(value), ctypes.sizeof(value)
+        )
+        check(self._library, status, f"{prop.name} cannot be set")
+
+    @property
+    def serial(self) -> str:
+        """The serial number; "" where the device does not tell."""
+        text = ctypes.create_string_buffer(TEXT_LENGTH)
+        self._get(DeviceProperty.SERIAL, text)
+        return text.value.decode(errors="replace")
+
+    def register_depth(self, wanted: bool) -> bool:
+        """Ask for depth in the colour camera's pixels, or in its own; what is now the case."""
+        mode = REGISTRATION_DEPTH_TO_COLOUR if wanted else REGISTRATION_OFF
+        # Some drivers take a mode that they do not have, and then give it back as set.
+        if not self._library.oniDeviceIsImageRegistrationModeSupported(self._handle, mode):
+            return False
+        self.set(DeviceProperty.IMAGE_REGISTRATION, ctypes.c_int(mode))
+        now = ctypes.c_int(mode)
+        self._get(DeviceProperty.IMAGE_REGISTRATION, now)
+        return now.value == REGISTRATION_DEPTH_TO_COLOUR
+
+    def synchronise(self) -> bool:
+        """Ask for depth and colour to be taken together; whether they are."""
+        status = self._library.oniDeviceEnableDepthColorSync(self._handle)
+        return status == 0 and bool(self._library.oniDeviceGetDepthColorSyncEnabled(self._handle))
+
+    def wait(self, streams: Sequence[Stream], timeout_s: float) -> Stream | None:
+        """The first stream that has a frame; None after `timeout_s`."""
+        handles = (ctypes.c_void_p * len(streams))(*(stream.handle for stream in streams))
+        ready = ctypes.c_int(-1)
+        status = self._library.oniWaitForAnyStream(
+            handles, len(streams), ctypes.byref(ready), max(0, round(timeout_s * 1e3))
+        )
+        if status == TIMED_OUT:
+            return None
+        check(self._library, status, "waiting for a frame failed")
+        return streams[ready.value]
+
+    @contextmanager
+    def on_unplug(self, call: Callable[[], None]) -> Iterator[None]:
+        """Within the block, `call` is called (by another thread) when this device goes away."""
+        uri = self._info().uri
+
+        def gone(info: Any, _: Any) -> None:
+            if info.contents.uri == uri:
+                call()
+
+        functions = DeviceCallbacks(DEVICE_CALLBACK(), DEVICE_CALLBACK(gone), STATE_CALLBACK())
+        handle = ctypes.c_void_p()
+        status = self._library.oniRegisterDeviceCallbacks(
+            ctypes.byref(functions), None, ctypes.byref(handle)
+        )
+        check(self._library, status, "unplugging cannot be watched")
+        try:
+            yield
+        finally:
+            self._library.oniUnregisterDeviceCallbacks(handle)
+
+    def stop(self) -> None:
+        """Stop all streams."""
+        for stream in self._streams:
+            self._library.oniStreamStop(stream.handle)
+
+    def close(self) -> None:
+        """Stop all streams, wait for them to settle, then destroy them and close the device."""
+        self.stop()
+        time.sleep(SETTLE_S if self._streams else 0.0)
+        while self._streams:
+            self._library.oniStreamDestroy(self._streams.pop().handle)
+        if self._handle:
+            self._library.oniDeviceClose(self._handle)
+            self._handle = ctypes.c_void_p()
+
+    def _info(self) -> DeviceInfo:
+        info = DeviceInfo()
+        status = self._library.oniDeviceGetInfo(self._handle, ctypes.byref(info))
+        check(self._library, status, "the device says nothing of itself")
+        return info
+
+    def _get(self, prop: DeviceProperty, value: Any) -> bool:
+        return read_property(self._library.oniDeviceGetProperty, self._handle, prop, value)

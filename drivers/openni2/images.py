@@ -1,0 +1,52 @@
+"""From an image in libOpenNI2's memory to an array of our own."""
+
+import ctypes
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.openni2.library import Format, Frame, VideoMode
+
+# Depth values per metre.
+DEPTH_FACTORS = {Format.DEPTH_1_MM: 1000.0, Format.DEPTH_100_UM: 10000.0}
+TO_BGR = {
+    Format.RGB888: (cv2.COLOR_RGB2BGR, 3),
+    Format.YUV422: (cv2.COLOR_YUV2BGR_UYVY, 2),
+    Format.YUYV: (cv2.COLOR_YUV2BGR_YUYV, 2),
+    Format.GREY8: (cv2.COLOR_GRAY2BGR, 1),
+}
+
+
+class TornFrameError(Exception):
+    """A frame that is not what its stream promised."""
+
+
+def format_name(mode: VideoMode) -> str:
+    """The format's name, or its number."""
+    return Format(mode.format).name if mode.format in set(Format) else f"number {mode.format}"
+
+
+def colour_of(frame: Frame) -> NDArray[np.uint8]:
+    """(height, width, 3) uint8 BGR, a copy. Raises TornFrameError."""
+    code, channels = TO_BGR[Format(frame.mode.format)]
+    return cv2.cvtColor(_pixels(frame, channels), code)  # type: ignore[return-value]
+
+
+def depth_of(frame: Frame) -> NDArray[np.uint16]:
+    """(height, width) uint16 in the stream's unit, a copy; 0 is none. Raises TornFrameError."""
+    depth: NDArray[np.uint16] = _pixels(frame, 2).view(np.uint16)[..., 0].copy()
+    return depth
+
+
+def _pixels(frame: Frame, channels: int) -> NDArray[np.uint8]:
+    """(height, width, channels) uint8, in the library's memory."""
+    height, width = frame.height, frame.width
+    is_whole = (width, height) == (frame.mode.width, frame.mode.height)
+    if not is_whole or frame.size != height * width * channels:
+        raise TornFrameError(
+            f"{frame.size} bytes of {width}x{height} where {frame.mode.width}x{frame.mode.height} "
+            "are expected"
+        )
+    memory = (ctypes.c_uint8 * frame.size).from_address(frame.data)
+    return np.frombuffer(memory, np.uint8).reshape(height, width, channels)

@@ -1,0 +1,137 @@
+"""A recording being played by libOpenNI2, image by image, none left out."""
+
+import ctypes
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from drivers.camera import NoFrameYet
+from drivers.errors import CameraError, InputError
+from drivers.openni2.device import Device, initialised
+from drivers.openni2.images import DEPTH_FACTORS, TO_BGR, format_name
+from drivers.openni2.library import (
+    DeviceProperty,
+    Format,
+    Frame,
+    OpenNI2Error,
+    Sensor,
+    load_library,
+)
+from drivers.openni2.optics import Registered, Source
+from drivers.openni2.recording import IndexedImage
+from drivers.openni2.stream import Stream
+
+# The next image is played only once it is asked for. (0 would be "as fast as it goes", and drops.)
+ON_DEMAND = -1.0
+# It comes at once, unless the library has given up on the file.
+PATIENCE_S = 2.0
+
+
+class OniPlayer:
+    """Plays a file whose index has been read."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises InputError if libOpenNI2 does not take the file."""
+        self._path = path
+        with ExitStack() as undo:
+            library = load_library()
+            undo.enter_context(initialised(library))
+            # A path of its own: the library shares one player among all who open the same path, and
+            # has no room for long ones.
+            uri = f"/proc/self/fd/{undo.enter_context(path.open('rb')).fileno()}"
+            try:
+                self._device = Device(library, uri)
+                undo.callback(self._device.close)
+                # Seeking hangs, and a file that begins again would need it: never repeat.
+                self._device.set(DeviceProperty.PLAYBACK_REPEAT, ctypes.c_int(0))
+                self._device.set(DeviceProperty.PLAYBACK_SPEED, ctypes.c_float(ON_DEMAND))
+                self._streams = {sensor: self._device.stream(sensor) for sensor in Sensor}
+            except OpenNI2Error as error:
+                raise InputError(f"{path}: libOpenNI2 does not take it: {error}") from error
+            for stream in self._streams.values():
+                _check(stream, path)
+            self._undo = undo.pop_all()
+        self._waited_s = 0.0
+
+    def source(self, mirror: bool) -> Source:
+        """What the recording says of its images; `mirror` is how they are wanted."""
+        colour, depth = self._streams[Sensor.COLOUR], self._streams[Sensor.DEPTH]
+        return Source(
+            name=f"openni2:{self._path}",
+            colour_size=(colour.mode.width, colour.mode.height),
+            depth_size=(depth.mode.width, depth.mode.height),
+            colour_fov_rad=colour.fov_rad,
+            depth_factor=DEPTH_FACTORS[Format(depth.mode.format)],
+            registered=Registered.UNKNOWN,
+            flip_colour=colour.is_mirrored != mirror,
+            flip_depth=depth.is_mirrored != mirror,
+        )
+
+    def start(self) -> None:
+        """Begin: then call `image` for every image of the index, in its order."""
+        for stream in self._streams.values():
+            stream.start()
+
+    def wait(self, expected: IndexedImage, timeout_s: float) -> None:
+        """Wait for the next image of the file.
+
+        Raises NoFrameYet after `timeout_s`, CameraError if it cannot be expected any more.
+        """
+        begin_s = time.monotonic()
+        stream = self._streams[expected.sensor]
+        if self._device.wait([stream], timeout_s):
+            self._waited_s = 0.0
+            return
+        self._waited_s += time.monotonic() - begin_s
+        if self._waited_s > PATIENCE_S:
+            raise CameraError(f"{self._path}: libOpenNI2 stopped before the {expected}")
+        raise NoFrameYet
+
+    @contextmanager
+    def image(self, expected: IndexedImage) -> Iterator[Frame]:
+        """The image that was waited for, valid within the block.
+
+        Raises CameraError if it is another one.
+        """
+        with self._streams[expected.sensor].frame() as frame:
+            if frame.stamp_us != expected.stamp_us:
+                raise CameraError(
+                    f"{self._path}: libOpenNI2 played {frame.stamp_us / 1e6:.6f} s instead of the "
+                    f"{expected}"
+                )
+            yield frame
+
+    def stop(self) -> None:
+        """Call it when the last image is there: the library would spin at the end of the file."""
+        self._device.stop()
+
+    def close(self) -> None:
+        """Stop and release everything. May be called twice."""
+        self._undo.close()
+
+
+def _check(stream: Stream, path: Path) -> None:
+    """Raise InputError for a stream that cannot be used."""
+    try:
+        mode, name = stream.mode, stream.sensor.name.lower()
+    except OpenNI2Error as error:
+        raise InputError(f"{path}: {error}; record it again") from error
+    known = DEPTH_FACTORS if stream.sensor is Sensor.DEPTH else TO_BGR
+    if mode.format not in known:
+        names = ", ".join(known_format.name for known_format in known)
+        raise InputError(
+            f"{path}: its {name} format ({format_name(mode)}) is not supported; record one of "
+            f"{names}"
+        )
+    cropping = stream.cropping
+    if cropping is None:
+        raise InputError(
+            f"{path}: its {name} stream lacks the cropping property, without which libOpenNI2 "
+            "plays no image; record it again from a real sensor"
+        )
+    if cropping.is_on:
+        raise InputError(
+            f"{path}: its {name} images are cropped to {cropping.width}x{cropping.height}; record "
+            "whole images"
+        )

@@ -1,0 +1,95 @@
+"""One sensor's stream of libOpenNI2. Raises OpenNI2Error where a call fails."""
+
+import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from drivers.openni2.library import (
+    Cropping,
+    Frame,
+    OpenNI2Error,
+    Sensor,
+    StreamProperty,
+    VideoMode,
+    check,
+    read_property,
+)
+
+
+class Stream:
+    """One sensor's images."""
+
+    def __init__(self, library: ctypes.CDLL, device: ctypes.c_void_p, sensor: Sensor) -> None:
+        self._library, self.sensor = library, sensor
+        self.handle = ctypes.c_void_p()
+        status = library.oniDeviceCreateStream(device, sensor, ctypes.byref(self.handle))
+        check(library, status, f"no {sensor.name.lower()} stream")
+
+    def start(self) -> None:
+        """Begin to deliver."""
+        what = f"the {self.sensor.name.lower()} stream cannot be started"
+        check(self._library, self._library.oniStreamStart(self.handle), what)
+
+    @property
+    def mode(self) -> VideoMode:
+        """Format, size and rate."""
+        mode = VideoMode()
+        if not self._get(StreamProperty.VIDEO_MODE, mode):
+            raise OpenNI2Error(f"the {self.sensor.name.lower()} stream has no video mode")
+        return mode
+
+    def set_mode(self, mode: VideoMode) -> None:
+        """Choose one of the device's modes; before `start`."""
+        self._set(StreamProperty.VIDEO_MODE, mode)
+
+    @property
+    def fov_rad(self) -> tuple[float, float]:
+        """Horizontal and vertical field of view; zeros where the sensor does not tell."""
+        across, down = ctypes.c_float(0.0), ctypes.c_float(0.0)
+        self._get(StreamProperty.HORIZONTAL_FOV, across)
+        self._get(StreamProperty.VERTICAL_FOV, down)
+        return across.value, down.value
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether left and right are swapped; False where the sensor does not tell."""
+        mirrored = ctypes.c_int(0)
+        self._get(StreamProperty.MIRRORING, mirrored)
+        return mirrored.value != 0
+
+    @property
+    def cropping(self) -> Cropping | None:
+        """Which part of the image is delivered; None where the sensor does not tell."""
+        cropping = Cropping()
+        return cropping if self._get(StreamProperty.CROPPING, cropping) else None
+
+    def has(self, prop: StreamProperty) -> bool:
+        """Whether the stream knows a property."""
+        return bool(self._library.oniStreamIsPropertySupported(self.handle, prop))
+
+    def switch(self, prop: StreamProperty, on: bool) -> None:
+        """Set a property that is on or off."""
+        self._set(prop, ctypes.c_int(on))
+
+    @contextmanager
+    def frame(self) -> Iterator[Frame]:
+        """The next image, valid within the block. Blocks until there is one: `wait` first."""
+        pointer = ctypes.POINTER(Frame)()
+        status = self._library.oniStreamReadFrame(self.handle, ctypes.byref(pointer))
+        check(self._library, status, f"no frame from the {self.sensor.name.lower()} stream")
+        if not pointer:
+            raise OpenNI2Error(f"an empty frame from the {self.sensor.name.lower()} stream")
+        try:
+            yield pointer.contents
+        finally:
+            self._library.oniFrameRelease(pointer)
+
+    def _get(self, prop: StreamProperty, value: Any) -> bool:
+        return read_property(self._library.oniStreamGetProperty, self.handle, prop, value)
+
+    def _set(self, prop: StreamProperty, value: Any) -> None:
+        status = self._library.oniStreamSetProperty(
+            self.handle, prop, ctypes.byref(value), ctypes.sizeof(value)
+        )
+        check(self._library, status, f"{self.sensor.name.lower()}: {prop.name} cannot be set")

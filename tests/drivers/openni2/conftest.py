@@ -1,0 +1,123 @@
+"""Recordings for libOpenNI2, written by the tests and played by the library itself."""
+
+import ctypes
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.camera import EndOfStream, RgbdCamera, RgbdFrame
+from drivers.openni2.library import SONAME
+from drivers.tum.camera import TumCamera
+from drivers.tum.writer import TumWriter
+from tests.stand_ins.oni_writer import OniImage, Sensor, images_of, write_oni
+
+SIZE = (64, 48)
+CAMERA_FILE = """schema = 1
+width = 64
+height = 48
+fx = 52.5
+fy = 52.5
+cx = 31.5
+cy = 23.5
+distortion = [0.0, 0.0, 0.0, 0.0, 0.0]
+depth_factor = 1000.0
+"""
+# The same camera, with a depth camera that is it itself.
+DEPTH_CAMERA = """
+[depth]
+width = 64
+height = 48
+fx = 52.5
+fy = 52.5
+cx = 31.5
+cy = 23.5
+
+[depth.T_color_depth]
+translation_m = [0.0, 0.0, 0.0]
+quaternion_xyzw = [0.0, 0.0, 0.0, 1.0]
+"""
+
+
+@pytest.fixture(autouse=True, scope="session")
+def needs_openni2() -> None:
+    """Skip where libOpenNI2 is not installed."""
+    try:
+        ctypes.CDLL(SONAME)
+    except OSError:
+        pytest.skip(f"needs {SONAME}: apt install libopenni2-0")
+
+
+def image(sensor: Sensor, stamp_us: int, seed: int = 0) -> OniImage:
+    """A small image of noise."""
+    random, (width, height) = np.random.default_rng([seed, stamp_us, sensor]), SIZE
+    if sensor is Sensor.DEPTH:
+        depth = random.integers(0, 10000, (height, width), dtype=np.uint16)
+        return OniImage(sensor, stamp_us, depth)
+    colour = random.integers(0, 256, (height, width, 3), dtype=np.uint8)
+    return OniImage(sensor, stamp_us, colour)
+
+
+def steady(frames: int) -> list[OniImage]:
+    """Depth and colour in turn, 30 a second, depth 2 ms later by its stamp."""
+    return [
+        image(sensor, seq * 33_333 + late_us)
+        for seq in range(frames)
+        for sensor, late_us in ((Sensor.DEPTH, 2_000), (Sensor.COLOUR, 0))
+    ]
+
+
+def all_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
+    """Every frame from opening to the end."""
+    with camera:
+        while True:
+            try:
+                yield camera.read(5.0)
+            except EndOfStream:
+                return
+
+
+@pytest.fixture(scope="session")
+def camera_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """For small recordings; it says that their depth is registered."""
+    path = tmp_path_factory.mktemp("openni2") / "camera.toml"
+    path.write_text(CAMERA_FILE)
+    return path
+
+
+@pytest.fixture(scope="session")
+def depth_camera_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """For small recordings; it says that their depth is not registered."""
+    path = tmp_path_factory.mktemp("openni2") / "camera.toml"
+    path.write_text(CAMERA_FILE + DEPTH_CAMERA)
+    return path
+
+
+@pytest.fixture
+def small_oni(tmp_path: Path) -> Path:
+    """Eight frames of noise."""
+    path = tmp_path / "small.oni"
+    write_oni(path, steady(8))
+    return path
+
+
+@pytest.fixture(scope="session")
+def in_millimetres(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recording of the corner as a folder, in whole millimetres and microseconds."""
+    folder = tmp_path_factory.mktemp("recordings") / "millimetres"
+    with TumWriter(folder) as writer:
+        for frame in all_frames(TumCamera(recording)):
+            depth_mm = np.rint(frame.depth_m * 1000).astype(np.uint16)
+            stamp_s = round(frame.stamp_s, 6)
+            writer.write(replace(frame, stamp_s=stamp_s, depth_raw=depth_mm, depth_factor=1000.0))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def corner_oni(in_millimetres: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same as an .oni recording."""
+    path = tmp_path_factory.mktemp("recordings") / "corner.oni"
+    write_oni(path, images_of(all_frames(TumCamera(in_millimetres))))
+    return path

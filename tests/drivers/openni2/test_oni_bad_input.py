@@ -1,0 +1,121 @@
+"""Recordings that cannot be played: one line says what is wrong and what to do."""
+
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import InputError
+from drivers.openni2.oni_camera import OniCamera
+from drivers.openni2.recording import read_index
+from tests.drivers.openni2.conftest import image, steady
+from tests.stand_ins.oni_writer import OniSettings, Sensor, write_oni
+
+
+def complaint(path: Path, camera_file: Path | None = None) -> str:
+    with pytest.raises(InputError) as error:
+        OniCamera(path, camera_file).open()
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    missing = tmp_path / "none.oni"
+    assert complaint(missing) == f"{missing}: cannot be read: No such file or directory"
+
+
+def test_folder(tmp_path: Path) -> None:
+    assert complaint(tmp_path) == f"{tmp_path}: is a folder; give an .oni file"
+
+
+@pytest.mark.parametrize("content", [b"", b"junk", b"\0" * 100, b"NI10", b"%PDF-1.7" * 20])
+def test_not_a_recording(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "junk.oni"
+    path.write_bytes(content)
+    assert complaint(path) == f"{path}: is not an OpenNI recording (.oni)"
+
+
+def test_other_version_of_the_format(small_oni: Path) -> None:
+    content = bytearray(small_oni.read_bytes())
+    content[6] = 0
+    small_oni.write_bytes(content)
+    assert "its format is version 1.0.0.0, only 1.0.1.0 is read" in complaint(small_oni)
+
+
+def test_recorder_that_was_killed(tmp_path: Path) -> None:
+    path = tmp_path / "killed.oni"
+    write_oni(path, steady(3), OniSettings(finished=False))
+    assert "was never finished" in complaint(path)
+
+
+@settings(
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(share=st.floats(0.0, 0.999))
+def test_cut_short_anywhere(share: float, small_oni: Path, tmp_path: Path) -> None:
+    content = small_oni.read_bytes()
+    path = tmp_path / "short.oni"
+    path.write_bytes(content[: int(share * len(content))])
+    assert str(path) in complaint(path)
+
+
+@settings(
+    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(at=st.integers(0, 1500), value=st.integers(0, 255))
+def test_a_flipped_byte_is_read_or_refused(
+    at: int, value: int, small_oni: Path, tmp_path: Path
+) -> None:
+    content = bytearray(small_oni.read_bytes())
+    content[at] = value
+    path = tmp_path / "flipped.oni"
+    path.write_bytes(content)
+    with suppress(InputError):
+        index = read_index(path)
+        assert len(index.images) >= 2 * len(index.pairs) > 0
+
+
+@pytest.mark.parametrize(("only", "lacks"), [(Sensor.DEPTH, "colour"), (Sensor.COLOUR, "depth")])
+def test_one_stream_alone(only: Sensor, lacks: str, tmp_path: Path) -> None:
+    path = tmp_path / "half.oni"
+    write_oni(path, [image(only, seq * 33_333) for seq in range(3)])
+    assert f"holds no {lacks} images; record colour and depth together" in complaint(path)
+
+
+def test_streams_that_never_meet(tmp_path: Path) -> None:
+    path = tmp_path / "apart.oni"
+    write_oni(path, [image(Sensor.DEPTH, 0), image(Sensor.COLOUR, 500_000)])
+    assert "no colour image within 20 ms of a depth image" in complaint(path)
+
+
+def test_no_camera_file(small_oni: Path) -> None:
+    text = complaint(small_oni)
+    assert "does not say whether its depth was registered to colour" in text
+    assert "without a [depth] table if it was, with one if it was not" in text
+
+
+def test_camera_file_of_another_size(small_oni: Path, camera_file: Path, tmp_path: Path) -> None:
+    other = tmp_path / "camera.toml"
+    other.write_text(camera_file.read_text().replace("64", "640"))
+    assert f"colour is 64x48, but camera file {other} is for 640x48" in complaint(small_oni, other)
+
+
+def test_depth_table_of_another_size(
+    small_oni: Path, depth_camera_file: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "camera.toml"
+    colour, depth = depth_camera_file.read_text().split("[depth]")
+    other.write_text(f"{colour}[depth]{depth.replace('64', '32')}")
+    assert "depth is 64x48, but [depth] of camera file" in complaint(small_oni, other)
+
+
+def test_missing_camera_file(small_oni: Path, tmp_path: Path) -> None:
+    assert "none.toml" in complaint(small_oni, tmp_path / "none.toml")
+
+
+def test_recording_that_the_player_would_drop(tmp_path: Path, camera_file: Path) -> None:
+    path = tmp_path / "dropped.oni"
+    write_oni(path, steady(2), OniSettings(cropping=False))
+    assert "lacks the cropping property" in complaint(path, camera_file)

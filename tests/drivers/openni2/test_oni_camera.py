@@ -1,0 +1,200 @@
+"""Recordings played by the real libOpenNI2."""
+
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivers.camera import EndOfStream, Pace, RgbdFrame
+from drivers.errors import CameraError, InputError
+from drivers.openni2.oni_camera import OniCamera
+from drivers.sensor_settings import SensorSettings
+from drivers.tum.camera import TumCamera
+from tests.drivers.openni2.conftest import SIZE, all_frames, image, steady
+from tests.stand_ins.oni_writer import (
+    DEPTH_100_UM,
+    OniImage,
+    OniSettings,
+    Sensor,
+    images_of,
+    write_oni,
+)
+from vo_service.odometry.surf_odometry import SurfOdometry
+
+
+def written(path: Path, images: Sequence[OniImage], settings: OniSettings | None = None) -> Path:
+    write_oni(path, images, settings)
+    return path
+
+
+def whole(frame: RgbdFrame) -> tuple[object, ...]:
+    """Everything but the images and the time of day."""
+    return (frame.seq, frame.stamp_s, frame.skew_s, frame.camera, frame.depth_factor)
+
+
+def test_frames_are_those_of_the_folder_bit_for_bit(corner_oni: Path, in_millimetres: Path) -> None:
+    played = list(all_frames(OniCamera(corner_oni, in_millimetres / "camera.toml")))
+    recorded = list(all_frames(TumCamera(in_millimetres)))
+    assert len(played) == len(recorded) == 12
+    for ours, theirs in zip(played, recorded, strict=True):
+        np.testing.assert_array_equal(ours.colour_bgr, theirs.colour_bgr)
+        np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
+        assert whole(ours) == whole(theirs)
+
+
+def test_the_trajectory_is_that_of_the_folder(corner_oni: Path, in_millimetres: Path) -> None:
+    oni, folder = SurfOdometry(), SurfOdometry()
+    played = OniCamera(corner_oni, in_millimetres / "camera.toml")
+    for ours, theirs in zip(all_frames(played), all_frames(TumCamera(in_millimetres)), strict=True):
+        a, b = oni.estimate(ours), folder.estimate(theirs)
+        np.testing.assert_array_equal(a.T_world_camera, b.T_world_camera)
+        assert a.ok
+
+
+def test_real_recording_plays_as_its_folder(recordings: Path, tmp_path: Path) -> None:
+    folder, path = recordings / "redkitchen", tmp_path / "redkitchen.oni"
+    with TumCamera(folder) as camera:
+        first = [camera.read(5.0) for _ in range(10)]
+    write_oni(path, images_of(first))
+    for ours, theirs in zip(
+        all_frames(OniCamera(path, folder / "camera.toml")), first, strict=True
+    ):
+        np.testing.assert_array_equal(ours.colour_bgr, theirs.colour_bgr)
+        np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
+        assert ours.stamp_s == theirs.stamp_s
+
+
+# Which sensor the next image in the file is of, and how far its stamp is after the one before.
+turns = st.lists(st.tuples(st.sampled_from(Sensor), st.integers(1_000, 40_000)), max_size=24)
+
+
+@settings(
+    max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(turns=turns)
+def test_no_image_is_lost_in_whatever_order_the_file_has_them(
+    turns: list[tuple[Sensor, int]], tmp_path: Path, camera_file: Path
+) -> None:
+    stamps_us = dict.fromkeys(Sensor, 0)
+    images = [image(sensor, 0) for sensor in Sensor]
+    for sensor, step_us in turns:
+        stamps_us[sensor] += step_us
+        images.append(image(sensor, stamps_us[sensor]))
+    by_stamp = {(i.sensor, i.stamp_us): i.pixels for i in images}
+    camera = OniCamera(written(tmp_path / "any.oni", images), camera_file)
+    frames = list(all_frames(camera))
+    assert camera.counters.delivered == len(frames) == camera.frame_count
+    for frame in frames:
+        colour_us = round(frame.stamp_s * 1e6)
+        depth_us = colour_us + round(frame.skew_s * 1e6)
+        np.testing.assert_array_equal(frame.colour_bgr, by_stamp[Sensor.COLOUR, colour_us])
+        np.testing.assert_array_equal(frame.depth_raw, by_stamp[Sensor.DEPTH, depth_us])
+
+
+def test_stamps_are_exact_and_skew_is_depth_minus_colour(
+    small_oni: Path, camera_file: Path
+) -> None:
+    frames = list(all_frames(OniCamera(small_oni, camera_file)))
+    assert [frame.stamp_s for frame in frames] == [seq * 33_333 / 1e6 for seq in range(8)]
+    assert {frame.skew_s for frame in frames} == {0.002}
+    assert [frame.seq for frame in frames] == list(range(8))
+
+
+def test_realtime_drops_what_is_not_taken_in_time_and_counts_it(
+    tmp_path: Path, camera_file: Path
+) -> None:
+    path = written(tmp_path / "long.oni", steady(30))
+    with OniCamera(path, camera_file, Pace.REALTIME) as camera:
+        first = camera.read(5.0)
+        time.sleep(0.3)
+        second = camera.read(5.0)
+        counters = camera.counters
+    assert first.seq == 0
+    assert second.seq > 1
+    assert counters.dropped == second.seq - 1
+    assert counters.delivered == 2
+
+
+def test_realtime_gives_the_same_frames_to_a_reader_in_time(
+    small_oni: Path, camera_file: Path
+) -> None:
+    lockstep = {frame.seq: frame for frame in all_frames(OniCamera(small_oni, camera_file))}
+    camera = OniCamera(small_oni, camera_file, Pace.REALTIME)
+    for frame in all_frames(camera):
+        np.testing.assert_array_equal(frame.depth_raw, lockstep[frame.seq].depth_raw)
+    assert camera.counters.delivered + camera.counters.dropped == 8
+
+
+def test_depth_in_tenths_of_a_millimetre_has_its_own_factor(
+    tmp_path: Path, camera_file: Path
+) -> None:
+    path = written(tmp_path / "fine.oni", steady(2), OniSettings(depth_format=DEPTH_100_UM))
+    fine = tmp_path / "camera.toml"
+    fine.write_text(camera_file.read_text().replace("1000.0", "10000.0"))
+    assert next(all_frames(OniCamera(path, fine))).depth_factor == 10000.0
+    with pytest.raises(InputError, match=r"depth_factor is 1000, .* set depth_factor = 10000.0"):
+        OniCamera(path, camera_file).open()
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+@pytest.mark.parametrize("wanted", [True, False])
+def test_left_and_right_are_as_asked_for(
+    recorded: bool, wanted: bool, tmp_path: Path, camera_file: Path
+) -> None:
+    images = steady(1)
+    path = written(tmp_path / "mirror.oni", images, OniSettings(mirror=recorded))
+    camera = OniCamera(path, camera_file, settings=SensorSettings(mirror=wanted))
+    frame = next(all_frames(camera))
+    step = 1 if recorded == wanted else -1
+    np.testing.assert_array_equal(frame.depth_raw, images[0].pixels[:, ::step])
+    np.testing.assert_array_equal(frame.colour_bgr, images[1].pixels[:, ::step])
+
+
+def test_depth_camera_of_its_own_is_registered_in_software(
+    small_oni: Path, camera_file: Path, depth_camera_file: Path
+) -> None:
+    registered = all_frames(OniCamera(small_oni, depth_camera_file))
+    for ours, theirs in zip(registered, all_frames(OniCamera(small_oni, camera_file)), strict=True):
+        np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
+
+
+def test_closes_in_the_middle_and_begins_anew(small_oni: Path, camera_file: Path) -> None:
+    camera = OniCamera(small_oni, camera_file)
+    for _ in range(2):
+        camera.open()
+        assert [camera.read(5.0).seq for _ in range(2)] == [0, 1]
+        camera.close()
+    with pytest.raises(CameraError, match="not open"):
+        camera.read(0.1)
+
+
+def test_end_is_the_end_however_often_it_is_asked_for(small_oni: Path, camera_file: Path) -> None:
+    with OniCamera(small_oni, camera_file) as camera:
+        for _ in range(8):
+            camera.read(5.0)
+        for _ in range(2):
+            with pytest.raises(EndOfStream):
+                camera.read(5.0)
+
+
+def test_nothing_is_left_behind_by_opening_and_closing(small_oni: Path, camera_file: Path) -> None:
+    camera = OniCamera(small_oni, camera_file)
+
+    def held() -> tuple[int, int]:
+        with camera:
+            camera.read(5.0)
+        return len(list(Path("/proc/self/fd").iterdir())), threading.active_count()
+
+    before = held()
+    assert [held() for _ in range(5)] == [before] * 5
+
+
+def test_says_where_its_intrinsics_come_from(small_oni: Path, camera_file: Path) -> None:
+    with OniCamera(small_oni, camera_file) as camera:
+        assert camera.intrinsics_source == f"camera file {camera_file}"
+        assert (camera.read(5.0).camera.width, camera.read(5.0).camera.height) == SIZE

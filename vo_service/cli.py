@@ -21,6 +21,7 @@ COMMANDS = (
     "replay",
     "run",
     "record",
+    "calibrate",
     "listen",
     "evaluate",
     "warm-up",

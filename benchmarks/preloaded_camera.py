@@ -1,0 +1,71 @@
+"""A camera that costs nothing but its frames: random images in memory, played at a fixed rate."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.camera import CameraCounters, Clock, NoFrameYet, PinholeCamera, RgbdCamera, RgbdFrame
+
+IMAGES = 8
+WIDTH, HEIGHT = 640, 480
+
+
+class PreloadedCamera(RgbdCamera):
+    """Copies an image pair at every tick of its clock, as a driver does.
+
+    A frame's `device_stamp_s` is the CPU time that its process has used so far.
+    """
+
+    name = "preloaded"
+    clock = Clock.MONOTONIC
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_s = 1.0 / rate_hz
+        rng = np.random.default_rng(1)
+        self._frames = [_frame(rng) for _ in range(IMAGES)]
+        self._seq, self._due_s = 0, 0.0
+
+    def open(self) -> None:
+        """Begin now."""
+        self._seq, self._due_s = 0, time.monotonic()
+
+    def read(self, timeout_s: float) -> RgbdFrame:
+        """The next frame when it is due."""
+        wait_s = self._due_s - time.monotonic()
+        time.sleep(max(0.0, min(wait_s, timeout_s)))
+        if wait_s > timeout_s:
+            raise NoFrameYet
+        source = self._frames[self._seq % IMAGES]
+        frame = replace(
+            source,
+            seq=self._seq,
+            stamp_s=self._due_s,
+            colour_bgr=source.colour_bgr.copy(),
+            depth_raw=source.depth_raw.copy(),
+            device_stamp_s=time.process_time(),
+            arrival_s=time.monotonic(),
+        )
+        self._seq += 1
+        self._due_s += self._period_s
+        return frame
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+    @property
+    def counters(self) -> CameraCounters:
+        """Nothing is ever lost here."""
+        return CameraCounters(delivered=self._seq)
+
+
+def _frame(rng: np.random.Generator) -> RgbdFrame:
+    return RgbdFrame(
+        seq=0,
+        stamp_s=0.0,
+        arrival_s=0.0,
+        colour_bgr=rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8),
+        depth_raw=rng.integers(0, 4000, (HEIGHT, WIDTH), np.uint16),
+        depth_factor=1000.0,
+        camera=PinholeCamera(WIDTH, HEIGHT, 525.0, 525.0, 319.5, 239.5),
+    )

@@ -57,20 +57,20 @@ class KernelDriver:
         device = context.kernel_device(context.sensor.camera)
         drivers = [driver for driver in device.drivers if driver != "usbfs"] if device else []
         if not drivers and not context.sensor.kernel_driver:
-            return passed("no kernel driver has the camera", drivers=drivers)
+            return passed("none has the camera", drivers=drivers)
         named = ", ".join(drivers) or "a kernel driver"
         nodes = device.video_nodes if device else []
         return warned(
             f"{named} has the camera{''.join(f' as /dev/{node}' for node in nodes)}",
-            f"{sudo_command('udev', 'install')} keeps {KERNEL_DRIVER} away",
+            f"run {sudo_command('udev', 'install')}, which keeps {KERNEL_DRIVER} away",
             drivers=drivers,
         )
 
 
-class InUse:
-    """One program at a time."""
+class SoleUse:
+    """Only one program can have the camera."""
 
-    name = "in-use"
+    name = "sole-use"
     needs = ("permission",)
 
     def run(self, context: Context) -> Finding:
@@ -79,8 +79,8 @@ class InUse:
         holders = sorted(set(_holders(context)))
         facts = {"processes": holders}
         if sensor.refusal is Refusal.BUSY or holders:
-            who = ", ".join(holders) or "another program, or another user's, which only root sees,"
-            return failed(f"{who} has the camera", "end that program, then try again", **facts)
+            who = ", ".join(holders) or "another program"
+            return failed(f"{who} has the camera", _end_it(holders), **facts)
         if sensor.refusal is Refusal.NONE:
             return passed("no other program has the camera", **facts)
         return failed(
@@ -88,6 +88,12 @@ class InUse:
             "unplug the sensor and its power supply, wait ten seconds, plug both in",
             **facts,
         )
+
+
+def _end_it(holders: list[str]) -> str:
+    if holders or os.geteuid() == 0:
+        return "end that program, then run this again"
+    return f"find it with {sudo_command('doctor')}, end it, then run this again"
 
 
 def _holders(context: Context) -> Iterator[str]:

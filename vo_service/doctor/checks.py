@@ -3,20 +3,14 @@
 from pathlib import Path
 
 from drivers.kinect_usb.ids import Model
-from vo_service.doctor.access import InUse, KernelDriver, Permission
+from vo_service.doctor.access import KernelDriver, Permission, SoleUse
 from vo_service.doctor.bus import SensorOnBus, SharedController, UsbSpeed
 from vo_service.doctor.context import Wanted
 from vo_service.doctor.finding import Check
 from vo_service.doctor.firmware import Firmware
 from vo_service.doctor.libraries import Libraries
-from vo_service.doctor.stream import (
-    ClockRate,
-    FirstFrames,
-    FrameRate,
-    Gravity,
-    LostPackets,
-    Skew,
-)
+from vo_service.doctor.stream import FirstFrames, FrameRate, LostPackets
+from vo_service.doctor.timing import ClockRate, Gravity, Skew
 
 KINECTS = frozenset({Model.K1414, Model.K1473, Model.K4W})
 PRIMESENSES = frozenset({Model.PRIMESENSE, Model.XTION, Model.XTION_LIVE, Model.CARMINE})
@@ -28,10 +22,10 @@ USB_CHECKS: tuple[Check, ...] = (
     SharedController(),
     Permission(),
     KernelDriver(),
-    InUse(),
+    SoleUse(),
 )
 # The picture cannot come while one of these fails.
-BEFORE_FRAMES = ("libraries", "sensor", "usb-speed", "permission", "in-use")
+BEFORE_FRAMES = ("libraries", "sensor", "usb-speed", "permission", "sole-use")
 
 
 def wanted_by(source: str) -> Wanted:

@@ -56,7 +56,7 @@ def unknown(text: str) -> Finding:
 
 def skipped(needed: str) -> Finding:
     """Not run, because the check `needed` has failed."""
-    return Finding(Verdict.SKIPPED, f"{needed.replace('-', ' ')} comes first")
+    return Finding(Verdict.SKIPPED, f"since {needed.replace('-', ' ')} failed")
 
 
 class Check(Protocol):

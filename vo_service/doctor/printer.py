@@ -30,6 +30,19 @@ FIX = "fix: "
 NOT_CHECKED = "not checked"
 
 
+class NoPrinter:
+    """For programs, which read JSON."""
+
+    def heading(self, text: str) -> None:
+        """See `Printer`."""
+
+    def result(self, result: Result) -> None:
+        """See `Printer`."""
+
+    def conclusion(self, found: Sequence[Result]) -> None:
+        """See `Printer`."""
+
+
 class Printer:
     """Writes to one stream; what is too long for a line goes on below, indented."""
 
@@ -72,7 +85,7 @@ class Printer:
         skipped = by_verdict[Verdict.SKIPPED]
         if failures:
             rest = f", {len(skipped)} not checked" if skipped else ""
-            text = f"{len(failures)} failed{rest}: mend {failures[0]} first, then run it again"
+            text = f"{len(failures)} failed ({', '.join(failures)}){rest}: mend that, run it again"
             self._write(f"\n{self._paint(text, RED)}")
         elif warnings:
             text = f"it works; look at {', '.join(warnings)}"
@@ -82,7 +95,7 @@ class Printer:
 
     def _skipped_together(self) -> None:
         names = ", ".join(result.name.replace("-", " ") for result in self._skipped)
-        text = f"{names}: {self._skipped[0].finding.text}"
+        text = f"{names} ({self._skipped[0].finding.text})"
         self._skipped = []
         self._line(Verdict.SKIPPED, NOT_CHECKED, text)
 

@@ -1,7 +1,6 @@
 """Everything that a bug report needs, in one file: whole, or not there at all."""
 
 import json
-import logging
 import shutil
 import tarfile
 import tempfile
@@ -10,10 +9,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from drivers.errors import InputError, UserFacingError
+from vo_service.doctor.logs import detailed_log
 
 SUFFIX = ".tar.gz"
 LOG_FILE = "log.txt"
-OWN_LOGS = ("drivers", "vo_service", "kinect-vo")
 
 
 class Report:
@@ -65,37 +64,9 @@ def report_to(file: Path) -> Iterator[Report]:
         raise InputError(f"{file}: cannot be written there: {error.strerror}") from error
     with temporary as folder:
         try:
-            with _log_to(Path(folder) / LOG_FILE):
+            with detailed_log(Path(folder) / LOG_FILE):
                 yield Report(file, Path(folder))
         except OSError as error:
             raise UserFacingError(
                 f"{file}: {error.strerror}; nothing was left behind; see to the disk and try again"
             ) from error
-
-
-@contextmanager
-def _log_to(file: Path) -> Iterator[None]:
-    """Write the log in detail to a file; what goes elsewhere stays as it is."""
-    root = logging.getLogger()
-    before = root.level
-    levels = [(handler, handler.level) for handler in root.handlers]
-    for handler, level in levels:
-        handler.setLevel(max(level, before))
-    detailed = logging.FileHandler(file)
-    detailed.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
-    # The details of other packages would drown ours.
-    detailed.addFilter(lambda record: record.levelno > logging.INFO or _is_ours(record.name))
-    root.addHandler(detailed)
-    root.setLevel(logging.DEBUG)
-    try:
-        yield
-    finally:
-        root.setLevel(before)
-        root.removeHandler(detailed)
-        detailed.close()
-        for handler, level in levels:
-            handler.setLevel(level)
-
-
-def _is_ours(logger: str) -> bool:
-    return logger.partition(".")[0] in OWN_LOGS

@@ -1,20 +1,13 @@
-"""Whether frames come, often enough, whole, and at the times that they say."""
+"""Whether frames come, often enough, and whole."""
 
-import math
-from statistics import median
-
-import numpy as np
-
-from drivers.gravity import is_gravity
 from vo_service.doctor.context import Context
 from vo_service.doctor.finding import Finding, failed, passed, unknown, warned
+from vo_service.doctor.watch import Watched
 
-REPLUG = "unplug the sensor and its power supply, wait ten seconds, plug both in"
-# Colour and depth of 30 frames a second that belong together are at most half a frame apart.
-LARGEST_SKEW_S = 0.017
+REPLUG = "check its cable and power supply: unplug both, wait ten seconds, plug them in again"
+OWN_CONTROLLER = "give the sensor a USB controller of its own, no hub, and a shorter cable"
 SLOWEST_SHARE = 0.9
 TOLERATED_LOSS = 0.01
-CLOCK_TOLERANCE = 0.01
 FRAMES_FOR_A_RATE = 10
 
 
@@ -30,8 +23,7 @@ class FirstFrames:
         """See `Check`."""
         watched = context.watched
         if watched.first_frame_s is None or watched.size is None:
-            text, _, advice = (watched.trouble or "the recording has no frame").rpartition("; ")
-            return failed(text or advice, advice if text else REPLUG)
+            return _no_frame(watched)
         width, height = watched.size
         source = watched.intrinsics_source
         return passed(
@@ -40,6 +32,25 @@ class FirstFrames:
             after_s=round(watched.first_frame_s, 3),
             intrinsics=source,
         )
+
+
+def _no_frame(watched: Watched) -> Finding:
+    lost, torn = watched.counters.lost_packets, watched.counters.skipped
+    if lost and torn:
+        return failed(
+            f"all {torn} frames lost packets ({lost}) and were thrown away",
+            OWN_CONTROLLER,
+            lost_packets=lost,
+            skipped_frames=torn,
+        )
+    return failed(*_text_and_advice(watched.trouble or "the recording has no frame"))
+
+
+def _text_and_advice(trouble: str) -> tuple[str, str]:
+    """An error's two halves; what the driver does about it by itself is no advice."""
+    text, _, advice = trouble.rpartition("; ")
+    has_advice = text and not advice.startswith("it is opened again")
+    return (text, advice) if has_advice else (text or advice, REPLUG)
 
 
 class FrameRate:
@@ -58,12 +69,8 @@ class FrameRate:
         samples = watched.samples
         facts = {"frames": len(samples), "dropped": watched.counters.dropped}
         if watched.trouble:
-            text, _, advice = watched.trouble.rpartition("; ")
-            return failed(
-                f"stopped after {len(samples)} frames: {text or advice}",
-                advice if text else REPLUG,
-                **facts,
-            )
+            text, advice = _text_and_advice(watched.trouble)
+            return failed(f"stopped after {len(samples)} frames: {text}", advice, **facts)
         if len(samples) < FRAMES_FOR_A_RATE:
             return unknown(f"{len(samples)} frames are too few to tell")
         rate_hz = (len(samples) - 1) / (samples[-1].arrival_s - samples[0].arrival_s)
@@ -96,94 +103,6 @@ class LostPackets:
         return finding(
             f"{counters.lost_packets} packets lost, {counters.skipped} frames thrown away "
             f"({share:.1%})",
-            "give the sensor a USB controller of its own, no hub, and a shorter cable",
+            OWN_CONTROLLER,
             **facts,
         )
-
-
-class Skew:
-    """Colour and depth have shutters of their own."""
-
-    name = "skew"
-    needs = ("first-frames",)
-
-    def run(self, context: Context) -> Finding:
-        """See `Check`."""
-        skews_s = [abs(sample.skew_s) for sample in context.watched.samples]
-        typical_s, largest_s = median(skews_s), max(skews_s)
-        facts = {"median_ms": round(typical_s * 1e3, 3), "largest_ms": round(largest_s * 1e3, 3)}
-        text = f"depth and colour {typical_s * 1e3:.1f} ms apart, at most {largest_s * 1e3:.1f} ms"
-        if typical_s > LARGEST_SKEW_S:
-            return warned(
-                f"{text}; half a frame is {LARGEST_SKEW_S * 1e3:.0f} ms",
-                "move the camera slowly, or plug it in again: the offset is another each time",
-                **facts,
-            )
-        return passed(text, **facts)
-
-
-class ClockRate:
-    """The device's stamps against this computer's clock."""
-
-    name = "clock"
-    needs = ("first-frames",)
-
-    def run(self, context: Context) -> Finding:
-        """See `Check`."""
-        samples = context.watched.samples
-        if len(samples) < FRAMES_FOR_A_RATE:
-            return unknown(f"{len(samples)} frames are too few to tell")
-        arrivals_s = np.array([sample.arrival_s for sample in samples])
-        device_s = [
-            sample.device_stamp_s for sample in samples if sample.device_stamp_s is not None
-        ]
-        whose = "the device's" if len(device_s) == len(samples) else "its"
-        stamps_s = device_s if len(device_s) == len(samples) else [s.stamp_s for s in samples]
-        rate = float(
-            np.polyfit(arrivals_s - arrivals_s[0], np.subtract(stamps_s, stamps_s[0]), 1)[0]
-        )
-        text = f"{whose} clock runs at {rate:.4f} of this computer's"
-        if abs(rate - 1.0) > CLOCK_TOLERANCE:
-            return failed(
-                text,
-                "its stamps cannot be trusted: plug the sensor in again, and report it if it stays",
-                rate=round(rate, 6),
-            )
-        return passed(text, rate=round(rate, 6))
-
-
-class Gravity:
-    """The accelerometer, where there is one."""
-
-    name = "gravity"
-    needs = ("first-frames",)
-
-    def __init__(self, is_expected: bool) -> None:
-        """`is_expected` is True for a sensor that has an accelerometer."""
-        self._is_expected = is_expected
-
-    def run(self, context: Context) -> Finding:
-        """See `Check`."""
-        vector = context.watched.samples[-1].gravity_m_s2
-        if vector is None and self._is_expected:
-            return warned(
-                "no reading: odom starts level with the camera instead",
-                "see firmware above; on a 1414, plug in its power supply, which feeds the motor",
-            )
-        if vector is None:
-            return unknown("this camera has no accelerometer")
-        right, down, forward = vector
-        length = math.hypot(*vector)
-        text = (
-            f"{length:.2f} m/s²; the camera looks {_degrees(forward, down, 'down', 'up')} and is "
-            f"rolled {_degrees(right, down, 'right', 'left')}"
-        )
-        facts = {"gravity_m_s2": list(vector)}
-        if not is_gravity(vector):
-            return warned(text, "hold the sensor still and run it again", **facts)
-        return passed(text, **facts)
-
-
-def _degrees(sideways: float, down: float, positive: str, negative: str) -> str:
-    angle_deg = math.degrees(math.atan2(sideways, down))
-    return f"{abs(angle_deg):.0f}° {positive if angle_deg >= 0 else negative}"

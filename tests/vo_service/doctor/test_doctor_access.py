@@ -7,7 +7,7 @@ import pytest
 
 from drivers.kinect_usb.ids import Model
 from tests.vo_service.doctor.doctor_fakes import context, interface, sensor, usb_device
-from vo_service.doctor.access import InUse, KernelDriver, Permission
+from vo_service.doctor.access import KernelDriver, Permission, SoleUse
 from vo_service.doctor.finding import Verdict
 from vo_service.doctor.firmware import Firmware
 from vo_service.doctor.usb_facts import Refusal
@@ -54,7 +54,7 @@ def test_the_kernels_webcam_driver_is_named(tmp_path: Path) -> None:
     finding = KernelDriver().run(context([sensor(kernel_driver=True)], root=tmp_path))
     assert finding.verdict is Verdict.WARNING
     assert finding.text == "gspca_kinect has the camera as /dev/video2"
-    assert "udev install keeps gspca_kinect away" in finding.fix
+    assert "udev install, which keeps gspca_kinect away" in finding.fix
 
 
 def test_a_kernel_driver_is_seen_without_the_kernels_help() -> None:
@@ -71,7 +71,7 @@ def test_a_program_that_has_claimed_the_camera_is_no_kernel_driver(tmp_path: Pat
 def test_the_program_that_has_the_camera_is_named(tmp_path: Path) -> None:
     process(tmp_path, 812, "freenect-glview", "/dev/null", CAMERA_FILE)
     process(tmp_path, 900, "bash", "/dev/null")
-    finding = InUse().run(context([sensor(refusal=Refusal.BUSY)], root=tmp_path))
+    finding = SoleUse().run(context([sensor(refusal=Refusal.BUSY)], root=tmp_path))
     assert finding.verdict is Verdict.FAIL
     assert finding.text == "freenect-glview (process 812) has the camera"
 
@@ -80,24 +80,24 @@ def test_a_program_that_films_through_the_kernel_is_named(tmp_path: Path) -> Non
     device = usb_device(tmp_path, "0000:00:14.0/usb1/1-2", 1, 4)
     (interface(device, 0, "ff", "gspca_kinect") / "video4linux/video2").mkdir(parents=True)
     process(tmp_path, 77, "cheese", "/dev/video2")
-    finding = InUse().run(context([sensor(kernel_driver=True)], root=tmp_path))
+    finding = SoleUse().run(context([sensor(kernel_driver=True)], root=tmp_path))
     assert finding.text == "cheese (process 77) has the camera"
 
 
-def test_what_only_root_may_see_is_said(tmp_path: Path) -> None:
-    finding = InUse().run(context([sensor(refusal=Refusal.BUSY)], root=tmp_path))
+def test_a_program_that_only_root_may_see_is_another(tmp_path: Path) -> None:
+    finding = SoleUse().run(context([sensor(refusal=Refusal.BUSY)], root=tmp_path))
     assert finding.verdict is Verdict.FAIL
-    assert "which only root sees" in finding.text
+    assert finding.text == "another program has the camera"
 
 
 def test_this_very_process_does_not_count(tmp_path: Path) -> None:
     process(tmp_path, os.getpid(), "kinect-vo", CAMERA_FILE)
-    assert InUse().run(context([sensor()], root=tmp_path)).verdict is Verdict.PASS
+    assert SoleUse().run(context([sensor()], root=tmp_path)).verdict is Verdict.PASS
 
 
 def test_another_refusal_is_passed_on() -> None:
     refusing = sensor(refusal=Refusal.OTHER, refusal_text="Input/Output Error")
-    finding = InUse().run(context([refusing]))
+    finding = SoleUse().run(context([refusing]))
     assert (finding.verdict, finding.text) == (
         Verdict.FAIL,
         "it cannot be opened: Input/Output Error",
@@ -126,8 +126,8 @@ def test_firmware_that_is_there_but_not_loaded_is_said(tmp_path: Path) -> None:
     assert finding.text.startswith(f"not loaded, though {tmp_path / 'audios.bin'} is there")
 
 
-@pytest.mark.parametrize("check", [Permission(), KernelDriver(), InUse()])
+@pytest.mark.parametrize("check", [Permission(), KernelDriver(), SoleUse()])
 def test_a_machine_that_shows_nothing_is_no_trouble(
-    check: Permission | KernelDriver | InUse,
+    check: Permission | KernelDriver | SoleUse,
 ) -> None:
     assert check.run(context([sensor()])).verdict is Verdict.PASS

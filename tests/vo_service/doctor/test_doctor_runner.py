@@ -83,9 +83,9 @@ def shown(screen: Screen, found: list[Result]) -> str:
 
 @pytest.fixture(autouse=True)
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A terminal of 60 columns without colours."""
+    """A terminal of 64 columns without colours."""
     monkeypatch.setenv("NO_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setenv("COLUMNS", "64")
 
 
 BAD = FixedCheck("usb-speed", failed("12 Mbit/s", "use another port"))
@@ -97,7 +97,7 @@ LAST = FixedCheck("skew", passed("4 ms"), ("first-frames",))
 def test_what_needs_a_failed_check_is_not_run_and_names_the_first_cause() -> None:
     found = run(GOOD, BAD, DEPENDENT, LAST)
     assert [result.finding.verdict for result in found] == ["pass", "fail", "skipped", "skipped"]
-    assert [result.finding.text for result in found[2:]] == ["usb speed comes first"] * 2
+    assert [result.finding.text for result in found[2:]] == ["since usb speed failed"] * 2
     assert verdict(found) is Verdict.FAIL
 
 
@@ -138,7 +138,7 @@ def test_a_camera_without_permission_is_not_opened() -> None:
     machine._watch = watch  # type: ignore[assignment]
     found = list(results(checks_for("freenect")[1:], machine, quiet))
     skipped = {result.name for result in found if result.finding.verdict is Verdict.SKIPPED}
-    assert {"in-use", "first-frames", "frame-rate", "gravity"} <= skipped
+    assert {"sole-use", "first-frames", "frame-rate", "gravity"} <= skipped
 
 
 def test_a_good_machine_passes_every_check() -> None:
@@ -152,9 +152,9 @@ def test_lines_are_aligned_and_the_fix_is_below() -> None:
         "  ✓ sensor        Kinect 1414\n"
         "  ✗ usb speed     12 Mbit/s\n"
         "                  fix: use another port\n"
-        "  - not checked   first frames, skew: usb speed comes first\n"
+        "  - not checked   first frames, skew (since usb speed failed)\n"
         "\n"
-        "1 failed, 2 not checked: mend usb speed first, then run it again\n"
+        "1 failed (usb speed), 2 not checked: mend that, run it again\n"
     )
 
 
@@ -162,7 +162,7 @@ def test_a_terminal_gets_no_line_that_is_too_long() -> None:
     found = run(FixedCheck("sensor", failed(LONG, LONG)))
     lines = shown(Screen(), found).splitlines()
     assert len(lines) > 6
-    assert max(len(line) for line in lines) <= 60
+    assert max(len(line) for line in lines) <= 64
     assert lines[1].startswith(" " * 17)
 
 

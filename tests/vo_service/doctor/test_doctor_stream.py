@@ -8,14 +8,8 @@ import pytest
 from drivers.camera import CameraCounters
 from tests.vo_service.doctor.doctor_fakes import PERIOD_S, context, samples, watched
 from vo_service.doctor.finding import Check, Finding, Verdict
-from vo_service.doctor.stream import (
-    ClockRate,
-    FirstFrames,
-    FrameRate,
-    Gravity,
-    LostPackets,
-    Skew,
-)
+from vo_service.doctor.stream import FirstFrames, FrameRate, LostPackets
+from vo_service.doctor.timing import ClockRate, Gravity, Skew
 from vo_service.doctor.watch import Watched
 
 CHECKS = (FirstFrames(), FrameRate(30.0), LostPackets(), Skew(), ClockRate(), Gravity(True))
@@ -45,7 +39,7 @@ def test_no_frame_says_why_and_what_to_do() -> None:
 def test_no_frame_without_advice_is_advised() -> None:
     finding = judged(FirstFrames(), watched([], trouble="no frame within 30 s"))
     assert finding.text == "no frame within 30 s"
-    assert finding.fix.startswith("unplug the sensor")
+    assert finding.fix.startswith("check its cable and power supply")
 
 
 def test_a_stream_that_stops_is_said_with_its_frames() -> None:
@@ -136,3 +130,16 @@ def test_where_the_intrinsics_come_from_is_said() -> None:
 def test_an_empty_recording_is_no_crash() -> None:
     finding = judged(FirstFrames(), Watched(counters=CameraCounters()))
     assert (finding.verdict, finding.text) == (Verdict.FAIL, "the recording has no frame")
+
+
+def test_frames_that_are_all_torn_are_no_mystery() -> None:
+    seen = watched([], trouble="it sends nothing", skipped=58, lost_packets=290)
+    finding = judged(FirstFrames(), seen)
+    assert finding.text == "all 58 frames lost packets (290) and were thrown away"
+    assert "USB controller of its own" in finding.fix
+
+
+def test_what_the_driver_does_by_itself_is_no_advice() -> None:
+    finding = judged(FrameRate(30.0), watched(trouble="no depth for 1 s; it is opened again"))
+    assert finding.text.endswith("no depth for 1 s")
+    assert finding.fix.startswith("check its cable")

@@ -17,7 +17,12 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
 from drivers.geometry import Array, rigid_transform, rotation_from_vector
 from drivers.trajectory import StampedPoses
 from drivers.tum.writer import TumWriter
-from tests.stand_ins.fixtures import kinect_film, play_kinect, played_libusb  # noqa: F401
+from tests.stand_ins.fixtures import (  # noqa: F401
+    kinect_film,
+    no_real_usb,
+    play_kinect,
+    played_libusb,
+)
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 
 # A shell that runs the tests in the background has Ctrl-C ignored, and so would what they start.

@@ -23,7 +23,7 @@ def libusb_folder() -> Path:
 
     Raises UserFacingError where there is no C compiler.
     """
-    folder = cache_folder() / "played-kinect" / _fingerprint()
+    folder = cache_folder().resolve() / "played-kinect" / _fingerprint()
     if not (folder / SONAME).exists():
         _compile_into(folder)
     return folder

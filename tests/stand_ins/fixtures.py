@@ -1,7 +1,8 @@
 """What tests need to play a Kinect; tests/conftest.py hands it on to all of them."""
 
+import ctypes
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import UserFacingError
-from tests.stand_ins.compiled_libusb import libusb_folder
+from tests.stand_ins.compiled_libusb import SONAME, libusb_folder
 from tests.stand_ins.played_kinect import PlayedKinect
 from tests.stand_ins.wire_film import WireFilm, wire_film
 
@@ -30,6 +31,17 @@ def pattern(seq: int) -> tuple[np.ndarray[Any, np.dtype[np.uint8]], Any]:
     return (bgr % 256).astype(np.uint8), depth_mm.astype(np.uint16)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def no_real_usb() -> None:
+    """No test sees this machine's USB devices.
+
+    A process has one libusb; were the system's loaded first, by whichever test, no Kinect could be
+    played in it any more. Without a compiler there is nothing to play with, and all stays as it is.
+    """
+    with suppress(UserFacingError):
+        ctypes.CDLL(str(libusb_folder() / SONAME), mode=ctypes.RTLD_GLOBAL)
+
+
 @pytest.fixture(scope="session")
 def played_libusb() -> Path:
     """The folder of the stand-in for libusb; skips where it cannot be compiled."""
@@ -48,10 +60,15 @@ def kinect_film(tmp_path_factory: pytest.TempPathFactory) -> WireFilm:
 
 @pytest.fixture
 def play_kinect(tmp_path: Path, played_libusb: Path, kinect_film: WireFilm) -> Iterator[PlayKinect]:
-    """A function that plugs in a Kinect, with options as PlayedKinect has, until the test ends."""
+    """A function that plugs in a Kinect until the test ends, with options as PlayedKinect has.
+
+    It is patient: a test does not fail because the machine is busy.
+    """
     with ExitStack() as stack:
 
         def play(film: WireFilm = kinect_film, **options: Any) -> PlayedKinect:
-            return stack.enter_context(PlayedKinect(tmp_path, film, **options))
+            kinect = stack.enter_context(PlayedKinect(tmp_path, film, **options))
+            kinect.patient = True
+            return kinect
 
         yield play

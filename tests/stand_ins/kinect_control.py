@@ -68,7 +68,7 @@ class Control(ctypes.Structure):
         ("film_began_ns", c_uint64),
         ("clock_began_frame", c_int64),
         ("abandoned_transfers", c_uint32),
-        ("unused", c_uint32),
+        ("patient", c_uint32),
         ("streams", StreamControl * 2),
         ("registers", c_uint16 * 0x400),
         ("cmos", c_uint16 * 0x400),

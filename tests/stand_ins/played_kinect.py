@@ -13,7 +13,8 @@ at their next look at the bus.
 What it is        model, serial (of the camera on the 1414, else of the audio device), registration:
                   FACTORY, or IDENTITY where the depth given is registered to colour already
 Settings          rate, loop, start_ticks, start_delay_s, colour_offset_s, clock_error_ppm,
-                  tilt_deg_per_s: to be set before streaming; set_accelerometer, rewind: at any time
+                  tilt_deg_per_s, patient: to be set before streaming
+                  set_accelerometer, rewind: at any time
 Faults            unplug, plug, lose_packets, lose_burst, stall, freeze_control, busy, forbid,
                   starve, slow_bus, kernel_driver, firmware: at any time
 Readings          tilt_deg, tilt_moving, led, frames_sent, packets_lost, streaming, open_handles,
@@ -44,6 +45,7 @@ __all__ = [
     "FACTORY",
     "IDENTITY",
     "Led",
+    "Loop",
     "Model",
     "PlayedKinect",
     "Stream",
@@ -65,16 +67,26 @@ class Model(IntEnum):
     K4W = 2  # Kinect for Windows, 1517
 
 
+class Loop(IntEnum):
+    """What follows the end of the film."""
+
+    ONCE = 0  # nothing: the camera falls silent
+    AROUND = 1  # its beginning
+    THERE_AND_BACK = 2  # the way back to the beginning: motion without a jump
+
+
 class PlayedKinect(Faults, Readings):
     """One Kinect, plugged in from the beginning. Use as a context manager.
 
     rate             frames a second: a divisor of 60 million, at most 30
-    loop             the film begins again at its end; otherwise the camera falls silent there
+    loop             what follows the film's end (Loop): True, its beginning; False, nothing
     start_ticks      what its 60 MHz clock says at the first frame after plugging in
     start_delay_s    from the command to stream until the first frame begins
     colour_offset_s  how much later than depth a colour frame begins; its stamp says so too
     clock_error_ppm  how much too fast its clock runs
     tilt_deg_per_s   how fast the motor is
+    patient          True: a program that is late loses nothing; else what came meanwhile, as on
+                     a real bus, is lost after 32 ms
     """
 
     rate = Whole("rate")
@@ -83,6 +95,7 @@ class PlayedKinect(Faults, Readings):
     start_delay_s = Seconds("start_delay_ns")
     clock_error_ppm = Whole("clock_error_ppm")
     tilt_deg_per_s = Whole("tilt_deg_per_s")
+    patient = Whole("patient")
 
     def __init__(
         self,
@@ -102,7 +115,7 @@ class PlayedKinect(Faults, Readings):
         self.film = film
         self._describe(registration)
         self.rate = 30
-        self.loop = True
+        self.loop = Loop.AROUND
         self.start_delay_s = 0.1
         self.tilt_deg_per_s = 30
         self.firmware(True)

@@ -65,8 +65,9 @@ static struct kinect *map_kinect(const char *path)
 {
     struct kinect *kinect = calloc(1, sizeof *kinect);
     volatile struct control *control = map_file(path, O_RDWR, sizeof *control);
-    if (!kinect || !control || control->magic != CONTROL_MAGIC ||
-        control->size != sizeof *control || !load_film(&kinect->film, (const char *)control->film)) {
+    bool same_version = control && control->magic == CONTROL_MAGIC &&
+                        control->size == sizeof *control;
+    if (!kinect || !same_version || !load_film(&kinect->film, (const char *)control->film)) {
         fprintf(stderr, "played Kinect: %s is not a control file of this version\n", path);
         free(kinect);
         return NULL;

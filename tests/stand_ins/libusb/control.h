@@ -12,6 +12,7 @@
 #define CONTROL_MAGIC 0x4B494E31u /* "KIN1" */
 
 enum stream { DEPTH, VIDEO, STREAMS };
+enum loop { ONCE, AROUND, THERE_AND_BACK };
 enum model { MODEL_1414, MODEL_1473, MODEL_K4W };
 enum { CAMERA_REGISTERS = 0x400, CMOS_REGISTERS = 0x400 };
 enum { SERIAL_ROOM = 32, PATH_ROOM = 1024 };
@@ -57,7 +58,7 @@ struct control {
     uint32_t firmware;   /* the audio device has its firmware (1473, K4W) */
     uint32_t kernel_driver; /* gspca_kinect holds the camera */
     uint32_t rate;          /* frames a second */
-    uint32_t loop;          /* the film begins again at its end */
+    uint32_t loop;          /* what follows the end of the film: enum loop */
     uint32_t start_ticks;   /* the 60 MHz clock at the first frame after power on */
     int32_t clock_error_ppm;
     uint32_t tilt_deg_per_s;
@@ -71,7 +72,7 @@ struct control {
     uint64_t film_began_ns;    /* CLOCK_MONOTONIC of the film's frame 0; 0 = not yet */
     int64_t clock_began_frame; /* the film's frame that carries start_ticks; -1 = not yet */
     uint32_t abandoned_transfers; /* still submitted when their device was closed */
-    uint32_t unused;
+    uint32_t patient;             /* a setting: the bus waits for a program that is late */
     struct stream_control streams[STREAMS];
     uint16_t registers[CAMERA_REGISTERS];
     uint16_t cmos[CMOS_REGISTERS];

@@ -13,8 +13,8 @@ enum { MOST_TILT_DEG = 31, ANGLE_UNKNOWN = -128 };
 int tilt_now_deg(const volatile struct control *control, bool *moving)
 {
     int whole = control->tilt_to_deg - control->tilt_from_deg;
-    uint64_t elapsed_ms = (now_ns() - control->tilt_began_ns) / 1000000u;
-    uint64_t travelled = elapsed_ms * control->tilt_deg_per_s / 1000u;
+    uint64_t elapsed_us = (now_ns() - control->tilt_began_ns) / 1000u;
+    uint64_t travelled = elapsed_us * control->tilt_deg_per_s / 1000000u;
     *moving = travelled < (uint64_t)abs(whole);
     if (!*moving)
         return control->tilt_to_deg;

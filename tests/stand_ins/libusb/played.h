@@ -107,16 +107,28 @@ void stream_switched_on(struct kinect *kinect, enum stream stream);
 unsigned packet_in_slot(struct kinect *kinect, enum stream stream, uint64_t slot, uint8_t *packet,
                         unsigned room);
 
+/* transfers.c */
+struct transfer *take_ended(struct libusb_device_handle *handle, uint64_t now);
+uint64_t soonest_end(const struct libusb_context *context, uint64_t deadline_ns);
+void drop_transfers(struct libusb_device_handle *handle);
+
 /* events.c */
+void wake_waiting(void);
 bool in_a_callback(void);
 void handle_events_until(struct libusb_context *context, uint64_t deadline_ns);
 void spend_time_on_the_bus(struct libusb_context *context, uint64_t duration_ns);
-void drop_transfers(struct libusb_device_handle *handle);
 
 /* Little-endian numbers in a message. */
 static inline uint16_t get16(const uint8_t *at) { return (uint16_t)(at[0] | at[1] << 8); }
-static inline uint32_t get32(const uint8_t *at) { return get16(at) | (uint32_t)get16(at + 2) << 16; }
-static inline void put16(uint8_t *at, uint16_t value) { at[0] = (uint8_t)value; at[1] = value >> 8; }
+static inline uint32_t get32(const uint8_t *at)
+{
+    return get16(at) | (uint32_t)get16(at + 2) << 16;
+}
+static inline void put16(uint8_t *at, uint16_t value)
+{
+    at[0] = (uint8_t)value;
+    at[1] = (uint8_t)(value >> 8);
+}
 static inline void put32(uint8_t *at, uint32_t value)
 {
     put16(at, (uint16_t)value);

@@ -177,10 +177,10 @@ static int packet_field(libusb_device *device, unsigned char address)
     int found = LIBUSB_ERROR_NOT_FOUND;
     if (libusb_get_config_descriptor(device, 0, &config) != LIBUSB_SUCCESS)
         return LIBUSB_ERROR_NO_MEM;
-    const struct libusb_endpoint_descriptor *endpoints = ((struct configuration *)config)->endpoints;
+    const struct configuration *all = (const struct configuration *)config; /* its first member */
     for (int i = 0; i < 2; i++)
-        if (endpoints[i].bLength && endpoints[i].bEndpointAddress == address)
-            found = endpoints[i].wMaxPacketSize;
+        if (all->endpoints[i].bLength && all->endpoints[i].bEndpointAddress == address)
+            found = all->endpoints[i].wMaxPacketSize;
     libusb_free_config_descriptor(config);
     return found;
 }

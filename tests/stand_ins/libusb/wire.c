@@ -56,11 +56,25 @@ static uint32_t stamp_of(const volatile struct control *control, enum stream str
     return control->start_ticks + (uint32_t)(whole + offset + drift);
 }
 
+/* Which of the film's frames is shown; -1 for none. */
+static int64_t shown(const struct kinect *kinect, int64_t frame)
+{
+    int64_t count = kinect->film.count, way = frame % (2 * count);
+    switch (kinect->control->loop) {
+    case ONCE:
+        return frame < count ? frame : -1;
+    case THERE_AND_BACK:
+        return way < count ? way : 2 * count - 1 - way;
+    default:
+        return frame % count;
+    }
+}
+
 static struct picture picture_of(const struct kinect *kinect, enum stream stream, int64_t frame)
 {
     const struct film *film = &kinect->film;
     size_t frame_bytes = (size_t)film->depth_bytes + film->video_bytes + film->infrared_bytes;
-    const uint8_t *start = film->frames + (size_t)(frame % film->count) * frame_bytes;
+    const uint8_t *start = film->frames + (size_t)shown(kinect, frame) * frame_bytes;
     bool infrared = kinect->control->registers[REGISTER_VIDEO] == VIDEO_INFRARED;
     if (stream == DEPTH)
         return (struct picture){start, film->depth_bytes, 1748, 0x70};
@@ -75,9 +89,7 @@ static bool is_sent(const struct kinect *kinect, enum stream stream, int64_t fra
     const volatile struct control *control = kinect->control;
     const volatile struct stream_control *own = &control->streams[stream];
     uint16_t on = control->registers[stream == DEPTH ? REGISTER_DEPTH : REGISTER_VIDEO];
-    if (!on || own->stalled || control->film_began_ns == 0 || frame < 0)
-        return false;
-    if (!control->loop && frame >= kinect->film.count)
+    if (!on || own->stalled || control->film_began_ns == 0 || frame < 0 || shown(kinect, frame) < 0)
         return false;
     return frame_begins_ns(control, stream, frame) >= (int64_t)own->sends_from_ns;
 }

@@ -1,0 +1,152 @@
+"""Run any command on a played Kinect: ``python -m tests.stand_ins.play_kinect -- COMMAND``."""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from drivers.errors import InputError, UserFacingError
+from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
+from tests.stand_ins.fault_script import FAULT_NAMES, obey, parse_fault, schedule
+from tests.stand_ins.film_sources import camera_frames, folder_frames
+from tests.stand_ins.played_kinect import FACTORY, IDENTITY, Loop, Model, PlayedKinect
+from tests.stand_ins.wire_film import ColourBgr, DepthMm, WireFilm, wire_film
+from vo_service.folders import cache_folder
+
+MODELS = {"1414": Model.K1414, "1473": Model.K1473, "k4w": Model.K4W}
+REGISTRATIONS = {"identity": IDENTITY, "factory": FACTORY}
+LOOPS = {"once": Loop.ONCE, "around": Loop.AROUND, "there-and-back": Loop.THERE_AND_BACK}
+SYNTHETIC_S = 10.0
+EPILOG = f"""\
+examples:
+  python -m tests.stand_ins.play_kinect -- kinect-vo run --camera freenect
+  python -m tests.stand_ins.play_kinect --folder recordings/desk -- kinect-vo doctor
+  python -m tests.stand_ins.play_kinect --fault unplug@5s+3s --fault lose=50@12s -- COMMAND
+  python -m tests.stand_ins.play_kinect --model 1473 --fault no-firmware -- kinect-vo devices
+
+The command sees a Kinect on its USB bus and nothing else there: the real libfreenect and pyusb run
+on a libusb-1.0 that is compiled for this (needs gcc). Its frames go round and round; a synthetic
+room is rendered the first time. The film is written below $TMPDIR, 0.7 MB a frame.
+
+faults: {", ".join(FAULT_NAMES)}
+NAME@START+LENGTH, in seconds since the command began; without +LENGTH for good, without @START from
+the beginning. lose=N loses every n-th packet. While it runs, type a name to let it happen and
+'NAME off' to end it; 'plug' is 'unplug off'.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exit code: the command's own; 2 for a mistake in the options, 1 if there is no compiler."""
+    args = _parser().parse_args(argv)
+    try:
+        return _play(args)
+    except UserFacingError as error:
+        print(f"play_kinect: error: {error}", file=sys.stderr)
+        return error.exit_code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.stand_ins.play_kinect",
+        description="Run a command on a Kinect that is played: for those who have none.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument("--folder", type=Path, help="play a recorded TUM folder, 640x480")
+    source.add_argument("--synthetic", action="store_true", help="play a virtual room (default)")
+    parser.add_argument("--frames", type=int, metavar="N", help="play the first N frames only")
+    parser.add_argument("--loop", choices=LOOPS, help="what follows the last frame")
+    parser.add_argument("--model", choices=MODELS, default="1414", help="which Kinect")
+    parser.add_argument("--serial", default="A00123456789012A", help="its serial number")
+    parser.add_argument(
+        "--registration", choices=REGISTRATIONS, default="identity",
+        help="its calibration: identity keeps depth where it is (default), factory moves it",
+    )  # fmt: skip
+    parser.add_argument(
+        "--patient", action="store_true", help="lose nothing when the command is late"
+    )
+    parser.add_argument(
+        "--fault", action="append", default=[], metavar="NAME[@START][+LENGTH]",
+        help="let something go wrong; may be given again",
+    )  # fmt: skip
+    parser.add_argument("command", nargs=argparse.REMAINDER, help="-- and the command to run")
+    return parser
+
+
+def _play(args: argparse.Namespace) -> int:
+    command = args.command[1:] if args.command[:1] == ["--"] else args.command
+    if not command:
+        raise InputError("no command to run; write -- and the command at the end")
+    faults = [parse_fault(text) for text in args.fault]
+    with tempfile.TemporaryDirectory(prefix="played-kinect-") as name:
+        film = _film(Path(name), args)
+        registration = REGISTRATIONS[args.registration]
+        model = MODELS[args.model]
+        with PlayedKinect(Path(name), film, model, args.serial, registration) as kinect:
+            _set_up(kinect, args)
+            timers = schedule(kinect, faults)
+            code = _run(command, kinect)
+            for timer in timers:
+                timer.cancel()
+    return code
+
+
+def _film(folder: Path, args: argparse.Namespace) -> WireFilm:
+    print("play_kinect: writing the film ...", file=sys.stderr)
+    if args.folder is not None:
+        return wire_film(folder, folder_frames(args.folder, most=args.frames))
+    return wire_film(folder, _synthetic_frames(args.frames))
+
+
+def _synthetic_frames(most: int | None) -> Iterator[tuple[ColourBgr, DepthMm]]:
+    config = SyntheticConfig(duration_s=SYNTHETIC_S, loop=True)
+    count = round(config.duration_s * config.rate_hz)
+    preparation = Preparation(cache_dir=cache_folder() / "films")
+    return camera_frames(
+        SyntheticCamera(config, preparation=preparation), min(most or count, count)
+    )
+
+
+def _set_up(kinect: PlayedKinect, args: argparse.Namespace) -> None:
+    synthetic = args.folder is None
+    # The virtual room's motion ends where it began; a recording must be walked back.
+    kinect.loop = Loop.AROUND if synthetic else Loop.THERE_AND_BACK
+    kinect.patient = args.patient
+    if args.loop is not None:
+        kinect.loop = LOOPS[args.loop]
+    if synthetic:
+        kinect.colour_offset_s = -SyntheticConfig().timing.skew_s
+
+
+def _run(command: Sequence[str], kinect: PlayedKinect) -> int:
+    try:
+        child = subprocess.Popen(
+            command, env=os.environ | kinect.environment, stdin=subprocess.DEVNULL
+        )
+    except OSError as error:
+        raise InputError(f"{command[0]}: cannot be run: {error.strerror}") from error
+    # Ctrl-C reaches the command by itself; it decides how to end, and we with it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda number, frame: child.send_signal(number))
+    threading.Thread(target=_obey_lines, args=(kinect,), daemon=True).start()
+    code = child.wait()
+    return 128 - code if code < 0 else code  # as a shell tells a signal
+
+
+def _obey_lines(kinect: PlayedKinect) -> None:
+    for line in sys.stdin:
+        try:
+            obey(kinect, line)
+        except InputError as error:
+            print(f"play_kinect: {error}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,139 @@
+"""Tilt, light and accelerometer, on both protocols, through the real libfreenect and pyusb."""
+
+import struct
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import usb.core
+
+from tests.stand_ins.fixtures import PlayKinect
+from tests.stand_ins.freenect_probe import MOTOR_AND_CAMERA, FreenectProbe
+from tests.stand_ins.played_kinect import Led, Model, PlayedKinect
+
+pytestmark = pytest.mark.usefixtures("played_libusb")
+MOTOR, AUDIO = 0x02B0, 0x02AD
+TIMEOUT_MS = 500
+
+
+def device(kinect: PlayedKinect, product: int) -> Any:
+    kinect.load()
+    found = usb.core.find(idVendor=0x045E, idProduct=product)
+    assert found is not None
+    return found
+
+
+def settle(kinect: PlayedKinect) -> None:
+    while kinect.tilt_moving:
+        time.sleep(0.01)
+
+
+def motor_state(motor: Any) -> tuple[int, ...]:
+    return struct.unpack(">xxhhhbB", motor.ctrl_transfer(0xC0, 0x32, 0, 0, 10, TIMEOUT_MS))
+
+
+@pytest.mark.parametrize("model", [Model.K1414, Model.K1473])
+def test_libfreenect_tilts_lights_and_reads(play_kinect: PlayKinect, model: Model) -> None:
+    kinect = play_kinect(model=model)
+    kinect.tilt_deg_per_s = 1000
+    kinect.set_accelerometer(-12, 800, 30)
+    kinect.load()
+    with FreenectProbe(subdevices=MOTOR_AND_CAMERA) as probe:
+        assert probe.lib.freenect_set_led(probe.device, Led.RED) >= 0
+        assert probe.lib.freenect_set_tilt_degs(probe.device, -7.0) >= 0
+        settle(kinect)
+        assert probe.lib.freenect_update_tilt_state(probe.device) >= 0
+        state = probe.lib.freenect_get_tilt_state(probe.device).contents
+    assert (kinect.led, kinect.tilt_deg) == (Led.RED, -7)
+    assert (state.x, state.y, state.z, state.half_degrees) == (-12, 800, 30, -14)
+
+
+def test_the_motor_of_a_1414_is_a_device_of_its_own(play_kinect: PlayKinect) -> None:
+    kinect = play_kinect()
+    motor = device(kinect, MOTOR)
+    assert motor.ctrl_transfer(0xC0, 0x10, 0, 0, 1, TIMEOUT_MS)[0] == 0x22
+    motor.ctrl_transfer(0x40, 0x06, Led.YELLOW, 0, None, TIMEOUT_MS)
+    assert kinect.led == Led.YELLOW
+    assert motor_state(motor) == (0, 819, 0, 0, 0)
+
+
+def test_the_motor_takes_its_time_and_stops_at_its_limit(play_kinect: PlayKinect) -> None:
+    kinect = play_kinect()
+    kinect.tilt_deg_per_s = 1
+    motor = device(kinect, MOTOR)
+    motor.ctrl_transfer(0x40, 0x31, 2 * 40, 0, None, TIMEOUT_MS)
+    assert motor_state(motor)[3:] == (-128, 4)
+    kinect.tilt_deg_per_s = 1_000_000
+    assert motor_state(motor)[3:] == (62, 1)
+
+
+def test_two_programs_may_use_camera_and_motor_at_once(play_kinect: PlayKinect) -> None:
+    kinect = play_kinect()
+    motor = device(kinect, MOTOR)
+    with FreenectProbe() as probe:
+        probe.start()
+        probe.watch(2)
+        assert motor_state(motor)[1] == 819
+        assert probe.watch(4) == 0
+
+
+def command(audio: Any, tag: int, reply_bytes: int, number: int, argument: int = 0) -> bytes:
+    audio.write(0x01, struct.pack("<5I", 0x06022009, tag, reply_bytes, number, argument % 2**32))
+    return bytes(audio.read(0x81, 512, TIMEOUT_MS))
+
+
+def test_the_audio_device_of_a_1473_moves_the_motor(play_kinect: PlayKinect) -> None:
+    kinect = play_kinect(model=Model.K1473)
+    kinect.tilt_deg_per_s = 1000
+    audio = device(kinect, AUDIO)
+    assert command(audio, 7, 0, 0x803B, -9) == struct.pack("<3I", 0x0A6FE000, 7, 0)
+    assert command(audio, 8, 0, 0x10, 2) == struct.pack("<3I", 0x0A6FE000, 8, 0)
+    settle(kinect)
+    state = command(audio, 9, 0x68, 0x8032)
+    assert struct.unpack_from("<4i", state, 16) == (0, 819, 0, -9)
+    assert len(audio.read(0x81, 512, TIMEOUT_MS)) == 12
+    assert (kinect.led, kinect.tilt_deg) == (Led.BLINK_GREEN, -9)
+
+
+def test_without_firmware_it_has_one_interface_and_no_answer(play_kinect: PlayKinect) -> None:
+    kinect = play_kinect(model=Model.K1473)
+    kinect.firmware(False)
+    audio = device(kinect, AUDIO)
+    assert audio[0].bNumInterfaces == 1
+    with pytest.raises(usb.core.USBTimeoutError):
+        command(audio, 1, 0, 0x10, 2)
+
+
+def test_libfreenect_brings_the_firmware_where_the_user_has_it(
+    play_kinect: PlayKinect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("audios.bin").write_bytes(bytes(20_000))
+    kinect = play_kinect(model=Model.K1473)
+    kinect.firmware(False)
+    kinect.load()
+    with FreenectProbe(subdevices=MOTOR_AND_CAMERA) as probe:
+        assert probe.opened == 0, probe.log
+        assert probe.lib.freenect_set_led(probe.device, Led.GREEN) >= 0
+    assert kinect.led == Led.GREEN
+    assert device(kinect, AUDIO)[0].bNumInterfaces == 2
+
+
+def test_a_kinect_for_windows_has_numbers_of_its_own(play_kinect: PlayKinect) -> None:
+    kinect = play_kinect(model=Model.K4W)
+    assert device(kinect, 0x02BF).bcdDevice != 0x010B
+    assert device(kinect, 0x02BE).serial_number == kinect.serial
+    assert usb.core.find(idProduct=MOTOR) is None
+
+
+def test_unplugged_it_is_gone_for_pyusb_too(play_kinect: PlayKinect) -> None:
+    kinect = play_kinect()
+    motor = device(kinect, MOTOR)
+    motor_state(motor)
+    kinect.unplug()
+    with pytest.raises(usb.core.USBError, match="No such device"):
+        motor_state(motor)
+    assert usb.core.find(idProduct=MOTOR) is None
+    kinect.plug()
+    assert device(kinect, MOTOR).address != motor.address

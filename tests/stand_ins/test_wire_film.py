@@ -1,0 +1,68 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.stand_ins.kinect_registration import (
+    FACTORY,
+    NO_RAW,
+    expected_mm,
+    quantised_mm,
+    raw_of_mm,
+)
+from tests.stand_ins.wire_film import bayer, pack_bits, wire_film
+
+EVERY_RAW = np.arange(2048, dtype=np.uint16)
+
+
+@given(st.integers(9, 12), st.lists(st.integers(0, 511), min_size=16, max_size=16))
+def test_packed_values_are_one_long_number(bits: int, values: list[int]) -> None:
+    packed = pack_bits(np.array(values, np.uint16), bits)
+    number = 0
+    for value in values:
+        number = number << bits | value
+    assert packed.tobytes() == number.to_bytes(2 * bits)
+
+
+def test_the_filters_are_green_red_above_blue_green() -> None:
+    bgr = np.empty((4, 4, 3), np.uint8)
+    bgr[:] = (1, 2, 3)
+    assert bayer(bgr).tolist() == [[2, 3, 2, 3], [1, 2, 1, 2]] * 2
+
+
+@given(st.integers(320, 9000))
+def test_a_distance_goes_to_the_raw_value_that_comes_nearest(mm: int) -> None:
+    offered = expected_mm(EVERY_RAW).astype(int)
+    error = np.where(offered > 0, abs(offered - mm), 100_000)
+    raw = raw_of_mm(np.array(mm, np.uint16))
+    assert error[raw] == error.min()
+
+
+@given(st.integers(0, 2047))
+def test_what_was_quantised_once_stays_as_it_is(raw: int) -> None:
+    mm = expected_mm(np.array(raw, np.uint16))
+    assert quantised_mm(mm) == mm
+
+
+def test_depth_out_of_range_is_no_reading() -> None:
+    assert raw_of_mm(np.array([0, 200, 10_000, 65_535], np.uint16)).tolist() == [NO_RAW] * 4
+    assert expected_mm(np.array([NO_RAW, 1100], np.uint16)).tolist() == [0, 0]
+
+
+def test_the_steps_of_depth_grow_with_its_square() -> None:
+    step_mm = {
+        z: np.diff(expected_mm(raw_of_mm(np.array(z)) + np.array([0, 1]))) for z in (1000, 3000)
+    }
+    assert step_mm[3000] / step_mm[1000] == pytest.approx(9.0, rel=0.3)
+
+
+def test_a_factory_kinect_has_the_usual_focal_length() -> None:
+    assert FACTORY.depth_focal_px == pytest.approx(575.8, abs=0.1)
+
+
+def test_an_image_of_another_size_is_refused(tmp_path: Path) -> None:
+    depth = np.zeros((480, 640), np.uint16)
+    with pytest.raises(ValueError, match="480, 640, 3"):
+        wire_film(tmp_path, [(np.zeros((240, 320, 3), np.uint8), depth)])

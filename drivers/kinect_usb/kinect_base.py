@@ -54,8 +54,12 @@ class KinectBase:
 
     @property
     def gravity_m_s2(self) -> Vector | None:
-        """See `Base`; never waits."""
-        return self._meter.at(time.monotonic())
+        """See `Base`; never waits. In a mirrored picture, left and right are swapped here too."""
+        gravity = self._meter.at(time.monotonic())
+        settings = self._settings
+        if gravity is None or settings is None or not settings.mirror:
+            return gravity
+        return (-gravity[0], gravity[1], gravity[2])
 
     def open(self, serial: str) -> None:
         """See `Base`."""

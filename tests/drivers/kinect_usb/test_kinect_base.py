@@ -59,6 +59,15 @@ def test_gravity_follows_the_head(plug_in: PlugIn, base: KinectBase) -> None:
     assert until(lambda: base.gravity_m_s2 == looking_down)
 
 
+def test_gravity_is_mirrored_with_the_picture(plug_in: PlugIn, base: KinectBase) -> None:
+    plug_in().set_accelerometer(-200, 790, 0)
+    base.open("")
+    to_the_left = base.gravity_m_s2
+    base.apply(SensorSettings(mirror=True))
+    assert to_the_left == pytest.approx((-2.39, 9.46, 0.0), abs=0.01)
+    assert base.gravity_m_s2 == pytest.approx((2.39, 9.46, 0.0), abs=0.01)
+
+
 def test_settings_reach_the_light_and_the_head(plug_in: PlugIn, base: KinectBase) -> None:
     kinect = plug_in()
     base.open("")

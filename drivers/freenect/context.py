@@ -1,6 +1,7 @@
 """libfreenect's context and device, called in the order that works and always given back."""
 
 import ctypes
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -26,6 +27,7 @@ from drivers.freenect.library import (
 )
 from drivers.freenect.log import Log
 
+_log = logging.getLogger(__name__)
 FrameTaker = Callable[[int, int], None]  # address of the pixels, device stamp
 
 
@@ -127,9 +129,10 @@ class Device:
                 raise cannot_start(step, self.log)
 
     def set_flag(self, flag: Flag, is_on: bool) -> None:
-        """Switch something of the colour camera, once it streams. Raises CameraError."""
+        """Switch something of the colour camera, once it streams; a refusal is only logged."""
         if self._library.freenect_set_flag(self._pointer, flag, is_on) < 0:
-            raise cannot_start(f"set {flag.name.lower().replace('_', ' ')}", self.log)
+            what, state = flag.name.lower().replace("_", " "), "on" if is_on else "off"
+            _log.warning("the Kinect does not take %s = %s", what, state)
 
     def raw_to_mm(self) -> NDArray[np.uint16]:
         """(2048,) uint16: libfreenect's millimetres for each raw value of this very Kinect.

@@ -8,6 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from drivers.camera import NoFrameYet
+from drivers.errors import CameraLostError
 from drivers.nearest import Pair
 
 
@@ -28,8 +29,11 @@ class Image:
 ImagePair = Pair[Image, Image]
 
 
-class MailboxClosedError(Exception):
-    """Tells the thread that gets images that nobody reads any more."""
+class MailboxClosedError(CameraLostError):
+    """Nobody reads any more, or should."""
+
+    def __init__(self) -> None:
+        super().__init__("the camera is not open; open it first")
 
 
 class Mailbox(ABC):
@@ -43,7 +47,7 @@ class Mailbox(ABC):
 
     @abstractmethod
     def put(self, pair: ImagePair) -> None:
-        """Leave a pair for the reader. Raises MailboxClosedError after `close`."""
+        """Leave a pair for the reader. Raises MailboxClosedError after `close`, as `take` does."""
 
     def take(self, timeout_s: float) -> ImagePair:
         """Wait for a pair. Raises NoFrameYet, or what `finish` was given."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from drivers.camera import CameraCounters, NoFrameYet
 from drivers.device_clock import DeviceClock
-from drivers.errors import CameraLostError
 from drivers.freenect.event_loop import EventLoop, Started, Takers
 from drivers.freenect.library import DepthFormat
 from drivers.freenect.log import Log
@@ -28,8 +27,8 @@ class NoSession:
     torn = (0, 0)
 
     def take(self, timeout_s: float) -> ImagePair:
-        """Raises CameraLostError."""
-        raise CameraLostError("the camera is not open; open it first")
+        """Raises MailboxClosedError."""
+        raise MailboxClosedError
 
     def stop(self) -> None:
         """See `Session`."""

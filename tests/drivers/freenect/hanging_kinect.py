@@ -1,0 +1,35 @@
+"""A process whose libfreenect hangs: opens a Kinect that stops answering, and says what it sees.
+
+Arguments: "open" (it does not answer from the beginning) or "close" (from the first frame on).
+"""
+
+import sys
+import time
+
+from drivers.errors import CameraError
+from drivers.freenect import camera as camera_module
+from drivers.freenect import event_loop
+from drivers.freenect.camera import FreenectCamera
+from drivers.freenect.images import Images
+from drivers.freenect.kinect import Kinect
+from drivers.kinect_usb.base import NoBase
+from drivers.sensor_settings import SensorSettings
+
+event_loop.START_LIMIT_S = camera_module.LET_GO_LIMIT_S = 0.5
+event_loop.STOP_LIMIT_S = 0.2
+
+settings = SensorSettings()
+camera = FreenectCamera(Kinect("", settings), Images(None, False), NoBase(), settings)
+if sys.argv[1] == "close":
+    camera.open()
+    camera.read(5.0)
+    print("streams", flush=True)
+    sys.stdin.readline()
+for _ in range(2):
+    begin_s = time.monotonic()
+    try:
+        camera.open()
+    except CameraError as error:
+        print(f"{error}", flush=True)
+    camera.close()
+    assert time.monotonic() - begin_s < 30.0

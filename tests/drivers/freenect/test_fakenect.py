@@ -1,0 +1,84 @@
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.freenect.library import SONAME
+from tests.stand_ins.fakenect_dump import write_fakenect_dump
+from tests.stand_ins.fixtures import pattern
+
+FRAMES = 12
+
+if not list(Path("/usr/lib").glob(f"**/fakenect/{SONAME}")):
+    pytest.skip("needs fakenect: apt install libfreenect0.5", allow_module_level=True)
+
+
+@pytest.fixture(scope="module")
+def film() -> list[tuple[Any, Any]]:
+    """Frames with depth over 10 m, too, which is no reading."""
+    frames = [pattern(seq) for seq in range(FRAMES)]
+    for _, depth in frames:
+        depth[300:310] = 10_000
+    return frames
+
+
+def play(dump: Path, pace: str = "lockstep") -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "tests.drivers.freenect.play_dump"]
+    return subprocess.run(
+        [*command, str(dump), pace, str(dump / "played.npz")],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+def played(dump: Path, pace: str = "lockstep") -> Any:
+    """What the camera delivered."""
+    result = play(dump, pace)
+    assert result.returncode == 0, result.stderr
+    return np.load(dump / "played.npz")
+
+
+def test_a_dump_comes_back_bit_for_bit_and_twice(
+    film: list[tuple[Any, Any]], tmp_path: Path
+) -> None:
+    write_fakenect_dump(tmp_path, film, rate_hz=300.0)
+    frames = played(tmp_path)
+    for seq, (bgr, depth) in enumerate(film):
+        assert np.array_equal(frames["colour"][seq], bgr)
+        assert np.array_equal(frames["depth"][seq], np.where(depth < 10_000, depth, 0))
+    assert frames["seq"].tolist() == list(range(FRAMES))
+    assert frames["again"] == FRAMES
+
+
+@pytest.mark.parametrize("offset_s", [0.0, 0.009, -0.009])
+def test_stamps_are_the_recorded_ones_and_exact_through_the_wrap(
+    film: list[tuple[Any, Any]], offset_s: float, tmp_path: Path
+) -> None:
+    start_ticks = 2**32 - 60_000_000 // 10
+    write_fakenect_dump(tmp_path, film, start_ticks=start_ticks, colour_offset_s=offset_s)
+    frames = played(tmp_path)
+    expected_s = start_ticks / 60e6 + np.arange(FRAMES) / 30 + offset_s
+    np.testing.assert_allclose(frames["device_stamp_s"], expected_s, atol=1e-6)
+    np.testing.assert_array_equal(frames["stamp_s"], frames["device_stamp_s"])
+    np.testing.assert_allclose(frames["skew_s"], -offset_s, atol=1e-6)
+
+
+def test_in_real_time_the_newest_is_read(film: list[tuple[Any, Any]], tmp_path: Path) -> None:
+    write_fakenect_dump(tmp_path, film)
+    seqs = played(tmp_path, "realtime")["seq"].tolist()
+    assert seqs == sorted(set(seqs))
+    assert seqs[-1] == FRAMES - 1
+
+
+def test_raw_depth_is_refused_for_what_it_is(tmp_path: Path) -> None:
+    raw = np.full((480, 640), 800, np.uint16)
+    raw[:50] = 2047
+    write_fakenect_dump(tmp_path, [(pattern(0)[0], raw)])
+    result = play(tmp_path)
+    assert result.returncode == 1
+    assert "InputError" in result.stderr
+    assert "raw 11-bit depth" in result.stderr

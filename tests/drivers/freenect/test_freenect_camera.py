@@ -1,0 +1,159 @@
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.camera import CameraState, RgbdFrame
+from drivers.camera_file import camera_file_text
+from drivers.errors import CameraLostError, CameraNotFoundError
+from drivers.freenect.images import USUAL
+from drivers.freenect.kinect import list_kinects
+from drivers.sensor_settings import SensorSettings
+from drivers.undistort import undistorter
+from tests.drivers.freenect.conftest import MakeCamera, plug_in, wait_until
+from tests.stand_ins.fixtures import FILM_FRAMES, PlayKinect, pattern
+from tests.stand_ins.kinect_registration import quantised_mm
+from tests.stand_ins.played_kinect import Model, PlayedKinect
+
+# Where the colour sensor's firmware keeps its automatic functions.
+SWITCHES = 0x106
+
+
+def film_seq(frame: RgbdFrame) -> int:
+    """Which frame of the film this is, told by its depth at one near pixel."""
+    told = [quantised_mm(pattern(seq)[1])[20, 20] for seq in range(FILM_FRAMES)]
+    return told.index(frame.depth_raw[20, 20])
+
+
+def cmos(kinect: PlayedKinect) -> Any:
+    """The registers of the colour sensor."""
+    return kinect._control.cmos
+
+
+@pytest.mark.parametrize("model", list(Model))
+def test_each_model_delivers_exactly_the_pixels_on_the_wire(
+    model: Model, play_kinect: PlayKinect, make_camera: MakeCamera
+) -> None:
+    kinect = plug_in(play_kinect, model=model)
+    with make_camera(kinect.serial) as camera:
+        frames = [camera.read(3.0) for _ in range(3)]
+    for frame in frames:
+        bgr, depth_mm = pattern(film_seq(frame))
+        assert np.array_equal(frame.depth_raw, quantised_mm(depth_mm))
+        # The mosaic leaves out two of three colours; where brightness wraps, it shows edges.
+        off = np.abs(frame.colour_bgr.astype(int) - bgr)[2:-2, 2:-2]
+        assert np.median(off) <= 1
+        assert np.mean(off <= 4) > 0.9
+    assert kinect.abandoned_transfers == 0
+
+
+def test_frames_are_numbered_stamped_and_described(
+    kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    kinect.colour_offset_s = 0.006
+    with make_camera() as camera:
+        frames = [camera.read(3.0) for _ in range(10)]
+        assert camera.condition.state is CameraState.STREAMING
+        assert (camera.intrinsics_source, camera.counters.skipped) == ("default", 0)
+    for before, after in pairwise(frames):
+        steps = after.seq - before.seq
+        assert steps >= 1
+        assert before.device_stamp_s is not None
+        assert after.device_stamp_s == pytest.approx(before.device_stamp_s + steps / 30, abs=1e-6)
+    for frame in frames:
+        assert frame.skew_s == pytest.approx(-0.006, abs=1e-6)
+        assert frame.stamp_s < frame.arrival_s
+        assert (frame.depth_factor, frame.camera.fx, frame.lost_packets) == (1000.0, 525.0, 0)
+
+
+def test_stamps_go_on_through_the_wrap_of_the_devices_clock(
+    kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    kinect.start_ticks = 2**32 - 60_000_000 // 4
+    kinect.colour_offset_s = -0.001
+    with make_camera() as camera:
+        frames = [camera.read(3.0) for _ in range(15)]
+    device_s = np.array([frame.device_stamp_s for frame in frames])
+    seqs = np.array([frame.seq for frame in frames])
+    assert device_s[0] < 2**32 / 60e6 < device_s[-1]
+    np.testing.assert_allclose(device_s - device_s[0], (seqs - seqs[0]) / 30, atol=1e-6)
+    assert all(a.stamp_s < b.stamp_s for a, b in pairwise(frames))
+    assert {round(frame.skew_s, 6) for frame in frames} == {0.001}
+
+
+def test_settings_are_applied_each_time_it_is_opened(
+    kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    camera = make_camera(settings=SensorSettings(auto_exposure=False, auto_white_balance=False))
+    for _ in range(2):
+        kinect.unplug()
+        kinect.plug()
+        cmos(kinect)[SWITCHES] = 0x7FFF
+        with camera:
+            assert cmos(kinect)[SWITCHES] == 0x7FFF & ~(1 << 14) & ~(1 << 1)
+    with make_camera():
+        assert cmos(kinect)[SWITCHES] == 0x7FFF
+
+
+def test_a_mirrored_camera_swaps_left_and_right_after_registration(
+    kinect: PlayedKinect, make_camera: MakeCamera, tmp_path: Path
+) -> None:
+    file = tmp_path / "camera.toml"
+    file.write_text(camera_file_text(replace(USUAL, cx=300.0)))
+    with make_camera(settings=SensorSettings(mirror=True), camera_file=file) as camera:
+        frame = camera.read(3.0)
+    mirrored = np.ascontiguousarray(frame.depth_raw[:, ::-1])
+    seq = film_seq(replace(frame, depth_raw=mirrored))
+    assert np.array_equal(mirrored, quantised_mm(pattern(seq)[1]))
+    assert frame.camera.cx == 639 - 300.0
+
+
+def test_the_camera_file_gives_the_lens_the_intrinsics_and_the_scale(
+    kinect: PlayedKinect, make_camera: MakeCamera, tmp_path: Path
+) -> None:
+    bent = replace(USUAL, fx=520.0, distortion=(0.1, -0.05, 0.0, 0.0, 0.0), depth_factor=1010.0)
+    file = tmp_path / "camera.toml"
+    file.write_text(camera_file_text(bent))
+    with make_camera(camera_file=file) as camera:
+        frame = camera.read(3.0)
+    lens = undistorter(bent.pinhole, bent.distortion)
+    expected = [lens.depth(quantised_mm(pattern(seq)[1])) for seq in range(FILM_FRAMES)]
+    assert any(np.array_equal(frame.depth_raw, depth) for depth in expected)
+    assert (frame.camera.fx, frame.depth_factor) == (520.0, 1010.0)
+    assert camera.intrinsics_source == f"camera file {file}"
+
+
+def test_the_newest_frame_is_read_and_the_older_ones_are_counted(
+    kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    with make_camera() as camera:
+        first = camera.read(3.0)
+        wait_until(lambda: camera.counters.dropped >= 3)
+        second = camera.read(3.0)
+        assert second.seq - first.seq > 3
+        assert camera.counters.delivered == 2
+
+
+def test_the_kinect_asked_for_is_opened(kinect: PlayedKinect, make_camera: MakeCamera) -> None:
+    assert list_kinects() == [kinect.serial]
+    with make_camera(kinect.serial) as camera:
+        camera.read(3.0)
+    with pytest.raises(CameraNotFoundError, match=f"B999 on the USB; there is {kinect.serial}"):
+        make_camera("B999").open()
+
+
+def test_closing_stops_both_streams_and_can_be_done_at_any_time(
+    kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    camera = make_camera()
+    camera.close()
+    with camera:
+        camera.read(3.0)
+        assert kinect.streaming == (True, True)
+    camera.close()
+    assert (kinect.streaming, kinect.open_handles) == ((False, False), 0)
+    with pytest.raises(CameraLostError, match="not open"):
+        camera.read(0.0)

@@ -1,0 +1,203 @@
+import time
+from collections.abc import Callable
+from itertools import pairwise
+
+import pytest
+
+from drivers.camera import CameraState, NoFrameYet, RgbdFrame
+from drivers.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.freenect.camera import FreenectCamera
+from drivers.freenect.kinect import list_kinects
+from drivers.freenect.library import load_library
+from tests.drivers.freenect.conftest import MakeCamera, wait_until
+from tests.stand_ins.fixtures import FILM_FRAMES
+from tests.stand_ins.played_kinect import PlayedKinect, Stream
+
+
+def pixels(frame: RgbdFrame) -> tuple[bytes, bytes]:
+    return frame.colour_bgr.tobytes(), frame.depth_raw.tobytes()
+
+
+def state_of(camera: FreenectCamera) -> CameraState:
+    return camera.condition.state
+
+
+def whole_film(camera: FreenectCamera) -> set[tuple[bytes, bytes]]:
+    """Every frame of the film as it looks when nothing is lost."""
+    whole: set[tuple[bytes, bytes]] = set()
+    while len(whole) < FILM_FRAMES:
+        whole.add(pixels(camera.read(3.0)))
+    return whole
+
+
+def read_until_lost(camera: FreenectCamera) -> CameraLostError:
+    """What the camera says when it is lost; fails if it never says so."""
+    deadline_s = time.monotonic() + 20
+    while time.monotonic() < deadline_s:
+        try:
+            camera.read(0.2)
+        except NoFrameYet:
+            pass
+        except CameraLostError as error:
+            return error
+    pytest.fail("the loss was never noticed")
+
+
+def reopen(camera: FreenectCamera) -> None:
+    """Open it as soon as that can be done."""
+
+    def opens() -> bool:
+        try:
+            camera.open()
+        except CameraError:
+            return False
+        return True
+
+    wait_until(opens)
+
+
+@pytest.mark.parametrize(("stream", "every"), [(Stream.DEPTH, 601), (Stream.COLOUR, 407)])
+def test_an_image_that_lost_packets_is_never_delivered(
+    stream: Stream, every: int, kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    with make_camera() as camera:
+        whole = whole_film(camera)
+        kinect.lose_packets(stream, every)
+        frames = [camera.read(3.0) for _ in range(20)]
+        counters = camera.counters
+    assert all(pixels(frame) in whole for frame in frames)
+    assert counters.skipped >= 3
+    assert sum(frame.lost_packets for frame in frames) >= 3
+    assert 0 < counters.lost_packets <= sum(kinect.packets_lost)
+    assert all(a.seq < b.seq and a.stamp_s < b.stamp_s for a, b in pairwise(frames))
+
+
+@pytest.mark.parametrize("packets", [1, 4, 7, 100, 255, 300])
+def test_after_a_burst_of_lost_packets_whole_images_come_again(
+    packets: int, kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    with make_camera() as camera:
+        whole = whole_film(camera)
+        for stream in Stream:
+            kinect.lose_burst(stream, packets)
+        frames = [camera.read(3.0) for _ in range(8)]
+        assert camera.counters.skipped >= 1
+    assert all(pixels(frame) in whole for frame in frames)
+
+
+def test_when_most_images_are_torn_the_condition_says_what_to_do(
+    kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    with make_camera() as camera:
+        camera.read(3.0)
+        kinect.lose_packets(Stream.DEPTH, every=50)
+        kinect.lose_packets(Stream.COLOUR, every=50)
+        wait_until(lambda: camera.condition.reason != "")
+        condition = camera.condition
+        kinect.lose_packets(Stream.DEPTH, every=0)
+        kinect.lose_packets(Stream.COLOUR, every=0)
+        wait_until(lambda: camera.condition.reason == "")
+    assert condition.state is CameraState.STREAMING
+    assert "losing USB packets" in condition.reason
+    assert "a USB 2 controller of its own" in condition.reason
+
+
+def test_unplugged_is_lost_and_plugged_in_again_it_streams(
+    kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    camera = make_camera()
+    camera.open()
+    before = camera.read(3.0)
+    kinect.unplug()
+    assert "the Kinect is gone" in str(read_until_lost(camera))
+    assert state_of(camera) is CameraState.LOST
+    camera.close()
+    with pytest.raises(CameraNotFoundError, match="no Kinect on the USB; plug it in"):
+        camera.open()
+    assert state_of(camera) is CameraState.ABSENT
+    kinect.plug()
+    camera.open()
+    after = camera.read(3.0)
+    assert after.stamp_s > before.stamp_s
+    assert state_of(camera) is CameraState.STREAMING
+
+
+@pytest.mark.parametrize("stream", list(Stream))
+def test_a_stream_that_stops_is_noticed(
+    stream: Stream, kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    with make_camera() as camera:
+        camera.read(3.0)
+        kinect.stall(True, stream)
+        error = read_until_lost(camera)
+        kinect.stall(False)
+        reopen(camera)
+        camera.read(3.0)
+    assert f"sent no {stream.name.lower()} image for 1 s" in str(error)
+
+
+def test_a_stream_that_never_begins_is_noticed(
+    kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    kinect.stall(True, Stream.COLOUR)
+    with make_camera() as camera:
+        assert camera.condition.state is CameraState.STARTING
+        error = read_until_lost(camera)
+    assert "no colour image within 2 s of its start" in str(error)
+    assert "12 V" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (PlayedKinect.busy, "held by another program or the kernel"),
+        (PlayedKinect.forbid, "sudo kinect-vo udev install"),
+        (PlayedKinect.starve, "no USB bandwidth for the Kinect"),
+    ],
+)
+def test_what_keeps_it_from_opening_is_named_and_over_when_it_is_gone(
+    fault: Callable[[PlayedKinect, bool], None],
+    words: str,
+    kinect: PlayedKinect,
+    make_camera: MakeCamera,
+) -> None:
+    fault(kinect, True)
+    camera = make_camera()
+    with pytest.raises(CameraError, match=words):
+        camera.open()
+    assert camera.condition.state is CameraState.OPENING
+    assert words in camera.condition.reason
+    fault(kinect, False)
+    with camera:
+        camera.read(3.0)
+
+
+def test_a_kinect_that_may_not_be_opened_is_not_an_empty_list(kinect: PlayedKinect) -> None:
+    kinect.forbid(True)
+    with pytest.raises(CameraError, match="replug"):
+        list_kinects()
+    kinect.unplug()
+    assert list_kinects() == []
+
+
+def test_the_kernels_driver_is_sent_away(kinect: PlayedKinect, make_camera: MakeCamera) -> None:
+    kinect.kernel_driver(True)
+    with make_camera() as camera:
+        camera.read(3.0)
+
+
+def test_nothing_is_left_open_after_many_failures(
+    kinect: PlayedKinect, make_camera: MakeCamera
+) -> None:
+    camera = make_camera()
+    for fault in (kinect.starve, kinect.busy, kinect.forbid) * 10:
+        fault(True)
+        with pytest.raises(CameraError):
+            camera.open()
+        fault(False)
+    assert (kinect.open_handles, kinect.abandoned_transfers) == (0, 0)
+
+
+def test_a_library_that_is_not_installed_is_named_with_its_package() -> None:
+    with pytest.raises(Exception, match=r"libfreenect.so.9.* apt install libfreenect0.5"):
+        load_library("libfreenect.so.9")

@@ -1,0 +1,38 @@
+"""libfreenect asks for ever where a Kinect answers with no bytes: in a process of its own."""
+
+import os
+import subprocess
+import sys
+
+from tests.stand_ins.played_kinect import PlayedKinect
+
+HANGS = "libfreenect hangs: the Kinect does not answer; unplug it and start this program again"
+LIMIT_S = 60
+
+
+def started(kinect: PlayedKinect, argument: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, "-m", "tests.drivers.freenect.hanging_kinect", argument],
+        env=os.environ | kinect.environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_a_hang_while_opening_is_given_up_and_said(kinect: PlayedKinect) -> None:
+    kinect.freeze_control()
+    with started(kinect, "open") as process:
+        said, _ = process.communicate(timeout=LIMIT_S)
+    assert said.splitlines() == [HANGS, HANGS]
+    assert process.returncode == 0
+
+
+def test_a_hang_while_closing_holds_nobody_up(kinect: PlayedKinect) -> None:
+    with started(kinect, "close") as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "streams\n"
+        kinect.freeze_control()
+        said, _ = process.communicate("go on\n", timeout=LIMIT_S)
+    assert said.splitlines() == [HANGS, HANGS]
+    assert process.returncode == 0

@@ -15,7 +15,7 @@ from drivers.kinect_usb.ids import Role
 from drivers.kinect_usb.motor import Motor
 from drivers.sensor_settings import Led, SensorSettings
 
-READ_EVERY_S, LOOK_AGAIN_S = 0.2, 2.0
+READ_EVERY_S, LOOK_AGAIN_S = 0.1, 2.0
 READINGS_AT_ONCE = 8
 # How long the head may take from one end to the other: until then, readings just past mislead.
 TILTING_TAKES_S = 4.0

@@ -22,6 +22,7 @@ from tests.stand_ins.fixtures import (  # noqa: F401
     no_real_usb,
     play_kinect,
     played_libusb,
+    real_libfreenect,
 )
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 

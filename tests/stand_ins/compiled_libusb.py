@@ -36,15 +36,20 @@ def _fingerprint() -> str:
     return digest.hexdigest()[:16]
 
 
-def _compile_into(folder: Path) -> None:
-    compiler = shutil.which("gcc") or shutil.which("cc")
-    if compiler is None:
+def compiler() -> str:
+    """The C compiler. Raises UserFacingError where there is none."""
+    found = shutil.which("gcc") or shutil.which("cc")
+    if found is None:
         raise UserFacingError("no C compiler to make the played Kinect with; apt install gcc")
+    return found
+
+
+def _compile_into(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     # Whoever looks for the library at this moment finds all of it or nothing.
     with tempfile.TemporaryDirectory(dir=folder) as draft:
         library = Path(draft) / SONAME
         sources = [str(file) for file in sorted(SOURCES.glob("*.c"))]
-        command = [compiler, *_OPTIONS, "-o", str(library), *sources]
+        command = [compiler(), *_OPTIONS, "-o", str(library), *sources]
         subprocess.run(command, check=True)
         library.replace(folder / SONAME)

@@ -11,6 +11,7 @@ import pytest
 
 from drivers.errors import UserFacingError
 from tests.stand_ins.compiled_libusb import SONAME, libusb_folder
+from tests.stand_ins.freenect_probe import SONAME as LIBFREENECT
 from tests.stand_ins.played_kinect import PlayedKinect
 from tests.stand_ins.wire_film import WireFilm, wire_film
 
@@ -49,6 +50,15 @@ def played_libusb() -> Path:
         return libusb_folder()
     except UserFacingError as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def real_libfreenect(played_libusb: Path) -> None:
+    """For tests of libfreenect on the stand-in; skips where it is not installed."""
+    try:
+        ctypes.CDLL(LIBFREENECT)
+    except OSError:
+        pytest.skip(f"needs {LIBFREENECT}: apt install libfreenect0.5")
 
 
 @pytest.fixture(scope="session")

@@ -18,6 +18,7 @@ from tests.stand_ins.film_sources import camera_frames, folder_frames
 from tests.stand_ins.played_kinect import FACTORY, IDENTITY, Loop, Model, PlayedKinect
 from tests.stand_ins.wire_film import ColourBgr, DepthMm, WireFilm, wire_film
 from vo_service.folders import cache_folder
+from vo_service.terminal import Terminal
 
 MODELS = {"1414": Model.K1414, "1473": Model.K1473, "k4w": Model.K4W}
 REGISTRATIONS = {"identity": IDENTITY, "factory": FACTORY}
@@ -31,8 +32,9 @@ examples:
   python -m tests.stand_ins.play_kinect --model 1473 --fault no-firmware -- kinect-vo devices
 
 The command sees a Kinect on its USB bus and nothing else there: the real libfreenect and pyusb run
-on a libusb-1.0 that is compiled for this (needs gcc). Its frames go round and round; a synthetic
-room is rendered the first time. The film is written below $TMPDIR, 0.7 MB a frame.
+on a libusb-1.0 that is compiled for this (needs gcc). A virtual room goes round and round, and
+takes a minute to render the first time; a recording goes there and back. The film is written below
+$TMPDIR, 0.7 MB a frame. The command gets no standard input: that is for faults.
 
 faults: {", ".join(FAULT_NAMES)}
 NAME@START+LENGTH, in seconds since the command began; without +LENGTH for good, without @START from
@@ -54,6 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m tests.stand_ins.play_kinect",
+        usage="%(prog)s [OPTIONS] -- COMMAND ...",
         description="Run a command on a Kinect that is played: for those who have none.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -99,16 +102,21 @@ def _play(args: argparse.Namespace) -> int:
 
 
 def _film(folder: Path, args: argparse.Namespace) -> WireFilm:
-    print("play_kinect: writing the film ...", file=sys.stderr)
+    terminal = Terminal()
     if args.folder is not None:
-        return wire_film(folder, folder_frames(args.folder, most=args.frames))
-    return wire_film(folder, _synthetic_frames(args.frames))
+        terminal.show("writing the film ...")
+        film = wire_film(folder, folder_frames(args.folder, most=args.frames))
+    else:
+        film = wire_film(folder, _synthetic_frames(terminal, args.frames))
+    terminal.clear()
+    return film
 
 
-def _synthetic_frames(most: int | None) -> Iterator[tuple[ColourBgr, DepthMm]]:
+def _synthetic_frames(terminal: Terminal, most: int | None) -> Iterator[tuple[ColourBgr, DepthMm]]:
     config = SyntheticConfig(duration_s=SYNTHETIC_S, loop=True)
     count = round(config.duration_s * config.rate_hz)
-    preparation = Preparation(cache_dir=cache_folder() / "films")
+    progress = terminal.counter("rendering the room: frame")
+    preparation = Preparation(cache_dir=cache_folder() / "films", progress=progress)
     return camera_frames(
         SyntheticCamera(config, preparation=preparation), min(most or count, count)
     )

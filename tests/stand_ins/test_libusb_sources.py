@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import usb.core
 
-from tests.stand_ins.compiled_libusb import SOURCES
+from tests.stand_ins.compiled_libusb import SOURCES, compiler
 from tests.stand_ins.fixtures import PlayKinect
 from tests.stand_ins.kinect_control import Control, StreamControl
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("played_libusb")
 
 def compiled(code: str, folder: Path) -> Path:
     (folder / "code.c").write_text(code)
-    command = ["gcc", "-std=gnu11", "-I", str(SOURCES), "-o", "code", "code.c"]
+    command = [compiler(), "-std=gnu11", "-I", str(SOURCES), "-o", "code", "code.c"]
     subprocess.run(command, cwd=folder, check=True)
     return folder / "code"
 
@@ -24,7 +24,7 @@ def compiled(code: str, folder: Path) -> Path:
 def test_no_warnings(tmp_path: Path) -> None:
     sources = sorted(SOURCES.glob("*.c"))
     options = ["-std=gnu11", "-O2", "-Wall", "-Wextra", "-Wno-missing-field-initializers"]
-    command = ["gcc", *options, "-Werror", "-fsyntax-only", *map(str, sources)]
+    command = [compiler(), *options, "-Werror", "-fsyntax-only", *map(str, sources)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
 

@@ -12,7 +12,7 @@ from tests.stand_ins.film_sources import folder_frames
 from tests.stand_ins.fixtures import PlayKinect, pattern
 from tests.stand_ins.played_kinect import PlayedKinect
 
-pytestmark = pytest.mark.usefixtures("played_libusb")
+pytestmark = pytest.mark.usefixtures("real_libfreenect")
 ROOT = Path(__file__).parents[2]
 PROBE = (sys.executable, "-m", "tests.stand_ins.freenect_probe", "1.0")
 

@@ -15,7 +15,7 @@ from tests.stand_ins.fixtures import PlayKinect
 from tests.stand_ins.freenect_probe import MOTOR_AND_CAMERA, FreenectProbe
 from tests.stand_ins.played_kinect import Model, PlayedKinect, Stream
 
-pytestmark = pytest.mark.usefixtures("played_libusb")
+pytestmark = pytest.mark.usefixtures("real_libfreenect")
 ROOT = Path(__file__).parents[2]
 
 

@@ -25,7 +25,7 @@ from tests.stand_ins.kinect_registration import (
 from tests.stand_ins.played_kinect import Loop, Model, PlayedKinect, Stream, environment_of
 from tests.stand_ins.wire_film import wire_film
 
-pytestmark = pytest.mark.usefixtures("played_libusb")
+pytestmark = pytest.mark.usefixtures("real_libfreenect")
 TICKS_A_FRAME = 2_000_000
 
 

@@ -12,7 +12,7 @@ from tests.stand_ins.fixtures import PlayKinect
 from tests.stand_ins.freenect_probe import MOTOR_AND_CAMERA, FreenectProbe
 from tests.stand_ins.played_kinect import Led, Model, PlayedKinect
 
-pytestmark = pytest.mark.usefixtures("played_libusb")
+pytestmark = pytest.mark.usefixtures("real_libfreenect")
 MOTOR, AUDIO = 0x02B0, 0x02AD
 TIMEOUT_MS = 500
 

@@ -121,7 +121,7 @@ static void describe_camera(struct configuration *all, bool k4w)
     /* High bandwidth: bits 11 and 12 count a second packet in the microframe. */
     enum { TWO = 1 << 11, VIDEO_BYTES = 960, DEPTH_BYTES = 880 };
     all->endpoints[0] = endpoint(0x81, TYPE_ISOCHRONOUS, TWO | VIDEO_BYTES);
-    all->endpoints[1] = endpoint(0x82, TYPE_ISOCHRONOUS, TWO | DEPTH_BYTES);
+    all->endpoints[1] = endpoint(0x82, TYPE_ISOCHRONOUS, TWO | (k4w ? VIDEO_BYTES : DEPTH_BYTES));
     if (k4w)
         add_alternate(all, 0, CLASS_VENDOR, 0); /* nothing reserved until alternate 1 is chosen */
     add_alternate(all, 0, CLASS_VENDOR, 2);

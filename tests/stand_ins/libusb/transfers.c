@@ -51,7 +51,7 @@ static int refusal_of(const struct libusb_transfer *public, const struct transfe
         stream_of(public->endpoint) < 0)
         return LIBUSB_ERROR_NOT_SUPPORTED;
     if (control->starved || control->slow_bus || !reserved)
-        return LIBUSB_ERROR_NOT_SUPPORTED;
+        return LIBUSB_ERROR_IO; /* so the kernel's "no space" comes through on Linux */
     return transfer->submitted ? LIBUSB_ERROR_BUSY : LIBUSB_SUCCESS;
 }
 

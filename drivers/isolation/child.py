@@ -25,6 +25,7 @@ def main(connection: "Connection[Any, Any]") -> None:
     # Ctrl-C and a stop of the systemd unit reach every process; the service decides what they mean.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_end_with_service`
     job: Job = connection.recv()
     outbox = _Outbox(connection)
     handlers = [_LogToService(outbox)]

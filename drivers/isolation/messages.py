@@ -42,7 +42,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Report:
-    """From the driver, at every change and several times a second.
+    """From the driver, at every change and several times a second: its sign of life.
 
     The counters are totals over all times that this driver opened its camera.
     """

@@ -95,7 +95,6 @@ class Supervisor:
     def _run_process(self) -> None:
         """From the start of a process until nothing is left of it."""
         self._phase = Phase.LAUNCHING
-        self._ring.reset()
         if self._task.is_live:
             self._ring.grant()
         try:
@@ -122,6 +121,7 @@ class Supervisor:
                 return ""
             if word is not None:
                 self._hear(word)
+            if isinstance(word, Report):  # a log line is no sign of life: other threads log too
                 due_s = time.monotonic() + self._silence_s()
             elif time.monotonic() >= due_s:
                 process.kill()
@@ -156,6 +156,7 @@ class Supervisor:
         text = f"the driver {trouble}"
         _log.info("%s", text)
         if self._task.is_live:
+            self._ring.reset()
             was_open = self._phase in (Phase.STARTING, Phase.STREAMING, Phase.CLOSING)
             state = CameraState.LOST if was_open else CameraState.OPENING
             self.condition = Condition(state, text)

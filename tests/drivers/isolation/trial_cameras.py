@@ -3,6 +3,7 @@
 import ctypes
 import logging
 import os
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -148,6 +149,17 @@ def _act_hang() -> None:
     ctypes.CDLL(None).sleep(LONG_S)
 
 
+def _act_hang_and_talk() -> None:
+    threading.Thread(target=_talk, daemon=True).start()
+    _act_hang()
+
+
+def _talk() -> None:
+    while True:
+        _act_say()
+        time.sleep(0.1)
+
+
 def _act_hang_with_lock() -> None:
     ctypes.PyDLL(None).sleep(LONG_S)
 
@@ -163,6 +175,7 @@ _ACTS = {
     "crash": _act_crash,
     "say": _act_say,
     "hang": _act_hang,
+    "hang and talk": _act_hang_and_talk,
     "hang with lock": _act_hang_with_lock,
 }
 

@@ -1,0 +1,73 @@
+"""Whatever becomes of the driver's process, it leaves nothing behind and no torn frame."""
+
+import os
+import random
+import signal
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import Pace
+from drivers.isolation.limits import TimeLimits
+from tests.drivers.isolation.belongings import belongings, children, wait_for
+from tests.drivers.isolation.conftest import Isolate
+from tests.drivers.isolation.trial_cameras import OnceLost, is_whole
+
+PATIENT = TimeLimits(opening_s=30.0, heartbeat_s=30.0, closing_s=30.0)
+IMPATIENT = TimeLimits(closing_s=0.2)
+
+
+def kill(process: int) -> None:
+    """Kill the driver and wait until it has been reaped."""
+    os.kill(process, signal.SIGKILL)
+    wait_for(lambda: process not in children())
+
+
+def test_200_times_unplugged_leaks_nothing(isolate: Isolate) -> None:
+    before = belongings()
+    with isolate(OnceLost, limits=PATIENT, period_s=0.0) as camera:
+        plugged_in = [camera.read(30.0) for _ in range(200)]
+    assert belongings() == before
+    assert len({frame.lost_packets for frame in plugged_in}) == 1
+    assert plugged_in[-1].device_stamp_s == plugged_in[1].device_stamp_s  # files open over there
+
+
+@pytest.mark.parametrize("words", ["", "absent", "hang in open", "hang with lock in open"])
+def test_closing_leaves_nothing_whatever_the_driver_is_doing(
+    isolate: Isolate, script: Path, words: str
+) -> None:
+    before = belongings()
+    script.write_text(words)
+    with isolate(limits=IMPATIENT) as camera:
+        time.sleep(0.4)
+        camera.close()
+        assert belongings() == before
+
+
+def test_a_camera_that_was_killed_many_times_leaks_nothing(isolate: Isolate) -> None:
+    before = belongings()
+    with isolate(limits=TimeLimits(first_retry_s=0.0)) as camera:
+        for _ in range(4):
+            kill(camera.read(30.0).lost_packets)
+        camera.read(30.0)
+    assert belongings() == before
+
+
+def test_a_driver_killed_at_any_moment_never_leaves_a_torn_frame(isolate: Isolate) -> None:
+    chance = random.Random(4)
+    stamps_s, seqs = [-1.0], [-1]
+    with isolate(pace=Pace.LOCKSTEP, period_s=0.0, size=(640, 480)) as camera:
+        for _ in range(4):
+            until_s = time.monotonic() + 0.1 + 0.02 * chance.random()
+            victim = 0
+            while time.monotonic() < until_s or not victim:
+                frame = camera.read(30.0)
+                victim = frame.lost_packets
+                assert is_whole(frame)
+                stamps_s.append(frame.stamp_s)
+                seqs.append(frame.seq)
+            kill(victim)
+    assert all(a < b for a, b in pairwise(stamps_s))
+    assert all(a < b for a, b in pairwise(seqs))

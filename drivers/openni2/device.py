@@ -73,7 +73,7 @@ class Device:
 
     def __init__(self, library: ctypes.CDLL, uri: str) -> None:
         self._library = library
-        self._streams: list[Stream] = []
+        self.streams: list[Stream] = []
         self._handle = ctypes.c_void_p()
         status = library.oniDeviceOpen(uri.encode(), ctypes.byref(self._handle))
         check(library, status, f"{uri} cannot be opened")
@@ -81,7 +81,7 @@ class Device:
     def stream(self, sensor: Sensor) -> Stream:
         """Create the stream of a sensor."""
         stream = Stream(self._library, self._handle, sensor)
-        self._streams.append(stream)
+        self.streams.append(stream)
         return stream
 
     def has(self, sensor: Sensor) -> bool:
@@ -109,12 +109,12 @@ class Device:
 
     def register_depth(self, wanted: bool) -> bool:
         """Ask for depth in the colour camera's pixels, or in its own; what is now the case."""
-        mode = REGISTRATION_DEPTH_TO_COLOUR if wanted else REGISTRATION_OFF
+        supports = self._library.oniDeviceIsImageRegistrationModeSupported
         # Some drivers take a mode that they do not have, and then give it back as set.
-        if not self._library.oniDeviceIsImageRegistrationModeSupported(self._handle, mode):
+        if not supports(self._handle, REGISTRATION_DEPTH_TO_COLOUR):
             return False
-        self.set(DeviceProperty.IMAGE_REGISTRATION, ctypes.c_int(mode))
-        now = ctypes.c_int(mode)
+        now = ctypes.c_int(REGISTRATION_DEPTH_TO_COLOUR if wanted else REGISTRATION_OFF)
+        self.set(DeviceProperty.IMAGE_REGISTRATION, now)
         self._get(DeviceProperty.IMAGE_REGISTRATION, now)
         return now.value == REGISTRATION_DEPTH_TO_COLOUR
 
@@ -157,15 +157,15 @@ class Device:
 
     def stop(self) -> None:
         """Stop all streams."""
-        for stream in self._streams:
+        for stream in self.streams:
             self._library.oniStreamStop(stream.handle)
 
     def close(self) -> None:
         """Stop all streams, wait for them to settle, then destroy them and close the device."""
         self.stop()
-        time.sleep(SETTLE_S if self._streams else 0.0)
-        while self._streams:
-            self._library.oniStreamDestroy(self._streams.pop().handle)
+        time.sleep(SETTLE_S if self.streams else 0.0)
+        while self.streams:
+            self._library.oniStreamDestroy(self.streams.pop().handle)
         if self._handle:
             self._library.oniDeviceClose(self._handle)
             self._handle = ctypes.c_void_p()

@@ -41,7 +41,9 @@ class Stream:
 
     def set_mode(self, mode: VideoMode) -> None:
         """Choose one of the device's modes; before `start`."""
-        self._set(StreamProperty.VIDEO_MODE, mode)
+        # A sensor with a single mode may refuse to be told so.
+        if bytes(mode) != bytes(self.mode):
+            self._set(StreamProperty.VIDEO_MODE, mode)
 
     @property
     def fov_rad(self) -> tuple[float, float]:

@@ -1,0 +1,193 @@
+"""The live camera on the real libOpenNI2, whose file driver stands in for a sensor.
+
+A recording opened as a device runs on its own clock, drops what is not fetched in time, registers
+nothing and synchronises nothing, as a plain sensor would.
+"""
+
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.camera import CameraState, Clock, NoFrameYet
+from drivers.errors import (
+    CameraError,
+    CameraLostError,
+    CameraNotFoundError,
+    InputError,
+    UserFacingError,
+)
+from drivers.openni2 import library
+from drivers.openni2.camera import OpenNI2Camera
+from drivers.openni2.finding import list_devices
+from drivers.sensor_settings import SensorSettings
+from tests.drivers.openni2.conftest import CAMERA_FILE, DEPTH_CAMERA, image, steady
+from tests.stand_ins.oni_writer import OniImage, OniSettings, Sensor, write_oni
+
+DUMMY = """
+import sys
+from pathlib import Path
+from drivers.openni2.camera import OpenNI2Camera
+
+for _ in range(2):
+    with OpenNI2Camera("Dummy", Path(sys.argv[1])) as camera:
+        frames = [camera.read(2.0) for _ in range(5)]
+    stamps_s = [frame.stamp_s for frame in frames]
+    assert stamps_s == sorted(set(stamps_s)), stamps_s
+    assert {frame.depth_raw.shape for frame in frames} == {(240, 320)}
+    assert len(list(Path("/proc/self/fd").iterdir())) < 20
+print("well")
+"""
+
+
+def sensor(path: Path, images: list[OniImage], settings: OniSettings | None = None) -> str:
+    """The URI of a sensor that delivers `images`."""
+    write_oni(path, images, settings)
+    return str(path)
+
+
+def read_on(camera: OpenNI2Camera) -> None:
+    """Read until something happens."""
+    while True:
+        camera.read(5.0)
+
+
+def test_frames_are_those_of_the_sensor(tmp_path: Path, depth_camera_file: Path) -> None:
+    images = steady(60)
+    by_stamp = {(sent.sensor, sent.stamp_us): sent.pixels for sent in images}
+    with OpenNI2Camera(sensor(tmp_path / "a.oni", images), depth_camera_file) as camera:
+        frames = [camera.read(2.0) for _ in range(10)]
+    for frame in frames:
+        assert frame.device_stamp_s is not None
+        stamp_us = round(frame.device_stamp_s * 1e6)
+        np.testing.assert_array_equal(frame.colour_bgr, by_stamp[Sensor.COLOUR, stamp_us])
+        np.testing.assert_array_equal(frame.depth_raw, by_stamp[Sensor.DEPTH, stamp_us + 2_000])
+        assert frame.skew_s == pytest.approx(0.002)
+        assert frame.depth_factor == 1000.0
+
+
+def test_stamps_rise_on_the_hosts_clock(tmp_path: Path, depth_camera_file: Path) -> None:
+    before_s = time.monotonic()
+    with OpenNI2Camera(sensor(tmp_path / "a.oni", steady(60)), depth_camera_file) as camera:
+        frames = [camera.read(2.0) for _ in range(10)]
+    after_s = time.monotonic()
+    stamps_s = np.array([frame.stamp_s for frame in frames])
+    assert camera.clock is Clock.MONOTONIC
+    assert np.all(np.diff(stamps_s) > 0)
+    assert before_s - 0.1 < stamps_s[0] < stamps_s[-1] < after_s
+    assert all(frame.stamp_s < frame.arrival_s for frame in frames)
+
+
+def test_slow_reader_gets_the_newest_and_the_rest_is_counted(
+    tmp_path: Path, depth_camera_file: Path
+) -> None:
+    with OpenNI2Camera(sensor(tmp_path / "a.oni", steady(60)), depth_camera_file) as camera:
+        first = camera.read(2.0)
+        time.sleep(0.3)
+        second = camera.read(2.0)
+        counters = camera.counters
+    assert second.seq > first.seq + 3
+    assert counters.dropped == second.seq - 1
+    assert counters.delivered == 2
+
+
+def test_stream_that_stops_is_a_lost_camera(tmp_path: Path, depth_camera_file: Path) -> None:
+    depth_goes_on = [image(Sensor.DEPTH, seq * 33_333) for seq in range(4, 90)]
+    uri = sensor(tmp_path / "a.oni", steady(4) + depth_goes_on)
+    with OpenNI2Camera(uri, depth_camera_file) as camera:
+        with pytest.raises(CameraLostError, match="its colour stream stopped for 1 s"):
+            read_on(camera)
+        assert camera.condition.state is CameraState.LOST
+        assert "colour stream stopped" in camera.condition.reason
+
+
+def test_stream_that_never_begins_is_a_lost_camera(tmp_path: Path, depth_camera_file: Path) -> None:
+    late = [image(Sensor.COLOUR, seq * 33_333) for seq in range(120)]
+    uri = sensor(tmp_path / "a.oni", [*late, image(Sensor.DEPTH, 120 * 33_333)])
+    with (
+        OpenNI2Camera(uri, depth_camera_file) as camera,
+        pytest.raises(CameraLostError, match="its depth stream did not begin"),
+    ):
+        camera.read(10.0)
+
+
+def test_nothing_within_the_time_given_is_no_frame_yet(
+    tmp_path: Path, depth_camera_file: Path
+) -> None:
+    apart = [image(Sensor.DEPTH, 0), image(Sensor.COLOUR, 900_000)]
+    with (
+        OpenNI2Camera(sensor(tmp_path / "a.oni", apart), depth_camera_file) as camera,
+        pytest.raises(NoFrameYet),
+    ):
+        camera.read(0.1)
+
+
+def test_condition_follows_the_camera(tmp_path: Path, depth_camera_file: Path) -> None:
+    camera = OpenNI2Camera(sensor(tmp_path / "a.oni", steady(30)), depth_camera_file)
+    seen = [camera.condition.state]
+    with camera:
+        seen.append(camera.condition.state)
+        camera.read(2.0)
+        seen.append(camera.condition.state)
+    assert seen == [CameraState.ABSENT, CameraState.STARTING, CameraState.STREAMING]
+    with pytest.raises(CameraError, match="is not open"):
+        camera.read(0.1)
+
+
+def test_mirror_is_made_where_the_sensor_does_not(tmp_path: Path, depth_camera_file: Path) -> None:
+    depth, colour = steady(1)
+    later_us = [seq * 33_333 for seq in range(30)]
+    images = [replace(view, stamp_us=us) for us in later_us for view in (depth, colour)]
+    uri = sensor(tmp_path / "a.oni", images)
+    with OpenNI2Camera(uri, depth_camera_file, SensorSettings(mirror=True)) as camera:
+        frame = camera.read(2.0)
+    np.testing.assert_array_equal(frame.depth_raw, depth.pixels[:, ::-1])
+    np.testing.assert_array_equal(frame.colour_bgr, colour.pixels[:, ::-1])
+
+
+@pytest.mark.parametrize("registered_file", [True, False])
+def test_depth_that_is_not_registered_is_refused(
+    registered_file: bool, tmp_path: Path, camera_file: Path
+) -> None:
+    uri = sensor(tmp_path / "a.oni", steady(5))
+    camera = OpenNI2Camera(uri, camera_file if registered_file else None)
+    with pytest.raises(InputError, match=r"does not register .* give a camera file with a \[depth"):
+        camera.open()
+
+
+def test_sensor_that_is_not_there(depth_camera_file: Path) -> None:
+    camera = OpenNI2Camera("1d27/0601@1/99", depth_camera_file)
+    with pytest.raises(CameraNotFoundError, match="no sensor has this URI or serial number"):
+        camera.open()
+    assert camera.condition.state is CameraState.ABSENT
+
+
+def test_recording_is_no_plugged_in_device(tmp_path: Path, depth_camera_file: Path) -> None:
+    uri = sensor(tmp_path / "a.oni", steady(30))
+    with OpenNI2Camera(uri, depth_camera_file):
+        assert uri in {device.uri for device in list_devices()}
+    assert uri not in {device.uri for device in list_devices()}
+
+
+def test_missing_library_is_one_line_with_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(library, "SONAME", "libNotHere.so.0")
+    with pytest.raises(UserFacingError, match="apt install libopenni2-0"):
+        OpenNI2Camera().open()
+
+
+def test_dummy_device_opens_and_closes_without_a_crash(tmp_path: Path) -> None:
+    text = (CAMERA_FILE + DEPTH_CAMERA).replace("64", "320").replace("48", "240")
+    camera_file = tmp_path / "camera.toml"
+    camera_file.write_text(text)
+    run = subprocess.run(
+        [sys.executable, "-c", DUMMY, str(camera_file)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (run.returncode, run.stdout.strip()) == (0, "well"), run.stderr

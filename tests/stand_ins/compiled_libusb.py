@@ -4,6 +4,8 @@ import hashlib
 import shutil
 import subprocess
 import tempfile
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 from drivers.errors import UserFacingError
@@ -18,6 +20,7 @@ _OPTIONS = (
 )
 
 
+@cache
 def libusb_folder() -> Path:
     """The folder to put into LD_LIBRARY_PATH: it holds the stand-in under libusb's own name.
 
@@ -46,10 +49,11 @@ def compiler() -> str:
 
 def _compile_into(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    # Whoever looks for the library at this moment finds all of it or nothing.
+    # Whoever looks for the library at this moment finds all of it or nothing, and for good.
     with tempfile.TemporaryDirectory(dir=folder) as draft:
         library = Path(draft) / SONAME
         sources = [str(file) for file in sorted(SOURCES.glob("*.c"))]
         command = [compiler(), *_OPTIONS, "-o", str(library), *sources]
         subprocess.run(command, check=True)
-        library.replace(folder / SONAME)
+        with suppress(FileExistsError):  # somebody was faster, and may have it in use
+            (folder / SONAME).hardlink_to(library)

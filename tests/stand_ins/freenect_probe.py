@@ -8,6 +8,7 @@ prints how many frames came of each stream.
 import ctypes
 import sys
 import time
+from collections.abc import Callable
 from ctypes import POINTER, c_char_p, c_int, c_int8, c_int16, c_int32, c_long, c_uint32, c_void_p
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -15,6 +16,8 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tests.stand_ins.played_kinect import PlayedKinect
 
 SONAME = "libfreenect.so.0.5"
 CAMERA, MOTOR_AND_CAMERA = 2, 3
@@ -82,6 +85,7 @@ class FreenectProbe:
         self.lib.freenect_get_tilt_state.restype = POINTER(TiltState)
         self.log: list[str] = []
         self.depth, self.video = Seen(), Seen()
+        self.on_depth: Callable[[], object] = bool  # called within libfreenect's callback
         self._context, self.device = c_void_p(), c_void_p()
         self._keep: list[Any] = []  # what C calls must not be collected
         self._open(serial, subdevices)
@@ -132,6 +136,8 @@ class FreenectProbe:
             seen.stamps.append(stamp)
             seen.images.append(np.frombuffer(ctypes.string_at(data, mode.bytes), kind))
             seen.images[-1] = seen.images[-1].reshape(shape).squeeze()
+            if seen is self.depth:
+                self.on_depth()
 
         callback = _FRAME(take)
         self._keep.append(callback)
@@ -177,6 +183,17 @@ class FreenectProbe:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def watch_kinect(kinect: PlayedKinect, frames: int, depth: int = DEPTH_RAW) -> FreenectProbe:
+    """Look at it in this process until so many frames have come; closed, but all is remembered."""
+    kinect.load()
+    with FreenectProbe() as probe:
+        assert probe.opened == 0, probe.log
+        assert probe.start(depth) == (0, 0)
+        probe.watch(frames)
+    assert min(len(probe.depth.stamps), len(probe.video.stamps)) >= frames, probe.log
+    return probe
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
     film = wire_film(folder, [(bgr, depth_mm), ...])
     with PlayedKinect(folder, film) as kinect:
         subprocess.run(command, env=os.environ | kinect.environment)   # in another process, or
-        kinect.load()                                                   # in this one
+        kinect.load()                                       # in this one and those it starts
 
 Another process: `environment` puts a libusb-1.0 of our own before the system's, and names the
 control file. This process: `load` does the same; call it before libfreenect or pyusb is loaded for
@@ -109,7 +109,7 @@ class PlayedKinect(Faults, Readings):
         self._libusb = libusb_folder()
         self.control_file = folder / f"kinect-{uuid.uuid4().hex[:12]}"
         self._control = create_control(self.control_file)
-        self._outer_variable: str | None = None
+        self._outer_environment: dict[str, str | None] = {}
         self.model = model
         self.serial = serial
         self.film = film
@@ -139,7 +139,7 @@ class PlayedKinect(Faults, Readings):
         return environment_of(self)
 
     def load(self) -> None:
-        """Let this very process see it, and no other USB device.
+        """Let this very process and those it starts see it, and no other USB device.
 
         Raises RuntimeError if the system's libusb is loaded already: it cannot be replaced then.
         """
@@ -147,9 +147,10 @@ class PlayedKinect(Faults, Readings):
         for line in Path("/proc/self/maps").read_text().splitlines():
             if f"/{SONAME}" in line and not line.endswith(library):
                 raise RuntimeError(f"this process runs on another libusb already: {line}")
-        self._outer_variable = os.environ.get(CONTROL_VARIABLE, "")
-        os.environ[CONTROL_VARIABLE] = str(self.control_file)
         ctypes.CDLL(library, mode=ctypes.RTLD_GLOBAL)
+        for name, value in self.environment.items():
+            self._outer_environment.setdefault(name, os.environ.get(name))
+            os.environ[name] = value
 
     @property
     def colour_offset_s(self) -> float:
@@ -173,9 +174,12 @@ class PlayedKinect(Faults, Readings):
     def close(self) -> None:
         """Unplug it; after `load`, give the process its environment back."""
         self.unplug()
-        if self._outer_variable is not None:
-            os.environ[CONTROL_VARIABLE] = self._outer_variable
-            self._outer_variable = None
+        for name, value in self._outer_environment.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+        self._outer_environment.clear()
 
     def __enter__(self) -> Self:
         return self

@@ -17,6 +17,7 @@ from tests.stand_ins.played_kinect import Model, PlayedKinect, Stream
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
 ROOT = Path(__file__).parents[2]
+AUTO_EXPOSURE = 1 << 14
 
 
 def running_probe(kinect: PlayedKinect) -> FreenectProbe:
@@ -164,6 +165,20 @@ def test_a_full_speed_bus_says_so(play_kinect: PlayKinect) -> None:
     assert usb.core.find(idProduct=0x02AE).speed == 3
     kinect.slow_bus()
     assert usb.core.find(idProduct=0x02AE).speed == 2
+
+
+def test_a_callback_may_not_talk_to_the_camera(play_kinect: PlayKinect) -> None:
+    play_kinect().load()
+    answers = []
+    with FreenectProbe() as probe:
+        probe.on_depth = lambda: answers.append(
+            probe.lib.freenect_set_flag(probe.device, AUTO_EXPOSURE, 1)
+        )
+        probe.start()
+        probe.watch(2)
+        assert probe.lib.freenect_set_flag(probe.device, AUTO_EXPOSURE, 1) >= 0
+    assert answers
+    assert max(answers) < 0
 
 
 def start_probe(kinect: PlayedKinect, seconds: float) -> "subprocess.Popen[str]":

@@ -45,7 +45,7 @@ void stream_switched_on(struct kinect *kinect, enum stream stream)
         control->film_began_ns = begins;
     control->streams[stream].sends_from_ns = fresh ? now : begins;
     if (control->clock_began_frame < 0)
-        control->clock_began_frame = frame_at(control, stream, begins) + (fresh ? 0 : 1);
+        control->clock_began_frame = fresh ? 0 : frame_at(control, stream, begins) + 1;
 }
 
 static uint32_t stamp_of(const volatile struct control *control, enum stream stream, int64_t frame)

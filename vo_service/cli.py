@@ -28,6 +28,7 @@ COMMANDS = (
     "config",
     "udev",
     "doctor",
+    "devices",
 )
 
 EPILOG = """\

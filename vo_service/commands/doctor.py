@@ -14,14 +14,13 @@ from vo_service.commands.options import add_camera_options, say, seconds
 from vo_service.config import read_config
 from vo_service.doctor.case_notes import fill
 from vo_service.doctor.checks import checks_for, wanted_by
-from vo_service.doctor.child import in_child
 from vo_service.doctor.context import Context, Machine
 from vo_service.doctor.finding import Verdict
 from vo_service.doctor.logs import quiet_console
 from vo_service.doctor.printer import NoPrinter, Printer
 from vo_service.doctor.report import report_to
 from vo_service.doctor.runner import as_json, results
-from vo_service.doctor.usb_facts import UsbSensor, look_at_usb
+from vo_service.doctor.usb_facts import sensors_on_usb
 from vo_service.doctor.watch import watch
 from vo_service.terminal import Terminal
 
@@ -43,7 +42,6 @@ seconds of what the camera sees.
 
 exit codes: 0 nothing has failed; 1 something has; 2 something given is wrong.
 """
-USB_LIMIT_S = 15.0
 DEFAULT_SECONDS = 5.0
 
 
@@ -70,11 +68,6 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(diagnosis))
     return 1 if diagnosis["verdict"] == Verdict.FAIL else 0
-
-
-def look_at_bus() -> tuple[UsbSensor, ...]:
-    """Every sensor on the bus, found out in a child. Raises UserFacingError."""
-    return in_child(look_at_usb, USB_LIMIT_S)
 
 
 @dataclass(frozen=True)
@@ -110,7 +103,7 @@ def _diagnosis(args: argparse.Namespace, patient: _Patient) -> dict[str, object]
     context = Context(
         Machine(),
         wanted_by(patient.source),
-        look_at_bus,
+        sensors_on_usb,
         partial(watch, patient.camera, args.seconds, _forget),
     )
     checks = checks_for(patient.source)

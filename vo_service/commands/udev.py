@@ -58,4 +58,5 @@ def _apply() -> None:
     complaint = apply_now()
     if complaint:
         say(f"kinect-vo: warning: {complaint}; restart the computer to apply the change")
-    print("Now unplug the sensor, with its power, and plug it in again.")
+    else:
+        print("Now unplug the sensor, with its power, and plug it in again.")

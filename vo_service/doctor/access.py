@@ -11,6 +11,8 @@ from vo_service.doctor.finding import Finding, failed, passed, warned
 from vo_service.doctor.usb_facts import Refusal, UsbPart
 from vo_service.udev import GROUP, KERNEL_DRIVER, RULES_FILE, sudo_command
 
+# Our own driver is a Python program, by its name like any other.
+DRIVER_PROCESS = "drivers.isolation.child"
 REPLUG = "then unplug the sensor and plug it in again"
 
 
@@ -121,6 +123,8 @@ def _open_files(process: Path) -> list[str]:
 
 def _command(process: Path) -> str:
     try:
+        if DRIVER_PROCESS in (process / "cmdline").read_text().split("\0"):
+            return "a running kinect-vo"
         return (process / "comm").read_text().strip()
-    except OSError:
+    except (OSError, UnicodeDecodeError):
         return "a program"

@@ -1,5 +1,6 @@
 """Run checks in order; those that need a failed one are not run."""
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -7,6 +8,7 @@ from dataclasses import dataclass
 from vo_service.doctor.context import Context
 from vo_service.doctor.finding import Check, Finding, Verdict, skipped, unknown
 
+_log = logging.getLogger(__name__)
 Busy = Callable[[str], AbstractContextManager[object]]
 
 
@@ -44,6 +46,7 @@ def results(checks: Sequence[Check], context: Context, busy: Busy) -> Iterator[R
                 finding = _run(check, context)
         if finding.verdict in (Verdict.FAIL, Verdict.SKIPPED):
             blocked_by[check.name] = needed or check.name
+        _log.info("%s: %s: %s", check.name, finding.verdict, finding.text)
         yield Result(check.name, finding)
 
 

@@ -1,4 +1,4 @@
-"""What libusb says of the sensors on the bus: gathered in a child, as libusb may hang or crash."""
+"""What libusb says of the sensors on the bus."""
 
 import errno
 from dataclasses import dataclass
@@ -9,8 +9,10 @@ import usb.util
 
 from drivers.kinect_usb.devices import Part, Sensor, find_sensors
 from drivers.kinect_usb.ids import Model, Role
+from vo_service.doctor.child import in_child
 
 VIDEO_INTERFACE = 0
+LIMIT_S = 15.0
 
 
 class Refusal(StrEnum):
@@ -66,8 +68,16 @@ class UsbSensor:
     audio_interfaces: int | None = None
 
 
+def sensors_on_usb() -> tuple[UsbSensor, ...]:
+    """Every sensor on the bus, found out in a child, as libusb may hang or crash.
+
+    Raises UserFacingError if libusb is missing or does not work.
+    """
+    return in_child(look_at_usb, LIMIT_S)
+
+
 def look_at_usb() -> tuple[UsbSensor, ...]:
-    """Every sensor on the bus. Raises UserFacingError if libusb is missing or does not work."""
+    """The same, in this very process."""
     return tuple(_facts(sensor) for sensor in find_sensors())
 
 

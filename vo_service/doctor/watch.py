@@ -1,5 +1,6 @@
 """Open a camera, read its frames for some seconds, and keep what can be measured of them."""
 
+import logging
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -41,6 +42,9 @@ class Watched:
     counters: CameraCounters = CameraCounters()  # noqa: RUF009 (frozen)
     intrinsics_source: str = ""
     trouble: str = ""
+
+
+_log = logging.getLogger(__name__)
 
 
 class _TroubleError(Exception):
@@ -113,10 +117,13 @@ class _Silence:
 
     def endure(self) -> None:
         """Nothing came. Raises _TroubleError if there is no hope."""
-        reason = self._camera.condition.reason
+        condition = self._camera.condition
+        reason = condition.reason
         if reason and not self._reason:
+            # What comes later, such as "not there", is but a consequence.
+            self._reason = reason
             self._end_s = min(self._end_s, time.monotonic() + SECOND_CHANCE_S)
-        self._reason = reason or self._reason
+            _log.info("%s: %s", condition.state, reason)
         if time.monotonic() > self._end_s:
             raise _TroubleError(self._reason or f"no frame within {self._longest_s:g} s")
 

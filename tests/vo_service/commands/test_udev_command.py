@@ -43,3 +43,20 @@ def test_udev_alone_asks_for_an_action(capfd: pytest.CaptureFixture[str]) -> Non
     outcome = call(capfd, "udev")
     assert outcome.code == 2
     assert "ACTION" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("complaint", "told"),
+    [("", "unplug the sensor"), ("udevadm is not installed here", "restart the computer")],
+)
+def test_what_to_do_after_installing_depends_on_udev(
+    complaint: str,
+    told: str,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("vo_service.commands.udev.install", lambda root: [])
+    monkeypatch.setattr("vo_service.commands.udev.apply_now", lambda: complaint)
+    outcome = call(capfd, "udev", "install")
+    assert outcome.code == 0
+    assert told in outcome.out + outcome.err

@@ -22,7 +22,8 @@ def process(root: Path, number: int, name: str, *open_files: str) -> None:
     """A process in a folder laid out like /proc."""
     folder = root / "proc" / str(number)
     (folder / "fd").mkdir(parents=True)
-    (folder / "comm").write_text(f"{name}\n")
+    (folder / "comm").write_text(f"{name.partition(' ')[0]}\n")
+    (folder / "cmdline").write_text(name.replace(" ", "\0"))
     for k, file in enumerate(open_files):
         (folder / "fd" / str(k)).symlink_to(file)
 
@@ -88,6 +89,12 @@ def test_a_program_that_only_root_may_see_is_another(tmp_path: Path) -> None:
     finding = SoleUse().run(context([sensor(refusal=Refusal.BUSY)], root=tmp_path))
     assert finding.verdict is Verdict.FAIL
     assert finding.text == "another program has the camera"
+
+
+def test_our_own_driver_is_known(tmp_path: Path) -> None:
+    process(tmp_path, 813, "python -m drivers.isolation.child 7", CAMERA_FILE)
+    finding = SoleUse().run(context([sensor(refusal=Refusal.BUSY)], root=tmp_path))
+    assert finding.text == "a running kinect-vo (process 813) has the camera"
 
 
 def test_this_very_process_does_not_count(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.errors import UserFacingError
 from vo_service.doctor.child import in_child
-from vo_service.doctor.libraries import load
+from vo_service.doctor.loaded import load
 
 PLENTY_S = 60.0
 

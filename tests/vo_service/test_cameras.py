@@ -7,9 +7,10 @@ import pytest
 
 from drivers.camera import Clock, Pace
 from drivers.errors import InputError
+from drivers.isolation.camera import IsolatedCamera
 from drivers.sensor_settings import SensorSettings
 from drivers.synthetic.config import SyntheticConfig
-from vo_service.cameras import CameraRequest, make_camera
+from vo_service.cameras import BACKENDS, USAGES, CameraRequest, make_camera
 
 LIGHT = CameraRequest(
     source="synthetic",
@@ -43,7 +44,8 @@ def test_a_folder_may_have_a_colon_in_its_name() -> None:
 @pytest.mark.parametrize(
     ("source", "said"),
     [
-        ("kinekt", "camera 'kinekt' is unknown; use one of: synthetic, tum:FOLDER"),
+        ("kinekt", "camera 'kinekt' is unknown; use one of: freenect"),
+        ("fakenect", "needs a dump's folder: fakenect:FOLDER"),
         ("", "camera '' is unknown"),
         ("desk", "camera 'desk' is unknown"),
         ("tum", "needs a folder: tum:FOLDER"),
@@ -59,3 +61,25 @@ def test_a_source_that_is_none_says_what_to_write(source: str, said: str) -> Non
 def test_a_virtual_kinect_takes_no_camera_file() -> None:
     with pytest.raises(InputError, match=r"camera\.toml: the virtual Kinect knows its own"):
         make_camera(replace(LIGHT, file=Path("camera.toml")))
+
+
+@pytest.mark.parametrize(
+    ("source", "clock"),
+    [
+        ("freenect", Clock.MONOTONIC),
+        ("freenect:A00367A01234305A", Clock.MONOTONIC),
+        ("openni2", Clock.MONOTONIC),
+        ("openni2:1d27/0600@2/5", Clock.MONOTONIC),
+        ("openni2:desk.oni", Clock.RECORDED),
+        ("openni2:DESK.ONI", Clock.RECORDED),
+        ("fakenect:desk", Clock.RECORDED),
+    ],
+)
+def test_what_runs_on_a_native_library_has_a_process_of_its_own(source: str, clock: Clock) -> None:
+    camera = make_camera(replace(LIGHT, source=source))
+    assert isinstance(camera, IsolatedCamera)
+    assert (camera.name, camera.clock) == (source, clock)
+
+
+def test_every_backend_says_how_it_is_written() -> None:
+    assert set(USAGES) == set(BACKENDS)

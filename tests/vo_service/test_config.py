@@ -136,7 +136,7 @@ def test_a_bad_key_is_named_with_its_line(
 @pytest.mark.parametrize(
     ("table", "line", "why"),
     [
-        ("camera", 'source = "kinekt"', "use one of synthetic, tum:FOLDER"),
+        ("camera", 'source = "kinekt"', "use one of freenect"),
         ("odometry", 'method = "orb"', "method 'orb' is unknown; use one of surf"),
         ("T_base_camera", "quaternion_xyzw = [0, 0, 0, 0]", "must have length 1, as x y z w"),
         ("T_base_camera", "quaternion_xyzw = [1, 1, 1, 1]", "must have length 1, as x y z w"),

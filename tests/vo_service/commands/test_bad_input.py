@@ -181,7 +181,7 @@ ARGUMENTS = {
     "option": (["replay", "X", "--trajectry", "Y"], "unrecognized arguments: --trajectry Y"),
     "command": (["replai"], "invalid choice: 'replai'"),
     "no command": ([], "required: COMMAND"),
-    "camera": (["run", "--camera", "kinekt"], "camera 'kinekt' is unknown; use one of: synthetic"),
+    "camera": (["run", "--camera", "kinekt"], "camera 'kinekt' is unknown; use one of: freenect"),
     "camera folder": (["run", "--camera", "tum:"], "camera 'tum' needs a folder: tum:FOLDER"),
     "recorded camera": (["record", "--camera", "kinekt", "X"], "camera 'kinekt' is unknown"),
     "seconds": (["record", "--seconds", "nan", "X"], "nan is not a time: give seconds, more than"),

@@ -8,11 +8,11 @@ from vo_service.calibration.board import Board, Layout
 from vo_service.calibration.charuco import DICTIONARIES, Charuco
 from vo_service.calibration.chessboard import Chessboard
 
-USAGE = "chessboard:9x6 (inner corners) or charuco:11x8 (squares)"
+USAGE = "chessboard:9x6 (inner corners) or charuco:8x6 (squares)"
 _FORM = re.compile(r"(chessboard|charuco):(\d{1,3})x(\d{1,3})")
 FEWEST, MOST = 3, 100
 # The marker's part of a square where nothing is said, as printed by --print-board.
-MARKER_PART = 0.75
+MARKER_PART = 0.7
 
 
 @dataclass(frozen=True)

@@ -3,15 +3,22 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 from cv2 import aruco
+from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from drivers.geometry import Array
 from vo_service.calibration.board import NO_CORNERS, Corners, GreyImage, Layout
+from vo_service.calibration.chessboard import REFINED
 
 # Fewer corners tell little, and may all lie in two rows.
 FEWEST_CORNERS = 12
+# Refinement must not see the markers, which begin an eighth of a square away.
+HALF_WINDOW = 0.12
+SMALLEST_HALF_WINDOW_PX = 2
+SMALLEST_SQUARE_PX = 14.0
 DICTIONARIES = sorted(
     name.removeprefix("DICT_") for name in vars(aruco) if name.startswith("DICT_")
 )
@@ -49,8 +56,17 @@ class Charuco:
             pixels, ids, _, _ = detector.detectBoard(grey)
             if ids is not None and len(ids) >= FEWEST_CORNERS:
                 points_m = self.layout.inner_corners_m[np.ravel(ids)]
-                return Corners(np.asarray(pixels, np.float64).reshape(-1, 2), points_m)
+                return self._refined(grey, np.asarray(pixels, np.float32), points_m)
         return NO_CORNERS
+
+    def _refined(self, grey: GreyImage, pixels: NDArray[np.float32], points_m: Array) -> Corners:
+        """To a tenth of a pixel; NO_CORNERS where they are too close together for that."""
+        square_px = _square_px(pixels.reshape(-1, 2), points_m, self.layout.square_m)
+        if square_px < SMALLEST_SQUARE_PX:
+            return NO_CORNERS
+        half = max(SMALLEST_HALF_WINDOW_PX, round(HALF_WINDOW * square_px))
+        refined = cv2.cornerSubPix(grey, pixels, (half, half), (-1, -1), REFINED)
+        return Corners(refined.reshape(-1, 2).astype(np.float64), points_m)
 
     def seen_instead(self, grey: GreyImage) -> str:
         """A chessboard would not tell; another dictionary's markers do."""
@@ -103,6 +119,23 @@ class Charuco:
     @cached_property
     def _detectors(self) -> list[aruco.CharucoDetector]:
         return [aruco.CharucoDetector(board) for board in self._boards]
+
+
+def _square_px(pixels: NDArray[np.float32], points_m: Array, square_m: float) -> float:
+    """The shortest side of a square, from the plane's projection without distortion."""
+    H = np.asarray(cv2.findHomography(points_m[:, :2], pixels)[0], np.float64)
+    if H.shape != (3, 3):  # none, for corners in a line
+        return 0.0
+    sides = [np.array([square_m, 0.0]), np.array([0.0, square_m])]
+    here = _projected(H, points_m[:, :2])
+    ends = [_projected(H, points_m[:, :2] + side) for side in sides]
+    return float(min(np.linalg.norm(end - here, axis=1).min() for end in ends))
+
+
+def _projected(H: Array, points: Array) -> Array:
+    scaled = np.column_stack([points, np.ones(len(points))]) @ H.T
+    pixels: Array = scaled[:, :2] / scaled[:, 2:]
+    return pixels
 
 
 def _dictionary(name: str) -> aruco.Dictionary:

@@ -4,16 +4,24 @@ Zhang, A flexible new technique for camera calibration, IEEE PAMI 22(11), 2000.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
+from drivers.camera_file import NO_DISTORTION
 from drivers.errors import UserFacingError
 from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from vo_service.calibration.board import Corners
+from vo_service.calibration.least_squares import jackknife_sigma
 from vo_service.calibration.snapshot import Lens, View
 
 FEWEST_VIEWS = 6
+# Parts of the views that are left out in turn, to see how much each matters.
+GROUPS = 10
+# A corner is wrong (glare, a finger) if it is this many times the usual one off.
+WRONG_CORNER_TIMES = 6.0
+FEWEST_CORNERS = 8
 # A view is wrong (a board that moved, bent or was misread) if its error is this many times the
 # usual one, and large enough to matter.
 WRONG_TIMES = 3.0
@@ -21,6 +29,8 @@ WRONG_PX = 0.3
 # A coefficient is only used if it is this many standard deviations from zero.
 SIGNIFICANT = 3.0
 WITHOUT_K3 = cv2.CALIB_FIX_K3
+FROM_HERE = cv2.CALIB_USE_INTRINSIC_GUESS
+UNKNOWN = Lens(1.0, 1.0, 0.0, 0.0, NO_DISTORTION)
 K3 = 8  # its place among fx fy cx cy k1 k2 p1 p2 k3
 STEPS = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-9)
 
@@ -70,16 +80,43 @@ def calibrate_colour(views: Sequence[View]) -> ColourCalibration:
         limit_px = max(WRONG_TIMES * float(np.median(errors_px)), WRONG_PX)
         worst = int(np.argmax(errors_px))
         if errors_px[worst] <= limit_px:
-            return found
+            right = _without_wrong_corners(found)
+            return replace(right, sigma=np.maximum(right.sigma, _left_out_sigma(right)))
         # One at a time: a very wrong view spoils the errors of the others.
         rejected.append(kept.pop(worst).name)
+
+
+def _without_wrong_corners(colour: ColourCalibration) -> ColourCalibration:
+    """Fitted again without the corners that do not agree with the others, if there are any."""
+    distances_px = [np.linalg.norm(each, axis=1) for each in colour.residuals_px]
+    limit_px = max(WRONG_CORNER_TIMES * float(np.median(np.concatenate(distances_px))), WRONG_PX)
+    right = [distances <= limit_px for distances in distances_px]
+    if all(each.all() for each in right):
+        return colour
+    views = [
+        replace(view, corners=Corners(view.corners.pixels[keep], view.corners.points_m[keep]))
+        for view, keep in zip(colour.views, right, strict=True)
+        if np.count_nonzero(keep) >= FEWEST_CORNERS
+    ]
+    return _fit(views, colour.rejected)
+
+
+def _left_out_sigma(colour: ColourCalibration) -> Array:
+    """(9,) from fits that each leave out a tenth of the views.
+
+    Where nothing but noise tells the focal length, as with boards that all face the camera, the
+    normal matrix at the point that was found is sure of it, wrongly.
+    """
+    count = min(GROUPS, len(colour.views))
+    fits = [without(colour, range(n, len(colour.views), count)) for n in range(count)]
+    return jackknife_sigma([fit.lens.vector for fit in fits])
 
 
 def without(colour: ColourCalibration, numbers: Sequence[int]) -> ColourCalibration:
     """Fitted again without some of its views, with the same coefficients."""
     views = [view for number, view in enumerate(colour.views) if number not in numbers]
     flags = 0 if colour.lens.distortion[-1] else WITHOUT_K3
-    return _fit_with(views, colour.rejected, flags)
+    return _fit_with(views, colour.rejected, flags | FROM_HERE, colour.lens)
 
 
 def _fit(views: list[View], rejected: list[str]) -> ColourCalibration:
@@ -90,12 +127,14 @@ def _fit(views: list[View], rejected: list[str]) -> ColourCalibration:
     return full if is_known else _fit_with(views, rejected, WITHOUT_K3)
 
 
-def _fit_with(views: list[View], rejected: list[str], flags: int) -> ColourCalibration:
+def _fit_with(
+    views: list[View], rejected: list[str], flags: int, start: Lens = UNKNOWN
+) -> ColourCalibration:
     points = [view.corners.points_m.astype(np.float32) for view in views]
     pixels = [view.corners.pixels.astype(np.float32) for view in views]
     size = views[0].size
     rms_px, K, distortion, turns, shifts, sigma, *_ = cv2.calibrateCameraExtended(
-        points, pixels, size, np.eye(3), np.zeros(5), flags=flags, criteria=STEPS
+        points, pixels, size, start.K, np.array(start.distortion), flags=flags, criteria=STEPS
     )
     k1, k2, p1, p2, k3 = (float(value) for value in np.ravel(distortion))
     lens = Lens(

@@ -15,7 +15,7 @@ from drivers.camera_file import DepthTable, RigidPose
 from drivers.errors import UserFacingError
 from drivers.geometry import Array, quaternion_from_rotation
 from vo_service.calibration.board import Layout
-from vo_service.calibration.colour_camera import SIGNIFICANT, ColourCalibration, without
+from vo_service.calibration.colour_camera import GROUPS, SIGNIFICANT, ColourCalibration, without
 from vo_service.calibration.depth_model import DISTORTION, NAMES, DepthModel
 from vo_service.calibration.depth_pixels import BoardPixels, board_pixels
 from vo_service.calibration.least_squares import jackknife_sigma, minimise
@@ -27,8 +27,8 @@ GATES = (60.0, 10.0, 4.0, 4.0)
 FEWEST_VIEWS = 8
 # The least part of the readings that has to agree with the boards.
 FEWEST_USED = 0.6
-# Parts of the views that are left out in turn, to see how much each matters.
-GROUPS = 10
+# No sensor is further off: the size of the squares or the unit of depth is wrong.
+SCALE_OFF = 0.12
 ALL = np.arange(len(NAMES))
 WITHOUT_DISTORTION = np.delete(ALL, DISTORTION)
 
@@ -117,7 +117,13 @@ class _Fit:
         pixels = self.pixels(colour, usual)
         points_m = usual.points_m(pixels.pixels, pixels.readings_m)
         along_ray = pixels.offsets_m / (points_m * pixels.normals).sum(axis=1)
-        return DepthModel.usual((width, height), float(np.median(along_ray)))
+        scale = float(np.median(along_ray))
+        if abs(scale - 1.0) > SCALE_OFF:
+            raise UserFacingError(
+                f"the board is {scale:.2f} times as far away as depth says: measure --square "
+                "again, and see that the recording's depth factor is right (--camera-file)"
+            )
+        return DepthModel.usual((width, height), scale)
 
     def refined(
         self,

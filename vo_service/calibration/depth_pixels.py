@@ -13,8 +13,8 @@ from vo_service.calibration.board import Layout
 from vo_service.calibration.depth_model import DepthModel
 from vo_service.calibration.snapshot import View
 
-MOST_A_VIEW = 300
-FEWEST_A_VIEW = 60
+MOST_A_VIEW = 150
+FEWEST_A_VIEW = 40
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ def zone_corners(views: Sequence[View]) -> Array:
 
 def lacks(views: Sequence[View], stances: Sequence[Stance], with_depth: bool) -> list[Lack]:
     """What is missing, the most important first."""
-    found = [*_zones(views), *_tilts(stances)]
+    found = [*_tilts(stances), *_zones(views)]
     return [*found, *_distances(stances)] if with_depth else found
 
 

@@ -21,8 +21,6 @@ SCALE_PERCENT = 0.5
 # Corners of a flat board that is still are found to a tenth of a pixel.
 LARGE_ERROR_PX = 0.7
 FEW_VIEWS = 15
-# No sensor's scale is further off: the size of the squares or the depth factor is wrong.
-SCALE_OFF = 0.1
 # Two cameras are at least so far apart, or the depth is registered already.
 NEAREST_CAMERAS_M = 0.008
 SAME_FOCAL = 0.01
@@ -59,11 +57,6 @@ def check_depth(
 ) -> list[str]:
     """Warnings. Raises UserFacingError if the result is not to be used."""
     model = depth.model
-    if abs(model.scale - 1.0) > SCALE_OFF:
-        raise UserFacingError(
-            f"depth is {model.scale:.3f} times too short for this board: measure --square again, "
-            "and see that the recording's depth factor is right"
-        )
     gap_m = float(np.linalg.norm(model.vector[SHIFT]))
     same_lens = abs(model.lens.fx / colour.lens.fx - 1.0) < SAME_FOCAL
     if gap_m < NEAREST_CAMERAS_M and same_lens:

@@ -14,7 +14,7 @@ DAMPING = 1e-9
 def minimise(residuals: Residuals, start: Array, weights: Array, steps: int = 10) -> Array:
     """Gauss-Newton: the parameters (P,) that make the weighted residuals (N,) small.
 
-    Raises numpy's LinAlgError if the residuals do not depend on all parameters.
+    Every parameter must matter to some residual; how well each is told is not looked at.
     """
     x = start.copy()
     for _ in range(steps):

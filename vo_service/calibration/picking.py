@@ -68,7 +68,7 @@ class ViewPicker:
     """Takes snapshots one after another and keeps the views that tell something new."""
 
     def __init__(self, board: Board) -> None:
-        self._board = board
+        self.board = board
         self._before_s = -math.inf
         self._corners_before = NO_CORNERS
         self.views: list[View] = []
@@ -78,7 +78,7 @@ class ViewPicker:
     def offer(self, snapshot: Snapshot) -> Verdict:
         """Look for the board; keep the view if it is still and new."""
         self.offered += 1
-        corners = self._board.find(snapshot.grey)
+        corners = self.board.find(snapshot.grey)
         is_still = self._is_still(snapshot.stamp_s, corners)
         self._before_s, self._corners_before = snapshot.stamp_s, corners
         if not len(corners.pixels):

@@ -70,7 +70,7 @@ def _draw_corners(plot: "Axes", colour: ColourCalibration) -> None:
         plot.fill(*outline(view.corners.pixels).T, facecolor="tab:blue", alpha=0.05)
     pixels = np.concatenate([view.corners.pixels for view in colour.views])
     residuals = np.concatenate(colour.residuals_px)
-    enlarged = ARROW * colour.size[0] / max(colour.rms_px, 1e-3)
+    enlarged = _one_digit(ARROW * colour.size[0] / max(colour.rms_px, 1e-3))
     columns, rows = pixels.T
     plot.scatter(columns, rows, s=3, color="tab:blue", linewidths=0)
     plot.quiver(
@@ -78,6 +78,11 @@ def _draw_corners(plot: "Axes", colour: ColourCalibration) -> None:
         width=0.0013, color="tab:red", alpha=0.8,
     )  # fmt: skip
     plot.set_title(f"corners, and {colour.rms_px:.2f} px of error enlarged {enlarged:.0f} times")
+
+
+def _one_digit(value: float) -> float:
+    """As a caption would have it: 300 for 329."""
+    return float(f"{value:.1g}")
 
 
 def _draw_zones(plot: "Axes", colour: ColourCalibration) -> None:

@@ -103,9 +103,8 @@ def _rounded(table: DepthTable) -> DepthTable:
 
 def _column(lens: Lens, sigma: Array) -> list[str]:
     """Nine cells; a coefficient that the views do not tell is "-"."""
-    values = [lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion]
-    digits = [2] * 4 + [4] * 5
-    cells = zip(values, [*sigma, *[0.0] * (len(values) - len(sigma))], digits, strict=True)
+    sigmas = np.append(sigma, np.zeros(9 - len(sigma)))
+    cells = zip(lens.vector, sigmas, [2] * 4 + [4] * 5, strict=True)
     return [f"{v:.{d}f} ± {s:.{d}f}" if s else "-" for v, s, d in cells]
 
 

@@ -76,9 +76,9 @@ def _draw(board: Board, size_mm: tuple[float, float]) -> "Figure":
     cells = [_rectangle(cell) + origin_mm for cell in 1e3 * board.dark_cells_m()]
     codes = [Outline.MOVETO, *[Outline.LINETO] * 3, Outline.CLOSEPOLY]
     outline = Outline(np.concatenate(cells), codes * len(cells))
-    page.add_patch(PathPatch(outline, facecolor="black", linewidth=0))
-    _draw_ruler(page, width_mm, height_mm - 9.0)
-    _write(page, board, width_mm, height_mm - 3.0)
+    page.add_patch(PathPatch(outline, facecolor="black", linewidth=0, snap=False))
+    _draw_ruler(page, width_mm, height_mm - 13.0)
+    _write(page, board, width_mm, height_mm - 8.0)
     return figure
 
 
@@ -104,8 +104,9 @@ def _ruler_lines(left_mm: float, y_mm: float) -> Iterator[tuple[Array, Array]]:
 
 
 def _write(page: "Axes", board: Board, width_mm: float, y_mm: float) -> None:
+    name = f"{board.name[0].upper()}{board.name[1:]}"
     text = (
-        f"{board.name}, squares of {1e3 * board.layout.square_m:g} mm. Print at 100 %, without "
-        "fitting to the page; measure the line and a square."
+        f"{name}, squares of {1e3 * board.layout.square_m:g} mm. Print at 100 %, without "
+        "fitting to the page; measure the line, and a square for --square."
     )
     page.text(width_mm / 2, y_mm, text, ha="center", va="center", fontsize=TEXT_POINTS)

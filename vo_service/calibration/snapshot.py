@@ -70,6 +70,11 @@ class Lens:
         """3x3 intrinsics matrix."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
+    @property
+    def vector(self) -> Array:
+        """(9,) fx fy cx cy k1 k2 p1 p2 k3."""
+        return np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion])
+
     def pixels(self, T_camera_points: Array, points_m: Array) -> Array:
         """(N, 2) where points (N, 3), moved by a 4x4 transform, are in the image."""
         turn = cv2.Rodrigues(T_camera_points[:3, :3])[0]

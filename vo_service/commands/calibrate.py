@@ -89,11 +89,11 @@ def _add_board_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--marker", metavar="M", type=length_m,
-        help="ChArUco: side of a marker, in metres (default: three quarters of a square)",
+        help="ChArUco: side of a marker, in metres (default: 0.7 of a square)",
     )  # fmt: skip
     parser.add_argument(
-        "--dictionary", metavar="NAME", default="5X5_100",
-        help="ChArUco: OpenCV's name of the markers (default: 5X5_100)",
+        "--dictionary", metavar="NAME", default="4X4_100",
+        help="ChArUco: OpenCV's name of the markers (default: 4X4_100)",
     )  # fmt: skip
     parser.add_argument(
         "--print-board", metavar="FILE", type=Path,

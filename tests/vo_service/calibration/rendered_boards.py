@@ -1,7 +1,7 @@
 """A synthetic Kinect in front of a board: exact geometry, then lens, blur, noise and disparity."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import cv2
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector
-from vo_service.calibration.board import Board
-from vo_service.calibration.snapshot import NO_DEPTH, Lens, Snapshot
+from vo_service.calibration.board import Board, Corners
+from vo_service.calibration.snapshot import NO_DEPTH, Lens, Snapshot, View
 
 SIZE = (640, 480)
 TEXELS_A_SQUARE = 48
@@ -36,6 +36,7 @@ class Kinect:
     depth: Lens = DEPTH
     depth_scale: float = 1.006
     noise_grey: float = 2.0
+    T_color_depth: Array = field(default_factory=T_COLOR_DEPTH.copy)
 
     def snapshot(
         self, board: Board, T_color_board: Array, seed: int, with_depth: bool = False
@@ -45,6 +46,17 @@ class Kinect:
         colour = self._colour_image(board, T_color_board, rng)
         depth = self._depth_image(board, T_color_board, rng) if with_depth else NO_DEPTH
         return Snapshot(f"view {seed}", float(seed), colour, depth)
+
+    def views(self, board: Board, poses: Sequence[Array]) -> list[View]:
+        """Depth as in a snapshot, corners from the truth with a twentieth of a pixel of noise."""
+        rng = np.random.default_rng(1)
+        points_m = board.layout.inner_corners_m
+        found = []
+        for number, T in enumerate(poses):
+            pixels = self.colour.pixels(T, points_m) + rng.normal(0, 0.05, (len(points_m), 2))
+            corners = Corners(pixels, points_m)
+            found.append(View(f"view {number}", SIZE, corners, self._depth_image(board, T, rng)))
+        return found
 
     def _colour_image(
         self, board: Board, T_color_board: Array, rng: np.random.Generator
@@ -69,7 +81,7 @@ class Kinect:
     def _depth_image(
         self, board: Board, T_color_board: Array, rng: np.random.Generator
     ) -> NDArray[np.uint16]:
-        z_m, on_board_m = _meet(self._depth_rays, inverse(T_COLOR_DEPTH) @ T_color_board)
+        z_m, on_board_m = _meet(self._depth_rays, inverse(self.T_color_depth) @ T_color_board)
         layout, paper_m = board.layout, PAPER_SQUARES * board.layout.square_m
         x, y = on_board_m[..., 0], on_board_m[..., 1]
         inside = (x > -paper_m) & (x < layout.width_m + paper_m) & (y > -paper_m)

@@ -49,7 +49,7 @@ class NearestPairing(Generic[C, D]):
         self._sure_s = shortest_period_s / 2
         self._colours: deque[tuple[float, C]] = deque()
         self._depths: deque[tuple[float, D]] = deque()
-        self._first_s, self._forgotten_s, self._used_s = math.inf, -math.inf, -math.inf
+        self._first_s, self._forgotten_s = math.inf, -math.inf  # stamps of colour images
         self.unpaired = 0
 
     def add_colour(self, stamp_s: float, image: C) -> list[Pair[C, D]]:
@@ -87,13 +87,12 @@ class NearestPairing(Generic[C, D]):
         depth_s, depth = self._depths.popleft()
         stamps_s = [self._forgotten_s, *(stamp_s for stamp_s, _ in self._colours)]
         nearest = min(range(len(stamps_s)), key=lambda i: abs(stamps_s[i] - depth_s))
-        colour_s = stamps_s[nearest]
-        taken = colour_s <= max(self._forgotten_s, self._used_s)
-        if taken or abs(colour_s - depth_s) > self._tolerance_s:
+        if nearest == 0 or abs(stamps_s[nearest] - depth_s) > self._tolerance_s:
             self._count_unpaired(depth_s)
             return []
-        self._used_s = colour_s
-        return [Pair(colour_s, self._colours[nearest - 1][1], depth_s, depth)]
+        for _ in range(nearest):  # nothing older can be nearest to a later depth image
+            self._forgotten_s, colour = self._colours.popleft()
+        return [Pair(self._forgotten_s, colour, depth_s, depth)]
 
     def _count_unpaired(self, depth_s: float) -> None:
         self.unpaired += depth_s >= self._first_s

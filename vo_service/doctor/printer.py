@@ -111,7 +111,7 @@ class Printer:
         if not self._width:
             return [text]
         width = self._width - self._name_width - 6 - indent
-        return textwrap.wrap(text, width, break_on_hyphens=False) or [""]
+        return textwrap.wrap(text, width, break_on_hyphens=False, break_long_words=False) or [""]
 
     def _below(self, line: str) -> None:
         self._write(f"{' ' * (self._name_width + 6)}{line}")

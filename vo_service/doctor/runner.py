@@ -46,7 +46,7 @@ def results(checks: Sequence[Check], context: Context, busy: Busy) -> Iterator[R
                 finding = _run(check, context)
         if finding.verdict in (Verdict.FAIL, Verdict.SKIPPED):
             blocked_by[check.name] = needed or check.name
-        _log.info("%s: %s: %s", check.name, finding.verdict, finding.text)
+        _log.debug("%s: %s: %s", check.name, finding.verdict, finding.text)
         yield Result(check.name, finding)
 
 

@@ -6,6 +6,7 @@ from vo_service.doctor.watch import Watched
 
 REPLUG = "check its cable and power supply: unplug both, wait ten seconds, plug them in again"
 OWN_CONTROLLER = "give the sensor a USB controller of its own, no hub, and a shorter cable"
+LOOK = "run it with --verbose, which says more; see that the computer is not too busy"
 SLOWEST_SHARE = 0.9
 TOLERATED_LOSS = 0.01
 FRAMES_FOR_A_RATE = 10
@@ -96,10 +97,13 @@ class LostPackets:
         """See `Check`."""
         counters, frames = context.watched.counters, len(context.watched.samples)
         facts = {"lost_packets": counters.lost_packets, "skipped_frames": counters.skipped}
-        if counters.lost_packets == 0 and counters.skipped == 0:
-            return passed(f"none in {frames} frames", **facts)
         share = counters.skipped / (counters.skipped + frames)
-        finding = failed if share > TOLERATED_LOSS else warned
+        is_much = share > TOLERATED_LOSS
+        if counters.lost_packets == 0 and not is_much:
+            return passed(f"none in {frames} frames", **facts)
+        if counters.lost_packets == 0:
+            return warned(f"none, yet {counters.skipped} frames were of no use", LOOK, **facts)
+        finding = failed if is_much else warned
         return finding(
             f"{counters.lost_packets} packets lost, {counters.skipped} frames thrown away "
             f"({share:.1%})",

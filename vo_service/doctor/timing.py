@@ -88,16 +88,19 @@ class Gravity:
             return unknown("this camera has no accelerometer")
         right, down, forward = vector
         length = math.hypot(*vector)
-        text = (
-            f"{length:.2f} m/s²; the camera looks {_degrees(forward, down, 'down', 'up')} and is "
-            f"rolled {_degrees(right, down, 'right', 'left')}"
-        )
+        leaning = [
+            *_leaning(forward, down, ("looks {}° down", "looks {}° up")),
+            *_leaning(right, down, ("is rolled {}° to the right", "is rolled {}° to the left")),
+        ]
+        text = f"{length:.2f} m/s²; the camera {' and '.join(leaning) or 'is level'}"
         facts = {"gravity_m_s2": list(vector)}
         if not is_gravity(vector):
             return warned(text, "hold the sensor still and run it again", **facts)
         return passed(text, **facts)
 
 
-def _degrees(sideways: float, down: float, positive: str, negative: str) -> str:
-    angle_deg = math.degrees(math.atan2(sideways, down))
-    return f"{abs(angle_deg):.0f}° {positive if angle_deg >= 0 else negative}"
+def _leaning(sideways: float, down: float, words: tuple[str, str]) -> list[str]:
+    """The angle in words, positive or negative; nothing for less than half a degree."""
+    angle_deg = round(math.degrees(math.atan2(sideways, down)))
+    positive, negative = words
+    return [(positive if angle_deg > 0 else negative).format(abs(angle_deg))] if angle_deg else []

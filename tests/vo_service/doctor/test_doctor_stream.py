@@ -69,6 +69,12 @@ def test_lost_packets_weigh_by_the_frames_they_cost(skipped: int, verdict: Verdi
     assert finding.facts == {"lost_packets": 40, "skipped_frames": skipped}
 
 
+@pytest.mark.parametrize(("skipped", "verdict"), [(0, "pass"), (1, "pass"), (30, "warning")])
+def test_frames_without_a_partner_are_no_lost_packets(skipped: int, verdict: str) -> None:
+    seen = watched(samples(120), skipped=skipped)
+    assert judged(LostPackets(), seen).verdict == verdict
+
+
 def test_a_skew_beyond_half_a_frame_is_a_warning() -> None:
     finding = judged(Skew(), with_frames(skew_s=lambda k: -0.021))
     assert finding.verdict is Verdict.WARNING
@@ -96,11 +102,11 @@ def test_a_handful_of_frames_tells_no_rate(check: Check) -> None:
 @pytest.mark.parametrize(
     ("gravity_m_s2", "told"),
     [
-        ((0.0, 9.81, 0.0), "looks 0° down and is rolled 0° right"),
+        ((0.0, 9.81, 0.0), "9.81 m/s²; the camera is level"),
         ((0.0, 8.5, 4.9), "looks 30° down"),
         ((0.0, 8.5, -4.9), "looks 30° up"),
-        ((4.9, 8.5, 0.0), "rolled 30° right"),
-        ((-4.9, 8.5, 0.0), "rolled 30° left"),
+        ((4.9, 8.5, 0.0), "rolled 30° to the right"),
+        ((-4.9, 8.5, 0.0), "rolled 30° to the left"),
     ],
 )
 def test_gravity_tells_how_the_camera_is_held(

@@ -1,5 +1,7 @@
 """A Kinect, or a dump of one, through libfreenect."""
 
+import time
+from collections.abc import Callable
 from dataclasses import replace
 
 from drivers.camera import (
@@ -33,11 +35,17 @@ class FreenectCamera(RgbdCamera):
     """
 
     def __init__(
-        self, source: Source, images: Images, base: Base, settings: SensorSettings
+        self,
+        source: Source,
+        images: Images,
+        base: Base,
+        settings: SensorSettings,
+        wait: Callable[[float], object] = time.sleep,
     ) -> None:
+        """`wait` waits so many seconds, or less if it notices that a device is plugged in."""
         self.name, self.clock = source.name, source.clock
         self._source, self._images, self._base = source, images, base
-        self._settings = settings
+        self._settings, self._wait = settings, wait
         self._session: Session | NoSession = NoSession()
         self._measured: DepthFilter = MeasuredOnly(up_to_10_m())
         self._stamps = source.stamp_map()
@@ -92,6 +100,10 @@ class FreenectCamera(RgbdCamera):
     def readout_s(self) -> float:
         """From the camera file; 0 without."""
         return self._images.readout_s
+
+    def wait_to_retry(self, timeout_s: float) -> None:
+        """See `RgbdCamera`."""
+        self._wait(timeout_s)
 
     def _open(self) -> None:
         if not self._session.has_ended(LET_GO_LIMIT_S):

@@ -16,10 +16,11 @@ def kinect_camera(serial: str, settings: SensorSettings, camera_file: Path | Non
 
     Raises InputError for a camera file that does not fit.
     """
+    from drivers.kinect_usb.hot_plug import wait_for_device
     from drivers.kinect_usb.kinect_base import KinectBase
 
-    images = Images(camera_file, settings.mirror)
-    return FreenectCamera(Kinect(serial, settings), images, KinectBase(), settings)
+    kinect, images = Kinect(serial, settings), Images(camera_file, settings.mirror)
+    return FreenectCamera(kinect, images, KinectBase(), settings, wait_for_device)
 
 
 def fakenect_camera(

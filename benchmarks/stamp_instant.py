@@ -1,0 +1,134 @@
+"""Which instant a Kinect's colour stamp marks: its own light, seen in a mirror.
+
+    python -m benchmarks.stamp_instant [--serial SERIAL] [--seconds 60]
+
+Put the Kinect in front of a mirror, so that it sees its own light, in a dim room. The light is
+switched on and off at odd times, which are known to a millisecond; from the brightness of the
+pixels that follow it, the middle of the exposure is found against the stamps. Exit code 1 if the
+light is not seen. Leave out stamp_offset_s meanwhile: the figure printed is what to put there.
+"""
+
+import argparse
+import random
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.light_timing import fit_timing, lit_pixels
+from drivers.camera import Clock, NoFrameYet, Pace, RgbdFrame
+from drivers.errors import UserFacingError
+from drivers.freenect.recipes import kinect_camera
+from drivers.isolation.camera import IsolatedCamera
+from drivers.kinect_usb.kinect_base import KinectBase
+from drivers.sensor_settings import Led, SensorSettings
+
+# Between two switches: far longer than an exposure, and never in step with the frames.
+SHORTEST_S, LONGEST_S = 0.25, 0.6
+# A mirror image of the light is larger than a few pixels: a smaller picture holds it too.
+EVERY_PIXEL = 4
+ENOUGH_EXPLAINED = 0.6
+FIRST_FRAME_S = 15.0
+
+
+class BlinkingLight:
+    """Switches at odd times on a thread of its own, and remembers when."""
+
+    def __init__(self, switch: Callable[[bool], None]) -> None:
+        self._switch = switch
+        self._stop = threading.Event()
+        self.switched_s: list[float] = []
+        self._thread = threading.Thread(target=self._run, name="light", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        is_on = False
+        while not self._stop.wait(random.uniform(SHORTEST_S, LONGEST_S)):
+            is_on = not is_on
+            begin_s = time.monotonic()
+            self._switch(is_on)
+            self.switched_s.append((begin_s + time.monotonic()) / 2)
+
+    def stop(self) -> None:
+        """Leave it as it is."""
+        self._stop.set()
+        self._thread.join()
+
+
+def main() -> int:
+    """Watch the light, print what was found."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.stamp_instant",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--serial", default="", help="which Kinect (default: the first one)")
+    parser.add_argument("--seconds", type=float, default=60.0, help="how long to watch")
+    args = parser.parse_args()
+    try:
+        seen = watch(args.serial, args.seconds)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    return report(seen)
+
+
+@dataclass
+class Sightings:
+    """Small grey pictures with their stamps, and when the light was switched."""
+
+    stamps_s: list[float]
+    pictures: list[NDArray[np.uint8]]
+    switched_s: list[float]
+
+    def add(self, frame: RgbdFrame) -> None:
+        """Keep what is needed of a frame."""
+        self.stamps_s.append(frame.stamp_s)
+        self.pictures.append(frame.grey[::EVERY_PIXEL, ::EVERY_PIXEL].copy())
+
+
+def watch(serial: str, seconds: float) -> Sightings:
+    """Frames for so many seconds, while the light is switched; the first switch is to on."""
+    recipe = partial(kinect_camera, serial, SensorSettings(led=Led.OFF), None)
+    seen, base = Sightings([], [], []), KinectBase()
+    with IsolatedCamera("freenect", Clock.MONOTONIC, recipe, Pace.LOCKSTEP) as camera:
+        try:
+            seen.add(camera.read(FIRST_FRAME_S))
+            base.open(serial)
+            light = BlinkingLight(lambda is_on: base.set_led(Led.GREEN if is_on else Led.OFF))
+            try:
+                while seen.stamps_s[-1] - seen.stamps_s[0] < seconds:
+                    seen.add(camera.read(FIRST_FRAME_S))
+            finally:
+                light.stop()
+                base.close()
+        except NoFrameYet:
+            raise UserFacingError(f"no frame: {camera.condition}") from None
+    seen.switched_s.extend(light.switched_s)
+    return seen
+
+
+def report(seen: Sightings) -> int:
+    """Print the delay; 1 if the light was not seen."""
+    stamps_s, switched_s = np.array(seen.stamps_s), np.array(seen.switched_s)
+    pictures = np.array(seen.pictures)
+    is_on = np.searchsorted(switched_s, stamps_s) % 2 == 1
+    brightness = pictures[:, lit_pixels(pictures, is_on)].mean(axis=1)
+    timing = fit_timing(stamps_s, brightness, switched_s)
+    print(f"frames             {len(stamps_s)}, switches {len(switched_s)}")
+    print(f"light explains     {100 * timing.explained:.0f} % of the brightness")
+    if timing.explained < ENOUGH_EXPLAINED:
+        print("the light is not seen: put a mirror close in front of it, darken the room")
+        return 1
+    print(f"exposure           {1e3 * timing.exposure_s:.0f} ms")
+    print(f"stamp_offset_s     {timing.delay_s:.4f}  (middle of the exposure minus stamp)")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -35,7 +35,9 @@ class SoftwareRegistration:
         self.depth_factor = depth_factor / depth.scale
         self._lens = undistorter(depth.pinhole, depth.distortion)
         self._depth_K, self._colour_K = depth.pinhole.K, colour.K
-        self._size = (colour.width, colour.height)
+        # OpenCV 5.0 writes beyond its memory where the result is smaller than the depth image.
+        self._plane = (max(colour.width, depth.width), max(colour.height, depth.height))
+        self._rows, self._columns = slice(colour.height), slice(colour.width)
         self._magnifies = colour.fx > depth.fx or colour.fy > depth.fy
         self._T = depth.T_color_depth.matrix
         # Everything is linear in length: with the offset in units of depth, so is the result.
@@ -53,10 +55,10 @@ class SoftwareRegistration:
             NO_DISTORTION,
             self._T,
             usable,
-            self._size,
+            self._plane,
             depthDilation=self._magnifies,
         )  # type: ignore[assignment]
-        return registered
+        return np.ascontiguousarray(registered[self._rows, self._columns])
 
 
 def _usable(depth: PinholeCamera, T_colour_depth: Array) -> tuple[int, int]:

@@ -15,7 +15,6 @@ from drivers.freenect.context import Context, Device
 from drivers.freenect.depth import DepthFilter, MeasuredOnly, up_to_10_m
 from drivers.freenect.dump_folder import check_dump
 from drivers.freenect.library import PACKAGE, DepthFormat, load_library
-from drivers.freenect.log import Log
 from drivers.freenect.mailbox import LockstepMailbox, Mailbox, NewestMailbox
 from drivers.freenect.watchdog import Patience
 
@@ -71,7 +70,7 @@ class Dump:
         """See `Source`: fakenect has nothing to set and no table."""
         return MeasuredOnly(up_to_10_m())
 
-    def end(self, log: Log) -> Exception:
+    def end(self) -> Exception:
         """See `Source`."""
         return EndOfStream()
 

@@ -93,4 +93,4 @@ class EventLoop:
     def _work(self, context: Context) -> None:
         while not self._is_stopped:
             if not context.process_events(EVENTS_TIMEOUT):
-                raise self._source.end(self._log)
+                raise self._source.end()

@@ -60,9 +60,11 @@ def hangs() -> CameraError:
     )
 
 
-def unplugged(log: Log) -> CameraLostError:
+def unplugged() -> CameraLostError:
     """The device was given up."""
-    return CameraLostError(f"the Kinect is gone ({log.last_words}): unplugged, or without power")
+    return CameraLostError(
+        "the Kinect is gone: unplugged, or without its own power supply; plug it in again"
+    )
 
 
 def never_began(stream: str, limit_s: float) -> CameraLostError:

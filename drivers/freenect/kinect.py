@@ -63,9 +63,9 @@ class Kinect:
         device.set_flag(Flag.AUTO_WHITE_BALANCE, self._settings.auto_white_balance)
         return MeasuredOnly(measured_mm(device.raw_to_mm()))
 
-    def end(self, log: Log) -> Exception:
+    def end(self) -> Exception:
         """See `Source`."""
-        return unplugged(log)
+        return unplugged()
 
     def mailbox(self) -> Mailbox:
         """See `Source`: live, the newest pair counts."""

@@ -8,7 +8,6 @@ from drivers.camera import Clock
 from drivers.freenect.context import Context, Device
 from drivers.freenect.depth import DepthFilter
 from drivers.freenect.library import DepthFormat
-from drivers.freenect.log import Log
 from drivers.freenect.mailbox import Mailbox
 from drivers.freenect.watchdog import Patience
 
@@ -48,7 +47,7 @@ class Source(Protocol):
         """Apply the settings, now that both streams run; tells which depths are readings."""
         ...
 
-    def end(self, log: Log) -> Exception:
+    def end(self) -> Exception:
         """Why libfreenect has no more events."""
         ...
 

@@ -1,8 +1,7 @@
 """Which checks a camera gets, in their order: the one place where a new check is listed."""
 
-from pathlib import Path
-
 from drivers.kinect_usb.ids import Model
+from vo_service.cameras import ONI_SUFFIX
 from vo_service.doctor.access import KernelDriver, Permission, SoleUse
 from vo_service.doctor.bus import SensorOnBus, SharedController, UsbSpeed
 from vo_service.doctor.context import Wanted
@@ -41,30 +40,30 @@ def checks_for(source: str) -> tuple[Check, ...]:
     kind, _, argument = source.partition(":")
     if kind == "freenect":
         libraries = Libraries("libusb-1.0.so.0", "libfreenect.so.0.5")
-        return (
-            libraries,
-            *USB_CHECKS,
-            Firmware(),
-            FirstFrames(*BEFORE_FRAMES),
-            *_stream(SENSOR_HZ, has_accelerometer=True),
-        )
-    if kind == "openni2" and not _is_recording(argument):
+        return (libraries, *USB_CHECKS, Firmware(), *_sensor(has_accelerometer=True))
+    if kind == "openni2" and not argument.lower().endswith(ONI_SUFFIX):
         libraries = Libraries("libusb-1.0.so.0", "libOpenNI2.so.0")
-        return (
-            libraries,
-            *USB_CHECKS,
-            FirstFrames(*BEFORE_FRAMES),
-            *_stream(SENSOR_HZ, has_accelerometer=False),
-        )
+        return (libraries, *USB_CHECKS, *_sensor(has_accelerometer=False))
     if kind == "openni2":
-        libraries = Libraries("libOpenNI2.so.0")
-        return (libraries, FirstFrames("libraries"), *_stream(ANY_RATE, has_accelerometer=False))
-    return (FirstFrames(), *_stream(ANY_RATE, has_accelerometer=False))
+        return (Libraries("libOpenNI2.so.0"), FirstFrames("libraries"), *_RECORDED)
+    return (FirstFrames(), *_RECORDED)
 
 
-def _stream(nominal_hz: float, has_accelerometer: bool) -> tuple[Check, ...]:
-    return (FrameRate(nominal_hz), LostPackets(), Skew(), ClockRate(), Gravity(has_accelerometer))
+def _sensor(has_accelerometer: bool) -> tuple[Check, ...]:
+    return (
+        FirstFrames(*BEFORE_FRAMES),
+        FrameRate(SENSOR_HZ),
+        LostPackets(),
+        Skew(),
+        ClockRate(),
+        Gravity(has_accelerometer),
+    )
 
 
-def _is_recording(argument: str) -> bool:
-    return Path(argument).suffix == ".oni"
+# How fast a player plays says nothing about any device's clock.
+_RECORDED: tuple[Check, ...] = (
+    FrameRate(ANY_RATE),
+    LostPackets(),
+    Skew(),
+    Gravity(is_expected=False),
+)

@@ -85,7 +85,7 @@ class Gravity:
                 "see firmware above; on a 1414, plug in its power supply, which feeds the motor",
             )
         if vector is None:
-            return unknown("this camera has no accelerometer")
+            return unknown("not known: this camera does not tell")
         right, down, forward = vector
         length = math.hypot(*vector)
         leaning = [

@@ -248,7 +248,7 @@ def test_a_recording_is_checked_for_its_frames_alone(
     diagnosis = json.loads(outcome.out)
     assert (outcome.code, diagnosis["verdict"]) == (0, "pass")
     assert [check["name"] for check in diagnosis["checks"]] == [
-        "first-frames", "frame-rate", "lost-packets", "skew", "clock", "gravity",
+        "first-frames", "frame-rate", "lost-packets", "skew", "gravity",
     ]  # fmt: skip
 
 

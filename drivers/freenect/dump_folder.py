@@ -31,8 +31,8 @@ def _names(folder: Path) -> list[str]:
         lines = index.read_text(encoding="utf-8").split("\n")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
-            f"{index}: cannot be read ({error}); a dump is a folder with {INDEX} and the files it "
-            "names, as fakenect-record writes it"
+            f"{index}: cannot be read ({_why(error)}); a dump is a folder with {INDEX} and the "
+            "files that it names"
         ) from error
     names = lines[:-1] if lines[-1] == "" else lines
     for number, name in enumerate(names, start=1):
@@ -64,7 +64,7 @@ def _header(path: Path, pixels: int) -> bytes:
             size = path.stat().st_size
             return file.read(max(0, size - pixels))[:1000]
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error}); {INDEX} names it") from error
+        raise InputError(f"{path}: cannot be read ({_why(error)}); {INDEX} names it") from error
 
 
 def _check_unit(path: Path) -> None:
@@ -74,3 +74,7 @@ def _check_unit(path: Path) -> None:
             f"{path}: holds raw 11-bit depth, as fakenect-record writes it; only a dump of "
             "registered depth in millimetres can be played"
         )
+
+
+def _why(error: OSError | UnicodeDecodeError) -> str:
+    return error.strerror or "" if isinstance(error, OSError) else "not a text"

@@ -1,0 +1,40 @@
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import MagicMock
+
+import pytest
+
+from drivers.errors import CameraError
+from drivers.freenect.context import Context
+from drivers.freenect.library import TimeValue
+from drivers.freenect.log import Log
+
+
+def library(**answers: int) -> Any:
+    """A libfreenect that answers 0, or what is said here: for answers that no stand-in gives."""
+    answers = {"init": 0, "process_events_timeout": 0} | answers
+    calls = {f"freenect_{name}": MagicMock(return_value=value) for name, value in answers.items()}
+    rest = ("set_log_callback", "set_log_level", "select_subdevices", "shutdown")
+    return SimpleNamespace(**calls, **{f"freenect_{name}": MagicMock() for name in rest})
+
+
+@pytest.mark.parametrize(("result", "goes_on"), [(0, True), (10, True), (-10, True), (-1, False)])
+def test_only_a_real_error_ends_the_events(result: int, goes_on: bool) -> None:
+    context = Context(library(process_events_timeout=result), Log())
+    assert context.process_events(TimeValue(0, 0)) is goes_on
+
+
+def test_what_a_callback_raises_comes_out_of_the_event_loop() -> None:
+    context = Context(library(), Log())
+
+    def fails(pixels: int, stamp: int) -> None:
+        raise CameraError(f"{pixels} {stamp}")
+
+    context.guarded(fails)(None, 7, 8)
+    with pytest.raises(CameraError, match="7 8"):
+        context.process_events(TimeValue(0, 0))
+
+
+def test_a_machine_without_usb_is_told_apart() -> None:
+    with pytest.raises(CameraError, match="/dev/bus/usb"):
+        Context(library(init=-99), Log())

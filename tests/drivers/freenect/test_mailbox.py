@@ -1,0 +1,66 @@
+import threading
+
+import numpy as np
+import pytest
+
+from drivers.camera import EndOfStream, NoFrameYet
+from drivers.errors import CameraLostError
+from drivers.freenect.mailbox import (
+    Image,
+    ImagePair,
+    LockstepMailbox,
+    Mailbox,
+    MailboxClosedError,
+    NewestMailbox,
+)
+from drivers.nearest import Pair
+
+LIMIT_S = 20.0
+
+
+def pair(seq: int) -> ImagePair:
+    image = Image(seq, float(seq), np.zeros(1))
+    return Pair(float(seq), image, float(seq), image)
+
+
+def put_pairs(mailbox: Mailbox, count: int) -> None:
+    for seq in range(count):
+        mailbox.put(pair(seq))
+
+
+def test_the_newest_pair_is_read_and_those_before_are_counted() -> None:
+    mailbox = NewestMailbox()
+    put_pairs(mailbox, 3)
+    assert mailbox.take(0.0).colour.seq == 2
+    assert (mailbox.delivered, mailbox.dropped) == (1, 2)
+    with pytest.raises(NoFrameYet):
+        mailbox.take(0.0)
+
+
+def test_in_lockstep_each_pair_waits_for_the_reader() -> None:
+    mailbox = LockstepMailbox()
+    thread = threading.Thread(target=put_pairs, args=(mailbox, 20))
+    thread.start()
+    assert [mailbox.take(LIMIT_S).colour.seq for _ in range(20)] == list(range(20))
+    thread.join(LIMIT_S)
+    assert (thread.is_alive(), mailbox.dropped) == (False, 0)
+
+
+@pytest.mark.parametrize("mailbox", [NewestMailbox(), LockstepMailbox()])
+def test_the_end_comes_behind_the_last_pair(mailbox: Mailbox) -> None:
+    mailbox.put(pair(0))
+    mailbox.finish(EndOfStream())
+    mailbox.finish(CameraLostError("too late"))
+    assert mailbox.take(0.0).colour.seq == 0
+    with pytest.raises(EndOfStream):
+        mailbox.take(LIMIT_S)
+
+
+@pytest.mark.parametrize("mailbox", [NewestMailbox(), LockstepMailbox()])
+def test_closing_sends_both_sides_away(mailbox: Mailbox) -> None:
+    mailbox.put(pair(0))
+    threading.Timer(0.05, mailbox.close).start()
+    with pytest.raises(MailboxClosedError):
+        put_pairs(mailbox, 10_000_000)
+    with pytest.raises(CameraLostError, match="not open"):
+        mailbox.take(LIMIT_S)

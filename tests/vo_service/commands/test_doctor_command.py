@@ -1,95 +1,21 @@
-"""`kinect-vo doctor` on a played Kinect: the right cause for each fault, by the real libraries.
-
-A doctor who looks at frames mostly waits, so the cases with frames are all examined at once, in
-processes of their own, each on a Kinect of its own; the tests look at what was said.
-"""
+"""`kinect-vo doctor` where it opens no camera, and its reports."""
 
 import json
-import os
-import subprocess
 import tarfile
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from collections.abc import Callable
 from ctypes.util import find_library
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from drivers.tum.folder import open_folder
-from tests.stand_ins.played_kinect import Model, PlayedKinect, Stream
-from tests.stand_ins.wire_film import WireFilm
-from tests.vo_service.commands.command_line import KINECT_VO, call, wait_for
+from tests.stand_ins.played_kinect import PlayedKinect
+from tests.vo_service.commands.command_line import call
+from tests.vo_service.commands.diagnosis import check_of, failures
 
-PATIENCE_S = 100.0
 NEEDS_OPENNI2 = pytest.mark.skipif(
     find_library("OpenNI2") is None, reason="needs libOpenNI2.so.0: apt install libopenni2-0"
 )
-AT_ONCE = 4
-QUICK = ("--seconds", "1", "--json")
-Diagnosis = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Case:
-    """A Kinect with a fault; `later` strikes while the doctor looks at its frames."""
-
-    fault: Callable[[PlayedKinect], None] = lambda kinect: None
-    model: Model = Model.K1414
-    arguments: tuple[str, ...] = QUICK
-    later: Callable[[PlayedKinect], None] = lambda kinect: None
-
-
-def in_the_middle(fault: Callable[[PlayedKinect], None]) -> Callable[[PlayedKinect], None]:
-    """The fault, once a few frames have come."""
-
-    def strike(kinect: PlayedKinect) -> None:
-        wait_for(lambda: min(kinect.frames_sent) > 20)
-        fault(kinect)
-
-    return strike
-
-
-def lame(kinect: PlayedKinect) -> None:
-    """What a Kinect still works with."""
-    kinect.firmware(False)
-    kinect.kernel_driver()
-    kinect.lose_packets(Stream.DEPTH, 3000)
-
-
-LONG = ("--seconds", "30", "--json")
-CASES = {
-    "healthy": Case(),
-    "hanging": Case(lambda kinect: kinect.freeze_control()),
-    "starved": Case(lambda kinect: kinect.starve()),
-    "torn": Case(lambda kinect: kinect.lose_packets(Stream.DEPTH, 50)),
-    "lame": Case(lame, Model.K1473),
-    "unplugged": Case(arguments=LONG, later=in_the_middle(lambda kinect: kinect.unplug())),
-    "stalled": Case(arguments=LONG, later=in_the_middle(lambda kinect: kinect.stall())),
-}
-
-
-@pytest.fixture(scope="module")
-def diagnoses(
-    played_libusb: Path,
-    real_libfreenect: None,
-    kinect_film: WireFilm,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Iterator[dict[str, Future[Diagnosis]]]:
-    """What the doctor says of each case, sooner or later."""
-    folder = tmp_path_factory.mktemp("kinects")
-    with ExitStack() as stack, ThreadPoolExecutor(AT_ONCE) as pool:
-
-        def examine(case: Case) -> Diagnosis:
-            with PlayedKinect(folder, kinect_film, case.model) as kinect:
-                kinect.patient = True
-                case.fault(kinect)
-                return examined(kinect, case)
-
-        yield {name: pool.submit(examine, case) for name, case in CASES.items()}
-        stack.callback(pool.shutdown, cancel_futures=True)
 
 
 @pytest.fixture
@@ -103,42 +29,6 @@ def kinect(
     for name, value in played.environment.items():
         monkeypatch.setenv(name, value)
     return played
-
-
-def examined(kinect: PlayedKinect, case: Case) -> Diagnosis:
-    """Run the doctor as a user does."""
-    command = [KINECT_VO, "doctor", *case.arguments]
-    environment = os.environ | kinect.environment
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as doctor:
-        try:
-            case.later(kinect)
-            said, _ = doctor.communicate(timeout=PATIENCE_S)
-        finally:
-            doctor.kill()
-    diagnosis: Diagnosis = json.loads(said)
-    assert doctor.returncode == (1 if diagnosis["verdict"] == "fail" else 0)
-    return diagnosis
-
-
-def failures(diagnosis: Diagnosis) -> dict[str, str]:
-    """Name and text of what has failed."""
-    return {
-        check["name"]: check["text"] for check in diagnosis["checks"] if check["verdict"] == "fail"
-    }
-
-
-def check_of(diagnosis: Diagnosis, name: str) -> dict[str, Any]:
-    """One check's finding."""
-    found: dict[str, Any] = next(c for c in diagnosis["checks"] if c["name"] == name)
-    return found
-
-
-@pytest.mark.parametrize(
-    "name",
-    ["libraries", "sensor", "usb-speed", "permission", "sole-use", "first-frames", "gravity"],
-)
-def test_a_healthy_kinect_passes(diagnoses: dict[str, Future[Diagnosis]], name: str) -> None:
-    assert check_of(diagnoses["healthy"].result(), name)["verdict"] == "pass"
 
 
 @pytest.mark.parametrize(
@@ -182,51 +72,6 @@ def test_what_is_there_instead_is_named(
     assert outcome.code == 1
     assert f"✗ sensor         {cause}" in outcome.out
     assert "fix: `kinect-vo devices` lists" in outcome.out
-
-
-@pytest.mark.parametrize(
-    ("case", "check", "cause"),
-    [
-        ("hanging", "first-frames", "the driver hung while opening the camera"),
-        ("starved", "first-frames", "no USB bandwidth"),
-        ("torn", "first-frames", "frames lost packets"),
-        ("unplugged", "frame-rate", "the Kinect is gone"),
-        ("stalled", "frame-rate", "image for 1 s"),
-    ],
-)
-def test_what_keeps_frames_from_coming_is_named(
-    diagnoses: dict[str, Future[Diagnosis]], case: str, check: str, cause: str
-) -> None:
-    diagnosis = diagnoses[case].result()
-    assert check in failures(diagnosis)
-    assert cause in failures(diagnosis)[check]
-    assert check_of(diagnosis, check)["fix"]
-
-
-@pytest.mark.parametrize(
-    ("check", "cause"),
-    [
-        ("kernel-driver", "a kernel driver has the camera"),
-        ("firmware", "no audios.bin in"),
-        ("gravity", "no reading"),
-    ],
-)
-def test_what_still_works_is_a_warning(
-    diagnoses: dict[str, Future[Diagnosis]], check: str, cause: str
-) -> None:
-    diagnosis = diagnoses["lame"].result()
-    found = check_of(diagnosis, check)
-    assert found["verdict"] == "warning"
-    assert cause in found["text"]
-    assert check_of(diagnosis, "first-frames")["verdict"] == "pass"
-
-
-def test_lost_packets_are_counted_while_frames_come(
-    diagnoses: dict[str, Future[Diagnosis]],
-) -> None:
-    found = check_of(diagnoses["lame"].result(), "lost-packets")
-    assert found["verdict"] in ("warning", "fail")
-    assert found["facts"]["lost_packets"] > 0
 
 
 def test_a_loader_that_finds_no_library_is_named(

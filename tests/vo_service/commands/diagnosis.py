@@ -1,0 +1,18 @@
+"""What `kinect-vo doctor --json` says, looked up by the name of a check."""
+
+from typing import Any
+
+Diagnosis = dict[str, Any]
+
+
+def failures(diagnosis: Diagnosis) -> dict[str, str]:
+    """Name and text of what has failed."""
+    return {
+        check["name"]: check["text"] for check in diagnosis["checks"] if check["verdict"] == "fail"
+    }
+
+
+def check_of(diagnosis: Diagnosis, name: str) -> dict[str, Any]:
+    """One check's finding."""
+    found: dict[str, Any] = next(c for c in diagnosis["checks"] if c["name"] == name)
+    return found

@@ -28,9 +28,10 @@ LET_GO_LIMIT_S = 10.0
 class FreenectCamera(RgbdCamera):
     """Colour with depth registered to it, in millimetres, 640x480, 30 a second.
 
-    Which instant the Kinect's stamps mark is written nowhere. They are taken for the instant of the
-    middle row, in both streams, and an image is taken to need the time of its own packets from
-    there to the host. `stamp_offset_s` in the configuration corrects what a measurement shows.
+    It is documented nowhere which instant a Kinect's stamp marks. Here it is assumed to be the
+    one at which the image's first packet leaves, and `stamp_s` is that instant on the host's clock:
+    with rows sent as they are read out, the middle row's exposure lies around it. What a
+    measurement shows to be different goes into `stamp_offset_s` of the configuration.
     `seq` counts the colour images that the Kinect sent.
     """
 

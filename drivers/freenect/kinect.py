@@ -23,8 +23,8 @@ from drivers.freenect.watchdog import Patience
 from drivers.nearest import SHORTEST_PERIOD_S
 from drivers.sensor_settings import SensorSettings
 
-# A colour image is 162 packets, one every 125 us at the soonest: from the first, which the stamp
-# is taken to mark, to the last.
+# From the instant that a stamp marks until the host has the whole colour image, at the soonest:
+# 162 packets, one every 125 us. That the stamp marks the first packet is not known, but assumed.
 COLOUR_READOUT_S = 162 * 125e-6
 
 

@@ -26,10 +26,10 @@ class Guide:
 
     def text(self, verdict: Verdict) -> str:
         """One line, after a snapshot was judged: "12 of 25 views; show it at the top right"."""
-        parts = [f"{len(self._picker.views)} of {self._wanted} views", _next(self.lacks)]
-        if verdict is not Verdict.TAKEN:
-            parts.append(f"[{verdict}]")
-        return "; ".join(parts[:2]) + " ".join(["", *parts[2:]])
+        count = len(self._picker.views)
+        views = f"{count} of {self._wanted} views" if count < self._wanted else f"{count} views"
+        now = "" if verdict is Verdict.TAKEN else f" [{verdict}]"
+        return f"{views}; {_next(self.lacks)}{now}"
 
 
 def _next(lacking: Sequence[Lack]) -> str:

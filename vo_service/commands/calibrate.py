@@ -14,7 +14,8 @@ from vo_service.calibration.result import Calibration
 from vo_service.calibration.saving import check_writable, save_camera_file
 from vo_service.calibration.sheet import print_board
 from vo_service.calibration.solving import solve
-from vo_service.calibration.taking import LiveRequest, Taken, taken_from_folder, taken_live
+from vo_service.calibration.taking import Taken, taken_from_folder
+from vo_service.calibration.taking_live import LiveRequest, taken_live
 from vo_service.cameras import USAGES
 from vo_service.config import Config, read_config
 from vo_service.interrupts import stop_on_signals

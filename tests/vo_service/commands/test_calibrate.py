@@ -1,0 +1,233 @@
+"""``calibrate``: from boards to a camera file, and what it says where that cannot be."""
+
+import ctypes
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.camera_file import CameraFile, read_camera_file
+from drivers.openni2.library import SONAME as LIBOPENNI2
+from tests.stand_ins.fixtures import PlayKinect
+from tests.stand_ins.oni_writer import OniImage, Sensor, write_oni
+from tests.stand_ins.wire_film import wire_film
+from tests.vo_service.calibration.rendered_boards import COLOUR, DEPTH, snapshots, stances
+from tests.vo_service.commands.command_line import Outcome, call
+from vo_service.calibration.board import Layout
+from vo_service.calibration.chessboard import Chessboard
+from vo_service.calibration.snapshot import Snapshot
+
+Capture = pytest.CaptureFixture[str]
+BOARD = Chessboard(Layout(10, 7, 0.035))
+OPTIONS = ("calibrate", "--board", "chessboard:9x6", "--square", "0.035")
+VIEWS = 26
+FOUND = 25  # one is seen from too far aside
+# Boards of this seed reach every part of the image, and are tilted every way.
+SEED = 4
+
+
+@pytest.fixture(scope="module")
+def photographs() -> list[Snapshot]:
+    return snapshots(BOARD, stances(BOARD, VIEWS, SEED), with_depth=True)
+
+
+@pytest.fixture(scope="module")
+def folder(photographs: Sequence[Snapshot], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The photographs as a recording of unregistered depth in millimetres."""
+    folder = tmp_path_factory.mktemp("calibration") / "boards"
+    for name in ("rgb", "depth"):
+        (folder / name).mkdir(parents=True)
+    lines = []
+    for each in photographs:
+        file = f"{each.stamp_s:.6f}.png"
+        assert cv2.imwrite(str(folder / "rgb" / file), each.colour_bgr)
+        assert cv2.imwrite(str(folder / "depth" / file), each.depth_raw)
+        lines.append(f"{each.stamp_s} rgb/{file} {each.stamp_s} depth/{file}\n")
+    (folder / "associations.txt").write_text("".join(lines))
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where camera.toml goes when nothing else is said."""
+    monkeypatch.chdir(tmp_path)
+
+
+def assert_is_the_cameras(camera: CameraFile, within_px: float = 1.0) -> None:
+    assert camera.fx == pytest.approx(COLOUR.fx, rel=0.005)
+    assert camera.cx == pytest.approx(COLOUR.cx, abs=within_px)
+    assert camera.cy == pytest.approx(COLOUR.cy, abs=within_px)
+    if camera.depth is not None:
+        assert camera.depth.fx == pytest.approx(DEPTH.fx, rel=0.01)
+        assert camera.depth.T_color_depth.translation_m[0] == pytest.approx(-0.025, abs=0.004)
+
+
+def test_a_folder_becomes_a_camera_file_with_a_table_and_a_picture(
+    folder: Path, tmp_path: Path, capfd: Capture
+) -> None:
+    outcome = call(capfd, *OPTIONS, folder, "--depth", "--picture", "coverage.png")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"{FOUND} views of a chessboard of 9x6 inner corners, 640x480\n" in outcome.out
+    assert outcome.out.endswith("saved as camera.toml: use it with --camera-file camera.toml, "
+                                "or as camera.file\n")  # fmt: skip
+    camera = read_camera_file(tmp_path / "camera.toml")
+    assert_is_the_cameras(camera)
+    assert camera.depth is not None
+    assert camera.depth.scale == pytest.approx(1.006, rel=0.005)
+    assert cv2.imread("coverage.png") is not None
+
+
+def test_json_is_all_that_is_printed(folder: Path, capfd: Capture) -> None:
+    outcome = call(capfd, *OPTIONS, folder, "--json", "--output", "mine.toml")
+    told = json.loads(outcome.out)
+    assert told["camera_file"] == "mine.toml"
+    assert (told["views"], told["depth"], told["kept"]) == (FOUND, None, None)
+    assert_is_the_cameras(read_camera_file(Path("mine.toml")))
+
+
+def test_the_file_goes_where_the_configuration_says_and_the_old_one_is_kept(
+    folder: Path, tmp_path: Path, capfd: Capture
+) -> None:
+    (tmp_path / "kinect.toml").write_text('schema = 1\n[camera]\nfile = "lens.toml"\n')
+    (tmp_path / "lens.toml").write_text("precious\n")
+    outcome = call(capfd, *OPTIONS, folder, "--config", "kinect.toml")
+    assert "saved as lens.toml; the one before is lens.toml.bak: use" in outcome.out
+    assert (tmp_path / "lens.toml.bak").read_text() == "precious\n"
+    assert_is_the_cameras(read_camera_file(tmp_path / "lens.toml"))
+
+
+def test_a_board_to_print_is_written(tmp_path: Path, capfd: Capture) -> None:
+    outcome = call(capfd, *OPTIONS, "--print-board", "board.pdf")
+    said = "board.pdf: chessboard of 9x6 inner corners, to print on A3 at 100 %\n"
+    assert (outcome.code, outcome.out) == (0, said)
+    assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF")
+
+
+def held(photographs: Sequence[Snapshot], frames: int) -> Iterator[Snapshot]:
+    """Each stance for so many frames."""
+    return (each for each in photographs for _ in range(frames))
+
+
+def test_a_camera_of_openni2_is_calibrated_live_from_its_raw_images(
+    photographs: Sequence[Snapshot], tmp_path: Path, capfd: Capture
+) -> None:
+    try:
+        ctypes.CDLL(LIBOPENNI2)
+    except OSError:
+        pytest.skip(f"needs {LIBOPENNI2}: apt install libopenni2-0")
+    images = [
+        image
+        for n, each in enumerate(held(photographs, 3))
+        for image in (
+            OniImage(Sensor.DEPTH, n * 33333, each.depth_raw),
+            OniImage(Sensor.COLOUR, n * 33333, each.colour_bgr),
+        )
+    ]
+    write_oni(tmp_path / "boards.oni", images)
+    camera = ("--camera", "openni2:boards.oni", "--views", "18", "--depth", "--keep", "views")
+    assert call(capfd, *OPTIONS, *camera, "--output", "live.toml").code == 0
+    live = read_camera_file(tmp_path / "live.toml")
+    assert_is_the_cameras(live)
+    # What was kept is what was seen: it calibrates to the same.
+    assert call(capfd, *OPTIONS, "views", "--depth", "--output", "again.toml").code == 0
+    assert read_camera_file(tmp_path / "again.toml") == live
+
+
+@pytest.mark.usefixtures("real_libfreenect")
+def test_a_kinect_is_calibrated_live_from_its_raw_images(
+    photographs: Sequence[Snapshot],
+    tmp_path: Path,
+    play_kinect: PlayKinect,
+    capfd: Capture,
+) -> None:
+    images = [(each.colour_bgr, each.depth_raw) for each in held(photographs, 3)]
+    kinect = play_kinect(wire_film(tmp_path, images))
+    kinect.rate = 15
+    kinect.load()
+    outcome = call(capfd, *OPTIONS, "--camera", "freenect", "--views", "22", "--depth")
+    assert outcome.code == 0, outcome.err
+    # Bayer's mosaic and 11 bits of depth cost something.
+    assert_is_the_cameras(read_camera_file(tmp_path / "camera.toml"), within_px=2.0)
+
+
+def write_grey(folder: Path, names: Sequence[str]) -> Path:
+    folder.mkdir()
+    for name in names:
+        assert cv2.imwrite(str(folder / name), np.full((480, 640, 3), 128, np.uint8))
+    return folder
+
+
+def assert_one_line(outcome: Outcome, code: int, said: str) -> None:
+    assert (outcome.code, outcome.out) == (code, "")
+    assert outcome.err.count("\n") == 1, outcome.err
+    assert outcome.err.startswith("kinect-vo: error: ")
+    assert said in outcome.err
+
+
+def test_images_without_the_board_say_what_to_check(tmp_path: Path, capfd: Capture) -> None:
+    write_grey(tmp_path / "grey", ["a.png", "b.png"])
+    outcome = call(capfd, *OPTIONS, "grey")
+    said = "grey: none of the 2 images shows a chessboard of 9x6 inner corners; see that --board"
+    assert_one_line(outcome, 2, said)
+    assert not (tmp_path / "camera.toml").exists()
+
+
+def test_images_of_another_board_say_which(folder: Path, capfd: Capture) -> None:
+    outcome = call(capfd, "calibrate", "--board", "chessboard:8x6", "--square", "0.035", folder)
+    assert_one_line(outcome, 2, "but some show another one: give --board chessboard:9x6\n")
+
+
+def test_too_few_views_are_a_failure_that_says_how_many_are_needed(
+    folder: Path, tmp_path: Path, capfd: Capture
+) -> None:
+    few = tmp_path / "few"
+    few.mkdir()
+    for file in sorted((folder / "rgb").iterdir())[:3]:
+        (few / file.name).write_bytes(file.read_bytes())
+    outcome = call(capfd, *OPTIONS, few)
+    assert_one_line(outcome, 1, "only 3 different views of the board; at least 6 are needed")
+
+
+def test_a_wrong_square_is_told_by_the_depth_and_nothing_is_saved(
+    folder: Path, tmp_path: Path, capfd: Capture
+) -> None:
+    outcome = call(capfd, "calibrate", "--square", "0.025", folder, "--depth")
+    assert_one_line(outcome, 1, "times as far away as depth says: measure --square again")
+    assert not (tmp_path / "camera.toml").exists()
+
+
+MISTAKES = {
+    "no source": ([], "name a FOLDER of images, or a camera"),
+    "two sources": (["x", "--camera", "freenect"], "name a FOLDER of images, or a camera"),
+    "no such folder": (["gone"], "gone: no such folder"),
+    "no images": (["."], ".: holds no images"),
+    "no lists": ([".", "--depth"], "rgb.txt: no such file"),
+    "no folder for it": ([".", "--output", "gone/camera.toml"], "there is no folder gone"),
+    "a folder": ([".", "--output", "."], ".: is a folder"),
+    "picture": ([".", "--picture", "coverage.gif"], "a picture is .png or .svg"),
+    "board": ([".", "--board", "checkers:8x8"], "--board checkers:8x8: is no board"),
+    "nothing to keep": ([".", "--keep", "views"], "--keep keeps what a camera shows"),
+    "no views": (["--camera", "freenect", "--views", "0"], "--views 0: give 1 or more"),
+    "virtual": (["--camera", "synthetic"], "it never shows a board"),
+    "camera": (["--camera", "kinekt"], "camera 'kinekt' is unknown"),
+    "print": (["--print-board", "board.doc"], "a board to print is .pdf, .svg, .png"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
+    arguments, said = MISTAKES[mistake]
+    assert_one_line(call(capfd, "calibrate", "--square", "0.025", *arguments), 2, said)
+
+
+@pytest.mark.parametrize(("square", "said"), [
+    ([], "--square is missing: measure a square of the printed board"),
+    (["--square", "25"], "25 is not a side: give metres, such as 0.025 for 25 mm"),
+])  # fmt: skip
+def test_the_squares_size_has_to_be_given_in_metres(
+    square: list[str], said: str, capfd: Capture
+) -> None:
+    assert_one_line(call(capfd, "calibrate", ".", *square), 2, said)

@@ -1,7 +1,7 @@
 """Where the frames of a film come from: a recorded folder, or any camera of ours."""
 
 from collections.abc import Iterator
-from itertools import count
+from itertools import chain, count, islice
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +9,21 @@ import numpy as np
 from drivers.camera import EndOfStream, RgbdCamera
 from drivers.tum.decode import load_pair
 from drivers.tum.folder import open_folder
-from tests.stand_ins.wire_film import ColourBgr, DepthMm
+from tests.stand_ins.depth_scale import fitted_scale
+from tests.stand_ins.wire_film import ColourBgr, DepthMm, WireFilm, wire_film
 
 MOST_MM = 65535
+FRAMES_TO_FIT = 30
+
+
+def fitted_film(folder: Path, frames: Iterator[tuple[ColourBgr, DepthMm]]) -> WireFilm:
+    """Write a film for a Kinect with the constants of the one that recorded the frames.
+
+    Played on another Kinect, all depth would move by up to half a step of its grid.
+    """
+    first = list(islice(frames, FRAMES_TO_FIT))
+    scale = fitted_scale(depth_mm for _, depth_mm in first)
+    return wire_film(folder, chain(first, frames), scale=scale)
 
 
 def folder_frames(

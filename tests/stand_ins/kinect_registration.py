@@ -1,25 +1,34 @@
-"""The calibration that a played Kinect carries, and what libfreenect makes of it.
+"""Where a pixel of a played Kinect's depth camera lies in its colour camera's image.
 
-A Kinect keeps in its memory how its raw 11-bit depth becomes millimetres, and where a pixel of the
-depth camera lies in the colour camera's image. libfreenect reads both when it opens the camera.
+A Kinect keeps in its memory how its depth image is to be warped; libfreenect reads that when it
+opens the camera, together with the constants of the depth itself (`depth_scale`).
 """
 
 from dataclasses import dataclass
-from functools import cache
 
-import numpy as np
-from numpy.typing import NDArray
+from tests.stand_ins.depth_scale import (
+    NOMINAL,
+    DepthScale,
+    expected_mm,
+    quantised_mm,
+    raw_of_mm,
+)
 
-NO_RAW = 2047  # the sensor's "no reading"
-RAW_VALUES = 2048
-MOST_MM = 9999  # libfreenect passes no registered depth beyond
-CONST_SHIFT = 200
+__all__ = [
+    "FACTORY",
+    "IDENTITY",
+    "Registration",
+    "expected_mm",
+    "quantised_mm",
+    "raw_of_mm",
+]
 
 # What libfreenect always does between the camera's own numbers and a pixel: it adds one pixel and
 # 3/8, and takes the two cameras to be 2.4 cm apart, whatever the Kinect says.
 _ADDED_PX = 1.0
 _ADDED_COLUMNS_PX = 0.375
 _CAMERAS_APART_CM = 2.4
+_TOLD_CM = 2.3
 
 # Fixed point: the first values in 1/256 pixel, the slopes in 1/32768 pixel a pixel.
 _PER_PIXEL = 256
@@ -34,23 +43,19 @@ _CENTRE_PX = (319.5, 239.5)
 
 @dataclass(frozen=True)
 class Registration:
-    """What the Kinect tells of its cameras; `polynomial` maps depth pixels to colour pixels."""
+    """`polynomial` maps depth pixels to colour pixels; `magnification` see IDENTITY."""
 
     polynomial: tuple[int, ...]
-    emitter_cm: float
-    colour_camera_cm: float
-    reference_cm: float
-    pixel_mm: float
+    magnification: float = 1.0
 
-    @property
-    def zero_plane(self) -> tuple[float, float, float, float]:
-        """As the camera sends it."""
-        return self.emitter_cm, self.colour_camera_cm, self.reference_cm, self.pixel_mm
-
-    @property
-    def depth_focal_px(self) -> float:
-        """Focal length of the 640x480 depth image that the constants stand for."""
-        return 10.0 * self.reference_cm / (2.0 * 10.0 * self.pixel_mm)
+    def zero_plane(self, scale: DepthScale) -> tuple[float, float, float, float]:
+        """As the camera sends it: emitter, colour camera, reference plane, pixel; cm."""
+        return (
+            scale.emitter_cm * self.magnification,
+            _TOLD_CM,
+            scale.reference_cm,
+            scale.pixel_cm * self.magnification,
+        )
 
 
 def _polynomial(shift_px: tuple[float, float], slope: float) -> tuple[int, ...]:
@@ -63,13 +68,12 @@ def _polynomial(shift_px: tuple[float, float], slope: float) -> tuple[int, ...]:
 
 def _factory() -> Registration:
     """A Kinect as made: colour camera 2.4 cm beside the depth camera, with a wider view."""
-    nominal = Registration((), 7.5, 2.3, 120.0, 0.1042)
-    slope = _COLOUR_FOCAL_PX / nominal.depth_focal_px - 1.0
+    slope = _COLOUR_FOCAL_PX / NOMINAL.focal_px - 1.0
     # libfreenect shifts columns by this much at infinity, and by nothing at the reference distance.
-    at_infinity_px = 10.0 * _CAMERAS_APART_CM / (2.0 * 10.0 * nominal.pixel_mm)
+    at_infinity_px = _CAMERAS_APART_CM / (2.0 * NOMINAL.pixel_cm)
     x = -slope * _CENTRE_PX[0] - at_infinity_px - _ADDED_PX - _ADDED_COLUMNS_PX + 0.5
     y = -slope * _CENTRE_PX[1] - _ADDED_PX + 0.5
-    return Registration(_polynomial((x, y), slope), *nominal.zero_plane)
+    return Registration(_polynomial((x, y), slope))
 
 
 def _identity() -> Registration:
@@ -80,60 +84,8 @@ def _identity() -> Registration:
     millimetres as they are, bit for bit, and make the shift a millionth. No real lens has such
     numbers: give a camera file instead of believing them.
     """
-    factory = _factory()
-    huge = float(1 << 20)
-    moved = _polynomial((-_ADDED_PX, -_ADDED_PX), 0.0)
-    return Registration(
-        moved,
-        factory.emitter_cm * huge,
-        factory.colour_camera_cm,
-        factory.reference_cm,
-        factory.pixel_mm * huge,
-    )
+    return Registration(_polynomial((-_ADDED_PX, -_ADDED_PX), 0.0), float(1 << 20))
 
 
 FACTORY = _factory()
 IDENTITY = _identity()
-
-
-def expected_mm(raw: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Millimetres that libfreenect makes of raw values; 0 where it would give no usable reading.
-
-    Triangulation against the reference plane (K. Khoshelham and S. O. Elberink, Sensors 2012, eq.
-    4), in quarters of a pixel as the sensor counts. The same for FACTORY and IDENTITY.
-    """
-    return _mm_of_raw()[raw]
-
-
-def raw_of_mm(depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """The raw values whose millimetres come nearest; NO_RAW for 0 and for what is out of range."""
-    return _raw_of_mm()[depth_mm]
-
-
-def quantised_mm(depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """What is left of depth in millimetres after it went over the wire."""
-    return expected_mm(raw_of_mm(depth_mm))
-
-
-@cache
-def _mm_of_raw() -> NDArray[np.uint16]:
-    emitter_cm, _, reference_cm, pixel_mm = (float(np.float32(v)) for v in FACTORY.zero_plane)
-    raw = np.arange(RAW_VALUES, dtype=np.float64)
-    pixels = (raw - 4.0 * CONST_SHIFT) / 4.0 - 0.375
-    offset = pixels * pixel_mm
-    mm = 10.0 * (offset * reference_cm / (emitter_cm - offset) + reference_cm)
-    usable = (mm > 0) & (mm <= MOST_MM) & (offset < emitter_cm)
-    usable[NO_RAW] = False
-    return np.where(usable, mm, 0.0).astype(np.uint16)
-
-
-@cache
-def _raw_of_mm() -> NDArray[np.uint16]:
-    mm_of_raw = _mm_of_raw()
-    usable = np.flatnonzero(mm_of_raw)
-    mm = mm_of_raw[usable].astype(np.float64)
-    bounds = (mm[1:] + mm[:-1]) / 2.0
-    values = np.arange(65536)
-    table = usable[np.searchsorted(bounds, values)].astype(np.uint16)
-    table[(values < mm[0]) | (values > mm[-1])] = NO_RAW
-    return table

@@ -14,9 +14,9 @@ from drivers.errors import InputError, UserFacingError
 from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from tests.stand_ins.fault_script import FAULT_NAMES, obey, parse_fault, schedule
-from tests.stand_ins.film_sources import camera_frames, folder_frames
+from tests.stand_ins.film_sources import camera_frames, fitted_film, folder_frames
 from tests.stand_ins.played_kinect import FACTORY, IDENTITY, Loop, Model, PlayedKinect
-from tests.stand_ins.wire_film import ColourBgr, DepthMm, WireFilm, wire_film
+from tests.stand_ins.wire_film import ColourBgr, DepthMm, WireFilm
 from vo_service.folders import cache_folder
 from vo_service.terminal import Terminal
 
@@ -105,9 +105,9 @@ def _film(folder: Path, args: argparse.Namespace) -> WireFilm:
     terminal = Terminal()
     if args.folder is not None:
         terminal.show("writing the film ...")
-        film = wire_film(folder, folder_frames(args.folder, most=args.frames))
+        film = fitted_film(folder, folder_frames(args.folder, most=args.frames))
     else:
-        film = wire_film(folder, _synthetic_frames(terminal, args.frames))
+        film = fitted_film(folder, _synthetic_frames(terminal, args.frames))
     terminal.clear()
     return film
 

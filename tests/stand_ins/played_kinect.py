@@ -22,8 +22,9 @@ Readings          tilt_deg, tilt_moving, led, frames_sent, packets_lost, streami
 
 The film begins with frame 0 when the first stream is switched on, and goes on from there as the
 world does, unplugged or not; `rewind` lets it begin anew. What comes back of a frame:
-`quantised_mm(depth_mm)` (kinect_registration.py), and colour through libfreenect's demosaic of
-`bayer(bgr)` (wire_film.py).
+`quantised_mm(depth_mm, film.scale)` (depth_scale.py), and colour through libfreenect's demosaic of
+`bayer(bgr)` (wire_film.py). `fitted_film` (film_sources.py) gives the Kinect the constants of the
+one that made a recording, so that its depth comes back within a millimetre.
 """
 
 import ctypes
@@ -35,9 +36,10 @@ from types import TracebackType
 from typing import Self
 
 from tests.stand_ins.compiled_libusb import SONAME, libusb_folder
+from tests.stand_ins.depth_scale import CONST_SHIFT
 from tests.stand_ins.kinect_control import Seconds, Whole, create_control
 from tests.stand_ins.kinect_faults import Faults, Led, Readings, Stream
-from tests.stand_ins.kinect_registration import CONST_SHIFT, FACTORY, IDENTITY, Registration
+from tests.stand_ins.kinect_registration import FACTORY, IDENTITY, Registration
 from tests.stand_ins.wire_film import WireFilm, wire_film
 
 __all__ = [
@@ -131,7 +133,7 @@ class PlayedKinect(Faults, Readings):
         control.film = str(self.film.file.resolve()).encode()
         control.registration[:] = registration.polynomial
         control.const_shift = CONST_SHIFT
-        control.zero_plane[:] = registration.zero_plane
+        control.zero_plane[:] = registration.zero_plane(self.film.scale)
 
     @property
     def environment(self) -> dict[str, str]:

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.stand_ins.depth_scale import raw_of_mm
 from tests.stand_ins.fixtures import FILM_FRAMES, PlayKinect, pattern
 from tests.stand_ins.freenect_probe import FreenectProbe, watch_kinect
-from tests.stand_ins.kinect_registration import raw_of_mm
 from tests.stand_ins.played_kinect import Loop
 from tests.stand_ins.wire_film import wire_film
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.stand_ins.depth_scale import NOMINAL, DepthScale, expected_mm, quantised_mm, raw_of_mm
 from tests.stand_ins.fixtures import FILM_FRAMES, PlayKinect, pattern
 from tests.stand_ins.freenect_probe import (
     DEPTH_MM,
@@ -14,14 +15,8 @@ from tests.stand_ins.freenect_probe import (
     FreenectProbe,
     watch_kinect,
 )
-from tests.stand_ins.kinect_registration import (
-    FACTORY,
-    IDENTITY,
-    expected_mm,
-    quantised_mm,
-    raw_of_mm,
-)
-from tests.stand_ins.played_kinect import Model, Stream, environment_of
+from tests.stand_ins.kinect_registration import Registration
+from tests.stand_ins.played_kinect import FACTORY, IDENTITY, Model, Stream, environment_of
 from tests.stand_ins.wire_film import wire_film
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
@@ -70,14 +65,15 @@ class _Registration(ctypes.Structure):
 
 
 @pytest.mark.parametrize("registration", [FACTORY, IDENTITY], ids=["factory", "identity"])
+@pytest.mark.parametrize("scale", [NOMINAL, DepthScale(7.5128, 119.79)], ids=["nominal", "own"])
 def test_the_table_of_millimetres_is_libfreenects_own(
-    play_kinect: PlayKinect, registration: object
+    play_kinect: PlayKinect, tmp_path: Path, registration: Registration, scale: DepthScale
 ) -> None:
-    play_kinect(registration=registration).load()
+    play_kinect(wire_film(tmp_path, [pattern(0)], scale=scale), registration=registration).load()
     with FreenectProbe() as probe:
         probe.start(DEPTH_MM)
         table = _table_of(probe)
-    ours = expected_mm(np.arange(2048, dtype=np.uint16))
+    ours = expected_mm(np.arange(2048, dtype=np.uint16), scale)
     usable = ours > 0
     assert np.array_equal(ours[usable], table[usable])
     assert usable.sum() > 1000
@@ -102,8 +98,8 @@ def test_a_factory_kinect_moves_a_wall_by_its_parallax(
     film = wire_film(tmp_path, [(np.zeros((480, 640, 3), np.uint8), depth)])
     probe = watch_kinect(play_kinect(film), frames=1, depth=DEPTH_REGISTERED)
     near = np.flatnonzero(abs(probe.depth.images[0][240].astype(int) - depth_mm) < 20)
-    ray = (column - 319.5) / FACTORY.depth_focal_px
-    expected = 319.5 + 525.0 * (ray - 24.0 * FACTORY.depth_focal_px / 525.0 / depth_mm)
+    ray = (column - 319.5) / NOMINAL.focal_px
+    expected = 319.5 + 525.0 * (ray - 24.0 * NOMINAL.focal_px / 525.0 / depth_mm)
     assert near.mean() == pytest.approx(expected, abs=1.0)
 
 

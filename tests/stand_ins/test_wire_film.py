@@ -5,10 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.stand_ins.kinect_registration import (
-    FACTORY,
+from tests.stand_ins.depth_scale import (
     NO_RAW,
+    NOMINAL,
+    DepthScale,
     expected_mm,
+    fitted_scale,
     quantised_mm,
     raw_of_mm,
 )
@@ -58,8 +60,22 @@ def test_the_steps_of_depth_grow_with_its_square() -> None:
     assert step_mm[3000] / step_mm[1000] == pytest.approx(9.0, rel=0.3)
 
 
-def test_a_factory_kinect_has_the_usual_focal_length() -> None:
-    assert FACTORY.depth_focal_px == pytest.approx(575.8, abs=0.1)
+def test_a_kinect_has_the_usual_focal_length() -> None:
+    assert NOMINAL.focal_px == pytest.approx(575.8, abs=0.1)
+
+
+@given(st.floats(7.45, 7.55), st.floats(118.8, 121.2))
+def test_the_kinect_that_recorded_is_found_by_its_readings(
+    emitter_cm: float, reference_cm: float
+) -> None:
+    recorder = DepthScale(emitter_cm, reference_cm)
+    recorded = quantised_mm(np.arange(600, 4500, dtype=np.uint16), recorder)
+    played = quantised_mm(recorded, fitted_scale([recorded]))
+    assert abs(played.astype(int) - recorded).max() <= 1
+
+
+def test_without_readings_the_scale_is_nominal() -> None:
+    assert fitted_scale([np.zeros((480, 640), np.uint16)]) == NOMINAL
 
 
 def test_an_image_of_another_size_is_refused(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.stand_ins.kinect_registration import raw_of_mm
+from tests.stand_ins.depth_scale import NOMINAL, DepthScale, raw_of_mm
 
 ROWS, COLUMNS = 480, 640
 INFRARED_ROWS = 488
@@ -26,17 +26,20 @@ class WireFilm:
 
     file: Path
     count: int
+    scale: DepthScale
 
 
 def wire_film(
     folder: Path,
     frames: Iterable[tuple[ColourBgr, DepthMm]],
     infrared: Sequence[NDArray[np.uint16]] = (),
+    scale: DepthScale = NOMINAL,
 ) -> WireFilm:
     """Write frames to a new file in `folder`.
 
     Colour is (480, 640, 3) uint8 BGR, depth (480, 640) uint16 millimetres with 0 for no reading,
-    infrared (488, 640) uint16 below 1024: none at all, or one for each frame.
+    infrared (488, 640) uint16 below 1024: none at all, or one for each frame. `scale` is that of
+    the Kinect that shall play it; `fitted_scale` finds the one that recorded the frames.
     """
     file = folder / f"film-{len(list(folder.glob('film-*')))}.bin"
     infrared_bytes = INFRARED_ROWS * COLUMNS * INFRARED_BITS // 8 if len(infrared) else 0
@@ -46,7 +49,7 @@ def wire_film(
         for count, (bgr, depth_mm) in enumerate(frames, start=1):
             _check_shape(depth_mm, (ROWS, COLUMNS))
             _check_shape(bgr, (ROWS, COLUMNS, 3))
-            opened.write(pack_bits(raw_of_mm(depth_mm), DEPTH_BITS).tobytes())
+            opened.write(pack_bits(raw_of_mm(depth_mm, scale), DEPTH_BITS).tobytes())
             opened.write(bayer(bgr).tobytes())
             if infrared_bytes:
                 _check_shape(infrared[count - 1], (INFRARED_ROWS, COLUMNS))
@@ -54,7 +57,7 @@ def wire_film(
         sizes = (ROWS * COLUMNS * DEPTH_BITS // 8, ROWS * COLUMNS, infrared_bytes)
         opened.seek(0)
         opened.write(struct.pack("<5I", _MAGIC, count, *sizes))
-    return WireFilm(file, count)
+    return WireFilm(file, count, scale)
 
 
 def bayer(bgr: ColourBgr) -> NDArray[np.uint8]:

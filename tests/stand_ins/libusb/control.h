@@ -45,7 +45,7 @@ struct control {
     int32_t registration[29]; /* polynomial of the depth-to-colour map, as the camera stores it */
     uint16_t padding[3];      /* start, end and cropping lines */
     uint16_t const_shift;
-    float zero_plane[4]; /* emitter cm, colour camera cm, reference distance cm, pixel mm */
+    float zero_plane[4]; /* emitter, colour camera, reference plane, pixel on it; cm */
 
     /* Faults and settings. */
     uint32_t plugged;

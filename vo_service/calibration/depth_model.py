@@ -20,7 +20,7 @@ SCALE = 12
 USUAL_FOCAL = 575.8 / 640.0
 USUAL_SHIFT_M = (-0.025, 0.0, 0.0)
 # Brown's model has no inverse in closed form; for a mild lens this is far below a pixel.
-INVERSION_STEPS = 8
+INVERSION_STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,10 @@ class DepthModel:
     def _rays(self, pixels: Array) -> Array:
         """(N, 3) with z = 1: the distortion taken out, by fixed-point iteration."""
         k1, k2 = self.vector[DISTORTION]
-        seen = (pixels - self.vector[2:4]) / self.vector[0:2]
-        straight = seen
-        for _ in range(INVERSION_STEPS):
-            r2 = (straight**2).sum(axis=1, keepdims=True)
-            straight = seen / (1.0 + r2 * (k1 + r2 * k2))
-        return np.column_stack([straight, np.ones(len(seen))])
+        seen_x, seen_y = ((pixels - self.vector[2:4]) / self.vector[0:2]).T
+        x, y = seen_x, seen_y
+        for _ in range(INVERSION_STEPS if k1 or k2 else 0):
+            r2 = x * x + y * y
+            bend = 1.0 + r2 * (k1 + r2 * k2)
+            x, y = seen_x / bend, seen_y / bend
+        return np.column_stack([x, y, np.ones(len(x))])

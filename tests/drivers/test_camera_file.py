@@ -1,6 +1,8 @@
-from dataclasses import fields
+import math
+from dataclasses import fields, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,11 +10,14 @@ from hypothesis import strategies as st
 from drivers.camera_file import (
     KNOWN_CAMERAS,
     CameraFile,
+    DepthTable,
+    RigidPose,
     camera_file_text,
     camera_of_folder,
     read_camera_file,
 )
 from drivers.errors import InputError
+from drivers.geometry import is_rigid
 from drivers.strict_toml import parse_toml
 
 TEXT = camera_file_text(KNOWN_CAMERAS["1"])
@@ -28,6 +33,33 @@ def complaint(tmp_path: Path, old: str, new: str) -> str:
     return str(caught.value).removeprefix(str(tmp_path))
 
 
+def unit_quaternion(direction: tuple[float, ...]) -> tuple[float, ...]:
+    length = math.hypot(*direction)
+    return tuple(part / length for part in direction)
+
+
+distortions = st.tuples(*[st.floats(-1e3, 1e3)] * 5)
+poses = st.builds(
+    RigidPose,
+    st.tuples(*[st.floats(-10.0, 10.0)] * 3),
+    st.tuples(*[st.floats(-1.0, 1.0)] * 4)
+    .filter(lambda direction: math.hypot(*direction) > 1e-3)
+    .map(unit_quaternion),
+)
+depth_tables = st.builds(
+    DepthTable,
+    fx=st.floats(1.0, 1e6),
+    fy=st.floats(1.0, 1e6),
+    cx=st.floats(-1e5, 1e5),
+    cy=st.floats(-1e5, 1e5),
+    T_color_depth=poses,
+    distortion=distortions,
+    width=st.integers(1, 16384),
+    height=st.integers(1, 16384),
+    scale=st.floats(0.5, 2.0),
+)
+
+
 @given(
     st.builds(
         CameraFile,
@@ -35,9 +67,10 @@ def complaint(tmp_path: Path, old: str, new: str) -> str:
         st.integers(1, 16384),
         *[st.floats(1.0, 1e6)] * 2,
         *[st.floats(-1e5, 1e5)] * 2,
-        st.tuples(*[st.floats(-1e3, 1e3)] * 5),
+        distortions,
         st.floats(1.0, 1e6),
         st.floats(0.0, 1.0),
+        st.none() | depth_tables,
     )
 )
 def test_what_is_written_reads_back_exactly(camera: CameraFile) -> None:
@@ -51,6 +84,52 @@ def test_whole_numbers_and_comments_are_read(tmp_path: Path) -> None:
     text = TEXT.replace("fx = 517.3", "fx = 520  # pixels").replace("readout_s = 0.0", "")
     (tmp_path / "camera.toml").write_text(text.split("  # rolling")[0])
     assert read_camera_file(tmp_path / "camera.toml").fx == 520.0
+
+
+@given(poses, st.tuples(*[st.floats(-10.0, 10.0)] * 3))
+def test_a_pose_turns_and_shifts_points_and_keeps_their_distances(
+    pose: RigidPose, point: tuple[float, float, float]
+) -> None:
+    T = pose.matrix
+    assert is_rigid(T)
+    np.testing.assert_array_equal(T[:3, 3], pose.translation_m)
+    turned = T[:3, :3] @ point
+    assert np.linalg.norm(turned) == pytest.approx(np.linalg.norm(point), abs=1e-9)
+
+
+DEPTH_TEXT = camera_file_text(
+    replace(
+        KNOWN_CAMERAS["3"],
+        depth=DepthTable(
+            580.0, 579.0, 318.0, 242.0, RigidPose((-0.025, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        ),
+    )
+)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("fx = 580.0", 'fx = "580"', 'camera.toml:15: key `depth.fx`: "580" is the wrong type'),
+        ("scale = 1.0", "scale = 3.0", "camera.toml:20: key `depth.scale`: 3.0 is out of range"),
+        ("fy = 579.0", "", "camera.toml: key `depth.fy`: is missing; add `fy = ...`"),
+        ("scale", "scales", "camera.toml:20: key `depth.scales`: is unknown; did you mean `scale`"),
+        ("[-0.025,", "[-25.0,", "camera.toml:23: key `depth.T_color_depth.translation_m`: -25"),
+        ("0.0, 1.0]", "0.0, 2.0]", "camera.toml:22: key `depth.T_color_depth`: quaternion_xyzw mu"),
+    ],
+)
+def test_a_mistake_in_the_depth_table_is_named_by_its_line(old: str, new: str, line: str) -> None:
+    assert old in DEPTH_TEXT
+    with pytest.raises(InputError) as caught:
+        parse_toml(DEPTH_TEXT.replace(old, new, 1), "camera.toml", CameraFile)
+    assert str(caught.value).startswith(line)
+
+
+def test_what_a_depth_table_may_leave_out() -> None:
+    kept = [line for line in DEPTH_TEXT.splitlines() if not line.startswith(("scale", "readout"))]
+    table = parse_toml("\n".join(kept), "camera.toml", CameraFile).depth
+    assert table is not None
+    assert (table.width, table.height, table.scale) == (640, 480, 1.0)
 
 
 @pytest.mark.parametrize(

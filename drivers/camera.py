@@ -107,7 +107,7 @@ class CameraState(StrEnum):
 
 @dataclass(frozen=True)
 class Condition:
-    """How a camera is, and why it sends no frames; the reason is "" while it does."""
+    """How a camera is; the reason is why it sends no frames, or fewer than it should, else ""."""
 
     state: CameraState
     reason: str = ""

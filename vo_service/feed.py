@@ -74,7 +74,9 @@ class PlainFeed:
         condition = self._camera.condition
         if condition.state is not CameraState.STREAMING:
             return str(condition)
-        return "the camera is there but sends no frames" if quiet_s > QUIET_S else ""
+        if quiet_s <= QUIET_S:
+            return condition.reason
+        return condition.reason or "the camera is there but sends no frames"
 
 
 class PersistentFeed:

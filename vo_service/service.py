@@ -98,7 +98,7 @@ class Service:
             return TrackingState.NO_CAMERA, self._feed.reason
         if self._last is None:
             return TrackingState.NO_CAMERA, "no frame yet"
-        return self._last.state, self._last.reason
+        return self._last.state, self._last.reason or self._camera.condition.reason
 
     def _status(self, state: TrackingState, reason: str) -> Status:
         statistics, counters = self.statistics, self._feed.counters

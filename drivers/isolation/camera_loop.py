@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from drivers.camera import (
     CameraCounters,
@@ -94,9 +95,11 @@ class CameraLoop:
         """Raise CameraLostError if a live camera does not begin to send."""
         is_late = time.monotonic() - since_s > self._limits.first_frame_s
         if is_late and self._is_live and self._phase is Phase.STARTING:
+            limit_s = self._limits.first_frame_s
             raise CameraLostError(
-                f"{self._camera.name}: open, but sent no frame within "
-                f"{self._limits.first_frame_s:g} s; it is opened again"
+                self._camera.condition.reason
+                or f"{self._camera.name}: open, but sent no frame within {limit_s:g} s; "
+                "it is opened again"
             )
 
     def _note_frame(self) -> None:
@@ -127,7 +130,13 @@ class CameraLoop:
 
     def _report(self) -> None:
         self._told_s = time.monotonic()
-        self._tell(Report(self._phase, self._condition, self._counters()))
+        self._tell(Report(self._phase, self._told_condition(), self._counters()))
+
+    def _told_condition(self) -> Condition:
+        """What the camera has to say of its stream goes out as well: that most frames are torn."""
+        if self._phase is Phase.STREAMING:
+            return replace(self._condition, reason=self._camera.condition.reason)
+        return self._condition
 
     def _counters(self) -> CameraCounters:
         """Totals; the camera's own count from 0 again whenever it is opened."""

@@ -44,6 +44,14 @@ def test_a_short_pause_is_no_reason_and_a_quiet_second_is(monkeypatch: pytest.Mo
     assert reasons == ["", "", "", "the camera is there but sends no frames", ""]
 
 
+def test_a_camera_that_says_why_frames_are_missing_is_believed_at_once() -> None:
+    torn = Condition(CameraState.STREAMING, "losing USB packets: 30 of 30 frames torn")
+    camera = ScriptedCamera([frame(1), torn, frame(2)])
+    camera.open()
+    plain = PlainFeed(camera)
+    assert [plain.reason for _ in plain.frames(threading.Event())] == ["", torn.reason, ""]
+
+
 def test_the_reason_is_the_cameras_condition_at_every_tick_until_a_frame_comes() -> None:
     opening, starting = Condition(CameraState.OPENING), Condition(CameraState.STARTING)
     missing = Condition(CameraState.ABSENT, "no Kinect found; plug one in")

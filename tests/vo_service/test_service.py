@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from drivers.camera import CameraState, NoFrameYet
+from drivers.camera import CameraState, Condition, NoFrameYet
 from drivers.errors import CameraLostError
 from tests.vo_service.fakes import (
     After,
@@ -45,6 +45,7 @@ def make_service(
     outputs: Sequence[Output],
     estimates: Sequence[Estimate] = (),
     stamps: StampClock | None = None,
+    camera: ScriptedCamera | None = None,
 ) -> Service:
     return Service(
         feed=feed,
@@ -53,7 +54,7 @@ def make_service(
         tracker=PoseTracker(),
         clock=stamps or RecordedClock(),
         outputs=outputs,
-        camera=ScriptedCamera(),
+        camera=camera or ScriptedCamera(),
         method="surf",
     )
 
@@ -231,3 +232,20 @@ def test_the_status_tells_of_the_camera_and_its_intrinsics() -> None:
     status = collector.statuses[-1]
     assert (status.camera, status.camera_state) == ("scripted", CameraState.STREAMING)
     assert (status.intrinsics, status.method) == ("", "surf")
+
+
+class LosingCamera(ScriptedCamera):
+    """Has something to say of its frames while it sends them."""
+
+    @property
+    def condition(self) -> Condition:
+        """A complaint."""
+        return Condition(CameraState.STREAMING, "losing USB packets: 16 of 30 frames torn")
+
+
+def test_a_camera_that_loses_packets_is_told_of_while_tracking() -> None:
+    camera, collector = LosingCamera([frame(0), frame(1)]), Collector()
+    with camera:
+        make_service(PlainFeed(camera), [collector], camera=camera).run(threading.Event())
+    status = collector.statuses[-1]
+    assert (status.state, status.reason) == (TrackingState.TRACKING, camera.condition.reason)

@@ -62,7 +62,7 @@ class PoseUpdate:
 
 @dataclass(frozen=True)
 class Status:
-    """How the service is, as it goes out in JSON. `reason` is "" while tracking.
+    """How the service is, as it goes out in JSON. `reason` is "" while all is well.
 
     camera_state  how far the camera is from sending frames
     intrinsics    where they come from: "camera file FILE", "factory", "default"; "" = exact

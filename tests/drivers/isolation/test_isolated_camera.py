@@ -2,6 +2,7 @@
 
 import logging
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,13 @@ from drivers.isolation.camera import IsolatedCamera
 from drivers.isolation.limits import TimeLimits
 from tests.drivers.isolation.belongings import belongings, children, wait_for
 from tests.drivers.isolation.conftest import Isolate
-from tests.drivers.isolation.trial_cameras import LOST_PACKETS, OnceLost, Puppet, is_whole
+from tests.drivers.isolation.trial_cameras import (
+    LOST_PACKETS,
+    Grumbler,
+    OnceLost,
+    Puppet,
+    is_whole,
+)
 
 STREAMING = Condition(CameraState.STREAMING)
 SHORT = TimeLimits(opening_s=1.0, heartbeat_s=1.0, closing_s=1.0, first_frame_s=0.5)
@@ -130,6 +137,20 @@ def test_a_camera_that_opens_and_sends_nothing_counts_as_lost(
     with isolate(limits=SHORT) as camera:
         assert wait_for_reason(camera, "sent no frame within 0.5 s").state is CameraState.LOST
         assert_works_again(camera, script)
+
+
+def test_what_a_camera_says_of_its_frames_reaches_the_reader(isolate: Isolate) -> None:
+    complaint = Condition(CameraState.STREAMING, "losing strings: 3 of 5 frames torn")
+    with isolate(Grumbler) as camera:
+        frames(camera, 1)
+        wait_for(lambda: camera.condition == complaint)
+
+
+def test_a_camera_that_sends_nothing_is_asked_why(isolate: Isolate, script: Path) -> None:
+    script.write_text("silent in read")
+    complaint = Condition(CameraState.LOST, "losing strings: 3 of 5 frames torn")
+    with isolate(Grumbler, limits=replace(PATIENT, first_frame_s=0.2)) as camera:
+        wait_for(lambda: camera.condition == complaint)
 
 
 def test_what_is_wrong_for_good_reaches_the_reader(isolate: Isolate, script: Path) -> None:

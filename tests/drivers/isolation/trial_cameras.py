@@ -12,7 +12,9 @@ import numpy as np
 
 from drivers.camera import (
     CameraCounters,
+    CameraState,
     Clock,
+    Condition,
     EndOfStream,
     NoFrameYet,
     PinholeCamera,
@@ -94,6 +96,15 @@ class Puppet(RgbdCamera):
         word, _, place = self._script.read_text().partition(" in ")
         if word and place in ("", where):
             _ACTS[word]()
+
+
+class Grumbler(Puppet):
+    """Has something to say of its frames while it sends them, and why it sends none."""
+
+    @property
+    def condition(self) -> Condition:
+        """Some complaint."""
+        return Condition(CameraState.STREAMING, "losing strings: 3 of 5 frames torn")
 
 
 class OnceLost(Puppet):

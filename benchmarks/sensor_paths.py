@@ -27,10 +27,9 @@ from drivers.camera_file import camera_file_text, camera_of_folder
 from drivers.trajectory import StampedPoses, read_trajectory
 from drivers.tum.camera import TumCamera
 from tests.stand_ins.fakenect_dump import write_fakenect_dump
-from tests.stand_ins.film_sources import folder_frames
+from tests.stand_ins.film_sources import fitted_film, folder_frames
 from tests.stand_ins.oni_writer import images_of, write_oni
 from tests.stand_ins.played_kinect import IDENTITY, Loop, PlayedKinect
-from tests.stand_ins.wire_film import wire_film
 from vo_service.evaluation import evaluate
 
 RATE_HZ = 30.0
@@ -78,7 +77,7 @@ def compare(folder: Path, most: int | None, scratch: Path) -> None:
     dump, oni = scratch / "dump", scratch / "frames.oni"
     write_fakenect_dump(dump, folder_frames(folder, None, most))
     write_oni(oni, images_of(frames))
-    film = wire_film(scratch, folder_frames(folder, None, most))
+    film = fitted_film(scratch, folder_frames(folder, None, most))
     with PlayedKinect(scratch, film, registration=IDENTITY) as kinect:
         kinect.loop = Loop.ONCE
         ways = [

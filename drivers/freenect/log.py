@@ -1,11 +1,13 @@
 """What libfreenect says only in its log: which images miss packets, and why something failed."""
 
+import logging
 import re
 import time
 from collections import deque
 
 WARNING = 2
 HEALTH_WINDOW_S = 1.0
+_log = logging.getLogger("libfreenect")
 _ABOUT_STREAM = re.compile(r"\[Stream (70|80)\] (.*)")
 _LOST = re.compile(r"Lost (\d+) packets")
 _SHORT = re.compile(r"Expected \d+ data bytes")
@@ -74,8 +76,10 @@ class Log:
             stream.image_done(int(done[2]), int(done[3]))
         elif about := _ABOUT_STREAM.match(text):
             self._about_stream(self.depth if about[1] == "70" else self.colour, about[2])
-        elif level <= WARNING:
-            self._complaints.append(text.strip())
+        else:
+            _log.debug("%s", text.strip())
+            if level <= WARNING:
+                self._complaints.append(text.strip())
 
     def has(self, words: str) -> bool:
         """Whether libfreenect has complained of this."""
@@ -88,6 +92,7 @@ class Log:
 
     def _about_stream(self, stream: StreamHealth, text: str) -> None:
         if _is_complaint(text):
+            _log.debug("%s", text.strip())
             stream.complaint(text)
 
 

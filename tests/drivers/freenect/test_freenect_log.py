@@ -1,3 +1,7 @@
+import logging
+
+import pytest
+
 from drivers.freenect.log import Log
 
 INFO, WARNING, ERROR, SPEW = 4, 2, 1, 6
@@ -60,3 +64,15 @@ def test_the_last_complaint_is_kept_and_chatter_is_not() -> None:
     log.line(SPEW, "Write Reg 0x0006 <= 0x02\n")
     assert log.last_words == "Failed to claim camera interface: LIBUSB_ERROR_BUSY"
     assert log.has("Failed to claim")
+
+
+def test_what_libfreenect_says_reaches_the_log_but_for_the_line_of_each_image(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    log = Log()
+    with caplog.at_level(logging.DEBUG, "libfreenect"):
+        log.line(4, "[Stream 70] Lost 5 packets\n")
+        log.line(6, "Got depth frame of size 422400/422400, 242/242 packets arrived, TS 1\n")
+        log.line(1, "Failed to claim camera interface: -6\n")
+    said = ["[Stream 70] Lost 5 packets", "Failed to claim camera interface: -6"]
+    assert caplog.messages == said

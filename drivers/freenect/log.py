@@ -75,7 +75,9 @@ class Log:
             stream = self.depth if done[1] == "depth" else self.colour
             stream.image_done(int(done[2]), int(done[3]))
         elif about := _ABOUT_STREAM.match(text):
-            self._about_stream(self.depth if about[1] == "70" else self.colour, about[2])
+            if _is_complaint(about[2]):
+                _log.debug("%s", text.strip())
+                (self.depth if about[1] == "70" else self.colour).complaint(about[2])
         else:
             _log.debug("%s", text.strip())
             if level <= WARNING:
@@ -89,11 +91,6 @@ class Log:
     def last_words(self) -> str:
         """The last complaint, for an error message."""
         return self._complaints[-1] if self._complaints else "libfreenect does not say why"
-
-    def _about_stream(self, stream: StreamHealth, text: str) -> None:
-        if _is_complaint(text):
-            _log.debug("%s", text.strip())
-            stream.complaint(text)
 
 
 def _is_complaint(text: str) -> bool:

@@ -11,6 +11,7 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.openni2.library import OpenNI2
 from drivers.openni2.live import Live
 from drivers.openni2.optics import CameraChoice
 from drivers.sensor_settings import SensorSettings
@@ -36,6 +37,7 @@ class OpenNI2Camera(RgbdCamera):
         self._wanted, self._camera_file = wanted, camera_file
         self._settings = settings or SensorSettings()
         self._choice = CameraChoice(None, None)
+        self._openni2: OpenNI2 | None = None
         self._live: Live | None = None
         self._is_open = False
         self._condition = Condition(CameraState.ABSENT, "not opened yet")
@@ -46,7 +48,8 @@ class OpenNI2Camera(RgbdCamera):
         self._choice = CameraChoice.read(self._camera_file)
         self._condition = Condition(CameraState.OPENING)
         try:
-            self._live = Live(self.name, self._wanted, self._choice, self._settings)
+            self._openni2 = self._openni2 or OpenNI2()
+            self._live = Live(self._openni2, self.name, self._wanted, self._choice, self._settings)
         except CameraNotFoundError as error:
             self._condition = Condition(CameraState.ABSENT, str(error))
             raise

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.openni2.library import (
-    API_VERSION,
     DEVICE_CALLBACK,
     REGISTRATION_DEPTH_TO_COLOUR,
     REGISTRATION_OFF,
@@ -21,6 +20,7 @@ from drivers.openni2.library import (
     DeviceCallbacks,
     DeviceInfo,
     DeviceProperty,
+    OpenNI2,
     Sensor,
     VideoMode,
     check,
@@ -31,6 +31,7 @@ from drivers.openni2.stream import Stream
 # A driver's thread may still be on its way through a stream that has just been stopped, and
 # destroying the stream under it crashes. Nothing tells when it is through.
 SETTLE_S = 0.2
+NO_USB_ID = (0, 0)
 
 
 @dataclass(frozen=True)
@@ -43,24 +44,15 @@ class FoundDevice:
     usb_id: tuple[int, int]
 
 
-@contextmanager
-def initialised(library: ctypes.CDLL) -> Iterator[None]:
-    """The library's drivers are loaded and searched within the block; blocks may overlap."""
-    check(library, library.oniInitialize(API_VERSION), "OpenNI2 cannot start")
-    try:
-        yield
-    finally:
-        library.oniShutdown()
-
-
-def found_devices(library: ctypes.CDLL) -> list[FoundDevice]:
-    """What is plugged in, within `initialised`."""
+def found_devices(openni2: OpenNI2) -> list[FoundDevice]:
+    """What is plugged in, without the recordings that have been opened: the library lists both."""
+    library = openni2.calls
     devices, count = ctypes.POINTER(DeviceInfo)(), ctypes.c_int()
     status = library.oniGetDeviceList(ctypes.byref(devices), ctypes.byref(count))
     check(library, status, "OpenNI2 cannot list its devices")
     found = [_found(devices[i]) for i in range(count.value)]
     library.oniReleaseDeviceList(devices)
-    return found
+    return [device for device in found if device.usb_id != NO_USB_ID]
 
 
 def _found(info: DeviceInfo) -> FoundDevice:
@@ -69,14 +61,14 @@ def _found(info: DeviceInfo) -> FoundDevice:
 
 
 class Device:
-    """An open device or recording, within `initialised`. Close it whatever happens."""
+    """An open device or recording. Close it whatever happens."""
 
-    def __init__(self, library: ctypes.CDLL, uri: str) -> None:
-        self._library = library
+    def __init__(self, openni2: OpenNI2, uri: str) -> None:
+        self._openni2, self._library = openni2, openni2.calls
         self.streams: list[Stream] = []
         self._handle = ctypes.c_void_p()
-        status = library.oniDeviceOpen(uri.encode(), ctypes.byref(self._handle))
-        check(library, status, f"{uri} cannot be opened")
+        status = self._library.oniDeviceOpen(uri.encode(), ctypes.byref(self._handle))
+        check(self._library, status, f"{uri} cannot be opened")
 
     def stream(self, sensor: Sensor) -> Stream:
         """Create the stream of a sensor."""
@@ -163,7 +155,7 @@ class Device:
     def close(self) -> None:
         """Stop all streams, wait for them to settle, then destroy them and close the device."""
         self.stop()
-        time.sleep(SETTLE_S if self.streams else 0.0)
+        time.sleep(SETTLE_S)
         while self.streams:
             self._library.oniStreamDestroy(self.streams.pop().handle)
         if self._handle:

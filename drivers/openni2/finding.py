@@ -1,10 +1,8 @@
 """Which sensor is meant, among those that are plugged in."""
 
-import ctypes
-
 from drivers.errors import CameraError, CameraNotFoundError
-from drivers.openni2.device import Device, FoundDevice, found_devices, initialised
-from drivers.openni2.library import OpenNI2Error, load_library
+from drivers.openni2.device import Device, FoundDevice, found_devices
+from drivers.openni2.library import OpenNI2, OpenNI2Error
 
 
 def list_devices() -> list[FoundDevice]:
@@ -12,29 +10,27 @@ def list_devices() -> list[FoundDevice]:
 
     Raises UserFacingError if libOpenNI2 is not installed, CameraError if it does not start.
     """
-    library = load_library()
-    with initialised(library):
-        return found_devices(library)
+    return found_devices(OpenNI2())
 
 
-def open_device(library: ctypes.CDLL, wanted: str) -> Device:
+def open_device(openni2: OpenNI2, wanted: str) -> Device:
     """The first sensor, or the one whose URI or serial number is `wanted`.
 
     Raises CameraNotFoundError if it is not there, CameraError if it is there but cannot be opened.
     """
-    found = found_devices(library)
+    found = found_devices(openni2)
     for device in found:
         if wanted in ("", device.uri):
-            return _opened(library, device)
+            return _opened(openni2, device)
     for device in found:
-        if opened := _with_serial(library, device, wanted):
+        if opened := _with_serial(openni2, device, wanted):
             return opened
-    return _unlisted(library, wanted, found)
+    return _unlisted(openni2, wanted, found)
 
 
-def _opened(library: ctypes.CDLL, found: FoundDevice) -> Device:
+def _opened(openni2: OpenNI2, found: FoundDevice) -> Device:
     try:
-        return Device(library, found.uri)
+        return Device(openni2, found.uri)
     except OpenNI2Error as error:
         raise CameraError(
             f"{found.vendor} {found.name} ({error}): it is plugged in, but another program uses it "
@@ -42,9 +38,9 @@ def _opened(library: ctypes.CDLL, found: FoundDevice) -> Device:
         ) from error
 
 
-def _with_serial(library: ctypes.CDLL, found: FoundDevice, serial: str) -> Device | None:
+def _with_serial(openni2: OpenNI2, found: FoundDevice, serial: str) -> Device | None:
     try:
-        device = Device(library, found.uri)
+        device = Device(openni2, found.uri)
     except OpenNI2Error:
         return None
     if device.serial == serial:
@@ -53,10 +49,10 @@ def _with_serial(library: ctypes.CDLL, found: FoundDevice, serial: str) -> Devic
     return None
 
 
-def _unlisted(library: ctypes.CDLL, wanted: str, found: list[FoundDevice]) -> Device:
+def _unlisted(openni2: OpenNI2, wanted: str, found: list[FoundDevice]) -> Device:
     """Some drivers list a device only once it has been asked for by name."""
     try:
-        return Device(library, wanted)
+        return Device(openni2, wanted)
     except OpenNI2Error as error:
         there = ", ".join(device.uri for device in found)
         if not wanted:

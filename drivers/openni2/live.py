@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from drivers.camera import CameraCounters, NoFrameYet, RgbdFrame
 from drivers.device_clock import HostTime
-from drivers.errors import CameraLostError
+from drivers.errors import CameraError, CameraLostError
 from drivers.nearest import NearestPairing, Pair
-from drivers.openni2.device import initialised
 from drivers.openni2.finding import open_device
 from drivers.openni2.images import TornFrameError, colour_of, depth_of
-from drivers.openni2.library import Frame, OpenNI2Error, Sensor, load_library
+from drivers.openni2.library import Frame, OpenNI2, OpenNI2Error, Sensor
 from drivers.openni2.optics import CameraChoice, make_optics
-from drivers.openni2.set_up import set_flags, set_up
+from drivers.openni2.set_up import set_up, start
 from drivers.openni2.stream import Stream
 from drivers.sensor_settings import SensorSettings
 
@@ -47,22 +46,27 @@ class Live:
     """Made when a sensor is opened, gone when it is closed."""
 
     def __init__(
-        self, name: str, wanted: str, choice: CameraChoice, settings: SensorSettings
+        self,
+        openni2: OpenNI2,
+        name: str,
+        wanted: str,
+        choice: CameraChoice,
+        settings: SensorSettings,
     ) -> None:
         """Raises CameraError if the sensor cannot be opened, InputError if it cannot be used."""
         self._name = name
         self._unplugged = threading.Event()
         with ExitStack() as undo:
-            library = load_library()
-            undo.enter_context(initialised(library))
-            self._device = open_device(library, wanted)
+            self._device = open_device(openni2, wanted)
             undo.callback(self._device.close)
             undo.enter_context(self._device.on_unplug(self._unplugged.set))
-            self.optics = make_optics(set_up(name, self._device, choice, settings), choice)
+            try:
+                source = set_up(name, self._device, choice, settings)
+                self.optics = make_optics(source, choice)
+                start(self._device, settings)
+            except OpenNI2Error as error:
+                raise CameraError(f"{name}: {error}; plug it out and in again") from error
             self._streams = self._device.streams
-            for stream in self._streams:
-                stream.start()
-            set_flags(self._streams, settings)
             self._undo = undo.pop_all()
         self._silence = {stream.sensor: _Silence() for stream in self._streams}
         self._pairing = NearestPairing[Colour, NDArray[np.uint16]]()

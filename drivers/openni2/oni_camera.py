@@ -4,6 +4,7 @@ from pathlib import Path
 
 from drivers.camera import CameraCounters, Clock, Pace, RgbdCamera, RgbdFrame
 from drivers.errors import CameraError
+from drivers.openni2.library import OpenNI2
 from drivers.openni2.optics import CameraChoice
 from drivers.openni2.playback import Playback
 from drivers.sensor_settings import SensorSettings
@@ -32,6 +33,7 @@ class OniCamera(RgbdCamera):
         self._path, self._camera_file, self._pace = path, camera_file, pace
         self._mirror = (settings or SensorSettings()).mirror
         self._readout_s = 0.0
+        self._openni2: OpenNI2 | None = None
         self._playback: Playback | None = None
         self._is_open = False
 
@@ -40,7 +42,8 @@ class OniCamera(RgbdCamera):
         self.close()
         choice = CameraChoice.read(self._camera_file)
         self._readout_s = choice.readout_s
-        self._playback = Playback(self._path, choice, self._pace, self._mirror)
+        self._openni2 = self._openni2 or OpenNI2()
+        self._playback = Playback(self._openni2, self._path, choice, self._pace, self._mirror)
         self._is_open = True
 
     def read(self, timeout_s: float) -> RgbdFrame:

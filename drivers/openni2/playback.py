@@ -8,6 +8,7 @@ from pathlib import Path
 
 from drivers.camera import CameraCounters, EndOfStream, Pace, RgbdFrame
 from drivers.openni2.images import TornFrameError
+from drivers.openni2.library import OpenNI2
 from drivers.openni2.optics import CameraChoice, make_optics
 from drivers.openni2.pace import make_pacer
 from drivers.openni2.pair_reader import PairReader
@@ -20,11 +21,13 @@ _log = logging.getLogger(__name__)
 class Playback:
     """Made when a recording is opened, gone when it is closed."""
 
-    def __init__(self, path: Path, choice: CameraChoice, pace: Pace, mirror: bool) -> None:
+    def __init__(
+        self, openni2: OpenNI2, path: Path, choice: CameraChoice, pace: Pace, mirror: bool
+    ) -> None:
         """Raises InputError for a file without use, or one that does not fit the camera file."""
         self.index = read_index(path)
         with ExitStack() as undo:
-            player = OniPlayer(path)
+            player = OniPlayer(openni2, path)
             undo.callback(player.close)
             self.optics = make_optics(player.source(mirror), choice)
             player.start()

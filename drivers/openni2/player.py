@@ -8,15 +8,15 @@ from pathlib import Path
 
 from drivers.camera import NoFrameYet
 from drivers.errors import CameraError, InputError
-from drivers.openni2.device import Device, initialised
+from drivers.openni2.device import Device
 from drivers.openni2.images import DEPTH_FACTORS, TO_BGR, format_name
 from drivers.openni2.library import (
     DeviceProperty,
     Format,
     Frame,
+    OpenNI2,
     OpenNI2Error,
     Sensor,
-    load_library,
 )
 from drivers.openni2.optics import Registered, Source
 from drivers.openni2.recording import IndexedImage
@@ -31,17 +31,15 @@ PATIENCE_S = 2.0
 class OniPlayer:
     """Plays a file whose index has been read."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, openni2: OpenNI2, path: Path) -> None:
         """Raises InputError if libOpenNI2 does not take the file."""
         self._path = path
         with ExitStack() as undo:
-            library = load_library()
-            undo.enter_context(initialised(library))
             # A path of its own: the library shares one player among all who open the same path, and
             # has no room for long ones.
             uri = f"/proc/self/fd/{undo.enter_context(path.open('rb')).fileno()}"
             try:
-                self._device = Device(library, uri)
+                self._device = Device(openni2, uri)
                 undo.callback(self._device.close)
                 # Seeking hangs, and a file that begins again would need it: never repeat.
                 self._device.set(DeviceProperty.PLAYBACK_REPEAT, ctypes.c_int(0))

@@ -1,7 +1,6 @@
 """How a sensor is set up for registered frames, and what came of it."""
 
 import logging
-from collections.abc import Sequence
 
 from drivers.errors import InputError
 from drivers.openni2.device import Device
@@ -38,9 +37,14 @@ def set_up(name: str, device: Device, choice: CameraChoice, settings: SensorSett
     )
 
 
-def set_flags(streams: Sequence[Stream], settings: SensorSettings) -> None:
-    """Exposure and white balance, once the streams run: starting them resets it."""
-    for stream in streams:
+def start(device: Device, settings: SensorSettings) -> None:
+    """Start the streams, then set exposure and white balance: starting them may reset these.
+
+    Raises OpenNI2Error.
+    """
+    for stream in device.streams:
+        stream.start()
+    for stream in device.streams:
         if stream.sensor is Sensor.COLOUR:
             _try_switch(stream, StreamProperty.AUTO_EXPOSURE, settings.auto_exposure)
             _try_switch(stream, StreamProperty.AUTO_WHITE_BALANCE, settings.auto_white_balance)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from drivers.errors import UserFacingError
-from drivers.openni2.device import FoundDevice, found_devices, initialised
-from drivers.openni2.library import load_library
+from drivers.openni2.device import FoundDevice
+from drivers.openni2.finding import list_devices
 from vo_service.doctor.checks import KINECTS, PRIMESENSES
 from vo_service.doctor.child import in_child
 from vo_service.doctor.usb_facts import Refusal, UsbSensor
@@ -68,9 +68,7 @@ def look_with_openni2() -> OpenNI2Devices:
 
 
 def _ask_openni2() -> tuple[FoundDevice, ...]:
-    library = load_library()
-    with initialised(library):
-        return tuple(found_devices(library))
+    return tuple(list_devices())
 
 
 def _kinect(sensor: UsbSensor) -> Openable:

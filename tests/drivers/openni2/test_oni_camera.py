@@ -105,6 +105,14 @@ def test_stamps_are_exact_and_skew_is_depth_minus_colour(
     assert [frame.seq for frame in frames] == list(range(8))
 
 
+def test_images_without_a_partner_are_counted(tmp_path: Path, camera_file: Path) -> None:
+    path = written(tmp_path / "odd.oni", [*steady(3), image(Sensor.DEPTH, 500_000)])
+    camera = OniCamera(path, camera_file)
+    assert (camera.frame_count, camera.unpaired) == (None, None)
+    assert len(list(all_frames(camera))) == camera.frame_count == 3
+    assert camera.unpaired == 1
+
+
 def test_realtime_drops_what_is_not_taken_in_time_and_counts_it(
     tmp_path: Path, camera_file: Path
 ) -> None:

@@ -44,7 +44,7 @@ def device(registers: bool = True, obeys: bool = True, synchronises: bool = True
         oniDeviceEnableDepthColorSync=enable_sync,
         oniDeviceGetDepthColorSyncEnabled=lambda handle: state["sync"],
     )
-    return Device(library, "played")
+    return Device(SimpleNamespace(calls=library), "played")  # type: ignore[arg-type]
 
 
 def file_of(width: int, height: int, depth_factor: float = 1000.0) -> CameraFile:

@@ -65,12 +65,19 @@ def stance(view: View) -> Stance:
 
 
 class ViewPicker:
-    """Takes snapshots one after another and keeps the views that tell something new."""
+    """Takes snapshots one after another and keeps the views that tell something new.
+
+    corners   of the snapshot offered last
+    views     that were kept, each with its
+    stances     rough place
+    offered   how many snapshots were looked at, and
+    showing     how many of them showed the board
+    """
 
     def __init__(self, board: Board) -> None:
         self.board = board
         self._before_s = -math.inf
-        self._corners_before = NO_CORNERS
+        self.corners = NO_CORNERS
         self.views: list[View] = []
         self.stances: list[Stance] = []
         self.offered = self.showing = 0
@@ -80,7 +87,7 @@ class ViewPicker:
         self.offered += 1
         corners = self.board.find(snapshot.grey)
         is_still = self._is_still(snapshot.stamp_s, corners)
-        self._before_s, self._corners_before = snapshot.stamp_s, corners
+        self._before_s, self.corners = snapshot.stamp_s, corners
         if not len(corners.pixels):
             return Verdict.NO_BOARD
         self.showing += 1
@@ -98,9 +105,9 @@ class ViewPicker:
         gap_s = stamp_s - self._before_s
         if gap_s > FILM_GAP_S:
             return True
-        if not len(self._corners_before.pixels):
+        if not len(self.corners.pixels):
             return False
-        return _shift_px(corners, self._corners_before) <= STILL_PX_PER_S * gap_s
+        return _shift_px(corners, self.corners) <= STILL_PX_PER_S * gap_s
 
     def _is_new(self, found: Stance) -> bool:
         here = found.vector()

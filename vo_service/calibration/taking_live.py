@@ -17,19 +17,21 @@ from vo_service.calibration.guide import Guide
 from vo_service.calibration.live import frames, raw_camera_file, snapshot
 from vo_service.calibration.picking import Verdict, ViewPicker
 from vo_service.calibration.taking import WHAT_TO_CHECK, Taken
+from vo_service.calibration.watching import Sight, watching
 from vo_service.cameras import CameraRequest, make_camera
 from vo_service.terminal import Terminal
 
 
 @dataclass(frozen=True)
 class LiveRequest:
-    """What to see live: the camera, its settings, how many views, and where to keep them."""
+    """What to see live: camera and settings, how many views, where to keep and to watch them."""
 
     source: str
     sensor: SensorSettings
     with_depth: bool
     wanted: int
     keep: Path | None
+    watch: str | None
 
 
 def taken_live(
@@ -41,18 +43,24 @@ def taken_live(
     """
     picker = ViewPicker(board)
     guide = Guide(picker, request.wanted, request.with_depth)
-    with _raw_camera(request) as camera, _keeper(request.keep) as keep:
+    with (
+        watching(request.watch, terminal.say) as watcher,
+        _raw_camera(request) as camera,
+        _keeper(request.keep) as keep,
+    ):
         units = DepthUnits(MILLIMETRES, camera.readout_s)
         for frame in frames(camera, stop):
             if frame is None:
                 terminal.show(_waiting(camera.condition))
                 continue
-            verdict = picker.offer(snapshot(frame, request.with_depth))
+            seen = snapshot(frame, request.with_depth)
+            verdict = picker.offer(seen)
             if verdict is Verdict.TAKEN:
                 # Photographs, a second apart: views are still, however quickly they followed.
                 keep(replace(frame, stamp_s=float(len(picker.views))))
                 units = replace(units, depth_factor=frame.depth_factor)
             terminal.show(guide.text(verdict))
+            watcher.show(Sight(seen, picker.corners, tuple(picker.views), guide.text(verdict)))
             if guide.is_done:
                 break
     terminal.clear()

@@ -71,6 +71,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep the views that are taken from a camera, to calibrate from again",
     )  # fmt: skip
     parser.add_argument(
+        "--rerun", metavar="TARGET",
+        help="watch what the camera sees: serve (a page on this computer), connect or "
+        "connect:HOST:PORT (a viewer that is open), or FILE.rrd (a recording)",
+    )  # fmt: skip
+    parser.add_argument(
         "--output", metavar="FILE", type=Path, help="camera file to write (default: see below)"
     )
     parser.add_argument(
@@ -139,6 +144,8 @@ def _check(args: argparse.Namespace, output: Path) -> None:
         raise InputError("name a FOLDER of images, or a camera to see the board live: --camera")
     if args.keep is not None and args.camera is None:
         raise InputError("--keep keeps what a camera shows: it goes with --camera")
+    if args.rerun is not None and args.camera is None:
+        raise InputError("--rerun shows what a camera sees: it goes with --camera")
     if args.views < 1:
         raise InputError(f"--views {args.views}: give 1 or more; 25 are good")
     check_writable(output)
@@ -150,7 +157,7 @@ def _check(args: argparse.Namespace, output: Path) -> None:
 def _take(args: argparse.Namespace, config: Config, board: Board, terminal: Terminal) -> Taken:
     if args.folder is not None:
         return taken_from_folder(board, args.folder, args.camera_file, args.depth, terminal)
-    request = LiveRequest(args.camera, config.sensor, args.depth, args.views, args.keep)
+    request = LiveRequest(args.camera, config.sensor, args.depth, args.views, args.keep, args.rerun)
     with stop_on_signals() as stop:
         return taken_live(board, request, terminal, stop.event)
 

@@ -109,10 +109,11 @@ def open_rerun(target: str, ground_truth: TruthSource = no_truth) -> RerunOutput
 
     Raises what `RerunOutput` raises, and InputError for anything else.
     """
-    return RerunOutput(_sink(target), ground_truth)
+    return RerunOutput(sink_of(target), ground_truth)
 
 
-def _sink(target: str) -> Sink:
+def sink_of(target: str) -> Sink:
+    """The place that a target names. Raises InputError if it names none."""
     if target == "serve":
         return Browser(free_port(DATA_PORT), free_port(WEB_PORT))
     if target == "connect":
@@ -124,11 +125,16 @@ def _sink(target: str) -> Sink:
     raise InputError(f"rerun target {target!r}: use serve, connect, connect:HOST:PORT or FILE.rrd")
 
 
-def _open_scene(sink: Sink, ground_truth: TruthSource) -> "Scene":
+def prepare_rerun() -> None:
+    """Before it is imported. Raises InputError if it is not installed."""
     if find_spec("rerun") is None:
         raise InputError("Rerun is not installed: pip install 'kinect-vo[rerun]'")
     # Rerun reads this when it is loaded, and would tell about its ports and threads otherwise.
     os.environ.setdefault("RUST_LOG", "error")
+
+
+def _open_scene(sink: Sink, ground_truth: TruthSource) -> "Scene":
+    prepare_rerun()
     scene = import_module("vo_service.outputs.rerun_scene")
     opened: Scene = scene.open_scene(APPLICATION, sink, ground_truth)
     return opened

@@ -128,8 +128,10 @@ def test_a_camera_of_openni2_is_calibrated_live_from_its_raw_images(
     ]
     write_oni(tmp_path / "boards.oni", images)
     camera = ("--camera", "openni2:boards.oni", "--views", "18", "--depth", "--keep", "views")
-    assert call(capfd, *OPTIONS, *camera, "--output", "live.toml").code == 0
+    watched = ("--output", "live.toml", "--rerun", "watched.rrd")
+    assert call(capfd, *OPTIONS, *camera, *watched).code == 0
     live = read_camera_file(tmp_path / "live.toml")
+    assert (tmp_path / "watched.rrd").stat().st_size > 100_000
     assert_is_the_cameras(live)
     # What was kept is what was seen: it calibrates to the same.
     assert call(capfd, *OPTIONS, "views", "--depth", "--output", "again.toml").code == 0
@@ -210,6 +212,8 @@ MISTAKES = {
     "picture": ([".", "--picture", "coverage.gif"], "a picture is .png or .svg"),
     "board": ([".", "--board", "checkers:8x8"], "--board checkers:8x8: is no board"),
     "nothing to keep": ([".", "--keep", "views"], "--keep keeps what a camera shows"),
+    "nothing to watch": ([".", "--rerun", "serve"], "--rerun shows what a camera sees"),
+    "watch where": (["--camera", "tum:.", "--rerun", "x"], "rerun target 'x': use serve"),
     "no views": (["--camera", "freenect", "--views", "0"], "--views 0: give 1 or more"),
     "virtual": (["--camera", "synthetic"], "it never shows a board"),
     "camera": (["--camera", "kinekt"], "camera 'kinekt' is unknown"),

@@ -1,0 +1,73 @@
+"""What the camera sees of the board, in Rerun. Imports rerun: load it lazily."""
+
+import cv2
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from vo_service.calibration.picking import outline
+from vo_service.calibration.watching import Sight
+from vo_service.outputs.rerun_sinks import Sink
+
+IMAGE, CORNERS, TAKEN, ADVICE = "image", "image/corners", "image/taken", "advice"
+CORNER_COLOUR = (255, 150, 40)
+TAKEN_COLOUR = (40, 220, 130)
+JPEG_QUALITY = 80
+
+
+def open_board(sink: Sink) -> "BoardScene":
+    """A scene that goes to a sink. Raises what the sink raises."""
+    # Rerun waits at exit until everything is sent, for ever if the viewer is frozen.
+    rr.unregister_shutdown()
+    stream = rr.RecordingStream("kinect-vo-calibrate")
+    try:
+        sink.attach(stream, _blueprint())
+    except BaseException:
+        sink.close()
+        raise
+    return BoardScene(stream)
+
+
+def _blueprint() -> rrb.Blueprint:
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.TextDocumentView(name="What to do", origin=ADVICE),
+            rrb.Spatial2DView(name="What the camera sees; views taken in green", origin=IMAGE),
+            row_shares=[1, 8],
+        ),
+        rrb.TimePanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_views=False,
+    )
+
+
+class BoardScene:
+    """Logs sights to one recording stream."""
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        self._stream = stream
+        self._seq = 0
+
+    def log(self, sight: Sight) -> None:
+        """The image, the corners in it, the outlines of the views taken, and the advice."""
+        stream = self._stream
+        stream.set_time("snapshot", sequence=self._seq)
+        self._seq += 1
+        quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+        jpeg = cv2.imencode(".jpg", sight.snapshot.colour_bgr, quality)[1].tobytes()
+        stream.log(IMAGE, rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
+        # Rerun's pixels have their centres at one half.
+        points = rr.Points2D(
+            sight.corners.pixels + 0.5, colors=CORNER_COLOUR, radii=rr.Radius.ui_points(3.0)
+        )
+        stream.log(CORNERS, points)
+        hulls = [outline(view.corners.pixels) for view in sight.views]
+        closed = [np.vstack([hull, hull[:1]]) for hull in hulls]
+        lines = rr.LineStrips2D(closed, colors=TAKEN_COLOUR, radii=rr.Radius.ui_points(1.0))
+        stream.log(TAKEN, lines)
+        stream.log(ADVICE, rr.TextDocument(f"# {sight.advice}", media_type="text/markdown"))
+
+    def finish(self) -> None:
+        """Write out everything; nothing can be logged after."""
+        self._stream.disconnect()

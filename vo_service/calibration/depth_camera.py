@@ -21,9 +21,13 @@ from vo_service.calibration.depth_pixels import BoardPixels, board_pixels
 from vo_service.calibration.least_squares import jackknife_sigma, minimise
 from vo_service.odometry.depth_noise import depth_sigma_m
 
-# How far from the board's plane a reading may be and still count, in standard deviations: generous
-# while the usual values are all that is known, strict in the end.
-GATES = (60.0, 10.0, 4.0, 4.0)
+# How far from the board's plane a reading may be and still count, in usual distances: generous
+# while usual values are all that is known of the camera, strict in the end.
+GATES = (10.0, 6.0, 4.0, 4.0)
+# The median distance of normal noise, in standard deviations.
+MEDIAN_OF_NOISE = 0.6745
+# Beyond so many times the sensor's noise, something else than the sensor is wrong.
+MOST_NOISE = 6.0
 FEWEST_VIEWS = 8
 # The least part of the readings that has to agree with the boards.
 FEWEST_USED = 0.6
@@ -115,6 +119,12 @@ class _Fit:
         height, width = colour.views[0].depth_raw.shape
         usual = DepthModel.usual((width, height), 1.0)
         pixels = self.pixels(colour, usual)
+        count = len(np.unique(pixels.view))
+        if count < FEWEST_VIEWS:
+            raise UserFacingError(
+                f"only {count} of {len(colour.views)} views have depth readings on the board, at "
+                f"least {FEWEST_VIEWS} are needed; hold it 0.6 to 1.5 m away, out of the sun"
+            )
         points_m = usual.points_m(pixels.pixels, pixels.readings_m)
         along_ray = pixels.offsets_m / (points_m * pixels.normals).sum(axis=1)
         scale = float(np.median(along_ray))
@@ -143,14 +153,7 @@ class _Fit:
     def pixels(self, colour: ColourCalibration, model: DepthModel) -> BoardPixels:
         """The readings on the boards, where `model` has them."""
         views, poses = colour.views, colour.T_camera_board
-        found = board_pixels(views, poses, self.layout, model, self.depth_factor)
-        count = len(np.unique(found.view))
-        if count < FEWEST_VIEWS:
-            raise UserFacingError(
-                f"only {count} of {len(views)} views have depth readings on the board, at least "
-                f"{FEWEST_VIEWS} are needed; hold it 0.6 to 1.5 m away, out of the sun"
-            )
-        return found
+        return board_pixels(views, poses, self.layout, model, self.depth_factor)
 
 
 def _sigma(
@@ -177,22 +180,32 @@ def _sigma(
 def _result(
     fit: _Fit, colour: ColourCalibration, model: DepthModel, sigma: Array
 ) -> DepthCalibration:
+    """Raises UserFacingError if the depth is not that of the boards."""
     pixels = fit.pixels(colour, model)
     is_used = _is_used(pixels, model, GATES[-1])
+    noise = float(np.median(_in_sigmas(pixels, model))) / MEDIAN_OF_NOISE
+    part = float(is_used.mean())
+    if noise > MOST_NOISE or part < FEWEST_USED:
+        raise UserFacingError(
+            f"depth does not agree with the boards that the colour camera saw: {noise:.0f} times "
+            f"the sensor's noise, {part:.0%} of the readings of use; the board must be flat and "
+            "still, and no image mirrored"
+        )
     return DepthCalibration(model, sigma, pixels, pixels.residuals_m(model), is_used)
 
 
 def _is_used(pixels: BoardPixels, model: DepthModel, gate: float) -> NDArray[np.bool_]:
-    """(N,) near enough to the board. Raises UserFacingError if too few are."""
-    distances_m = np.abs(pixels.residuals_m(model))
-    is_used: NDArray[np.bool_] = distances_m < gate * depth_sigma_m(pixels.readings_m)
-    part = float(is_used.mean())
-    if part < FEWEST_USED:
-        raise UserFacingError(
-            f"only {part:.0%} of the depth readings agree with the boards that the colour camera "
-            "saw; the board must be flat and still, and depth must not be registered to colour"
-        )
+    """(N,) within so many usual distances of the board, but never less than the sensor's noise."""
+    distances = _in_sigmas(pixels, model)
+    usual = max(1.0, float(np.median(distances)) / MEDIAN_OF_NOISE)
+    is_used: NDArray[np.bool_] = distances < gate * usual
     return is_used
+
+
+def _in_sigmas(pixels: BoardPixels, model: DepthModel) -> Array:
+    """(N,) distances from the boards, in standard deviations of the sensor's noise."""
+    distances: Array = np.abs(pixels.residuals_m(model)) / depth_sigma_m(pixels.readings_m)
+    return distances
 
 
 def _residuals(

@@ -12,6 +12,7 @@ from vo_service.outputs.rerun_sinks import Sink
 IMAGE, CORNERS, TAKEN, ADVICE = "image", "image/corners", "image/taken", "advice"
 CORNER_COLOUR = (255, 150, 40)
 TAKEN_COLOUR = (40, 220, 130)
+TIMELINE = "snapshot"
 JPEG_QUALITY = 80
 
 
@@ -35,9 +36,9 @@ def _blueprint() -> rrb.Blueprint:
             rrb.Spatial2DView(name="What the camera sees; views taken in green", origin=IMAGE),
             row_shares=[1, 8],
         ),
-        rrb.TimePanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
         auto_views=False,
     )
 
@@ -52,7 +53,7 @@ class BoardScene:
     def log(self, sight: Sight) -> None:
         """The image, the corners in it, the outlines of the views taken, and the advice."""
         stream = self._stream
-        stream.set_time("snapshot", sequence=self._seq)
+        stream.set_time(TIMELINE, sequence=self._seq)
         self._seq += 1
         quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         jpeg = cv2.imencode(".jpg", sight.snapshot.colour_bgr, quality)[1].tobytes()

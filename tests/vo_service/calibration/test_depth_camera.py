@@ -108,6 +108,23 @@ def test_no_depth_on_the_board_is_refused(colour: ColourCalibration, board: Ches
         calibrate_depth(_with(colour, np.zeros_like), board.layout, 1000.0, silent)
 
 
+def test_a_few_views_are_fitted_too_and_known_to_be_few(board: Chessboard) -> None:
+    colour = calibrate_colour(Kinect().views(board, stances(board, 8, 4)))
+    few = calibrate_depth(colour, board.layout, 1000.0, silent)
+    assert np.all(few.sigma[:4] > 0.0)
+    assert few.view_count == 8
+
+
+def test_depth_of_another_scene_is_refused(colour: ColourCalibration, board: Chessboard) -> None:
+    depths = [view.depth_raw for view in colour.views]
+    views = [
+        replace(view, depth_raw=depth_raw)
+        for view, depth_raw in zip(colour.views, [*depths[1:], depths[0]], strict=True)
+    ]
+    with pytest.raises(UserFacingError, match=r"depth does not agree with the boards|times as far"):
+        calibrate_depth(replace(colour, views=views), board.layout, 1000.0, silent)
+
+
 def test_a_wrong_depth_factor_is_refused(colour: ColourCalibration, board: Chessboard) -> None:
     with pytest.raises(UserFacingError, match=r"5\.\d\d times as far .* measure --square again"):
         calibrate_depth(colour, board.layout, 5000.0, silent)

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.camera import Pace
 from drivers.isolation.limits import TimeLimits
-from tests.drivers.isolation.belongings import belongings, children, wait_for
+from tests.belongings import belongings, children, wait_for
 from tests.drivers.isolation.conftest import Isolate
 from tests.drivers.isolation.trial_cameras import OnceLost, is_whole
 
@@ -29,7 +29,7 @@ def test_200_times_unplugged_leaks_nothing(isolate: Isolate) -> None:
     before = belongings()
     with isolate(OnceLost, limits=PATIENT, period_s=0.0) as camera:
         plugged_in = [camera.read(30.0) for _ in range(200)]
-    assert belongings() == before
+    assert belongings() <= before
     assert len({frame.lost_packets for frame in plugged_in}) == 1
     assert plugged_in[-1].device_stamp_s == plugged_in[1].device_stamp_s  # files open over there
 
@@ -43,7 +43,7 @@ def test_closing_leaves_nothing_whatever_the_driver_is_doing(
     with isolate(limits=IMPATIENT) as camera:
         time.sleep(0.4)
         camera.close()
-        assert belongings() == before
+        assert belongings() <= before
 
 
 def test_a_camera_that_was_killed_many_times_leaks_nothing(isolate: Isolate) -> None:
@@ -52,7 +52,7 @@ def test_a_camera_that_was_killed_many_times_leaks_nothing(isolate: Isolate) -> 
         for _ in range(4):
             kill(camera.read(30.0).lost_packets)
         camera.read(30.0)
-    assert belongings() == before
+    assert belongings() <= before
 
 
 def test_a_driver_killed_at_any_moment_never_leaves_a_torn_frame(isolate: Isolate) -> None:

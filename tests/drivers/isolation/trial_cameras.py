@@ -22,7 +22,7 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
-from tests.drivers.isolation.belongings import open_files
+from tests.belongings import open_files
 
 SMALL = (64, 48)
 LONG_S = 3600

@@ -4,7 +4,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
@@ -13,6 +12,7 @@ from drivers.kinect_usb import kinect_base
 from drivers.kinect_usb.base import Base, NoBase
 from drivers.kinect_usb.kinect_base import KinectBase
 from drivers.sensor_settings import Led, SensorSettings
+from tests.belongings import belongings
 from tests.stand_ins.played_kinect import Led as PlayedLed
 from tests.stand_ins.played_kinect import Model, PlayedKinect
 
@@ -101,18 +101,14 @@ def test_two_hundred_times_leave_nothing_behind(plug_in: PlugIn, base: KinectBas
     kinect = plug_in()
     base.open("")
     base.close()
-    before = _held()
+    before = belongings()
     for _ in range(200):
         base.open("")
         kinect.unplug()
         base.close()
         kinect.plug()
-    assert _held() == before
+    assert belongings() <= before
     assert kinect.open_handles == 0
-
-
-def _held() -> tuple[int, int]:
-    return threading.active_count(), len(list(Path("/proc/self/fd").iterdir()))
 
 
 def test_a_base_that_only_measured_leaves_the_light_as_it_was(

@@ -1,5 +1,6 @@
 """What a process holds, to see that it holds no more afterwards."""
 
+import gc
 import threading
 import time
 from collections import Counter
@@ -10,7 +11,11 @@ PATIENCE_S = 30.0
 
 
 def belongings() -> Counter[str]:
-    """Open files, children (zombies too), threads and shared memory of this process."""
+    """Open files, children (zombies too), threads and shared memory of this process.
+
+    Compare with ``<=``: what an earlier test had left for the garbage may go at any time.
+    """
+    gc.collect()
     return Counter(
         files=open_files(),
         children=len(children()),

@@ -48,8 +48,10 @@ def blob_image(
     return image
 
 
-def frame_of(grey: NDArray[np.uint8], depth_m: Array, seq: int = 0) -> RgbdFrame:
-    """A frame of a grey image and its depth, taken by CAMERA."""
+def frame_of(
+    grey: NDArray[np.uint8], depth_m: Array, seq: int = 0, camera: PinholeCamera = CAMERA
+) -> RgbdFrame:
+    """A frame of a grey image and its depth."""
     return RgbdFrame(
         seq=seq,
         stamp_s=seq / 30.0,
@@ -57,14 +59,16 @@ def frame_of(grey: NDArray[np.uint8], depth_m: Array, seq: int = 0) -> RgbdFrame
         colour_bgr=np.repeat(grey[:, :, None], 3, axis=2),
         depth_raw=np.rint(depth_m * DEPTH_FACTOR).astype(np.uint16),
         depth_factor=DEPTH_FACTOR,
-        camera=CAMERA,
+        camera=camera,
     )
 
 
-def view_of_a_corner(T_world_camera: Array, seq: int = 0) -> RgbdFrame:
+def view_of_a_corner(
+    T_world_camera: Array, seq: int = 0, camera: PinholeCamera = CAMERA
+) -> RgbdFrame:
     """A textured wall above a textured floor, seen from a pose, with exact depth."""
-    v, u = np.mgrid[: CAMERA.height, : CAMERA.width].astype(np.float64)
-    rays = np.stack([(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones_like(u)], -1)
+    v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
+    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], -1)
     rays = rays @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]
     depth_m = np.full(u.shape, np.inf)
@@ -77,7 +81,7 @@ def view_of_a_corner(T_world_camera: Array, seq: int = 0) -> RgbdFrame:
         depth_m[is_seen] = z[is_seen]
         points = origin + rays * np.where(is_seen, z, 0.0)[..., None]
         grey[is_seen] = _texture(points, normal, seed)[is_seen]
-    return frame_of(grey, depth_m, seq)
+    return frame_of(grey, depth_m, seq, camera)
 
 
 @cache

@@ -1,0 +1,249 @@
+"""``kinect-vo run`` on a played Kinect in a process of its own, and what a subscriber hears."""
+
+import json
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from drivers.geometry import Array
+from vo_service.outputs.cdr import OdometryMessage, decode_odometry
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+
+KINECT_VO = str(Path(sys.executable).with_name("kinect-vo"))
+# Kernels that nobody has compiled yet, on a machine that is busy.
+START_LIMIT_S = 120.0
+PATIENCE_S = 40.0
+ENDING_S = 20.0
+
+Status = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class HeardPose:
+    """A pose, when it was heard (CLOCK_MONOTONIC), and whether all its numbers are finite."""
+
+    heard_s: float
+    stamp_s: float
+    seq: int
+    epoch: int
+    position_m: Array
+    is_finite: bool
+
+
+@dataclass(frozen=True)
+class HeardStatus:
+    """A status, and when it was heard."""
+
+    heard_s: float
+    content: Status
+
+    def says(self, words: str) -> bool:
+        """Whether it gives this as the reason for having no camera."""
+        return self.content["state"] == "no_camera" and words in self.content["reason"]
+
+
+class Subscriber:
+    """Keeps all poses and statuses of one publisher, in the order in which they came."""
+
+    def __init__(self) -> None:
+        self.poses: list[HeardPose] = []
+        self.statuses: list[HeardStatus] = []
+        self._news = threading.Condition()
+
+    def take_pose(self, sample: zenoh.Sample) -> None:
+        """From Zenoh."""
+        heard_s = time.monotonic()
+        message = decode_odometry(sample.payload.to_bytes())
+        attachment = sample.attachment
+        assert attachment is not None
+        about = json.loads(attachment.to_bytes())
+        pose = HeardPose(
+            heard_s=heard_s,
+            stamp_s=message.stamp_s,
+            seq=about["seq"],
+            epoch=about["epoch"],
+            position_m=message.position_m,
+            is_finite=_is_finite(message),
+        )
+        with self._news:
+            self.poses.append(pose)
+            self._news.notify_all()
+
+    def take_status(self, sample: zenoh.Sample) -> None:
+        """From Zenoh."""
+        content = json.loads(sample.payload.to_bytes())
+        with self._news:
+            self.statuses.append(HeardStatus(time.monotonic(), content))
+            self._news.notify_all()
+
+    def wait_for(self, holds: Callable[[], bool], limit_s: float) -> bool:
+        """Until something holds of what was heard; False if it does not in time."""
+        with self._news:
+            return self._news.wait_for(holds, limit_s)
+
+
+class PlayedService:
+    """The service while it runs."""
+
+    def __init__(self, process: "subprocess.Popen[bytes]", heard: Subscriber, log: Path) -> None:
+        self.process, self.heard, self._log = process, heard, log
+
+    @property
+    def status(self) -> Status:
+        """The last one heard."""
+        return self.heard.statuses[-1].content if self.heard.statuses else {}
+
+    @property
+    def log(self) -> str:
+        """What it has said on stderr."""
+        return self._log.read_text()
+
+    @property
+    def driver(self) -> int:
+        """Process number of the driver; fails unless there is exactly one process."""
+        (found,) = children_of(self.process.pid)
+        return found
+
+    def belongings(self) -> Counter[str]:
+        """Open files, threads, mapped frames and processes (zombies too) of the service."""
+        return belongings_of(self.process.pid)
+
+    def until_said(self, words: str, since_s: float, limit_s: float = PATIENCE_S) -> float:
+        """Wait until a status gives this reason for having no camera; when that was heard."""
+        return self._first(
+            lambda: (s.heard_s for s in reversed(self.heard.statuses) if s.says(words)),
+            since_s, limit_s, f"a status with {words!r}",
+        )  # fmt: skip
+
+    def until_streaming(self, since_s: float, limit_s: float = PATIENCE_S) -> float:
+        """Wait for the first pose heard after `since_s`, and a status that agrees; when it was."""
+        heard_s = self._first(
+            lambda: (pose.heard_s for pose in reversed(self.heard.poses)), since_s, limit_s, "poses"
+        )
+        self.until(lambda status: status["state"] != "no_camera", limit_s)
+        return heard_s
+
+    def until(self, holds: Callable[[Status], bool], limit_s: float = PATIENCE_S) -> None:
+        """Wait until the status is so."""
+        agreed = self.heard.wait_for(lambda: bool(self.status) and holds(self.status), limit_s)
+        assert agreed, f"the status never became so; it is {self._situation()}"
+
+    def end(self) -> int:
+        """Ask it to end; its exit code."""
+        self.process.send_signal(signal.SIGTERM)
+        return self.process.wait(ENDING_S)
+
+    def _first(
+        self, times: Callable[[], Iterator[float]], since_s: float, limit_s: float, what: str
+    ) -> float:
+        """The first of these times, told newest first, at or after `since_s`."""
+
+        def found() -> list[float]:
+            late = []
+            for heard_s in times():
+                if heard_s < since_s:
+                    break
+                late.append(heard_s)
+            return late
+
+        assert self.heard.wait_for(lambda: bool(found()), limit_s), (
+            f"waited in vain for {what}; the status is {self._situation()}"
+        )
+        return found()[-1]
+
+    def _situation(self) -> str:
+        return f"{json.dumps(dict(self.status))}; the log:\n{self.log}"
+
+
+@contextmanager
+def running_service(
+    folder: Path, environment: Mapping[str, str], *options: str
+) -> Iterator[PlayedService]:
+    """``kinect-vo run --camera freenect`` that publishes on a free port; killed at the end."""
+    folder.mkdir(exist_ok=True)
+    port = _free_port()
+    config, log = folder / "kinect.toml", folder / "log.txt"
+    config.write_text(f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n')
+    command = [KINECT_VO, "run", "--camera", "freenect", "--config", str(config), *options]
+    heard = Subscriber()
+    with log.open("wb") as said:
+        process = subprocess.Popen(
+            command, env=os.environ | environment, stdout=said, stderr=said, start_new_session=True
+        )
+    try:
+        _until_listening(port, process, log)
+        connect = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{port}",))
+        with open_session(connect) as session:
+            session.declare_subscriber("kinect/odom", heard.take_pose)
+            session.declare_subscriber("kinect/status", heard.take_status)
+            yield PlayedService(process, heard, log)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def children_of(process: int) -> list[int]:
+    """Process numbers of what a process has started and not reaped."""
+    lists = Path(f"/proc/{process}/task").glob("*/children")
+    return [int(number) for each in lists for number in _text(each).split()]
+
+
+def _text(file: Path) -> str:
+    """A file of /proc; "" if what it tells of has just ended."""
+    try:
+        return file.read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return ""
+
+
+def belongings_of(process: int) -> Counter[str]:
+    """What a process holds: more of it afterwards, and something has leaked.
+
+    Not the threads that Zenoh names: it starts and ends them as it sees fit.
+    """
+    here = Path(f"/proc/{process}")
+    own_name = _text(here / "comm")
+    return Counter(
+        files=len(list((here / "fd").iterdir())),
+        threads=sum(_text(task / "comm") == own_name for task in (here / "task").iterdir()),
+        memory=(here / "maps").read_text().count("memfd:"),
+        children=len(children_of(process)),
+    )
+
+
+def _is_finite(message: OdometryMessage) -> bool:
+    numbers = (message.T_frame_child, message.pose_covariance, message.twist)
+    all_numbers = [*numbers, message.twist_covariance]
+    return math.isfinite(message.stamp_s) and all(np.isfinite(n).all() for n in all_numbers)
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def _until_listening(port: int, process: "subprocess.Popen[bytes]", log: Path) -> None:
+    here, deadline_s = f"0100007F:{port:04X}", time.monotonic() + START_LIMIT_S
+    while time.monotonic() < deadline_s:
+        rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+        if any(row[1] == here and row[3] == "0A" for row in rows):
+            return
+        assert process.poll() is None, f"the service has ended: {log.read_text()}"
+        time.sleep(0.05)
+    raise AssertionError(f"the service does not listen: {log.read_text()}")

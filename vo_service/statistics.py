@@ -15,6 +15,8 @@ from vo_service.outputs.output import PoseUpdate
 WINDOW = 100
 # And the rate that of the frames that came within this time.
 RATE_WINDOW_S = 2.0
+# A longer time from one stamp to the next is no jitter: the camera was away.
+LONGEST_INTERVAL_S = 1.0
 # Processor times are kept for so many frames: a service runs for weeks.
 LONGEST_RECORD = 20_000
 
@@ -66,7 +68,9 @@ class Statistics:
         """Intervals count per frame of the camera: those that were not delivered are no jitter."""
         last, self._last_frame = self._last_frame, frame
         self._skew_ms.append(frame.skew_s * 1e3)
-        if last is not None and frame.seq > last.seq:
+        if last is None or frame.seq <= last.seq:
+            return
+        if frame.stamp_s - last.stamp_s <= LONGEST_INTERVAL_S:
             self._interval_ms.append((frame.stamp_s - last.stamp_s) * 1e3 / (frame.seq - last.seq))
 
     def rolling(self) -> Rolling:

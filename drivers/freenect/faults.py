@@ -28,9 +28,11 @@ def no_permission() -> CameraError:
 
 def cannot_open(log: Log) -> CameraError:
     """It was found and could not be opened."""
-    if any(log.has(words) for words in BUSY):
+    # Not the last words: libfreenect goes on complaining of what follows from it.
+    held = next(filter(None, map(log.find, BUSY)), "")
+    if held:
         return CameraError(
-            f"the Kinect is held by another program or the kernel ({log.last_words}); stop the "
+            f"the Kinect is held by another program or the kernel ({held}); stop the "
             "program that uses it, and for the kernel's webcam driver run: sudo kinect-vo udev "
             "install, then sudo modprobe -r gspca_kinect"
         )

@@ -85,7 +85,11 @@ class Log:
 
     def has(self, words: str) -> bool:
         """Whether libfreenect has complained of this."""
-        return any(words in line for line in self._complaints)
+        return bool(self.find(words))
+
+    def find(self, words: str) -> str:
+        """The first complaint with these words; "" if there is none."""
+        return next((line for line in self._complaints if words in line), "")
 
     @property
     def last_words(self) -> str:

@@ -20,7 +20,7 @@ class TimeLimits:
     """Seconds. A driver that says nothing for longer is taken for hung, and killed.
 
     launching_s      until the new process says its first word: Python and OpenCV, from a slow disk
-    opening_s        for the camera's `open`
+    opening_s        for the camera's `open`: said, and the process ended, within 5 s
     closing_s        for the camera's `close`
     heartbeat_s      between two words of a driver that waits for frames or delivers them
     first_frame_s    from `open` until a live camera counts as lost if it sends nothing; a little
@@ -32,7 +32,7 @@ class TimeLimits:
     """
 
     launching_s: float = 20.0
-    opening_s: float = 5.0
+    opening_s: float = 4.5
     closing_s: float = 2.0
     heartbeat_s: float = 1.5
     first_frame_s: float = 2.5

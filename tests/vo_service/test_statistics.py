@@ -102,3 +102,9 @@ def test_jitter_is_the_standard_deviation_of_the_interval() -> None:
     stamps_s = [0.0, 0.032, 0.066, 0.098, 0.132]
     rolling = rolling_over(frame(seq, stamp_s) for seq, stamp_s in enumerate(stamps_s))
     assert rolling.jitter_ms == pytest.approx(1.0)
+
+
+def test_the_time_that_the_camera_was_away_is_no_jitter() -> None:
+    stamps_s = [0.0, 1 / 30, 40.0, 40.0 + 1 / 30]
+    rolling = rolling_over(frame(seq, stamp_s) for seq, stamp_s in enumerate(stamps_s))
+    assert rolling.jitter_ms == pytest.approx(0.0, abs=1e-9)

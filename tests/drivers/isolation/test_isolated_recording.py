@@ -39,8 +39,8 @@ def test_an_open_recording_is_known(isolate: Isolate) -> None:
 
 
 def test_it_begins_to_run_when_the_first_frame_is_asked_for(isolate: Isolate) -> None:
-    with isolate(Film, pace=Pace.REALTIME, count=50) as camera:
-        time.sleep(0.1)
+    with isolate(Film, pace=Pace.REALTIME, count=50, period_s=0.4) as camera:
+        time.sleep(1.2)  # three frames would have passed
         assert camera.read(30.0).seq == 0
 
 

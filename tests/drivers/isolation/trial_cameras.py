@@ -192,13 +192,13 @@ _ACTS = {
 
 
 class Film(Puppet):
-    """A recording of so many frames, 30 a second, as fast as they are read."""
+    """A recording of so many frames, 30 a second, as fast as they are read, or not as fast."""
 
     name = "film"
     clock = Clock.RECORDED
 
-    def __init__(self, script: Path, count: int) -> None:
-        super().__init__(script, period_s=0.0)
+    def __init__(self, script: Path, count: int, period_s: float = 0.0) -> None:
+        super().__init__(script, period_s)
         self._count = count
 
     def read(self, timeout_s: float) -> RgbdFrame:

@@ -44,18 +44,25 @@ class Passed:
     back_s: float
 
 
-def pass_through(fault: ServiceFault, kinect: PlayedKinect, service: PlayedService) -> Passed:
-    """Let it begin while the Kinect streams, wait until it is said, let it end, wait for poses."""
+def pass_through(
+    fault: ServiceFault, kinect: PlayedKinect, service: PlayedService, longer_s: float = 0.0
+) -> Passed:
+    """Let it begin while the Kinect streams, wait until it is said, let it end, wait for poses.
+
+    It lasts `longer_s` longer: the camera is tried again less and less often.
+    """
     service.until_streaming(time.monotonic())
     before_s = time.monotonic()
     fault.begin(kinect, service)
     begin_s = time.monotonic()
     told_s = service.until_said(fault.words, before_s)
     # What ends by itself (a driver that died is started again) began to end when it began.
-    end_s = begin_s if fault.end is by_itself else time.monotonic()
+    if fault.end is by_itself:
+        return Passed(told_s - begin_s, service.until_streaming(told_s) - begin_s)
+    time.sleep(longer_s)
+    end_s = time.monotonic()
     fault.end(kinect, service)
-    back_s = service.until_streaming(told_s)
-    return Passed(told_s - begin_s, back_s - end_s)
+    return Passed(told_s - begin_s, service.until_streaming(end_s) - end_s)
 
 
 def by_itself(kinect: PlayedKinect, service: PlayedService) -> None:

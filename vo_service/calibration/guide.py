@@ -29,6 +29,8 @@ class Guide:
         count = len(self._picker.views)
         views = f"{count} of {self._wanted} views" if count < self._wanted else f"{count} views"
         now = "" if verdict is Verdict.TAKEN else f" [{verdict}]"
+        if self.is_done:
+            return f"{views}: enough"
         return f"{views}; {_next(self.lacks)}{now}"
 
 

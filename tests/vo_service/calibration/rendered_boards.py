@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -130,6 +130,7 @@ def snapshots(
     return [camera.snapshot(board, T, seed, with_depth) for seed, T in enumerate(poses)]
 
 
+@lru_cache(maxsize=8)
 def _rays(lens: Lens, fineness: int) -> Array:
     """(height, width, 3) with z = 1, of pixels divided `fineness` times each way."""
     width, height = SIZE

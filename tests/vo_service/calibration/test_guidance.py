@@ -47,7 +47,9 @@ def test_depth_needs_more_than_one_distance() -> None:
 
 def test_the_guide_ends_when_views_are_many_and_nothing_lacks(picker: ViewPicker) -> None:
     assert not Guide(picker, len(picker.views), True).lacks
-    assert Guide(picker, len(picker.views), True).is_done
+    done = Guide(picker, len(picker.views), True)
+    assert done.is_done
+    assert done.text(Verdict.TAKEN) == f"{len(picker.views)} views: enough"
     assert not Guide(picker, len(picker.views) + 1, True).is_done
 
 

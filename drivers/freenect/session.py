@@ -42,25 +42,18 @@ class Session:
     """Not open again after `stop`: libfreenect, clocks and counts begin anew with the next one."""
 
     def __init__(self, library: ctypes.CDLL, source: Source, depth: DepthFormat) -> None:
-        self._log = log = Log()
+        self._log = Log()
         self._pairing: NearestPairing[Image, Image] = NearestPairing(
             shortest_period_s=source.shortest_period_s
         )
         self._mailbox = source.mailbox()
-        clock = DeviceClock(TICKS_PER_SECOND, STAMP_BITS)
-        colour, depth_slots = Slots((480, 640, 3), np.uint8), Slots((480, 640), np.uint16)
-        self._takers = Takers(
-            StreamIntake(colour, clock, log.colour, self._add_colour).take,
-            StreamIntake(depth_slots, clock, log.depth, self._add_depth).take,
-            self._end,
-        )
         self._patience = source.patience
         self._watchdog = self._watch()
-        self._loop = EventLoop(library, source, depth, log)
+        self._loop = EventLoop(library, source, depth, self._log)
 
     def start(self) -> Started:
         """Raises CameraError."""
-        started = self._loop.start(self._takers)
+        started = self._loop.start(self._takers())
         self._watchdog = self._watch()
         return started
 
@@ -108,6 +101,16 @@ class Session:
     def _watch(self) -> Watchdog:
         streams = {"colour": self._log.colour, "depth": self._log.depth}
         return Watchdog(streams, self._patience, time.monotonic())
+
+    def _takers(self) -> Takers:
+        """For the thread alone: kept here, they and their slots would be gone only much later."""
+        clock = DeviceClock(TICKS_PER_SECOND, STAMP_BITS)
+        colour, depth = Slots((480, 640, 3), np.uint8), Slots((480, 640), np.uint16)
+        return Takers(
+            StreamIntake(colour, clock, self._log.colour, self._add_colour).take,
+            StreamIntake(depth, clock, self._log.depth, self._add_depth).take,
+            self._end,
+        )
 
     # The thread that runs libfreenect calls these.
 

@@ -1,6 +1,7 @@
 """What a process holds, to see that it holds no more afterwards."""
 
 import gc
+import os
 import threading
 import time
 from collections import Counter
@@ -31,8 +32,28 @@ def open_files() -> int:
 
 def children() -> list[int]:
     """Process numbers of what this process has started and not reaped."""
-    lists = Path("/proc/self/task").glob("*/children")
-    return [int(number) for each in lists for number in each.read_text().split()]
+    return children_of(os.getpid())
+
+
+def belongings_of(process: int) -> Counter[str]:
+    """Open files, children, threads and shared memory of a process that may not be this one.
+
+    Not the threads that a library has named: Zenoh starts and ends its own as it sees fit.
+    """
+    here = Path(f"/proc/{process}")
+    own_name = _text(here / "comm")
+    return Counter(
+        files=len(list((here / "fd").iterdir())),
+        children=len(children_of(process)),
+        threads=sum(_text(task / "comm") == own_name for task in (here / "task").iterdir()),
+        memory=_text(here / "maps").count("memfd:"),
+    )
+
+
+def children_of(process: int) -> list[int]:
+    """Process numbers of what a process has started and not reaped."""
+    lists = Path(f"/proc/{process}/task").glob("*/children")
+    return [int(number) for each in lists for number in _text(each).split()]
 
 
 def is_alive(process: int) -> bool:
@@ -49,3 +70,11 @@ def wait_for(holds: Callable[[], bool], what: str = "") -> None:
     while not holds():
         assert time.monotonic() < deadline_s, f"waited in vain {what}"
         time.sleep(0.01)
+
+
+def _text(file: Path) -> str:
+    """A file of /proc; "" if what it tells of has just ended."""
+    try:
+        return file.read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return ""

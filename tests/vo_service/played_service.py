@@ -20,6 +20,7 @@ import numpy as np
 import zenoh
 
 from drivers.geometry import Array
+from tests.belongings import belongings_of, children_of
 from vo_service.outputs.cdr import OdometryMessage, decode_odometry
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
@@ -194,35 +195,6 @@ def running_service(
     finally:
         process.kill()
         process.wait()
-
-
-def children_of(process: int) -> list[int]:
-    """Process numbers of what a process has started and not reaped."""
-    lists = Path(f"/proc/{process}/task").glob("*/children")
-    return [int(number) for each in lists for number in _text(each).split()]
-
-
-def _text(file: Path) -> str:
-    """A file of /proc; "" if what it tells of has just ended."""
-    try:
-        return file.read_text()
-    except (FileNotFoundError, ProcessLookupError):
-        return ""
-
-
-def belongings_of(process: int) -> Counter[str]:
-    """What a process holds: more of it afterwards, and something has leaked.
-
-    Not the threads that Zenoh names: it starts and ends them as it sees fit.
-    """
-    here = Path(f"/proc/{process}")
-    own_name = _text(here / "comm")
-    return Counter(
-        files=len(list((here / "fd").iterdir())),
-        threads=sum(_text(task / "comm") == own_name for task in (here / "task").iterdir()),
-        memory=(here / "maps").read_text().count("memfd:"),
-        children=len(children_of(process)),
-    )
 
 
 def _is_finite(message: OdometryMessage) -> bool:

@@ -1,0 +1,71 @@
+"""Whether a Kinect that is unplugged and plugged in again and again leaves something behind.
+
+    python -m benchmarks.sensor_leaks [--cycles 200]
+
+The real libfreenect and pyusb on a played Kinect, in a driver's process of their own. What both
+processes hold, and what is open at the Kinect, is to be the same after all times as after the first
+one; the driver's memory may grow by what the stand-in itself keeps.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from tests.drivers.freenect.replugging import Held, held, isolated_kinect, replug
+from tests.stand_ins.fixtures import FILM_FRAMES, pattern
+from tests.stand_ins.played_kinect import IDENTITY, PlayedKinect, wire_film
+
+# The stand-in keeps every device it ever showed, in case somebody asks it something.
+MOST_KB_PER_CYCLE = 60
+
+
+def main() -> int:
+    """Run and print; 1 if something has leaked."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.sensor_leaks",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--cycles", type=int, default=200, help="how often it is unplugged")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        film = wire_film(Path(folder), (pattern(seq) for seq in range(FILM_FRAMES)))
+        with PlayedKinect(Path(folder), film, registration=IDENTITY) as kinect:
+            kinect.load()
+            kinect.start_delay_s = 0.0
+            is_good = measure(kinect, args.cycles)
+    print("nothing has leaked" if is_good else "something has LEAKED")
+    return 0 if is_good else 1
+
+
+def measure(kinect: PlayedKinect, cycles: int) -> bool:
+    """Print what is held; whether it is the same."""
+    begin_s = time.monotonic()
+    first, last = first_and_last(kinect, cycles)
+    print(f"{cycles} times in {time.monotonic() - begin_s:.0f} s")
+    for name, each in (("first", first), ("last", last)):
+        handles, abandoned = each.kinect
+        print(
+            f"{name:6} reader {dict(each.here)}, driver {dict(each.driver)}, "
+            f"{each.memory_kb / 1e3:.1f} MB; {handles} handles, {abandoned} transfers abandoned"
+        )
+    is_same = (first.here, first.driver, first.kinect) == (last.here, last.driver, last.kinect)
+    is_small = last.memory_kb - first.memory_kb <= MOST_KB_PER_CYCLE * cycles
+    return is_same and is_small and (kinect.open_handles, kinect.submitted_transfers) == (0, (0, 0))
+
+
+def first_and_last(kinect: PlayedKinect, cycles: int) -> tuple[Held, Held]:
+    """What is held when it streams for the second time, and after `cycles` times."""
+    with isolated_kinect() as camera:
+        camera.read(30.0)
+        replug(camera, kinect)
+        first = held(kinect)
+        for _ in range(cycles):
+            replug(camera, kinect)
+        return first, held(kinect)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

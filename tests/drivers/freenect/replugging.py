@@ -1,0 +1,78 @@
+"""A Kinect that comes and goes many times, and what is still held afterwards.
+
+The camera and its base run in a process of their own, as in the service; this process reads.
+"""
+
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from drivers.camera import CameraState, Clock, NoFrameYet, Pace
+from drivers.freenect.recipes import kinect_camera
+from drivers.isolation.camera import IsolatedCamera
+from drivers.isolation.limits import TimeLimits
+from drivers.sensor_settings import SensorSettings
+from tests.belongings import PATIENCE_S, belongings_of, children, wait_for
+from tests.stand_ins.played_kinect import PlayedKinect
+
+# The back-off is not what is looked at.
+AT_ONCE = TimeLimits(first_retry_s=0.01, longest_retry_s=0.01)
+
+
+@dataclass(frozen=True)
+class Held:
+    """What the two processes hold while the Kinect streams, and what is open at the Kinect.
+
+    kinect     open handles, and transfers that were abandoned so far
+    memory_kb  resident, of the driver's process
+    """
+
+    here: Counter[str]
+    driver: Counter[str]
+    kinect: tuple[int, int]
+    memory_kb: int
+
+
+@contextmanager
+def isolated_kinect() -> Iterator[IsolatedCamera]:
+    """The first Kinect that the environment shows, open."""
+    recipe = partial(kinect_camera, "", SensorSettings(), None)
+    with IsolatedCamera("freenect", Clock.MONOTONIC, recipe, Pace.REALTIME, AT_ONCE) as camera:
+        yield camera
+
+
+def replug(camera: IsolatedCamera, kinect: PlayedKinect) -> None:
+    """Unplug it while it streams and plug it in again, until it streams again."""
+    kinect.unplug()
+    wait_for(lambda: camera.condition.state is not CameraState.STREAMING)
+    _forget_what_came_before(camera)
+    kinect.plug()
+    camera.read(PATIENCE_S)
+
+
+def held(kinect: PlayedKinect) -> Held:
+    """Now; the driver's process is the only one that was started here."""
+    (driver,) = children()
+    at_kinect = kinect.open_handles, kinect.abandoned_transfers
+    return Held(belongings_of(os.getpid()), belongings_of(driver), at_kinect, resident_kb(driver))
+
+
+def resident_kb(process: int) -> int:
+    """Memory of a process that is in RAM."""
+    status = Path(f"/proc/{process}/status").read_text()
+    found = re.search(r"VmRSS:\s+(\d+) kB", status)
+    assert found is not None
+    return int(found[1])
+
+
+def _forget_what_came_before(camera: IsolatedCamera) -> None:
+    try:
+        while True:
+            camera.read(0.0)
+    except NoFrameYet:
+        return

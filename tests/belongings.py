@@ -2,6 +2,7 @@
 
 import gc
 import os
+import re
 import threading
 import time
 from collections import Counter
@@ -54,6 +55,14 @@ def children_of(process: int) -> list[int]:
     """Process numbers of what a process has started and not reaped."""
     lists = Path(f"/proc/{process}/task").glob("*/children")
     return [int(number) for each in lists for number in _text(each).split()]
+
+
+def resident_kb(process: int) -> int:
+    """Memory of a process that is in RAM."""
+    status = Path(f"/proc/{process}/status").read_text()
+    found = re.search(r"VmRSS:\s+(\d+) kB", status)
+    assert found is not None
+    return int(found[1])
 
 
 def is_alive(process: int) -> bool:

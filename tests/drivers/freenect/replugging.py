@@ -4,20 +4,18 @@ The camera and its base run in a process of their own, as in the service; this p
 """
 
 import os
-import re
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 from drivers.camera import CameraState, Clock, NoFrameYet, Pace
 from drivers.freenect.recipes import kinect_camera
 from drivers.isolation.camera import IsolatedCamera
 from drivers.isolation.limits import TimeLimits
 from drivers.sensor_settings import SensorSettings
-from tests.belongings import PATIENCE_S, belongings_of, children, wait_for
+from tests.belongings import PATIENCE_S, belongings_of, children, resident_kb, wait_for
 from tests.stand_ins.played_kinect import PlayedKinect
 
 # The back-off is not what is looked at.
@@ -60,14 +58,6 @@ def held(kinect: PlayedKinect) -> Held:
     (driver,) = children()
     at_kinect = kinect.open_handles, kinect.abandoned_transfers
     return Held(belongings_of(os.getpid()), belongings_of(driver), at_kinect, resident_kb(driver))
-
-
-def resident_kb(process: int) -> int:
-    """Memory of a process that is in RAM."""
-    status = Path(f"/proc/{process}/status").read_text()
-    found = re.search(r"VmRSS:\s+(\d+) kB", status)
-    assert found is not None
-    return int(found[1])
 
 
 def _forget_what_came_before(camera: IsolatedCamera) -> None:

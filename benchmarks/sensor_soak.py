@@ -1,0 +1,152 @@
+"""The whole service on a played Kinect for a long time, to see whether it ever loses a frame.
+
+    python -m benchmarks.sensor_soak [--minutes 10] [--patient]
+
+The real `kinect-vo run` at 30 frames a second; a subscriber of its own hears every pose and status.
+The Kinect's clock wraps a third into the run, or 20 s into a long one, and every 71.6 s after that.
+Like a real bus, the stand-in loses what a driver that is late by 32 ms does not fetch; --patient
+keeps it, for a machine that has other things to do. Exit code 1 if a frame was lost, wherever.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from tests.belongings import resident_kb
+from tests.stand_ins.played_kinect import PlayedKinect
+from tests.vo_service.corner_film import corner_film, corner_kinect
+from tests.vo_service.played_service import HeardPose, PlayedService, Status, running_service
+
+WARM_UP_S = 3.0
+EARLY_S = 60.0
+FIRST_WRAP_S = 20.0
+TICKS_PER_S = 60_000_000
+# Frames that are under way when the counts are read.
+UNDER_WAY = 3
+
+
+@dataclass(frozen=True)
+class Sample:
+    """How things stand at one instant."""
+
+    at_s: float
+    sent: int
+    poses: int
+    status: Status
+    cpu_s: tuple[float, float]  # of the service, of the driver
+    memory_kb: tuple[int, int]
+
+
+def main() -> int:
+    """Run and print; see the module."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.sensor_soak",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--minutes", type=float, default=10.0, help="how long (default: 10)")
+    parser.add_argument("--patient", action="store_true", help="lose nothing on the bus")
+    args = parser.parse_args()
+    seconds = 60.0 * args.minutes
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with corner_kinect(folder, corner_film(folder)) as kinect:
+            kinect.patient = args.patient
+            wrap_s = min(FIRST_WRAP_S, seconds / 3) + WARM_UP_S
+            kinect.start_ticks = 2**32 - round(wrap_s * TICKS_PER_S)
+            with running_service(folder, kinect.environment) as service:
+                samples = soak(service, kinect, seconds)
+                exit_code = service.end()
+                poses = service.heard.poses[samples[0].poses : samples[-1].poses]
+    lost = report(samples, poses)
+    print(f"the service ended with exit code {exit_code}; {lost} frames lost")
+    return 1 if lost or exit_code else 0
+
+
+def soak(service: PlayedService, kinect: PlayedKinect, seconds: float) -> Sequence[Sample]:
+    """Samples at the beginning, after a minute (of a longer run) and at the end."""
+    service.until_streaming(time.monotonic())
+    time.sleep(WARM_UP_S)
+    samples = [sample(service, kinect)]
+    for until_s in (min(EARLY_S, seconds / 2), seconds):
+        time.sleep(samples[0].at_s + until_s - time.monotonic())
+        samples.append(sample(service, kinect))
+    return samples
+
+
+def sample(service: PlayedService, kinect: PlayedKinect) -> Sample:
+    """Now, with a status that was heard after everything else was read."""
+    processes = service.process.pid, service.driver
+    at_s, sent, poses = time.monotonic(), min(kinect.frames_sent), len(service.heard.poses)
+    used_s = cpu_s(processes[0]), cpu_s(processes[1])
+    memory_kb = resident_kb(processes[0]), resident_kb(processes[1])
+    statuses = len(service.heard.statuses)
+    service.until(lambda _: len(service.heard.statuses) > statuses)
+    return Sample(at_s, sent, poses, service.status, used_s, memory_kb)
+
+
+def cpu_s(process: int) -> float:
+    """CPU time that a process has used so far, all its threads together."""
+    return time.clock_gettime(~process << 3 | 2)  # the clock's number as in clock_getcpuclockid(3)
+
+
+def report(samples: Sequence[Sample], poses: Sequence[HeardPose]) -> int:
+    """Print the table; how many frames were lost, wherever."""
+    first, early, last = samples
+    duration_s = last.at_s - first.at_s
+    sent, heard = last.sent - first.sent, len(poses)
+    counted: dict[str, int] = {
+        name: last.status[name] - first.status[name]
+        for name in ("dropped", "skipped", "lost_packets", "failed")
+    }
+    gaps = sum(b.seq - a.seq - 1 for a, b in pairwise(poses))
+    backwards = sum(b.stamp_s <= a.stamp_s for a, b in pairwise(poses))
+    print(f"{duration_s:.0f} s, {heard / duration_s:.2f} poses a second")
+    print(f"frames sent by the Kinect           {sent:8d}")
+    print(f"poses heard                         {heard:8d}")
+    print(f"dropped: the odometry was late      {counted['dropped']:8d}")
+    print(f"skipped: torn or without a partner  {counted['skipped']:8d}")
+    print(f"packets lost on the bus             {counted['lost_packets']:8d}")
+    print(f"poses lost on the way to us         {gaps:8d}")
+    print(f"stamps that went back               {backwards:8d}")
+    print(f"frames without a motion found       {counted['failed']:8d}")
+    report_times(poses, last.status)
+    report_costs(first, early, last)
+    missing = max(0, abs(sent - heard) - UNDER_WAY)
+    return max(missing, counted["dropped"] + counted["skipped"] + gaps) + backwards
+
+
+def report_times(poses: Sequence[HeardPose], status: Status) -> None:
+    """Print how evenly the stamps follow each other, and the last latencies."""
+    interval_ms = 1e3 * np.diff([pose.stamp_s for pose in poses])
+    low, middle, high = np.percentile(interval_ms, [1, 50, 99])
+    print(
+        f"stamp to stamp, ms: least {interval_ms.min():.2f}, 1 % {low:.2f}, median {middle:.2f}, "
+        f"99 % {high:.2f}, most {interval_ms.max():.2f}"
+    )
+    print(
+        f"latency of the last frames, ms: median {status['latency_p50_ms']:.1f}, "
+        f"99 % {status['latency_p99_ms']:.1f}"
+    )
+
+
+def report_costs(first: Sample, early: Sample, last: Sample) -> None:
+    """Print CPU time and memory of both processes."""
+    for which, name in enumerate(("service", "driver")):
+        share = (last.cpu_s[which] - first.cpu_s[which]) / (last.at_s - first.at_s)
+        print(
+            f"{name}: {100 * share:.1f} % of a core; "
+            f"{early.memory_kb[which] / 1e3:.1f} MB after {early.at_s - first.at_s:.0f} s, "
+            f"{last.memory_kb[which] / 1e3:.1f} MB at the end"
+        )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

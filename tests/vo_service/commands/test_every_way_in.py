@@ -1,0 +1,136 @@
+"""The same frames as a folder, through libOpenNI2, through fakenect and on a Kinect's wire."""
+
+import ctypes
+import math
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array, inverse
+from drivers.openni2.library import SONAME as LIBOPENNI2
+from drivers.trajectory import read_trajectory
+from drivers.tum.writer import TumWriter
+from tests.stand_ins.depth_scale import NOMINAL, expected_mm
+from tests.stand_ins.fakenect_dump import write_fakenect_dump
+from tests.stand_ins.oni_writer import images_of, write_oni
+from tests.stand_ins.played_kinect import Loop, PlayedKinect
+from tests.stand_ins.wire_film import ColourBgr, DepthMm, wire_film
+from tests.vo_service.commands.command_line import call, line_count, running, wait_for
+from tests.vo_service.corner_film import corner_frames, corner_kinect
+
+COUNT = 8
+# Slow enough for any machine, as a live camera's late frames are dropped.
+PLAYED_HZ = 5
+# Of the 1000 that are looked for, those that agree on each motion.
+FEWEST_POINTS = 500
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[RgbdFrame]:
+    """What is to be seen by every way; depth in whole millimetres."""
+    return list(corner_frames(COUNT))
+
+
+@pytest.fixture
+def replayed(frames: list[RgbdFrame], tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Path:
+    """The trajectory that a replay of the folder writes."""
+    folder, trajectory = tmp_path / "folder", tmp_path / "replayed.txt"
+    with TumWriter(folder) as writer:
+        for frame in frames:
+            writer.write(frame)
+    call(capfd, "replay", folder, "--no-publish", "--trajectory", trajectory)
+    return trajectory
+
+
+@pytest.fixture
+def camera_file(replayed: Path) -> Path:
+    """The folder's."""
+    return replayed.with_name("folder") / "camera.toml"
+
+
+def served(source: str, camera_file: Path, *options: str, count: int = COUNT) -> Path:
+    """The trajectory that the service writes, once it has so many poses."""
+    trajectory = camera_file.parents[1] / "served.txt"
+    given = ("--camera-file", camera_file, "--no-publish", "--trajectory", trajectory)
+    with running("run", "--camera", source, *given, *options) as process:
+        wait_for(lambda: line_count(trajectory) >= count or process.poll() is not None)
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=30)
+    assert process.returncode == 0, err
+    return trajectory
+
+
+def images(frames: list[RgbdFrame]) -> Iterator[tuple[ColourBgr, DepthMm]]:
+    return ((frame.colour_bgr, frame.depth_raw) for frame in frames)
+
+
+def test_an_oni_recording_gives_the_bytes_of_a_replay(
+    frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
+) -> None:
+    needs(LIBOPENNI2, "libopenni2-0")
+    write_oni(tmp_path / "frames.oni", images_of(frames))
+    trajectory = served(f"openni2:{tmp_path / 'frames.oni'}", camera_file, "--pace", "lockstep")
+    assert trajectory.read_bytes() == replayed.read_bytes()
+
+
+def test_a_fakenect_dump_gives_the_bytes_of_a_replay(
+    frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
+) -> None:
+    if not list(Path("/usr/lib").glob("**/fakenect/libfreenect.so.0.5")):
+        pytest.skip("needs fakenect: apt install libfreenect0.5")
+    write_fakenect_dump(tmp_path / "dump", images(frames))
+    trajectory = served(f"fakenect:{tmp_path / 'dump'}", camera_file, "--pace", "lockstep")
+    assert trajectory.read_bytes() == replayed.read_bytes()
+
+
+def test_a_played_kinect_gives_a_replays_poses_within_what_its_encoding_costs(
+    frames: list[RgbdFrame],
+    replayed: Path,
+    camera_file: Path,
+    tmp_path: Path,
+    real_libfreenect: None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with corner_kinect(tmp_path, wire_film(tmp_path, images(frames))) as kinect:
+        kinect.rate, kinect.loop, kinect.patient = PLAYED_HZ, Loop.ONCE, True
+        for name, value in kinect.environment.items():
+            monkeypatch.setenv(name, value)
+        found = read_trajectory(served("freenect", camera_file, count=COUNT - 2))
+        seqs = film_seqs(found.stamps_s, kinect)
+    assert len(set(seqs)) == len(seqs) >= COUNT - 2
+    reference = read_trajectory(replayed).T_world_camera[seqs]
+    expected = inverse(reference[0]) @ reference
+    apart_m = np.linalg.norm((expected - found.T_world_camera)[:, :3, 3], axis=1)
+    farthest_mm = int(max(frame.depth_raw.max() for frame in frames))
+    assert apart_m.max() <= encoding_costs_m(farthest_mm, motions=seqs[-1] - seqs[0])
+
+
+def film_seqs(stamps_s: Array, kinect: PlayedKinect) -> list[int]:
+    """Which frames of the film these are, by the instant at which the Kinect sent them."""
+    began_s = kinect._control.film_began_ns / 1e9
+    return [round((stamp_s - began_s) * PLAYED_HZ) for stamp_s in stamps_s]
+
+
+def encoding_costs_m(farthest_mm: int, motions: int) -> float:
+    """How far a position may be off, three sigma, after so many motions from image to image.
+
+    A reading is rounded to the Kinect's steps of depth: off by step / sqrt(12). A motion is the
+    mean over the points of two images. Grey is not changed by the mosaic of colours.
+    """
+    told_mm = expected_mm(np.arange(2048, dtype=np.uint16), NOMINAL)
+    told_mm = told_mm[told_mm > 0]
+    index = int(np.searchsorted(told_mm, farthest_mm))
+    step_m = 1e-3 * (int(told_mm[index]) - int(told_mm[index - 1]))
+    return 3 * step_m / math.sqrt(12) * math.sqrt(2 * motions / FEWEST_POINTS)
+
+
+def needs(library: str, package: str) -> None:
+    """Skip where a library is not installed."""
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        pytest.skip(f"needs {library}: apt install {package}")

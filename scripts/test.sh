@@ -16,4 +16,6 @@ if [ $# = 0 ]; then
     step "Checking that every locked package is a wheel" python scripts/check_lock.py
 fi
 say "Running the tests"
+# All of them on several processors: many tests wait for a sensor, a viewer or a time-out.
+[ $# != 0 ] || set -- --numprocesses=auto --maxprocesses=4 --dist=worksteal
 exec pytest "$@"

@@ -45,7 +45,7 @@ def test_lockstep_holds_the_decoder_back_until_there_is_room(make_frame: FrameMa
     assert not decoder.is_alive()
 
 
-@pytest.mark.parametrize("buffer", [LockstepBuffer(), RealtimeBuffer(TENTHS)], ids=str)
+@pytest.mark.parametrize("buffer", [LockstepBuffer(), RealtimeBuffer(TENTHS)], ids=type)
 def test_a_reader_is_told_that_there_is_no_frame_yet(
     buffer: LockstepBuffer | RealtimeBuffer,
 ) -> None:

@@ -70,6 +70,8 @@ def late_1473(
             kinect.plug()
             service.until_streaming(time.monotonic())
             yield service
+            kinect.unplug()
+            service.until_said(GONE, time.monotonic())
             assert service.end() == 0
 
 

@@ -52,23 +52,20 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> NoReturn:
     """Entry point of ``kinect-vo``; never returns."""
+    _fill_closed_streams()
     try:
-        _prepare_libraries()
-        arguments = list(sys.argv[1:] if argv is None else argv)
-        args = _parser(arguments).parse_args(arguments)
-        with _log_to_stderr(args.verbose):
-            sys.exit(_run(args))
+        with _log_to_stderr():
+            sys.exit(_run(list(sys.argv[1:] if argv is None else argv)))
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
     finally:
         wipe(sys.stderr)
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run(arguments: Sequence[str]) -> int:
     """The command's exit code; a user's mistake becomes one line."""
-    command: ModuleType = args.command
     try:
-        code: int = command.run(args)
+        code = _command(arguments)
         sys.stdout.flush()  # here, where a reader that has gone can be told from a failure
         return code
     except UserFacingError as error:
@@ -85,6 +82,31 @@ def _run(args: argparse.Namespace) -> int:
         )
         _drop_what_is_still_buffered()
         return 1
+
+
+def _command(arguments: Sequence[str]) -> int:
+    """Run what is asked for. Raises UserFacingError, and OSError where output cannot go."""
+    _prepare_libraries()
+    try:
+        args = _parser(arguments).parse_args(arguments)
+    except SystemExit as end:  # after --help, --version, or a mistake that has been told
+        return int(end.code or 0)
+    if args.verbose:
+        logging.getLogger().setLevel(logging.INFO)
+    command: ModuleType = args.command
+    code: int = command.run(args)
+    return code
+
+
+def _fill_closed_streams() -> None:
+    """Started without standard streams (``>&-``), their numbers would go to any file opened next.
+
+    A driver's process would then write into that file what it means for standard output.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free: this one
+            setattr(sys, name, os.fdopen(number, "w" if number else "r"))
 
 
 def _drop_what_is_still_buffered() -> None:
@@ -143,14 +165,14 @@ class _Line(logging.Formatter):
 
 
 @contextmanager
-def _log_to_stderr(verbose: bool) -> Iterator[None]:
+def _log_to_stderr() -> Iterator[None]:
     """While the command runs; another call in the same process begins afresh."""
     handler = _Handler()
     handler.setFormatter(_Line())
     root = logging.getLogger()
     before = root.level
     root.addHandler(handler)
-    root.setLevel(logging.INFO if verbose else logging.WARNING)
+    root.setLevel(logging.WARNING)
     try:
         yield
     finally:

@@ -3,9 +3,12 @@
 import hashlib
 import os
 import shutil
+import stat
 import tempfile
 from contextlib import suppress
 from pathlib import Path
+
+from drivers.errors import UserFacingError
 
 PACKAGES = ("drivers", "vo_service")
 # Several checkouts and versions may share a computer.
@@ -15,17 +18,20 @@ KERNEL_FOLDERS_KEPT = 4
 def cache_folder() -> Path:
     """A writable folder of our own; systemd's, the user's, or in the last resort a temporary one.
 
-    The first of $CACHE_DIRECTORY (systemd), $XDG_CACHE_HOME/kinect-vo and ~/.cache/kinect-vo that
-    can be written to.
+    The first of $CACHE_DIRECTORY (systemd), $XDG_CACHE_HOME/kinect-vo, ~/.cache/kinect-vo and
+    $TMPDIR/kinect-vo-UID that can be written to. Raises UserFacingError if none can.
     """
     for folder in _candidates():
-        try:
+        with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK | os.X_OK):
-            return folder
-    return Path(tempfile.mkdtemp(prefix="kinect-vo-"))
+            if os.access(folder, os.W_OK | os.X_OK):
+                return folder
+    with suppress(OSError):
+        return _temporary_folder()
+    raise UserFacingError(
+        "no folder can be written to for what is worth keeping (compiled kernels); name one in "
+        "XDG_CACHE_HOME"
+    )
 
 
 def kernel_folder() -> Path:
@@ -63,3 +69,16 @@ def _candidates() -> list[Path]:
     with suppress(RuntimeError):  # a user without a home
         folders.append(Path.home() / ".cache" / "kinect-vo")
     return folders
+
+
+def _temporary_folder() -> Path:
+    """One for each user, the same every time. Raises OSError unless it is this user's alone.
+
+    Anybody may make a folder of that name first, and what lies in it is run.
+    """
+    folder = Path(tempfile.gettempdir()) / f"kinect-vo-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    state = folder.lstat()
+    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & 0o077:
+        raise PermissionError(f"{folder}: is not this user's alone")
+    return folder

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.errors import UserFacingError
 from vo_service import folders
 from vo_service.folders import cache_folder, kernel_folder
 
@@ -52,8 +53,30 @@ def test_without_a_home_that_can_be_written_a_temporary_one_serves(
     home.touch()  # a file where the home should be: nobody, not even root, can write below it
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     folder = cache_folder()
-    assert (folder.parent, folder.name[:10]) == (tmp_path, "kinect-vo-")
+    assert folder == tmp_path / f"kinect-vo-{os.getuid()}"
     assert os.access(folder, os.W_OK)
+    assert cache_folder() == folder
+
+
+def test_a_temporary_folder_that_others_can_write_to_is_not_used(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home.touch()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    cache_folder().chmod(0o777)
+    with pytest.raises(UserFacingError, match="XDG_CACHE_HOME"):
+        cache_folder()
+
+
+def test_a_temporary_folder_behind_a_link_is_not_used(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home.touch()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / "elsewhere").mkdir(mode=0o700)
+    (tmp_path / f"kinect-vo-{os.getuid()}").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(UserFacingError, match="XDG_CACHE_HOME"):
+        cache_folder()
 
 
 def test_a_user_without_a_home_gets_one_too(

@@ -92,6 +92,45 @@ def test_a_full_disk_under_standard_output_is_one_line() -> None:
     assert done.stderr.count("\n") == 1
 
 
+def test_help_onto_a_full_disk_is_one_line() -> None:
+    done = _in_shell("exec >/dev/full", "--help")
+    assert done.returncode == 1
+    assert done.stderr.startswith("kinect-vo: error: standard output: No space left on device")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_without_standard_streams_it_does_the_same(closed: str, tmp_path: Path) -> None:
+    done = _in_shell(f"exec {closed}", "record", "--seconds", "0.1", tmp_path / "room")
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr
+    assert (tmp_path / "room" / "camera.toml").exists()
+
+
+def test_nowhere_to_keep_anything_is_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    in_the_way = tmp_path / f"kinect-vo-{os.getuid()}"
+    in_the_way.touch()
+    monkeypatch.setenv("HOME", str(in_the_way))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    for name in ("CACHE_DIRECTORY", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    outcome = call(capfd, "config", "check", "none.toml")
+    assert outcome.code == 1
+    assert outcome.err.startswith("kinect-vo: error: no folder can be written to")
+    assert outcome.err.count("\n") == 1
+
+
+def _in_shell(first: str, *arguments: object) -> "subprocess.CompletedProcess[str]":
+    """A command in a shell that begins with `first`, which changes its streams."""
+    words = [KINECT_VO, *(str(argument) for argument in arguments)]
+    return subprocess.run(
+        ["sh", "-c", f'{first}; exec "$@"', "sh", *words],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+
+
 def test_a_line_of_the_log_takes_the_place_of_the_progress(
     copy_recording: Callable[..., Path],
     capfd: pytest.CaptureFixture[str],

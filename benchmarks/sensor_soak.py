@@ -22,7 +22,8 @@ import numpy as np
 from tests.belongings import resident_kb
 from tests.stand_ins.played_kinect import PlayedKinect
 from tests.vo_service.corner_film import corner_film, corner_kinect
-from tests.vo_service.played_service import HeardPose, PlayedService, Status, running_service
+from tests.vo_service.played_service import PlayedService, running_service
+from tests.vo_service.subscriber import HeardPose, Status
 
 WARM_UP_S = 3.0
 EARLY_S = 60.0

@@ -1,27 +1,19 @@
 """``kinect-vo run`` on a played Kinect in a process of its own, and what a subscriber hears."""
 
 import json
-import math
 import os
 import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-import zenoh
-
-from drivers.geometry import Array
 from tests.belongings import belongings_of, children_of
-from vo_service.outputs.cdr import OdometryMessage, decode_odometry
+from tests.vo_service.subscriber import Status, Subscriber
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
 KINECT_VO = str(Path(sys.executable).with_name("kinect-vo"))
@@ -29,72 +21,6 @@ KINECT_VO = str(Path(sys.executable).with_name("kinect-vo"))
 START_LIMIT_S = 120.0
 PATIENCE_S = 40.0
 ENDING_S = 20.0
-
-Status = Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class HeardPose:
-    """A pose, when it was heard (CLOCK_MONOTONIC), and whether all its numbers are finite."""
-
-    heard_s: float
-    stamp_s: float
-    seq: int
-    epoch: int
-    position_m: Array
-    is_finite: bool
-
-
-@dataclass(frozen=True)
-class HeardStatus:
-    """A status, and when it was heard."""
-
-    heard_s: float
-    content: Status
-
-    def says(self, words: str) -> bool:
-        """Whether it gives this as the reason for having no camera."""
-        return self.content["state"] == "no_camera" and words in self.content["reason"]
-
-
-class Subscriber:
-    """Keeps all poses and statuses of one publisher, in the order in which they came."""
-
-    def __init__(self) -> None:
-        self.poses: list[HeardPose] = []
-        self.statuses: list[HeardStatus] = []
-        self._news = threading.Condition()
-
-    def take_pose(self, sample: zenoh.Sample) -> None:
-        """From Zenoh."""
-        heard_s = time.monotonic()
-        message = decode_odometry(sample.payload.to_bytes())
-        attachment = sample.attachment
-        assert attachment is not None
-        about = json.loads(attachment.to_bytes())
-        pose = HeardPose(
-            heard_s=heard_s,
-            stamp_s=message.stamp_s,
-            seq=about["seq"],
-            epoch=about["epoch"],
-            position_m=message.position_m,
-            is_finite=_is_finite(message),
-        )
-        with self._news:
-            self.poses.append(pose)
-            self._news.notify_all()
-
-    def take_status(self, sample: zenoh.Sample) -> None:
-        """From Zenoh."""
-        content = json.loads(sample.payload.to_bytes())
-        with self._news:
-            self.statuses.append(HeardStatus(time.monotonic(), content))
-            self._news.notify_all()
-
-    def wait_for(self, holds: Callable[[], bool], limit_s: float) -> bool:
-        """Until something holds of what was heard; False if it does not in time."""
-        with self._news:
-            return self._news.wait_for(holds, limit_s)
 
 
 class PlayedService:
@@ -195,12 +121,6 @@ def running_service(
     finally:
         process.kill()
         process.wait()
-
-
-def _is_finite(message: OdometryMessage) -> bool:
-    numbers = (message.T_frame_child, message.pose_covariance, message.twist)
-    all_numbers = [*numbers, message.twist_covariance]
-    return math.isfinite(message.stamp_s) and all(np.isfinite(n).all() for n in all_numbers)
 
 
 def _free_port() -> int:

@@ -14,8 +14,9 @@ import pytest
 from tests.stand_ins.played_kinect import Model, PlayedKinect, Stream
 from tests.stand_ins.wire_film import WireFilm
 from tests.vo_service.corner_film import FRAMES, corner_film, corner_kinect, corner_pose
-from tests.vo_service.played_service import HeardPose, PlayedService, running_service
+from tests.vo_service.played_service import PlayedService, running_service
 from tests.vo_service.service_faults import FAULTS, GONE, ServiceFault, pass_through
+from tests.vo_service.subscriber import HeardPose
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
 

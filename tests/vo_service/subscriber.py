@@ -1,0 +1,87 @@
+"""What a subscriber hears of a kinect-vo, in this process and over the real Zenoh."""
+
+import json
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from drivers.geometry import Array
+from vo_service.outputs.cdr import OdometryMessage, decode_odometry
+
+Status = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class HeardPose:
+    """A pose, when it was heard (CLOCK_MONOTONIC), and whether all its numbers are finite."""
+
+    heard_s: float
+    stamp_s: float
+    seq: int
+    epoch: int
+    position_m: Array
+    is_finite: bool
+
+
+@dataclass(frozen=True)
+class HeardStatus:
+    """A status, and when it was heard."""
+
+    heard_s: float
+    content: Status
+
+    def says(self, words: str) -> bool:
+        """Whether it gives this as the reason for having no camera."""
+        return self.content["state"] == "no_camera" and words in self.content["reason"]
+
+
+class Subscriber:
+    """Keeps all poses and statuses of one publisher, in the order in which they came."""
+
+    def __init__(self) -> None:
+        self.poses: list[HeardPose] = []
+        self.statuses: list[HeardStatus] = []
+        self._news = threading.Condition()
+
+    def take_pose(self, sample: zenoh.Sample) -> None:
+        """From Zenoh."""
+        heard_s = time.monotonic()
+        message = decode_odometry(sample.payload.to_bytes())
+        attachment = sample.attachment
+        assert attachment is not None
+        about = json.loads(attachment.to_bytes())
+        pose = HeardPose(
+            heard_s=heard_s,
+            stamp_s=message.stamp_s,
+            seq=about["seq"],
+            epoch=about["epoch"],
+            position_m=message.position_m,
+            is_finite=_is_finite(message),
+        )
+        with self._news:
+            self.poses.append(pose)
+            self._news.notify_all()
+
+    def take_status(self, sample: zenoh.Sample) -> None:
+        """From Zenoh."""
+        content = json.loads(sample.payload.to_bytes())
+        with self._news:
+            self.statuses.append(HeardStatus(time.monotonic(), content))
+            self._news.notify_all()
+
+    def wait_for(self, holds: Callable[[], bool], limit_s: float) -> bool:
+        """Until something holds of what was heard; False if it does not in time."""
+        with self._news:
+            return self._news.wait_for(holds, limit_s)
+
+
+def _is_finite(message: OdometryMessage) -> bool:
+    numbers = (message.T_frame_child, message.pose_covariance, message.twist)
+    all_numbers = [*numbers, message.twist_covariance]
+    return math.isfinite(message.stamp_s) and all(np.isfinite(n).all() for n in all_numbers)

@@ -23,6 +23,8 @@ NAME = "record"
 HELP = "record any camera into a folder in TUM format"
 EPILOG = """\
 examples:
+  kinect-vo record --camera freenect --seconds 30 recordings/desk
+  kinect-vo record --camera openni2:desk.oni recordings/desk
   kinect-vo record --camera synthetic --seconds 10 recordings/room
   kinect-vo record --camera tum:recordings/desk --jpeg desk-small
 

@@ -25,6 +25,7 @@ NAME = "run"
 HELP = "run the odometry as a service, until Ctrl-C or SIGTERM"
 EPILOG = """\
 examples:
+  kinect-vo run --camera freenect --rerun serve
   kinect-vo run --camera synthetic
   kinect-vo run --camera tum:recordings/desk --rerun serve
   kinect-vo run --config /etc/kinect-vo/kinect.toml

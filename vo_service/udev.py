@@ -76,7 +76,7 @@ def install(root: Path) -> list[Path]:
                 _write(path, file.text)
                 written.append(path)
         except OSError as error:
-            raise _refused(path, error, "install") from error
+            raise _refused(path, error, "install", root) from error
     return written
 
 
@@ -90,7 +90,7 @@ def uninstall(root: Path) -> list[Path]:
         except FileNotFoundError:
             continue
         except OSError as error:
-            raise _refused(path, error, "uninstall") from error
+            raise _refused(path, error, "uninstall", root) from error
         removed.append(path)
     return removed
 
@@ -125,10 +125,11 @@ def _write(path: Path, text: str) -> None:
         raise
 
 
-def _refused(path: Path, error: OSError, action: str) -> UserFacingError:
+def _refused(path: Path, error: OSError, action: str, root: Path) -> UserFacingError:
     if isinstance(error, PermissionError) and os.geteuid() != 0:
+        tree = [] if root == Path("/") else ["--root", str(root)]
         return UserFacingError(
-            f"{path}: only root may change this; run: {sudo_command('udev', action)}"
+            f"{path}: only root may change this; run: {sudo_command('udev', action, *tree)}"
         )
     return UserFacingError(f"{path}: {error.strerror}; see to that and run it again")
 

@@ -9,6 +9,7 @@ import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from drivers.errors import InputError, UserFacingError
 from drivers.synthetic.camera import Preparation, SyntheticCamera
@@ -18,7 +19,7 @@ from tests.stand_ins.film_sources import camera_frames, fitted_film, folder_fram
 from tests.stand_ins.played_kinect import FACTORY, IDENTITY, Loop, Model, PlayedKinect
 from tests.stand_ins.wire_film import ColourBgr, DepthMm, WireFilm
 from vo_service.folders import cache_folder
-from vo_service.terminal import Terminal
+from vo_service.terminal import Terminal, wipe
 
 MODELS = {"1414": Model.K1414, "1473": Model.K1473, "k4w": Model.K4W}
 REGISTRATIONS = {"identity": IDENTITY, "factory": FACTORY}
@@ -44,13 +45,25 @@ the beginning. lose=N loses every n-th packet. While it runs, type a name to let
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code: the command's own; 2 for a mistake in the options, 1 if there is no compiler."""
+    """Exit code: the command's own; 2 for a mistake in the options, 1 if there is no compiler.
+
+    130 and 143, as a shell tells them, if stopped by Ctrl-C or SIGTERM before the command began.
+    """
     args = _parser().parse_args(argv)
+    signal.signal(signal.SIGTERM, _end)
     try:
         return _play(args)
+    except KeyboardInterrupt:
+        wipe(sys.stderr)
+        return 128 + signal.SIGINT
     except UserFacingError as error:
         print(f"play_kinect: error: {error}", file=sys.stderr)
         return error.exit_code
+
+
+def _end(number: int, frame: object) -> NoReturn:
+    """Leave by way of all that has to be cleaned up."""
+    sys.exit(128 + number)
 
 
 def _parser() -> argparse.ArgumentParser:

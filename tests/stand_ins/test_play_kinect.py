@@ -130,3 +130,13 @@ def test_scheduled_faults_come_and_go(play_kinect: PlayKinect) -> None:
 def test_typed_nonsense_is_refused(play_kinect: PlayKinect) -> None:
     with pytest.raises(InputError, match="type one of: plug"):
         obey(play_kinect(), "jump\n")
+
+
+def test_ctrl_c_while_the_film_is_written_is_no_traceback(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tests.stand_ins.play_kinect.fitted_film", interrupt)
+    assert main(["--folder", str(folder), "--", "true"]) == 130

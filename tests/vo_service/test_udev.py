@@ -121,7 +121,8 @@ def test_a_user_is_told_the_command_for_root(
 
     monkeypatch.setattr(udev, "_write", refuse)
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
-    with pytest.raises(UserFacingError, match=r"only root may .*; run: sudo .*udev install"):
+    command = f"only root may .*; run: sudo .*udev install --root {tmp_path}$"
+    with pytest.raises(UserFacingError, match=command):
         install(tmp_path)
 
 

@@ -2,7 +2,10 @@
 
 import logging
 
+from drivers.camera import CameraState
 from vo_service.outputs.output import PoseUpdate, Status, TrackingState
+
+COMING = (CameraState.OPENING, CameraState.STARTING)
 
 logger = logging.getLogger(__name__)
 
@@ -10,7 +13,8 @@ logger = logging.getLogger(__name__)
 class StateLogOutput:
     """Logs each change of state once: trouble, and its end, as a warning.
 
-    How things are at the start is no news. Why there is no camera is, whenever it changes.
+    How things are at the start is no news, nor is a camera that is being opened. Why there is no
+    camera is, whenever it changes.
     """
 
     def __init__(self) -> None:
@@ -27,9 +31,11 @@ class StateLogOutput:
         before, self._told = self._told, news
         if before in (None, news):
             return
-        was_in_trouble = self._in_trouble
-        self._in_trouble = status.state is not TrackingState.TRACKING
-        level = logging.WARNING if was_in_trouble or self._in_trouble else logging.INFO
+        was_in_trouble, is_coming = self._in_trouble, is_away and status.reason in COMING
+        if not is_coming:
+            self._in_trouble = status.state is not TrackingState.TRACKING
+        is_news = (was_in_trouble or self._in_trouble) and not is_coming
+        level = logging.WARNING if is_news else logging.INFO
         reason = f": {status.reason}" if status.reason else ""
         logger.log(level, "%s%s", status.state, reason)
 

@@ -100,11 +100,9 @@ def test_help_onto_a_full_disk_is_one_line() -> None:
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
-def test_without_standard_streams_it_does_the_same(closed: str, tmp_path: Path) -> None:
-    done = _in_shell(f"exec {closed}", "record", "--seconds", "0.1", tmp_path / "room")
-    assert done.returncode == 0
-    assert "Traceback" not in done.stderr
-    assert (tmp_path / "room" / "camera.toml").exists()
+def test_without_standard_streams_it_does_the_same(closed: str) -> None:
+    done = _in_shell(f"exec {closed}", "udev", "show")
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_nowhere_to_keep_anything_is_one_line(

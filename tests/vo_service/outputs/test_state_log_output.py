@@ -55,3 +55,16 @@ def test_a_camera_that_cannot_be_had_is_told_from_the_start_and_when_the_cause_c
         "WARNING no_camera: no Kinect found",
         "WARNING no_camera: not allowed to open it",
     ]
+
+
+def test_a_camera_on_its_way_is_no_trouble_and_does_not_end_any(
+    log: Callable[..., list[str]],
+) -> None:
+    opening, absent, starting = ((NO_CAMERA, why) for why in ("opening", "absent", "starting"))
+    assert log(opening, starting, (TRACKING, ""), absent, starting, (TRACKING, "")) == [
+        "INFO no_camera: starting",
+        "INFO tracking",
+        "WARNING no_camera: absent",
+        "INFO no_camera: starting",
+        "WARNING tracking",
+    ]

@@ -44,12 +44,16 @@ def test_a_short_pause_is_no_reason_and_a_quiet_second_is(monkeypatch: pytest.Mo
     assert reasons == ["", "", "", "the camera is there but sends no frames", ""]
 
 
-def test_a_camera_that_says_why_frames_are_missing_is_believed_at_once() -> None:
+def test_a_camera_that_says_why_frames_are_missing_is_quoted_once_none_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = FakeClock()
+    monkeypatch.setattr(feed, "time", clock)
     torn = Condition(CameraState.STREAMING, "losing USB packets: 30 of 30 frames torn")
-    camera = ScriptedCamera([frame(1), torn, frame(2)])
+    camera = ScriptedCamera([frame(1), *(After(0.4, torn) for _ in range(3))], clock=clock)
     camera.open()
     plain = PlainFeed(camera)
-    assert [plain.reason for _ in plain.frames(threading.Event())] == ["", torn.reason, ""]
+    assert [plain.reason for _ in plain.frames(threading.Event())] == ["", "", "", torn.reason]
 
 
 def test_the_reason_is_the_cameras_condition_at_every_tick_until_a_frame_comes() -> None:

@@ -113,7 +113,7 @@ BACKENDS: dict[str, Callable[[str, CameraRequest], RgbdCamera]] = {
 }
 USAGES = {
     "freenect": "freenect[:SERIAL]",
-    "openni2": "openni2[:URI] or openni2:FILE.oni",
+    "openni2": "openni2[:SERIAL] or openni2:FILE.oni",
     "fakenect": "fakenect:FOLDER",
     "tum": "tum:FOLDER",
     "synthetic": "synthetic",

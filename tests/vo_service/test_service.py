@@ -170,15 +170,9 @@ def test_a_step_of_the_wall_clock_begins_an_epoch() -> None:
 
     camera, collector = ScriptedCamera([frame(k) for k in range(4)]), Collector()
     service = Service(
-        PlainFeed(camera),
-        Stepping(),
-        StageClock(),
-        PoseTracker(),
-        stamps,
-        [collector],
-        camera,
-        "surf",
-    )
+        PlainFeed(camera), Stepping(), StageClock(), PoseTracker(), stamps, [collector],
+        camera, "surf",
+    )  # fmt: skip
     with camera:
         service.run(threading.Event())
     assert [pose.epoch for pose in collector.poses] == [0, 0, 1, 1]

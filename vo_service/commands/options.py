@@ -23,12 +23,13 @@ def add_config_options(parser: argparse.ArgumentParser) -> None:
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
     """--camera and --camera-file."""
     parser.add_argument(
-        "--camera", metavar="SOURCE",
+        "--camera", metavar="SOURCE", type=_source,
         help=f"the camera (default: the config's): {', '.join(USAGES.values())}",
     )  # fmt: skip
     parser.add_argument(
-        "--camera-file", metavar="FILE", type=Path, help="camera file (TOML) of a recording"
-    )
+        "--camera-file", metavar="FILE", type=Path,
+        help="camera file (TOML) of this sensor or recording (default: the config's)",
+    )  # fmt: skip
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +61,13 @@ def config_of(args: argparse.Namespace) -> Config:
     if getattr(args, "rerun", None):
         config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))
     return config
+
+
+def _source(text: str) -> str:
+    """Parse a camera; "", of a variable that is not set, would otherwise mean the config's."""
+    if not text:
+        raise argparse.ArgumentTypeError(f"is empty: give one of {', '.join(USAGES.values())}")
+    return text
 
 
 def pace(text: str) -> Pace:

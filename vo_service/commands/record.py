@@ -26,6 +26,7 @@ examples:
   kinect-vo record --camera freenect --seconds 30 recordings/desk
   kinect-vo record --camera openni2:desk.oni recordings/desk
   kinect-vo record --camera synthetic --seconds 10 recordings/room
+  kinect-vo record --camera freenect recordings/desk
   kinect-vo record --camera tum:recordings/desk --jpeg desk-small
 
 The folder can be replayed at once, and whenever the recording is cut off: an image is listed only

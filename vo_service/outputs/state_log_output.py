@@ -14,12 +14,12 @@ class StateLogOutput:
     """Logs each change of state once: trouble, and its end, as a warning.
 
     How things are at the start is no news, nor is a camera that is being opened. Why there is no
-    camera is, whenever it changes.
+    camera is, whenever it changes; and once in a state, what a camera complains of while it sends.
     """
 
     def __init__(self) -> None:
         self._told: tuple[TrackingState, str] | None = None
-        self._in_trouble = False
+        self._in_trouble = self._has_complained = False
 
     def pose(self, update: PoseUpdate) -> None:
         """Nothing: the status tells of every change."""
@@ -27,17 +27,20 @@ class StateLogOutput:
     def status(self, status: Status) -> None:
         """Log the state if it differs from the one before."""
         is_away = status.state is TrackingState.NO_CAMERA
+        is_tracking = status.state is TrackingState.TRACKING
         news = (status.state, status.reason if is_away else "")
         before, self._told = self._told, news
-        if before in (None, news):
+        had_complained = self._has_complained and before == news
+        complains = is_tracking and status.reason != ""
+        self._has_complained = had_complained or complains
+        if before is None or (before == news and self._has_complained == had_complained):
             return
         was_in_trouble, is_coming = self._in_trouble, is_away and status.reason in COMING
         if not is_coming:
-            self._in_trouble = status.state is not TrackingState.TRACKING
+            self._in_trouble = not is_tracking or complains
         is_news = (was_in_trouble or self._in_trouble) and not is_coming
-        level = logging.WARNING if is_news else logging.INFO
         reason = f": {status.reason}" if status.reason else ""
-        logger.log(level, "%s%s", status.state, reason)
+        logger.log(logging.WARNING if is_news else logging.INFO, "%s%s", status.state, reason)
 
     def close(self) -> None:
         """Nothing to release."""

@@ -68,3 +68,15 @@ def test_a_camera_on_its_way_is_no_trouble_and_does_not_end_any(
         "INFO no_camera: starting",
         "WARNING tracking",
     ]
+
+
+def test_what_a_camera_complains_of_while_it_sends_is_told_once_in_a_state(
+    log: Callable[..., list[str]],
+) -> None:
+    torn, more = (TRACKING, "31 of 60 frames torn"), (TRACKING, "40 of 60 frames torn")
+    assert log(START, (TRACKING, ""), torn, more, (TRACKING, ""), torn, (LOST, "dark"), torn) == [
+        "INFO tracking",
+        "WARNING tracking: 31 of 60 frames torn",
+        "WARNING lost: dark",
+        "WARNING tracking: 31 of 60 frames torn",
+    ]

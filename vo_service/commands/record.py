@@ -5,7 +5,7 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 
 from drivers.camera import EndOfStream, NoFrameYet, Pace, RgbdCamera, RgbdFrame
@@ -65,21 +65,33 @@ def run(args: argparse.Namespace) -> int:
             progress=terminal.counter("rendering the room: frame"),
         )
     )
-    colour = ColourFormat.JPEG if args.jpeg else ColourFormat.PNG
     with camera, stop_on_signals() as stop:
         frames = _frames(camera, terminal, stop)
-        first = list(islice(frames, 1))  # before the folder is made: there may be no camera
-        with TumWriter(
-            args.folder, readout_s=camera.readout_s, ground_truth=camera.ground_truth, colour=colour
-        ) as writer:
-            for frame in chain(first, frames):
-                if frame.stamp_s - first[0].stamp_s >= args.seconds:
-                    break
-                writer.write(frame)
-                terminal.progress("recording: frame", frame.seq + 1, camera.frame_count)
+        first = next(frames, None)  # before the folder is made: there may be no camera
+        written = 0 if first is None else _write(args, camera, first, frames, terminal)
     terminal.clear()
-    print(f"{writer.written} frames in {args.folder}")
+    print(f"{written} frames in {args.folder}" if written else "no frame came: nothing is written")
     return stop.exit_code
+
+
+def _write(
+    args: argparse.Namespace,
+    camera: RgbdCamera,
+    first: RgbdFrame,
+    rest: Iterator[RgbdFrame],
+    terminal: Terminal,
+) -> int:
+    """Make the folder; how many frames there are in it at the end."""
+    colour = ColourFormat.JPEG if args.jpeg else ColourFormat.PNG
+    with TumWriter(
+        args.folder, readout_s=camera.readout_s, ground_truth=camera.ground_truth, colour=colour
+    ) as writer:
+        for frame in chain([first], rest):
+            if frame.stamp_s - first.stamp_s >= args.seconds:
+                break
+            writer.write(frame)
+            terminal.progress("recording: frame", frame.seq + 1, camera.frame_count)
+    return writer.written
 
 
 def _played_once(synthetic: SyntheticConfig, longest_s: float) -> SyntheticConfig:

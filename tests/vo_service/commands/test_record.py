@@ -73,6 +73,15 @@ def test_a_camera_that_is_not_there_is_an_error_after_a_while_and_makes_no_folde
     assert not (tmp_path / "new").exists()
 
 
+def test_an_end_before_the_first_frame_makes_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    have_camera(monkeypatch)
+    outcome = call(capfd, "record", tmp_path / "new")
+    assert (outcome.code, outcome.out) == (0, "no frame came: nothing is written\n")
+    assert not (tmp_path / "new").exists()
+
+
 def test_a_camera_that_comes_late_or_comes_back_is_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,7 +10,6 @@ from drivers.geometry import Array, rigid_transform, rotation_from_vector
 from vo_service.calibration.snapshot import Lens
 
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "rx", "ry", "rz", "tx", "ty", "tz", "scale")
-LENS = slice(0, 4)
 DISTORTION = slice(4, 6)
 TURN = slice(6, 9)
 SHIFT = slice(9, 12)

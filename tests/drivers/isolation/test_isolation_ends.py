@@ -1,6 +1,7 @@
 """The driver's process ends with the service, however that ends; and it starts light."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -81,7 +82,7 @@ def test_ctrl_c_and_sigterm_for_all_processes_are_for_the_service_alone(script: 
     with service(script, "read") as process:
         driver = first_line(process)
         for number in (signal.SIGINT, signal.SIGTERM):
-            subprocess.run(["kill", f"-{number.value}", str(driver)], check=True)
+            os.kill(driver, number)
         assert process.stdout is not None
         process.send_signal(signal.SIGINT)
         assert process.stdout.readline() == "True\n"

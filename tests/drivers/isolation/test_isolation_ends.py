@@ -5,6 +5,8 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -45,10 +47,15 @@ except KeyboardInterrupt:
 """
 
 
-def service(script: Path, action: str) -> "subprocess.Popen[str]":
+@contextmanager
+def service(script: Path, action: str) -> Iterator["subprocess.Popen[str]"]:
     """A service at work on a camera; its first line is the number of the driver's process."""
     command = [sys.executable, "-c", SERVICE, str(script), action]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def first_line(process: "subprocess.Popen[str]") -> int:

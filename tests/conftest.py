@@ -18,11 +18,13 @@ from drivers.geometry import Array, rigid_transform, rotation_from_vector
 from drivers.trajectory import StampedPoses
 from drivers.tum.writer import TumWriter
 from tests.stand_ins.fixtures import (  # noqa: F401
+    fakenect,
     kinect_film,
     no_real_usb,
     play_kinect,
     played_libusb,
     real_libfreenect,
+    real_openni2,
 )
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 

@@ -23,7 +23,7 @@ def udev_monitor() -> Any:
 def wait_for_device(timeout_s: float, open_monitor: Callable[[], Any] = udev_monitor) -> bool:
     """Wait until a supported sensor's camera is plugged in, at most `timeout_s`; True if one was.
 
-    Only a hint: where udev cannot be asked it sleeps for the whole time. Never raises.
+    Only a hint: where udev cannot be asked it sleeps for the whole time.
     """
     deadline_s = time.monotonic() + timeout_s
     try:
@@ -32,7 +32,7 @@ def wait_for_device(timeout_s: float, open_monitor: Callable[[], Any] = udev_mon
             event = monitor.poll(timeout=remaining_s)
             if event is not None and _is_new_camera(event):
                 return True
-    except Exception:  # whatever udev has: the camera is tried again when the time is over
+    except (ImportError, OSError, ValueError):  # no udev here, or an event beyond understanding
         time.sleep(max(0.0, deadline_s - time.monotonic()))
     return False
 

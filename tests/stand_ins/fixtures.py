@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from drivers.errors import UserFacingError
+from drivers.openni2.library import SONAME as LIBOPENNI2
 from tests.stand_ins.compiled_libusb import SONAME, libusb_folder
 from tests.stand_ins.freenect_probe import SONAME as LIBFREENECT
+from tests.stand_ins.needed import missing, need_fakenect, need_library
 from tests.stand_ins.played_kinect import PlayedKinect
 from tests.stand_ins.wire_film import WireFilm, wire_film
 
@@ -49,16 +51,25 @@ def played_libusb() -> Path:
     try:
         return libusb_folder()
     except UserFacingError as error:
-        pytest.skip(str(error))
+        missing(str(error))
 
 
 @pytest.fixture(scope="session")
 def real_libfreenect(played_libusb: Path) -> None:
     """For tests of libfreenect on the stand-in; skips where it is not installed."""
-    try:
-        ctypes.CDLL(LIBFREENECT)
-    except OSError:
-        pytest.skip(f"needs {LIBFREENECT}: apt install libfreenect0.5")
+    need_library(LIBFREENECT, "libfreenect0.5")
+
+
+@pytest.fixture(scope="session")
+def real_openni2() -> None:
+    """For tests of libOpenNI2; skips where it is not installed."""
+    need_library(LIBOPENNI2, "libopenni2-0")
+
+
+@pytest.fixture(scope="session")
+def fakenect() -> Path:
+    """The file of libfreenect's fakenect; skips where it is not installed."""
+    return need_fakenect()
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from tests.stand_ins.fakenect_dump import write_fakenect_dump
 from tests.stand_ins.fixtures import pattern
@@ -28,14 +27,6 @@ np.savez(sys.argv[2], depth=probe.depth.images, video=probe.video.images)
 stamps = [probe.depth.stamps, probe.video.stamps]
 print(json.dumps(stamps + [[state.x, state.y, state.z]]), flush=True)
 """
-
-
-@pytest.fixture(scope="module")
-def fakenect() -> Path:
-    found = sorted(Path("/usr/lib").glob("*/fakenect/libfreenect.so.0.5"))
-    if not found:
-        pytest.skip("needs Debian's fakenect: apt install libfreenect0.5")
-    return found[0]
 
 
 def test_frames_stamps_and_gravity_come_back_as_they_were(fakenect: Path, tmp_path: Path) -> None:

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import UserFacingError
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.images import Images
 from drivers.freenect.kinect import Kinect
-from drivers.freenect.library import SONAME, load_library
+from drivers.freenect.library import PACKAGE, SONAME
 from drivers.kinect_usb.base import Base, NoBase
 from drivers.sensor_settings import SensorSettings
 from tests.stand_ins.fixtures import PlayKinect
+from tests.stand_ins.needed import need_library
 from tests.stand_ins.played_kinect import IDENTITY, PlayedKinect
 
 MakeCamera = Callable[..., FreenectCamera]
@@ -50,10 +50,7 @@ def plug_in(play_kinect: PlayKinect, **options: Any) -> PlayedKinect:
     """Plug it in where this process sees it; skips without libfreenect."""
     kinect = play_kinect(**{"registration": IDENTITY} | options)
     kinect.load()
-    try:
-        load_library(SONAME)
-    except UserFacingError as error:
-        pytest.skip(str(error))
+    need_library(SONAME, PACKAGE)
     return kinect
 
 

@@ -6,14 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.freenect.library import SONAME
 from tests.stand_ins.fakenect_dump import write_fakenect_dump
 from tests.stand_ins.fixtures import pattern
 
 FRAMES = 12
 
-if not list(Path("/usr/lib").glob(f"**/fakenect/{SONAME}")):
-    pytest.skip("needs fakenect: apt install libfreenect0.5", allow_module_level=True)
+pytestmark = pytest.mark.usefixtures("fakenect")
 
 
 @pytest.fixture(scope="module")

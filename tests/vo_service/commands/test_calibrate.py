@@ -1,6 +1,5 @@
 """``calibrate``: from boards to a camera file, and what it says where that cannot be."""
 
-import ctypes
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 from drivers.camera_file import CameraFile, read_camera_file
-from drivers.openni2.library import SONAME as LIBOPENNI2
 from tests.stand_ins.fixtures import PlayKinect
 from tests.stand_ins.oni_writer import OniImage, Sensor, write_oni
 from tests.stand_ins.wire_film import wire_film
@@ -111,13 +109,10 @@ def held(photographs: Sequence[Snapshot], frames: int) -> Iterator[Snapshot]:
     return (each for each in photographs for _ in range(frames))
 
 
+@pytest.mark.usefixtures("real_openni2")
 def test_a_camera_of_openni2_is_calibrated_live_from_its_raw_images(
     photographs: Sequence[Snapshot], tmp_path: Path, capfd: Capture
 ) -> None:
-    try:
-        ctypes.CDLL(LIBOPENNI2)
-    except OSError:
-        pytest.skip(f"needs {LIBOPENNI2}: apt install libopenni2-0")
     images = [
         image
         for n, each in enumerate(held(photographs, 3))

@@ -3,7 +3,6 @@
 import json
 import tarfile
 from collections.abc import Callable
-from ctypes.util import find_library
 from pathlib import Path
 
 import pytest
@@ -12,10 +11,6 @@ from drivers.tum.folder import open_folder
 from tests.stand_ins.played_kinect import PlayedKinect
 from tests.vo_service.commands.command_line import call
 from tests.vo_service.commands.diagnosis import check_of, failures
-
-NEEDS_OPENNI2 = pytest.mark.skipif(
-    find_library("OpenNI2") is None, reason="needs libOpenNI2.so.0: apt install libopenni2-0"
-)
 
 
 @pytest.fixture
@@ -54,24 +49,23 @@ def test_what_keeps_the_camera_from_being_opened_is_named(
     assert check_of(diagnosis, "first-frames")["verdict"] == "skipped"
 
 
-@pytest.mark.parametrize(
-    ("source", "cause"),
-    [
-        pytest.param(
-            "openni2",
-            "Kinect 1414, bus 1 port 1.2, serial A00123456789012A, which is another kind",
-            marks=NEEDS_OPENNI2,
-        ),
-        ("freenect:B1", "none has the serial B1; there is Kinect 1414, bus 1 port 1.2"),
-    ],
-)
-def test_what_is_there_instead_is_named(
-    source: str, cause: str, kinect: PlayedKinect, capfd: pytest.CaptureFixture[str]
-) -> None:
+def assert_named_instead(source: str, cause: str, capfd: pytest.CaptureFixture[str]) -> None:
     outcome = call(capfd, "doctor", "--camera", source)
     assert outcome.code == 1
     assert f"✗ sensor         {cause}" in outcome.out
     assert "fix: `kinect-vo devices` lists" in outcome.out
+
+
+@pytest.mark.usefixtures("kinect", "real_openni2")
+def test_a_sensor_of_another_kind_is_named(capfd: pytest.CaptureFixture[str]) -> None:
+    cause = "Kinect 1414, bus 1 port 1.2, serial A00123456789012A, which is another kind"
+    assert_named_instead("openni2", cause, capfd)
+
+
+@pytest.mark.usefixtures("kinect")
+def test_a_kinect_with_another_serial_is_named(capfd: pytest.CaptureFixture[str]) -> None:
+    cause = "none has the serial B1; there is Kinect 1414, bus 1 port 1.2"
+    assert_named_instead("freenect:B1", cause, capfd)
 
 
 def test_a_loader_that_finds_no_library_is_named(

@@ -1,6 +1,5 @@
 """The same frames as a folder, through libOpenNI2, through fakenect and on a Kinect's wire."""
 
-import ctypes
 import math
 import signal
 from collections.abc import Iterator
@@ -11,7 +10,6 @@ import pytest
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
-from drivers.openni2.library import SONAME as LIBOPENNI2
 from drivers.trajectory import read_trajectory
 from drivers.tum.writer import TumWriter
 from tests.stand_ins.depth_scale import NOMINAL, expected_mm
@@ -68,20 +66,19 @@ def images(frames: list[RgbdFrame]) -> Iterator[tuple[ColourBgr, DepthMm]]:
     return ((frame.colour_bgr, frame.depth_raw) for frame in frames)
 
 
+@pytest.mark.usefixtures("real_openni2")
 def test_an_oni_recording_gives_the_bytes_of_a_replay(
     frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
 ) -> None:
-    needs(LIBOPENNI2, "libopenni2-0")
     write_oni(tmp_path / "frames.oni", images_of(frames))
     trajectory = served(f"openni2:{tmp_path / 'frames.oni'}", camera_file, "--pace", "lockstep")
     assert trajectory.read_bytes() == replayed.read_bytes()
 
 
+@pytest.mark.usefixtures("fakenect")
 def test_a_fakenect_dump_gives_the_bytes_of_a_replay(
     frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
 ) -> None:
-    if not list(Path("/usr/lib").glob("**/fakenect/libfreenect.so.0.5")):
-        pytest.skip("needs fakenect: apt install libfreenect0.5")
     write_fakenect_dump(tmp_path / "dump", images(frames))
     trajectory = served(f"fakenect:{tmp_path / 'dump'}", camera_file, "--pace", "lockstep")
     assert trajectory.read_bytes() == replayed.read_bytes()
@@ -126,11 +123,3 @@ def encoding_costs_m(farthest_mm: int, motions: int) -> float:
     index = int(np.searchsorted(told_mm, farthest_mm))
     step_m = 1e-3 * (int(told_mm[index]) - int(told_mm[index - 1]))
     return 3 * step_m / math.sqrt(12) * math.sqrt(2 * motions / FEWEST_POINTS)
-
-
-def needs(library: str, package: str) -> None:
-    """Skip where a library is not installed."""
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        pytest.skip(f"needs {library}: apt install {package}")

@@ -1,0 +1,35 @@
+"""Native libraries that tests need: skip without them, unless all are said to be installed."""
+
+import ctypes
+import os
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+
+# Set where everything is installed, so that no test is left out without anyone noticing.
+ALL_INSTALLED = "KINECT_VO_ALL_INSTALLED"
+FAKENECT = "fakenect/libfreenect.so.0.5"
+
+
+def missing(reason: str) -> NoReturn:
+    """Skip the test; fail it where everything is said to be installed."""
+    if os.environ.get(ALL_INSTALLED):
+        pytest.fail(f"{ALL_INSTALLED} is set, but: {reason}")
+    pytest.skip(reason)
+
+
+def need_library(name: str, package: str) -> None:
+    """The test needs a library that is loaded by its name."""
+    try:
+        ctypes.CDLL(name)
+    except OSError as error:
+        missing(f"needs {name}: apt install {package} ({error})")
+
+
+def need_fakenect() -> Path:
+    """The test needs fakenect: its file."""
+    found = sorted(Path("/usr/lib").glob(f"**/{FAKENECT}"))
+    if not found:
+        missing("needs fakenect: apt install libfreenect0.5")
+    return found[0]

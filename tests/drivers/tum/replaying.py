@@ -1,0 +1,17 @@
+"""What a recording holds, read back."""
+
+from pathlib import Path
+
+from drivers.camera import EndOfStream, RgbdFrame
+from drivers.tum.camera import TumCamera
+
+
+def replayed(folder: Path) -> list[RgbdFrame]:
+    """All frames of a recorded folder."""
+    frames = []
+    with TumCamera(folder) as camera:
+        while True:
+            try:
+                frames.append(camera.read(10))
+            except EndOfStream:
+                return frames

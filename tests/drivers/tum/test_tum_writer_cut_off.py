@@ -1,0 +1,90 @@
+"""A recording that is cut off, by a kill or a full disk, holds whole frames."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.drivers.tum.replaying import replayed
+
+RECORD_FOR_EVER = """
+import sys
+import weakref
+from pathlib import Path
+import numpy as np
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.errors import UserFacingError
+from drivers.tum.writer import TumWriter
+
+noise = np.random.default_rng(0)
+writer = TumWriter(Path(sys.argv[1]))
+print("ready", flush=True)
+try:
+    for k in range(int(sys.argv[2])):
+        colour = noise.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+        depth = noise.integers(0, 65536, (48, 64), dtype=np.uint16)
+        camera = PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)
+        writer.write(RgbdFrame(k, 1000 + k / 30, 0.0, colour, depth, 5000.0, camera))
+    writer.close()
+except UserFacingError as error:
+    writer.close()
+    print(writer.written, error)
+"""
+
+
+def test_a_recording_killed_at_any_moment_can_be_replayed(tmp_path: Path) -> None:
+    for attempt in range(4):
+        folder = tmp_path / str(attempt)
+        command = [sys.executable, "-c", RECORD_FOR_EVER, str(folder), "1000000"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as recording:
+            assert recording.stdout is not None
+            recording.stdout.readline()
+            while len((folder / "associations.txt").read_bytes()) < 1000 * (attempt + 1):
+                assert recording.poll() is None
+            os.kill(recording.pid, signal.SIGKILL)
+        frames = replayed(folder)
+        listed = (folder / "associations.txt").read_text()
+        assert listed.endswith("\n")
+        assert len(frames) == listed.count("\n") - 1 > 5
+
+
+ON_A_SMALL_DISK = """
+mount -t tmpfs -o size=300k,mode=777 small "$1" || exit 77
+"$2" -c "$3" "$1/recording" 1000000
+cp -r "$1/recording" "$4"
+"""
+
+
+def record_on_a_small_disk(tmp_path: Path, copy: Path) -> str:
+    mount = tmp_path / "disk"
+    mount.mkdir()
+    script = ["sh", "-c", ON_A_SMALL_DISK, "sh", str(mount), sys.executable, RECORD_FOR_EVER]
+    # A mount namespace of its own: the file system is gone with the process.
+    unshare = ["unshare", "--mount"] + ([] if os.geteuid() == 0 else ["--map-root-user"])
+    done = subprocess.run([*unshare, *script, str(copy)], capture_output=True, text=True)
+    if done.returncode == 77 or done.stderr.startswith("unshare:"):
+        pytest.skip(f"may not mount a small file system here: {done.stderr.strip()}")
+    assert done.returncode == 0, done.stderr
+    return done.stdout.removeprefix("ready\n")
+
+
+def test_a_full_disk_is_one_clear_error_and_what_was_written_replays(tmp_path: Path) -> None:
+    printed = record_on_a_small_disk(tmp_path, tmp_path / "copy")
+    written, message = printed.split(" ", 1)
+    assert "recording: the disk is full; the " in message
+    assert message.endswith("complete; free some space and record into a new folder\n")
+    assert len(replayed(tmp_path / "copy")) == int(written) > 3
+    assert not list((tmp_path / "copy").rglob(".*"))
+
+
+def test_a_file_size_limit_is_one_clear_error_and_what_was_written_replays(tmp_path: Path) -> None:
+    """The kernel refuses the lists' next byte in the middle of a line."""
+    command = [sys.executable, "-c", RECORD_FOR_EVER, str(tmp_path / "r"), "1000000"]
+    limited = ["prlimit", "--fsize=20000", *command]
+    done = subprocess.run(limited, capture_output=True, text=True, check=True)
+    written, message = done.stdout.removeprefix("ready\n").split(" ", 1)
+    assert "cannot be written: File too large; the " in message
+    assert len(replayed(tmp_path / "r")) == int(written) > 100

@@ -1,0 +1,36 @@
+"""A short walk of a hand-held camera before a known scene, and what an odometry makes of it."""
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import (
+    Array,
+    inverse,
+    rigid_transform,
+    rotation_angle_rad,
+    rotation_from_vector,
+)
+from tests.vo_service.odometry.synthetic_views import CAMERA, frame_of
+from vo_service.odometry.estimate import Estimate
+from vo_service.odometry.surf_odometry import SurfOdometry
+
+SHAPE = (CAMERA.height, CAMERA.width)
+BLACK = frame_of(np.zeros(SHAPE, np.uint8), np.full(SHAPE, 1.5))
+
+
+def path(n: int) -> list[Array]:
+    """Poses of a hand-held camera: 15 mm and 0.8 degrees a frame."""
+    turn, shift = np.array([0.006, -0.010, 0.008]), np.array([0.010, -0.005, 0.011])
+    return [rigid_transform(rotation_from_vector(k * turn), k * shift) for k in range(n)]
+
+
+def follow(odometry: SurfOdometry, frames: list[RgbdFrame]) -> list[Estimate]:
+    """The estimate of each frame."""
+    return [odometry.estimate(frame) for frame in frames]
+
+
+def assert_close(T: Array, expected: Array, metres: float, degrees: float) -> None:
+    """Within so many metres and degrees of each other."""
+    error = inverse(T) @ expected
+    assert np.linalg.norm(error[:3, 3]) < metres
+    assert np.degrees(rotation_angle_rad(error[:3, :3])) < degrees

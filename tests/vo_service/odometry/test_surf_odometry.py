@@ -10,13 +10,9 @@ import numpy as np
 import pytest
 
 from drivers.camera import EndOfStream, Pace, RgbdFrame
-from drivers.geometry import (
-    inverse,
-)
+from drivers.geometry import inverse
 from drivers.tum.camera import TumCamera
-from tests.vo_service.odometry.synthetic_views import (
-    view_of_a_corner,
-)
+from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 from tests.vo_service.odometry.walk import assert_close, follow, path
 from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.surf import SurfExtractor

@@ -130,6 +130,16 @@ def test_a_driver_that_dies_is_started_again(
         assert_works_again(camera, script)
 
 
+def test_a_driver_that_hangs_is_not_given_the_time_to_end_in_order(
+    isolate: Isolate, script: Path
+) -> None:
+    with isolate(limits=replace(SHORT, closing_s=3600.0)) as camera:
+        frames(camera, 1)
+        script.write_text("hang in read")
+        wait_for_reason(camera, "hung while reading frames")
+        assert_works_again(camera, script)
+
+
 def test_a_camera_that_opens_and_sends_nothing_counts_as_lost(
     isolate: Isolate, script: Path
 ) -> None:

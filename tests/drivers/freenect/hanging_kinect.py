@@ -3,6 +3,7 @@
 Arguments: "open" (it does not answer from the beginning) or "close" (from the first frame on).
 """
 
+import os
 import sys
 import time
 
@@ -33,3 +34,6 @@ for _ in range(2):
         print(f"{error}", flush=True)
     camera.close()
     assert time.monotonic() - begin_s < 30.0
+# A thread is stuck in libfreenect: an orderly exit would tidy up under its feet, and may crash. The
+# driver's process ends like this as well.
+os._exit(0)

@@ -13,6 +13,14 @@ from vo_service.cameras import USAGES
 from vo_service.methods import DEFAULT_METHOD, METHODS
 from vo_service.outputs.zenoh_session import ZenohConfig
 from vo_service.pose_tracker import T_BODY_CAMERA
+from vo_service.settings import (
+    CommandSettings,
+    LoadSettings,
+    LogSettings,
+    RecorderSettings,
+    RerunSettings,
+    Ros2Settings,
+)
 
 
 @dataclass(frozen=True)
@@ -67,15 +75,6 @@ class MountingSettings:
 
 
 @dataclass(frozen=True)
-class RerunSettings:
-    """`[rerun]`: what to show, and where."""
-
-    targets: tuple[str, ...] = setting(
-        (), "any of: serve, connect, connect:HOST:PORT, or a file that ends in .rrd"
-    )
-
-
-@dataclass(frozen=True)
 class Config:
     """A whole configuration file; every table and key may be left out."""
 
@@ -84,7 +83,12 @@ class Config:
     odometry: OdometrySettings = OdometrySettings()
     T_base_camera: MountingSettings = MountingSettings()
     zenoh: ZenohConfig = ZenohConfig()  # noqa: RUF009 (frozen)
-    rerun: RerunSettings = RerunSettings()
+    commands: CommandSettings = CommandSettings()  # noqa: RUF009 (frozen)
+    ros2: Ros2Settings = Ros2Settings()  # noqa: RUF009 (frozen)
+    rerun: RerunSettings = RerunSettings()  # noqa: RUF009 (frozen)
+    recorder: RecorderSettings = RecorderSettings()  # noqa: RUF009 (frozen)
+    load: LoadSettings = LoadSettings()  # noqa: RUF009 (frozen)
+    log: LogSettings = LogSettings()  # noqa: RUF009 (frozen)
     synthetic: SyntheticConfig = SyntheticConfig.light()  # noqa: RUF009 (frozen)
 
 

@@ -170,6 +170,8 @@ class ScriptedOdometry:
 class Collector:
     """An output that keeps everything it is told, in order."""
 
+    warning = ""
+
     def __init__(self) -> None:
         self.poses: list[PoseUpdate] = []
         self.statuses: list[Status] = []

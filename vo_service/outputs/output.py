@@ -1,7 +1,7 @@
-"""What the service hands to its outputs, and the three methods that each output has."""
+"""What the service hands to its outputs, and what each output has."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
@@ -69,6 +69,10 @@ class Status:
     level         how it is known which way is up; assumed until the first frame says
     skew_ms       instant of depth minus instant of colour, median of the last frames
     jitter_ms     standard deviation of the time from one stamp to the next
+    paused        asked to publish no poses
+    recording     folder that is being recorded into; "" = none
+    warnings      what the outputs complain of, and what was given up for want of time
+    cpu_ms_per_frame, stage_ms  processor time of the odometry, whole and by stage: medians
     """
 
     state: TrackingState
@@ -92,6 +96,11 @@ class Status:
     dropped: int
     skipped: int
     lost_packets: int
+    paused: bool = False
+    recording: str = ""
+    warnings: tuple[str, ...] = ()
+    cpu_ms_per_frame: float = 0.0
+    stage_ms: Mapping[str, float] = field(default_factory=dict)
 
 
 # Asked for the ground truth once frames come: a live camera's truth has no stamps before that.
@@ -106,8 +115,13 @@ def no_truth() -> StampedPoses | None:
 class Output(Protocol):
     """Somewhere that poses go. None of the three blocks the caller for long.
 
-    `pose` and `status` never raise: an output that fails logs it once.
+    `pose` and `status` never raise: an output that fails logs it once, and says so in `warning`.
     """
+
+    @property
+    def warning(self) -> str:
+        """One clause that says what is wrong with it now; "" while all is well."""
+        ...
 
     def pose(self, update: PoseUpdate) -> None:
         """Take one result."""

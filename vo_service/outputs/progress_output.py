@@ -7,6 +7,8 @@ from vo_service.terminal import Terminal
 class ProgressOutput:
     """Draws the number of frames done, the state and the inliers. Nothing in a log."""
 
+    warning = ""
+
     def __init__(self, terminal: Terminal, label: str, total: int | None) -> None:
         self._terminal = terminal
         self._label = label

@@ -37,6 +37,8 @@ class RerunOutput:
     if a port is taken.
     """
 
+    warning = ""
+
     def __init__(
         self,
         sink: Sink,

@@ -17,6 +17,8 @@ class StateLogOutput:
     camera is, whenever it changes; and once in a state, what a camera complains of while it sends.
     """
 
+    warning = ""
+
     def __init__(self) -> None:
         self._told: tuple[TrackingState, str] | None = None
         self._in_trouble = self._has_complained = False

@@ -10,6 +10,8 @@ from vo_service.outputs.output import PoseUpdate, Status
 class TrajectoryMemory:
     """Remembers the pose of every good frame, as a trajectory file would hold it."""
 
+    warning = ""
+
     def __init__(self) -> None:
         self._stamps_s: list[float] = []
         self._poses: list[Array] = []

@@ -23,6 +23,8 @@ class TrajectoryOutput:
     Raises InputError if the file cannot be created.
     """
 
+    warning = ""
+
     def __init__(self, path: Path) -> None:
         self._path = path
         self._size = 0

@@ -55,6 +55,8 @@ class ZenohOutput:
     Raises InputError or UserFacingError where the session cannot be opened.
     """
 
+    warning = ""
+
     def __init__(self, config: ZenohConfig, delivery: Delivery = LIVE) -> None:
         self._delivery = delivery
         self._versions = versions()

@@ -1,0 +1,1 @@
+"""What others may ask of the running service: commands, and how they reach the loop."""

@@ -1,0 +1,199 @@
+"""The commands: what each takes, and reading one from the bytes that somebody sent."""
+
+import json
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+import numpy as np
+
+from drivers.geometry import Array, transform_from_pose
+from drivers.sensor_settings import Led
+from vo_service.control.errors import CommandError, ErrorCode
+
+LARGEST_PAYLOAD_BYTES = 4096
+# No robot is further from where it started.
+FARTHEST_M = 1e6
+LARGEST_TILT_DEG = 31.0
+# A quaternion this far from length 1 is a mistake, not rounding.
+LENGTH_TOLERANCE = 1e-2
+NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
+
+
+@dataclass(frozen=True)
+class Reset:
+    """Begin a new epoch with the base at `T_odom_base` (4x4); None: level, at the origin."""
+
+    T_odom_base: Array | None = None
+
+
+@dataclass(frozen=True)
+class Pause:
+    """Publish no poses until `Resume`."""
+
+
+@dataclass(frozen=True)
+class Resume:
+    """Go on after `Pause`."""
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """Tilt the sensor's head against the horizon."""
+
+    tilt_deg: float
+
+
+@dataclass(frozen=True)
+class Light:
+    """Switch the sensor's light."""
+
+    led: Led
+
+
+@dataclass(frozen=True)
+class StartRecording:
+    """Record frames into a folder of this name, below the state folder."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class StopRecording:
+    """End the recording."""
+
+
+@dataclass(frozen=True)
+class SaveIncident:
+    """Write out what the flight recorder holds."""
+
+
+Command = Reset | Pause | Resume | Tilt | Light | StartRecording | StopRecording | SaveIncident
+
+
+def parse_command(name: str, payload: bytes) -> Command:
+    """The command of this name with the arguments in `payload`: a JSON object, or nothing.
+
+    Raises CommandError: unknown-command, or bad-request saying which argument is wrong.
+    """
+    if name not in _PARSERS:
+        raise CommandError(
+            ErrorCode.UNKNOWN_COMMAND, f"there is no command {name!r}; there are: {_known()}"
+        )
+    arguments = _Arguments(name, _json_object(payload))
+    command = _PARSERS[name](arguments)
+    arguments.expect_no_more()
+    return command
+
+
+class _Arguments:
+    """Takes arguments out of a JSON object one by one, each checked."""
+
+    def __init__(self, command: str, values: Mapping[str, Any]) -> None:
+        self._command = command
+        self._values = dict(values)
+        self._known: list[str] = []
+
+    def has(self, key: str) -> bool:
+        """Whether it was given."""
+        self._known.append(key)
+        return key in self._values
+
+    def number(self, key: str, limit: float) -> float:
+        """A finite number from -limit to limit."""
+        value = self._take(key)
+        if not _is_number(value) or abs(value) > limit:
+            self.refuse(key, f"must be a number from {-limit:g} to {limit:g}")
+        return float(value)
+
+    def numbers(self, key: str, count: int, limit: float) -> tuple[float, ...]:
+        """So many finite numbers."""
+        values = self._take(key)
+        is_right = isinstance(values, list) and len(values) == count
+        if not is_right or not all(_is_number(v) and abs(v) <= limit for v in values):
+            self.refuse(key, f"must be a list of {count} numbers from {-limit:g} to {limit:g}")
+        return tuple(float(v) for v in values)
+
+    def text(self, key: str, pattern: str, wanted: str) -> str:
+        """Text that matches a pattern, described by `wanted`."""
+        value = self._take(key)
+        if not isinstance(value, str) or not re.fullmatch(pattern, value):
+            self.refuse(key, f"must be {wanted}")
+        return value
+
+    def expect_no_more(self) -> None:
+        """Refuse what is not an argument of this command."""
+        for key in self._values:
+            known = ", ".join(dict.fromkeys(self._known)) or "none"
+            self.refuse(key, f"is not an argument of {self._command}; it takes: {known}")
+
+    def refuse(self, key: str, reason: str) -> NoReturn:
+        """Say what is wrong with an argument."""
+        raise CommandError(ErrorCode.BAD_REQUEST, f"argument {key[:40]!r} {reason}")
+
+    def _take(self, key: str) -> Any:
+        self._known.append(key)
+        if key not in self._values:
+            self.refuse(key, "is missing")
+        return self._values.pop(key)
+
+
+def _reset(arguments: _Arguments) -> Reset:
+    if not arguments.has("position_m") and not arguments.has("quaternion_xyzw"):
+        return Reset()
+    position_m = arguments.numbers("position_m", 3, FARTHEST_M)
+    quaternion = arguments.numbers("quaternion_xyzw", 4, 1.0 + LENGTH_TOLERANCE)
+    if abs(float(np.linalg.norm(quaternion)) - 1.0) > LENGTH_TOLERANCE:
+        arguments.refuse("quaternion_xyzw", "must have length 1, as x y z w")
+    return Reset(transform_from_pose(position_m, quaternion))
+
+
+def _tilt(arguments: _Arguments) -> Tilt:
+    return Tilt(arguments.number("tilt_deg", LARGEST_TILT_DEG))
+
+
+def _light(arguments: _Arguments) -> Light:
+    return Light(Led(arguments.text("led", "|".join(Led), f"one of {', '.join(Led)}")))
+
+
+def _start_recording(arguments: _Arguments) -> StartRecording:
+    wanted = "a plain name: up to 64 letters, digits, '_', '-' or '.', a letter or digit first"
+    return StartRecording(arguments.text("name", NAME_PATTERN, wanted))
+
+
+_PARSERS: Mapping[str, Callable[[_Arguments], Command]] = {
+    "reset": _reset,
+    "pause": lambda _: Pause(),
+    "resume": lambda _: Resume(),
+    "tilt": _tilt,
+    "led": _light,
+    "start-recording": _start_recording,
+    "stop-recording": lambda _: StopRecording(),
+    "save-incident": lambda _: SaveIncident(),
+}
+COMMAND_NAMES = tuple(_PARSERS)
+
+
+def _known() -> str:
+    return ", ".join(_PARSERS)
+
+
+def _json_object(payload: bytes) -> Mapping[str, Any]:
+    if len(payload) > LARGEST_PAYLOAD_BYTES:
+        raise CommandError(
+            ErrorCode.BAD_REQUEST,
+            f"{len(payload)} bytes are too many; the limit is {LARGEST_PAYLOAD_BYTES}",
+        )
+    try:
+        values = json.loads(payload or b"{}")
+    except (ValueError, RecursionError) as error:
+        raise CommandError(ErrorCode.BAD_REQUEST, "the arguments are not JSON") from error
+    if not isinstance(values, dict):
+        raise CommandError(ErrorCode.BAD_REQUEST, "the arguments are not a JSON object")
+    return values
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and math.isfinite(value)

@@ -1,0 +1,75 @@
+"""Tables of the configuration file for what stands around the odometry; see `vo_service.config`."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from drivers.strict_toml import setting
+
+
+@dataclass(frozen=True)
+class RerunSettings:
+    """`[rerun]`: what to show, and where."""
+
+    targets: tuple[str, ...] = setting(
+        (), "any of: serve, connect, connect:HOST:PORT, or a file that ends in .rrd"
+    )
+    picture_hz: float = setting(10.0, "pictures a second; numbers go with every frame", low=0.1)
+    jpeg_quality: int = setting(80, "of colour images, percent", low=10, high=100)
+    memory_mb: int = setting(300, "most memory of the viewer's process", low=150)
+    file_mb: int = setting(500, "an .rrd file of this size is closed and the next begun", low=1)
+    files_kept: int = setting(4, "newest .rrd files that are kept", low=1)
+
+
+@dataclass(frozen=True)
+class RecorderSettings:
+    """`[recorder]`: the flight recorder, which keeps the last seconds of frames."""
+
+    enabled: bool = setting(True, "false keeps no frames, and cannot record on command")
+    seconds: float = setting(5.0, "how much of the past an incident holds", low=0.5, high=600.0)
+    max_mb: int = setting(200, "most memory of the ring of frames", low=10)
+    folder: Path | None = setting(None, "where incidents go; unset = below the state folder")
+    total_mb: int = setting(2000, "of all incidents; the oldest are deleted first", low=1)
+    save_on_loss: bool = setting(True, "write an incident whenever tracking is lost")
+
+
+@dataclass(frozen=True)
+class Ros2Settings:
+    """`[ros2]`: the poses as a ROS 2 node would publish them. Experimental."""
+
+    enabled: bool = setting(False, "true also publishes under ROS 2's own keys")
+    domain_id: int = setting(0, "ROS_DOMAIN_ID of the readers", low=0, high=232)
+    topic: str = setting("vo/odom", "topic of the odometry, without the first slash")
+    tf: bool = setting(True, "also publish the transform on /tf")
+
+
+@dataclass(frozen=True)
+class CommandSettings:
+    """`[commands]`: what others may ask of the service over Zenoh."""
+
+    enabled: bool = setting(True, "false answers no command")
+    per_second: float = setting(10.0, "commands a second, from all together", low=0.1, high=1000.0)
+
+
+@dataclass(frozen=True)
+class LoadSettings:
+    """`[load]`: what to give up when the machine is too slow: pictures first, then features."""
+
+    adapt: bool = setting(True, "false never gives anything up; frames are dropped instead")
+    min_features: int = setting(300, "never look for fewer features in a frame", low=50, high=5000)
+
+
+class LogLevel(StrEnum):
+    """How much to log."""
+
+    DEBUG = "debug"
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+@dataclass(frozen=True)
+class LogSettings:
+    """`[log]`: what goes to stderr, and under systemd to the journal."""
+
+    level: LogLevel = setting(LogLevel.WARNING, "debug, info, warning or error")

@@ -1,11 +1,11 @@
-"""How numeric kernels are compiled: one place, so that all of them share the same guarantees."""
+"""How numeric kernels are compiled: one place, so that all of them share the same guarantees.
+
+Numba takes half a second to import: whoever has no kernels to compile is spared that.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
-
-import numba
-from numba.core import event
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -16,12 +16,16 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     ``fastmath`` stays off: results are then the same bits with SSE2, AVX2 and AVX-512.
     """
+    import numba
+
     compiled: Callable[P, R] = numba.njit(nogil=True, cache=True, error_model="numpy")(function)
     return compiled
 
 
 def inline_kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a small helper that is inlined into the kernels that call it."""
+    import numba
+
     compiled: Callable[P, R] = numba.njit(
         nogil=True, cache=True, error_model="numpy", inline="always"
     )(function)
@@ -34,17 +38,14 @@ def interruptible(check: Callable[[], None]) -> Iterator[None]:
 
     A signal's exception would be lost in LLVM's calls back into Python, or break the compiling.
     """
-    with event.install_listener("numba:compile", _Check(check)):
+    from numba.core import event
+
+    class Check(event.Listener):
+        def on_start(self, event: object) -> None:
+            check()
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Check()):
         yield
-
-
-class _Check(event.Listener):
-    def __init__(self, check: Callable[[], None]) -> None:
-        self._check = check
-
-    def on_start(self, event: event.Event) -> None:
-        """Called by Numba before it compiles."""
-        self._check()
-
-    def on_end(self, event: event.Event) -> None:
-        """Called by Numba afterwards."""

@@ -1,12 +1,13 @@
-"""The odometry methods by name: the one place where a new estimator is listed."""
+"""The odometry methods by name: the one place where a new estimator is listed.
+
+A method is imported when it is made: its kernels are slow to load, and most commands need none.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.stopwatch import Stopwatch
-from vo_service.odometry.surf import SurfExtractor
-from vo_service.odometry.surf_odometry import SurfOdometry
 
 DEFAULT_METHOD = "surf"
 
@@ -21,6 +22,9 @@ class FeatureSettings:
 
 def _surf(features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
     """The paper's method."""
+    from vo_service.odometry.surf import SurfExtractor
+    from vo_service.odometry.surf_odometry import SurfOdometry
+
     return SurfOdometry(SurfExtractor(features.count, features.upright), stopwatch=stopwatch)
 
 

@@ -1,0 +1,28 @@
+"""Commands that compute nothing start without what only computing needs."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLE = Path(__file__).parents[2] / "config" / "kinect.toml"
+HEAVY = ("numba", "matplotlib", "rerun", "scipy")
+PROGRAM = f"""
+import sys
+from vo_service.cli import main
+try:
+    main()
+except SystemExit as end:
+    print([name for name in {HEAVY} if name in sys.modules], end.code)
+"""
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--help",), ("config", "check", str(EXAMPLE)), ("run", "--help")]
+)
+def test_a_command_that_computes_nothing_loads_no_heavy_library(arguments: tuple[str, ...]) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", PROGRAM, *arguments], capture_output=True, text=True, check=True
+    )
+    assert ended.stdout.splitlines()[-1] == "[] 0"

@@ -15,7 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import CameraError
 from drivers.geometry import Array
+from drivers.sensor_settings import Led
 from drivers.trajectory import StampedPoses
 
 
@@ -189,6 +191,14 @@ class RgbdCamera(ABC):
     def wait_to_retry(self, timeout_s: float) -> None:
         """Wait before the next `open`; return early when the device seems to be back."""
         time.sleep(timeout_s)
+
+    def set_tilt_deg(self, tilt_deg: float) -> None:
+        """Tilt the head against the horizon, soon and from now on. Raises CameraError."""
+        raise CameraError(f"{self.name}: it has no motor")
+
+    def set_led(self, led: Led) -> None:
+        """Switch the light, soon and from now on. Raises CameraError."""
+        raise CameraError(f"{self.name}: it has no light")
 
     @property
     def frame_count(self) -> int | None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, adjoint, inverse, rigid_transform, rotation_vector
-from vo_service.levelling import Levelling, level_by
+from vo_service.levelling import level_by
 from vo_service.odometry.estimate import Estimate
 from vo_service.outputs.output import Level, PoseUpdate, TrackingState
 
@@ -35,14 +35,23 @@ class StampedFrame:
     published_s: float
 
 
+@dataclass(frozen=True)
+class _Beginning:
+    """Where the base is to be with the next good frame: 4x4, or None for level at the origin."""
+
+    T_odom_base: Array | None
+
+
 class PoseTracker:
     """Accumulates what a chain of estimates says, since the epoch began."""
 
     def __init__(self, T_base_camera: Array = T_BODY_CAMERA) -> None:
         self._T_base_camera = T_base_camera
+        self._T_camera_base = inverse(T_base_camera)
         self._Ad_base_camera = adjoint(T_base_camera)
-        self._levelling = Levelling()
-        self._has_begun = False
+        self._T_odom_start = np.eye(4)  # where the first base is, once that is settled
+        self._begin: _Beginning | None = _Beginning(None)
+        self.level = Level.ASSUMED  # how it is known which way is up in `odom`
         self._seq = 0
         self.epoch = 0
         self._epoch_reason = ""
@@ -50,17 +59,20 @@ class PoseTracker:
         self._sure_s: float | None = None  # until then, the covariance covers the motion
         self._covariance = _diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
 
-    @property
-    def level(self) -> Level:
-        """How it is known which way is up in `odom`."""
-        return self._levelling.level
-
     def begin_epoch(self, reason: str) -> None:
         """The next pose is not continuous with the last; it carries the reason."""
         self.epoch += 1
         self._epoch_reason = reason
         self._last_good_s = self._sure_s = None
         self._covariance = _diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
+
+    def reset(self, T_odom_base: Array | None) -> None:
+        """Begin an epoch with the base at `T_odom_base`; None: level, at the origin.
+
+        While tracking is lost the base counts as there until a frame has a pose of its own.
+        """
+        self.begin_epoch("reset")
+        self._begin = _Beginning(T_odom_base)
 
     def update(
         self,
@@ -73,11 +85,10 @@ class PoseTracker:
         if estimate.restarted:
             self.begin_epoch("tracking began anew after a loss")
         frame = stamped.frame
-        self._level(frame, estimate)
         twist, twist_covariance = self._twist(estimate, frame.stamp_s)
         covariance = self._accumulated(estimate, frame.stamp_s)
         state, reason = _judge(estimate)
-        T_odom_base = self._T_odom_base(estimate.T_world_camera)
+        T_odom_base = self._T_odom_base(frame, estimate)
         update = PoseUpdate(
             seq=self._seq,
             stamp_s=stamped.published_s,
@@ -98,18 +109,22 @@ class PoseTracker:
         self._epoch_reason = ""
         return update
 
-    def _level(self, frame: RgbdFrame, estimate: Estimate) -> None:
-        """The first good frame is the world, so its gravity says which way is up, for good.
+    def _T_odom_base(self, frame: RgbdFrame, estimate: Estimate) -> Array:
+        """Pose of the base. The first good frame after a reset, or at the start, ties it to `odom`.
 
-        Later epochs keep to it: where tracking begins anew, the world stays as it was.
+        That lasts: where tracking begins anew after a loss, `odom` stays as it was.
         """
-        if not self._has_begun:
-            self._levelling = level_by(frame.gravity_m_s2, self._T_base_camera)
-            self._has_begun = estimate.ok
-
-    def _T_odom_base(self, T_world_camera: Array) -> Array:
-        T_start_base = self._T_base_camera @ T_world_camera @ inverse(self._T_base_camera)
-        return self._levelling.T_odom_start @ T_start_base
+        T_start_base = self._T_base_camera @ estimate.T_world_camera @ self._T_camera_base
+        if self._begin is None:
+            return self._T_odom_start @ T_start_base
+        T_odom_base = self._begin.T_odom_base
+        if T_odom_base is None:
+            levelling = level_by(frame.gravity_m_s2, self._T_base_camera)
+            T_odom_base, self.level = levelling.T_odom_start, levelling.level
+        if estimate.ok:
+            self._T_odom_start = T_odom_base @ inverse(T_start_base)
+            self._begin = None
+        return T_odom_base
 
     def _accumulated(self, estimate: Estimate, stamp_s: float) -> Array:
         """Covariance of the pose since the epoch began, in the camera's axes."""

@@ -5,6 +5,7 @@ import time
 from collections.abc import Sequence
 
 from drivers.camera import RgbdCamera, RgbdFrame
+from vo_service.control.control import Control
 from vo_service.feed import Feed
 from vo_service.odometry.estimate import Estimate, Odometry
 from vo_service.outputs.output import Output, PoseUpdate, Status, TrackingState
@@ -19,7 +20,8 @@ STATUS_PERIOD_S = 0.5
 class Service:
     """Drives one camera's frames through one odometry and into the outputs.
 
-    Everything here runs on the caller's thread; whatever could block has a thread of its own.
+    Everything here runs on the caller's thread; whatever could block has a thread or a process of
+    its own. Frame or no frame, the loop comes round several times a second.
     """
 
     def __init__(
@@ -32,6 +34,7 @@ class Service:
         outputs: Sequence[Output],
         camera: RgbdCamera,
         method: str,
+        control: Control,
     ) -> None:
         """`camera` and `method` are only told of in the status; frames come from `feed`."""
         self._feed = feed
@@ -42,6 +45,7 @@ class Service:
         self._outputs = outputs
         self._camera = camera
         self._method = method
+        self._control = control
         self._guard = StampGuard()
         self._last: PoseUpdate | None = None
         self._told: tuple[TrackingState, str] | None = None
@@ -52,7 +56,8 @@ class Service:
         """Work until the frames end or `stop` is set."""
         self._report()
         for frame in self._feed.frames(stop):
-            if frame is not None:
+            self._control.obey()
+            if frame is not None and not self._control.is_paused:
                 self._process(frame)
             self._report()
 
@@ -83,7 +88,7 @@ class Service:
         return self._tracker.update(stamped, estimate, self._stages.take(), latency_s)
 
     def _report(self) -> None:
-        """Publish the status, twice a second and whenever state or reason change."""
+        """Publish the status, twice a second and whenever the state or its reason changes."""
         told = self._state()
         now_s = time.monotonic()
         if told == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
@@ -96,6 +101,8 @@ class Service:
     def _state(self) -> tuple[TrackingState, str]:
         if self._feed.reason:
             return TrackingState.NO_CAMERA, self._feed.reason
+        if self._control.is_paused:
+            return TrackingState.LOST, "paused"
         if self._last is None:
             return TrackingState.NO_CAMERA, "no frame yet"
         return self._last.state, self._last.reason or self._camera.condition.reason
@@ -126,4 +133,9 @@ class Service:
             dropped=counters.dropped,
             skipped=counters.skipped + statistics.stale,
             lost_packets=counters.lost_packets,
+            paused=self._control.is_paused,
+            recording=self._control.recording,
+            warnings=tuple(output.warning for output in self._outputs if output.warning),
+            cpu_ms_per_frame=rolling.cpu_ms_per_frame,
+            stage_ms=rolling.stage_ms,
         )

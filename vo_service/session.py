@@ -9,6 +9,7 @@ from drivers.camera import RgbdCamera
 from drivers.errors import UserFacingError
 from drivers.jit import interruptible
 from vo_service.config import Config
+from vo_service.control.control import Control
 from vo_service.feed import Feed
 from vo_service.folders import cache_folder
 from vo_service.interrupts import Stop, stop_on_signals
@@ -64,15 +65,17 @@ def prepare_kernels(config: Config, terminal: Terminal) -> float:
 def _service(config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output]) -> Service:
     odometry = config.odometry
     stages = StageClock()
+    tracker = PoseTracker(config.T_base_camera.T_base_camera)
     return Service(
         feed=feed,
         odometry=METHODS[odometry.method](
             FeatureSettings(odometry.feature_count, odometry.upright), stages
         ),
         stages=stages,
-        tracker=PoseTracker(config.T_base_camera.T_base_camera),
+        tracker=tracker,
         clock=stamp_clock(camera.clock, config.camera.stamp_offset_s),
         outputs=outputs,
         camera=camera,
         method=odometry.method,
+        control=Control(tracker, camera),
     )

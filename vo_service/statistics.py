@@ -4,6 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from statistics import median, pstdev
 
 import numpy as np
@@ -30,6 +31,8 @@ class Rolling:
     latency_p99_ms: float
     skew_ms: float
     jitter_ms: float
+    cpu_ms_per_frame: float
+    stage_ms: Mapping[str, float]
 
 
 @dataclass
@@ -82,6 +85,8 @@ class Statistics:
             latency_p99_ms=float(p99),
             skew_ms=median(self._skew_ms) if self._skew_ms else 0.0,
             jitter_ms=pstdev(self._interval_ms) if self._interval_ms else 0.0,
+            cpu_ms_per_frame=_recent(self._cpu_ms),
+            stage_ms={stage: _recent(spent) for stage, spent in self._stages_ms.items()},
         )
 
     def _recent_fps(self) -> float:
@@ -107,3 +112,9 @@ class Statistics:
     def stage_ms(self) -> Mapping[str, float]:
         """Median processor time by stage."""
         return {stage: median(spent) for stage, spent in self._stages_ms.items()}
+
+
+def _recent(times_ms: deque[float]) -> float:
+    """Median of the last few seconds; the newest are at the right end."""
+    newest = list(islice(reversed(times_ms), WINDOW))
+    return median(newest) if newest else 0.0

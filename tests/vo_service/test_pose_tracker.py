@@ -98,7 +98,9 @@ def test_a_base_that_turns_on_the_spot_stays_there_though_its_camera_swings() ->
     T_world_camera = inverse(AHEAD) @ left_90 @ AHEAD
     # The camera itself swings 30 cm forward (to where its left was) and turns.
     np.testing.assert_allclose(T_world_camera[:3, 3], [-0.3, 0.0, -0.3], atol=1e-12)
-    found = update(PoseTracker(AHEAD), good(T_world_camera)).T_odom_base
+    tracker = PoseTracker(AHEAD)
+    update(tracker, good(np.eye(4)), 0)
+    found = update(tracker, good(T_world_camera), 1).T_odom_base
     np.testing.assert_allclose(found, left_90, atol=1e-12)
 
 
@@ -205,7 +207,9 @@ def test_few_inliers_degrade_the_pose(inliers: int, state: TrackingState, reason
 
 
 def test_a_lost_frame_holds_the_last_pose_and_says_why() -> None:
-    found = update(PoseTracker(), bad(motion(1.0), "lens covered"))
+    tracker = PoseTracker()
+    walk(tracker, [motion(1.0)])
+    found = update(tracker, bad(motion(1.0), "lens covered"), 2)
     assert (found.state, found.reason) == (TrackingState.LOST, "lens covered")
     np.testing.assert_allclose(found.T_odom_base[:3, 3], [1.0, 0.0, 0.0], atol=1e-12)
 
@@ -248,3 +252,37 @@ def test_the_covariance_of_the_twist_is_that_of_the_step_per_second_in_base_axes
     found = walk(PoseTracker(), [motion(0.1)])[-1].twist_covariance
     turned = np.kron(np.eye(2), R_BODY_OPTICAL)
     np.testing.assert_allclose(found, turned @ STEP_COVARIANCE @ turned.T * RATE_HZ**2, atol=1e-15)
+
+
+def test_a_reset_begins_an_epoch_level_at_the_origin() -> None:
+    tracker = PoseTracker(AWRY)
+    walk(tracker, [motion(1.0)] * 3)
+    tracker.reset(None)
+    found = update(tracker, good(motion(3.0)), 4)
+    np.testing.assert_allclose(found.T_odom_base, np.eye(4), atol=1e-12)
+    assert (found.epoch, found.reason) == (1, "reset")
+    assert np.all(sigmas(found) < 1e-2)
+
+
+def test_a_reset_to_a_pose_goes_on_from_there() -> None:
+    tracker, there = PoseTracker(AWRY), rigid_transform(rotation_from_vector([0, 0, 1]), [5, 6, 0])
+    T = walk(tracker, [motion(1.0), turn(yaw_right=0.3)])[-1].T_world_camera
+    tracker.reset(there)
+    step = motion(0.4, 0.1) @ turn(0.1, 0.2)
+    found = [update(tracker, good(T), 3), update(tracker, good(T @ step, step), 4)]
+    np.testing.assert_allclose(found[0].T_odom_base, there, atol=1e-12)
+    expected = there @ AWRY @ step @ inverse(AWRY)
+    np.testing.assert_allclose(found[1].T_odom_base, expected, atol=1e-12)
+    np.testing.assert_array_equal(found[1].T_world_camera, T @ step)  # files know no reset
+
+
+def test_a_reset_while_lost_says_where_the_camera_is_when_it_sees_again() -> None:
+    tracker, there = PoseTracker(), rigid_transform(np.eye(3), [5.0, 6.0, 0.0])
+    walk(tracker, [motion(1.0)])
+    tracker.reset(there)
+    lost = update(tracker, bad(motion(1.0)), 2)
+    found = update(tracker, good(motion(1.7), motion(0.7)), 3)
+    for each in (lost, found):
+        np.testing.assert_allclose(each.T_odom_base, there, atol=1e-12)
+    assert [lost.epoch, found.epoch] == [1, 1]
+    assert np.all(sigmas(update(tracker, bad(motion(1.7)), 4)) > sigmas(found))

@@ -1,7 +1,7 @@
 """The loop: every frame to every output, and a status that is never silent without a reason."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
@@ -23,9 +23,12 @@ from tests.vo_service.fakes import (
     good,
 )
 from vo_service import service as service_module
+from vo_service.control.commands import Command, Pause, Reset, Resume
+from vo_service.control.control import Control
+from vo_service.control.inbox import Inbox
 from vo_service.feed import Feed, PersistentFeed, PlainFeed
 from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import Output, TrackingState
+from vo_service.outputs.output import Output, PoseUpdate, TrackingState
 from vo_service.pose_tracker import PoseTracker
 from vo_service.service import Service
 from vo_service.stage_clock import StageClock
@@ -46,16 +49,20 @@ def make_service(
     estimates: Sequence[Estimate] = (),
     stamps: StampClock | None = None,
     camera: ScriptedCamera | None = None,
+    inbox: Inbox[Command] | None = None,
+    odometry: ScriptedOdometry | None = None,
 ) -> Service:
+    camera, tracker = camera or ScriptedCamera(), PoseTracker()
     return Service(
         feed=feed,
-        odometry=ScriptedOdometry(*estimates),
+        odometry=odometry or ScriptedOdometry(*estimates),
         stages=StageClock(),
-        tracker=PoseTracker(),
+        tracker=tracker,
         clock=stamps or RecordedClock(),
         outputs=outputs,
-        camera=camera or ScriptedCamera(),
+        camera=camera,
         method="surf",
+        control=Control(tracker, camera, inbox),
     )
 
 
@@ -169,10 +176,7 @@ def test_a_step_of_the_wall_clock_begins_an_epoch() -> None:
             return super().estimate(given)  # type: ignore[arg-type]
 
     camera, collector = ScriptedCamera([frame(k) for k in range(4)]), Collector()
-    service = Service(
-        PlainFeed(camera), Stepping(), StageClock(), PoseTracker(), stamps, [collector],
-        camera, "surf",
-    )  # fmt: skip
+    service = make_service(PlainFeed(camera), [collector], (), stamps, odometry=Stepping())
     with camera:
         service.run(threading.Event())
     assert [pose.epoch for pose in collector.poses] == [0, 0, 1, 1]
@@ -243,3 +247,58 @@ def test_a_camera_that_loses_packets_is_told_of_while_tracking() -> None:
         make_service(PlainFeed(camera), [collector], camera=camera).run(threading.Event())
     status = collector.statuses[-1]
     assert (status.state, status.reason) == (TrackingState.TRACKING, camera.condition.reason)
+
+
+class Commander(Collector):
+    """Sends a command after each pose of a script."""
+
+    def __init__(self, inbox: Inbox[Command], script: Mapping[int, Command]) -> None:
+        super().__init__()
+        self._inbox, self._script = inbox, script
+
+    def pose(self, update: PoseUpdate) -> None:
+        """Keep it, then say what is due."""
+        super().pose(update)
+        if update.frame.seq in self._script:
+            self._inbox.submit(self._script[update.frame.seq])
+
+
+def test_a_reset_counts_from_the_next_frame_on() -> None:
+    inbox: Inbox[Command] = Inbox()
+    collector = Commander(inbox, {1: Reset()})
+    camera = ScriptedCamera([frame(k) for k in range(4)])
+    with camera:
+        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
+    assert [pose.epoch for pose in collector.poses] == [0, 0, 1, 1]
+    assert [pose.reason for pose in collector.poses] == ["", "", "reset", ""]
+
+
+def test_a_pause_is_no_silence_without_a_reason(clock: FakeClock) -> None:
+    inbox: Inbox[Command] = Inbox()
+    collector = Commander(inbox, {1: Pause()})
+    camera = ScriptedCamera([After(0.2, frame(k)) for k in range(20)], clock=clock)
+    with camera:
+        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
+    assert [pose.frame.seq for pose in collector.poses] == [0, 1]
+    paused = [status for status in collector.statuses if status.paused]
+    assert {(status.state.value, status.reason) for status in paused} == {("lost", "paused")}
+    assert len(paused) > 5
+
+
+def test_after_a_pause_the_poses_go_on() -> None:
+    inbox: Inbox[Command] = Inbox()
+    inbox.submit(Pause())
+    inbox.submit(Resume())
+    camera, collector = ScriptedCamera([frame(k) for k in range(3)]), Collector()
+    with camera:
+        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
+    assert len(collector.poses) == 3
+    assert not collector.statuses[-1].paused
+
+
+def test_what_outputs_complain_of_is_in_the_status() -> None:
+    camera, troubled = ScriptedCamera([frame(0)]), Collector()
+    troubled.warning = "the disk is full"
+    with camera:
+        make_service(PlainFeed(camera), [Collector(), troubled]).run(threading.Event())
+    assert troubled.statuses[-1].warnings == ("the disk is full",)

@@ -1,0 +1,113 @@
+"""Commands are carried out, or refused with a reason."""
+
+from collections.abc import Mapping
+
+import pytest
+
+from drivers.sensor_settings import Led
+from tests.vo_service.fakes import ScriptedCamera
+from vo_service.control.commands import (
+    Command,
+    Light,
+    Pause,
+    Reset,
+    Resume,
+    SaveIncident,
+    StartRecording,
+    StopRecording,
+    Tilt,
+)
+from vo_service.control.control import Control
+from vo_service.control.errors import CommandError, ErrorCode
+from vo_service.control.inbox import Inbox
+from vo_service.pose_tracker import PoseTracker
+
+
+class Head(ScriptedCamera):
+    """A camera with a motor and a light."""
+
+    tilt_deg = 0.0
+    led = Led.OFF
+
+    def set_tilt_deg(self, tilt_deg: float) -> None:
+        """Tilt."""
+        self.tilt_deg = tilt_deg
+
+    def set_led(self, led: Led) -> None:
+        """Light."""
+        self.led = led
+
+
+class TapeDeck:
+    """A recorder that remembers what it was asked for."""
+
+    recording = ""
+
+    def __init__(self) -> None:
+        self.saved: list[str] = []
+
+    def start_recording(self, name: str) -> str:
+        """Begin."""
+        self.recording = f"recordings/{name}"
+        return self.recording
+
+    def stop_recording(self) -> str:
+        """End."""
+        folder, self.recording = self.recording, ""
+        return folder
+
+    def save(self, reason: str) -> str:
+        """Save."""
+        self.saved.append(reason)
+        return f"incidents/{reason}"
+
+
+def carry_out(command: Command, control: Control, inbox: Inbox[Command]) -> Mapping[str, object]:
+    ticket = inbox.submit(command)
+    control.obey()
+    return ticket.wait(0.0)
+
+
+def test_the_head_is_tilted_and_lit() -> None:
+    inbox: Inbox[Command] = Inbox()
+    camera = Head()
+    control = Control(PoseTracker(), camera, inbox)
+    assert carry_out(Tilt(12.0), control, inbox) == {"tilt_deg": 12.0}
+    assert carry_out(Light(Led.RED), control, inbox) == {"led": "red"}
+    assert (camera.tilt_deg, camera.led) == (12.0, Led.RED)
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (Tilt(1.0), "scripted: it has no motor"),
+        (Light(Led.RED), "scripted: it has no light"),
+        (SaveIncident(), "there is no flight recorder"),
+        (StartRecording("x"), "there is no flight recorder"),
+        (StopRecording(), "there is no flight recorder"),
+    ],
+)
+def test_what_is_not_there_is_refused_with_a_reason(command: Command, words: str) -> None:
+    inbox: Inbox[Command] = Inbox()
+    control = Control(PoseTracker(), ScriptedCamera(), inbox)
+    with pytest.raises(CommandError, match=words) as raised:
+        carry_out(command, control, inbox)
+    assert raised.value.code is ErrorCode.NOT_POSSIBLE
+
+
+def test_frames_are_recorded_and_saved_by_the_recorder() -> None:
+    inbox: Inbox[Command] = Inbox()
+    deck = TapeDeck()
+    control = Control(PoseTracker(), ScriptedCamera(), inbox, deck)
+    assert carry_out(StartRecording("desk"), control, inbox) == {"folder": "recordings/desk"}
+    assert control.recording == "recordings/desk"
+    assert carry_out(StopRecording(), control, inbox) == {"folder": "recordings/desk"}
+    assert carry_out(SaveIncident(), control, inbox) == {"folder": "incidents/command"}
+
+
+def test_a_reset_answers_with_the_new_epoch_and_a_pause_with_what_is() -> None:
+    inbox: Inbox[Command] = Inbox()
+    control = Control(PoseTracker(), ScriptedCamera(), inbox)
+    assert carry_out(Reset(), control, inbox) == {"epoch": 1}
+    assert carry_out(Pause(), control, inbox) == {"paused": True}
+    assert carry_out(Resume(), control, inbox) == {"paused": False}

@@ -1,4 +1,4 @@
-"""ROS 2's ``nav_msgs/msg/Odometry`` as plain CDR bytes, written and read without ROS.
+"""ROS 2's ``nav_msgs/msg/Odometry`` and ``tf2_msgs/msg/TFMessage`` as plain CDR bytes, without ROS.
 
 Layout: 4 bytes of header (``00 01 00 00``, little endian), then the message's fields in order, each
 aligned to its own size counted from the end of the header (OMG DDS-XTypes, "plain CDR").
@@ -101,6 +101,23 @@ def decode_odometry(payload: bytes) -> OdometryMessage:
         twist=numbers[43:49],
         twist_covariance=numbers[49:85].reshape(6, 6),
     )
+
+
+def encode_transform(
+    stamp_s: float, frame_id: str, child_frame_id: str, T_frame_child: Array
+) -> bytes:
+    """CDR bytes of a ``tf2_msgs/msg/TFMessage`` with one transform, 4x4.
+
+    Raises ValueError as `encode_odometry` does.
+    """
+    quaternion_xyzw = quaternion_from_rotation(T_frame_child[:3, :3])
+    numbers = np.concatenate([T_frame_child[:3, 3], quaternion_xyzw])
+    if not np.all(np.isfinite(numbers)):
+        raise ValueError(f"transform at {stamp_s} s holds a number that is not finite")
+    body = _LENGTH.pack(1) + _STAMP.pack(*split_stamp(stamp_s))
+    body = _append_string(body, frame_id)
+    body = _append_string(body, child_frame_id)
+    return _HEADER + _aligned(body, 8) + numbers.astype("<f8").tobytes()
 
 
 def split_stamp(stamp_s: float) -> tuple[int, int]:

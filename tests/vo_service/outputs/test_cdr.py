@@ -14,6 +14,7 @@ from vo_service.outputs.cdr import (
     OdometryMessage,
     decode_odometry,
     encode_odometry,
+    encode_transform,
     split_stamp,
 )
 
@@ -82,6 +83,33 @@ def by_rosbags(message: OdometryMessage) -> bytes:
 @settings(max_examples=60, deadline=None)
 def test_bytes_equal_those_of_rosbags(message: OdometryMessage) -> None:
     assert encode_odometry(message) == by_rosbags(message)
+
+
+def transform_by_rosbags(message: OdometryMessage) -> bytes:
+    t = ROS.types
+    sec, nanosec = split_stamp(message.stamp_s)
+    stamped = t["geometry_msgs/msg/TransformStamped"](
+        header=t["std_msgs/msg/Header"](
+            stamp=t["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec),
+            frame_id=message.frame_id,
+        ),
+        child_frame_id=message.child_frame_id,
+        transform=t["geometry_msgs/msg/Transform"](
+            translation=t["geometry_msgs/msg/Vector3"](*message.position_m),
+            rotation=t["geometry_msgs/msg/Quaternion"](*message.quaternion_xyzw),
+        ),
+    )
+    name = "tf2_msgs/msg/TFMessage"
+    return bytes(ROS.serialize_cdr(t[name](transforms=[stamped]), name))
+
+
+@given(messages())
+@settings(max_examples=60, deadline=None)
+def test_a_transforms_bytes_equal_those_of_rosbags(message: OdometryMessage) -> None:
+    encoded = encode_transform(
+        message.stamp_s, message.frame_id, message.child_frame_id, message.T_frame_child
+    )
+    assert encoded == transform_by_rosbags(message)
 
 
 @given(messages())

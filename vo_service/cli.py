@@ -5,15 +5,15 @@ import importlib
 import logging
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from importlib.metadata import version
 from types import ModuleType
-from typing import NoReturn, TextIO
+from typing import NoReturn
 
 from drivers.errors import UserFacingError
 from vo_service.folders import kernel_folder
 from vo_service.interrupts import INTERRUPTED
+from vo_service.logs import log_to_stderr
 from vo_service.terminal import wipe
 
 COMMANDS = (
@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> NoReturn:
     """Entry point of ``kinect-vo``; never returns."""
     _fill_closed_streams()
     try:
-        with _log_to_stderr():
+        with log_to_stderr():
             sys.exit(_run(list(sys.argv[1:] if argv is None else argv)))
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
@@ -149,32 +149,3 @@ def _prepare_libraries() -> None:
     os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
     # OpenCV prints what it makes of a broken image; our own line names the file.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-
-
-class _Handler(logging.StreamHandler[TextIO]):
-    """To stderr, on a line of its own even where progress is drawn."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        wipe(self.stream)
-        super().emit(record)
-
-
-class _Line(logging.Formatter):
-    def format(self, record: logging.LogRecord) -> str:
-        return f"kinect-vo: {record.levelname.lower()}: {super().format(record)}"
-
-
-@contextmanager
-def _log_to_stderr() -> Iterator[None]:
-    """While the command runs; another call in the same process begins afresh."""
-    handler = _Handler()
-    handler.setFormatter(_Line())
-    root = logging.getLogger()
-    before = root.level
-    root.addHandler(handler)
-    root.setLevel(logging.WARNING)
-    try:
-        yield
-    finally:
-        root.removeHandler(handler)
-        root.setLevel(before)

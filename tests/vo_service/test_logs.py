@@ -1,0 +1,113 @@
+"""The log as a person sees it, and as the journal does."""
+
+import logging
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+
+import pytest
+
+from tests.vo_service.fakes import FakeClock
+from vo_service.logs import (
+    LINES_REMEMBERED,
+    MOST_IN_PERIOD,
+    PERIOD_S,
+    RepeatLimit,
+    log_to_stderr,
+    set_level,
+)
+
+logger = logging.getLogger("test")
+
+
+@pytest.fixture
+def root_level() -> Iterator[None]:
+    """The level is as before, afterwards."""
+    before = logging.getLogger().level
+    yield
+    logging.getLogger().setLevel(before)
+
+
+def journal_of(code: str, *, is_journal: bool = True) -> list[str]:
+    """The lines of a program whose stderr is, or only seems to be, the journal."""
+    program = f"import logging\nfrom vo_service.logs import *\nwith log_to_stderr():\n    {code}\n"
+    with tempfile.TemporaryFile("w+") as stream:
+        state = os.fstat(stream.fileno())
+        inode = state.st_ino if is_journal else state.st_ino + 1
+        environment = {**os.environ, "JOURNAL_STREAM": f"{state.st_dev}:{inode}"}
+        command = [sys.executable, "-c", program]
+        subprocess.run(command, stderr=stream, env=environment, check=True, timeout=60)
+        stream.seek(0)
+        return stream.read().splitlines()
+
+
+def test_a_person_reads_program_and_level(capsys: pytest.CaptureFixture[str]) -> None:
+    with log_to_stderr():
+        logger.warning("%s is gone", "the camera")
+    assert capsys.readouterr().err == "kinect-vo: warning: the camera is gone\n"
+
+
+def test_the_journal_gets_the_level_as_a_number() -> None:
+    code = "set_level('debug'); l = logging.getLogger('x'); l.error('e'); l.warning('w'); "
+    lines = journal_of(code + "l.info('i'); l.debug('d'); l.critical('c')")
+    assert lines == ["<3>e", "<4>w", "<6>i", "<7>d", "<3>c"]
+
+
+def test_every_line_of_a_long_message_has_its_level() -> None:
+    assert journal_of(r"logging.getLogger('x').error('one\ntwo')") == ["<3>one", "<3>two"]
+
+
+def test_a_child_that_only_inherits_the_variable_writes_for_a_person() -> None:
+    lines = journal_of("logging.getLogger('x').error('e')", is_journal=False)
+    assert lines == ["kinect-vo: error: e"]
+
+
+@pytest.mark.usefixtures("root_level")
+def test_the_level_decides_what_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    with log_to_stderr():
+        logger.info("hidden")
+        set_level("info")
+        logger.info("shown")
+        set_level("error")
+        logger.warning("hidden again")
+    assert capsys.readouterr().err == "kinect-vo: info: shown\n"
+
+
+def test_the_same_line_again_and_again_is_shown_a_few_times(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with log_to_stderr():
+        for _ in range(100):
+            logger.warning("the same")
+        logger.warning("another")
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[:-2] == ["kinect-vo: warning: the same"] * (MOST_IN_PERIOD - 1)
+    assert lines[-2].endswith("the same (again: not shown any more for 60 s)")
+    assert lines[-1] == "kinect-vo: warning: another"
+
+
+def test_after_a_while_it_is_shown_again_and_tells_what_was_hidden() -> None:
+    clock = FakeClock()
+    limit = RepeatLimit(clock)
+    for _ in range(MOST_IN_PERIOD + 7):
+        limit.judge("the same")
+    clock.now_s += PERIOD_S
+    assert limit.judge("the same") == " (and 7 times that were not shown)"
+    assert limit.judge("the same") == ""
+
+
+def test_a_line_that_comes_now_and_then_is_always_shown() -> None:
+    clock = FakeClock()
+    limit = RepeatLimit(clock)
+    for _ in range(50):
+        clock.now_s += PERIOD_S
+        assert limit.judge("now and then") == ""
+
+
+def test_endlessly_many_lines_are_not_all_remembered() -> None:
+    limit = RepeatLimit()
+    for number in range(10 * LINES_REMEMBERED):
+        assert limit.judge(f"line {number}") == ""
+    assert len(limit._seen) == LINES_REMEMBERED

@@ -1,4 +1,6 @@
-"""``kinect-vo run`` on a played Kinect in a process of its own, and what a subscriber hears."""
+"""``kinect-vo run`` in a process of its own, on a played Kinect or another camera, and what a
+subscriber hears.
+"""
 
 import json
 import os
@@ -26,8 +28,10 @@ ENDING_S = 20.0
 class PlayedService:
     """The service while it runs."""
 
-    def __init__(self, process: "subprocess.Popen[bytes]", heard: Subscriber, log: Path) -> None:
-        self.process, self.heard, self._log = process, heard, log
+    def __init__(
+        self, process: "subprocess.Popen[bytes]", heard: Subscriber, log: Path, port: int
+    ) -> None:
+        self.process, self.heard, self._log, self.port = process, heard, log, port
 
     @property
     def status(self) -> Status:
@@ -98,14 +102,23 @@ class PlayedService:
 
 @contextmanager
 def running_service(
-    folder: Path, environment: Mapping[str, str], *options: str
+    folder: Path,
+    environment: Mapping[str, str],
+    *options: str,
+    source: str = "freenect",
+    more_config: str = "",
 ) -> Iterator[PlayedService]:
-    """``kinect-vo run --camera freenect`` that publishes on a free port; killed at the end."""
+    """``kinect-vo run --camera SOURCE`` that publishes on a free port; killed at the end.
+
+    `more_config` goes on with the table ``[zenoh]`` of its configuration, or begins others.
+    """
     folder.mkdir(exist_ok=True)
-    port = _free_port()
+    port = free_port()
     config, log = folder / "kinect.toml", folder / "log.txt"
-    config.write_text(f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n')
-    command = [KINECT_VO, "run", "--camera", "freenect", "--config", str(config), *options]
+    config.write_text(
+        f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n{more_config}', encoding="utf-8"
+    )
+    command = [KINECT_VO, "run", "--camera", source, "--config", str(config), *options]
     heard = Subscriber()
     with log.open("wb") as said:
         process = subprocess.Popen(
@@ -117,13 +130,14 @@ def running_service(
         with open_session(connect) as session:
             session.declare_subscriber("kinect/odom", heard.take_pose)
             session.declare_subscriber("kinect/status", heard.take_status)
-            yield PlayedService(process, heard, log)
+            yield PlayedService(process, heard, log, port)
     finally:
         process.kill()
         process.wait()
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A port of 127.0.0.1 that the kernel has just found free."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

@@ -1,7 +1,6 @@
 """What a ROS 2 node, or the bridge to DDS, would find of us on a real Zenoh."""
 
 import json
-import socket
 import struct
 import threading
 import time
@@ -15,6 +14,7 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.errors import InputError
+from tests.vo_service.played_service import free_port as another_free_port
 from vo_service.outputs.cdr import encode_transform
 from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.ros2_names import ODOMETRY, TF_MESSAGE
@@ -234,10 +234,3 @@ def tokens(node: zenoh.Session, domain_id: int, count: int) -> set[tuple[str, st
         if len(parts) == count:
             return {(each[5], "/".join(each[9:]) or each[8]) for each in parts}
         assert time.monotonic() < deadline_s, parts
-
-
-def another_free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port

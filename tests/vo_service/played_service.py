@@ -1,6 +1,4 @@
-"""``kinect-vo run`` in a process of its own, on a played Kinect or another camera, and what a
-subscriber hears.
-"""
+"""``kinect-vo run`` in a process of its own, on any camera, and what a subscriber hears."""
 
 import json
 import os

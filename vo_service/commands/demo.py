@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         summary = Summary.of(
             ending.statistics, camera.counters, memory.trajectory, truth, truth.stamps_s
         )
-    _leave_results(args.output, memory.trajectory, truth)
+    _leave_results(args.output, memory, truth)
     say(f"results: {args.output}" + (" (cut short)" if ending.exit_code else ""))
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
     return ending.exit_code
@@ -121,9 +121,10 @@ def _rerun_targets(args: argparse.Namespace) -> tuple[str, ...]:
     return (str(recording),) if args.no_serve else ("serve", str(recording))
 
 
-def _leave_results(folder: Path, trajectory: StampedPoses, truth: StampedPoses) -> None:
-    """Write the truth, and the picture of both."""
-    lines = map(pose_line, truth.stamps_s, truth.T_world_camera)
+def _leave_results(folder: Path, memory: TrajectoryMemory, truth: StampedPoses) -> None:
+    """Write the truth, under stamps as the trajectory's file has them, and the picture of both."""
+    lines = map(pose_line, truth.stamps_s + memory.published_after_s, truth.T_world_camera)
     write_whole(folder / "groundtruth.txt", "".join(lines).encode())
+    trajectory = memory.trajectory
     if len(trajectory) >= FEWEST_MATCHES:
         write_picture(folder / "trajectory.png", trajectory, truth, "kinect-vo demo")

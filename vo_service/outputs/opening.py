@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING
 from drivers.camera import Pace
 from vo_service.outputs.output import Output, TruthSource, no_truth
 from vo_service.outputs.trajectory_output import TrajectoryOutput
+from vo_service.outputs.worker import DropOldest, HandOver, Wait
 from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig
 
 if TYPE_CHECKING:
     from vo_service.outputs.rerun_output import RerunOutput
+
+# Lines of the trajectory that a robot's disk may owe: five minutes.
+LONGEST_HANG = 9000
 
 logger = logging.getLogger(__name__)
 
@@ -49,8 +53,9 @@ def opened_outputs(request: OutputRequest) -> Iterator[list[Output]]:
     """
     with ExitStack() as stack:
         outputs: list[Output] = []
+        is_lockstep = request.pace is Pace.LOCKSTEP
         if request.zenoh is not None:
-            delivery = LOCKSTEP if request.pace is Pace.LOCKSTEP else LIVE
+            delivery = LOCKSTEP if is_lockstep else LIVE
             publisher = stack.enter_context(closing(ZenohOutput(request.zenoh, delivery)))
             outputs.append(publisher)
             where = ", ".join(request.zenoh.listen + request.zenoh.connect)
@@ -62,7 +67,9 @@ def opened_outputs(request: OutputRequest) -> Iterator[list[Output]]:
             outputs.append(pictures)
             request.tell(f"pictures: {pictures.address}")
         if request.trajectory is not None:
-            outputs.append(stack.enter_context(closing(TrajectoryOutput(request.trajectory))))
+            lines: HandOver[bytes] = Wait(64) if is_lockstep else DropOldest(LONGEST_HANG)
+            trajectory = TrajectoryOutput(request.trajectory, lines)
+            outputs.append(stack.enter_context(closing(trajectory)))
         yield outputs
 
 

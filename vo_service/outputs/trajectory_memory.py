@@ -8,19 +8,21 @@ from vo_service.outputs.output import PoseUpdate, Status
 
 
 class TrajectoryMemory:
-    """Remembers the pose of every good frame, as a trajectory file would hold it."""
+    """Remembers the pose of every good frame, under the stamp that the camera gave it."""
 
     warning = ""
 
     def __init__(self) -> None:
         self._stamps_s: list[float] = []
         self._poses: list[Array] = []
+        self.published_after_s = 0.0  # published stamp minus the frame's
 
     def pose(self, update: PoseUpdate) -> None:
         """Remember one pose, if this frame has one of its own."""
         if update.estimate.ok:
             self._stamps_s.append(update.frame.stamp_s)
             self._poses.append(update.T_world_camera)
+            self.published_after_s = update.stamp_s - update.frame.stamp_s
 
     def status(self, status: Status) -> None:
         """Nothing to remember."""

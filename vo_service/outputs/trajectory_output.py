@@ -8,6 +8,10 @@ from pathlib import Path
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import pose_line
 from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.outputs.worker import HandOver, Worker
+
+# A disk that does not answer is waited for no longer than this at the end.
+CLOSE_S = 2.0
 
 logger = logging.getLogger(__name__)
 
@@ -15,17 +19,16 @@ logger = logging.getLogger(__name__)
 class TrajectoryOutput:
     """Writes ``stamp tx ty tz qx qy qz qw`` of the optical camera, one line a good frame.
 
-    The file is created (or emptied) at once and grows line by line, so that whatever ends the
-    process, every finished line is kept. A frame without a pose of its own writes no line. After
-    a failed write (disk full) nothing more is written, the file ends with its last whole line,
-    and `close` raises the error.
+    Stamps are the published ones. The file is created (or emptied) at once and grows line by line
+    on a thread of its own, so that whatever ends the process, every finished line is kept. A frame
+    without a pose of its own writes no line. After a failed write (disk full) nothing more is
+    written, the file ends with its last whole line, and `close` raises the error.
 
     Raises InputError if the file cannot be created.
     """
 
-    warning = ""
-
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, lines: HandOver[bytes]) -> None:
+        """`lines` says what becomes of lines that the disk does not take in time."""
         self._path = path
         self._size = 0
         self._failure: UserFacingError | None = None
@@ -36,24 +39,37 @@ class TrajectoryOutput:
                 f"{path}: cannot write the trajectory: {error.strerror}; name a file in a folder "
                 "that you may write to"
             ) from error
+        self._worker = Worker("trajectory", lines, self._append, self._file.close)
+
+    @property
+    def warning(self) -> str:
+        """What is missing of the file."""
+        if self._failure is not None:
+            return str(self._failure)
+        if self._worker.dropped:
+            return f"{self._path}: the disk is too slow; {self._worker.dropped} poses are missing"
+        return ""
 
     def pose(self, update: PoseUpdate) -> None:
-        """Write one line, if this frame has a pose of its own."""
+        """Write one line (soon), if this frame has a pose of its own."""
         if update.estimate.ok and self._failure is None:
-            line = pose_line(update.frame.stamp_s, update.T_world_camera).encode()
-            self._append(line)
+            self._worker.put(pose_line(update.stamp_s, update.T_world_camera).encode())
 
     def status(self, status: Status) -> None:
         """Nothing to write."""
 
     def close(self) -> None:
-        """Close the file. Raises UserFacingError, once, if a line could not be written."""
-        self._file.close()
+        """Close the file. Raises UserFacingError, once, if the file is not complete."""
+        has_ended = self._worker.close(CLOSE_S)
         failure, self._failure = self._failure, None
         if failure is not None:
             raise UserFacingError(f"{self._path}: the trajectory is not complete") from failure
+        if not has_ended:
+            raise UserFacingError(f"{self._path}: the disk does not take the end of the trajectory")
 
     def _append(self, line: bytes) -> None:
+        if self._failure is not None:
+            return
         try:
             written = self._file.write(line)
             if written != len(line):

@@ -1,5 +1,7 @@
-"""Ctrl-C and SIGTERM as a request to end, so that everything is kept."""
+"""Ctrl-C and SIGTERM as a request to end, so that everything is kept; SIGHUP to read again."""
 
+import logging
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -8,6 +10,8 @@ from types import FrameType
 
 # A shell's exit code for a program ended by Ctrl-C: 128 + SIGINT.
 INTERRUPTED = 130
+
+logger = logging.getLogger(__name__)
 
 
 class Stop:
@@ -48,3 +52,33 @@ def stop_on_signals() -> Iterator[Stop]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def hangups() -> Iterator[threading.Event]:
+    """Turn SIGHUP into an event that is set while the block runs; whoever heeds it clears it."""
+    hangup = threading.Event()
+    before = signal.signal(signal.SIGHUP, lambda number, frame: hangup.set())
+    try:
+        yield hangup
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@contextmanager
+def ended_by_force(stop: Stop, after_s: float) -> Iterator[None]:
+    """End the process if the block is not over `after_s` after a stop was asked for."""
+    is_over = threading.Event()
+
+    def watch() -> None:
+        stop.event.wait()
+        if not is_over.wait(after_s):
+            logger.error("did not end within %g s of being asked to; ended by force", after_s)
+            os._exit(1)
+
+    threading.Thread(target=watch, name="ending", daemon=True).start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        stop.event.set()  # so that the thread ends

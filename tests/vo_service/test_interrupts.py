@@ -2,10 +2,13 @@
 
 import os
 import signal
+import subprocess
+import sys
+from typing import Any
 
 import pytest
 
-from vo_service.interrupts import stop_on_signals
+from vo_service.interrupts import ended_by_force, hangups, stop_on_signals
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
@@ -49,3 +52,37 @@ def test_work_that_shows_progress_is_interrupted_once_a_stop_was_asked_for() -> 
         with pytest.raises(KeyboardInterrupt):
             progress(2, 3)
     assert steps == [(1, 3)]
+
+
+def test_a_hangup_is_an_event_for_whoever_heeds_it() -> None:
+    with hangups() as hangup:
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert hangup.wait(5)
+
+
+HANGING = """
+import time
+from vo_service.interrupts import ended_by_force, stop_on_signals
+with stop_on_signals() as stop, ended_by_force(stop, 0.2):
+    print("ready", flush=True)
+    while True:
+        time.sleep(1)
+"""
+
+
+def test_what_does_not_end_is_ended_by_force() -> None:
+    command = [sys.executable, "-c", HANGING]
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert "did not end within 0.2 s of being asked to; ended by force" in said
+
+
+def test_what_ends_in_time_ends_as_it_will() -> None:
+    with stop_on_signals() as stop, ended_by_force(stop, 0.01):
+        pass
+    assert stop.exit_code == 0

@@ -1,0 +1,70 @@
+"""The loop on its own thread, and the signals on theirs."""
+
+import os
+import signal
+import threading
+
+import pytest
+
+from drivers.errors import UserFacingError
+from vo_service import live_loop
+from vo_service.interrupts import Stop, hangups, stop_on_signals
+from vo_service.live_loop import run_live
+
+
+def nothing() -> None:
+    """No configuration to read."""
+
+
+def test_a_signal_ends_the_loop() -> None:
+    names = []
+
+    def work(stop: threading.Event) -> None:
+        names.append(threading.current_thread().name)
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert stop.wait(10)
+
+    with stop_on_signals() as stop:
+        run_live(work, stop, threading.Event(), nothing)
+    assert names == ["odometry"]
+    assert stop.exit_code == 143
+
+
+def test_a_loop_that_ends_by_itself_is_not_waited_for() -> None:
+    run_live(lambda stop: None, Stop(), threading.Event(), nothing)
+
+
+def test_what_the_loop_raises_is_raised_here() -> None:
+    def work(stop: threading.Event) -> None:
+        raise UserFacingError("no such camera")
+
+    with pytest.raises(UserFacingError, match="no such camera"):
+        run_live(work, Stop(), threading.Event(), nothing)
+
+
+def test_each_hangup_reads_the_configuration_again_while_the_loop_goes_on() -> None:
+    readings = threading.Semaphore(0)
+
+    def work(stop: threading.Event) -> None:
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert readings.acquire(timeout=10)
+            assert not stop.is_set()
+
+    with hangups() as hangup:
+        run_live(work, Stop(), hangup, readings.release)
+
+
+def test_a_loop_that_hangs_is_left_behind(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(live_loop, "LAST_FRAME_S", 0.05)
+    release, stop = threading.Event(), Stop()
+
+    def work(_: threading.Event) -> None:
+        release.wait(10)
+
+    stop.event.set()
+    run_live(work, stop, threading.Event(), nothing)
+    assert "the odometry did not come to an end within" in caplog.text
+    release.set()

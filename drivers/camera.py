@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from drivers.errors import CameraError
 from drivers.geometry import Array
 from drivers.sensor_settings import Led
+from drivers.strict_toml import required
 from drivers.trajectory import StampedPoses
 
 
@@ -25,12 +26,12 @@ from drivers.trajectory import StampedPoses
 class PinholeCamera:
     """Intrinsics of an undistorted image, in pixels; the centre of the first pixel is (0, 0)."""
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+    width: int = required("columns of the image", low=1)
+    height: int = required("rows of the image", low=1)
+    fx: float = required("horizontal focal length, pixels", above=0.0)
+    fy: float = required("vertical focal length, pixels", above=0.0)
+    cx: float = required("column of the principal point, pixels")
+    cy: float = required("row of the principal point, pixels")
 
     @property
     def K(self) -> Array:

@@ -37,6 +37,18 @@ class Description:
         """The meaning as a clause to put behind a message."""
         return f" ({self.about})" if self.about else ""
 
+    @property
+    def range(self) -> str:
+        """The bounds in words; "" where there are none."""
+        bounds = []
+        if self.low > -math.inf:
+            bounds.append(f"at least {self.low:.15g}")
+        if self.above > -math.inf:
+            bounds.append(f"more than {self.above:.15g}")
+        if self.high < math.inf:
+            bounds.append(f"at most {self.high:.15g}")
+        return " and ".join(bounds)
+
 
 def setting(
     default: T,
@@ -166,23 +178,12 @@ def _number(kind: type[Any], value: Any, description: Description, path: KeyPath
         raise _BadKeyError(path, f"{value} is not allowed; give a finite number{description.hint}")
     if value < description.low or value > description.high or value <= description.above:
         raise _BadKeyError(
-            path, f"{value} is out of range; give {_range(description)}{description.hint}"
+            path, f"{value} is out of range; give {description.range}{description.hint}"
         )
     try:
         return kind(value)
     except OverflowError as error:
         raise _BadKeyError(path, "is too large for a number; shorten it") from error
-
-
-def _range(description: Description) -> str:
-    bounds = []
-    if description.low > -math.inf:
-        bounds.append(f"at least {description.low:.15g}")
-    if description.above > -math.inf:
-        bounds.append(f"more than {description.above:.15g}")
-    if description.high < math.inf:
-        bounds.append(f"at most {description.high:.15g}")
-    return " and ".join(bounds)
 
 
 def _expect(ok: bool, wanted: str, value: Any, description: Description, path: KeyPath) -> None:

@@ -7,6 +7,7 @@ from typing import Self
 
 from drivers.camera import PinholeCamera
 from drivers.errors import InputError
+from drivers.strict_toml import setting
 from drivers.synthetic.faults import Fault
 
 KINECT_COLOUR = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
@@ -23,60 +24,70 @@ class Motion(StrEnum):
 
 @dataclass(frozen=True)
 class ColourEye:
-    """The colour sensor. Sensible values are those of a Kinect v1 indoors."""
+    """The colour sensor. The defaults are those of a Kinect v1 indoors."""
 
-    distortion: tuple[float, ...] = (0.05, -0.10, 0.0005, -0.0005, 0.0)  # k1 k2 p1 p2 k3
-    noise_sigma: float = 3.0  # grey levels at mid grey
-    softness_px: float = 0.9  # blur of the lens and of the colour filter array
-    exposure_s: float = 0.012  # motion blur; 0 = a perfect instant
-    gain_drift: float = 0.12  # automatic exposure: relative amplitude
-    vignetting: float = 0.12  # loss of brightness in the corners
-    smooth_edges: bool = True  # average four rays where surfaces meet
+    distortion: tuple[float, ...] = setting(
+        (0.05, -0.10, 0.0005, -0.0005, 0.0), "five values of the lens: k1 k2 p1 p2 k3"
+    )
+    noise_sigma: float = setting(3.0, "noise at mid grey, grey levels", low=0.0)
+    softness_px: float = setting(0.9, "blur of the lens and the colour filters, pixels", low=0.0)
+    exposure_s: float = setting(0.012, "motion blur, seconds; 0 = a perfect instant", low=0.0)
+    gain_drift: float = setting(0.12, "how far brightness drifts, relative; below 1", low=0.0)
+    vignetting: float = setting(0.12, "loss of brightness in the corners, relative", low=0.0)
+    smooth_edges: bool = setting(True, "average four rays where surfaces meet")
 
 
 @dataclass(frozen=True)
 class DepthEye:
     """The infrared projector and camera (Khoshelham and Elberink, Sensors 2012, section 3)."""
 
-    focal_px: float = 580.0  # of a 640-pixel-wide image
-    baseline_m: float = 0.075  # projector to infrared camera
-    eye_offset_m: float = 0.025  # infrared camera to the left of the colour camera
-    registration: bool = True  # False: depth is seen through the colour eye, without parallax
-    shadows: bool = True  # no reading where the projector is hidden
-    disparity_step_px: float = 1.0 / 8.0
-    disparity_sigma_px: float = 0.07
-    lateral_sigma_px: float = 0.7  # edges fray: the depth is that of a neighbour
-    min_range_m: float = 0.5
-    max_range_m: float = 5.0
+    focal_px: float = setting(580.0, "focal length for an image 640 pixels wide", above=0.0)
+    baseline_m: float = setting(0.075, "from the projector to the infrared camera", above=0.0)
+    eye_offset_m: float = setting(0.025, "the infrared camera is so far left of the colour camera")
+    registration: bool = setting(
+        True, "false = depth is seen through the colour camera, without parallax"
+    )
+    shadows: bool = setting(True, "no reading where the projector's light is hidden")
+    disparity_step_px: float = setting(1.0 / 8.0, "steps of the disparity; 0 = exact", low=0.0)
+    disparity_sigma_px: float = setting(0.07, "noise of the disparity", low=0.0)
+    lateral_sigma_px: float = setting(
+        0.7, "edges fray: the depth is that of a neighbour so far away", low=0.0
+    )
+    min_range_m: float = setting(0.5, "nothing nearer is read", low=0.0)
+    max_range_m: float = setting(5.0, "nothing farther is read", above=0.0)
 
 
 @dataclass(frozen=True)
 class Timing:
     """When rows are taken. Rows are read top to bottom; a stamp is that of the middle row."""
 
-    readout_s: float = 0.020  # rolling shutter: first row to last, both eyes
-    skew_s: float = 0.010  # depth after colour
+    readout_s: float = setting(
+        0.020, "rolling shutter: first row to last, of both images; at most a frame", low=0.0
+    )
+    skew_s: float = setting(0.010, "depth after colour, seconds; at most half a frame")
 
 
 @dataclass(frozen=True)
 class SyntheticConfig:
     """A virtual Kinect in a room of its own. Raises InputError if a value makes no sense."""
 
-    seed: int = 1  # another seed is another room and another motion
-    duration_s: float = 20.0
-    rate_hz: float = 30.0
-    camera: PinholeCamera = KINECT_COLOUR
-    depth_factor: float = 1000.0
-    motion: Motion = Motion.HAND_HELD
-    track: Path | None = None  # a TUM trajectory (optical camera in a z-up world) to follow
-    track_start_s: float = 0.0  # where in the track to begin, from its first stamp
-    loop: bool = False  # play for ever; the motion then ends where it began
-    bare_wall: bool = False  # one wall without texture
-    texel_m: float = 0.0025  # size of a texture's pixel
+    seed: int = setting(1, "another seed is another room and another motion", low=0)
+    duration_s: float = setting(20.0, "length of the film, seconds; one frame at least", above=0.0)
+    rate_hz: float = setting(30.0, "frames a second", above=0.0)
+    camera: PinholeCamera = setting(KINECT_COLOUR, "intrinsics of the colour camera")
+    depth_factor: float = setting(1000.0, "depth value of one metre", low=1.0, high=10000.0)
+    motion: Motion = setting(Motion.HAND_HELD, "how the camera moves when no track is given")
+    track: Path | None = setting(
+        None, "a trajectory in TUM format (optical camera in a z-up world) to follow"
+    )
+    track_start_s: float = setting(0.0, "where in the track to begin, from its first stamp")
+    loop: bool = setting(False, "play for ever; the motion then ends where it began")
+    bare_wall: bool = setting(False, "one wall without texture")
+    texel_m: float = setting(0.0025, "size of a texture's pixel, metres", low=0.001)
     colour: ColourEye = field(default_factory=ColourEye)
     depth: DepthEye = field(default_factory=DepthEye)
     timing: Timing = field(default_factory=Timing)
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[Fault, ...] = setting((), "what goes wrong with which frames")
 
     def __post_init__(self) -> None:
         half_frame_s = 0.5 / self.rate_hz if self.rate_hz > 0 else 0.0

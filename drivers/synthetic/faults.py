@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
+from drivers.strict_toml import required, setting
 
 Image = NDArray[np.uint8]
 Depth = NDArray[np.uint16]
@@ -30,10 +31,12 @@ class FaultKind(StrEnum):
 class Fault:
     """`kind` strikes `count` frames from frame `first`; `seconds` where the kind asks for it."""
 
-    kind: FaultKind
-    first: int
-    count: int = 1
-    seconds: float = 0.0
+    kind: FaultKind = required("what goes wrong")
+    first: int = required("number of the first frame that suffers, from 0", low=0)
+    count: int = setting(1, "how many frames suffer", low=1)
+    seconds: float = setting(
+        0.0, "how far stamps jump, or after how long an unplugged camera is back"
+    )
 
     def __post_init__(self) -> None:
         if self.first < 0 or self.count < 1:

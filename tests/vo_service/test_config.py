@@ -123,6 +123,7 @@ def test_a_camera_ahead_of_the_base_keeps_the_default_axes(tmp_path: Path) -> No
         ("zenoh", "prefix = true", "key `zenoh.prefix`: true is the wrong type; give text"),
         ("rerun", "targets = [1]", "key `rerun.targets`: 1 is the wrong type; give text"),
         ("synthetic", 'motion = "wild"', 'key `synthetic.motion`: "wild" is not a choice'),
+        ("synthetic", "rate_hz = 0", "key `synthetic.rate_hz`: 0 is out of range; give more than 0"),
         ("synthetic.depth", "shadow = true", "key `synthetic.depth.shadow`: is unknown; did you"),
     ],
 )
@@ -141,7 +142,7 @@ def test_a_bad_key_is_named_with_its_line(
         ("T_base_camera", "quaternion_xyzw = [0, 0, 0, 0]", "must have length 1, as x y z w"),
         ("T_base_camera", "quaternion_xyzw = [1, 1, 1, 1]", "must have length 1, as x y z w"),
         ("zenoh", 'prefix = "/kinect"', "without a slash at either end"),
-        ("synthetic", "rate_hz = 0", "rate_hz must be above 0"),
+        ("synthetic", "rate_hz = 0.04", "duration_s must hold at least one frame"),
     ],
 )
 def test_a_value_that_makes_no_sense_is_named_with_its_table(

@@ -1,15 +1,18 @@
-"""``kinect-vo config check``: whether a configuration file is right, before anyone relies on it."""
+"""``kinect-vo config``: whether a configuration file is right, and what may stand in one."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 from vo_service.config import read_config
+from vo_service.config_reference import reference
 
 NAME = "config"
-HELP = "check a configuration file"
+HELP = "check a configuration file, or list all its keys"
 EPILOG = """\
 examples:
   kinect-vo config check /etc/kinect-vo/kinect.toml
+  kinect-vo config reference | less
 
 A mistake is named with its file, line and key; the exit code is then 2.
 """
@@ -20,10 +23,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
     check = actions.add_parser("check", help="read a file and say what is wrong with it")
     check.add_argument("file", metavar="FILE", type=Path, help="configuration file (TOML)")
+    check.set_defaults(action=_check)
+    listing = actions.add_parser("reference", help="print every key with its meaning (Markdown)")
+    listing.set_defaults(action=_reference)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read the file; any mistake is an InputError."""
+    """Do what was asked for; any mistake in a file is an InputError."""
+    action: Callable[[argparse.Namespace], int] = args.action
+    return action(args)
+
+
+def _check(args: argparse.Namespace) -> int:
     read_config(args.file)
     print(f"{args.file}: no mistakes")
+    return 0
+
+
+def _reference(args: argparse.Namespace) -> int:
+    print(reference(), end="")
     return 0

@@ -1,0 +1,80 @@
+"""The page of all configuration keys says what the code says."""
+
+import dataclasses
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.vo_service.commands.command_line import call
+from vo_service.config import Config, read_config
+from vo_service.config_reference import COMMAND, reference
+from vo_service.reload import LIVE_KEYS
+
+PAGE = Path(__file__).parents[2] / "docs" / "configuration.md"
+
+
+def rows() -> dict[str, list[str]]:
+    """The cells of every key, by its whole name."""
+    found, table = {}, ""
+    for line in reference().splitlines():
+        heading = re.fullmatch(r"## `\[{1,2}([\w.]+)\]{1,2}`", line)
+        table = heading[1] if heading else table
+        if line.startswith("| `"):
+            cells = [
+                cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line)[1:-1]
+            ]
+            found[f"{table}.{cells[0].strip('`')}"] = cells
+    return found
+
+
+def keys(kind: Any, path: str = "") -> set[str]:
+    """Of all tables that are not lists."""
+    found = set()
+    for field in dataclasses.fields(kind):
+        value, name = getattr(kind, field.name), f"{path}{field.name}"
+        found |= keys(value, f"{name}.") if dataclasses.is_dataclass(value) else {name}
+    return found
+
+
+def test_the_page_is_what_the_code_says() -> None:
+    assert PAGE.read_text() == reference(), f"run: {COMMAND} > docs/configuration.md"
+
+
+def test_every_key_is_there() -> None:
+    assert keys(Config()) - {"synthetic.faults"} <= rows().keys()
+    assert {"synthetic.faults.kind", "synthetic.faults.first"} <= rows().keys()
+
+
+@pytest.mark.parametrize("key", sorted(rows()))
+def test_every_key_has_a_text(key: str) -> None:
+    assert len(rows()[key][4].split()) >= 2
+
+
+def test_the_defaults_are_read_as_they_are_written(tmp_path: Path) -> None:
+    lines = ["schema = 1"]
+    for key, (_, _, default, *_) in rows().items():
+        if default.startswith("`") and not key.startswith("synthetic"):
+            lines.append(f"{key} = {default.strip('`')}")
+    file = tmp_path / "kinect.toml"
+    file.write_text("\n".join(lines))
+    assert len(tomllib.loads(file.read_text())) > 8
+    assert read_config(file) == Config()
+
+
+def test_what_is_read_again_at_once_is_marked() -> None:
+    assert {key for key, cells in rows().items() if cells[5] == "at once"} == set(LIVE_KEYS)
+
+
+def test_types_and_ranges_are_in_words() -> None:
+    assert rows()["sensor.tilt_deg"][1:4] == ["number", "unset", "-31 to 31"]
+    assert rows()["rerun.files_kept"][1:4] == ["whole number", "`4`", "at least 1"]
+    assert rows()["T_base_camera.translation_m"][1] == "list of 3 × number"
+    assert rows()["synthetic.faults.first"][2] == "*required*"
+
+
+def test_the_command_prints_the_page(capfd: pytest.CaptureFixture[str]) -> None:
+    ended = call(capfd, "config", "reference")
+    assert (ended.code, ended.out) == (0, reference())

@@ -1,14 +1,10 @@
 """The two system files that let a sensor be opened without root, made from the table of USB ids."""
 
-import os
-import shutil
-import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.errors import UserFacingError
 from drivers.kinect_usb.ids import SUPPORTED_IDS, UsbId
+from vo_service.installation.calls import call
+from vo_service.installation.system_files import SystemFile, refused, remove_file, write_file
 
 GROUP = "plugdev"
 KERNEL_DRIVER = "gspca_kinect"  # makes a webcam of a Kinect, and so holds its camera
@@ -16,7 +12,6 @@ KERNEL_DRIVER = "gspca_kinect"  # makes a webcam of a Kinect, and so holds its c
 # file can change. Only a file that comes before it and itself says ":=" can keep them closed.
 RULES_FILE = Path("etc/udev/rules.d/59-kinect-vo.rules")
 MODPROBE_FILE = Path("etc/modprobe.d/kinect-vo.conf")
-PATIENCE_S = 20.0
 
 _RULES_HEADING = f"""\
 # Depth cameras may be used by who sits at the computer (uaccess) and by the group {GROUP}.
@@ -33,14 +28,6 @@ _MODPROBE_TEXT = f"""\
 # Written by: kinect-vo udev install    Taken away by: kinect-vo udev uninstall
 blacklist {KERNEL_DRIVER}
 """
-
-
-@dataclass(frozen=True)
-class SystemFile:
-    """A file to install; `path` is relative to the root of the file system."""
-
-    path: Path
-    text: str
 
 
 def system_files() -> tuple[SystemFile, ...]:
@@ -72,11 +59,10 @@ def install(root: Path) -> list[Path]:
     for file in system_files():
         path = root / file.path
         try:
-            if not _holds(path, file.text):
-                _write(path, file.text)
+            if write_file(path, file.text):
                 written.append(path)
         except OSError as error:
-            raise _refused(path, error, "install", root) from error
+            raise refused(path, error, root, "udev", "install") from error
     return written
 
 
@@ -86,52 +72,19 @@ def uninstall(root: Path) -> list[Path]:
     for file in system_files():
         path = root / file.path
         try:
-            path.unlink()
-        except FileNotFoundError:
-            continue
+            if remove_file(path):
+                removed.append(path)
         except OSError as error:
-            raise _refused(path, error, "uninstall", root) from error
-        removed.append(path)
+            raise refused(path, error, root, "udev", "uninstall") from error
     return removed
 
 
 def apply_now() -> str:
     """Have udev read its rules again and unload the webcam driver; "" or what did not work."""
-    complaints = [_call("udevadm", "control", "--reload")]
+    complaints = [call("udevadm", "control", "--reload")]
     if _is_loaded(KERNEL_DRIVER):
-        complaints.append(_call("modprobe", "--remove", KERNEL_DRIVER))
+        complaints.append(call("modprobe", "--remove", KERNEL_DRIVER))
     return "; ".join(complaint for complaint in complaints if complaint)
-
-
-def sudo_command(*arguments: str) -> str:
-    """What a user types to run a kinect-vo command as root, whose PATH may be another."""
-    script = Path(sys.executable).with_name("kinect-vo")
-    return " ".join(["sudo", str(script) if script.exists() else "kinect-vo", *arguments])
-
-
-def _holds(path: Path, text: str) -> bool:
-    return path.is_file() and not path.is_symlink() and path.read_text() == text
-
-
-def _write(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")  # neither udev nor modprobe reads such a name
-    try:
-        part.write_text(text)
-        part.chmod(0o644)
-        part.replace(path)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
-
-
-def _refused(path: Path, error: OSError, action: str, root: Path) -> UserFacingError:
-    if isinstance(error, PermissionError) and os.geteuid() != 0:
-        tree = [] if root == Path("/") else ["--root", str(root)]
-        return UserFacingError(
-            f"{path}: only root may change this; run: {sudo_command('udev', action, *tree)}"
-        )
-    return UserFacingError(f"{path}: {error.strerror}; see to that and run it again")
 
 
 def _is_loaded(module: str) -> bool:
@@ -139,17 +92,3 @@ def _is_loaded(module: str) -> bool:
         return any(line.split()[0] == module for line in Path("/proc/modules").open())
     except OSError:
         return False
-
-
-def _call(*command: str) -> str:
-    """Run a system command; "" or what went wrong."""
-    told = " ".join(command)
-    if shutil.which(command[0]) is None:
-        return f"{command[0]} is not installed here"
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=PATIENCE_S, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return f"`{told}`: {error}"
-    return "" if done.returncode == 0 else f"`{told}` failed: {' '.join(done.stderr.split())}"

@@ -116,10 +116,10 @@ def test_uninstalling_removes_both_and_may_be_repeated(tmp_path: Path) -> None:
 def test_a_user_is_told_the_command_for_root(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(path: Path, text: str) -> None:
+    def refuse(path: Path, text: str) -> bool:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(udev, "_write", refuse)
+    monkeypatch.setattr(udev, "write_file", refuse)
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     command = f"only root may .*; run: sudo .*udev install --root {tmp_path}$"
     with pytest.raises(UserFacingError, match=command):

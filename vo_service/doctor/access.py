@@ -9,7 +9,8 @@ from pathlib import Path
 from vo_service.doctor.context import Context
 from vo_service.doctor.finding import Finding, failed, passed, warned
 from vo_service.doctor.usb_facts import Refusal, UsbPart
-from vo_service.udev import GROUP, KERNEL_DRIVER, RULES_FILE, sudo_command
+from vo_service.installation.system_files import sudo_command
+from vo_service.udev import GROUP, KERNEL_DRIVER, RULES_FILE
 
 # Our own driver is a Python program, by its name like any other.
 DRIVER_PROCESS = "drivers.isolation.child"

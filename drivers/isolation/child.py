@@ -1,4 +1,4 @@
-"""The driver's process: ``python -m drivers.isolation.child FD``, started by `DriverProcess`.
+"""The driver's process: ``python -m drivers.isolation.child FD``, started by `ChildProcess`.
 
 It ends with the service, whatever happens: in order where that is possible, by force where not.
 """

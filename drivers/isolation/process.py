@@ -1,4 +1,4 @@
-"""The driver's process, as seen from the service."""
+"""A process of our own, such as a driver's, as seen from the service."""
 
 import logging
 import os
@@ -8,43 +8,56 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import wait
 from types import TracebackType
 from typing import IO, Any, Self
-
-from drivers.isolation.messages import Word
 
 _LONGEST_LINE = 200
 _REAPED_S = 5.0
 _log = logging.getLogger(__name__)
 
 
-class DriverProcess:
+@dataclass(frozen=True)
+class Program:
+    """A module that is run with the number of its end of a `Connection`, and its name in the log.
+
+    It must ignore SIGTERM and end when the other end of the connection is gone.
+    """
+
+    module: str
+    name: str
+
+
+DRIVER = Program("drivers.isolation.child", "driver")
+
+
+class ChildProcess:
     """Starts the process; leaving the context ends it and leaves nothing of it.
 
     What native libraries print goes to the log at level debug; the last line may explain a crash.
     """
 
-    def __init__(self, fds: Sequence[int], patience_s: float) -> None:
+    def __init__(self, program: Program, fds: Sequence[int], patience_s: float) -> None:
         """`fds` go to the process; it may take `patience_s` to end by itself. Raises OSError."""
         self._patience_s = patience_s
         self._connection, theirs = Pipe()
         with theirs:
             try:
-                self._process = _start(theirs.fileno(), fds)
+                self._process = _start(program.module, theirs.fileno(), fds)
             except OSError:
                 self._connection.close()
                 raise
         assert self._process.stdout is not None
-        self._output = _Output(self._process.stdout)
+        self._output = _Output(program.name, self._process.stdout)
 
     def tell(self, message: object) -> None:
         """Send a message; a process that has died hears nothing."""
         with suppress(OSError):
             self._connection.send(message)
 
-    def receive(self, timeout_s: float, *wakes: int) -> Word | None:
+    def receive(self, timeout_s: float, *wakes: int) -> Any:
         """Wait for the next word. None: none yet, after `timeout_s` or as a wake can be read.
 
         Raises EOFError if the process has ended.
@@ -55,10 +68,9 @@ class DriverProcess:
         if self._connection not in ready:
             return None
         try:
-            word: Word = self._connection.recv()
+            return self._connection.recv()
         except OSError as error:
             raise EOFError from error
-        return word
 
     def kill(self) -> None:
         """End it now."""
@@ -106,7 +118,8 @@ class DriverProcess:
 class _Output:
     """Lines that the process prints."""
 
-    def __init__(self, pipe: IO[bytes]) -> None:
+    def __init__(self, name: str, pipe: IO[bytes]) -> None:
+        self._name = name
         self._pipe = pipe
         self._begun = b""
         self.sources = [pipe]  # to wait for, while something may come
@@ -133,14 +146,14 @@ class _Output:
         text = "".join(c for c in line.decode(errors="replace").strip() if c.isprintable())
         if text:
             self.last = text[:_LONGEST_LINE]
-            _log.debug("driver: %s", text)
+            _log.debug("%s: %s", self._name, text)
 
 
-def _start(connection: int, fds: Sequence[int]) -> "subprocess.Popen[bytes]":
+def _start(module: str, connection: int, fds: Sequence[int]) -> "subprocess.Popen[bytes]":
     # The same modules as here, and none from the working folder. A session of its own: Ctrl-C in
     # the terminal is for the service alone.
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", "drivers.isolation.child", str(connection)],
+        [sys.executable, "-P", "-m", module, str(connection)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

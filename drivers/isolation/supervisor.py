@@ -9,7 +9,7 @@ from drivers.camera import CameraCounters, CameraState, Condition, EndOfStream
 from drivers.errors import CameraLostError
 from drivers.isolation.limits import BackOff, Phase
 from drivers.isolation.messages import Ended, Facts, Job, LogLine, Report, Task, Word
-from drivers.isolation.process import DriverProcess
+from drivers.isolation.process import DRIVER, ChildProcess
 from drivers.isolation.ring import RingReader
 
 _log = logging.getLogger(__name__)
@@ -98,7 +98,7 @@ class Supervisor:
         if self._task.is_live:
             self._ring.grant()
         try:
-            with DriverProcess(self._ring.ends.all, self._task.limits.closing_s) as process:
+            with ChildProcess(DRIVER, self._ring.ends.all, self._task.limits.closing_s) as process:
                 process.tell(self._job())
                 trouble = self._attend(process)
         except OSError as error:
@@ -111,12 +111,12 @@ class Supervisor:
         level = logging.getLogger().getEffectiveLevel()
         return Job(self._task, self._ring.ends, self.condition, level)
 
-    def _attend(self, process: DriverProcess) -> str:
+    def _attend(self, process: ChildProcess) -> str:
         """Listen until it ends, or must: returns what is wrong with it if it had to be killed."""
         due_s = time.monotonic() + self._silence_s()
         while not self._stopping.is_set():
             try:
-                word = process.receive(max(0.0, due_s - time.monotonic()), self._wake)
+                word: Word | None = process.receive(max(0.0, due_s - time.monotonic()), self._wake)
             except EOFError:
                 return ""
             if word is not None:

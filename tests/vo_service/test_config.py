@@ -123,7 +123,7 @@ def test_a_camera_ahead_of_the_base_keeps_the_default_axes(tmp_path: Path) -> No
         ("zenoh", "prefix = true", "key `zenoh.prefix`: true is the wrong type; give text"),
         ("rerun", "targets = [1]", "key `rerun.targets`: 1 is the wrong type; give text"),
         ("synthetic", 'motion = "wild"', 'key `synthetic.motion`: "wild" is not a choice'),
-        ("synthetic", "rate_hz = 0", "key `synthetic.rate_hz`: 0 is out of range; give more than 0"),
+        ("synthetic", "rate_hz = 0", "key `synthetic.rate_hz`: 0 is out of range"),
         ("synthetic.depth", "shadow = true", "key `synthetic.depth.shadow`: is unknown; did you"),
     ],
 )

@@ -1,0 +1,189 @@
+"""What can stand in a pose's way: viewers, subscribers, routers that freeze, go or never come."""
+
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.pose_arrivals import listening
+from tests.belongings import children_of
+from tests.vo_service.played_service import PlayedService, free_port
+
+Act = Callable[[PlayedService], None]
+ROUTER = """
+import sys, zenoh
+config = zenoh.Config()
+for key, value in zip(sys.argv[1::2], sys.argv[2::2]):
+    config.insert_json5(key, value)
+with zenoh.open(config):
+    sys.stdin.read()
+"""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """How the service is set up, and what happens: (share of the measured time, what) in order."""
+
+    more_config: str
+    acts: tuple[tuple[float, Act], ...] = ()
+
+
+@dataclass(frozen=True)
+class Case:
+    """A name, and a context that has everything ready around the service."""
+
+    name: str
+    setting: Callable[[Path], AbstractContextManager[Scene]]
+
+
+@contextmanager
+def viewer_recording(folder: Path) -> Iterator[Scene]:
+    """Nothing is wrong."""
+    yield Scene(_viewers(_recording(folder)))
+
+
+@contextmanager
+def viewer_process_frozen(folder: Path) -> Iterator[Scene]:
+    """The process in which the service's own viewer side runs is stopped."""
+    yield Scene(_viewers(_recording(folder)), ((0.0, _to_children(signal.SIGSTOP)),))
+
+
+@contextmanager
+def viewer_process_killed(folder: Path) -> Iterator[Scene]:
+    """That process is killed."""
+    yield Scene(_viewers(_recording(folder)), ((0.3, _to_children(signal.SIGKILL)),))
+
+
+@contextmanager
+def viewer_frozen(folder: Path) -> Iterator[Scene]:
+    """The Rerun viewer that the service is connected to is stopped."""
+    with _rerun_server() as (server, port):
+        stop = _signalling(server, signal.SIGSTOP)
+        yield Scene(_viewers(_recording(folder), f"connect:127.0.0.1:{port}"), ((0.0, stop),))
+
+
+@contextmanager
+def viewer_killed(folder: Path) -> Iterator[Scene]:
+    """The Rerun viewer that the service is connected to is killed."""
+    with _rerun_server() as (server, port):
+        kill = _signalling(server, signal.SIGKILL)
+        yield Scene(_viewers(_recording(folder), f"connect:127.0.0.1:{port}"), ((0.3, kill),))
+
+
+@contextmanager
+def viewer_never_started(folder: Path) -> Iterator[Scene]:
+    """Nobody listens where the service sends its pictures."""
+    yield Scene(_viewers(_recording(folder), f"connect:127.0.0.1:{free_port()}"))
+
+
+@contextmanager
+def subscriber_frozen(folder: Path) -> Iterator[Scene]:
+    """Beside the healthy subscriber there is one that is stopped."""
+    frozen: list[int] = []
+    contexts = []
+
+    def freeze(service: PlayedService) -> None:
+        context = listening(f"tcp/127.0.0.1:{service.port}", folder / "frozen.npz")
+        listener = context.__enter__()
+        contexts.append(context)
+        time.sleep(0.5)
+        os.kill(listener.process.pid, signal.SIGSTOP)
+        frozen.append(listener.process.pid)
+
+    try:
+        yield Scene(_viewers(_recording(folder)), ((0.0, freeze),))
+    finally:
+        for context in contexts:
+            context.__exit__(None, None, None)
+
+
+@contextmanager
+def router_gone_and_back(folder: Path) -> Iterator[Scene]:
+    """The service is connected to a router, which is killed and started again."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    running = [_router(endpoint)]
+
+    def kill(service: PlayedService) -> None:
+        running[0].kill()
+        running[0].wait()
+
+    def start(service: PlayedService) -> None:
+        running[0] = _router(endpoint)
+
+    try:
+        config = f"connect = {json.dumps([endpoint])}\n{_viewers(_recording(folder))}"
+        yield Scene(config, ((0.3, kill), (0.6, start)))
+    finally:
+        running[0].kill()
+        running[0].wait()
+
+
+CASES = (
+    Case("viewer recording", viewer_recording),
+    Case("viewer's process frozen", viewer_process_frozen),
+    Case("viewer's process killed", viewer_process_killed),
+    Case("viewer frozen", viewer_frozen),
+    Case("viewer killed", viewer_killed),
+    Case("viewer never started", viewer_never_started),
+    Case("subscriber frozen", subscriber_frozen),
+    Case("router killed and back", router_gone_and_back),
+)
+
+
+def _recording(folder: Path) -> str:
+    return str(folder / "viewer.rrd")
+
+
+def _viewers(*targets: str) -> str:
+    return f"[rerun]\ntargets = {json.dumps(targets)}\n"
+
+
+def _to_children(number: signal.Signals) -> Act:
+    def send(service: PlayedService) -> None:
+        children = children_of(service.process.pid)
+        if not children:
+            raise RuntimeError("the service has no process for its viewer")
+        for child in children:
+            os.kill(child, number)
+
+    return send
+
+
+def _signalling(process: "subprocess.Popen[bytes]", number: signal.Signals) -> Act:
+    return lambda service: process.send_signal(number)
+
+
+@contextmanager
+def _rerun_server() -> Iterator[tuple["subprocess.Popen[bytes]", int]]:
+    """Rerun's own server, which stands for a viewer; killed at the end."""
+    package = importlib.util.find_spec("rerun_cli")
+    if package is None or package.origin is None:
+        raise RuntimeError("Rerun is not installed")
+    program, port = Path(package.origin).with_name("rerun"), free_port()
+    options = ["--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)]
+    command = [str(program), *options, "--server-memory-limit", "100MB"]
+    quiet = subprocess.DEVNULL
+    with subprocess.Popen(command, stdout=quiet, stderr=quiet) as process:
+        try:
+            time.sleep(1.0)
+            yield process, port
+        finally:
+            process.kill()
+
+
+def _router(endpoint: str) -> "subprocess.Popen[bytes]":
+    """A Zenoh router in a process of its own."""
+    settings = {
+        "mode": "router",
+        "listen/endpoints": [endpoint],
+        "scouting/multicast/enabled": False,
+    }
+    words = [word for key, value in settings.items() for word in (key, json.dumps(value))]
+    return subprocess.Popen([sys.executable, "-c", ROUTER, *words], stdin=subprocess.PIPE)

@@ -1,0 +1,127 @@
+"""When poses reach another process, measured there: a subscriber as anyone would write it.
+
+    python -m benchmarks.pose_arrivals ENDPOINT FILE
+
+Prints "ready" once it subscribes, keeps every pose until its standard input is closed, and then
+writes FILE (.npz). `listening` starts it and gives what it heard.
+"""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import zenoh
+
+from drivers.geometry import Array
+from vo_service.outputs.cdr import decode_odometry
+
+KEY = "kinect/odom"
+ENDING_S = 20.0
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """What was heard, one entry a pose.
+
+    heard_s          CLOCK_MONOTONIC once the message was decoded
+    stamp_s          the pose's stamp, on CLOCK_MONOTONIC
+    seq              numbers of the poses
+    clock_moved_s    by how much the wall clock was set meanwhile: the stamps are off by as much
+    """
+
+    heard_s: Array
+    stamp_s: Array
+    seq: Array
+    clock_moved_s: float
+
+    def between(self, begin_s: float, end_s: float) -> "Arrivals":
+        """Those with stamps between two instants."""
+        inside = (self.stamp_s >= begin_s) & (self.stamp_s < end_s)
+        return Arrivals(
+            self.heard_s[inside], self.stamp_s[inside], self.seq[inside], self.clock_moved_s
+        )
+
+    @property
+    def lost(self) -> int:
+        """Poses that were published between the first and the last, and not heard."""
+        return int(self.seq[-1] - self.seq[0]) + 1 - len(self.seq) if len(self.seq) else 0
+
+
+class Listener:
+    """The subscriber while it runs."""
+
+    def __init__(self, process: "subprocess.Popen[bytes]", file: Path) -> None:
+        self.process, self._file = process, file
+
+    def end(self) -> Arrivals:
+        """Let it write down what it heard."""
+        assert self.process.stdin is not None
+        self.process.stdin.close()
+        if self.process.wait(ENDING_S) != 0:
+            raise RuntimeError("the subscriber failed")
+        with np.load(self._file) as kept:
+            clock_s = kept["clock_s"]
+            heard_s, stamp_s, seq = kept["poses"].T
+        moved_s = float(clock_s[1] - clock_s[0])
+        return Arrivals(heard_s, stamp_s - clock_s[0], seq, moved_s)
+
+
+@contextmanager
+def listening(endpoint: str, file: Path) -> Iterator[Listener]:
+    """A subscriber in a process of its own that is ready; killed at the end."""
+    command = [sys.executable, "-m", "benchmarks.pose_arrivals", endpoint, str(file)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        try:
+            if process.stdout.readline() != b"ready\n":
+                raise RuntimeError("the subscriber did not start")
+            yield Listener(process, file)
+        finally:
+            process.kill()
+
+
+def main(endpoint: str, file: Path) -> None:
+    """Subscribe until standard input is closed; see the module."""
+    poses: list[tuple[float, float, int]] = []
+
+    def take(sample: zenoh.Sample) -> None:
+        stamp_s = decode_odometry(sample.payload.to_bytes()).stamp_s
+        heard_s = time.monotonic()
+        attachment = sample.attachment
+        assert attachment is not None
+        poses.append((heard_s, stamp_s, json.loads(attachment.to_bytes())["seq"]))
+
+    settings: dict[str, object] = {
+        "mode": "peer",
+        "connect/endpoints": [endpoint],
+        "listen/endpoints": [],
+        "scouting/multicast/enabled": False,
+    }
+    config = zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    begin_s = wall_clock_s()
+    with zenoh.open(config) as session, session.declare_subscriber(KEY, take):
+        print("ready", flush=True)
+        sys.stdin.read()
+    clock_s = np.array([begin_s, wall_clock_s()])
+    np.savez(file, poses=np.array(poses, np.float64).reshape(-1, 3), clock_s=clock_s)
+
+
+def wall_clock_s() -> float:
+    """CLOCK_REALTIME minus CLOCK_MONOTONIC: of some readings, the least interrupted."""
+    readings = []
+    for _ in range(20):
+        before_s, wall_s, after_s = time.monotonic(), time.time(), time.monotonic()
+        readings.append((after_s - before_s, wall_s - 0.5 * (before_s + after_s)))
+    return min(readings)[1]
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], Path(sys.argv[2]))

@@ -10,7 +10,9 @@ from drivers.sensor_settings import SensorSettings
 from drivers.strict_toml import read_toml, setting
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.cameras import USAGES
-from vo_service.methods import DEFAULT_METHOD, METHODS
+from vo_service.methods import DEFAULT_METHOD, METHODS, FeatureSettings
+from vo_service.odometry.estimate import Odometry
+from vo_service.odometry.stopwatch import Stopwatch
 from vo_service.outputs.zenoh_session import ZenohConfig
 from vo_service.pose_tracker import T_BODY_CAMERA
 from vo_service.settings import (
@@ -90,6 +92,12 @@ class Config:
     load: LoadSettings = LoadSettings()  # noqa: RUF009 (frozen)
     log: LogSettings = LogSettings()  # noqa: RUF009 (frozen)
     synthetic: SyntheticConfig = SyntheticConfig.light()  # noqa: RUF009 (frozen)
+
+
+def make_odometry(settings: OdometrySettings, stopwatch: Stopwatch) -> Odometry:
+    """The estimator that the settings name."""
+    features = FeatureSettings(settings.feature_count, settings.upright)
+    return METHODS[settings.method](features, stopwatch)
 
 
 def read_config(path: Path | None) -> Config:

@@ -6,10 +6,11 @@ And take them back, one after the other, when there has been room for a while.
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from vo_service.effort import Effort, efforts
 from vo_service.load_meter import FrameLoad, LoadMeter
+from vo_service.outputs.output import Troubled
 from vo_service.settings import LoadSettings
 
 # Busier than this, something is given up; with less to do than that, it is taken back. A step of
@@ -35,16 +36,15 @@ class Viewer(Protocol):
         ...
 
 
+@runtime_checkable
 class FeatureUser(Protocol):
     """An odometry whose work grows with the features that it looks for."""
 
     feature_count: int
 
 
-class Governor(Protocol):
-    """Decides how much effort the machine can bear."""
-
-    warning: str
+class Governor(Troubled, Protocol):
+    """Decides how much effort the machine can bear; what is given up is its warning."""
 
     def frame(self, load: FrameLoad) -> None:
         """Take what the last frame cost."""

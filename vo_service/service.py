@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.control.control import Control
 from vo_service.feed import Feed
+from vo_service.load import FixedEffort, Governor
+from vo_service.load_meter import FrameLoad
 from vo_service.odometry.estimate import Estimate, Odometry
-from vo_service.outputs.output import Output, PoseUpdate, Status, TrackingState
+from vo_service.outputs.output import Output, PoseUpdate, Status, TrackingState, Troubled
 from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.stage_clock import StageClock
 from vo_service.stamps import StampClock, StampGuard
@@ -35,8 +37,13 @@ class Service:
         camera: RgbdCamera,
         method: str,
         control: Control,
+        governor: Governor = FixedEffort(),  # noqa: B008 (it has no state)
+        others: Sequence[Troubled] = (),
     ) -> None:
-        """`camera` and `method` are only told of in the status; frames come from `feed`."""
+        """`camera` and `method` are only told of in the status; frames come from `feed`.
+
+        What the outputs, the governor and `others` complain of is in the status too.
+        """
         self._feed = feed
         self._odometry = odometry
         self._stages = stages
@@ -46,6 +53,8 @@ class Service:
         self._camera = camera
         self._method = method
         self._control = control
+        self._governor = governor
+        self._troubled: Sequence[Troubled] = (*outputs, governor, *others)
         self._guard = StampGuard()
         self._last: PoseUpdate | None = None
         self._told: tuple[TrackingState, str] | None = None
@@ -63,6 +72,7 @@ class Service:
 
     def _process(self, frame: RgbdFrame) -> None:
         """One frame, from its stamp to the outputs."""
+        begin_s, begin_cpu_s = time.monotonic(), time.thread_time()
         # Stamps only rise, or a new epoch says why not.
         verdict = self._guard.check(frame.stamp_s)
         if not verdict.use:
@@ -71,16 +81,19 @@ class Service:
         if verdict.restarted or self._clock.has_stepped():
             self._tracker.begin_epoch("clock_step")
         # Where is the camera?
-        begin_s = time.thread_time()
         estimate = self._odometry.estimate(frame)
-        cpu_ms = (time.thread_time() - begin_s) * 1e3
+        cpu_s = time.thread_time() - begin_cpu_s
         # What does that mean for the robot?
         update = self._update(frame, estimate)
         # Tell everyone.
         for output in self._outputs:
             output.pose(update)
-        self.statistics.add(update, cpu_ms)
+        self.statistics.add(update, cpu_s * 1e3)
         self._last = update
+        # Can the machine keep up?
+        busy_s = time.monotonic() - begin_s
+        interval_s, dropped = self.statistics.interval_s, self._feed.counters.dropped
+        self._governor.frame(FrameLoad(busy_s, cpu_s, interval_s, dropped))
 
     def _update(self, frame: RgbdFrame, estimate: Estimate) -> PoseUpdate:
         stamped = StampedFrame(frame, self._clock.published_s(frame.stamp_s))
@@ -135,7 +148,7 @@ class Service:
             lost_packets=counters.lost_packets,
             paused=self._control.is_paused,
             recording=self._control.recording,
-            warnings=tuple(output.warning for output in self._outputs if output.warning),
+            warnings=tuple(troubled.warning for troubled in self._troubled if troubled.warning),
             cpu_ms_per_frame=rolling.cpu_ms_per_frame,
             stage_ms=rolling.stage_ms,
         )

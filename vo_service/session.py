@@ -8,12 +8,11 @@ import cv2
 from drivers.camera import RgbdCamera
 from drivers.errors import UserFacingError
 from drivers.jit import interruptible
-from vo_service.config import Config
+from vo_service.config import Config, make_odometry
 from vo_service.control.control import Control
 from vo_service.feed import Feed
 from vo_service.folders import cache_folder
-from vo_service.interrupts import Stop, stop_on_signals
-from vo_service.methods import METHODS, FeatureSettings
+from vo_service.interrupts import Stop
 from vo_service.outputs.output import Output
 from vo_service.pose_tracker import PoseTracker
 from vo_service.service import Service
@@ -41,7 +40,7 @@ def run_loop(
     return Ending(service.statistics, stop.exit_code)
 
 
-def prepare_kernels(config: Config, terminal: Terminal) -> float:
+def prepare_kernels(config: Config, terminal: Terminal, stop: Stop) -> float:
     """Compile or load the method's kernels, with progress; returns the seconds it took.
 
     Raises KeyboardInterrupt, between two kernels, when asked to stop; UserFacingError if what was
@@ -50,7 +49,7 @@ def prepare_kernels(config: Config, terminal: Terminal) -> float:
     # One thread: the service's latency must not depend on who else needs the other core.
     cv2.setNumThreads(1)
     label = "preparing the numeric kernels (longer the first time)"
-    with stop_on_signals() as stop, interruptible(stop.check), terminal.busy(label) as busy:
+    with interruptible(stop.check), terminal.busy(label) as busy:
         try:
             taken_s = warm_up(config.odometry.method, busy.detail)
         except OSError as error:
@@ -63,19 +62,16 @@ def prepare_kernels(config: Config, terminal: Terminal) -> float:
 
 
 def _service(config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output]) -> Service:
-    odometry = config.odometry
     stages = StageClock()
     tracker = PoseTracker(config.T_base_camera.T_base_camera)
     return Service(
         feed=feed,
-        odometry=METHODS[odometry.method](
-            FeatureSettings(odometry.feature_count, odometry.upright), stages
-        ),
+        odometry=make_odometry(config.odometry, stages),
         stages=stages,
         tracker=tracker,
         clock=stamp_clock(camera.clock, config.camera.stamp_offset_s),
         outputs=outputs,
         camera=camera,
-        method=odometry.method,
+        method=config.odometry.method,
         control=Control(tracker, camera),
     )

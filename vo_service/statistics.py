@@ -76,6 +76,11 @@ class Statistics:
         if frame.stamp_s - last.stamp_s <= LONGEST_INTERVAL_S:
             self._interval_ms.append((frame.stamp_s - last.stamp_s) * 1e3 / (frame.seq - last.seq))
 
+    @property
+    def interval_s(self) -> float:
+        """The camera's, from one frame to the next: median of the last seconds; 0 = not known."""
+        return median(self._interval_ms) * 1e-3 if self._interval_ms else 0.0
+
     def rolling(self) -> Rolling:
         """Figures of the last few seconds."""
         p50, p99 = np.percentile(list(self._latency_ms) or [0.0], (50, 99))

@@ -24,7 +24,7 @@ from tests.vo_service.fakes import (
 )
 from vo_service import service as service_module
 from vo_service.control.commands import Command, Pause, Reset, Resume
-from vo_service.control.control import Control
+from vo_service.control.control import Control, Order
 from vo_service.control.inbox import Inbox
 from vo_service.feed import Feed, PersistentFeed, PlainFeed
 from vo_service.odometry.estimate import Estimate
@@ -49,7 +49,7 @@ def make_service(
     estimates: Sequence[Estimate] = (),
     stamps: StampClock | None = None,
     camera: ScriptedCamera | None = None,
-    inbox: Inbox[Command] | None = None,
+    inbox: Inbox[Order] | None = None,
     odometry: ScriptedOdometry | None = None,
 ) -> Service:
     camera, tracker = camera or ScriptedCamera(), PoseTracker()
@@ -252,7 +252,7 @@ def test_a_camera_that_loses_packets_is_told_of_while_tracking() -> None:
 class Commander(Collector):
     """Sends a command after each pose of a script."""
 
-    def __init__(self, inbox: Inbox[Command], script: Mapping[int, Command]) -> None:
+    def __init__(self, inbox: Inbox[Order], script: Mapping[int, Command]) -> None:
         super().__init__()
         self._inbox, self._script = inbox, script
 
@@ -264,7 +264,7 @@ class Commander(Collector):
 
 
 def test_a_reset_counts_from_the_next_frame_on() -> None:
-    inbox: Inbox[Command] = Inbox()
+    inbox: Inbox[Order] = Inbox()
     collector = Commander(inbox, {1: Reset()})
     camera = ScriptedCamera([frame(k) for k in range(4)])
     with camera:
@@ -274,7 +274,7 @@ def test_a_reset_counts_from_the_next_frame_on() -> None:
 
 
 def test_a_pause_is_no_silence_without_a_reason(clock: FakeClock) -> None:
-    inbox: Inbox[Command] = Inbox()
+    inbox: Inbox[Order] = Inbox()
     collector = Commander(inbox, {1: Pause()})
     camera = ScriptedCamera([After(0.2, frame(k)) for k in range(20)], clock=clock)
     with camera:
@@ -286,7 +286,7 @@ def test_a_pause_is_no_silence_without_a_reason(clock: FakeClock) -> None:
 
 
 def test_after_a_pause_the_poses_go_on() -> None:
-    inbox: Inbox[Command] = Inbox()
+    inbox: Inbox[Order] = Inbox()
     inbox.submit(Pause())
     inbox.submit(Resume())
     camera, collector = ScriptedCamera([frame(k) for k in range(3)]), Collector()

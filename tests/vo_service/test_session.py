@@ -10,6 +10,7 @@ import pytest
 from drivers.errors import UserFacingError
 from vo_service import session
 from vo_service.config import Config
+from vo_service.interrupts import Stop, stop_on_signals
 from vo_service.session import prepare_kernels
 from vo_service.terminal import Terminal
 
@@ -25,8 +26,8 @@ def test_compiling_ends_with_the_kernel_at_work_when_asked_to_stop(
         return float(double(1))
 
     monkeypatch.setattr(session, "warm_up", compile_one)
-    with pytest.raises(KeyboardInterrupt):
-        prepare_kernels(Config(), Terminal())
+    with stop_on_signals() as stop, pytest.raises(KeyboardInterrupt):
+        prepare_kernels(Config(), Terminal(), stop)
     assert double.signatures == []
 
 
@@ -36,4 +37,4 @@ def test_kernels_that_do_not_fit_on_the_disk_are_one_line(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(session, "warm_up", fill)
     with pytest.raises(UserFacingError, match="cannot be kept: No space left on device; free"):
-        prepare_kernels(Config(), Terminal())
+        prepare_kernels(Config(), Terminal(), Stop())

@@ -65,7 +65,8 @@ def run(args: argparse.Namespace) -> int:
     config = config_of(args)
     _create(args.output)
     terminal = Terminal()
-    prepare_kernels(config, terminal)
+    with stop_on_signals() as stop:
+        prepare_kernels(config, terminal, stop)
     camera = make_camera(
         CameraRequest(
             source="synthetic",

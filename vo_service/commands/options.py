@@ -53,6 +53,13 @@ def add_publish_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_prefix_option(parser: argparse.ArgumentParser) -> None:
+    """--prefix."""
+    parser.add_argument(
+        "--prefix", metavar="PREFIX", help="of the Zenoh keys (default: the config's)"
+    )
+
+
 def config_of(args: argparse.Namespace) -> Config:
     """The configuration file with the command line's changes. Raises InputError."""
     config = read_config(args.config)
@@ -60,6 +67,8 @@ def config_of(args: argparse.Namespace) -> Config:
         config = replace(config, odometry=replace(config.odometry, method=args.method))
     if getattr(args, "rerun", None):
         config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))
+    if getattr(args, "prefix", None):
+        config = replace(config, zenoh=replace(config.zenoh, prefix=args.prefix))
     return config
 
 

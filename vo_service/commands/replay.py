@@ -69,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
     terminal = Terminal()
     memory = TrajectoryMemory()
     with TumCamera(args.folder, args.camera or config.camera.file, args.pace) as camera:
-        prepare_kernels(config, terminal)
+        with stop_on_signals() as stop:
+            prepare_kernels(config, terminal, stop)
         request = OutputRequest(
             pace=args.pace,
             zenoh=None if args.no_publish else config.zenoh,

@@ -1,24 +1,37 @@
 """``kinect-vo run``: the odometry as a service, for as long as the robot is on."""
 
 import argparse
-from contextlib import suppress
+from contextlib import closing, suppress
+from typing import Any
 
-from drivers.camera import Pace
+from drivers.background_opening import BackgroundOpening, Cancellable
+from drivers.camera import Pace, RgbdCamera
 from vo_service.cameras import CameraRequest, make_camera
 from vo_service.commands.options import (
     add_camera_options,
     add_config_options,
     add_output_options,
+    add_prefix_option,
     config_of,
     pace,
 )
 from vo_service.config import Config
-from vo_service.feed import PersistentFeed
-from vo_service.interrupts import stop_on_signals
+from vo_service.control.errors import CommandError
+from vo_service.control.inbox import Inbox
+from vo_service.control.reconfigure import Reconfigure
+from vo_service.interrupts import Stop, ended_by_force, hangups, stop_on_signals
+from vo_service.live import Surroundings, live_service
+from vo_service.live_loop import run_live
+from vo_service.logs import set_level
+from vo_service.notify import SystemdOutput
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.state_log_output import StateLogOutput
-from vo_service.session import prepare_kernels, run_loop
+from vo_service.outputs.zenoh_commands import commands_for
+from vo_service.outputs.zenoh_opening import KeepTrying
+from vo_service.outputs.zenoh_output import Extras
+from vo_service.reload import Reloader
+from vo_service.session import prepare_kernels
 from vo_service.terminal import Terminal
 
 NAME = "run"
@@ -31,8 +44,12 @@ examples:
   kinect-vo run --config /etc/kinect-vo/kinect.toml
 
 A camera that goes away is waited for: the status then says no_camera, and why. So it does when a
-recording has ended. Ctrl-C and SIGTERM are the way to end it, with exit code 0.
+recording has ended. A port that is taken and a router that is away are waited for too. SIGHUP reads
+the configuration again. Ctrl-C and SIGTERM are the way to end it, within 5 seconds, with exit
+code 0.
 """
+# From being asked to end until the process is gone.
+LONGEST_ENDING_S = 4.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,39 +60,75 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pace", type=pace, metavar="PACE", default=Pace.REALTIME,
         help="realtime (default), or lockstep for a recording",
     )  # fmt: skip
+    add_prefix_option(parser)
     add_output_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Serve until stopped."""
     config = config_of(args)
+    if not args.verbose:
+        set_level(config.log.level)
     terminal = Terminal()
-    with suppress(KeyboardInterrupt):
-        prepare_kernels(config, terminal)
-        _serve(args, config, terminal)
+    with (
+        stop_on_signals() as stop,
+        ended_by_force(stop, LONGEST_ENDING_S),
+        suppress(KeyboardInterrupt),
+    ):
+        prepare_kernels(config, terminal, stop)
+        _serve(args, config, terminal, stop)
     return 0
 
 
-def _serve(args: argparse.Namespace, config: Config, terminal: Terminal) -> None:
-    with stop_on_signals() as stop:
-        progress = stop.interrupting(terminal.counter("rendering the room: frame"))
-        camera = make_camera(
-            CameraRequest(
-                source=args.camera or config.camera.source,
-                file=args.camera_file or config.camera.file,
-                pace=args.pace,
-                sensor=config.sensor,
-                synthetic=config.synthetic,
-                progress=progress,
-            )
+def _serve(args: argparse.Namespace, config: Config, terminal: Terminal, stop: Stop) -> None:
+    """Put the parts together, run the loop, and take them apart: the last one opened first."""
+    camera = _camera(args, config, terminal)
+    inbox: Inbox[Any] = Inbox()
+    reloader = Reloader(config, lambda: config_of(args))
+    systemd = SystemdOutput()
+    commands = commands_for(config.commands, inbox)
+    request = OutputRequest(
+        pace=args.pace,
+        zenoh=None if args.no_publish else config.zenoh,
+        way_to_open=KeepTrying,
+        extras=Extras(commands, config.ros2),
+        rerun_targets=config.rerun.targets,
+        trajectory=args.trajectory,
+        tell=terminal.say,
+    )
+    with hangups() as hangup, opened_outputs(request) as outputs, closing(systemd):
+        outputs += [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
+        service = live_service(
+            config,
+            camera,
+            Surroundings(
+                outputs=outputs,
+                inbox=inbox,
+                others=[reloader],
+            ),
         )
-        request = OutputRequest(
+
+        def reload() -> None:
+            with systemd.reloading(), suppress(CommandError):
+                inbox.submit(Reconfigure(reloader.reload()))
+
+        run_live(service.run, stop, hangup, reload)
+
+
+def _camera(args: argparse.Namespace, config: Config, terminal: Terminal) -> RgbdCamera:
+    """The camera; a virtual one renders its room first, in the background."""
+    progress = Cancellable(terminal.counter("rendering the room: frame"))
+    source = args.camera or config.camera.source
+    camera = make_camera(
+        CameraRequest(
+            source=source,
+            file=args.camera_file or config.camera.file,
             pace=args.pace,
-            zenoh=None if args.no_publish else config.zenoh,
-            rerun_targets=config.rerun.targets,
-            trajectory=args.trajectory,
-            tell=terminal.say,
+            sensor=config.sensor,
+            synthetic=config.synthetic,
+            progress=progress,
         )
-        with opened_outputs(request) as outputs:
-            outputs += [StateLogOutput(), ProgressOutput(terminal, "run", None)]
-            run_loop(config, camera, PersistentFeed(camera), outputs, stop)
+    )
+    if source == "synthetic":
+        return BackgroundOpening(camera, progress, "rendering the room, which is kept")
+    return camera

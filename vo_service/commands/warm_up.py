@@ -3,6 +3,7 @@
 import argparse
 
 from vo_service.commands.options import add_config_options, config_of
+from vo_service.interrupts import stop_on_signals
 from vo_service.session import prepare_kernels
 from vo_service.terminal import Terminal
 
@@ -25,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compile, or find that all is there."""
     config = config_of(args)
-    taken_s = prepare_kernels(config, Terminal())
+    with stop_on_signals() as stop:
+        taken_s = prepare_kernels(config, Terminal(), stop)
     print(f"the kernels of {config.odometry.method} are ready ({taken_s:.1f} s)")
     return 0

@@ -15,8 +15,11 @@ from vo_service.control.commands import (
 )
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.control.inbox import Answer, Inbox
+from vo_service.control.reconfigure import Appliers, Reconfigure
 from vo_service.control.recording import NoRecorder, Recorder
 from vo_service.pose_tracker import PoseTracker
+
+Order = Command | Reconfigure
 
 
 class Control:
@@ -26,14 +29,16 @@ class Control:
         self,
         tracker: PoseTracker,
         camera: RgbdCamera,
-        inbox: Inbox[Command] | None = None,
+        inbox: Inbox[Order] | None = None,
         recorder: Recorder | None = None,
+        appliers: Appliers | None = None,
     ) -> None:
         """Without an inbox nobody has anything to say."""
         self._tracker = tracker
         self._camera = camera
         self._inbox = inbox or Inbox()
         self._recorder = recorder or NoRecorder()
+        self._appliers = appliers or {}
         self.is_paused = False
 
     @property
@@ -51,7 +56,7 @@ class Control:
             except CameraError as error:
                 ticket.failed(CommandError(ErrorCode.NOT_POSSIBLE, str(error)))
 
-    def _do(self, command: Command) -> Answer:
+    def _do(self, command: Order) -> Answer:
         match command:
             case Reset(T_odom_base):
                 self._tracker.reset(T_odom_base)
@@ -71,3 +76,6 @@ class Control:
                 return {"folder": self._recorder.stop_recording()}
             case SaveIncident():
                 return {"folder": self._recorder.save("command")}
+            case Reconfigure():
+                command.apply(self._appliers)
+                return {}

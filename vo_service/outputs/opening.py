@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,8 @@ from drivers.camera import Pace
 from vo_service.outputs.output import Output, TruthSource, no_truth
 from vo_service.outputs.trajectory_output import TrajectoryOutput
 from vo_service.outputs.worker import DropOldest, HandOver, Wait
-from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, ZenohOutput
+from vo_service.outputs.zenoh_opening import OpenAtOnce, WayToOpen
+from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, Extras, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ class OutputRequest:
 
     pace                   lockstep: every pose reaches every subscriber, in order
     zenoh                  None: do not publish
+    way_to_open            what happens where the session cannot be opened now
+    extras                 what else is offered on the session
     wait_for_subscriber_s  how long to wait for the first one; 0 = not at all
     rerun_targets          where to show what is going on
     trajectory             file to write
@@ -38,6 +41,8 @@ class OutputRequest:
 
     pace: Pace
     zenoh: ZenohConfig | None
+    way_to_open: WayToOpen = OpenAtOnce
+    extras: Extras = field(default_factory=Extras)
     wait_for_subscriber_s: float = 0.0
     rerun_targets: tuple[str, ...] = ()
     trajectory: Path | None = None
@@ -56,7 +61,9 @@ def opened_outputs(request: OutputRequest) -> Iterator[list[Output]]:
         is_lockstep = request.pace is Pace.LOCKSTEP
         if request.zenoh is not None:
             delivery = LOCKSTEP if is_lockstep else LIVE
-            publisher = stack.enter_context(closing(ZenohOutput(request.zenoh, delivery)))
+            publisher = stack.enter_context(
+                closing(ZenohOutput(request.zenoh, delivery, request.way_to_open, request.extras))
+            )
             outputs.append(publisher)
             where = ", ".join(request.zenoh.listen + request.zenoh.connect)
             request.tell(f"poses: {request.zenoh.prefix}/odom at {where} (kinect-vo listen)")

@@ -112,16 +112,20 @@ def no_truth() -> StampedPoses | None:
     return None
 
 
-class Output(Protocol):
-    """Somewhere that poses go. None of the three blocks the caller for long.
-
-    `pose` and `status` never raise: an output that fails logs it once, and says so in `warning`.
-    """
+class Troubled(Protocol):
+    """Something that may have a complaint for the status."""
 
     @property
     def warning(self) -> str:
         """One clause that says what is wrong with it now; "" while all is well."""
         ...
+
+
+class Output(Troubled, Protocol):
+    """Somewhere that poses go. None of the three blocks the caller for long.
+
+    `pose` and `status` never raise: an output that fails logs it once, and says so in `warning`.
+    """
 
     def pose(self, update: PoseUpdate) -> None:
         """Take one result."""

@@ -1,11 +1,13 @@
 """Commands are carried out, or refused with a reason."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import pytest
 
-from drivers.sensor_settings import Led
+from drivers.sensor_settings import Led, SensorSettings
 from tests.vo_service.fakes import ScriptedCamera
+from vo_service.config import Config
 from vo_service.control.commands import (
     Command,
     Light,
@@ -17,10 +19,12 @@ from vo_service.control.commands import (
     StopRecording,
     Tilt,
 )
-from vo_service.control.control import Control
+from vo_service.control.control import Control, Order
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.control.inbox import Inbox
+from vo_service.control.reconfigure import Appliers, Reconfigure
 from vo_service.pose_tracker import PoseTracker
+from vo_service.reload import Changes
 
 
 class Head(ScriptedCamera):
@@ -62,14 +66,14 @@ class TapeDeck:
         return f"incidents/{reason}"
 
 
-def carry_out(command: Command, control: Control, inbox: Inbox[Command]) -> Mapping[str, object]:
+def carry_out(command: Order, control: Control, inbox: Inbox[Order]) -> Mapping[str, object]:
     ticket = inbox.submit(command)
     control.obey()
     return ticket.wait(0.0)
 
 
 def test_the_head_is_tilted_and_lit() -> None:
-    inbox: Inbox[Command] = Inbox()
+    inbox: Inbox[Order] = Inbox()
     camera = Head()
     control = Control(PoseTracker(), camera, inbox)
     assert carry_out(Tilt(12.0), control, inbox) == {"tilt_deg": 12.0}
@@ -88,7 +92,7 @@ def test_the_head_is_tilted_and_lit() -> None:
     ],
 )
 def test_what_is_not_there_is_refused_with_a_reason(command: Command, words: str) -> None:
-    inbox: Inbox[Command] = Inbox()
+    inbox: Inbox[Order] = Inbox()
     control = Control(PoseTracker(), ScriptedCamera(), inbox)
     with pytest.raises(CommandError, match=words) as raised:
         carry_out(command, control, inbox)
@@ -96,7 +100,7 @@ def test_what_is_not_there_is_refused_with_a_reason(command: Command, words: str
 
 
 def test_frames_are_recorded_and_saved_by_the_recorder() -> None:
-    inbox: Inbox[Command] = Inbox()
+    inbox: Inbox[Order] = Inbox()
     deck = TapeDeck()
     control = Control(PoseTracker(), ScriptedCamera(), inbox, deck)
     assert carry_out(StartRecording("desk"), control, inbox) == {"folder": "recordings/desk"}
@@ -106,8 +110,25 @@ def test_frames_are_recorded_and_saved_by_the_recorder() -> None:
 
 
 def test_a_reset_answers_with_the_new_epoch_and_a_pause_with_what_is() -> None:
-    inbox: Inbox[Command] = Inbox()
+    inbox: Inbox[Order] = Inbox()
     control = Control(PoseTracker(), ScriptedCamera(), inbox)
     assert carry_out(Reset(), control, inbox) == {"epoch": 1}
     assert carry_out(Pause(), control, inbox) == {"paused": True}
     assert carry_out(Resume(), control, inbox) == {"paused": False}
+
+
+def test_what_changed_in_the_configuration_is_applied_and_a_refusal_logged(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    inbox: Inbox[Order] = Inbox()
+    camera, bare = Head(), ScriptedCamera()
+    appliers: Appliers = {
+        "sensor.led": lambda config: camera.set_led(config.sensor.led),
+        "sensor.tilt_deg": lambda config: bare.set_tilt_deg(0.0),
+    }
+    control = Control(PoseTracker(), camera, inbox, None, appliers)
+    wanted = replace(Config(), sensor=SensorSettings(led=Led.RED))
+    live = ("sensor.tilt_deg", "sensor.led")
+    assert carry_out(Reconfigure(Changes(wanted, live)), control, inbox) == {}
+    assert camera.led is Led.RED
+    assert "sensor.tilt_deg is not changed: scripted: it has no motor" in caplog.text

@@ -1,0 +1,29 @@
+"""A configuration that was read again, on its way to the loop."""
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from drivers.errors import CameraError
+from vo_service.config import Config
+from vo_service.reload import Changes
+
+# How each key that may change while the service runs is applied; see `reload.LIVE_KEYS`.
+Appliers = Mapping[str, Callable[[Config], None]]
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Reconfigure:
+    """Apply what has changed. Only the program itself sends it."""
+
+    changes: Changes
+
+    def apply(self, appliers: Appliers) -> None:
+        """Call each applier that is concerned, once; a camera that refuses is logged."""
+        for key in self.changes.live:
+            try:
+                appliers[key](self.changes.config)
+            except CameraError as error:
+                logger.warning("%s is not changed: %s", key, error)

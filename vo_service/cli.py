@@ -23,6 +23,7 @@ COMMANDS = (
     "record",
     "calibrate",
     "listen",
+    "certificates",
     "evaluate",
     "warm-up",
     "config",

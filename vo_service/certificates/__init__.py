@@ -1,0 +1,1 @@
+"""Keys and certificates for a test network, made with the `openssl` command."""

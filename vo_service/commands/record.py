@@ -17,6 +17,7 @@ from vo_service.cameras import CameraRequest, make_camera
 from vo_service.commands.options import add_camera_options, seconds
 from vo_service.config import read_config
 from vo_service.interrupts import Stop, stop_on_signals
+from vo_service.stamps import stamp_clock
 from vo_service.terminal import Terminal
 
 NAME = "record"
@@ -101,10 +102,11 @@ def _played_once(synthetic: SyntheticConfig, longest_s: float) -> SyntheticConfi
 
 
 def _frames(camera: RgbdCamera, terminal: Terminal, stop: Stop) -> Iterator[RgbdFrame]:
-    """Until the camera ends or a stop is asked for.
+    """Until the camera ends or a stop is asked for; a live camera's under Unix time, as poses are.
 
     Raises CameraNotFoundError or, after the first frame, CameraLostError if it sends none for long.
     """
+    clock = stamp_clock(camera.clock, 0.0)
     last_s, is_first = time.monotonic(), True
     while not stop.event.is_set():
         try:
@@ -116,7 +118,7 @@ def _frames(camera: RgbdCamera, terminal: Terminal, stop: Stop) -> Iterator[Rgbd
         except EndOfStream:
             return
         else:
-            yield frame
+            yield replace(frame, stamp_s=clock.published_s(frame.stamp_s))
             last_s, is_first = time.monotonic(), False
 
 

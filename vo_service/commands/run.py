@@ -130,5 +130,5 @@ def _camera(args: argparse.Namespace, config: Config, terminal: Terminal) -> Rgb
         )
     )
     if source == "synthetic":
-        return BackgroundOpening(camera, progress, "rendering the room, which is kept")
+        return BackgroundOpening(camera, progress, "preparing its room")
     return camera

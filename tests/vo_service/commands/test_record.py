@@ -1,11 +1,12 @@
 """``record``: what was recorded replays as the source did."""
 
 import json
+import time
 from pathlib import Path
 
 import pytest
 
-from drivers.camera import CameraState, Condition, NoFrameYet
+from drivers.camera import CameraState, Clock, Condition, NoFrameYet
 from tests.conftest import FRAMES
 from tests.vo_service.commands.command_line import call
 from tests.vo_service.fakes import After, Event, FakeClock, ScriptedCamera, frame
@@ -99,3 +100,17 @@ def test_when_a_camera_stays_away_what_was_recorded_is_complete(
     assert outcome.code == 1
     assert "plug one in; the frames recorded so far are complete\n" in outcome.err
     assert len((tmp_path / "new" / "associations.txt").read_text().splitlines()) == 1 + 2
+
+
+def test_a_live_camera_is_recorded_under_unix_time(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    camera = ScriptedCamera([frame(k, time.monotonic() + k) for k in range(3)])
+    camera.clock = Clock.MONOTONIC
+    monkeypatch.setattr(record, "make_camera", lambda _: camera)
+    before_s = time.time()
+    call(capfd, "record", tmp_path / "new")
+    lines = (tmp_path / "new" / "rgb.txt").read_text().splitlines()
+    stamps = [float(line.split()[0]) for line in lines[1:]]
+    assert before_s - 5.0 < stamps[0] < time.time() + 5.0
+    assert [round(stamp - stamps[0], 3) for stamp in stamps] == [0.0, 1.0, 2.0]

@@ -1,4 +1,4 @@
-"""Where the program keeps what it can make again: compiled kernels, rendered films."""
+"""Where the program keeps things: what it can make again, and what it cannot."""
 
 import hashlib
 import os
@@ -21,7 +21,7 @@ def cache_folder() -> Path:
     The first of $CACHE_DIRECTORY (systemd), $XDG_CACHE_HOME/kinect-vo, ~/.cache/kinect-vo and
     $TMPDIR/kinect-vo-UID that can be written to. Raises UserFacingError if none can.
     """
-    for folder in _candidates():
+    for folder in _candidates("CACHE_DIRECTORY", "XDG_CACHE_HOME", ".cache"):
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
             if os.access(folder, os.W_OK | os.X_OK):
@@ -31,6 +31,23 @@ def cache_folder() -> Path:
     raise UserFacingError(
         "no folder can be written to for what is worth keeping (compiled kernels); name one in "
         "XDG_CACHE_HOME"
+    )
+
+
+def state_folder() -> Path:
+    """A writable folder of our own for what cannot be made again: incidents, recordings.
+
+    The first of $STATE_DIRECTORY (systemd), $XDG_STATE_HOME/kinect-vo and ~/.local/state/kinect-vo
+    that can be written to. Raises UserFacingError if none can.
+    """
+    for folder in _candidates("STATE_DIRECTORY", "XDG_STATE_HOME", ".local/state"):
+        with suppress(OSError):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK | os.X_OK):
+                return folder
+    raise UserFacingError(
+        "no folder can be written to for what is to be kept (incidents, recordings); name one in "
+        "XDG_STATE_HOME"
     )
 
 
@@ -60,14 +77,15 @@ def _source_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def _candidates() -> list[Path]:
-    given = os.environ.get("CACHE_DIRECTORY", "").split(":")[0]
+def _candidates(systemd: str, xdg: str, below_home: str) -> list[Path]:
+    """Systemd's folder, the user's choice, the usual one: as far as there are any."""
+    given = os.environ.get(systemd, "").split(":")[0]
     folders = [Path(given)] if given else []
-    cache_home = os.environ.get("XDG_CACHE_HOME")
-    if cache_home:
-        folders.append(Path(cache_home) / "kinect-vo")
+    chosen = os.environ.get(xdg)
+    if chosen:
+        folders.append(Path(chosen) / "kinect-vo")
     with suppress(RuntimeError):  # a user without a home
-        folders.append(Path.home() / ".cache" / "kinect-vo")
+        folders.append(Path.home() / below_home / "kinect-vo")
     return folders
 
 

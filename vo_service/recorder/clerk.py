@@ -1,0 +1,129 @@
+"""What is being written by the recorder's process, and what went wrong with it."""
+
+import logging
+import threading
+import time
+from re import fullmatch
+
+from vo_service.control.commands import NAME_PATTERN
+from vo_service.control.errors import CommandError, ErrorCode
+from vo_service.recorder.incident_folder import incident_name
+from vo_service.recorder.keeper import Keeper
+from vo_service.recorder.messages import (
+    Facts,
+    IncidentWritten,
+    Job,
+    RecordingEnded,
+    SaveIncident,
+    StartRecording,
+    StopRecording,
+    Word,
+)
+
+logger = logging.getLogger(__name__)
+
+
+class Clerk:
+    """Passes on what is asked for, at once; refuses what cannot be. Safe from any thread."""
+
+    def __init__(self, job: Job) -> None:
+        self._job = job
+        self._lock = threading.Lock()
+        self._saving = ""  # name of the incident that is being written
+        self._taken: frozenset[str] = frozenset()
+        self._missed = 0
+        self._trouble = ""  # of the last incident or recording
+        self._process_trouble = ""
+        self.recording = ""
+        self._keeper = Keeper(job, self._hear, self._died)
+
+    @property
+    def warning(self) -> str:
+        """One clause; "" while all is well."""
+        if self._keeper.is_up and self._keeper.is_silent:
+            return "recorder: its process does not answer; is the disk hung?"
+        if self.recording and self._missed:
+            return f"recorder: {self.recording} lacks {self._missed} frames, the disk is too slow"
+        return self._trouble or self._process_trouble
+
+    def save(self, reason: str) -> str:
+        """Write an incident; its folder. Raises CommandError if that cannot be."""
+        with self._lock:
+            self._check_is_up()
+            if self._saving:
+                raise _not_possible(f"an incident is being written already: {self._saving}")
+            self._saving = incident_name(reason, time.time())
+            self._keeper.tell(SaveIncident(self._saving, reason))
+            return str(self._job.incidents / self._saving)
+
+    def start_recording(self, name: str, first: int) -> str:
+        """Record from frame `first` of the ring on; the folder. Raises CommandError if not."""
+        if not fullmatch(NAME_PATTERN, name):
+            raise CommandError(
+                ErrorCode.BAD_REQUEST,
+                "a recording's name is up to 64 letters, digits, dots, dashes and underscores",
+            )
+        with self._lock:
+            self._check_is_up()
+            if self.recording:
+                raise _not_possible(f"{self.recording} is being recorded; stop that first")
+            if name in self._taken:
+                raise _not_possible(f"there is a recording {name!r} already; give another name")
+            self._taken, self._missed, self._trouble = self._taken | {name}, 0, ""
+            self.recording = str(self._job.recordings / name)
+            self._keeper.tell(StartRecording(name, first))
+            return self.recording
+
+    def stop_recording(self) -> str:
+        """End the recording; its folder. Raises CommandError if there is none."""
+        with self._lock:
+            folder, self.recording = self.recording, ""
+            if not folder:
+                raise _not_possible("nothing is being recorded")
+            self._keeper.tell(StopRecording())
+            return folder
+
+    def close(self) -> None:
+        """End what is being written, as far as there is time; the process goes on by itself."""
+        self._keeper.close()
+
+    def _check_is_up(self) -> None:
+        if not self._keeper.is_up or self._keeper.is_silent:
+            raise _not_possible("the recorder's process does not answer; try again in a moment")
+
+    def _hear(self, word: Word) -> None:
+        with self._lock:
+            match word:
+                case Facts(recordings, missed):
+                    self._taken, self._missed = recordings, missed
+                    self._process_trouble = ""
+                case IncidentWritten(folder, frames, trouble):
+                    self._saving = ""
+                    self._note(trouble)
+                    if not trouble:
+                        logger.warning("recorder: the last %d frames are in %s", frames, folder)
+                case RecordingEnded(folder, frames, missed, trouble):
+                    if self.recording == str(folder):
+                        self.recording = ""
+                    logger.info("recorder: %s: %d frames, %d missed", folder, frames, missed)
+                    self._note(trouble)
+
+    def _note(self, trouble: str) -> None:
+        """Remember what went wrong until something goes well; the same is said only once."""
+        text = f"recorder: {trouble}" if trouble else ""
+        if text and text != self._trouble:
+            logger.error("%s", text)
+        self._trouble = text
+
+    def _died(self) -> None:
+        with self._lock:
+            cut_off = ", ".join(filter(None, (self._saving, self.recording)))
+            self._saving = self.recording = ""
+            self._process_trouble = "recorder: its process ended and is started again"
+            logger.warning("%s", self._process_trouble)
+            if cut_off:
+                self._note(f"its process ended and cut off {cut_off}")
+
+
+def _not_possible(reason: str) -> CommandError:
+    return CommandError(ErrorCode.NOT_POSSIBLE, reason)

@@ -1,0 +1,112 @@
+"""What the recorder's process does when it is told to, each job on a thread of its own."""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+from drivers.errors import UserFacingError
+from vo_service.recorder.incident import Incident, last_frames
+from vo_service.recorder.incident_folder import IncidentFolder, incident_name
+from vo_service.recorder.messages import (
+    Facts,
+    IncidentWritten,
+    Job,
+    Order,
+    SaveIncident,
+    StartRecording,
+    StopRecording,
+    Word,
+)
+from vo_service.recorder.recording import Recording
+from vo_service.recorder.shared_ring import Record, RingReader
+
+# After a crash systemd waits 10 s (TimeoutStopSec) before it kills: frames first, then the rest.
+FRAMES_AFTER_CRASH_S = 6.5
+RECORDING_AFTER_CRASH_S = 1.5
+CRASHED = "the service ended without notice"
+
+
+class Desk:
+    """Writes incidents and recordings out of the rings."""
+
+    def __init__(self, job: Job, tell: Callable[[Word], None]) -> None:
+        """`tell` takes words from any thread."""
+        self._job, self._tell = job, tell
+        self._frames, self._statuses = RingReader(job.frames), RingReader(job.statuses)
+        self._incidents = IncidentFolder(job.incidents, job.total_bytes)
+        self._saving = threading.Thread()
+        self._recordings: list[Recording] = []  # the last one
+        self._incidents.clean_up()
+
+    @property
+    def facts(self) -> Facts:
+        """What is told every second."""
+        folder = self._job.recordings
+        names = frozenset(path.name for path in folder.iterdir()) if folder.is_dir() else ()
+        return Facts(frozenset(names), sum(r.missed for r in self._recordings if not r.is_over))
+
+    def take(self, order: Order) -> None:
+        """Begin what is ordered; how it ends is told."""
+        match order:
+            case SaveIncident(name, reason):
+                self._save(name, reason)
+            case StartRecording(name, first):
+                folder = self._job.recordings / name
+                self._recordings[:] = [Recording(self._frames, first, folder, self._tell)]
+            case StopRecording():
+                self._stop_recordings(None)
+
+    def finish(self) -> None:
+        """The service ends in order: bring to an end what has been begun."""
+        self._stop_recordings(None)
+        self._join_saving()
+
+    def rescue(self) -> None:
+        """The service has crashed: write what the ring holds."""
+        begin_s = time.monotonic()
+        self._stop_recordings(RECORDING_AFTER_CRASH_S)
+        self._join_saving()
+        numbers = last_frames(self._frames, self._job.seconds)
+        if numbers:
+            name, deadline_s = incident_name("crash", time.time()), begin_s + FRAMES_AFTER_CRASH_S
+            self._write(name, CRASHED, numbers, self._frames.record, deadline_s)
+
+    def _stop_recordings(self, timeout_s: float | None) -> None:
+        for recording in self._recordings:
+            recording.stop(timeout_s)
+
+    def _join_saving(self) -> None:
+        if self._saving.ident is not None:
+            self._saving.join()
+
+    def _save(self, name: str, reason: str) -> None:
+        self._join_saving()
+        # The service goes on and overwrites the ring, faster than images can be encoded.
+        numbers = last_frames(self._frames, self._job.seconds)
+        copies = {number: self._frames.record(number) for number in numbers}
+        self._saving = threading.Thread(
+            target=self._write, args=(name, reason, numbers, copies.pop, math.inf), daemon=True
+        )
+        self._saving.start()
+
+    def _write(
+        self,
+        name: str,
+        reason: str,
+        numbers: Sequence[int],
+        fetch: Callable[[int], Record | None],
+        deadline_s: float,
+    ) -> None:
+        incident = Incident(reason, numbers, fetch, self._said(), self._job.about, deadline_s)
+        try:
+            folder, trouble = self._incidents.write(name, incident), ""
+        except UserFacingError as error:
+            folder, trouble = self._job.incidents / name, str(error)
+        self._tell(IncidentWritten(folder, incident.frames, trouble))
+
+    def _said(self) -> list[bytes]:
+        """The statuses that are still there."""
+        ring = self._statuses
+        records = map(ring.record, range(ring.oldest, ring.count))
+        return [record.payload for record in records if record is not None]

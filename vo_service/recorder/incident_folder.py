@@ -1,0 +1,126 @@
+"""The folder of incidents: names, its total size, and folders that appear only when whole."""
+
+import errno
+import fcntl
+import os
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from drivers.errors import UserFacingError
+
+PART = ".part"
+_NAME = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ-[a-z0-9-]+")
+_LONGEST_REASON = 40
+
+
+def incident_name(reason: str, unix_s: float) -> str:
+    """What an incident's folder is called, such as 2026-11-21T16-30-05Z-lost."""
+    words = re.sub("[^a-z0-9]+", "-", reason.lower()).strip("-")[:_LONGEST_REASON] or "saved"
+    return f"{time.strftime('%Y-%m-%dT%H-%M-%SZ', time.gmtime(unix_s))}-{words}"
+
+
+class IncidentFolder:
+    """Only folders with an incident's name are ever deleted: the user may have named any folder.
+
+    What is being written is locked, so that another service that shares the folder, or one that
+    was started again while its forerunner's recorder still writes, leaves it alone.
+    """
+
+    def __init__(self, folder: Path, total_bytes: int) -> None:
+        self.folder = folder
+        self._total_bytes = total_bytes
+
+    def clean_up(self) -> None:
+        """Remove what an earlier recorder could not finish, and what is too much."""
+        for part in self._incidents(PART):
+            with suppress(OSError), _locked(part):
+                shutil.rmtree(part, ignore_errors=True)
+        self._make_room(0)
+
+    def _make_room(self, expected_bytes: int) -> None:
+        """Delete the oldest incidents until so many bytes more fit into the total."""
+        incidents = sorted(self._incidents(""))
+        sizes = {incident: _size(incident) for incident in incidents}
+        excess = sum(sizes.values()) + expected_bytes - self._total_bytes
+        for oldest in incidents:
+            if excess <= 0:
+                return
+            shutil.rmtree(oldest, ignore_errors=True)
+            excess -= sizes[oldest] - _size(oldest)
+
+    def write(self, name: str, fill: Callable[[Path], None]) -> Path:
+        """Let `fill` write into an empty folder; it gets its name when it is whole.
+
+        Older incidents make room for it. Raises UserFacingError, leaving nothing, if the disk
+        refuses or `fill` does.
+        """
+        try:
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            final = self._free_name(name)
+            part = final.with_name(final.name + PART)
+            part.mkdir(mode=0o700)
+            try:
+                with _locked(part):
+                    fill(part)
+                    self._make_room(_size(part))
+                    part.rename(final)
+            except BaseException:
+                shutil.rmtree(part, ignore_errors=True)
+                raise
+        except (OSError, UserFacingError) as error:
+            raise UserFacingError(f"{self.folder}: {_why(error)}") from error
+        return final
+
+    def _free_name(self, name: str) -> Path:
+        """`name`, or with a number where an incident of the same second has it already."""
+        final, number = self.folder / name, 2
+        while final.exists() or final.with_name(final.name + PART).exists():
+            final, number = self.folder / f"{name}-{number}", number + 1
+        return final
+
+    def _incidents(self, suffix: str) -> list[Path]:
+        if not self.folder.is_dir():
+            return []
+        return [
+            path
+            for path in self.folder.iterdir()
+            if path.name.endswith(suffix)
+            and _NAME.fullmatch(path.name.removesuffix(suffix))
+            and path.is_dir()
+            and not path.is_symlink()
+        ]
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold a folder's lock. Raises BlockingIOError if another process holds it."""
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(fd)
+
+
+def _size(folder: Path) -> int:
+    """Bytes of all files below a folder; of one that is going away, those still there."""
+    total = 0
+    for place, _, files in os.walk(folder):
+        for name in files:
+            with suppress(OSError):
+                total += (Path(place) / name).lstat().st_size
+    return total
+
+
+def _why(error: BaseException) -> str:
+    """What is wrong; the disk's own answer where there is one, as nothing of the folder is left."""
+    cause = error if isinstance(error, OSError) else error.__cause__
+    if not isinstance(cause, OSError):
+        return str(error)
+    if cause.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "the disk is full; free some space"
+    return f"cannot be written: {cause.strerror}"

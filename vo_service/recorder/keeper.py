@@ -1,0 +1,125 @@
+"""Keeps the recorder's process running: starts it, passes on orders, starts it again if it dies."""
+
+import logging
+import math
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+from drivers.isolation.limits import BackOff, TimeLimits
+from vo_service.recorder.messages import End, Facts, Job, Order, Word
+
+logger = logging.getLogger(__name__)
+
+_LIMITS = TimeLimits(first_retry_s=0.2, longest_retry_s=30.0)
+# Without a word for so long, it is stuck: on a disk that hangs, or stopped.
+SILENT_S = 10.0
+ENDING_S = 2.0
+
+
+class Keeper:
+    """A thread that owns the process. What it says goes to `hear`, on that thread."""
+
+    def __init__(self, job: Job, hear: Callable[[Word], None], died: Callable[[], None]) -> None:
+        """Start. `died` is called after each process that ended by itself."""
+        self._job, self._hear, self._died = job, hear, died
+        self._orders: deque[Order] = deque()
+        self._wake = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
+        self._closing = threading.Event()
+        self._heard_s = time.monotonic()
+        self._back_off = BackOff(_LIMITS)
+        self.is_up = False  # it takes orders
+        self._thread = threading.Thread(target=self._run, name="recorder-keeper", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether it has said nothing for so long that something must be wrong."""
+        return time.monotonic() - self._heard_s > SILENT_S
+
+    def tell(self, order: Order) -> None:
+        """Pass an order on; a process that dies before it is carried out forgets it."""
+        self._orders.append(order)
+        os.eventfd_write(self._wake, 1)
+
+    def close(self) -> None:
+        """Let it end. One that still writes an incident is left to finish by itself."""
+        if not self._closing.is_set():
+            self.tell(End())
+            self._closing.set()
+            self._thread.join()
+            os.close(self._wake)
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            self._run_process()
+            self.is_up = False
+            self._orders.clear()
+            if not self._closing.is_set():
+                self._died()
+                self._closing.wait(self._back_off.next_s())
+
+    def _run_process(self) -> None:
+        """From the start of a process until it has ended, or is left to itself."""
+        ours, theirs = Pipe()
+        with ours:
+            with theirs:
+                try:
+                    process = _start(theirs.fileno(), self._job)
+                except OSError as error:
+                    logger.error("recorder: cannot be started: %s", error.strerror)
+                    return
+            with suppress(OSError, EOFError):
+                ours.send(self._job)
+                self._attend(ours)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(ENDING_S)
+
+    def _attend(self, connection: "Connection[Any, Any]") -> None:
+        """Pass on orders and listen until the end. Raises EOFError or OSError if it dies."""
+        due_s = math.inf
+        while (left_s := due_s - time.monotonic()) > 0.0:
+            ready = wait([connection, self._wake], None if math.isinf(left_s) else left_s)
+            if connection in ready:
+                self._listen(connection.recv())
+            if self._wake in ready:
+                os.eventfd_read(self._wake)
+                if self._pass_on(connection):
+                    due_s = time.monotonic() + ENDING_S
+
+    def _listen(self, word: Word) -> None:
+        self._heard_s = time.monotonic()
+        self._hear(word)
+        if isinstance(word, Facts):
+            self.is_up = True
+            self._back_off.reset()
+
+    def _pass_on(self, connection: "Connection[Any, Any]") -> bool:
+        """Send what there is to send; whether that was the last order."""
+        is_last = False
+        while self._orders:
+            order = self._orders.popleft()
+            connection.send(order)
+            is_last = isinstance(order, End)
+        return is_last
+
+
+def _start(connection: int, job: Job) -> "subprocess.Popen[bytes]":
+    # The same modules as here, and none from the working folder. A session of its own: Ctrl-C in
+    # the terminal is for the service alone. What it says after a crash goes where our log goes.
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "vo_service.recorder.child", str(connection)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        pass_fds=(connection, job.frames.fd, job.statuses.fd),
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        start_new_session=True,
+    )

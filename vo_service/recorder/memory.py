@@ -1,0 +1,82 @@
+"""What the recorder remembers: two rings in shared memory, one of frames and one of statuses."""
+
+import json
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.recorder.depth_packing import pack_depth
+from vo_service.recorder.frame_record import put_frame
+from vo_service.recorder.shared_ring import RingWriter
+
+STATUS_LOG_S = 60.0
+STATUS_LOG_BYTES = 1_000_000
+MEGABYTE = 1_000_000
+
+
+@dataclass(frozen=True)
+class TimedStatus:
+    """A status, and when the service said it: CLOCK_REALTIME and CLOCK_MONOTONIC."""
+
+    status: Status
+    unix_s: float
+    monotonic_s: float
+
+    @classmethod
+    def now(cls, status: Status) -> "TimedStatus":
+        """Said now."""
+        return cls(status, time.time(), time.monotonic())
+
+
+class Memory:
+    """Fills both rings, from one thread."""
+
+    def __init__(self, seconds: float, max_mb: int, readout_s: Callable[[], float]) -> None:
+        """`readout_s` tells the camera's rolling shutter. Raises OSError if there is no memory."""
+        self.frames = RingWriter("recorder-frames", seconds, max_mb * MEGABYTE)
+        try:
+            self.statuses = RingWriter("recorder-statuses", STATUS_LOG_S, STATUS_LOG_BYTES)
+        except OSError:
+            self.frames.close()
+            raise
+        self._readout_s = readout_s
+        # Compiled, or loaded, before the first frame: that holds Python's lock.
+        pack_depth(np.zeros((2, 2), np.uint16), np.zeros(8, np.uint8))
+
+    def put(self, item: PoseUpdate | TimedStatus, missed: int) -> None:
+        """Remember it. `missed` counts what never got here. Raises OSError without memory."""
+        if isinstance(item, PoseUpdate):
+            put_frame(self.frames, item, self._readout_s(), pack_depth)
+        else:
+            self._put_status(item, missed)
+
+    def close(self) -> None:
+        """Forget."""
+        with suppress(BufferError):  # somebody is still reading; the process ends soon
+            self.frames.close()
+            self.statuses.close()
+
+    def _put_status(self, timed: TimedStatus, missed: int) -> None:
+        content = {
+            "unix_s": timed.unix_s,
+            "monotonic_s": timed.monotonic_s,
+            **asdict(timed.status),
+            "recorder": self._figures(missed),
+        }
+        line = json.dumps(content).encode()
+        room = self.statuses.reserve(len(line), timed.monotonic_s)
+        room[: len(line)] = np.frombuffer(line, np.uint8)
+        self.statuses.commit(len(line), b"", len(line), timed.monotonic_s)
+
+    def _figures(self, missed: int) -> dict[str, Any]:
+        return {
+            "frames": self.frames.count,
+            "missed": missed,
+            "ring_mb": round(self.frames.used_bytes / MEGABYTE, 1),
+            "limited_by": "max_mb" if self.frames.is_short else "seconds",
+        }

@@ -1,0 +1,132 @@
+"""The flight recorder as the service sees it: an output that remembers the last seconds."""
+
+import json
+import logging
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from vo_service.control.errors import CommandError, ErrorCode
+from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.outputs.worker import DropOldest, Worker
+from vo_service.recorder.clerk import Clerk
+from vo_service.recorder.loss import LossWatch, NoLossWatch
+from vo_service.recorder.memory import MEGABYTE, Memory, TimedStatus
+from vo_service.recorder.messages import Job
+from vo_service.settings import RecorderSettings
+
+logger = logging.getLogger(__name__)
+
+_MOST_WAITING = 8
+_WORKER_S = 1.0
+
+
+class FlightRecorder:
+    """Remembers the last seconds in memory that outlives this process.
+
+    Frames are packed on a thread of its own. A second process writes them to disk: when tracking
+    is lost, when told to, or when this process ends without `close`.
+    """
+
+    def __init__(
+        self,
+        settings: RecorderSettings,
+        state: Path,
+        about: Mapping[str, object],
+        readout_s: Callable[[], float],
+    ) -> None:
+        """Start. Raises OSError if the memory cannot be had.
+
+        state      folder in which incidents and recordings have theirs
+        about      of the service: goes into each incident as JSON
+        readout_s  tells the camera's rolling shutter
+        """
+        self._memory = Memory(settings.seconds, settings.max_mb, readout_s)
+        self._no_memory = ""
+        self._loss = LossWatch() if settings.save_on_loss else NoLossWatch()
+        self._has_frames = self._is_closed = False
+        self._clerk = Clerk(
+            Job(
+                frames=self._memory.frames.memory,
+                statuses=self._memory.statuses.memory,
+                seconds=settings.seconds,
+                incidents=settings.folder or state / "incidents",
+                total_bytes=settings.total_mb * MEGABYTE,
+                recordings=state / "recordings",
+                about=json.dumps(about, default=str),
+            )
+        )
+        self._worker: Worker[PoseUpdate | TimedStatus] = Worker(
+            "recorder", DropOldest(_MOST_WAITING), self._handle, self._finish
+        )
+
+    @property
+    def warning(self) -> str:
+        """What is wrong with it, in one clause."""
+        return self._no_memory or self._clerk.warning
+
+    @property
+    def recording(self) -> str:
+        """Folder that is being recorded into; "" = none."""
+        return self._clerk.recording
+
+    @property
+    def missed(self) -> int:
+        """Frames and statuses that newer ones replaced before they were remembered."""
+        return self._worker.dropped
+
+    def pose(self, update: PoseUpdate) -> None:
+        """Remember a frame and what was said of it (soon)."""
+        self._worker.put(update)
+
+    def status(self, status: Status) -> None:
+        """Remember a status (soon)."""
+        self._worker.put(TimedStatus.now(status))
+
+    def save(self, reason: str) -> str:
+        """As `Recorder`."""
+        if not self._has_frames:
+            raise CommandError(ErrorCode.NOT_POSSIBLE, "no frame has come yet")
+        return self._clerk.save(reason)
+
+    def start_recording(self, name: str) -> str:
+        """As `Recorder`."""
+        return self._clerk.start_recording(name, self._memory.frames.count)
+
+    def stop_recording(self) -> str:
+        """As `Recorder`."""
+        return self._clerk.stop_recording()
+
+    def close(self) -> None:
+        """Forget everything; a loss that is not written yet still is, and so is a recording."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        has_finished = self._worker.close(_WORKER_S)
+        self._clerk.close()
+        if has_finished:
+            self._memory.close()
+
+    def _handle(self, item: PoseUpdate | TimedStatus) -> None:
+        """Body of the worker's thread: one item."""
+        try:
+            self._memory.put(item, self._worker.dropped)
+            self._no_memory = ""
+        except OSError as error:
+            self._no_memory = f"recorder: no memory for the last frames: {error.strerror}"
+        now_s = time.monotonic()
+        if isinstance(item, PoseUpdate):
+            self._has_frames = True
+            self._loss.see(item.state, now_s)
+        if self._loss.is_due(now_s):
+            self._save_loss()
+
+    def _finish(self) -> None:
+        if self._loss.is_pending:
+            self._save_loss()
+
+    def _save_loss(self) -> None:
+        try:
+            self._clerk.save("lost")
+        except CommandError as error:
+            logger.warning("recorder: a loss of tracking is not written: %s", error)

@@ -1,0 +1,91 @@
+"""Recording on command: frames go from the ring into a TUM folder until told to stop."""
+
+import shutil
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from drivers.errors import UserFacingError
+from drivers.tum.encode import ColourFormat
+from drivers.tum.writer import TumWriter
+from vo_service.recorder.frame_record import frame_of, note_of
+from vo_service.recorder.messages import RecordingEnded
+from vo_service.recorder.shared_ring import Record, RingReader
+
+# A recording leaves so much of the disk to everything else on the robot.
+LEFT_FREE_BYTES = 1_000_000_000
+_LOOK_S = 0.03
+# A third of the time and of the size of PNG, which two slow cores cannot keep up with.
+COLOUR = ColourFormat.JPEG
+
+
+class Recording:
+    """Writes on a thread of its own what comes into the ring.
+
+    The folder is made with the first frame. A camera that goes and comes back is recorded on.
+    """
+
+    def __init__(
+        self, ring: RingReader, first: int, folder: Path, tell: Callable[[RecordingEnded], None]
+    ) -> None:
+        """Begin with the ring's frame number `first`. `tell` hears, once, how it ended."""
+        self.folder = folder
+        self.missed = 0
+        self._ring, self._tell = ring, tell
+        self._next = first
+        self._writers: list[TumWriter] = []  # one, from the first frame on
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more is written."""
+        return not self._thread.is_alive()
+
+    def stop(self, timeout_s: float | None = None) -> None:
+        """End it with the newest frame, and wait for that."""
+        self._stop.set()
+        self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        trouble = ""
+        try:
+            self.folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with ExitStack() as stack:
+                is_last = False
+                while not is_last:
+                    is_last = self._stop.wait(_LOOK_S)
+                    self._write_new(stack)
+        except UserFacingError as error:
+            trouble = str(error)
+        except OSError as error:
+            trouble = f"{self.folder}: cannot be written: {error.strerror}"
+        frames = sum(writer.written for writer in self._writers)
+        self._tell(RecordingEnded(self.folder, frames, self.missed, trouble))
+
+    def _write_new(self, stack: ExitStack) -> None:
+        """Write what has come since the last time."""
+        end = self._ring.count
+        begin = min(end, max(self._next, self._ring.oldest))
+        self.missed += begin - self._next
+        self._next = end
+        for number in range(begin, end):
+            record = self._ring.record(number)
+            if record is None:
+                self.missed += 1
+            else:
+                self._write(record, stack)
+
+    def _write(self, record: Record, stack: ExitStack) -> None:
+        if shutil.disk_usage(self.folder.parent).free < LEFT_FREE_BYTES:
+            raise UserFacingError(
+                f"{self.folder}: less than {LEFT_FREE_BYTES / 1e9:g} GB are left on the disk; "
+                "free some space and record into a new folder"
+            )
+        if not self._writers:
+            readout_s = note_of(record.note).readout_s
+            writer = TumWriter(self.folder, readout_s=readout_s, colour=COLOUR)
+            self._writers.append(stack.enter_context(writer))
+        self._writers[0].write(frame_of(record))

@@ -28,6 +28,7 @@ COMMANDS = (
     "warm-up",
     "config",
     "udev",
+    "service",
     "doctor",
     "devices",
 )

@@ -31,6 +31,11 @@ def open_files() -> int:
     return sum(1 for _ in Path("/proc/self/fd").iterdir())
 
 
+def open_files_of(process: int) -> int:
+    """How many files a process that may not be this one has open."""
+    return sum(1 for _ in Path(f"/proc/{process}/fd").iterdir())
+
+
 def children() -> list[int]:
     """Process numbers of what this process has started and not reaped."""
     return children_of(os.getpid())
@@ -44,7 +49,7 @@ def belongings_of(process: int) -> Counter[str]:
     here = Path(f"/proc/{process}")
     own_name = _text(here / "comm")
     return Counter(
-        files=len(list((here / "fd").iterdir())),
+        files=open_files_of(process),
         children=len(children_of(process)),
         threads=sum(_text(task / "comm") == own_name for task in (here / "task").iterdir()),
         memory=_text(here / "maps").count("memfd:"),

@@ -1,0 +1,156 @@
+"""What a soak has measured so far, kept in a file, and whether anything in it grows."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from drivers.geometry import Array
+
+FRAMES_OF_SLOPE = 10_000
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One look at the service. `run` counts how often it was started: 0 is the first time.
+
+    frame       poses heard since this start
+    seconds     since this start
+    service_mb  memory in RAM of the service's process
+    others_mb   of its children together; what they share with it counts in both
+    p50_ms, p99_ms  latency since the sample before, from a frame's arrival to its pose in our hands
+    cpu_ms      processor time a frame since the sample before, all processes together
+    dropped     frames that the odometry missed since this start
+    lost        poses that we missed since this start
+    """
+
+    run: int
+    frame: int
+    seconds: float
+    service_mb: float
+    others_mb: float
+    handles: int
+    threads: int
+    children: int
+    p50_ms: float
+    p99_ms: float
+    cpu_ms: float
+    dropped: int
+    lost: int
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One figure, its limit, and whether it is kept."""
+
+    name: str
+    value: float
+    limit: float
+    unit: str
+
+    @property
+    def is_good(self) -> bool:
+        """Within the limit."""
+        return self.value <= self.limit
+
+
+@dataclass
+class Record:
+    """All samples, in the order in which they were taken."""
+
+    file: Path
+    samples: list[Sample] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, file: Path) -> "Record":
+        """What the file holds; nothing where there is none."""
+        if not file.exists():
+            return cls(file)
+        return cls(file, [Sample(**each) for each in json.loads(file.read_text())])
+
+    def add(self, sample: Sample) -> None:
+        """Keep it, on disk too: an interruption at any time loses nothing."""
+        self.samples.append(sample)
+        part = self.file.with_name(self.file.name + ".part")
+        part.write_text(json.dumps([asdict(each) for each in self.samples]))
+        part.replace(self.file)
+
+    @property
+    def runs(self) -> int:
+        """How often the service was started."""
+        return self.samples[-1].run + 1 if self.samples else 0
+
+    @property
+    def frames(self) -> int:
+        """Poses heard in all runs together."""
+        return sum(self._of_run(run)[-1].frame for run in range(self.runs))
+
+    def warm(self, warm_up: int) -> list[Sample]:
+        """Without each run's first frames."""
+        return [sample for sample in self.samples if sample.frame > warm_up]
+
+    def _of_run(self, run: int) -> list[Sample]:
+        return [sample for sample in self.samples if sample.run == run]
+
+
+def verdicts(record: Record, warm_up: int) -> list[Verdict]:
+    """Whether memory, handles, threads and latency are flat, and nothing was lost.
+
+    Raises ValueError with fewer than three samples after the warm-up of a run.
+    """
+    warm = record.warm(warm_up)
+    if len(warm) < 3:
+        raise ValueError("too few samples after the warm-up")
+    p50_ms, p99_ms = (growth(warm, what) for what in (_p50_ms, _p99_ms))
+    return [
+        Verdict("memory of the service", slope(warm, lambda s: s.service_mb), 1.0, "MB/10,000"),
+        Verdict("memory of its children", slope(warm, lambda s: s.others_mb), 1.0, "MB/10,000"),
+        Verdict("open handles", slope(warm, lambda s: s.handles), 0.5, "/10,000"),
+        Verdict("threads", slope(warm, lambda s: s.threads), 0.5, "/10,000"),
+        Verdict("children", slope(warm, lambda s: s.children), 0.1, "/10,000"),
+        Verdict("latency, median, end to start", p50_ms, 1.2, "times"),
+        Verdict("latency, 99 %, end to start", p99_ms, 1.5, "times"),
+        Verdict("poses lost on the way", sum(_last(record, lambda s: s.lost)), 0, ""),
+    ]
+
+
+def slope(samples: Sequence[Sample], what: Callable[[Sample], float]) -> float:
+    """Growth in 10,000 frames: least squares over all runs, each from a level of its own."""
+    frames = _centred(samples, lambda sample: sample.frame)
+    values = _centred(samples, what)
+    spread = float(frames @ frames)
+    return FRAMES_OF_SLOPE * float(frames @ values) / spread if spread else 0.0
+
+
+def growth(samples: Sequence[Sample], what: Callable[[Sample], float]) -> float:
+    """Median of the last third over that of the first."""
+    third = max(1, len(samples) // 3)
+    first, last = (
+        [what(sample) for sample in part] for part in (samples[:third], samples[-third:])
+    )
+    return float(np.median(last) / np.median(first))
+
+
+def _centred(samples: Sequence[Sample], what: Callable[[Sample], float]) -> Array:
+    """The values of each run, less their mean."""
+    runs = np.array([sample.run for sample in samples])
+    values = np.array([what(sample) for sample in samples], np.float64)
+    for run in np.unique(runs):
+        values[runs == run] -= values[runs == run].mean()
+    return values
+
+
+def _last(record: Record, what: Callable[[Sample], float]) -> list[float]:
+    """The last value of each run."""
+    last = {sample.run: what(sample) for sample in record.samples}
+    return list(last.values())
+
+
+def _p50_ms(sample: Sample) -> float:
+    return sample.p50_ms
+
+
+def _p99_ms(sample: Sample) -> float:
+    return sample.p99_ms

@@ -1,0 +1,116 @@
+"""Zenoh's own log, which goes to file descriptor 1 and nowhere else, turned into lines of ours."""
+
+import fcntl
+import logging
+import os
+import select
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+import zenoh
+
+from vo_service.outputs.zenoh_refusals import LOG_FILTER, Refusals, parse_line
+
+logger = logging.getLogger(__name__)
+
+# As much as a pipe may hold without being root: half a second of the worst flood.
+_PIPE_BYTES = 1 << 20
+_CHUNK_BYTES = 1 << 16
+_PERIOD_S = 10.0
+_MOST_IN_PERIOD = 5
+
+
+class FloodGate:
+    """Tells the first few clauses at once, and counts the rest for a summary every ten seconds."""
+
+    def __init__(
+        self, tell: Callable[[str], None], now_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._tell = tell
+        self._now_s = now_s
+        self._since_s = -_PERIOD_S
+        self._told: list[str] = []
+        self._held_back = 0
+
+    def add(self, clause: str) -> None:
+        """Something has happened."""
+        self.look()
+        if clause in self._told or len(self._told) >= _MOST_IN_PERIOD:
+            self._held_back += 1
+            return
+        if not self._told:
+            self._since_s = self._now_s()
+        self._told.append(clause)
+        self._tell(clause)
+
+    def look(self) -> None:
+        """Give the summary if it is time. To be called now and then."""
+        if self._now_s() - self._since_s < _PERIOD_S:
+            return
+        if self._held_back:
+            self._tell(f"the like happened {self._held_back} more times in {_PERIOD_S:.0f} s")
+            self._since_s = self._now_s()
+        else:
+            self._told = []
+        self._held_back = 0
+
+
+@contextmanager
+def zenoh_log_as_ours() -> Iterator[None]:
+    """While the block runs, whom Zenoh refuses is said by our logger, never more than a few a time.
+
+    With ``RUST_LOG`` set, what Zenoh logs by it goes to standard output as well; so does what child
+    processes print. Zenoh never waits for us: what does not fit into the pipe is lost. Only one
+    block at a time: it moves file descriptor 1.
+    """
+    sys.stdout.flush()
+    readable, writable = os.pipe()
+    with suppress(OSError):  # a smaller one will do
+        fcntl.fcntl(writable, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+    os.set_blocking(writable, False)
+    own = os.dup(1)
+    python_stdout, sys.stdout = sys.stdout, os.fdopen(own, "w", buffering=1, closefd=False)
+    os.dup2(writable, 1)
+    os.close(writable)
+    reader = threading.Thread(target=_read, args=(readable, own), name="zenoh-log", daemon=True)
+    reader.start()
+    zenoh.init_log_from_env_or(LOG_FILTER)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        sys.stdout = python_stdout
+        os.dup2(own, 1)
+        reader.join(1.0)  # longer only if a child still holds its end
+
+
+def _read(readable: int, own: int) -> None:
+    """Until nobody can write any more."""
+    refusals, gate = Refusals(), FloodGate(lambda clause: logger.warning("zenoh: %s", clause))
+    rest = b""
+    while True:
+        ready, _, _ = select.select([readable], [], [], 1.0)
+        gate.look()
+        if not ready:
+            continue
+        chunk = os.read(readable, _CHUNK_BYTES)
+        if not chunk:
+            break
+        *lines, rest = (rest + chunk).split(b"\n")
+        for line in lines:
+            _take(line, refusals, gate, own)
+        rest = rest[:_CHUNK_BYTES]
+    os.close(readable)
+    os.close(own)
+
+
+def _take(line: bytes, refusals: Refusals, gate: FloodGate, own: int) -> None:
+    parsed = parse_line(line.decode(errors="replace"))
+    if parsed is None or "RUST_LOG" in os.environ:
+        with suppress(OSError):  # nobody reads our standard output
+            os.write(own, line + b"\n")
+    if parsed is not None and (clause := refusals.clause(parsed)):
+        gate.add(clause)

@@ -1,0 +1,20 @@
+"""Who connects to a session and who leaves it, in the log."""
+
+import logging
+
+import zenoh
+
+from vo_service.outputs.zenoh_refusals import printable
+
+logger = logging.getLogger(__name__)
+
+
+def log_visitors(session: zenoh.Session) -> None:
+    """Log each connection and its end at level INFO, with the common name of its certificate."""
+    session.info.declare_link_events_listener(_log, history=True)
+
+
+def _log(event: zenoh.LinkEvent) -> None:
+    link = event.link
+    what = "connected" if event.kind == zenoh.SampleKind.PUT else "gone"
+    logger.info("zenoh: %s", printable(f"{link.auth_identifier or 'nameless'}, {link.dst}: {what}"))

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 
+from vo_service.control.errors import CommandError
+from vo_service.control.inbox import Answer
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
 from vo_service.outputs.output import PoseUpdate, Status
 
@@ -54,6 +56,17 @@ def status_payload(status: Status, versions: Mapping[str, str]) -> bytes:
     """The status as JSON. Raises ValueError if a number is not finite."""
     content = {"schema": MESSAGE_SCHEMA, **asdict(status), "versions": dict(versions)}
     return json.dumps(content, allow_nan=False).encode()
+
+
+def answer_payload(answer: Answer) -> bytes:
+    """What a command gave, as JSON. Raises ValueError if a number is not finite."""
+    return json.dumps({"schema": MESSAGE_SCHEMA, **answer}, allow_nan=False).encode()
+
+
+def error_payload(error: CommandError) -> bytes:
+    """Why there is no answer, as JSON."""
+    content = {"schema": MESSAGE_SCHEMA, "error": error.code, "message": str(error)}
+    return json.dumps(content).encode()
 
 
 def versions() -> dict[str, str]:

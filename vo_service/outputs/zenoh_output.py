@@ -1,18 +1,15 @@
 """Poses and status over Zenoh, published from a thread of its own."""
 
 import logging
-import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import zenoh
 
-from vo_service.outputs.cdr import SCHEMA
 from vo_service.outputs.output import PoseUpdate, Status
-from vo_service.outputs.tcp_backlog import backlog_bytes
 from vo_service.outputs.worker import DropOldest, HandOver, Wait, Worker
+from vo_service.outputs.zenoh_commands import Commands, NoCommands
 from vo_service.outputs.zenoh_messages import (
     Frames,
     pose_attachment,
@@ -20,7 +17,11 @@ from vo_service.outputs.zenoh_messages import (
     status_payload,
     versions,
 )
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_opening import OpenAtOnce, WayToOpen
+from vo_service.outputs.zenoh_questions import Memory, Questions
+from vo_service.outputs.zenoh_session import ZenohConfig
+from vo_service.outputs.zenoh_station import Programme, Station
+from vo_service.settings import Ros2Settings
 
 logger = logging.getLogger(__name__)
 
@@ -44,42 +45,58 @@ LIVE = Delivery(zenoh.CongestionControl.DROP, lambda: DropOldest(4), 0, drain_s=
 LOCKSTEP = Delivery(zenoh.CongestionControl.BLOCK, lambda: Wait(16), 2, drain_s=10.0, close_s=25.0)
 
 
+@dataclass(frozen=True)
+class Extras:
+    """What else is offered on the session."""
+
+    commands: Commands = field(default_factory=NoCommands)
+    ros2: Ros2Settings = Ros2Settings()  # noqa: RUF009 (frozen)
+
+
 class ZenohOutput:
     """Publishes each pose on `{prefix}/odom` and the status on `{prefix}/status`.
 
-    odom    CDR ``nav_msgs/msg/Odometry``; attachment: JSON of schema, seq, state, epoch, reason
-    status  JSON: schema, every field of `Status`, versions
-    alive   a liveliness token that lasts as long as this object (or its process)
+    odom     CDR ``nav_msgs/msg/Odometry``; attachment: JSON of schema, seq, state, epoch, reason
+    status   JSON: schema, every field of `Status`, versions
+    alive    a liveliness token that lasts as long as this object (or its process)
+    latest, status, schema, command/NAME   answer questions; see `docs/messages.md`
 
     A pose with a number that is not finite is never published: the error is logged and counted.
-    Raises InputError or UserFacingError where the session cannot be opened.
+    Raises what `way_to_open` raises where the session cannot be opened.
     """
 
-    warning = ""
-
-    def __init__(self, config: ZenohConfig, delivery: Delivery = LIVE) -> None:
+    def __init__(
+        self,
+        config: ZenohConfig,
+        delivery: Delivery = LIVE,
+        way_to_open: WayToOpen = OpenAtOnce,
+        extras: Extras | None = None,
+    ) -> None:
+        extras = extras or Extras()
         self._delivery = delivery
         self._versions = versions()
-        self._frames = Frames(config.odom_frame_id, config.child_frame_id)
-        prefix = config.prefix
-        self._session = open_session(config)
-        self._odom = self._session.declare_publisher(
-            f"{prefix}/odom",
-            encoding=zenoh.Encoding.APPLICATION_CDR.with_schema(SCHEMA),
-            congestion_control=delivery.congestion,
-            priority=zenoh.Priority.REAL_TIME,
-            express=True,
-            reliability=zenoh.Reliability.RELIABLE,
+        self._memory = Memory()
+        self._commands = extras.commands
+        self._programme = Programme(
+            prefix=config.prefix,
+            frames=Frames(config.odom_frame_id, config.child_frame_id),
+            congestion=delivery.congestion,
+            questions=Questions(config.prefix, self._memory),
+            commands=extras.commands,
+            ros2=extras.ros2,
         )
-        self._status = self._session.declare_publisher(
-            f"{prefix}/status",
-            encoding=zenoh.Encoding.APPLICATION_JSON,
-            congestion_control=delivery.congestion,
-        )
-        self._alive = self._session.liveliness().declare_token(f"{prefix}/alive")
+        self._failure = ""
+        self._opening = way_to_open(config)
+        self._stations: list[Station] = []
+        self._settle()
         self._worker: Worker[Item] = Worker(
             "zenoh", delivery.hand_over(), self._publish, self._finish
         )
+
+    @property
+    def warning(self) -> str:
+        """What is wrong with the session, or with the last message."""
+        return self._opening.warning or self._failure
 
     @property
     def dropped(self) -> int:
@@ -101,36 +118,50 @@ class ZenohOutput:
 
     def wait_for_subscriber(self, timeout_s: float) -> bool:
         """Wait until someone subscribes to the poses. False if nobody does in time."""
-        arrived = threading.Event()
-
-        def on_change(status: zenoh.MatchingStatus) -> None:
-            if status.matching:
-                arrived.set()
-
-        listener = self._odom.declare_matching_listener(on_change)
-        try:
-            return _matching(self._odom) or arrived.wait(timeout_s)
-        finally:
-            listener.undeclare()  # type: ignore[no-untyped-call]
+        return any(station.wait_for_subscriber(timeout_s) for station in self._stations)
 
     def close(self) -> None:
         """Publish what was taken, let subscribers read it, and leave."""
         self._worker.close(self._delivery.close_s)
 
     def _publish(self, item: Item) -> None:
-        if isinstance(item, Status):
-            self._status.put(status_payload(item, self._versions))
-        else:
-            self._odom.put(pose_payload(item, self._frames), attachment=pose_attachment(item))
+        try:
+            self._publish_status(item) if isinstance(item, Status) else self._publish_pose(item)
+        except (ValueError, zenoh.ZError) as error:
+            self._failure = f"zenoh: a message could not be published: {error}"
+            raise
+        self._failure = ""
+
+    def _publish_pose(self, update: PoseUpdate) -> None:
+        payload = pose_payload(update, self._programme.frames)
+        attachment = pose_attachment(update)
+        self._memory.pose = (payload, attachment)
+        for station in self._stations:
+            station.pose(update, payload, attachment)
+
+    def _publish_status(self, status: Status) -> None:
+        payload = status_payload(status, self._versions)
+        self._memory.status = payload
+        self._settle()
+        for station in self._stations:
+            station.status(payload)
+
+    def _settle(self) -> None:
+        """See that there is a station on the session that is open now, if one is."""
+        sessions = self._opening.sessions()
+        kept = [station for station in self._stations if station.session in sessions]
+        if len(kept) < len(sessions):
+            kept = [Station(session, self._programme) for session in sessions]
+        self._stations = kept
 
     def _finish(self) -> None:
-        if not self._drained():
-            logger.warning("zenoh: a subscriber does not read; its last poses are lost")
-        self._alive.undeclare()  # type: ignore[no-untyped-call]
-        with suppress(zenoh.ZError):  # a link that no longer answers
-            self._session.close()  # type: ignore[no-untyped-call]
+        self._commands.close()
+        for station in self._stations:
+            if not self._drained(station):
+                logger.warning("zenoh: a subscriber does not read; its last poses are lost")
+            station.close()
 
-    def _drained(self) -> bool:
+    def _drained(self, station: Station) -> bool:
         """Wait until everything sent has been read. False if that takes too long.
 
         Closing first would lose it: a subscriber that is still reading answers with a keep-alive,
@@ -141,20 +172,6 @@ class ZenohOutput:
         while quiet < self._delivery.quiet_checks:
             if time.monotonic() > deadline_s:
                 return False
-            links = self._session.info.links()
-            waiting = backlog_bytes((_port(link.src), _port(link.dst)) for link in links)
-            quiet = 0 if waiting else quiet + 1
+            quiet = 0 if station.backlog_bytes() else quiet + 1
             time.sleep(0.01)
         return True
-
-
-def _matching(publisher: zenoh.Publisher) -> bool:
-    # The stub says bool; it is an object that is always true.
-    status: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]
-    return status.matching
-
-
-def _port(locator: str) -> int:
-    """Port of a link's end, such as tcp/127.0.0.1:7450; 0 where it has none."""
-    port = locator.rsplit(":", 1)[-1]
-    return int(port) if port.isdigit() else 0

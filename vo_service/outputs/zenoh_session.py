@@ -8,31 +8,35 @@ from pathlib import Path
 import zenoh
 
 from drivers.errors import InputError, UserFacingError
+from drivers.strict_toml import setting
+from vo_service.outputs.zenoh_files import read_zenoh_file
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7450"
+# Ours are some kilobytes. Zenoh's own limit is a gigabyte.
+LARGEST_MESSAGE_BYTES = 1 << 20
+_CLIENT_OPENING_MS = 2000
 
 
 @dataclass(frozen=True)
 class ZenohConfig:
-    """How poses go out.
+    """How poses go out. Raises InputError for a prefix that is none."""
 
-    prefix          first part of every key: `{prefix}/odom`, `{prefix}/status`, `{prefix}/alive`
-    listen          endpoints that others connect to; loopback alone unless told otherwise
-    connect         endpoints (a router, another peer) that this session connects to
-    config_file     a Zenoh configuration (JSON5), for TLS and access control. What it leaves at
-                    Zenoh's own default is set as without it: `listen`, `connect`, no scouting
-    odom_frame_id   frame of the poses
-    child_frame_id  frame that moves
-
-    Raises InputError for a prefix that is none.
-    """
-
-    prefix: str = "kinect"
-    listen: tuple[str, ...] = (DEFAULT_ENDPOINT,)
-    connect: tuple[str, ...] = ()
-    config_file: Path | None = None
-    odom_frame_id: str = "odom"
-    child_frame_id: str = "base_link"
+    prefix: str = setting(
+        "kinect", "first part of every key: PREFIX/odom, PREFIX/status, PREFIX/alive and others"
+    )
+    listen: tuple[str, ...] = setting(
+        (DEFAULT_ENDPOINT,), "endpoints that others connect to; the default is this computer alone"
+    )
+    connect: tuple[str, ...] = setting(
+        (), 'endpoints to connect to: a router or another peer, such as "tcp/192.168.1.2:7447"'
+    )
+    config_file: Path | None = setting(
+        None,
+        "a Zenoh configuration (JSON5), for TLS and access control. What it leaves at Zenoh's own "
+        "default is set as without it: listen, connect, no scouting",
+    )
+    odom_frame_id: str = setting("odom", "frame of the poses")
+    child_frame_id: str = setting("base_link", "frame that moves")
 
     def __post_init__(self) -> None:
         check_prefix(self.prefix)
@@ -48,34 +52,62 @@ def check_prefix(prefix: str) -> str:
     return prefix
 
 
+class ZenohNotNowError(UserFacingError):
+    """Zenoh cannot listen or connect now; trying again later may help. `clause` says what fails."""
+
+    def __init__(self, clause: str, advice: str) -> None:
+        super().__init__(f"zenoh {clause}; {advice}")
+        self.clause = clause
+
+
 def open_session(config: ZenohConfig) -> zenoh.Session:
     """Open a session: a peer that listens and connects only where `config` says.
 
-    Raises InputError for an endpoint or a configuration file that is wrong, UserFacingError where
-    the port is taken.
+    Returns within a few seconds. Raises InputError for an endpoint or a configuration file that is
+    wrong, ZenohNotNowError for what time may mend, such as a port that is taken.
     """
-    settings = _session_settings(config)
+    settings = session_settings(config)
     try:
         return zenoh.open(settings)
     except zenoh.ZError as error:
         endpoints = ", ".join(config.listen + config.connect)
-        if "Address already in use" in str(error):
-            raise UserFacingError(
-                f"zenoh cannot listen on {_busy_endpoint(str(error), endpoints)}: the port is "
-                "taken, probably by another kinect-vo; stop that one, set zenoh.listen to a free "
-                "port, or use --no-publish"
-            ) from error
+        for sign, (clause, advice) in _NOT_NOW.items():
+            if sign in str(error):
+                where = _named_endpoint(str(error)) or endpoints
+                raise ZenohNotNowError(clause.format(where), advice) from error
         raise InputError(f"zenoh cannot use {endpoints}: {_plain(error)}") from error
 
 
-def _session_settings(config: ZenohConfig) -> zenoh.Config:
+# What time may mend, by Zenoh's own words.
+_NOT_NOW = {
+    "Address already in use": (
+        "cannot listen on {}: the port is taken, probably by another kinect-vo",
+        "stop that one, set zenoh.listen to a free port, or use --no-publish",
+    ),
+    "Cannot assign requested address": (
+        "cannot listen on {}: this computer does not have that address now",
+        "set zenoh.listen to an address that it has",
+    ),
+    "failed to lookup address": (
+        "cannot listen on {}: the name has no address now",
+        "set zenoh.listen to an address of this computer",
+    ),
+    "Unable to connect to any": (
+        "cannot connect to {}: nobody answers there",
+        "start the router, or mend connect.endpoints in the Zenoh configuration",
+    ),
+}
+
+
+def session_settings(config: ZenohConfig) -> zenoh.Config:
     """The file's settings, and ours wherever it leaves Zenoh's default.
 
     Zenoh's defaults listen on every interface and let any session in the network connect.
     Shared memory needs rights that a hardened service does not have, for nothing at our sizes.
+    Larger messages than any of ours are thrown away as they come in. Raises InputError.
     """
     zenoh_default = zenoh.Config()
-    settings = _read_file(config.config_file)
+    settings = read_zenoh_file(config.config_file) if config.config_file else zenoh.Config()
     ours: dict[str, object] = {
         "mode": "peer",
         "listen/endpoints": list(config.listen),
@@ -84,22 +116,15 @@ def _session_settings(config: ZenohConfig) -> zenoh.Config:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
+        "transport/link/rx/max_message_size": LARGEST_MESSAGE_BYTES,
     }
     for key, value in ours.items():
         if settings.get_json(key) == zenoh_default.get_json(key):
             _insert(settings, key, value)
+    if settings.get_json("mode") == '"client"':
+        # A client waits for its router while it opens; never for ever.
+        settings.insert_json5("connect/timeout_ms", json.dumps(_CLIENT_OPENING_MS))
     return settings
-
-
-def _read_file(path: Path | None) -> zenoh.Config:
-    if path is None:
-        return zenoh.Config()
-    try:
-        return zenoh.Config.from_json5(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot read the Zenoh configuration: {error}") from error
-    except zenoh.ZError as error:
-        raise InputError(f"{path}: not a Zenoh configuration: {_plain(error)}") from error
 
 
 def _insert(settings: zenoh.Config, key: str, value: object) -> None:
@@ -112,9 +137,10 @@ def _insert(settings: zenoh.Config, key: str, value: object) -> None:
         ) from error
 
 
-def _busy_endpoint(text: str, otherwise: str) -> str:
-    found = re.search(r"bound to (\S+):", text)
-    return found.group(1) if found else otherwise
+def _named_endpoint(text: str) -> str:
+    """The endpoint that Zenoh complains of; "" where it names none."""
+    found = re.search(r"bound to (\S+):|\((\w+/\S+?)\)", text)
+    return (found.group(1) or found.group(2)) if found else ""
 
 
 def _plain(error: zenoh.ZError) -> str:

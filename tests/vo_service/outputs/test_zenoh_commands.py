@@ -1,0 +1,262 @@
+"""Commands over real Zenoh: what reaches the inbox, what comes back, and what is refused."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from typing import Any
+
+import pytest
+import zenoh
+
+from drivers.sensor_settings import Led
+from tests.vo_service.outputs.zenoh_asking import (
+    answers,
+    ask,
+    asking,
+    commanded,
+    config,
+    content,
+    free_port_now,
+    wait_for,
+)
+from vo_service.control.commands import COMMAND_NAMES, Command, Light, Pause, Reset
+from vo_service.control.errors import CommandError, ErrorCode
+from vo_service.control.inbox import Inbox, Ticket
+from vo_service.outputs import zenoh_commands
+from vo_service.outputs.output import PoseUpdate
+from vo_service.outputs.zenoh_commands import CommandsFor, NoCommands, RateLimit, commands_for
+from vo_service.outputs.zenoh_output import ZenohOutput
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import CommandSettings
+
+MakeUpdate = Callable[..., PoseUpdate]
+
+
+def taken(inbox: Inbox[Command]) -> Ticket[Command]:
+    """The next command that comes."""
+    found: list[Ticket[Command]] = []
+
+    def is_there() -> bool:
+        found.extend(inbox.take())
+        return bool(found)
+
+    wait_for(is_there)
+    return found[0]
+
+
+def obey(inbox: Inbox[Command], answer: dict[str, object]) -> None:
+    """Answer the next command, on a thread, as the loop would."""
+    threading.Thread(target=lambda: taken(inbox).done(answer), daemon=True).start()
+
+
+@pytest.fixture(scope="module")
+def desk() -> Iterator[tuple[Inbox[Command], zenoh.Session]]:
+    """An inbox that takes commands without a limit, and a session to send them from."""
+    with commanded(free_port_now()) as (_, inbox, session):
+        yield inbox, session
+
+
+Desk = tuple[Inbox[Command], zenoh.Session]
+
+
+def test_a_command_reaches_the_inbox_and_its_answer_the_asker(desk: Desk) -> None:
+    inbox, session = desk
+    channel = session.get("kinect/command/led", payload=b'{"led": "red"}', timeout=20)
+    ticket = taken(inbox)
+    ticket.done({"led": "red"})
+    (reply,) = channel
+    assert ticket.command == Light(Led.RED)
+    assert content(reply) == {"schema": 1, "led": "red"}
+    assert reply.ok is not None
+    assert str(reply.ok.key_expr) == "kinect/command/led"
+
+
+def test_no_payload_means_no_arguments(desk: Desk) -> None:
+    inbox, session = desk
+    channel = session.get("kinect/command/reset", timeout=20)
+    ticket = taken(inbox)
+    ticket.done({"epoch": 3})
+    assert [content(reply) for reply in channel] == [{"schema": 1, "epoch": 3}]
+    assert isinstance(ticket.command, Reset)
+
+
+def test_what_the_loop_refuses_comes_back_with_its_code(desk: Desk) -> None:
+    inbox, session = desk
+    channel = session.get("kinect/command/tilt", payload=b'{"tilt_deg": 5}', timeout=20)
+    taken(inbox).failed(CommandError(ErrorCode.NOT_POSSIBLE, "this camera has no motor"))
+    (answer,) = map(content, channel)
+    assert answer == {"schema": 1, "error": "not-possible", "message": "this camera has no motor"}
+
+
+@pytest.mark.parametrize(
+    ("name", "payload", "code", "words"),
+    [
+        ("dance", b"", "unknown-command", "there is no command 'dance'; there are: reset"),
+        ("tilt", b"", "bad-request", "argument 'tilt_deg' is missing"),
+        ("tilt", b'{"tilt_deg": 90}', "bad-request", "from -31 to 31"),
+        ("pause", b'{"now": true}', "bad-request", "not an argument of pause"),
+        ("pause", b"\xff\xfe", "bad-request", "not JSON"),
+        ("pause", b"[" * 4000, "bad-request", "not JSON"),
+        ("pause", b" " * 4097, "bad-request", "4097 bytes are too many; the limit is 4096"),
+        ("pause?now=true", b"", "bad-request", "arguments go into the payload"),
+    ],
+)
+def test_what_is_wrong_is_said_and_never_reaches_the_loop(
+    desk: Desk, name: str, payload: bytes, code: str, words: str
+) -> None:
+    inbox, session = desk
+    (answer,) = answers(session, f"kinect/command/{name}", payload)
+    assert inbox.take() == []
+    assert (answer["schema"], answer["error"]) == (1, code)
+    assert words in answer["message"]
+
+
+def test_a_payload_beyond_all_bounds_is_thrown_away_and_the_next_command_works(
+    desk: Desk,
+) -> None:
+    inbox, session = desk
+    session.get("kinect/command/pause", payload=bytes(3_000_000), timeout=1)
+    obey(inbox, {"paused": True})
+    assert answers(session, "kinect/command/pause") == [{"schema": 1, "paused": True}]
+
+
+@pytest.mark.parametrize("key", ["kinect/**", "**", "kinect/command/*", "*/command/reset"])
+def test_a_question_to_many_keys_commands_nothing(desk: Desk, key: str) -> None:
+    inbox, session = desk
+    assert not [reply for reply in ask(session, key) if "command" in str(reply.ok)]
+    assert inbox.take() == []
+
+
+def test_when_too_many_wait_the_next_is_told_so(free_port: int) -> None:
+    with commanded(free_port) as (_, inbox, session):
+        waiting = [session.get("kinect/command/pause", timeout=20) for _ in range(8)]
+        wait_for(lambda: len(inbox._waiting) == 8)
+        assert answers(session, "kinect/command/pause")[0]["error"] == "busy"
+        inbox.close()
+        assert {content(reply)["error"] for one in waiting for reply in one} == {"not-possible"}
+
+
+def test_a_loop_that_does_not_answer_is_said_to_time_out(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zenoh_commands, "ANSWER_LIMIT_S", 0.05)
+    inbox, session = desk
+    (answer,) = answers(session, "kinect/command/pause")
+    assert answer["error"] == "timed-out"
+    assert [ticket.command for ticket in inbox.take()] == [Pause()]
+
+
+@pytest.mark.parametrize("answer", [{"speed": float("nan")}, {"what": object()}])
+def test_an_answer_that_is_no_json_is_a_failure(desk: Desk, answer: dict[str, object]) -> None:
+    inbox, session = desk
+    obey(inbox, answer)
+    assert answers(session, "kinect/command/pause")[0]["error"] == "failed"
+
+
+def test_beyond_the_rate_commands_are_refused_and_that_is_logged_once(
+    free_port: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    with commanded(free_port, per_second=1.0) as (_, inbox, session):
+        obey(inbox, {"paused": True})
+        assert answers(session, "kinect/command/pause") == [{"schema": 1, "paused": True}]
+        codes = {answers(session, "kinect/command/dance")[0]["error"] for _ in range(10)}
+    assert codes == {"rate-limited"} or codes == {"rate-limited", "unknown-command"}
+    lines = [line for line in caplog.messages if "more than 1 commands a second" in line]
+    assert len(lines) == 1
+
+
+def test_a_flood_of_commands_does_not_reach_the_loop_nor_hold_up_poses(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    with commanded(free_port, per_second=10.0) as (output, inbox, session):
+        came = threading.Semaphore(0)
+        session.declare_subscriber("kinect/odom", lambda _: came.release())
+        assert output.wait_for_subscriber(20)
+        flood = [session.get("kinect/command/dance", timeout=20) for _ in range(5000)]
+        for seq in range(20):
+            output.pose(make_update(seq))
+            assert came.acquire(timeout=20)
+        codes = [content(reply)["error"] for channel in flood for reply in channel]
+    assert inbox.take() == []
+    assert set(codes) <= {"unknown-command", "rate-limited"}
+    assert 0 < len(codes) < 5000
+    assert output.dropped == output.errors == 0
+
+
+def test_after_a_flood_commands_work_again(free_port: int) -> None:
+    with commanded(free_port, per_second=10.0) as (_, inbox, session):
+        for channel in [session.get("kinect/command/dance", timeout=20) for _ in range(500)]:
+            list(channel)
+        obey(inbox, {"paused": True})
+        wait_for(lambda: {"schema": 1, "paused": True} in answers(session, "kinect/command/pause"))
+
+
+def test_switched_off_there_are_no_commands(free_port: int) -> None:
+    commands = commands_for(CommandSettings(enabled=False), Inbox())
+    assert isinstance(commands, NoCommands)
+    with closing(ZenohOutput(config(free_port))), asking(free_port) as session:
+        assert ask(session, "kinect/command/pause") == []
+
+
+def test_every_command_is_answered(free_port: int) -> None:
+    with commanded(free_port) as (_, inbox, session):
+        inbox.close()
+        codes = {
+            name: answers(session, f"kinect/command/{name}")[0]["error"] for name in COMMAND_NAMES
+        }
+    assert set(codes.values()) <= {"not-possible", "bad-request"}
+
+
+def test_closing_does_not_wait_for_a_command_that_the_loop_has(free_port: int) -> None:
+    with commanded(free_port) as (output, inbox, session):
+        session.get("kinect/command/pause", timeout=20)
+        ticket = taken(inbox)
+        before_s = time.monotonic()
+        output.close()
+        assert time.monotonic() - before_s < zenoh_commands.ANSWER_LIMIT_S
+        ticket.done({})
+    assert isinstance(ticket.command, Pause)
+
+
+def test_the_rate_limit_says_how_many_it_refused(caplog: pytest.LogCaptureFixture) -> None:
+    now_s = [0.0]
+    limit = RateLimit(2.0, lambda: now_s[0])
+    for _ in range(2):
+        limit.check()
+    for _ in range(61):
+        with pytest.raises(CommandError, match="more than 2 commands a second"):
+            limit.check()
+        now_s[0] += 0.001
+    now_s[0] += 60.0
+    for _ in range(2):
+        limit.check()
+    with pytest.raises(CommandError):
+        limit.check()
+    told = [record.args for record in caplog.records if record.levelno == logging.WARNING]
+    assert [args[1] for args in told if isinstance(args, tuple)] == [1, 61]
+
+
+def test_the_settings_give_the_rate() -> None:
+    commands: Any = commands_for(CommandSettings(per_second=3.0), Inbox())
+    assert isinstance(commands, CommandsFor)
+    assert commands._limit._bucket.per_second == 3.0
+    commands.close()
+
+
+def test_a_second_session_takes_commands_too(free_port: int) -> None:
+    inbox: Inbox[Command] = Inbox()
+    commands = CommandsFor(inbox, 100.0)
+    for _ in range(2):
+        with asking_itself(commands, free_port) as session:
+            obey(inbox, {})
+            assert answers(session, "kinect/command/pause") == [{"schema": 1}]
+    commands.close()
+
+
+def asking_itself(commands: CommandsFor, port: int) -> zenoh.Session:
+    """A session that has the commands and can be asked for them."""
+    session = open_session(config(port))
+    commands.declare(session, "kinect")
+    return session

@@ -1,0 +1,207 @@
+"""A session that is had at once or not at all, and one that is tried for again and again."""
+
+import logging
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from drivers.errors import InputError, UserFacingError
+from tests.vo_service.outputs.zenoh_asking import (
+    answers,
+    asking,
+    config,
+    free_port_now,
+    wait_for,
+)
+from vo_service.outputs import zenoh_opening
+from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.outputs.zenoh_opening import KeepTrying, OpenAtOnce
+from vo_service.outputs.zenoh_output import LIVE, ZenohOutput
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+
+MakeUpdate = Callable[..., PoseUpdate]
+
+
+@pytest.fixture(autouse=True)
+def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Zenoh's own waits are long enough."""
+    monkeypatch.setattr(zenoh_opening, "RETRY_S", 0.05)
+    monkeypatch.setattr(zenoh_opening, "GRACE_S", 0.05)
+
+
+@contextmanager
+def taken(port: int) -> Iterator[None]:
+    """Somebody else has it."""
+    with socket.socket() as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        other.bind(("127.0.0.1", port))
+        other.listen()
+        yield
+
+
+@contextmanager
+def router(port: int) -> Iterator[zenoh.Session]:
+    """Zenoh's router, in this process."""
+    settings = zenoh.Config()
+    settings.insert_json5("mode", '"router"')
+    settings.insert_json5("listen/endpoints", f'["tcp/127.0.0.1:{port}"]')
+    settings.insert_json5("scouting/multicast/enabled", "false")
+    settings.insert_json5("transport/shared_memory/enabled", "false")
+    with zenoh.open(settings) as session:
+        yield session
+
+
+def ticking(output: ZenohOutput, status: Status, holds: Callable[[], bool]) -> None:
+    """Hand over a status again and again, as the loop does, until something holds."""
+
+    def tick() -> bool:
+        output.status(status)
+        return holds()
+
+    wait_for(tick)
+
+
+def test_at_once_or_not_at_all(free_port: int) -> None:
+    with taken(free_port), pytest.raises(UserFacingError, match="the port is taken") as caught:
+        ZenohOutput(config(free_port), LIVE, OpenAtOnce)
+    assert caught.value.exit_code == 1
+
+
+def test_a_taken_port_is_a_warning_and_no_error(free_port: int) -> None:
+    with taken(free_port), closing(ZenohOutput(config(free_port), LIVE, KeepTrying)) as output:
+        assert output.warning == (
+            f"zenoh: cannot listen on tcp/127.0.0.1:{free_port}: the port is taken, probably by "
+            "another kinect-vo; trying again"
+        )
+
+
+def test_once_the_port_is_free_all_is_published(
+    free_port: int, make_update: MakeUpdate, status: Status
+) -> None:
+    with taken(free_port):
+        output = ZenohOutput(config(free_port), LIVE, KeepTrying)
+        output.pose(make_update(4))
+        output.status(status)
+        time.sleep(0.1)
+        assert "the port is taken" in output.warning
+    with closing(output):
+        ticking(output, status, lambda: output.warning == "")
+        with asking(free_port) as session:
+            assert answers(session, "kinect/status")[0]["state"] == "degraded"
+            tokens = session.liveliness().get("kinect/alive", timeout=5)
+            assert len(list(tokens)) == 1
+        assert (output.errors, output.warning) == (0, "")
+
+
+def test_trouble_and_its_end_are_logged_once_each(
+    free_port: int, status: Status, caplog: pytest.LogCaptureFixture
+) -> None:
+    with taken(free_port):
+        output = ZenohOutput(config(free_port), LIVE, KeepTrying)
+        for _ in range(5):
+            output.status(status)
+            time.sleep(0.06)
+    with closing(output):
+        ticking(output, status, lambda: output.warning == "")
+    lines = [record.message for record in caplog.records if record.levelno == logging.WARNING]
+    assert len(lines) == 2
+    assert "the port is taken" in lines[0]
+    assert lines[1] == "zenoh: all is well again"
+
+
+@pytest.mark.parametrize(
+    ("listen", "words"),
+    [("tcp/198.51.100.7:7450", "does not have that address now"),
+     ("tcp/no-such-host.invalid:7450", "the name has no address now")],
+)  # fmt: skip
+def test_an_address_that_is_not_there_yet_is_waited_for(listen: str, words: str) -> None:
+    with closing(ZenohOutput(ZenohConfig(listen=(listen,)), LIVE, KeepTrying)) as output:
+        assert listen in output.warning
+        assert words in output.warning
+
+
+@pytest.mark.parametrize("way", [OpenAtOnce, KeepTrying])
+def test_what_waiting_cannot_mend_is_an_error_either_way(
+    way: type[KeepTrying | OpenAtOnce], tmp_path: Path
+) -> None:
+    for bad in (
+        ZenohConfig(listen=("nonsense",)),
+        ZenohConfig(listen=("tls/127.0.0.1:7999",)),
+        ZenohConfig(config_file=tmp_path / "missing.json5"),
+    ):
+        with pytest.raises(InputError):
+            way(bad)
+
+
+def test_a_router_that_is_away_is_named_until_it_is_there(free_port: int, status: Status) -> None:
+    where = f"tcp/127.0.0.1:{free_port}"
+    plan = ZenohConfig(listen=(), connect=(where,))
+    with closing(ZenohOutput(plan, LIVE, KeepTrying)) as output:
+        ticking(output, status, lambda: output.warning != "")
+        assert output.warning == (
+            f"zenoh: no connection to {where}: it is away or refuses us; trying again"
+        )
+        with router(free_port):
+            ticking(output, status, lambda: output.warning == "")
+        ticking(output, status, lambda: where in output.warning)
+        with router(free_port) as there:
+            ticking(output, status, lambda: output.warning == "")
+            wait_for(lambda: bool(answers(there, "kinect/status")))
+
+
+def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
+    other = free_port_now()
+    plan = ZenohConfig(listen=(), connect=(f"tcp/localhost:{free_port}", f"tcp/127.0.0.1:{other}"))
+    with router(free_port), closing(ZenohOutput(plan, LIVE, KeepTrying)) as output:
+        ticking(output, status, lambda: output.warning == "")
+        time.sleep(0.2)
+        output.status(status)
+        assert output.warning == ""
+
+
+def test_a_client_without_its_router_is_waited_for(
+    free_port: int, tmp_path: Path, status: Status
+) -> None:
+    file = tmp_path / "client.json5"
+    where = f"tcp/127.0.0.1:{free_port}"
+    file.write_text(f"{{mode: 'client', connect: {{timeout_ms: -1, endpoints: ['{where}']}}}}")
+    plan = ZenohConfig(listen=(), config_file=file)
+    with closing(ZenohOutput(plan, LIVE, KeepTrying)) as output:
+        assert output.warning == f"zenoh: cannot connect to {where}: nobody answers there; " + (
+            "trying again"
+        )
+        with router(free_port) as there:
+            ticking(output, status, lambda: output.warning == "")
+            wait_for(lambda: bool(answers(there, "kinect/status")))
+
+
+def test_a_session_that_was_closed_under_us_is_opened_anew(free_port: int, status: Status) -> None:
+    with closing(ZenohOutput(config(free_port), LIVE, KeepTrying)) as output:
+        (before,) = output._stations
+        before.session.close()  # type: ignore[no-untyped-call]
+        ticking(output, status, lambda: output._stations not in ([], [before]))
+        with asking(free_port) as session:
+            ticking(output, status, lambda: "state" in answers(session, "kinect/status")[0])
+        assert output.errors == 0
+
+
+def test_a_file_that_goes_away_later_is_a_warning(free_port: int, tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text("{}")
+    with taken(free_port):
+        opening = KeepTrying(config(free_port, config_file=file))
+        file.unlink()
+        wait_for(lambda: not opening.sessions() and "zenoh.json5" in opening.warning)
+
+
+def test_opening_a_session_on_a_port_of_its_own_leaves_no_warning(free_port: int) -> None:
+    opening = KeepTrying(config(free_port))
+    (session,) = opening.sessions()
+    assert opening.warning == ""
+    session.close()  # type: ignore[no-untyped-call]
+    assert open_session(config(free_port)).close() is None  # type: ignore[no-untyped-call]

@@ -1,0 +1,103 @@
+"""All that a service declares on one open Zenoh session."""
+
+import threading
+from contextlib import suppress
+from dataclasses import dataclass
+
+import zenoh
+
+from vo_service.outputs.output import PoseUpdate
+from vo_service.outputs.ros2_publisher import ros2_output
+from vo_service.outputs.tcp_backlog import backlog_bytes
+from vo_service.outputs.zenoh_commands import Commands
+from vo_service.outputs.zenoh_messages import Frames
+from vo_service.outputs.zenoh_questions import CDR, JSON, Questions
+from vo_service.settings import Ros2Settings
+
+
+@dataclass(frozen=True)
+class Programme:
+    """What a station is to offer, and under which names."""
+
+    prefix: str
+    frames: Frames
+    congestion: zenoh.CongestionControl
+    questions: Questions
+    commands: Commands
+    ros2: Ros2Settings
+
+
+class Station:
+    """Publishers of `odom` and `status`, the questions and commands, and the token `alive`.
+
+    The token comes last: who sees it finds all the rest. Raises InputError for a topic of ROS 2
+    that cannot be used.
+    """
+
+    def __init__(self, session: zenoh.Session, programme: Programme) -> None:
+        self.session = session
+        prefix = programme.prefix
+        self._odom = session.declare_publisher(
+            f"{prefix}/odom",
+            encoding=CDR,
+            congestion_control=programme.congestion,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+            reliability=zenoh.Reliability.RELIABLE,
+        )
+        self._status = session.declare_publisher(
+            f"{prefix}/status", encoding=JSON, congestion_control=programme.congestion
+        )
+        self._ros2 = ros2_output(
+            session, programme.ros2, prefix, programme.frames, programme.congestion
+        )
+        programme.questions.declare(session)
+        programme.commands.declare(session, prefix)
+        self._alive = session.liveliness().declare_token(f"{prefix}/alive")
+
+    def pose(self, update: PoseUpdate, payload: bytes, attachment: bytes) -> None:
+        """Publish one pose; `payload` is its CDR."""
+        self._odom.put(payload, attachment=attachment)
+        self._ros2.publish(update, payload)
+
+    def status(self, payload: bytes) -> None:
+        """Publish a status."""
+        self._status.put(payload)
+
+    def wait_for_subscriber(self, timeout_s: float) -> bool:
+        """Wait until someone subscribes to the poses. False if nobody does in time."""
+        arrived = threading.Event()
+
+        def on_change(status: zenoh.MatchingStatus) -> None:
+            if status.matching:
+                arrived.set()
+
+        listener = self._odom.declare_matching_listener(on_change)
+        try:
+            return _matching(self._odom) or arrived.wait(timeout_s)
+        finally:
+            listener.undeclare()  # type: ignore[no-untyped-call]
+
+    def backlog_bytes(self) -> int:
+        """How much of what was sent has not been read yet."""
+        links = self.session.info.links()
+        return backlog_bytes((_port(link.src), _port(link.dst)) for link in links)
+
+    def close(self) -> None:
+        """Say that we are gone, and close the session."""
+        with suppress(zenoh.ZError):  # a link that no longer answers
+            self._alive.undeclare()  # type: ignore[no-untyped-call]
+            self._ros2.close()
+            self.session.close()  # type: ignore[no-untyped-call]
+
+
+def _matching(publisher: zenoh.Publisher) -> bool:
+    # The stub says bool; it is an object that is always true.
+    status: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]
+    return status.matching
+
+
+def _port(locator: str) -> int:
+    """Port of a link's end, such as tcp/127.0.0.1:7450; 0 where it has none."""
+    port = locator.rsplit(":", 1)[-1]
+    return int(port) if port.isdigit() else 0

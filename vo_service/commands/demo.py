@@ -88,9 +88,9 @@ def run(args: argparse.Namespace) -> int:
             ground_truth=lambda: camera.ground_truth,
             tell=say,
         )
-        with opened_outputs(request) as outputs, stop_on_signals() as stop:
+        with opened_outputs(request) as opened, stop_on_signals() as stop:
             progress = ProgressOutput(terminal, "demo", camera.frame_count)
-            outputs += [memory, progress]
+            outputs = [*opened.outputs, memory, progress]
             ending = run_loop(config, camera, PlainFeed(camera), outputs, stop)
         terminal.clear()
         truth = camera.ground_truth

@@ -81,8 +81,8 @@ def run(args: argparse.Namespace) -> int:
             tell=terminal.say,
         )
         progress = ProgressOutput(terminal, "replay", camera.frame_count)
-        with opened_outputs(request) as outputs, stop_on_signals() as stop:
-            outputs += [memory, progress]
+        with opened_outputs(request) as opened, stop_on_signals() as stop:
+            outputs = [*opened.outputs, memory, progress]
             ending = run_loop(config, camera, PlainFeed(camera), outputs, stop)
         progress.close()
         frames_s = np.array([pair.colour.stamp_s for pair in paired_frames(args.folder).pairs])

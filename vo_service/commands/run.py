@@ -2,6 +2,8 @@
 
 import argparse
 from contextlib import closing, suppress
+from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 from drivers.background_opening import BackgroundOpening, Cancellable
@@ -25,11 +27,13 @@ from vo_service.live_loop import run_live
 from vo_service.logs import set_level
 from vo_service.notify import SystemdOutput
 from vo_service.outputs.opening import OutputRequest, opened_outputs
+from vo_service.outputs.output import Output
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.state_log_output import StateLogOutput
 from vo_service.outputs.zenoh_commands import commands_for
 from vo_service.outputs.zenoh_opening import KeepTrying
 from vo_service.outputs.zenoh_output import Extras
+from vo_service.recorder.opening import open_recorder
 from vo_service.reload import Reloader
 from vo_service.session import prepare_kernels
 from vo_service.terminal import Terminal
@@ -92,18 +96,21 @@ def _serve(args: argparse.Namespace, config: Config, terminal: Terminal, stop: S
         zenoh=None if args.no_publish else config.zenoh,
         way_to_open=KeepTrying,
         extras=Extras(commands, config.ros2),
+        recorder=partial(open_recorder, config.recorder, asdict(config), lambda: camera.readout_s),
         rerun_targets=config.rerun.targets,
         trajectory=args.trajectory,
         tell=terminal.say,
     )
-    with hangups() as hangup, opened_outputs(request) as outputs, closing(systemd):
-        outputs += [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
+    with hangups() as hangup, opened_outputs(request) as opened, closing(systemd):
+        told: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
         service = live_service(
             config,
             camera,
             Surroundings(
-                outputs=outputs,
+                outputs=[*opened.outputs, *told],
                 inbox=inbox,
+                recorder=opened.recorder,
+                viewers=opened.viewers,
                 others=[reloader],
             ),
         )

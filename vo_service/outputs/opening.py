@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.camera import Pace
+from vo_service.load import Viewer
 from vo_service.outputs.output import Output, TruthSource, no_truth
 from vo_service.outputs.trajectory_output import TrajectoryOutput
 from vo_service.outputs.worker import DropOldest, HandOver, Wait
 from vo_service.outputs.zenoh_opening import OpenAtOnce, WayToOpen
 from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, Extras, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig
+from vo_service.recorder.opening import NoRecorder, Recorder
 
 if TYPE_CHECKING:
     from vo_service.outputs.rerun_output import RerunOutput
@@ -33,6 +35,7 @@ class OutputRequest:
     way_to_open            what happens where the session cannot be opened now
     extras                 what else is offered on the session
     wait_for_subscriber_s  how long to wait for the first one; 0 = not at all
+    recorder               makes the flight recorder; None: there is none
     rerun_targets          where to show what is going on
     trajectory             file to write
     ground_truth           asked for the truth, to draw it, once frames come
@@ -44,20 +47,31 @@ class OutputRequest:
     way_to_open: WayToOpen = OpenAtOnce
     extras: Extras = field(default_factory=Extras)
     wait_for_subscriber_s: float = 0.0
+    recorder: Callable[[], Recorder] | None = None
     rerun_targets: tuple[str, ...] = ()
     trajectory: Path | None = None
     ground_truth: TruthSource = no_truth
     tell: Callable[[str], None] = logger.info
 
 
+@dataclass
+class Opened:
+    """The outputs, and those among them that can be told something."""
+
+    outputs: list[Output] = field(default_factory=list)
+    viewers: list[Viewer] = field(default_factory=list)
+    recorder: Recorder = field(default_factory=lambda: NoRecorder("there is no flight recorder"))
+
+
 @contextmanager
-def opened_outputs(request: OutputRequest) -> Iterator[list[Output]]:
+def opened_outputs(request: OutputRequest) -> Iterator[Opened]:
     """Open everything, close everything, the last opened first.
 
     The trajectory file comes last: what is there already is kept until all else has worked.
     """
     with ExitStack() as stack:
-        outputs: list[Output] = []
+        opened = Opened()
+        outputs = opened.outputs
         is_lockstep = request.pace is Pace.LOCKSTEP
         if request.zenoh is not None:
             delivery = LOCKSTEP if is_lockstep else LIVE
@@ -73,11 +87,14 @@ def opened_outputs(request: OutputRequest) -> Iterator[list[Output]]:
             pictures = stack.enter_context(closing(_rerun(target, request.ground_truth)))
             outputs.append(pictures)
             request.tell(f"pictures: {pictures.address}")
+        if request.recorder is not None:
+            opened.recorder = stack.enter_context(closing(request.recorder()))
+            outputs.append(opened.recorder)
         if request.trajectory is not None:
             lines: HandOver[bytes] = Wait(64) if is_lockstep else DropOldest(LONGEST_HANG)
             trajectory = TrajectoryOutput(request.trajectory, lines)
             outputs.append(stack.enter_context(closing(trajectory)))
-        yield outputs
+        yield opened
 
 
 def _rerun(target: str, ground_truth: TruthSource) -> "RerunOutput":

@@ -26,17 +26,17 @@ def is_free(port: int) -> bool:
 
 
 def test_nothing_asked_for_is_nothing_open() -> None:
-    with opened_outputs(OutputRequest(Pace.LOCKSTEP, zenoh=None)) as outputs:
-        assert outputs == []
+    with opened_outputs(OutputRequest(Pace.LOCKSTEP, zenoh=None)) as opened:
+        assert opened.outputs == []
 
 
 def test_what_was_asked_for_is_open_and_closed_afterwards(
     free_port: int, tmp_path: Path, make_update: Callable[..., PoseUpdate]
 ) -> None:
     request = OutputRequest(Pace.REALTIME, zenoh_at(free_port), trajectory=tmp_path / "poses.txt")
-    with opened_outputs(request) as outputs:
-        assert [type(output) for output in outputs] == [ZenohOutput, TrajectoryOutput]
-        for output in outputs:
+    with opened_outputs(request) as opened:
+        assert [type(output) for output in opened.outputs] == [ZenohOutput, TrajectoryOutput]
+        for output in opened.outputs:
             output.pose(make_update(0))
     assert (tmp_path / "poses.txt").read_bytes().count(b"\n") == 1
     assert is_free(free_port)
@@ -67,5 +67,5 @@ def test_a_port_that_is_taken_leaves_the_trajectory_that_is_there(
 
 def test_waiting_for_a_subscriber_that_does_not_come_ends(free_port: int) -> None:
     request = OutputRequest(Pace.LOCKSTEP, zenoh_at(free_port), wait_for_subscriber_s=0.1)
-    with opened_outputs(request) as outputs:
-        assert len(outputs) == 1
+    with opened_outputs(request) as opened:
+        assert len(opened.outputs) == 1

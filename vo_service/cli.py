@@ -23,6 +23,7 @@ COMMANDS = (
     "record",
     "calibrate",
     "listen",
+    "router",
     "certificates",
     "evaluate",
     "warm-up",

@@ -62,9 +62,9 @@ class FloodGate:
 def zenoh_log_as_ours() -> Iterator[None]:
     """While the block runs, whom Zenoh refuses is said by our logger, never more than a few a time.
 
-    With ``RUST_LOG`` set, what Zenoh logs by it goes to standard output as well; so does what child
-    processes print. Zenoh never waits for us: what does not fit into the pipe is lost. Only one
-    block at a time: it moves file descriptor 1.
+    What child processes print goes to standard output as before, and so does what Zenoh logs where
+    ``RUST_LOG`` names it, such as ``RUST_LOG=zenoh=debug``. Zenoh never waits for us: what does not
+    fit into the pipe is lost. Only one block at a time: it moves file descriptor 1.
     """
     sys.stdout.flush()
     readable, writable = os.pipe()
@@ -77,7 +77,8 @@ def zenoh_log_as_ours() -> Iterator[None]:
     os.close(writable)
     reader = threading.Thread(target=_read, args=(readable, own), name="zenoh-log", daemon=True)
     reader.start()
-    zenoh.init_log_from_env_or(LOG_FILTER)
+    with _only_for_zenoh("RUST_LOG"):
+        zenoh.init_log_from_env_or(LOG_FILTER)
     try:
         yield
     finally:
@@ -85,6 +86,20 @@ def zenoh_log_as_ours() -> Iterator[None]:
         sys.stdout = python_stdout
         os.dup2(own, 1)
         reader.join(1.0)  # longer only if a child still holds its end
+
+
+@contextmanager
+def _only_for_zenoh(name: str) -> Iterator[None]:
+    """Hide a variable that is meant for other libraries."""
+    value = os.environ.get(name, "")
+    if "zenoh" in value or not value:
+        yield
+        return
+    del os.environ[name]
+    try:
+        yield
+    finally:
+        os.environ[name] = value
 
 
 def _read(readable: int, own: int) -> None:
@@ -109,7 +124,7 @@ def _read(readable: int, own: int) -> None:
 
 def _take(line: bytes, refusals: Refusals, gate: FloodGate, own: int) -> None:
     parsed = parse_line(line.decode(errors="replace"))
-    if parsed is None or "RUST_LOG" in os.environ:
+    if parsed is None or "zenoh" in os.environ.get("RUST_LOG", ""):
         with suppress(OSError):  # nobody reads our standard output
             os.write(own, line + b"\n")
     if parsed is not None and (clause := refusals.clause(parsed)):

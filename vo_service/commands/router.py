@@ -1,0 +1,41 @@
+"""``kinect-vo router``: a small Zenoh router, for a fleet without `zenohd`."""
+
+import argparse
+from pathlib import Path
+
+from drivers.errors import InputError
+from vo_service.commands.options import say
+from vo_service.interrupts import stop_on_signals
+from vo_service.outputs.zenoh_check import listening
+from vo_service.outputs.zenoh_log import zenoh_log_as_ours
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session, session_settings
+from vo_service.outputs.zenoh_visitors import log_visitors
+
+NAME = "router"
+HELP = "run a small Zenoh router for several robots, until Ctrl-C or SIGTERM"
+EPILOG = """\
+examples:
+  kinect-vo router /etc/kinect-vo/fleet-router.json5
+  kinect-vo router fleet-router.json5 --verbose      says who connects and who leaves
+
+FILE is a Zenoh configuration, such as config/zenoh/fleet-router.json5. Zenoh's own router, zenohd,
+takes the same file: zenohd -c fleet-router.json5, in the folder that holds the file and its keys.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("file", metavar="FILE", type=Path, help="Zenoh configuration (JSON5)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Route until stopped. Raises InputError for a file that is wrong or not a router's."""
+    config = ZenohConfig(config_file=args.file, listen=())
+    settings = session_settings(config)
+    if settings.get_json("mode") != '"router"':
+        raise InputError(f'{args.file}: this is no router\'s file; write mode: "router" in it')
+    with stop_on_signals() as stop, zenoh_log_as_ours(), open_session(config) as session:
+        log_visitors(session)
+        say(f"router: listening at {', '.join(listening(settings))} (Ctrl-C ends)")
+        stop.event.wait()
+    return 0

@@ -22,6 +22,7 @@ class FaultKind(StrEnum):
     BLACK = "black"  # the colour image is black
     TORN = "torn"  # upper half new, lower half of the frame before
     DARK = "dark"  # the lights are off: hardly more than noise; depth needs no light
+    NOISE = "noise"  # nothing but noise, in colour and in depth
     STAMP_JUMP = "stamp-jump"  # stamps are off by `seconds`
     STAMP_REPEAT = "stamp-repeat"  # the stamp of the frame before
     UNPLUGGED = "unplugged"  # gone at this frame, back after `seconds`
@@ -84,6 +85,8 @@ class FaultySource:
             images = _dark(images, np.random.default_rng([self.seed, 6, index]))
         if self.strikes(FaultKind.BLACK, index):
             images = Images(np.zeros_like(images.colour), images.depth)
+        if self.strikes(FaultKind.NOISE, index):
+            images = _noise(images, np.random.default_rng([self.seed, 7, index]))
         return images
 
     def stamped_as(self, index: int) -> tuple[int, float]:
@@ -113,3 +116,9 @@ def _dark(images: Images, rng: np.random.Generator) -> Images:
     noise = DARK_NOISE_SIGMA * rng.standard_normal(images.colour.shape, dtype=np.float32)
     colour = np.clip(images.colour * np.float32(DARK_GAIN) + noise + 0.5, 0, 255)
     return Images(colour.astype(np.uint8), images.depth)
+
+
+def _noise(images: Images, rng: np.random.Generator) -> Images:
+    colour = rng.integers(0, 256, images.colour.shape, np.uint8)
+    farthest = max(1, int(images.depth.max()))
+    return Images(colour, rng.integers(0, farthest, images.depth.shape, np.uint16))

@@ -182,6 +182,18 @@ def test_black_and_dark_spare_the_depth(studio: Studio, ideal: SyntheticConfig) 
         np.testing.assert_array_equal(frames[seq].depth_raw, clean[seq].depth_raw)
 
 
+def test_noise_leaves_nothing_of_either_image_and_is_the_same_every_time(
+    studio: Studio, ideal: SyntheticConfig
+) -> None:
+    clean, frames = studio.play(ideal), studio.play(ideal, Fault(FaultKind.NOISE, 2))
+    for name in ("colour_bgr", "depth_raw"):
+        was, noise = getattr(clean[2], name).ravel(), getattr(frames[2], name).ravel()
+        assert abs(np.corrcoef(was[: len(was) // 3], noise[: len(noise) // 3])[0, 1]) < 0.05
+        np.testing.assert_array_equal(getattr(frames[3], name), getattr(clean[3], name))
+    again = studio.play(ideal, Fault(FaultKind.NOISE, 2))
+    np.testing.assert_array_equal(frames[2].colour_bgr, again[2].colour_bgr)
+
+
 def test_a_torn_frame_is_new_above_and_old_below(studio: Studio, ideal: SyntheticConfig) -> None:
     clean, torn = studio.play(ideal), studio.play(ideal, Fault(FaultKind.TORN, 3))[3]
     np.testing.assert_array_equal(torn.colour_bgr[:48], clean[3].colour_bgr[:48])

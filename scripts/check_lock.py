@@ -76,10 +76,26 @@ TARGETS = tuple(Target(machine, python) for machine, python in product(MACHINES,
 
 def needed_packages(packages: Sequence[Table], target: Target) -> list[Table]:
     """Every package of a lock file that `target` needs for the project, its extras and groups."""
-    project = next(p for p in packages if p["source"].keys() & {"editable", "virtual"})
+    project = _project(packages)
     extras = list(project.get("optional-dependencies", {}))
     groups = project.get("dev-dependencies", {}).values()
-    waiting = [*_dependencies(project, extras, target), *_applying(chain(*groups), target)]
+    development = _applying(chain(*groups), target)
+    return _reached(packages, [*_dependencies(project, extras, target), *development], target)
+
+
+def run_time_packages(
+    packages: Sequence[Table], target: Target, extras: Iterable[str]
+) -> list[Table]:
+    """Every package of a lock file that `target` needs to run the project with these extras."""
+    return _reached(packages, _dependencies(_project(packages), extras, target), target)
+
+
+def _project(packages: Sequence[Table]) -> Table:
+    return next(p for p in packages if p["source"].keys() & {"editable", "virtual"})
+
+
+def _reached(packages: Sequence[Table], waiting: list[Table], target: Target) -> list[Table]:
+    """The packages behind these dependencies, and all behind those, by name."""
     followed: list[Table] = []
     reached: dict[tuple[str, str], Table] = {}
     while waiting:
@@ -95,8 +111,21 @@ def needed_packages(packages: Sequence[Table], target: Target) -> list[Table]:
 
 def has_wheel(package: Table, target: Target) -> bool:
     """True if a locked wheel of `package` can be installed on `target`."""
-    names = (wheel["url"].rpartition("/")[2] for wheel in package.get("wheels", []))
-    return any(not parse_wheel_filename(name)[3].isdisjoint(target.tags) for name in names)
+    return bool(fitting_wheels(package, target))
+
+
+def fitting_wheels(package: Table, target: Target) -> list[Table]:
+    """The locked wheels of `package` that can be installed on `target`."""
+    return [
+        wheel
+        for wheel in package.get("wheels", [])
+        if not parse_wheel_filename(_file_name(wheel))[3].isdisjoint(target.tags)
+    ]
+
+
+def _file_name(wheel: Table) -> str:
+    name: str = wheel["url"].rpartition("/")[2]
+    return name
 
 
 def problems(lock: Table) -> list[str]:

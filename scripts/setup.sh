@@ -9,31 +9,14 @@
 set -eu
 cd "$(dirname "$0")/.."
 . scripts/steps.sh
+. scripts/debian.sh
 
 python=${KINECT_VO_PYTHON:-/usr/bin/python3}
-# The sensors' native libraries, loaded by name when a sensor is opened.
-packages="ca-certificates libfreenect0.5 libopenni2-0 libusb-1.0-0 $*"
+packages="ca-certificates $native_packages $*"
 [ -n "${KINECT_VO_PYTHON:-}" ] || packages="$packages python3 python3-venv"
 
-missing_packages() {
-    command -v dpkg-query >/dev/null || return 0 # not a Debian: take them as given
-    for package in $packages; do
-        case $(dpkg-query --show --showformat='${db:Status-Status}' "$package" 2>&1) in
-            installed) ;;
-            *) printf ' %s' "$package" ;;
-        esac
-    done
-}
-
-# apt_get ARGUMENTS...: as root or through sudo; asks nothing, prints only what goes wrong.
-apt_get() {
-    set -- env DEBIAN_FRONTEND=noninteractive LC_ALL=C.UTF-8 apt-get -qq -o Dpkg::Use-Pty=0 "$@"
-    if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi >/dev/null
-}
-
 install_packages() {
-    by_hand="as root: apt-get update && apt-get install --no-install-recommends$1"
-    [ "$(id -u)" = 0 ] || command -v sudo >/dev/null || fail "neither root nor sudo here; run once $by_hand"
+    can_install "apt-get update && apt-get install --no-install-recommends$1"
     step "Reading Debian's package lists" apt_get update
     # shellcheck disable=SC2086  # a list of names
     step "Installing from Debian:$1" apt_get install --yes --no-install-recommends $1
@@ -56,7 +39,8 @@ sync() {
         --python "$python" --frozen --all-extras --all-groups
 }
 
-missing=$(missing_packages)
+# shellcheck disable=SC2086  # a list of names
+missing=$(missing_packages $packages)
 [ -z "$missing" ] || install_packages "$missing"
 check_python
 cmp -s scripts/uv.txt .tools/installed.txt ||

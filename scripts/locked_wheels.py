@@ -1,0 +1,32 @@
+"""Print the locked wheels that a robot needs, a line each, as pip's requirements with their hashes.
+
+Usage: locked_wheels.py MACHINE PYTHON [EXTRA...], such as: locked_wheels.py aarch64 3.11 rerun
+"""
+
+import sys
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from scripts.check_lock import TARGETS, Table, Target, fitting_wheels, run_time_packages
+
+LOCK = Path(__file__).resolve().parent.parent / "uv.lock"
+
+
+def requirements(packages: Sequence[Table], target: Target, extras: Iterable[str]) -> Iterator[str]:
+    """Name, version and the hashes of every wheel that `target` can install; no markers left."""
+    for package in run_time_packages(packages, target, extras):
+        hashes = [f"--hash={wheel['hash']}" for wheel in fitting_wheels(package, target)]
+        yield " ".join([f"{package['name']}=={package['version']}", *hashes])
+
+
+def main(machine: str, python: str, *extras: str) -> None:
+    """Print them all."""
+    target = next(t for t in TARGETS if (t.machine, t.minor) == (machine, python))
+    packages = tomllib.loads(LOCK.read_text(encoding="utf-8"))["package"]
+    for line in requirements(packages, target, extras):
+        print(line)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -6,49 +6,54 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from drivers.errors import InputError
-from vo_service.config import CameraSettings, Config
+from vo_service.config import CameraSettings, Config, read_config
 from vo_service.settings import RerunSettings
 
 _TARGET = re.compile(r"serve|connect|connect:[^:/\s]+:\d{1,5}|.+\.rrd")
 
 
-def check_config(config: Config) -> list[str]:
-    """Check the files and addresses that a configuration names.
+def check_config(path: Path) -> list[str]:
+    """Read a configuration file, and check the files and addresses that it names.
 
     Returns warnings: what is allowed but dangerous. Raises InputError for the first mistake, with
     the file that it is in. A relative path counts from the current folder, as for `run`.
     """
-    _check_camera(config.camera)
-    _check_rerun(config.rerun)
+    config = read_config(path)
+    _check_camera(config.camera, path)
+    _check_rerun(config.rerun, path)
     return list(_zenoh_warnings(config))
 
 
-def _check_camera(camera: CameraSettings) -> None:
+def _check_camera(camera: CameraSettings, path: Path) -> None:
     kind, _, argument = camera.source.partition(":")
     if camera.file is not None and kind == "synthetic":
-        raise InputError("key `camera.file`: the virtual Kinect knows its own camera; leave it out")
+        raise InputError(
+            f"{path}: key `camera.file`: the virtual Kinect knows its own camera; leave it out"
+        )
     if camera.file is not None:
         from drivers.camera_file import read_camera_file
 
         read_camera_file(camera.file)
     is_recording = kind in ("tum", "fakenect") or argument.endswith(".oni")
     if is_recording and not Path(argument).exists():
-        raise InputError(f"key `camera.source`: {argument} is not there; name a recording")
+        raise InputError(f"{path}: key `camera.source`: {argument} is not there; name a recording")
 
 
-def _check_rerun(rerun: RerunSettings) -> None:
+def _check_rerun(rerun: RerunSettings, path: Path) -> None:
     for target in rerun.targets:
         if not _TARGET.fullmatch(target):
             raise InputError(
-                f"key `rerun.targets`: {target!r} is none: use serve, connect, connect:HOST:PORT "
-                "or FILE.rrd"
+                f"{path}: key `rerun.targets`: {target!r} is none: use serve, connect, "
+                "connect:HOST:PORT or FILE.rrd"
             )
         folder = Path(target).parent
         if target.endswith(".rrd") and not folder.is_dir():
-            raise InputError(f"key `rerun.targets`: {target}: there is no folder {folder}; make it")
+            raise InputError(
+                f"{path}: key `rerun.targets`: {target}: there is no folder {folder}; make it"
+            )
     if rerun.targets and find_spec("rerun") is None:
         raise InputError(
-            "key `rerun.targets`: Rerun is not installed: pip install 'kinect-vo[rerun]'"
+            f"{path}: key `rerun.targets`: Rerun is not installed: pip install 'kinect-vo[rerun]'"
         )
 
 

@@ -1,11 +1,14 @@
 """``kinect-vo config``: whether a configuration file is right, and what may stand in one."""
 
 import argparse
+import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from vo_service.config import read_config
+from vo_service.config_check import check_config
 from vo_service.config_reference import reference
+
+logger = logging.getLogger(__name__)
 
 NAME = "config"
 HELP = "check a configuration file, or list all its keys"
@@ -14,14 +17,16 @@ examples:
   kinect-vo config check /etc/kinect-vo/kinect.toml
   kinect-vo config reference | less
 
-A mistake is named with its file, line and key; the exit code is then 2.
+A mistake is named with its file, line and key; the exit code is then 2. What the file names is
+checked too, without opening anything: the camera file, Rerun's targets, Zenoh's endpoints, and the
+Zenoh configuration with its keys and rules.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    check = actions.add_parser("check", help="read a file and say what is wrong with it")
+    check = actions.add_parser("check", help="read a file and what it names, and say what is wrong")
     check.add_argument("file", metavar="FILE", type=Path, help="configuration file (TOML)")
     check.set_defaults(action=_check)
     listing = actions.add_parser("reference", help="print every key with its meaning (Markdown)")
@@ -35,7 +40,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
-    read_config(args.file)
+    for warning in check_config(args.file):
+        logger.warning("%s", warning)
     print(f"{args.file}: no mistakes")
     return 0
 

@@ -84,4 +84,5 @@ def _check_rules(settings: zenoh.Config, where: str) -> None:
         zenoh.open(settings).close()  # type: ignore[no-untyped-call]
     except zenoh.ZError as error:
         reason = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
-        raise InputError(f"{where}: {' '.join(reason.split())}; mend it there") from error
+        plain = " ".join(reason.split()).removeprefix("Access control not enabled due to: ")
+        raise InputError(f"{where}: {plain}; mend it there") from error

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from pathlib import Path
 
 import zenoh
@@ -34,14 +35,21 @@ def read_zenoh_file(path: Path) -> zenoh.Config:
         ) from error
     except zenoh.ZError as error:
         raise InputError(
-            f"{path}: not a Zenoh configuration: {' '.join(str(error).split())}; compare it with "
-            "the examples in config/zenoh"
+            f"{path}{_place_and_reason(str(error))}; compare it with the examples in config/zenoh"
         ) from error
     for key in _FILE_KEYS:
         name = json.loads(settings.get_json(key))
         if name:
             settings.insert_json5(key, json.dumps(str(_found(name, path, key))))
     return settings
+
+
+def _place_and_reason(text: str) -> str:
+    """`:LINE: reason` from Zenoh's words; a mistake of syntax is drawn there over several lines."""
+    drawn = re.search(r"--> (\d+):\d+.*= (.*)", text, re.DOTALL)
+    if drawn:
+        return f":{drawn[1]}: not JSON5: {drawn[2].strip()}"
+    return f": not a Zenoh configuration: {' '.join(text.split())}"
 
 
 def _found(name: str, config: Path, key: str) -> Path:

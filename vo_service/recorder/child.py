@@ -31,7 +31,8 @@ def main(connection: "Connection[Any, Any]") -> None:
     for number in _NOT_FOR_US:
         signal.signal(number, signal.SIG_IGN)
     os.umask(0o077)  # pictures of where the robot was are nobody else's business
-    os.nice(NICE)
+    with suppress(OSError):  # a hardened unit forbids it
+        os.nice(NICE)
     with suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(OOM_SCORE)
     cv2.setNumThreads(1)

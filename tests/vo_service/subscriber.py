@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import zenoh
@@ -25,6 +25,8 @@ class HeardPose:
     stamp_s: float
     seq: int
     epoch: int
+    state: str
+    reason: str
     position_m: Array
     is_finite: bool
 
@@ -55,12 +57,14 @@ class Subscriber:
         message = decode_odometry(sample.payload.to_bytes())
         attachment = sample.attachment
         assert attachment is not None
-        about = json.loads(attachment.to_bytes())
+        about = strict_json(attachment.to_bytes())
         pose = HeardPose(
             heard_s=heard_s,
             stamp_s=message.stamp_s,
             seq=about["seq"],
             epoch=about["epoch"],
+            state=about["state"],
+            reason=about["reason"],
             position_m=message.position_m,
             is_finite=_is_finite(message),
         )
@@ -70,7 +74,7 @@ class Subscriber:
 
     def take_status(self, sample: zenoh.Sample) -> None:
         """From Zenoh."""
-        content = json.loads(sample.payload.to_bytes())
+        content = strict_json(sample.payload.to_bytes())
         with self._news:
             self.statuses.append(HeardStatus(time.monotonic(), content))
             self._news.notify_all()
@@ -79,6 +83,15 @@ class Subscriber:
         """Until something holds of what was heard; False if it does not in time."""
         with self._news:
             return self._news.wait_for(holds, limit_s)
+
+
+def strict_json(payload: bytes) -> Any:
+    """As the standard has it, where NaN and Infinity are no numbers."""
+    return json.loads(payload, parse_constant=_refuse)
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(f"{constant} is no JSON")
 
 
 def _is_finite(message: OdometryMessage) -> bool:

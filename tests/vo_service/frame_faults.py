@@ -1,0 +1,131 @@
+"""What can be wrong with frames while the camera is well: a table, and the film that has it all.
+
+The frames come as fast as they are taken, and none is left out: what is heard depends on no clock.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivers.camera import CameraCounters, Clock, EndOfStream, RgbdCamera, RgbdFrame
+from drivers.synthetic.faults import Fault, FaultKind, FaultySource, Images
+from tests.vo_service.corner_film import corner_pose
+from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+
+# Good frames before each fault, and after it.
+GOOD = 15
+VIEWS = 12
+BACK_S, AHEAD_S = -5.0, 3600.0
+
+
+@dataclass(frozen=True)
+class FrameFault:
+    """One fault, and what a subscriber is told of it.
+
+    count      frames that suffer
+    seconds    by which their stamps are off
+    state      of the poses of these frames; "" where there are none
+    words      in the reason of these poses
+    left_out   frames for which there is no pose, these and later ones
+    new_epoch  whether the stamps begin anew
+    """
+
+    name: str
+    kind: FaultKind
+    count: int
+    state: str
+    words: str = ""
+    seconds: float = 0.0
+    left_out: int = 0
+    new_epoch: bool = False
+
+
+FRAME_FAULTS = (
+    FrameFault("black", FaultKind.BLACK, 8, "lost", "0 of 0 matches agree"),
+    FrameFault("in the dark", FaultKind.DARK, 8, "lost", "0 of 0 matches agree"),
+    FrameFault("noise", FaultKind.NOISE, 8, "lost", "matches agree"),
+    FrameFault("frozen", FaultKind.FROZEN, 8, "tracking"),
+    FrameFault("torn", FaultKind.TORN, 8, "tracking"),
+    FrameFault("same stamp again", FaultKind.STAMP_REPEAT, 8, "", left_out=8),
+    FrameFault("back in time for a moment", FaultKind.STAMP_JUMP, 8, "", "", BACK_S, left_out=8),
+    FrameFault(
+        "back in time for good", FaultKind.STAMP_JUMP, 20, "tracking", "", BACK_S,
+        left_out=14, new_epoch=True,
+    ),
+    FrameFault(
+        "an hour ahead for a moment", FaultKind.STAMP_JUMP, 8, "tracking", "", AHEAD_S,
+        left_out=14, new_epoch=True,
+    ),
+)  # fmt: skip
+
+
+def span_of(fault: FrameFault) -> range:
+    """The film's frames that belong to a fault: good ones, those that suffer, good ones."""
+    first = 0
+    for each in FRAME_FAULTS:
+        length = GOOD + each.count + GOOD
+        if each is fault:
+            return range(first, first + length)
+        first += length
+    raise ValueError(f"{fault.name} is not in the table")
+
+
+def frames_suffering(fault: FrameFault) -> range:
+    """Those of the span that suffer."""
+    first = span_of(fault).start + GOOD
+    return range(first, first + fault.count)
+
+
+class FaultyFilm(RgbdCamera):
+    """Past a corner and back, round and round, through faults of the table; then it ends."""
+
+    name = "film"
+    clock = Clock.RECORDED
+
+    def __init__(self, faults: Sequence[FrameFault] = FRAME_FAULTS) -> None:
+        self._views = [view_of_a_corner(corner_pose(seq), seq) for seq in range(VIEWS)]
+        struck = tuple(
+            Fault(each.kind, frames_suffering(each).start, each.count, each.seconds)
+            for each in faults
+        )
+        self._source = FaultySource(self._images, struck, seed=1)
+        self._count = max((span_of(each).stop for each in faults), default=2 * GOOD)
+        self._next = 0
+
+    def open(self) -> None:
+        """Begin."""
+        self._next = 0
+
+    def read(self, timeout_s: float) -> RgbdFrame:
+        """The next frame."""
+        if self._next >= self._count:
+            raise EndOfStream
+        seq, self._next = self._next, self._next + 1
+        images, (stamped_as, off_s) = self._source.images(seq), self._source.stamped_as(seq)
+        view = self._views[0]
+        return RgbdFrame(
+            seq=seq,
+            stamp_s=1000.0 + stamped_as / 30.0 + off_s,
+            arrival_s=0.0,
+            colour_bgr=images.colour,
+            depth_raw=images.depth,
+            depth_factor=view.depth_factor,
+            camera=view.camera,
+        )
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+    @property
+    def counters(self) -> CameraCounters:
+        """All of them are delivered."""
+        return CameraCounters(delivered=self._next)
+
+    def _images(self, seq: int) -> Images:
+        view = self._views[view_at(seq)]
+        return Images(view.colour_bgr, view.depth_raw)
+
+
+def view_at(seq: int) -> int:
+    """Which view the film shows as frame `seq`: there and back."""
+    place = seq % (2 * VIEWS - 2)
+    return min(place, 2 * VIEWS - 2 - place)

@@ -1,0 +1,41 @@
+"""What must hold of everything a subscriber has heard, whatever went wrong with the service."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from tests.vo_service.subscriber import HeardPose, HeardStatus, Subscriber
+
+# So many statuses in a row that say all is well, and not one more frame: a silent stop.
+SILENT_STATUSES = 4
+
+
+def check_heard(heard: Subscriber, log: str = "") -> None:
+    """No number that is none, no order turned round, no silence without a reason, no traceback.
+
+    `heard` is of one life of one service, `log` all that it has said.
+    """
+    check_in_order(heard.poses)
+    check_no_silent_stop(heard.statuses)
+    assert "Traceback" not in log, log
+
+
+def check_in_order(poses: Sequence[HeardPose]) -> None:
+    """Finite; numbers rise; stamps rise, but for a new epoch that says why they do not."""
+    assert all(pose.is_finite for pose in poses)
+    for before, after in pairwise(poses):
+        assert after.seq > before.seq
+        assert after.epoch >= before.epoch
+        went_back = after.stamp_s <= before.stamp_s
+        assert not went_back or (after.epoch > before.epoch and after.reason == "clock_step")
+
+
+def check_no_silent_stop(statuses: Sequence[HeardStatus]) -> None:
+    """Who says that all is well goes on."""
+    silent = 0
+    for before, after in pairwise(statuses):
+        counts = [
+            status.content["frames"] + status.content["skipped"] for status in (before, after)
+        ]
+        is_well = after.content["state"] == "tracking" and not after.content["reason"]
+        silent = silent + 1 if is_well and counts[0] == counts[1] else 0
+        assert silent < SILENT_STATUSES, f"a silent stop: {after.content}"

@@ -1,0 +1,130 @@
+"""Frames that are black, torn, noise, late or out of time, from the odometry to a subscriber."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from drivers.geometry import Array
+from tests.vo_service.corner_film import corner_pose
+from tests.vo_service.fakes import Collector
+from tests.vo_service.frame_faults import (
+    FRAME_FAULTS,
+    GOOD,
+    FaultyFilm,
+    FrameFault,
+    frames_suffering,
+    span_of,
+    view_at,
+)
+from tests.vo_service.heard_check import check_heard
+from tests.vo_service.played_service import free_port
+from tests.vo_service.subscriber import HeardPose, Subscriber
+from vo_service import session
+from vo_service.config import Config
+from vo_service.feed import PlainFeed
+from vo_service.interrupts import Stop
+from vo_service.outputs.output import PoseUpdate
+from vo_service.outputs.zenoh_output import LOCKSTEP, ZenohOutput
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.pose_tracker import R_BODY_OPTICAL
+from vo_service.stamps import LiveClock
+
+# What odometry may be off after all faults of the table.
+DRIFT_M = 0.03
+HOUR_S = 3600.0
+
+
+@dataclass
+class Shown:
+    """What a subscriber heard of a film, and which frame each pose is of."""
+
+    heard: Subscriber = field(default_factory=Subscriber)
+    frame_of_pose: dict[int, int] = field(default_factory=dict)
+
+    def poses(self, frames: range) -> list[HeardPose]:
+        """Of some frames of the film."""
+        return [pose for pose in self.heard.poses if self.frame_of_pose[pose.seq] in frames]
+
+
+class ClockSetter(Collector):
+    """Sets the wall clock after some poses, while it keeps them all."""
+
+    def __init__(self, steps_s: Mapping[int, float]) -> None:
+        super().__init__()
+        self._steps_s = steps_s
+        self._off_s = 0.0
+
+    def pose(self, update: PoseUpdate) -> None:
+        """Keep it."""
+        super().pose(update)
+        self._off_s += self._steps_s.get(update.seq, 0.0)
+
+    def now_s(self) -> float:
+        """The wall clock, as `time.time`."""
+        return time.time() + self._off_s
+
+
+def shown(film: FaultyFilm, collector: Collector) -> Shown:
+    """The film through the loop and over Zenoh, every frame of it."""
+    result = Shown()
+    at = f"tcp/127.0.0.1:{free_port()}"
+    output = ZenohOutput(ZenohConfig(listen=(at,)), LOCKSTEP)
+    with open_session(ZenohConfig(listen=(), connect=(at,))) as ours:
+        ours.declare_subscriber("kinect/status", result.heard.take_status)
+        ours.declare_subscriber("kinect/odom", result.heard.take_pose)
+        assert output.wait_for_subscriber(10)
+        session.run_loop(Config(), film, PlainFeed(film), [output, collector], Stop())
+        output.close()
+        last = collector.poses[-1].seq
+        assert result.heard.wait_for(lambda: result.heard.poses[-1].seq == last, 10)
+    result.frame_of_pose = {update.seq: update.frame.seq for update in collector.poses}
+    return result
+
+
+@pytest.fixture(scope="module")
+def film() -> Shown:
+    """Every fault, one after another."""
+    return shown(FaultyFilm(), Collector())
+
+
+@pytest.mark.parametrize("fault", FRAME_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
+def test_a_subscriber_is_told_of_it_and_the_pose_is_right_again(
+    fault: FrameFault, film: Shown
+) -> None:
+    span, suffering = film.poses(span_of(fault)), film.poses(frames_suffering(fault))
+    assert {pose.state for pose in suffering} == ({fault.state} if fault.state else set())
+    assert all(fault.words in pose.reason for pose in suffering)
+    assert len(span_of(fault)) - len(span) == fault.left_out
+    restarts = [pose.reason for pose in span if pose.reason == "clock_step"]
+    assert len(restarts) == span[-1].epoch - span[0].epoch == fault.new_epoch
+    assert span[-1].state == "tracking"
+    assert np.linalg.norm(span[-1].position_m - true_position_m(span_of(fault)[-1])) < DRIFT_M
+
+
+@pytest.mark.parametrize("step_s", [HOUR_S, -HOUR_S])
+def test_a_clock_that_is_set_begins_an_epoch_in_the_next_pose_and_moves_nothing_else(
+    step_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    setter = ClockSetter({GOOD: step_s})
+    clock = LiveClock(realtime_s=setter.now_s)
+    monkeypatch.setattr(session, "stamp_clock", lambda *_: clock)
+    film = shown(FaultyFilm(faults=()), setter)
+    before, after = film.heard.poses[GOOD : GOOD + 2]
+    assert (after.epoch, after.reason) == (before.epoch + 1, "clock_step")
+    assert after.stamp_s - before.stamp_s == pytest.approx(step_s + 1 / 30, abs=0.02)
+    assert np.linalg.norm(after.position_m - true_position_m(GOOD + 1)) < DRIFT_M
+    assert len({pose.epoch for pose in film.heard.poses}) == 2
+    check_heard(film.heard)
+
+
+def test_nothing_heard_is_wrong_in_itself(film: Shown) -> None:
+    check_heard(film.heard)
+
+
+def true_position_m(frame: int) -> Array:
+    """Where the film's camera is, in `odom`."""
+    position: Array = R_BODY_OPTICAL @ corner_pose(view_at(frame))[:3, 3]
+    return position

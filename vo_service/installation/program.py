@@ -20,7 +20,7 @@ FOLDER = Path("opt/kinect-vo")
 SCRIPT = FOLDER / "bin" / "kinect-vo"
 MARK = "installed.txt"
 # Hidden from the service, or its own there: see the unit.
-HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
+HIDDEN = tuple(Path(name) for name in ("/home", "/root", "/run/user", "/tmp", "/var/tmp"))
 CHECK_LIMIT_S = 120.0
 
 _SCRIPT = """\
@@ -70,11 +70,11 @@ def remove_program(root: Path) -> bool:
 def _check_python() -> Path:
     """The Python below the environment that runs now. Raises UserFacingError."""
     python = Path(os.path.realpath(sys.executable))
-    hidden = next((folder for folder in HIDDEN if python.is_relative_to(folder)), "")
-    closed = next((folder for folder in python.parents if not folder.stat().st_mode & 0o001), None)
-    if hidden or closed is not None:
+    hidden = [folder for folder in HIDDEN if python.is_relative_to(folder)]
+    closed = [folder for folder in python.parents if not folder.stat().st_mode & 0o001]
+    if hidden or closed:
         raise UserFacingError(
-            f"{python}: a service cannot run a Python below {hidden or closed}; set up the "
+            f"{python}: a service cannot run a Python below {(hidden + closed)[0]}; set up the "
             "checkout with Debian's: KINECT_VO_PYTHON=/usr/bin/python3 scripts/setup.sh"
         )
     return python

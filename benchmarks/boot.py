@@ -1,0 +1,95 @@
+"""The unit on a computer that boots: a Debian with systemd, in a container.
+
+    sudo .venv/bin/python -m benchmarks.boot [--tree DIR] [--mirror URL]
+
+Makes the Debian with debootstrap the first time (a minute or two), boots it, installs the service
+from this checkout with its own command, and puts it through what a robot may see. The container has
+the network of this computer: a subscriber outside hears the poses. Takes about ten minutes. Exit
+code 0 if all holds, 1 if something does not, 77 where no container can run.
+"""
+
+import argparse
+import os
+import shutil
+import socket
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from benchmarks.boot_checks import FIRST_BOOT, SECOND_BOOT, Computer
+from benchmarks.boot_container import booted, make_tree, why_not
+from benchmarks.boot_listener import listening
+
+CHECKOUT = Path(__file__).parents[1]
+COMMAND = CHECKOUT / ".venv" / "bin" / "kinect-vo"
+SKIPPED = 77
+# What an earlier run may have left in the tree.
+LEFT = ("opt/kinect-vo", "etc/kinect-vo", "var/lib/private", "var/cache/private", "var/log/journal")
+
+
+def main() -> int:
+    """Boot twice, check, tell."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--tree", type=Path, default=Path("/var/tmp/kinect-vo-boot"))
+    parser.add_argument("--mirror", default="http://deb.debian.org/debian")
+    args = parser.parse_args()
+    reason = why_not() or _why_not_this_python()
+    if reason:
+        print(f"skipped: {reason}")
+        return SKIPPED
+    make_tree(args.tree, args.mirror)
+    _clear(args.tree)
+    port = _free_port()
+    failed = _run(args.tree, port, FIRST_BOOT) + _run(args.tree, port, SECOND_BOOT)
+    print(f"{failed} of {len(FIRST_BOOT + SECOND_BOOT)} checks failed")
+    return int(failed > 0)
+
+
+def _run(tree: Path, port: int, checks: Sequence[Callable[[Computer], str]]) -> int:
+    """Boot, and how many checks fail."""
+    log = tree.with_name(f"{tree.name}.log")
+    with booted(tree, [CHECKOUT], log) as container, listening(port) as listener:
+        computer = Computer(container, tree, str(COMMAND), listener, port)
+        return sum(not _holds(check, computer) for check in checks)
+
+
+def _holds(check: Callable[[Computer], str], computer: Computer) -> bool:
+    """Whether it does, told in a line."""
+    name = check.__name__.replace("_", " ")
+    begin_s = time.monotonic()
+    try:
+        seen = check(computer)
+    except AssertionError as error:
+        print(f"FAILED  {name}: {error}", flush=True)
+        print("".join(f"        | {e['MESSAGE']}\n" for e in computer.entries()[-12:]), end="")
+        return False
+    print(f"ok      {name} ({time.monotonic() - begin_s:.0f} s): {seen}", flush=True)
+    return True
+
+
+def _why_not_this_python() -> str:
+    """The container runs the checkout's own environment, so it needs the same Python."""
+    python = Path(os.path.realpath(sys.executable))
+    return "" if python == Path("/usr/bin/python3.11") else f"{python} is not Debian 12's Python"
+
+
+def _clear(tree: Path) -> None:
+    for folder in LEFT:
+        shutil.rmtree(tree / folder, ignore_errors=True)
+    for unit in list((tree / "etc/systemd").rglob("kinect-vo*")):
+        if unit.is_dir():
+            shutil.rmtree(unit)
+        elif unit.is_symlink() or unit.exists():
+            unit.unlink()
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,170 @@
+"""A small Debian that boots with its own systemd, in a container, as a robot's computer would."""
+
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+SUITE = "bookworm"
+PACKAGES = (
+    "systemd", "systemd-sysv", "dbus", "udev", "python3-minimal", "libpython3-stdlib",
+    "libusb-1.0-0", "libfreenect0.5", "libopenni2-0",
+)  # fmt: skip
+TOOLS = ("debootstrap", "systemd-nspawn", "nsenter")
+CGROUPS = Path("/sys/fs/cgroup")
+CONTROLLERS = ("cpu", "cpuacct", "memory", "pids", "devices")
+BOOT_LIMIT_S = 60.0
+# First process of the container: makes limits of processor and memory work in it, where the
+# kernel's control groups are of the first kind and so are mounted read-only in a container.
+INIT = """\
+#!/bin/sh
+for controller in cpu cpuacct memory pids devices; do
+    mount -o remount,bind,rw /sys/fs/cgroup/$controller 2>/dev/null
+done
+exec /lib/systemd/systemd
+"""
+
+
+def why_not() -> str:
+    """Why no container can run here; "" if one can."""
+    if os.geteuid() != 0:
+        return "only root may run a container"
+    missing = [tool for tool in TOOLS if shutil.which(tool) is None]
+    if missing:
+        return f"{', '.join(missing)} not installed: apt install debootstrap systemd-container"
+    if subprocess.run(["unshare", "-m", "true"], capture_output=True, check=False).returncode:
+        return "this system allows no container of its own"
+    return ""
+
+
+def make_tree(tree: Path, mirror: str) -> None:
+    """Install a small Debian into a folder, unless it is there; takes a minute or two."""
+    if not (tree / "complete").exists():
+        shutil.rmtree(tree, ignore_errors=True)
+        what = ["--variant=minbase", f"--include={','.join(PACKAGES)}", SUITE, str(tree), mirror]
+        subprocess.run(["debootstrap", *what], stdout=subprocess.DEVNULL, check=True)
+        (tree / "complete").touch()
+    init = tree / "root" / "init.sh"
+    init.write_text(INIT)
+    init.chmod(0o755)
+
+
+class Container:
+    """It shares the network with this computer, so that what it publishes is heard outside."""
+
+    def __init__(self, process: "subprocess.Popen[bytes]") -> None:
+        self._process = process
+        self._first = 0
+
+    def wait_until_booted(self) -> None:
+        """Raises AssertionError if it takes too long."""
+        wait_for(lambda: self._find_first() != 0, BOOT_LIMIT_S, "the container to begin")
+        wait_for(
+            lambda: self.run("systemctl", "is-active", "multi-user.target").strip() == "active",
+            BOOT_LIMIT_S,
+            "the container to boot",
+        )
+
+    def run(self, *command: str, limit_s: float = 60.0, check: bool = False) -> str:
+        """Run a command in it; what it printed, errors too. `check`: AssertionError if it fails."""
+        namespaces = ["-m", "-u", "-i", "-p", "-C", "--root", "--wd"]
+        done = subprocess.run(
+            ["nsenter", "-t", str(self._first), *namespaces, "--", *command],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=limit_s,
+            check=False,
+        )
+        assert not check or done.returncode == 0, f"{' '.join(command)}: {done.stdout.strip()}"
+        return done.stdout
+
+    def shell(self, script: str) -> str:
+        """Run a line of shell in it."""
+        return self.run("sh", "-c", script)
+
+    def power_off(self) -> None:
+        """Switch it off, gently and then not."""
+        if self._first:
+            self.run("systemctl", "poweroff", "--force")
+        try:
+            self._process.wait(20.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _find_first(self) -> int:
+        """Its first process, as this computer numbers it; 0 if there is none yet."""
+        assert self._process.poll() is None, "systemd-nspawn has ended"
+        lists = Path(f"/proc/{self._process.pid}/task").glob("*/children")
+        children = [child for each in lists for child in each.read_text().split()]
+        self._first = int(children[0]) if children else 0
+        return self._first
+
+
+@contextmanager
+def booted(tree: Path, shared: Sequence[Path], log: Path) -> Iterator[Container]:
+    """The Debian in `tree`, running, with some folders of this computer to read."""
+    command = [
+        "systemd-nspawn",
+        "--quiet",
+        f"--directory={tree}",
+        f"--machine=kinect-vo-{os.getpid()}",
+    ]
+    command += [f"--bind-ro={folder}" for folder in shared]
+    command += ["--console=pipe", "--kill-signal=SIGRTMIN+3"]
+    if not Path("/run/systemd/system").is_dir():
+        command += ["--register=no", "--keep-unit"]
+    groups = _own_groups()
+    with log.open("wb") as stream:
+        process = subprocess.Popen(
+            [*command, "/root/init.sh"],
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=stream,
+            preexec_fn=lambda: _enter(groups),
+        )
+    container = Container(process)
+    try:
+        container.wait_until_booted()
+        yield container
+    finally:
+        container.power_off()
+        for group in groups:
+            _remove(group)
+
+
+def wait_for(holds: Callable[[], bool], limit_s: float, what: str) -> float:
+    """Until something holds: the seconds that took. Raises AssertionError."""
+    begin_s = time.monotonic()
+    while not holds():
+        assert time.monotonic() - begin_s < limit_s, f"waited {limit_s:.0f} s in vain for {what}"
+        time.sleep(0.2)
+    return time.monotonic() - begin_s
+
+
+def _own_groups() -> list[Path]:
+    """Control groups of the first kind for the container; none where they are of the second."""
+    groups = []
+    for controller in CONTROLLERS:
+        if (CGROUPS / controller / "cgroup.procs").exists():
+            group = CGROUPS / controller / f"kinect-vo-{os.getpid()}"
+            group.mkdir(exist_ok=True)
+            groups.append(group)
+    return groups
+
+
+def _enter(groups: Sequence[Path]) -> None:
+    for group in groups:
+        (group / "cgroup.procs").write_text(str(os.getpid()))
+
+
+def _remove(group: Path) -> None:
+    for folder in sorted(group.rglob("*/"), reverse=True):
+        with suppress(OSError):
+            folder.rmdir()
+    with suppress(OSError):
+        group.rmdir()

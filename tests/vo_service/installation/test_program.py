@@ -1,0 +1,100 @@
+"""The program's copy: whole, readable, without a way back to the checkout, and replaced at once."""
+
+import subprocess
+import sys
+from importlib.metadata import distribution
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import UserFacingError
+from vo_service.installation import program
+from vo_service.installation.distributions import files_of, runtime_distributions
+from vo_service.installation.program import FOLDER, install_program, remove_program
+
+CHECKOUT = Path(__file__).parents[3]
+
+
+def installed(tree: Path) -> bool:
+    """Install, telling nobody."""
+    return install_program(tree, lambda step: None)
+
+
+def test_what_the_service_needs_is_copied_and_what_only_tests_need_is_not() -> None:
+    names = {package.name.lower() for package in runtime_distributions()}
+    assert names >= {"kinect-vo", "numpy", "numba", "llvmlite", "eclipse-zenoh", "pyusb"}
+    assert names.isdisjoint({"pytest", "mypy", "ruff", "hypothesis", "rosbags"})
+
+
+@pytest.mark.parametrize("name", ["kinect-vo", "numpy", "eclipse-zenoh"])
+def test_every_file_is_there_and_stays_below_site_packages(name: str) -> None:
+    files = list(files_of(distribution(name)))
+    assert len(files) > 5
+    assert all(source.is_file() for source, _ in files)
+    assert not [place for _, place in files if place.is_absolute() or ".." in place.parts]
+
+
+def test_the_copy_is_the_program_and_leads_to_no_checkout(tree: Path) -> None:
+    assert installed(tree)
+    script = (
+        "import vo_service.installation.unit as u; print(u.__file__, len(u.text_of(u.DROP_IN)))"
+    )
+    command = [str(tree / FOLDER / "bin" / "python3"), "-I", "-c", script]
+    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+    assert said.startswith(f"{tree / FOLDER}/")
+    texts = [p for p in (tree / FOLDER).rglob("*") if p.is_file() and p.suffix != ".pyc"]
+    assert not [path for path in texts if str(CHECKOUT).encode() in path.read_bytes()]
+
+
+def test_everybody_may_read_and_run_it(tree: Path) -> None:
+    installed(tree)
+    modes = [path.stat().st_mode for path in (tree / FOLDER).rglob("*")]
+    assert all(mode & 0o004 for mode in modes)
+    script = tree / FOLDER / "bin" / "kinect-vo"
+    assert script.stat().st_mode & 0o777 == 0o755
+    assert script.read_text().startswith("#!/opt/kinect-vo/bin/python3\n")
+
+
+def test_python_finds_its_compiled_files_and_compiles_none_anew(tree: Path) -> None:
+    installed(tree)
+    source = next((tree / FOLDER).rglob("drivers/errors.py"))
+    compiled = next((source.parent / "__pycache__").glob("errors.*.pyc")).read_bytes()
+    assert int.from_bytes(compiled[8:12], "little") == int(source.stat().st_mtime)
+    assert b"/opt/kinect-vo/lib/" in compiled
+
+
+def test_the_same_program_is_not_copied_again(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = list(files_of(distribution("pyusb")))
+    monkeypatch.setattr(program, "files_of", lambda package: iter(files))
+    assert installed(tree)
+    assert not installed(tree)
+    files.pop()
+    assert installed(tree)
+
+
+def test_a_copy_that_does_not_run_leaves_the_old_one(
+    tree: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    installed(tree)
+    (tree / FOLDER / "installed.txt").write_text("an older one")
+    monkeypatch.undo()
+    monkeypatch.setattr(program, "runtime_distributions", lambda: [distribution("kinect-vo")])
+    with pytest.raises(UserFacingError, match=r"does not run .*Error"):
+        installed(tree)
+    assert (tree / FOLDER / "installed.txt").read_text() == "an older one"
+    assert [path.name for path in (tree / "opt").iterdir()] == ["kinect-vo"]
+
+
+def test_a_python_that_the_service_cannot_see_is_refused(
+    tree: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(program, "HIDDEN", (Path(sys.executable).resolve().parent,))
+    with pytest.raises(UserFacingError, match="a service cannot run a Python below"):
+        installed(tree)
+    assert not (tree / "opt").exists()
+
+
+def test_removing_it_may_be_repeated(tree: Path) -> None:
+    installed(tree)
+    assert remove_program(tree)
+    assert not remove_program(tree)

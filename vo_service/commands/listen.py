@@ -9,14 +9,10 @@ from queue import Empty, SimpleQueue
 
 import zenoh
 
+from vo_service.commands.connection import add_connection_options
 from vo_service.commands.pose_printers import JsonPrinter, Printer, TextPrinter, say
 from vo_service.outputs.cdr import decode_odometry
-from vo_service.outputs.zenoh_session import (
-    DEFAULT_ENDPOINT,
-    ZenohConfig,
-    check_prefix,
-    open_session,
-)
+from vo_service.outputs.zenoh_session import ZenohConfig, check_prefix, open_session
 
 NAME = "listen"
 HELP = "print the poses that a running kinect-vo publishes"
@@ -25,6 +21,7 @@ examples:
   kinect-vo listen                          poses of the kinect-vo on this computer
   kinect-vo listen --count 10 --json        ten poses, one JSON object a line
   kinect-vo listen --prefix robot1 --connect tcp/192.168.1.20:7450
+  kinect-vo listen --prefix robot1 --config-file reader-tls.json5
 
 A line is: stamp x y z qx qy qz qw state. What is not a pose goes to stderr. A publisher that stops
 is waited for, as is one that has not started yet. Ctrl-C ends.
@@ -36,15 +33,7 @@ _FIRST_WAIT_S = 1.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        default=DEFAULT_ENDPOINT,
-        help="where it publishes (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--prefix", default="kinect", help="its zenoh prefix (default: %(default)s)"
-    )
+    add_connection_options(parser)
     parser.add_argument(
         "--count", type=_count, metavar="N", default=math.inf, help="stop after N poses"
     )
@@ -63,8 +52,10 @@ def run(args: argparse.Namespace) -> int:
     """Print until `--count` poses have come, Ctrl-C, or nobody reads what is printed."""
     prefix = check_prefix(args.prefix)
     printer: Printer = JsonPrinter() if args.json else TextPrinter()
-    listener = _Listener(f"{prefix} at {args.connect}", printer, args.count)
-    with open_session(ZenohConfig(listen=(), connect=(args.connect,))) as session:
+    where = args.config_file or args.connect
+    listener = _Listener(f"{prefix} at {where}", printer, args.count)
+    plan = ZenohConfig(listen=(), connect=(args.connect,), config_file=args.config_file)
+    with open_session(plan) as session:
         session.declare_subscriber(f"{prefix}/status", listener.receive)
         session.declare_subscriber(f"{prefix}/odom", listener.receive)
         session.liveliness().declare_subscriber(f"{prefix}/alive", listener.receive, history=True)

@@ -32,6 +32,10 @@ class Commands(Protocol):
         """Begin to answer on a session that has just been opened."""
         ...
 
+    def configure(self, settings: CommandSettings) -> None:
+        """Take a new limit; whether there are commands at all stays as it is."""
+        ...
+
     def close(self) -> None:
         """Answer no more."""
         ...
@@ -42,6 +46,9 @@ class NoCommands:
 
     def declare(self, session: zenoh.Session, prefix: str) -> None:
         """Declare nothing."""
+
+    def configure(self, settings: CommandSettings) -> None:
+        """No limit is needed."""
 
     def close(self) -> None:
         """Nothing to end."""
@@ -74,6 +81,10 @@ class CommandsFor:
         """See `Commands`."""
         folder = f"{prefix}/command/"
         answer_questions(session, f"{folder}*", partial(self._take_in, folder))
+
+    def configure(self, settings: CommandSettings) -> None:
+        """See `Commands`."""
+        self._limit = RateLimit(settings.per_second)
 
     def close(self) -> None:
         """See `Commands`; what the loop has not answered by now it will not."""

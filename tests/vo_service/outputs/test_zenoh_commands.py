@@ -242,6 +242,8 @@ def test_the_settings_give_the_rate() -> None:
     commands: Any = commands_for(CommandSettings(per_second=3.0), Inbox())
     assert isinstance(commands, CommandsFor)
     assert commands._limit._bucket.per_second == 3.0
+    commands.configure(CommandSettings(per_second=5.0))
+    assert commands._limit._bucket.per_second == 5.0
     commands.close()
 
 

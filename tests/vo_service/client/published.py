@@ -1,0 +1,90 @@
+"""A service as a client sees it: poses, statuses and the token, sent by hand over real Zenoh."""
+
+import json
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from drivers.geometry import rigid_transform
+from vo_service.outputs.cdr import OdometryMessage, encode_odometry
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+
+PATIENCE_S = 20.0
+
+
+def free_endpoint() -> str:
+    """On a port of 127.0.0.1 that the kernel has just found free."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+class Robot:
+    """Publishes whatever it is told."""
+
+    def __init__(self, endpoint: str) -> None:
+        self.session = open_session(ZenohConfig(listen=(endpoint,)))
+        self._odom = self.session.declare_publisher("kinect/odom")
+        self._token = self.session.liveliness().declare_token("kinect/alive")
+
+    def wait_for_reader(self) -> None:
+        """Until somebody has subscribed to the poses."""
+        wait_for(lambda: self._odom.matching_status.matching)  # type: ignore[attr-defined]
+
+    def pose(self, seq: int, x_m: float = 0.0, **about: Any) -> None:
+        """One pose, `x_m` ahead."""
+        T = rigid_transform(np.eye(3), [x_m, 0.5, -0.25])
+        message = OdometryMessage(12.5, "odom", "base_link", T, np.eye(6), np.zeros(6), np.eye(6))
+        usual = {"schema": 1, "seq": seq, "state": "tracking", "epoch": 0, "reason": ""}
+        self._odom.put(encode_odometry(message), attachment=json.dumps(usual | about).encode())
+
+    def raw(self, payload: bytes, attachment: bytes | None = None) -> None:
+        """Whatever comes."""
+        self._odom.put(payload, attachment=attachment)
+
+    def status(self, **changes: Any) -> None:
+        """One status."""
+        usual = {"schema": 1, "state": "tracking", "reason": "", "paused": False}
+        self.session.put("kinect/status", json.dumps(usual | changes).encode())
+
+    def answers(self, name: str, answer: dict[str, Any]) -> list[Any]:
+        """Answer a question in this way from now on; the arguments that came."""
+        heard: list[Any] = []
+
+        def reply(query: zenoh.Query) -> None:
+            heard.append(json.loads(query.payload.to_bytes()) if query.payload else None)
+            payload = json.dumps({"schema": 1, **answer}).encode()
+            if "error" in answer:
+                query.reply_err(payload)
+            else:
+                query.reply(f"kinect/{name}", payload)
+
+        self.session.declare_queryable(f"kinect/{name}", reply)
+        return heard
+
+    def close(self) -> None:
+        """Gone."""
+        self.session.close()  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def robot(endpoint: str) -> Iterator[Robot]:
+    """A service that goes at the end of the block."""
+    it = Robot(endpoint)
+    try:
+        yield it
+    finally:
+        it.close()
+
+
+def wait_for(holds: Callable[[], bool]) -> None:
+    """Until something holds; a test that waits in vain fails."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline_s, "waited in vain"
+        time.sleep(0.01)

@@ -1,0 +1,199 @@
+"""Reading poses: the newest, how many were missed, whether they go on from the one before."""
+
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.vo_service.client.published import Robot, free_endpoint, robot, wait_for
+from vo_service.client import NoPose, Pose, PoseClient, Why
+
+
+@pytest.fixture(scope="module")
+def both() -> Iterator[tuple[Robot, str]]:
+    """A service, and where it is."""
+    endpoint = free_endpoint()
+    with robot(endpoint) as publisher:
+        yield publisher, endpoint
+
+
+@pytest.fixture
+def talk(both: tuple[Robot, str]) -> Iterator[tuple[Robot, PoseClient]]:
+    """A service and a client that hears it."""
+    publisher, endpoint = both
+    with PoseClient(connect=endpoint) as client:
+        assert client.wait_for_publisher(20)
+        publisher.wait_for_reader()
+        yield publisher, client
+
+
+Talk = tuple[Robot, PoseClient]
+
+
+def heard(client: PoseClient, seq: int) -> None:
+    """Until this pose has come."""
+
+    def is_there() -> bool:
+        found = client._hearing.pose.item
+        return found is not None and found.about["seq"] == seq
+
+    wait_for(is_there)
+
+
+def take(publisher: Robot, poses: Iterator[Pose], seq: int, **about: Any) -> Pose:
+    """What a reader gets once this is published."""
+    publisher.pose(seq, **about)
+    return next(poses)
+
+
+def test_a_pose_has_all_that_the_message_says(talk: Talk) -> None:
+    publisher, client = talk
+    pose = take(publisher, client.poses(), 7, x_m=1.5, epoch=2, state="degraded", reason="few")
+    assert (pose.stamp_s, pose.frame_id, pose.child_frame_id) == (12.5, "odom", "base_link")
+    assert (pose.seq, pose.epoch, pose.state, pose.reason) == (7, 2, "degraded", "few")
+    np.testing.assert_allclose(pose.position_m, [1.5, 0.5, -0.25])
+    np.testing.assert_allclose(pose.quaternion_xyzw, [0, 0, 0, 1])
+    assert pose.pose_covariance.shape == pose.twist_covariance.shape == (6, 6)
+    assert 0 <= pose.age_s < 20
+
+
+def test_a_slow_reader_gets_the_newest_and_knows_how_many_it_missed(talk: Talk) -> None:
+    publisher, client = talk
+    poses = client.poses()
+    take(publisher, poses, 10)
+    for seq in range(11, 31):
+        publisher.pose(seq)
+    heard(client, 30)
+    pose = next(poses)
+    assert (pose.seq, pose.missed, pose.is_continuous) == (30, 19, True)
+
+
+def test_each_reader_counts_for_itself(talk: Talk) -> None:
+    publisher, client = talk
+    one, other = client.poses(), client.poses()
+    take(publisher, one, 1)
+    publisher.pose(2)
+    assert (next(one).missed, next(other).missed) == (0, 0)
+    assert take(publisher, one, 3).is_continuous
+
+
+@pytest.mark.parametrize(
+    ("seq", "epoch"), [(6, 1), (0, 0)], ids=["another epoch", "numbers from 0 again"]
+)
+def test_a_pose_that_does_not_go_on_from_the_one_before_says_so(
+    talk: Talk, seq: int, epoch: int
+) -> None:
+    publisher, client = talk
+    poses = client.poses()
+    assert not take(publisher, poses, 4).is_continuous
+    assert take(publisher, poses, 5).is_continuous
+    assert not take(publisher, poses, seq, epoch=epoch).is_continuous
+
+
+def test_the_newest_pose_is_had_at_once(talk: Talk) -> None:
+    publisher, client = talk
+    publisher.pose(40, x_m=4.0)
+    heard(client, 40)
+    assert client.newest(max_age_s=20).position_m[0] == 4.0
+    again = client.newest(max_age_s=20)
+    assert (again.seq, again.missed, again.is_continuous) == (40, 0, True)
+
+
+def test_an_old_pose_is_not_given_out_as_the_newest(talk: Talk) -> None:
+    publisher, client = talk
+    publisher.pose(41)
+    heard(client, 41)
+    publisher.status()
+    wait_for(lambda: client._hearing.status.item is not None)
+    time.sleep(0.02)
+    with pytest.raises(NoPose, match=r"no pose for 0\.\d s, though the service says") as caught:
+        client.newest(max_age_s=0.01)
+    assert caught.value.why is Why.SILENT
+    assert caught.value.last is not None
+    assert caught.value.last.seq == 41
+
+
+@pytest.mark.parametrize(
+    ("status", "why", "words"),
+    [
+        ({"paused": True, "state": "lost"}, Why.PAUSED, "the service is paused"),
+        ({"state": "no_camera", "reason": "unplugged"}, Why.NO_CAMERA, "no camera: unplugged"),
+        ({"state": "lost", "reason": "too dark"}, Why.LOST, "tracking is lost: too dark"),
+    ],
+)
+def test_the_status_says_why_there_is_no_pose(
+    talk: Talk, status: dict[str, object], why: Why, words: str
+) -> None:
+    publisher, client = talk
+    publisher.status(**status)
+    wait_for(lambda: client._hearing.status.item is not None)
+    with pytest.raises(NoPose, match=words) as caught:
+        client.newest()
+    assert (caught.value.why, caught.value.last) == (why, None)
+
+
+def test_a_lost_pose_is_no_pose_to_use_but_can_be_had(talk: Talk) -> None:
+    publisher, client = talk
+    pose = take(publisher, client.poses(), 50, state="lost", reason="3 of 9 matches agree")
+    assert pose.is_lost
+    with pytest.raises(NoPose, match="tracking is lost: 3 of 9 matches agree") as caught:
+        client.newest(max_age_s=20)
+    assert caught.value.why is Why.LOST
+    assert caught.value.last is not None
+
+
+def test_before_anything_came_it_is_said_to_be_silent(talk: Talk) -> None:
+    _, client = talk
+    with pytest.raises(NoPose, match="is there but silent"):
+        client.newest()
+
+
+def test_waiting_for_a_pose_has_an_end_if_one_is_asked_for(talk: Talk) -> None:
+    _, client = talk
+    with pytest.raises(NoPose) as caught:
+        next(client.poses(timeout_s=0.05))
+    assert caught.value.why is Why.SILENT
+
+
+@pytest.mark.parametrize(
+    ("payload", "attachment", "words"),
+    [
+        (b"nonsense", b'{"schema": 1, "seq": 1, "state": "", "epoch": 0, "reason": ""}', "CDR"),
+        (b"", None, "without its attachment"),
+        (b"", b"\xff", "utf"),
+        (b"", b'{"schema": 1, "seq": 1}', "without epoch, reason, state"),
+        (b"", b'{"schema": 2}', "a message of version 2, only 1 is known here"),
+    ],
+)
+def test_a_message_that_cannot_be_read_is_said_and_the_next_one_read(
+    talk: Talk, payload: bytes, attachment: bytes | None, words: str
+) -> None:
+    publisher, client = talk
+    publisher.raw(payload, attachment)
+    wait_for(lambda: client._hearing.unreadable != "")
+    with pytest.raises(NoPose, match=words) as caught:
+        client.newest()
+    assert caught.value.why is Why.UNREADABLE
+    assert take(publisher, client.poses(), 60).seq == 60
+
+
+def test_closing_ends_the_readers(talk: Talk) -> None:
+    _, client = talk
+    ended: list[list[Pose]] = []
+    reader = threading.Thread(target=lambda: ended.append(list(client.poses())))
+    reader.start()
+    client.close()
+    client.close()
+    reader.join(20)
+    assert ended == [[]]
+
+
+def test_statuses_are_the_newest_too(talk: Talk) -> None:
+    publisher, client = talk
+    statuses = client.statuses()
+    publisher.status(state="degraded")
+    assert next(statuses)["state"] == "degraded"
+    assert client.status()["state"] == "degraded"

@@ -1,0 +1,16 @@
+"""Reading poses from Python: newest first, with their age, in five lines.
+
+    from vo_service.client import PoseClient
+
+    with PoseClient() as client:
+        for pose in client.poses():
+            print(pose.stamp_s, pose.position_m, pose.state)
+
+Needs zenoh and numpy alone. `docs/messages.md` says what is behind it.
+"""
+
+from vo_service.client.client import PoseClient
+from vo_service.client.errors import CommandRefused, NoAnswer, NoPose, Why
+from vo_service.client.pose import Pose
+
+__all__ = ["CommandRefused", "NoAnswer", "NoPose", "Pose", "PoseClient", "Why"]

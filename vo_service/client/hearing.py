@@ -1,0 +1,107 @@
+"""What a client hears of one service: the newest of everything, for any number of readers."""
+
+import logging
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, Generic, TypeVar
+
+import zenoh
+
+from vo_service.client.pose import Heard, read_json, read_sample
+
+logger = logging.getLogger(__name__)
+
+Status = Mapping[str, Any]
+T = TypeVar("T")
+
+
+class Newest(Generic[T]):
+    """The newest of a kind, and how many there were. Guarded by the condition of `Hearing`."""
+
+    def __init__(self) -> None:
+        self.item: T | None = None
+        self.count = 0
+        self.heard_s = float("-inf")
+
+    def put(self, item: T) -> None:
+        """A newer one."""
+        self.item, self.heard_s = item, time.monotonic()
+        self.count += 1
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since it came; infinite before the first."""
+        return time.monotonic() - self.heard_s
+
+
+class Hearing:
+    """Keeps the last pose, the last status and whether the service is there.
+
+    Zenoh's threads write, readers read and wait.
+    """
+
+    def __init__(self) -> None:
+        self.pose: Newest[Heard] = Newest()
+        self.status: Newest[Status] = Newest()
+        self.is_alive = False
+        self.is_closed = False
+        self.unreadable = ""
+        self._run = 0  # how often the service was started
+        self._news = threading.Condition()
+
+    def subscribe(self, session: zenoh.Session, prefix: str) -> None:
+        """Begin to listen. The token first: what comes after it is of its run."""
+        alive = f"{prefix}/alive"
+        session.liveliness().declare_subscriber(alive, self._take_token, history=True)
+        session.declare_subscriber(f"{prefix}/status", self._take_status)
+        session.declare_subscriber(f"{prefix}/odom", self._take_pose)
+
+    def wait_until_alive(self, timeout_s: float | None) -> bool:
+        """Until the service is there, or `close`; False if it is not in time."""
+        with self._news:
+            self._news.wait_for(lambda: self.is_closed or self.is_alive, timeout_s)
+            return self.is_alive
+
+    def wait_for_newer(
+        self, newest: Newest[T], count: int, timeout_s: float | None
+    ) -> tuple[int, T] | None:
+        """The newest once there are more than `count`; None if none comes in time, or `close`."""
+        with self._news:
+            self._news.wait_for(lambda: self.is_closed or newest.count > count, timeout_s)
+            if newest.item is None or newest.count <= count:
+                return None
+            return newest.count, newest.item
+
+    def close(self) -> None:
+        """Let go of all who wait."""
+        with self._news:
+            self.is_closed = True
+            self._news.notify_all()
+
+    def _take_token(self, sample: zenoh.Sample) -> None:
+        with self._news:
+            self.is_alive = sample.kind == zenoh.SampleKind.PUT
+            self._run += self.is_alive
+            self._news.notify_all()
+
+    def _take_status(self, sample: zenoh.Sample) -> None:
+        with self._news, self._passing_over():
+            self.status.put(read_json(sample.payload))
+
+    def _take_pose(self, sample: zenoh.Sample) -> None:
+        with self._news, self._passing_over():
+            self.pose.put(read_sample(sample, self._run))
+            self.unreadable = ""
+
+    @contextmanager
+    def _passing_over(self) -> Iterator[None]:
+        """Keep what is wrong with a message that cannot be read; log it when it is new."""
+        try:
+            yield
+        except ValueError as error:
+            if str(error) != self.unreadable:
+                logger.warning("passed over %s", error)
+            self.unreadable = str(error)
+        self._news.notify_all()

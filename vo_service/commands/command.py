@@ -1,0 +1,73 @@
+"""``kinect-vo command``: ask something of a running kinect-vo."""
+
+import argparse
+import json
+
+from drivers.errors import InputError, UserFacingError
+from vo_service.client import CommandRefused, NoAnswer, PoseClient
+from vo_service.client.client import ANSWER_S
+from vo_service.commands.connection import add_connection_options
+from vo_service.commands.options import seconds
+
+NAME = "command"
+HELP = "ask something of a running kinect-vo: reset, pause, record, ..."
+EPILOG = """\
+examples:
+  kinect-vo command reset
+  kinect-vo command reset position_m=[1,0,0] quaternion_xyzw=[0,0,0,1]
+  kinect-vo command pause                      no poses, until: kinect-vo command resume
+  kinect-vo command tilt tilt_deg=10
+  kinect-vo command led led=blink-green
+  kinect-vo command start-recording name=desk  until: kinect-vo command stop-recording
+  kinect-vo command save-incident
+
+A value is JSON, or else text. The answer is one JSON object on standard output. What the service
+refuses or cannot do is told in one line.
+"""
+# Of these the sender is the cause.
+_WRONG = ("bad-request", "unknown-command")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("name", metavar="NAME", help="the command")
+    parser.add_argument(
+        "arguments", metavar="KEY=VALUE", nargs="*", type=_argument, help="its arguments"
+    )
+    add_connection_options(parser)
+    parser.add_argument(
+        "--timeout", metavar="SECONDS", type=seconds, default=ANSWER_S,
+        help="how long to wait for the answer (default: %(default)g)",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Send it, print the answer.
+
+    Raises InputError for a command that is wrong, UserFacingError for one that was refused or that
+    nobody has answered.
+    """
+    if "/" in args.name or "*" in args.name:
+        raise InputError(f"{args.name}: no name of a command; see kinect-vo command --help")
+    with PoseClient(args.prefix, args.connect, args.config_file) as client:
+        try:
+            answer = client.command(args.name, dict(args.arguments), args.timeout)
+        except CommandRefused as refused:
+            kind = InputError if refused.code in _WRONG else UserFacingError
+            raise kind(f"{args.name}: {refused} ({refused.code})") from refused
+        except NoAnswer as nobody:
+            raise UserFacingError(
+                f"{args.name}: {nobody}; is kinect-vo run there, with the same --prefix?"
+            ) from nobody
+    print(json.dumps(answer))
+    return 0
+
+
+def _argument(text: str) -> tuple[str, object]:
+    key, equals, value = text.partition("=")
+    if not key or not equals:
+        raise argparse.ArgumentTypeError(f"{text} is not KEY=VALUE, such as tilt_deg=10")
+    try:
+        return key, json.loads(value)
+    except ValueError:
+        return key, value

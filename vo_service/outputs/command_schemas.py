@@ -1,0 +1,76 @@
+"""JSON Schemas of the commands' arguments and answers; the limits are those of the parser."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from drivers.sensor_settings import Led
+from vo_service.control.commands import (
+    FARTHEST_M,
+    LARGEST_TILT_DEG,
+    LENGTH_TOLERANCE,
+    NAME_PATTERN,
+)
+
+Schema = dict[str, Any]
+
+
+def _numbers(count: int, limit: float, description: str) -> Schema:
+    return {
+        "type": "array",
+        "items": {"type": "number", "minimum": -limit, "maximum": limit},
+        "minItems": count,
+        "maxItems": count,
+        "description": description,
+    }
+
+
+_LED: Schema = {"enum": [str(led) for led in Led], "description": "the sensor's light"}
+_TILT: Schema = {
+    "type": "number",
+    "minimum": -LARGEST_TILT_DEG,
+    "maximum": LARGEST_TILT_DEG,
+    "description": "degrees above the horizon",
+}
+_NAME: Schema = {
+    "type": "string",
+    "pattern": f"^(?:{NAME_PATTERN})$",
+    "description": "the folder's name",
+}
+_NOTHING: Schema = {"properties": {}}
+
+ARGUMENTS: Mapping[str, Schema] = {
+    "reset": {
+        "properties": {
+            "position_m": _numbers(3, FARTHEST_M, "where the base is to be in odom, x y z"),
+            "quaternion_xyzw": _numbers(
+                4, 1.0 + LENGTH_TOLERANCE, "how the base is to be turned, of length 1"
+            ),
+        },
+        "dependentRequired": {
+            "position_m": ["quaternion_xyzw"],
+            "quaternion_xyzw": ["position_m"],
+        },
+    },
+    "pause": _NOTHING,
+    "resume": _NOTHING,
+    "tilt": {"properties": {"tilt_deg": _TILT}, "required": ["tilt_deg"]},
+    "led": {"properties": {"led": _LED}, "required": ["led"]},
+    "start-recording": {"properties": {"name": _NAME}, "required": ["name"]},
+    "stop-recording": _NOTHING,
+    "save-incident": _NOTHING,
+}
+
+_EPOCH: Schema = {"type": "integer", "description": "the epoch that begins"}
+_PAUSED: Schema = {"type": "boolean", "description": "whether it publishes no poses now"}
+_FOLDER: Schema = {"type": "string", "description": "on the service's computer"}
+
+ANSWERS: Mapping[str, Mapping[str, Schema]] = {
+    "reset": {"epoch": _EPOCH},
+    "pause": {"paused": _PAUSED},
+    "resume": {"paused": _PAUSED},
+    "tilt": {"tilt_deg": _TILT},
+    "led": {"led": _LED},
+    "start-recording": {"folder": _FOLDER},
+    "stop-recording": {"folder": _FOLDER},
+    "save-incident": {"folder": _FOLDER},
+}

@@ -1,14 +1,16 @@
 """OpenCV's SIFT and ORB in the place of SURF: what SurfOdometry is given to be compared."""
 
+from collections.abc import Callable
 from math import sqrt
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vo_service.odometry.parameters import SurfParameters
 from vo_service.odometry.stopwatch import Stopwatch
 from vo_service.odometry.surf import Features, SurfExtractor
-from vo_service.odometry.surf_odometry import FeatureExtractor, SurfOdometry, SurfParameters
+from vo_service.odometry.surf_odometry import FeatureExtractor, SurfOdometry
 
 METHODS = ("SURF", "SIFT", "ORB")
 COUNT = 1000
@@ -20,9 +22,20 @@ RATIO = 0.8
 class OpenCvExtractor:
     """Descriptors of OpenCV as whole numbers in float32; bits become one number each."""
 
-    def __init__(self, detector: cv2.Feature2D, binary: bool = False) -> None:
-        self._detector = detector
+    def __init__(self, create: Callable[[int], cv2.Feature2D], binary: bool = False) -> None:
+        self._create = create
         self._binary = binary
+        self.count = COUNT
+
+    @property
+    def count(self) -> int:
+        """Features to find at most."""
+        return self._count
+
+    @count.setter
+    def count(self, count: int) -> None:
+        self._count = count
+        self._detector = self._create(count)
 
     def extract(self, grey: NDArray[np.uint8]) -> Features:
         """Features of a (H, W) image, in OpenCV's order. All signs are +1: nothing is left out."""
@@ -53,8 +66,8 @@ def make_odometry(method: str, stopwatch: Stopwatch) -> SurfOdometry:
     if method == "SURF":
         extractor = SurfExtractor(COUNT)
     elif method == "SIFT":
-        extractor = OpenCvExtractor(cv2.SIFT_create(COUNT))  # type: ignore[attr-defined]
+        extractor = OpenCvExtractor(cv2.SIFT_create)  # type: ignore[attr-defined]
     else:
-        extractor = OpenCvExtractor(cv2.ORB_create(COUNT), binary=True)  # type: ignore[attr-defined]
+        extractor = OpenCvExtractor(cv2.ORB_create, binary=True)  # type: ignore[attr-defined]
         match_ratio = sqrt(RATIO)
     return SurfOdometry(extractor, SurfParameters(match_ratio=match_ratio), stopwatch)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from vo_service.methods import METHODS, FeatureSettings
@@ -39,17 +40,24 @@ def warm_up(method: str, tell: Callable[[str], None]) -> float:
 
 
 def _made_up_frames() -> Iterator[RgbdFrame]:
-    """The same cloth of blobs twice, 2 m away, a little moved."""
-    coarse = np.random.default_rng(0).integers(0, 256, (SIZE // 8, SIZE // 8), np.uint8)
-    cloth = np.kron(coarse, np.ones((8, 8), np.uint8))
+    """A cloth of blobs, 2 m away, a little moved from frame to frame; then one quite different.
+
+    With the last one tracking is lost, so that what is only needed then is run as well.
+    """
     camera = PinholeCamera(SIZE, SIZE, 300.0, 300.0, SIZE / 2, SIZE / 2)
-    for number in range(3):
+    for number, seed in enumerate((0, 0, 0, 1)):
         yield RgbdFrame(
             seq=number,
             stamp_s=number / 30,
             arrival_s=0.0,
-            colour_bgr=np.repeat(np.roll(cloth, number, axis=1)[:, :, None], 3, axis=2),
+            colour_bgr=np.roll(_cloth(seed), number, axis=1),
             depth_raw=np.full((SIZE, SIZE), 2000, np.uint16),
             depth_factor=1000.0,
             camera=camera,
         )
+
+
+def _cloth(seed: int) -> NDArray[np.uint8]:
+    coarse = np.random.default_rng(seed).integers(0, 256, (SIZE // 8, SIZE // 8), np.uint8)
+    cloth = np.kron(coarse, np.ones((8, 8), np.uint8))
+    return np.repeat(cloth[:, :, None], 3, axis=2)

@@ -3,7 +3,6 @@
 Fontes and Maia, "Visual odometry for moving RGB-D cameras", Section III.
 """
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -13,44 +12,34 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from vo_service.odometry.estimate import Estimate, Evidence
 from vo_service.odometry.matching import match_features
-from vo_service.odometry.points import FeaturePoints, locate_features, pair_points
+from vo_service.odometry.parameters import SurfParameters
+from vo_service.odometry.points import locate_features, pair_points
 from vo_service.odometry.ransac import find_consensus
-from vo_service.odometry.refinement import Motion, refine_motion
+from vo_service.odometry.recovery import Found, Recovery
+from vo_service.odometry.refinement import refine_motion
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
 from vo_service.odometry.surf import Features, SurfExtractor
+from vo_service.odometry.view import View, draw, with_depth
 
 
 class FeatureExtractor(Protocol):
-    """What finds features in an image: SURF, or another that a benchmark compares it with."""
+    """What finds features in an image: SURF, or another that a benchmark compares it with.
+
+    `count` is how many it finds at most; it may be set between two images.
+    """
+
+    count: int
 
     def extract(self, grey: NDArray[np.uint8]) -> Features:
         """Features of a (H, W) image."""
         ...
 
 
-@dataclass(frozen=True)
-class SurfParameters:
-    """What can be set of the method, apart from SURF's own settings."""
-
-    match_ratio: float = 0.8
-    max_hypotheses: int = 500  # of RANSAC, a frame
-    min_inliers: int = 15  # fewer pairs agree by chance
-    max_failures: int = 30  # frames in a row; then the pose is held and tracking starts afresh
-    seed: int = 1  # of RANSAC, the same for every frame
-
-
-@dataclass(frozen=True)
-class View:
-    """A frame as the next one needs it."""
-
-    features: Features
-    points: FeaturePoints
-
-
 class SurfOdometry:
     """Frame-to-frame odometry; a frame that fails is left out of the chain.
 
-    The reference is the last good frame. World is the first good camera.
+    The reference is the last good frame. World is the first good camera. What does not fit the
+    last good frame is tried again as `Recovery` says, before it counts as failed.
     """
 
     def __init__(
@@ -58,13 +47,24 @@ class SurfOdometry:
         extractor: FeatureExtractor | None = None,
         parameters: SurfParameters | None = None,
         stopwatch: Stopwatch | None = None,
+        recovery: Recovery | None = None,
     ) -> None:
         self._extractor = extractor or SurfExtractor()
         self._parameters = parameters or SurfParameters()
         self._stopwatch = stopwatch or NullStopwatch()
         self._reference: View | None = None
         self._T_world_reference = np.eye(4)
+        self._recovery = recovery or Recovery(self._parameters)
         self._failures = 0
+
+    @property
+    def feature_count(self) -> int:
+        """Features to find in a frame; may be set, and counts from the next frame on."""
+        return self._extractor.count
+
+    @feature_count.setter
+    def feature_count(self, count: int) -> None:
+        self._extractor.count = count
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Where the camera is, from this frame and the last good one."""
@@ -72,7 +72,8 @@ class SurfOdometry:
         with self._stopwatch.stage("surf"):
             features = self._extractor.extract(frame.grey)
         with self._stopwatch.stage("points"):
-            view = View(features, locate_features(features, frame))
+            points = locate_features(features, frame)
+        view = View(features, points, frame.camera, frame.stamp_s)
         if self._reference is None:
             return self._start(view, restarted=False)
         # Matching.
@@ -86,16 +87,19 @@ class SurfOdometry:
         # Rotation and translation by SVD, on the inliers.
         with self._stopwatch.stage("svd"):
             motion = refine_motion(consensus, pairs)
-        evidence = _draw(view, self._reference, matches, motion)
+        evidence = draw(view, self._reference, matches, motion)
         if evidence.inlier.sum() < parameters.min_inliers:
-            return self._fail(view, evidence)
+            return self._recover(view, self._reference, evidence)
         # Concatenation.
-        return self._advance(view, motion, evidence)
+        T_world_camera = self._T_world_reference @ motion.T_reference_camera
+        return self._advance(
+            view, Found(T_world_camera, motion.T_reference_camera, motion.covariance, evidence)
+        )
 
     def _match(self, view: View, reference: View) -> NDArray[np.int64]:
         """Pairs (M, 2) of features that look the same and both have depth."""
         pairs = match_features(view.features, reference.features, self._parameters.match_ratio)
-        return pairs[view.points.has_depth[pairs[:, 0]] & reference.points.has_depth[pairs[:, 1]]]
+        return with_depth(view, reference, pairs)
 
     def _start(self, view: View, restarted: bool) -> Estimate:
         """Make this view the first of a chain, if it has enough points to be found again."""
@@ -103,8 +107,15 @@ class SurfOdometry:
         if view.points.has_depth.sum() < self._parameters.min_inliers:
             return self._estimate(view, _why_no_points(view), np.eye(4), evidence)
         self._reference = view
+        self._recovery.begin(view, self._T_world_reference)
         self._failures = 0
         return self._estimate(view, "", np.eye(4), evidence, restarted=restarted)
+
+    def _recover(self, view: View, last: View, evidence: Evidence) -> Estimate:
+        """Try other ways; without success the frame has failed."""
+        with self._stopwatch.stage("recovery"):
+            found = self._recovery.find(view, last, turn=self._failures)
+        return self._fail(view, evidence) if found is None else self._advance(view, found)
 
     def _fail(self, view: View, evidence: Evidence) -> Estimate:
         """Hold the pose; after too many failures give the last good view up."""
@@ -113,13 +124,14 @@ class SurfOdometry:
             return self._start(view, restarted=True)
         return self._estimate(view, _why_no_motion(view, evidence), np.eye(4), evidence)
 
-    def _advance(self, view: View, motion: Motion, evidence: Evidence) -> Estimate:
-        """Poses by concatenation: T_world_camera = T_world_reference T_reference_camera."""
-        self._T_world_reference = self._T_world_reference @ motion.T_reference_camera
+    def _advance(self, view: View, found: Found) -> Estimate:
+        """Go on from here: the view is the next reference."""
+        self._recovery.add(view, found.T_world_camera, found.T_last_camera, found.covariance)
+        self._T_world_reference = found.T_world_camera
         self._reference = view
         self._failures = 0
         return self._estimate(
-            view, "", motion.T_reference_camera, evidence, covariance=motion.covariance
+            view, "", found.T_last_camera, found.evidence, covariance=found.covariance
         )
 
     def _estimate(
@@ -143,15 +155,6 @@ class SurfOdometry:
             restarted=restarted and not reason,
             evidence=evidence,
         )
-
-
-def _draw(view: View, reference: View, matches: NDArray[np.int64], motion: Motion) -> Evidence:
-    return Evidence(
-        keypoints_px=view.features.position_px,
-        matches_px=view.features.position_px[matches[:, 0]],
-        reference_matches_px=reference.features.position_px[matches[:, 1]],
-        inlier=motion.inlier,
-    )
 
 
 def _why_no_points(view: View) -> str:

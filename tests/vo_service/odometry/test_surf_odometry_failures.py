@@ -6,15 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import inverse, is_rigid, rigid_transform, rotation_from_vector
+from drivers.geometry import inverse, is_rigid
 from tests.vo_service.odometry.synthetic_views import (
     CAMERA,
     FIRST_CALL_COMPILES,
     frame_of,
     view_of_a_corner,
 )
-from tests.vo_service.odometry.walk import BLACK, SHAPE, assert_close, follow, path
-from vo_service.odometry.surf_odometry import SurfOdometry, SurfParameters
+from tests.vo_service.odometry.walk import BLACK, SHAPE, assert_close, elsewhere, follow, path
+from vo_service.odometry.parameters import SurfParameters
+from vo_service.odometry.surf_odometry import SurfOdometry
 
 
 @pytest.fixture(scope="module")
@@ -43,12 +44,6 @@ def test_a_failed_frame_holds_the_pose_and_is_left_out_of_the_chain(
     assert after.ok
     assert_close(after.T_world_camera, path(4)[3], 0.006, 0.3)
     assert_close(after.T_reference_camera, inverse(path(4)[1]) @ path(4)[3], 0.004, 0.2)
-
-
-def elsewhere(seq: int) -> RgbdFrame:
-    """The same corner from where nothing of the other views is seen."""
-    away = rigid_transform(rotation_from_vector([0.0, 0.7, 0.0]), [1.6, -0.3, 0.2])
-    return view_of_a_corner(away @ path(seq + 1)[seq], seq)
 
 
 def test_after_too_many_failures_tracking_starts_afresh(views: list[RgbdFrame]) -> None:

@@ -10,7 +10,7 @@ from drivers.geometry import (
     rotation_angle_rad,
     rotation_from_vector,
 )
-from tests.vo_service.odometry.synthetic_views import CAMERA, frame_of
+from tests.vo_service.odometry.synthetic_views import CAMERA, frame_of, view_of_a_corner
 from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.surf_odometry import SurfOdometry
 
@@ -22,6 +22,12 @@ def path(n: int) -> list[Array]:
     """Poses of a hand-held camera: 15 mm and 0.8 degrees a frame."""
     turn, shift = np.array([0.006, -0.010, 0.008]), np.array([0.010, -0.005, 0.011])
     return [rigid_transform(rotation_from_vector(k * turn), k * shift) for k in range(n)]
+
+
+def elsewhere(seq: int) -> RgbdFrame:
+    """The same corner from where nothing of the other views is seen."""
+    away = rigid_transform(rotation_from_vector([0.0, 0.7, 0.0]), [1.6, -0.3, 0.2])
+    return view_of_a_corner(away @ path(seq + 1)[seq], seq)
 
 
 def follow(odometry: SurfOdometry, frames: list[RgbdFrame]) -> list[Estimate]:

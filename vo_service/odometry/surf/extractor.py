@@ -44,14 +44,14 @@ class Features:
 
 
 class SurfExtractor:
-    """Finds the `count` strongest SURF features of an image.
+    """Finds the `count` strongest SURF features of an image; `count` may change between images.
 
     The result depends on the image alone: what is kept from one image to the next (buffers, the
     threshold to start from) only saves time.
     """
 
     def __init__(self, count: int = 1000, upright: bool = False) -> None:
-        self._count = count
+        self.count = count
         self._upright = upright
         self._threshold = LOWEST_THRESHOLD
         self._scale_space = ScaleSpace(0, 0)
@@ -84,15 +84,15 @@ class SurfExtractor:
             self._scale_space = ScaleSpace(*self._shape)
         self._scale_space.fill(cv2.integral(grey))  # type: ignore[arg-type]
         found = self._scale_space.find(self._threshold)
-        while len(found) < self._count and self._threshold > LOWEST_THRESHOLD:
+        while len(found) < self.count and self._threshold > LOWEST_THRESHOLD:
             self._threshold = max(RETRY_THRESHOLD * self._threshold, LOWEST_THRESHOLD)
             found = self._scale_space.find(self._threshold)
         return found
 
     def _strongest(self, keypoints: NDArray[np.float32]) -> NDArray[np.float32]:
-        order = np.argsort(-keypoints[:, RESPONSE], kind="stable")[: self._count]
+        order = np.argsort(-keypoints[:, RESPONSE], kind="stable")[: self.count]
         chosen: NDArray[np.float32] = keypoints[order]
-        if len(chosen) == self._count:
+        if len(chosen) == self.count:
             weakest = float(chosen[-1, RESPONSE])
             self._threshold = max(NEXT_THRESHOLD * weakest, LOWEST_THRESHOLD)
         return chosen

@@ -1,0 +1,152 @@
+"""What becomes of tracking when pieces of a recording are spoilt, with and without recovery.
+
+    python -m benchmarks.recovery FOLDER... [--json]
+
+Each FOLDER is a TUM folder of some hundred frames, all kept in memory. A frame is lost if it has no
+pose; after 30 in a row tracking starts anew, which is a new epoch. The ATE is that of all poses
+published, across epochs, in millimetres. CPU milliseconds are the largest of any frame, decoding
+not counted. "without" tries each frame against the last good one alone.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+
+from benchmarks.damage import DAMAGES, Frames
+from benchmarks.odometry import all_frames, compare
+from drivers.camera import Pace
+from drivers.errors import UserFacingError
+from drivers.trajectory import StampedPoses
+from drivers.tum.camera import TumCamera
+from vo_service.odometry.parameters import SurfParameters
+from vo_service.odometry.recovery import Found, Recovery
+from vo_service.odometry.surf_odometry import SurfOdometry
+from vo_service.odometry.view import View
+from vo_service.warm_up import warm_up
+
+
+class NoRecovery(Recovery):
+    """Finds nothing."""
+
+    def find(self, view: View, last: View, turn: int) -> Found | None:
+        """See `Recovery`."""
+        return None
+
+
+RECOVERIES = {"without": NoRecovery, "with": Recovery}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One pass: frames that came through, those without a pose, new epochs, and the error."""
+
+    frames: int
+    lost: int
+    epochs: int
+    ate_m: float | None
+    cpu_ms: float
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.recovery",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    tell = silent if args.json else print_now
+    try:
+        results = {str(folder): measure(folder, tell) for folder in args.folder}
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    if args.json:
+        print(json.dumps(results, default=asdict))
+    return 0
+
+
+def print_now(line: str) -> None:
+    """Print a line of the table at once."""
+    print(line, flush=True)
+
+
+def silent(line: str) -> None:
+    """Print nothing."""
+
+
+def measure(folder: Path, tell: Callable[[str], None]) -> dict[str, dict[str, Outcome]]:
+    """Outcomes by damage, then by way."""
+    frames, truth = load(folder)
+    warm_up("surf", silent)
+    tell(f"{folder}\n{head()}")
+    results: dict[str, dict[str, Outcome]] = {}
+    for name, damage in DAMAGES.items():
+        spoilt = damage.strike(frames)
+        results[name] = {way: follow(spoilt, truth, way) for way in RECOVERIES}
+        tell(line(name, results[name]))
+    return results
+
+
+def load(folder: Path) -> tuple[Frames, StampedPoses | None]:
+    """All frames of a folder, and the truth."""
+    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
+        return list(all_frames(camera)), camera.ground_truth
+
+
+def follow(frames: Frames, truth: StampedPoses | None, way: str) -> Outcome:
+    """One pass over the frames."""
+    parameters = SurfParameters()
+    odometry = SurfOdometry(parameters=parameters, recovery=RECOVERIES[way](parameters))
+    estimates, cpu_ms = [], 0.0
+    for frame in frames:
+        begin_s = time.thread_time()
+        estimates.append(odometry.estimate(frame))
+        cpu_ms = max(cpu_ms, (time.thread_time() - begin_s) * 1e3)
+    evaluation = compare(estimates, [frame.stamp_s for frame in frames], truth)
+    return Outcome(
+        frames=len(frames),
+        lost=sum(not e.ok for e in estimates),
+        epochs=sum(e.restarted for e in estimates),
+        ate_m=evaluation.ate_rmse_m if evaluation else None,
+        cpu_ms=cpu_ms,
+    )
+
+
+def head() -> str:
+    """Heads of the columns."""
+    names = ("frames", "lost", "", "epochs", "", "ATE", "", "CPU ms", "")
+    ways = ("", *("without", "with") * 4)
+    return (
+        f"{'':16}"
+        + "".join(f"{n:>9}" for n in names)
+        + f"\n{'':16}"
+        + "".join(f"{way:>9}" for way in ways)
+    )
+
+
+def line(name: str, outcomes: Mapping[str, Outcome]) -> str:
+    """One damage: each figure without recovery, then with it."""
+    both = [outcomes[way] for way in RECOVERIES]
+    cells = [f"{both[0].frames}"]
+    cells += [f"{o.lost}" for o in both] + [f"{o.epochs}" for o in both]
+    cells += ["-" if o.ate_m is None else f"{1e3 * o.ate_m:.1f}" for o in both]
+    cells += [f"{o.cpu_ms:.1f}" for o in both]
+    return f"{name:16}" + "".join(f"{cell:>9}" for cell in cells)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

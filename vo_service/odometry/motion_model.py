@@ -1,0 +1,83 @@
+"""Where the camera ought to be now, if it moves on as it did: constant velocity."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.geometry import Array, rigid_transform, rotation_from_vector, rotation_vector
+
+# The velocity is the mean over so many motions: one alone is noisy, many are out of date.
+MOTIONS = 3
+# A longer time between two good frames says little of the velocity at its end, and further
+# ahead than this nothing can be told.
+LONGEST_STEP_S = 0.2
+# A camera on a robot or in a hand is not faster; what was measured beyond that is cut down to it.
+FASTEST_M_S, FASTEST_RAD_S = 2.0, 4.0
+# How far off the prediction may be, as an angle at the camera: at once, and by an unforeseen
+# acceleration (of a hand: 5 rad/s^2 of turning, and 10 m/s^2 of things 2 m away).
+SPREAD_RAD, ACCELERATION_RAD_S2 = 0.04, 10.0
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A motion that is expected.
+
+    T_reference_camera  4x4
+    spread_rad          angle by which the direction to a point may differ from what is expected
+    """
+
+    T_reference_camera: Array
+    spread_rad: float
+
+
+class MotionModel:
+    """The velocity over the last good motions, carried on."""
+
+    def __init__(self) -> None:
+        self._stamp_s = -np.inf
+        self._steps: deque[tuple[Array, float]] = deque(maxlen=MOTIONS)
+
+    def begin(self, stamp_s: float) -> None:
+        """The first view of a chain: nothing is known of the velocity."""
+        self._stamp_s = stamp_s
+        self._steps.clear()
+
+    def add(self, T_reference_camera: Array, stamp_s: float) -> None:
+        """A good motion since the last good frame. Stamps that repeat or go back begin anew."""
+        duration_s = stamp_s - self._stamp_s
+        self._stamp_s = stamp_s
+        if 0.0 < duration_s <= LONGEST_STEP_S:
+            self._steps.append((T_reference_camera, duration_s))
+        else:
+            self._steps.clear()
+
+    def predict(self, stamp_s: float) -> Prediction | None:
+        """The motion from the last good frame to a stamp; None where it cannot be told."""
+        ahead_s = stamp_s - self._stamp_s
+        if not self._steps or not 0.0 < ahead_s <= LONGEST_STEP_S:
+            return None
+        velocity_m_s, velocity_rad_s = self._velocity()
+        R = rotation_from_vector(velocity_rad_s * ahead_s)
+        return Prediction(
+            T_reference_camera=rigid_transform(R, velocity_m_s * ahead_s),
+            spread_rad=SPREAD_RAD + 0.5 * ACCELERATION_RAD_S2 * ahead_s**2,
+        )
+
+    def _velocity(self) -> tuple[Array, Array]:
+        """(3,) m/s and (3,) rad/s in the axes of the last good camera."""
+        T_first_last = np.eye(4)
+        duration_s = 0.0
+        for T_reference_camera, step_s in self._steps:
+            T_first_last = T_first_last @ T_reference_camera
+            duration_s += step_s
+        R, t = T_first_last[:3, :3], T_first_last[:3, 3]
+        return (
+            _limited(R.T @ t / duration_s, FASTEST_M_S),
+            _limited(rotation_vector(R) / duration_s, FASTEST_RAD_S),
+        )
+
+
+def _limited(vector: Array, longest: float) -> Array:
+    length = float(np.linalg.norm(vector))
+    return vector if length <= longest else vector * (longest / length)

@@ -1,0 +1,43 @@
+"""A frame as the next ones need it: its features, and the points in space under them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from vo_service.odometry.estimate import Evidence
+from vo_service.odometry.points import FeaturePoints
+from vo_service.odometry.refinement import Motion
+from vo_service.odometry.surf import Features
+
+
+@dataclass(frozen=True)
+class View:
+    """What is kept of a frame.
+
+    features  where they are in the image, and what they look like
+    points    the same features in space, in the camera's axes
+    camera    intrinsics of the image
+    stamp_s   of the frame
+    """
+
+    features: Features
+    points: FeaturePoints
+    camera: PinholeCamera
+    stamp_s: float
+
+
+def with_depth(view: View, reference: View, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those pairs (M, 2) of features, of the view and of its reference, that both have depth."""
+    return pairs[view.points.has_depth[pairs[:, 0]] & reference.points.has_depth[pairs[:, 1]]]
+
+
+def draw(view: View, reference: View, matches: NDArray[np.int64], motion: Motion) -> Evidence:
+    """What a viewer can draw of matches (M, 2) and the motion found by them."""
+    return Evidence(
+        keypoints_px=view.features.position_px,
+        matches_px=view.features.position_px[matches[:, 0]],
+        reference_matches_px=reference.features.position_px[matches[:, 1]],
+        inlier=motion.inlier,
+    )

@@ -7,13 +7,13 @@ import pytest
 
 from drivers.errors import UserFacingError
 from vo_service import folders
-from vo_service.folders import cache_folder, kernel_folder
+from vo_service.folders import cache_folder, kernel_folder, state_folder
 
 
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A home of one's own, and nothing else set."""
-    for name in ("CACHE_DIRECTORY", "XDG_CACHE_HOME"):
+    for name in ("CACHE_DIRECTORY", "XDG_CACHE_HOME", "STATE_DIRECTORY", "XDG_STATE_HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     return tmp_path / "home"
@@ -112,3 +112,20 @@ def test_only_the_latest_folders_of_kernels_are_kept(home: Path) -> None:
     assert kernel_folder() == mine
     kept = {path.name for path in mine.parent.iterdir()}
     assert kept == {mine.name, "old5", "old4", "old3"}
+
+
+def test_what_cannot_be_made_again_is_in_the_state_folder_and_private(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert state_folder() == home / ".local" / "state" / "kinect-vo"
+    assert state_folder().stat().st_mode & 0o777 == 0o700
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "xdg"))
+    assert state_folder() == tmp_path / "xdg" / "kinect-vo"
+    monkeypatch.setenv("STATE_DIRECTORY", f"{tmp_path / 'a'}:{tmp_path / 'b'}")
+    assert state_folder() == tmp_path / "a"
+
+
+def test_no_state_folder_at_all_says_what_to_do(home: Path) -> None:
+    home.touch()
+    with pytest.raises(UserFacingError, match="XDG_STATE_HOME"):
+        state_folder()

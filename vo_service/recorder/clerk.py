@@ -38,6 +38,16 @@ class Clerk:
         self._keeper = Keeper(job, self._hear, self._died)
 
     @property
+    def is_up(self) -> bool:
+        """Whether the process takes orders."""
+        return self._keeper.is_up
+
+    @property
+    def is_saving(self) -> bool:
+        """Whether an incident is being written."""
+        return bool(self._saving)
+
+    @property
     def warning(self) -> str:
         """One clause; "" while all is well."""
         if self._keeper.is_up and self._keeper.is_silent:
@@ -74,13 +84,13 @@ class Clerk:
             self._keeper.tell(StartRecording(name, first))
             return self.recording
 
-    def stop_recording(self) -> str:
-        """End the recording; its folder. Raises CommandError if there is none."""
+    def stop_recording(self, end: int) -> str:
+        """End it before frame `end`; the folder. Raises CommandError if nothing is recorded."""
         with self._lock:
             folder, self.recording = self.recording, ""
             if not folder:
                 raise _not_possible("nothing is being recorded")
-            self._keeper.tell(StopRecording())
+            self._keeper.tell(StopRecording(end))
             return folder
 
     def close(self) -> None:
@@ -92,21 +102,21 @@ class Clerk:
             raise _not_possible("the recorder's process does not answer; try again in a moment")
 
     def _hear(self, word: Word) -> None:
-        with self._lock:
-            match word:
-                case Facts(recordings, missed):
-                    self._taken, self._missed = recordings, missed
-                    self._process_trouble = ""
-                case IncidentWritten(folder, frames, trouble):
-                    self._saving = ""
-                    self._note(trouble)
-                    if not trouble:
-                        logger.warning("recorder: the last %d frames are in %s", frames, folder)
-                case RecordingEnded(folder, frames, missed, trouble):
+        match word:
+            case Facts(recordings, missed):
+                self._taken, self._missed = recordings, missed
+                self._process_trouble = ""
+            case IncidentWritten(folder, frames, trouble):
+                self._saving = ""
+                if not trouble:
+                    logger.warning("recorder: the last %d frames are in %s", frames, folder)
+                self._note(trouble)
+            case RecordingEnded(folder, frames, missed, trouble):
+                with self._lock:  # the next one may have begun
                     if self.recording == str(folder):
                         self.recording = ""
-                    logger.info("recorder: %s: %d frames, %d missed", folder, frames, missed)
-                    self._note(trouble)
+                logger.info("recorder: %s: %d frames, %d missed", folder, frames, missed)
+                self._note(trouble)
 
     def _note(self, trouble: str) -> None:
         """Remember what went wrong until something goes well; the same is said only once."""
@@ -119,10 +129,10 @@ class Clerk:
         with self._lock:
             cut_off = ", ".join(filter(None, (self._saving, self.recording)))
             self._saving = self.recording = ""
-            self._process_trouble = "recorder: its process ended and is started again"
-            logger.warning("%s", self._process_trouble)
-            if cut_off:
-                self._note(f"its process ended and cut off {cut_off}")
+        self._process_trouble = "recorder: its process ended and is started again"
+        logger.warning("%s", self._process_trouble)
+        if cut_off:
+            self._note(f"its process ended and cut off {cut_off}")
 
 
 def _not_possible(reason: str) -> CommandError:

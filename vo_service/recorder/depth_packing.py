@@ -25,7 +25,8 @@ def pack_depth(depth_raw: NDArray[np.uint16], out: NDArray[np.uint8]) -> int:
     out  (`packed_bound`,) or more, at an even address. An image that would not shrink is copied.
     """
     pixels = depth_raw.size
-    values = np.ascontiguousarray(depth_raw).reshape(-1)
+    values = np.ascontiguousarray(depth_raw).reshape(-1).view()
+    values.flags.writeable = False  # as some cameras' are: one kind of array is compiled, not two
     begin = escapes_begin(pixels)
     most = max(0, (packed_bound(pixels) - 2 - begin) // 2)  # so the size tells what was done
     escapes = out[begin : begin + 2 * most].view(np.uint16)

@@ -54,27 +54,27 @@ class Desk:
             case StartRecording(name, first):
                 folder = self._job.recordings / name
                 self._recordings[:] = [Recording(self._frames, first, folder, self._tell)]
-            case StopRecording():
-                self._stop_recordings(None)
+            case StopRecording(end):
+                self._stop_recordings(end)
 
     def finish(self) -> None:
         """The service ends in order: bring to an end what has been begun."""
-        self._stop_recordings(None)
+        self._stop_recordings(self._frames.count)
         self._join_saving()
 
     def rescue(self) -> None:
         """The service has crashed: write what the ring holds."""
         begin_s = time.monotonic()
-        self._stop_recordings(RECORDING_AFTER_CRASH_S)
+        self._stop_recordings(self._frames.count, RECORDING_AFTER_CRASH_S)
         self._join_saving()
         numbers = last_frames(self._frames, self._job.seconds)
         if numbers:
             name, deadline_s = incident_name("crash", time.time()), begin_s + FRAMES_AFTER_CRASH_S
             self._write(name, CRASHED, numbers, self._frames.record, deadline_s)
 
-    def _stop_recordings(self, timeout_s: float | None) -> None:
+    def _stop_recordings(self, end: int, timeout_s: float | None = None) -> None:
         for recording in self._recordings:
-            recording.stop(timeout_s)
+            recording.stop(end, timeout_s)
 
     def _join_saving(self) -> None:
         if self._saving.ident is not None:

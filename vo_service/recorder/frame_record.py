@@ -54,6 +54,11 @@ class FrameNote:
     said: Said
     depth_bytes: int
 
+    @property
+    def offset_s(self) -> float:
+        """From the camera's clock to the published one, as it was when this frame was published."""
+        return self.said.stamp_s - self.stamp_s
+
 
 def put_frame(ring: RingWriter, update: PoseUpdate, readout_s: float, pack: PackDepth) -> None:
     """Copy a frame into the ring. Raises OSError if there is no memory for it."""
@@ -73,14 +78,17 @@ def note_of(note: bytes) -> FrameNote:
     return found
 
 
-def frame_of(record: Record) -> RgbdFrame:
-    """The frame of a record, bit for bit."""
+def frame_of(record: Record, offset_s: float) -> RgbdFrame:
+    """The frame of a record, bit for bit, with its stamp moved by an offset.
+
+    One offset for a whole folder: published stamps may go back where the clock is set.
+    """
     note = note_of(record.note)
     width, height = note.camera.width, note.camera.height
     colour = np.frombuffer(record.payload, np.uint8, offset=note.depth_bytes)
     return RgbdFrame(
         seq=note.seq,
-        stamp_s=note.stamp_s,
+        stamp_s=note.stamp_s + offset_s,
         arrival_s=note.arrival_s,
         colour_bgr=colour.reshape(height, width, 3),
         depth_raw=unpack_depth(record.payload[: note.depth_bytes], height, width),

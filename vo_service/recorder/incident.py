@@ -4,7 +4,6 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
@@ -85,14 +84,16 @@ class Incident:
         first = next(records, None)
         if first is None:
             raise UserFacingError("there was no time to write a single frame")
-        with TumWriter(folder, readout_s=note_of(first.note).readout_s) as writer:
+        beginning = note_of(first.note)
+        offset_s = beginning.offset_s
+        with TumWriter(folder, readout_s=beginning.readout_s) as writer:
             for record in chain([first], records):
-                writer.write(frame_of(record))
+                writer.write(frame_of(record, offset_s))
                 self._notes.append(note_of(record.note))
         poses = (n for n in self._notes if n.said.has_pose)
-        lines = [pose_line(n.stamp_s, n.said.T_world_camera) for n in poses]
+        lines = [pose_line(n.stamp_s + offset_s, n.said.T_world_camera) for n in poses]
         write_whole(folder / "trajectory.txt", "".join([f"# {COLUMNS}\n", *lines]).encode())
-        write_whole(folder / "poses.jsonl", b"".join(map(_said_line, self._notes)))
+        write_whole(folder / "poses.jsonl", b"".join(_said_line(n, offset_s) for n in self._notes))
         write_whole(folder / "status.jsonl", b"".join(line + b"\n" for line in self._statuses))
         write_whole(folder / "incident.json", json.dumps(self._summary(), indent=1).encode())
 
@@ -123,15 +124,25 @@ class Incident:
             "frames": self.frames,
             "frames_left_out_for_want_of_time": self._left_out,
             "frames_overwritten": self._overwritten,
-            "first_frame_stamp_s": first.stamp_s,
-            "last_frame_stamp_s": last.stamp_s,
-            "published_minus_frame_stamp_s": last.said.stamp_s - last.stamp_s,
+            "first_stamp_s": first.stamp_s + first.offset_s,
+            "last_stamp_s": last.stamp_s + first.offset_s,
+            "stamp_minus_camera_stamp_s": first.offset_s,
             "about": json.loads(self._about),
         }
 
 
-def _said_line(note: FrameNote) -> bytes:
-    said = asdict(note.said)
-    said["T_world_camera"] = note.said.T_world_camera.tolist()
-    content = {"frame_stamp_s": note.stamp_s, "published_stamp_s": said.pop("stamp_s"), **said}
+def _said_line(note: FrameNote, offset_s: float) -> bytes:
+    said = note.said
+    content = {
+        "stamp_s": note.stamp_s + offset_s,
+        "camera_stamp_s": note.stamp_s,
+        "published_stamp_s": said.stamp_s,
+        "seq": said.seq,
+        "state": said.state,
+        "reason": said.reason,
+        "epoch": said.epoch,
+        "has_pose": said.has_pose,
+        "inliers": said.inliers,
+        "T_world_camera": said.T_world_camera.tolist(),
+    }
     return json.dumps(content).encode() + b"\n"

@@ -22,7 +22,9 @@ logger = logging.getLogger(__name__)
 _LIMITS = TimeLimits(first_retry_s=0.2, longest_retry_s=30.0)
 # Without a word for so long, it is stuck: on a disk that hangs, or stopped.
 SILENT_S = 10.0
-ENDING_S = 2.0
+# How long the service waits for its end. What it has begun to write it then finishes by itself.
+ENDING_S = 1.5
+_REAPED_S = 0.5
 
 
 class Keeper:
@@ -81,7 +83,7 @@ class Keeper:
                 ours.send(self._job)
                 self._attend(ours)
             with suppress(subprocess.TimeoutExpired):
-                process.wait(ENDING_S)
+                process.wait(_REAPED_S)
 
     def _attend(self, connection: "Connection[Any, Any]") -> None:
         """Pass on orders and listen until the end. Raises EOFError or OSError if it dies."""

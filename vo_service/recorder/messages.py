@@ -43,7 +43,9 @@ class StartRecording:
 
 @dataclass(frozen=True)
 class StopRecording:
-    """To the recorder: end the recording."""
+    """To the recorder: end the recording before the frame with this number."""
+
+    end: int
 
 
 @dataclass(frozen=True)

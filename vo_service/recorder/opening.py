@@ -8,6 +8,7 @@ from drivers.errors import UserFacingError
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.folders import state_folder
 from vo_service.outputs.output import Output, PoseUpdate, Status
+from vo_service.outputs.zenoh_messages import versions
 from vo_service.recorder.recorder import FlightRecorder
 from vo_service.settings import RecorderSettings
 
@@ -74,16 +75,17 @@ class NoRecorder:
 
 def open_recorder(
     settings: RecorderSettings,
-    about: Mapping[str, object],
+    config: Mapping[str, object],
     readout_s: Callable[[], float] = lambda: 0.0,
 ) -> Recorder:
     """The recorder that the settings ask for. The service goes on without where it cannot be had.
 
-    about      of the service (configuration, versions): goes into each incident as JSON
+    config     of the service: goes into each incident as JSON, beside the versions
     readout_s  tells the camera's rolling shutter: seconds from the first row to the last
     """
     if not settings.enabled:
         return NoRecorder("the recorder is switched off (recorder.enabled)")
+    about = {"versions": versions(), "config": config}
     try:
         return FlightRecorder(settings, state_folder(), about, readout_s)
     except UserFacingError as error:

@@ -44,7 +44,7 @@ class FlightRecorder:
         self._memory = Memory(settings.seconds, settings.max_mb, readout_s)
         self._no_memory = ""
         self._loss = LossWatch() if settings.save_on_loss else NoLossWatch()
-        self._has_frames = self._is_closed = False
+        self._is_closed = False
         self._clerk = Clerk(
             Job(
                 frames=self._memory.frames.memory,
@@ -57,7 +57,7 @@ class FlightRecorder:
             )
         )
         self._worker: Worker[PoseUpdate | TimedStatus] = Worker(
-            "recorder", DropOldest(_MOST_WAITING), self._handle, self._finish
+            "recorder", DropOldest(_MOST_WAITING), self._handle, lambda: None
         )
 
     @property
@@ -71,6 +71,21 @@ class FlightRecorder:
         return self._clerk.recording
 
     @property
+    def is_up(self) -> bool:
+        """Whether its process takes orders."""
+        return self._clerk.is_up
+
+    @property
+    def is_saving(self) -> bool:
+        """Whether an incident is being written."""
+        return self._clerk.is_saving
+
+    @property
+    def remembered(self) -> int:
+        """Frames that have ever been copied into its memory."""
+        return self._memory.frames.count
+
+    @property
     def missed(self) -> int:
         """Frames and statuses that newer ones replaced before they were remembered."""
         return self._worker.dropped
@@ -78,14 +93,18 @@ class FlightRecorder:
     def pose(self, update: PoseUpdate) -> None:
         """Remember a frame and what was said of it (soon)."""
         self._worker.put(update)
+        now_s = time.monotonic()
+        self._loss.see(update.state, now_s)
+        self._save_loss_if(self._loss.is_due(now_s))
 
     def status(self, status: Status) -> None:
         """Remember a status (soon)."""
         self._worker.put(TimedStatus.now(status))
+        self._save_loss_if(self._loss.is_due(time.monotonic()))
 
     def save(self, reason: str) -> str:
         """As `Recorder`."""
-        if not self._has_frames:
+        if not self._memory.frames.count:
             raise CommandError(ErrorCode.NOT_POSSIBLE, "no frame has come yet")
         return self._clerk.save(reason)
 
@@ -95,7 +114,7 @@ class FlightRecorder:
 
     def stop_recording(self) -> str:
         """As `Recorder`."""
-        return self._clerk.stop_recording()
+        return self._clerk.stop_recording(self._memory.frames.count)
 
     def close(self) -> None:
         """Forget everything; a loss that is not written yet still is, and so is a recording."""
@@ -103,6 +122,7 @@ class FlightRecorder:
             return
         self._is_closed = True
         has_finished = self._worker.close(_WORKER_S)
+        self._save_loss_if(self._loss.is_pending)
         self._clerk.close()
         if has_finished:
             self._memory.close()
@@ -114,18 +134,10 @@ class FlightRecorder:
             self._no_memory = ""
         except OSError as error:
             self._no_memory = f"recorder: no memory for the last frames: {error.strerror}"
-        now_s = time.monotonic()
-        if isinstance(item, PoseUpdate):
-            self._has_frames = True
-            self._loss.see(item.state, now_s)
-        if self._loss.is_due(now_s):
-            self._save_loss()
 
-    def _finish(self) -> None:
-        if self._loss.is_pending:
-            self._save_loss()
-
-    def _save_loss(self) -> None:
+    def _save_loss_if(self, is_time: bool) -> None:
+        if not is_time:
+            return
         try:
             self._clerk.save("lost")
         except CommandError as error:

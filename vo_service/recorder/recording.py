@@ -1,6 +1,7 @@
 """Recording on command: frames go from the ring into a TUM folder until told to stop."""
 
 import shutil
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -33,8 +34,9 @@ class Recording:
         self.folder = folder
         self.missed = 0
         self._ring, self._tell = ring, tell
-        self._next = first
+        self._next, self._end = first, sys.maxsize
         self._writers: list[TumWriter] = []  # one, from the first frame on
+        self._offset_s = 0.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
@@ -44,9 +46,11 @@ class Recording:
         """Whether nothing more is written."""
         return not self._thread.is_alive()
 
-    def stop(self, timeout_s: float | None = None) -> None:
-        """End it with the newest frame, and wait for that."""
-        self._stop.set()
+    def stop(self, end: int, timeout_s: float | None = None) -> None:
+        """End it before the frame with this number, and wait for that."""
+        if not self._stop.is_set():
+            self._end = end
+            self._stop.set()
         self._thread.join(timeout_s)
 
     def _run(self) -> None:
@@ -67,7 +71,7 @@ class Recording:
 
     def _write_new(self, stack: ExitStack) -> None:
         """Write what has come since the last time."""
-        end = self._ring.count
+        end = min(self._ring.count, self._end)
         begin = min(end, max(self._next, self._ring.oldest))
         self.missed += begin - self._next
         self._next = end
@@ -85,7 +89,8 @@ class Recording:
                 "free some space and record into a new folder"
             )
         if not self._writers:
-            readout_s = note_of(record.note).readout_s
-            writer = TumWriter(self.folder, readout_s=readout_s, colour=COLOUR)
+            first = note_of(record.note)
+            self._offset_s = first.offset_s
+            writer = TumWriter(self.folder, readout_s=first.readout_s, colour=COLOUR)
             self._writers.append(stack.enter_context(writer))
-        self._writers[0].write(frame_of(record))
+        self._writers[0].write(frame_of(record, self._offset_s))

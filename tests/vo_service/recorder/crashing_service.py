@@ -1,0 +1,35 @@
+"""A service in a process of its own, as far as the recorder knows: it dies as it is told.
+
+``python -P -m tests.vo_service.recorder.crashing_service STATE HOW``; prints "ready" when frames
+are remembered, then waits for a line. HOW is "segfault", "exit" (while it records) or anything else
+for one that waits to be killed.
+"""
+
+import ctypes
+import os
+import sys
+from pathlib import Path
+
+from tests.vo_service.recorder.moments import feed, recorder, status, update
+
+FRAMES = 10
+
+
+def main(state: Path, how: str) -> None:
+    """Remember frames, then end."""
+    with recorder(state) as opened:
+        if how == "exit":
+            opened.start_recording("desk")
+        opened.status(status(frames=FRAMES))
+        feed(opened, *map(update, range(FRAMES)))
+        print("ready", flush=True)
+        sys.stdin.readline()
+        match how:
+            case "segfault":
+                ctypes.string_at(0)
+            case "exit":
+                os._exit(3)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2])

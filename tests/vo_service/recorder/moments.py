@@ -1,0 +1,141 @@
+"""Small frames with what the service said of them, statuses, and a recorder to give them to."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.camera import CameraState, PinholeCamera, RgbdFrame
+from drivers.geometry import rigid_transform
+from tests.belongings import wait_for
+from vo_service.control.errors import CommandError
+from vo_service.odometry.estimate import Estimate
+from vo_service.outputs.output import Level, PoseUpdate, Status, TrackingState
+from vo_service.recorder.recorder import FlightRecorder
+from vo_service.settings import RecorderSettings
+
+CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
+START_S = 1305031453.359684
+ABOUT: Mapping[str, object] = {"versions": {"kinect-vo": "1"}}
+
+
+def frame(seq: int, camera: PinholeCamera = CAMERA) -> RgbdFrame:
+    """Noise that no other frame has, depth with holes, 30 a second, gravity and a skew."""
+    random = np.random.default_rng(seq)
+    shape = (camera.height, camera.width)
+    depth = random.integers(1990, 2010, shape, np.uint16)
+    depth[random.random(shape) < 0.1] = 0
+    return RgbdFrame(
+        seq=seq,
+        stamp_s=START_S + seq / 30,
+        arrival_s=0.0,
+        colour_bgr=random.integers(0, 255, (*shape, 3), np.uint8),
+        depth_raw=depth,
+        depth_factor=1000.0,
+        camera=camera,
+        skew_s=0.004,
+        gravity_m_s2=(0.1, 9.7, 0.2),
+    )
+
+
+def update(
+    seq: int,
+    state: TrackingState = TrackingState.TRACKING,
+    *,
+    offset_s: float = 0.0,
+    camera: PinholeCamera = CAMERA,
+) -> PoseUpdate:
+    """What the service says of frame `seq`: a centimetre further than the one before."""
+    T = rigid_transform(np.eye(3), [0.01 * seq, 0.0, 0.0])
+    is_lost = state is TrackingState.LOST
+    picture = frame(seq, camera)
+    return PoseUpdate(
+        seq=seq,
+        stamp_s=picture.stamp_s + offset_s,
+        state=state,
+        reason="too few matches" if is_lost else "",
+        epoch=1,
+        T_world_camera=T,
+        T_odom_base=T,
+        pose_covariance=np.eye(6),
+        twist=np.zeros(6),
+        twist_covariance=np.eye(6),
+        frame=picture,
+        estimate=Estimate(not is_lost, "", T, np.eye(4), np.eye(6), 20, 10, 7),
+        stage_ms={},
+        latency_s=0.01,
+    )
+
+
+def status(frames: int = 0) -> Status:
+    """A status that has counted so many frames."""
+    zeros: dict[str, Any] = dict.fromkeys(
+        ("features", "matches", "inliers", "failed", "dropped", "skipped", "lost_packets"), 0
+    )
+    rates: dict[str, Any] = dict.fromkeys(
+        ("fps", "latency_p50_ms", "latency_p99_ms", "skew_ms", "jitter_ms"), 1.5
+    )
+    return Status(
+        state=TrackingState.TRACKING,
+        reason="",
+        epoch=1,
+        camera="scripted",
+        camera_state=CameraState.STREAMING,
+        intrinsics="",
+        level=Level.ASSUMED,
+        method="surf",
+        frames=frames,
+        **zeros,
+        **rates,
+    )
+
+
+@contextmanager
+def recorder(state: Path, settings: RecorderSettings | None = None) -> Iterator[FlightRecorder]:
+    """A flight recorder that is up; closed at the end."""
+    opened = FlightRecorder(settings or RecorderSettings(max_mb=20), state, ABOUT, lambda: 0.01)
+    try:
+        wait_for(lambda: opened.is_up, "for the recorder's process")
+        yield opened
+    finally:
+        opened.close()
+
+
+def feed(recorder: FlightRecorder, *updates: PoseUpdate) -> None:
+    """Give it frames no faster than it takes them."""
+    for one in updates:
+        expected = recorder.remembered + 1
+        recorder.pose(one)
+        wait_for(partial(_has_remembered, recorder, expected), "for a frame to be taken")
+
+
+def _has_remembered(recorder: FlightRecorder, expected: int) -> bool:
+    return recorder.remembered >= expected
+
+
+def incidents(state: Path) -> list[Path]:
+    """Folders of incidents, whole ones and begun ones."""
+    return sorted(state.glob("incidents/*"))
+
+
+def incident(state: Path, reason: str) -> Path:
+    """The one incident of this kind, as soon as it is whole."""
+
+    def whole() -> list[Path]:
+        return [path for path in incidents(state) if path.name.endswith(reason)]
+
+    wait_for(lambda: bool(whole()), f"for an incident {reason!r}")
+    (found,) = whole()
+    return found
+
+
+def refusal(of: Callable[[], object]) -> str:
+    """The code and the words with which a command is refused."""
+    try:
+        of()
+    except CommandError as error:
+        return f"{error.code}: {error}"
+    raise AssertionError("it was not refused")

@@ -1,0 +1,236 @@
+"""The flight recorder: incidents on loss and on command, and its second process."""
+
+import json
+import os
+import resource
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.camera import PinholeCamera
+from drivers.trajectory import read_trajectory
+from tests.belongings import belongings, children, wait_for
+from tests.drivers.tum.replaying import replayed
+from tests.vo_service.recorder.moments import (
+    feed,
+    frame,
+    incident,
+    incidents,
+    recorder,
+    refusal,
+    status,
+    update,
+)
+from vo_service.outputs.output import TrackingState
+from vo_service.recorder.opening import NoRecorder, open_recorder
+from vo_service.settings import RecorderSettings
+
+SMALL = RecorderSettings(max_mb=20)
+LOST = TrackingState.LOST
+
+
+def only_child() -> int:
+    """Process number of the recorder's process."""
+    (child,) = children()
+    return child
+
+
+def test_on_command_the_last_frames_become_a_folder_that_replays_bit_for_bit(
+    tmp_path: Path,
+) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, *map(update, range(8)))
+        folder = Path(recording.save("command"))
+        assert incident(tmp_path, "command") == folder
+    for seq, found in enumerate(replayed(folder)):
+        assert found.stamp_s == frame(seq).stamp_s
+        assert found.skew_s == pytest.approx(frame(seq).skew_s)
+        assert found.gravity_m_s2 == pytest.approx(frame(seq).gravity_m_s2)
+        assert found.camera == frame(seq).camera
+        np.testing.assert_array_equal(found.colour_bgr, frame(seq).colour_bgr)
+        np.testing.assert_array_equal(found.depth_raw, frame(seq).depth_raw)
+    assert seq == 7
+
+
+def test_beside_the_frames_is_what_the_service_said_of_them(tmp_path: Path) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        recording.status(status(frames=5))
+        feed(recording, *map(update, range(4)), update(4, LOST))
+        recording.save("command")
+        folder = incident(tmp_path, "command")
+    lines = (folder / "poses.jsonl").read_text().splitlines()
+    said = [json.loads(line) for line in lines]
+    assert [pose["state"] for pose in said] == ["tracking"] * 4 + ["lost"]
+    assert said[4]["reason"] == "too few matches"
+    poses = read_trajectory(folder / "trajectory.txt")  # of the frames that have one
+    np.testing.assert_allclose(poses.T_world_camera[:, 0, 3], [0.0, 0.01, 0.02, 0.03])
+    (told,) = map(json.loads, (folder / "status.jsonl").read_text().splitlines())
+    assert told["frames"] == 5
+    assert told["unix_s"] == pytest.approx(time.time(), abs=100.0)
+    assert told["recorder"]["limited_by"] == "seconds"
+
+
+def test_frames_and_poses_of_a_live_camera_have_the_stamps_that_were_published(
+    tmp_path: Path,
+) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, *(update(seq, offset_s=1000.0) for seq in range(3)))
+        recording.save("command")
+        folder = incident(tmp_path, "command")
+    stamps_s = [found.stamp_s for found in replayed(folder)]
+    assert stamps_s == pytest.approx([update(seq).stamp_s + 1000.0 for seq in range(3)], abs=1e-6)
+    np.testing.assert_allclose(read_trajectory(folder / "trajectory.txt").stamps_s, stamps_s)
+    summary = json.loads((folder / "incident.json").read_text())
+    assert summary["stamp_minus_camera_stamp_s"] == pytest.approx(1000.0)
+    assert summary["frames"] == 3
+    assert summary["about"] == {"versions": {"kinect-vo": "1"}}
+
+
+def test_a_clock_that_is_set_back_breaks_neither_frames_nor_poses(tmp_path: Path) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, update(0), update(1), update(2, offset_s=-3600.0))
+        recording.save("command")
+        folder = incident(tmp_path, "command")
+    assert len(replayed(folder)) == len(read_trajectory(folder / "trajectory.txt")) == 3
+
+
+def test_only_the_last_seconds_are_written(tmp_path: Path) -> None:
+    with recorder(tmp_path, replace(SMALL, seconds=0.51)) as recording:
+        feed(recording, *map(update, range(30)))
+        recording.save("command")
+        folder = incident(tmp_path, "command")
+    stamps_s = [found.stamp_s for found in replayed(folder)]
+    assert stamps_s == pytest.approx([update(seq).stamp_s for seq in range(14, 30)], abs=1e-6)
+
+
+def test_of_two_cameras_only_the_last_ones_frames_are_written(tmp_path: Path) -> None:
+    other = PinholeCamera(32, 24, 30.0, 30.0, 15.5, 11.5)
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, update(0), update(1), update(2, camera=other), update(3, camera=other))
+        recording.save("command")
+        assert [found.camera for found in replayed(incident(tmp_path, "command"))] == [other] * 2
+
+
+def test_a_loss_is_written_with_what_came_after_it(tmp_path: Path) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, *map(update, range(4)), update(4, LOST), update(5, LOST))
+        assert incidents(tmp_path) == []
+
+        def next_status() -> bool:
+            recording.status(status())
+            return bool(incidents(tmp_path))
+
+        wait_for(next_status, "for the loss to be due")
+        assert len(replayed(incident(tmp_path, "lost"))) == 6
+
+
+def test_a_loss_just_before_the_end_is_still_written(tmp_path: Path) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, update(0), update(1, LOST))
+    assert len(replayed(incident(tmp_path, "lost"))) == 2
+
+
+def test_losses_are_not_written_where_they_are_not_wanted(tmp_path: Path) -> None:
+    with recorder(tmp_path, replace(SMALL, save_on_loss=False)) as recording:
+        feed(recording, update(0), update(1, LOST))
+    assert incidents(tmp_path) == []
+
+
+def test_an_orderly_end_leaves_nothing(tmp_path: Path) -> None:
+    with recorder(tmp_path, SMALL):
+        pass  # what is loaded once stays
+    before = belongings()
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, *map(update, range(4)))
+    assert belongings() <= before
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_everything_is_private(tmp_path: Path) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, update(0))
+        folder = Path(recording.save("command"))
+        wait_for(folder.exists)
+    modes = {(path.is_dir(), path.stat().st_mode & 0o777) for path in folder.parent.rglob("*")}
+    assert modes == {(True, 0o700), (False, 0o600)}
+
+
+def test_its_process_that_is_killed_comes_back_and_the_frames_are_still_there(
+    tmp_path: Path,
+) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, *map(update, range(4)))
+        first = only_child()
+        os.kill(first, signal.SIGKILL)
+        wait_for(lambda: "started again" in recording.warning)
+        wait_for(lambda: recording.is_up and first not in children())
+        recording.save("command")
+        assert len(replayed(incident(tmp_path, "command"))) == 4
+        assert recording.warning == ""
+
+
+def test_a_full_disk_is_said_and_leaves_nothing_half_written(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, *map(update, range(4)))
+        # Its files cannot grow beyond this: a full disk on request.
+        resource.prlimit(only_child(), resource.RLIMIT_FSIZE, (1000, 1000))
+        for _ in range(2):
+            recording.save("command")
+            wait_for(lambda: not recording.is_saving)
+            assert "incidents: cannot be written" in recording.warning
+        feed(recording, update(4))
+    assert incidents(tmp_path) == []
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+
+
+def test_too_many_incidents_are_not_kept(tmp_path: Path) -> None:
+    settings = replace(SMALL, total_mb=1, folder=tmp_path / "elsewhere")
+    large = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
+    with recorder(tmp_path, settings) as recording:
+        feed(recording, update(0, camera=large), update(1, camera=large))
+        for reason in ("first", "second", "third"):
+            folder = Path(recording.save(reason))
+            wait_for(folder.exists)
+    names = sorted(path.name for path in (tmp_path / "elsewhere").iterdir())
+    assert len(names) == 1
+    assert names[0].endswith("third")
+
+
+def test_what_cannot_be_done_is_refused_with_the_reason(tmp_path: Path) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        assert refusal(lambda: recording.save("x")) == "not-possible: no frame has come yet"
+        assert refusal(recording.stop_recording) == "not-possible: nothing is being recorded"
+        feed(recording, update(0))
+        os.kill(only_child(), signal.SIGSTOP)
+        recording.save("command")
+        assert "is being written already" in refusal(lambda: recording.save("again"))
+        os.kill(only_child(), signal.SIGCONT)
+        incident(tmp_path, "command")
+
+
+def test_the_service_goes_on_without_a_recorder_that_has_no_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        opened = open_recorder(SMALL, {})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert isinstance(opened, NoRecorder)
+    assert opened.warning == "recorder: switched off: its memory cannot be had: File too large"
+    assert refusal(lambda: opened.save("x")).startswith("not-possible: recorder: switched off")
+
+
+def test_a_recorder_that_is_switched_off_says_so_to_whoever_asks() -> None:
+    opened = open_recorder(RecorderSettings(enabled=False), {})
+    assert opened.warning == opened.recording == ""
+    assert "recorder.enabled" in refusal(lambda: opened.start_recording("desk"))

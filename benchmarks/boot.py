@@ -11,21 +11,22 @@ code 0 if all holds, 1 if something does not, 77 where no container can run.
 import argparse
 import os
 import shutil
-import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from benchmarks.boot_checks import FIRST_BOOT, SECOND_BOOT, Computer
+from benchmarks.boot_again import SECOND_BOOT
+from benchmarks.boot_checks import FIRST_BOOT
+from benchmarks.boot_computer import Computer
 from benchmarks.boot_container import booted, make_tree, why_not
-from benchmarks.boot_listener import listening
+from benchmarks.boot_listener import free_port, listening
 
 CHECKOUT = Path(__file__).parents[1]
 COMMAND = CHECKOUT / ".venv" / "bin" / "kinect-vo"
 SKIPPED = 77
 # What an earlier run may have left in the tree.
-LEFT = ("opt/kinect-vo", "etc/kinect-vo", "var/lib/private", "var/cache/private", "var/log/journal")
+LEFT = ("opt/kinect-vo", "etc/kinect-vo", "srv/kinect-vo", "var/lib/private", "var/cache/private")
 
 
 def main() -> int:
@@ -40,7 +41,7 @@ def main() -> int:
         return SKIPPED
     make_tree(args.tree, args.mirror)
     _clear(args.tree)
-    port = _free_port()
+    port = free_port()
     failed = _run(args.tree, port, FIRST_BOOT) + _run(args.tree, port, SECOND_BOOT)
     print(f"{failed} of {len(FIRST_BOOT + SECOND_BOOT)} checks failed")
     return int(failed > 0)
@@ -82,13 +83,6 @@ def _clear(tree: Path) -> None:
             shutil.rmtree(unit)
         elif unit.is_symlink() or unit.exists():
             unit.unlink()
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 if __name__ == "__main__":

@@ -3,60 +3,16 @@
 Each returns what it saw, in a few words, and raises AssertionError where that is not enough.
 """
 
-import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
-from benchmarks.boot_container import Container, wait_for
-from benchmarks.boot_listener import Listener
+from benchmarks.boot_computer import BACK_LIMIT_S, UNIT, Computer
+from benchmarks.boot_container import wait_for
 
-UNIT = "kinect-vo.service"
 WATCHDOG_S = 10.0
 START_LIMIT_S = 600.0
-BACK_LIMIT_S = 120.0
 RENDER_LIMIT_S = 900.0
 LEAST_POSES_PER_S = 15.0
-CONFIG = """\
-schema = 1
-[camera]
-source = "synthetic"
-[zenoh]
-listen = ["tcp/127.0.0.1:{port}"]
-[log]
-level = "{level}"
-"""
-
-
-@dataclass(frozen=True)
-class Computer:
-    """The container, its file system, the command as it lies in the checkout, and who listens."""
-
-    container: Container
-    tree: Path
-    command: str
-    listener: Listener
-    port: int
-
-    def property(self, name: str) -> str:
-        """What systemd says of the service."""
-        return self.container.run("systemctl", "show", UNIT, "-p", name, "--value").strip()
-
-    def quota(self, text: str) -> None:
-        """How much of a processor the service gets from now on."""
-        self.container.run("systemctl", "set-property", "--runtime", UNIT, f"CPUQuota={text}")
-
-    def write_config(self, level: str = "info") -> None:
-        """A configuration that is right, unless `level` is none."""
-        folder = self.tree / "etc" / "kinect-vo"
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "kinect.toml").write_text(CONFIG.format(port=self.port, level=level))
-
-    def entries(self, unit: str = UNIT) -> list[dict[str, str]]:
-        """The journal of the service."""
-        lines = self.container.run("journalctl", "-u", unit, "-o", "json", "--no-pager")
-        return [json.loads(line) for line in lines.splitlines() if line.startswith("{")]
 
 
 def quota_holds(computer: Computer) -> str:
@@ -187,23 +143,6 @@ def a_wrong_configuration_is_not_tried_again(computer: Computer) -> str:
     return f"{state}, exit code {status}: {told[-1]}"
 
 
-def it_comes_up_with_the_computer(computer: Computer) -> str:
-    """After the container was switched off and on: nobody starts it by hand."""
-    taken_s = computer.listener.wait_for_poses(30, BACK_LIMIT_S)
-    return f"poses {taken_s:.0f} s after the boot"
-
-
-def uninstalling_keeps_what_is_the_owners(computer: Computer) -> str:
-    """Then `--purge` takes that too."""
-    installed = "/usr/local/bin/kinect-vo"
-    computer.container.run(installed, "service", "uninstall", check=True)
-    left = _traces(computer.tree)
-    assert left == ["etc/kinect-vo", "var/cache/private/kinect-vo", "var/lib/private/kinect-vo"]
-    computer.container.run(computer.command, "service", "uninstall", "--purge", check=True)
-    assert _traces(computer.tree) == []
-    return f"kept: {', '.join(left)}; with --purge nothing"
-
-
 def _back_after(computer: Computer, signal: str, results: str) -> str:
     """Send the main process a signal, and wait until a new one publishes poses."""
     run = computer.container
@@ -223,21 +162,6 @@ def _incidents(computer: Computer) -> list[str]:
     return sorted(path.name for path in folder.glob("*")) if folder.exists() else []
 
 
-def _traces(tree: Path) -> list[str]:
-    """What there is of kinect-vo, quota.conf of this test apart."""
-    places = [
-        "opt/*",
-        "etc/kinect-vo",
-        "etc/modprobe.d/kinect*",
-        "etc/systemd/system/kinect-vo*.service",
-        "etc/udev/rules.d/*",
-        "usr/local/bin/*",
-        "var/cache/private/*",
-        "var/lib/private/*",
-    ]
-    return sorted(str(p.relative_to(tree)) for place in places for p in tree.glob(place))
-
-
 FIRST_BOOT: tuple[Callable[[Computer], str], ...] = (
     quota_holds,
     one_command_installs_and_starts_it,
@@ -251,8 +175,4 @@ FIRST_BOOT: tuple[Callable[[Computer], str], ...] = (
     a_crash_is_started_again,
     it_stops_in_time,
     a_wrong_configuration_is_not_tried_again,
-)
-SECOND_BOOT: tuple[Callable[[Computer], str], ...] = (
-    it_comes_up_with_the_computer,
-    uninstalling_keeps_what_is_the_owners,
 )

@@ -10,7 +10,8 @@ from vo_service.installation.unit import Unit
 # `systemctl enable --now` returns when the service is ready: the first time, kernels are compiled.
 START_LIMIT_S = 1300.0
 STOP_LIMIT_S = 60.0
-ALL_UNITS = ("kinect-vo.service", "kinect-vo@*.service", "kinect-vo-replay@*.service")
+# A pattern: a plain name of a unit that is not there would be an error.
+OURS = "kinect-vo*.service"
 RUNNING = Path("/run/systemd/system")  # sd_booted(3)
 WANTS = Path("etc/systemd/system/multi-user.target.wants")
 
@@ -28,7 +29,7 @@ class Systemd:
     def installed(self) -> None:
         """Units have changed: read them, and let what runs begin anew with the new program."""
         _demand("systemctl", "daemon-reload")
-        _demand("systemctl", "try-restart", *ALL_UNITS, limit_s=START_LIMIT_S)
+        _demand("systemctl", "try-restart", OURS, limit_s=START_LIMIT_S)
 
     def enable(self, unit: Unit, tell: Callable[[str], None]) -> None:
         """Start it now and at every start of the computer; returns when it is ready."""
@@ -40,14 +41,14 @@ class Systemd:
 
     def disable_all(self, root: Path) -> None:
         """Stop everything, now and for good."""
-        _demand("systemctl", "stop", *ALL_UNITS, limit_s=STOP_LIMIT_S)
+        _demand("systemctl", "stop", OURS, limit_s=STOP_LIMIT_S)
         for unit in enabled_units(root):
             _demand("systemctl", "disable", unit)
 
     def removed(self) -> None:
         """Units have gone."""
         _demand("systemctl", "daemon-reload")
-        call("systemctl", "reset-failed", *ALL_UNITS)  # fails where nothing had failed
+        call("systemctl", "reset-failed", OURS)  # fails where nothing had failed
 
 
 class Offline:
@@ -75,7 +76,7 @@ class Offline:
 
 def enabled_units(root: Path) -> list[str]:
     """The units of ours that are started with the computer."""
-    return sorted(link.name for link in (root / WANTS).glob("kinect-vo*.service"))
+    return sorted(link.name for link in (root / WANTS).glob(OURS))
 
 
 def _demand(*command: str, limit_s: float = STOP_LIMIT_S) -> None:

@@ -4,7 +4,6 @@ import argparse
 from contextlib import closing, suppress
 from dataclasses import asdict
 from functools import partial
-from typing import Any
 
 from drivers.background_opening import BackgroundOpening, Cancellable
 from drivers.camera import Pace, RgbdCamera
@@ -18,6 +17,7 @@ from vo_service.commands.options import (
     pace,
 )
 from vo_service.config import Config
+from vo_service.control.control import Order
 from vo_service.control.errors import CommandError
 from vo_service.control.inbox import Inbox
 from vo_service.control.reconfigure import Reconfigure
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
 def _serve(args: argparse.Namespace, config: Config, terminal: Terminal, stop: Stop) -> None:
     """Put the parts together, run the loop, and take them apart: the last one opened first."""
     camera = _camera(args, config, terminal)
-    inbox: Inbox[Any] = Inbox()
+    inbox: Inbox[Order] = Inbox()
     reloader = Reloader(config, lambda: config_of(args))
     systemd = SystemdOutput()
     commands = commands_for(config.commands, inbox)
@@ -112,6 +112,7 @@ def _serve(args: argparse.Namespace, config: Config, terminal: Terminal, stop: S
                 recorder=opened.recorder,
                 viewers=opened.viewers,
                 others=[reloader],
+                on_commands=commands.configure,
             ),
         )
 

@@ -3,7 +3,7 @@
 import threading
 from collections import deque
 from collections.abc import Mapping
-from typing import Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from vo_service.control.errors import CommandError, ErrorCode
 
@@ -11,6 +11,7 @@ MOST_WAITING = 8
 
 Answer = Mapping[str, object]
 C = TypeVar("C")
+C_contra = TypeVar("C_contra", contravariant=True)
 
 
 class Ticket(Generic[C]):
@@ -41,6 +42,14 @@ class Ticket(Generic[C]):
         """It was not."""
         self._error = error
         self._is_answered.set()
+
+
+class TakesIn(Protocol[C_contra]):
+    """What those see of an inbox who only hand in."""
+
+    def submit(self, command: C_contra) -> Ticket[Any]:
+        """See `Inbox`."""
+        ...
 
 
 class Inbox(Generic[C]):

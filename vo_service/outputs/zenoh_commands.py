@@ -1,17 +1,18 @@
 """Commands over Zenoh: `{prefix}/command/NAME`, into the loop's inbox and back."""
 
 import logging
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import zenoh
 
 from vo_service.control.commands import LARGEST_PAYLOAD_BYTES, Command, parse_command
 from vo_service.control.errors import CommandError, ErrorCode
-from vo_service.control.inbox import Inbox, Ticket
+from vo_service.control.inbox import TakesIn, Ticket
 from vo_service.outputs.worker import Wait, Worker
 from vo_service.outputs.zenoh_messages import answer_payload
 from vo_service.outputs.zenoh_questions import MOST_WAITING, answer_questions, refuse, reply
@@ -23,13 +24,14 @@ logger = logging.getLogger(__name__)
 # The loop comes round several times a second; longer than this it does not think about a command.
 ANSWER_LIMIT_S = 5.0
 LOG_PERIOD_S = 60.0
+CLOSE_S = 0.5
 
 
 class Commands(Protocol):
     """What operators may ask."""
 
-    def declare(self, session: zenoh.Session, prefix: str) -> None:
-        """Begin to answer on a session that has just been opened."""
+    def declare(self, session: zenoh.Session, prefix: str) -> list[threading.Thread]:
+        """Begin to answer on a session that has just been opened; the threads that do."""
         ...
 
     def configure(self, settings: CommandSettings) -> None:
@@ -44,8 +46,9 @@ class Commands(Protocol):
 class NoCommands:
     """Nothing."""
 
-    def declare(self, session: zenoh.Session, prefix: str) -> None:
+    def declare(self, session: zenoh.Session, prefix: str) -> list[threading.Thread]:
         """Declare nothing."""
+        return []
 
     def configure(self, settings: CommandSettings) -> None:
         """No limit is needed."""
@@ -60,7 +63,7 @@ class _Asked:
 
     query: zenoh.Query
     key: str
-    ticket: Ticket[Command]
+    ticket: Ticket[Any]
 
 
 class CommandsFor:
@@ -70,17 +73,17 @@ class CommandsFor:
     refuses, another waits for the loop's answers and gives them out, in order.
     """
 
-    def __init__(self, inbox: Inbox[Command], per_second: float) -> None:
+    def __init__(self, inbox: TakesIn[Command], per_second: float) -> None:
         self._inbox = inbox
         self._limit = RateLimit(per_second)
         self._answers: Worker[_Asked] = Worker(
             "zenoh-answers", Wait(MOST_WAITING), _give_out, lambda: None
         )
 
-    def declare(self, session: zenoh.Session, prefix: str) -> None:
+    def declare(self, session: zenoh.Session, prefix: str) -> list[threading.Thread]:
         """See `Commands`."""
         folder = f"{prefix}/command/"
-        answer_questions(session, f"{folder}*", partial(self._take_in, folder))
+        return [answer_questions(session, f"{folder}*", partial(self._take_in, folder))]
 
     def configure(self, settings: CommandSettings) -> None:
         """See `Commands`."""
@@ -88,7 +91,7 @@ class CommandsFor:
 
     def close(self) -> None:
         """See `Commands`; what the loop has not answered by now it will not."""
-        self._answers.close(timeout_s=0.0)
+        self._answers.close(CLOSE_S)
 
     def _take_in(self, folder: str, query: zenoh.Query) -> None:
         key = str(query.key_expr)
@@ -116,7 +119,7 @@ def _give_out(asked: _Asked) -> None:
         reply(asked.query, asked.key, payload)
 
 
-def commands_for(settings: CommandSettings, inbox: Inbox[Command]) -> Commands:
+def commands_for(settings: CommandSettings, inbox: TakesIn[Command]) -> Commands:
     """What the settings ask for."""
     return CommandsFor(inbox, settings.per_second) if settings.enabled else NoCommands()
 

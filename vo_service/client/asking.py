@@ -31,10 +31,9 @@ def ask(
 def ask_json(
     session: zenoh.Session, key: str, timeout_s: float, arguments: Mapping[str, object]
 ) -> Mapping[str, Any]:
-    """The answer to a question, both in JSON; without the version. Raises as `ask`."""
+    """The answer to a question, both in JSON. Raises as `ask`, and ValueError."""
     payload = json.dumps(arguments).encode() if arguments else None
-    answer = read_json(ask(session, key, timeout_s, payload).payload)
-    return {name: value for name, value in answer.items() if name != "schema"}
+    return read_json(ask(session, key, timeout_s, payload).payload)
 
 
 def _refusal(error: zenoh.ReplyError) -> Exception:

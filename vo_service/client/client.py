@@ -129,7 +129,8 @@ class PoseClient:
 
     def schemas(self, timeout_s: float = ANSWER_S) -> Mapping[str, Any]:
         """JSON Schemas of the service's messages, by name. Raises NoAnswer."""
-        return self._ask("schema", timeout_s, {})
+        schemas: Mapping[str, Any] = self._ask("schema", timeout_s, {})["schemas"]
+        return schemas
 
     # Commands. Each raises CommandRefused with what the service said, NoAnswer if nobody answers.
 
@@ -178,7 +179,8 @@ class PoseClient:
         timeout_s: float = ANSWER_S,
     ) -> Mapping[str, Any]:
         """Any command by its name; what it answered."""
-        return self._ask(f"command/{name}", timeout_s, arguments)
+        answer = self._ask(f"command/{name}", timeout_s, arguments)
+        return {key: value for key, value in answer.items() if key != "schema"}
 
     def _ask(self, name: str, timeout_s: float, arguments: Mapping[str, object]) -> Status:
         self.wait_for_publisher(min(TOKEN_S, timeout_s))

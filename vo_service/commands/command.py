@@ -1,4 +1,4 @@
-"""``kinect-vo command``: ask something of a running kinect-vo."""
+"""``kinect-vo command``: ask a running kinect-vo to do something."""
 
 import argparse
 import json
@@ -10,7 +10,7 @@ from vo_service.commands.connection import add_connection_options
 from vo_service.commands.options import seconds
 
 NAME = "command"
-HELP = "ask something of a running kinect-vo: reset, pause, record, ..."
+HELP = "ask a running kinect-vo to reset, pause, tilt, record or save"
 EPILOG = """\
 examples:
   kinect-vo command reset

@@ -1,6 +1,5 @@
 """What readers may ask for: answered from memory, on threads that the loop knows nothing of."""
 
-import json
 import logging
 import threading
 import time
@@ -12,7 +11,7 @@ import zenoh
 
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.outputs.cdr import SCHEMA
-from vo_service.outputs.zenoh_messages import error_payload
+from vo_service.outputs.zenoh_messages import answer_payload, error_payload
 from vo_service.outputs.zenoh_schemas import all_schemas
 from vo_service.token_bucket import TokenBucket
 
@@ -36,8 +35,8 @@ class Memory:
         self.status: bytes | None = None
 
 
-def answer_questions(session: zenoh.Session, key: str, answer: Answer) -> None:
-    """Answer all questions to a key, one after another, until the session closes.
+def answer_questions(session: zenoh.Session, key: str, answer: Answer) -> threading.Thread:
+    """Answer all questions to a key, one after another, on a thread that ends with the session.
 
     Questions wait in Zenoh, not in Python: a flood of them costs the poses nothing. An asker whose
     question is given up gets no answer.
@@ -47,6 +46,7 @@ def answer_questions(session: zenoh.Session, key: str, answer: Answer) -> None:
         target=_answer_all, args=(queryable, answer), name=f"zenoh-{key}", daemon=True
     )
     thread.start()
+    return thread
 
 
 def reply(
@@ -95,11 +95,13 @@ class Questions:
     prefix: str
     memory: Memory
 
-    def declare(self, session: zenoh.Session) -> None:
-        """Begin to answer."""
-        answer_questions(session, f"{self.prefix}/latest", self._latest)
-        answer_questions(session, f"{self.prefix}/status", self._status)
-        answer_questions(session, f"{self.prefix}/schema", self._schema)
+    def declare(self, session: zenoh.Session) -> list[threading.Thread]:
+        """Begin to answer; the threads that do."""
+        answers = {"latest": self._latest, "status": self._status, "schema": self._schema}
+        return [
+            answer_questions(session, f"{self.prefix}/{name}", answer)
+            for name, answer in answers.items()
+        ]
 
     def _latest(self, query: zenoh.Query) -> None:
         if self.memory.pose is None:
@@ -115,4 +117,4 @@ class Questions:
         reply(query, f"{self.prefix}/status", self.memory.status)
 
     def _schema(self, query: zenoh.Query) -> None:
-        reply(query, f"{self.prefix}/schema", json.dumps(all_schemas()).encode())
+        reply(query, f"{self.prefix}/schema", answer_payload({"schemas": all_schemas()}))

@@ -14,6 +14,8 @@ from vo_service.outputs.zenoh_messages import Frames
 from vo_service.outputs.zenoh_questions import CDR, JSON, Questions
 from vo_service.settings import Ros2Settings
 
+THREAD_END_S = 0.5
+
 
 @dataclass(frozen=True)
 class Programme:
@@ -51,8 +53,8 @@ class Station:
         self._ros2 = ros2_output(
             session, programme.ros2, prefix, programme.frames, programme.congestion
         )
-        programme.questions.declare(session)
-        programme.commands.declare(session, prefix)
+        self._threads = programme.questions.declare(session)
+        self._threads += programme.commands.declare(session, prefix)
         self._alive = session.liveliness().declare_token(f"{prefix}/alive")
 
     def pose(self, update: PoseUpdate, payload: bytes, attachment: bytes) -> None:
@@ -89,6 +91,9 @@ class Station:
             self._alive.undeclare()  # type: ignore[no-untyped-call]
             self._ros2.close()
             self.session.close()  # type: ignore[no-untyped-call]
+        # A thread that is still inside Zenoh when Python ends takes the process down with it.
+        for thread in self._threads:
+            thread.join(THREAD_END_S)
 
 
 def _matching(publisher: zenoh.Publisher) -> bool:

@@ -90,7 +90,7 @@ def test_a_command_that_nobody_takes_is_no_answer(lone: Talk) -> None:
 
 def test_an_answer_of_another_version_is_not_read(lone: Talk) -> None:
     _, client = lone
-    answering(lone, "schema", {"schema": 9})
+    answering(lone, "schema", {"schema": 9, "schemas": {}})
     with pytest.raises(ValueError, match="version 9"):
         client.schemas()
 

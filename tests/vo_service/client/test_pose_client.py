@@ -147,7 +147,7 @@ def test_a_lost_pose_is_no_pose_to_use_but_can_be_had(talk: Talk) -> None:
 
 def test_before_anything_came_it_is_said_to_be_silent(talk: Talk) -> None:
     _, client = talk
-    with pytest.raises(NoPose, match="is there but silent"):
+    with pytest.raises(NoPose, match="is there, but nothing comes"):
         client.newest()
 
 

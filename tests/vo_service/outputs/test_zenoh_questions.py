@@ -97,3 +97,10 @@ def test_a_question_that_fails_inside_is_answered_with_an_error(free_port: int) 
         (reply,) = ask(session, "kinect/latest")
         assert content(reply)["error"] == "failed"
         assert answers(session, "kinect/schema")
+
+
+def test_closing_leaves_no_thread_behind(free_port: int) -> None:
+    before = threading.active_count()
+    for _ in range(3):
+        ZenohOutput(config(free_port)).close()
+        assert threading.active_count() == before

@@ -1,0 +1,52 @@
+"""Read poses, status and the last pose with the `zenoh` package alone: nothing of kinect-vo's.
+
+Usage: python plain_zenoh.py [ENDPOINT]
+"""
+
+import json
+import struct
+import sys
+import threading
+
+import zenoh
+
+endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
+settings = {
+    "mode": "peer",
+    "connect": {"endpoints": [endpoint]},
+    "listen": {"endpoints": []},  # Zenoh's own default is every interface
+    "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+}
+
+
+def text_at(body: bytes, offset: int) -> tuple[str, int]:
+    """A CDR string: its length (aligned to 4 bytes), the text, a zero byte."""
+    offset += -offset % 4
+    (length,) = struct.unpack_from("<I", body, offset)
+    end = offset + 4 + length
+    return body[offset + 4 : end - 1].decode(), end
+
+
+def show(sample: zenoh.Sample) -> None:
+    """Decode nav_msgs/msg/Odometry: 4 bytes of header, then the fields in order."""
+    about = json.loads(sample.attachment.to_bytes()) if sample.attachment else {}
+    body = sample.payload.to_bytes()[4:]
+    seconds, nanoseconds = struct.unpack_from("<iI", body)
+    frame, offset = text_at(body, 8)
+    child, offset = text_at(body, offset)
+    numbers = struct.unpack_from("<85d", body, offset + -offset % 8)
+    position, quaternion, covariance = numbers[:3], numbers[3:7], numbers[7:43]
+    twist = numbers[43:49]
+    print(f"{seconds}.{nanoseconds:09d} {frame}->{child} at {position} turned {quaternion}")
+    print(f"  variance of x {covariance[0]:.2e} m2, speed {twist[0]:.3f} m/s, {about}", flush=True)
+
+
+with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
+    for reply in session.get("kinect/status", timeout=5.0):
+        if reply.ok:
+            print("status:", json.loads(reply.ok.payload.to_bytes())["state"], flush=True)
+    for reply in session.get("kinect/latest", timeout=5.0):
+        if reply.err:
+            print("latest:", json.loads(reply.err.payload.to_bytes())["message"], flush=True)
+    subscriber = session.declare_subscriber("kinect/odom", show)
+    threading.Event().wait()

@@ -1,0 +1,28 @@
+"""Write so many seconds of poses to a CSV file, for a spreadsheet or pandas.
+
+Usage: python poses_to_csv.py FILE.csv SECONDS [ENDPOINT]
+"""
+
+import csv
+import sys
+import time
+from pathlib import Path
+
+from vo_service.client import NoPose, PoseClient
+
+file, seconds = Path(sys.argv[1]), float(sys.argv[2])
+endpoint = sys.argv[3] if len(sys.argv) > 3 else "tcp/127.0.0.1:7450"
+header = ["stamp_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "state", "epoch", "missed"]
+
+with file.open("w", newline="") as out, PoseClient(connect=endpoint) as client:
+    rows = csv.writer(out)
+    rows.writerow(header)
+    end_s = time.monotonic() + seconds
+    try:
+        for pose in client.poses(timeout_s=10.0):
+            numbers = [*pose.position_m, *pose.quaternion_xyzw]
+            rows.writerow([pose.stamp_s, *numbers, pose.state, pose.epoch, pose.missed])
+            if time.monotonic() > end_s:
+                break
+    except NoPose as none:
+        sys.exit(f"ten seconds without a pose: {none}")

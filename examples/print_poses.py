@@ -1,0 +1,14 @@
+"""Print every new pose.
+
+Usage: python print_poses.py [ENDPOINT]
+"""
+
+import sys
+
+from vo_service.client import PoseClient
+
+endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
+
+with PoseClient(connect=endpoint) as client:
+    for pose in client.poses():
+        print(pose.stamp_s, pose.position_m, pose.state, flush=True)

@@ -1,0 +1,30 @@
+"""Begin anew at a known place, as when the robot is at its charger.
+
+Usage: python send_command.py [ENDPOINT]
+"""
+
+import sys
+
+import numpy as np
+
+from vo_service.client import CommandRefused, NoAnswer, PoseClient
+
+endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
+
+T_odom_charger = np.array(
+    [
+        [0.0, -1.0, 0.0, 2.0],  # turned to the left, 2 m ahead of odom's origin
+        [1.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+)
+
+with PoseClient(connect=endpoint) as client:
+    try:
+        epoch = client.reset(T_odom_charger)
+    except CommandRefused as refused:
+        sys.exit(f"refused ({refused.code}): {refused}")
+    except NoAnswer as nobody:
+        sys.exit(str(nobody))
+    print(f"epoch {epoch} begins at the charger", flush=True)

@@ -1,0 +1,84 @@
+"""A real `kinect-vo run`, on a recording that goes on for minutes."""
+
+import os
+import re
+import subprocess
+import threading
+from collections.abc import Iterator
+from itertools import chain, cycle, islice
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.conftest import FRAMES
+from tests.vo_service.client.published import free_endpoint
+from tests.vo_service.commands.command_line import KINECT_VO
+from vo_service.client import PoseClient
+
+RATE_HZ = 30
+LENGTH_S = 300
+
+
+@pytest.fixture(scope="session")
+def long_recording(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The short recording there and back, again and again, without a copy of an image."""
+    folder = tmp_path_factory.mktemp("long")
+    for part in ("rgb", "depth", "camera.toml"):
+        (folder / part).symlink_to(recording / part)
+    for part in ("rgb", "depth"):
+        lines = (recording / f"{part}.txt").read_text().splitlines()
+        files = [line.split()[1] for line in lines if not line.startswith("#")]
+        there_and_back = chain(range(FRAMES), range(FRAMES - 2, 0, -1))
+        played = islice(cycle(there_and_back), RATE_HZ * LENGTH_S)
+        rows = [f"{i / RATE_HZ:.6f} {files[k]}\n" for i, k in enumerate(played)]
+        (folder / f"{part}.txt").write_text("".join(rows))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def endpoint(long_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Where the service is, once it publishes poses."""
+    where, folder = free_endpoint(), tmp_path_factory.mktemp("run")
+    config, log = folder / "kinect.toml", folder / "log.txt"
+    config.write_text(
+        f'schema = 1\n[zenoh]\nlisten = ["{where}"]\n[recorder]\nfolder = "{folder}/incidents"\n'
+    )
+    command = [KINECT_VO, "run", "--camera", f"tum:{long_recording}", "--config", str(config)]
+    surroundings = os.environ | {"XDG_STATE_HOME": str(folder), "STATE_DIRECTORY": str(folder)}
+    with log.open("wb") as said:
+        process = subprocess.Popen(command, stdout=said, stderr=said, env=surroundings)
+    try:
+        with PoseClient(connect=where) as client:
+            next(client.poses(timeout_s=60.0))
+        yield where
+        process.terminate()
+        assert process.wait(20) == 0, log.read_text()
+    finally:
+        process.kill()
+        process.wait()
+
+
+class Lines:
+    """What a program prints, line by line; it is killed when that takes too long."""
+
+    def __init__(self, process: "subprocess.Popen[str]", limit_s: float = 40.0) -> None:
+        self._process = process
+        self._timer = threading.Timer(limit_s, process.kill)
+        self._timer.start()
+
+    def until(self, pattern: str) -> "re.Match[str]":
+        """The first line that matches; fails if there is none."""
+        seen: list[Any] = []
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            seen.append(line)
+            if found := re.search(pattern, line):
+                return found
+        raise AssertionError(f"no line with {pattern!r}, but: {seen}")
+
+    def end(self) -> None:
+        """Enough."""
+        self._timer.cancel()
+        self._process.kill()
+        self._process.communicate()

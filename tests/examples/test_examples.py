@@ -1,0 +1,158 @@
+"""Each example, run as its reader would, against a real `kinect-vo run`."""
+
+import csv
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.examples.conftest import Lines
+from tests.json_schema import complaints
+from tests.vo_service.commands.command_line import KINECT_VO
+from vo_service.client import CommandRefused, NoPose, PoseClient, Why
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+NUMBER = r"-?\d+\.?\d*(?:e-?\d+)?"
+
+
+@contextmanager
+def program(name: str, *arguments: object) -> Iterator[Lines]:
+    """An example while it runs."""
+    command = [sys.executable, str(EXAMPLES / name), *(str(argument) for argument in arguments)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    lines = Lines(process)
+    try:
+        yield lines
+    finally:
+        lines.end()
+
+
+def finished(name: str, *arguments: object) -> "subprocess.CompletedProcess[str]":
+    """An example that ends by itself."""
+    command = [sys.executable, str(EXAMPLES / name), *(str(argument) for argument in arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+def kinect_vo(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    """The command line."""
+    return subprocess.run(
+        [KINECT_VO, *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_there_is_a_test_for_every_example() -> None:
+    text = Path(__file__).read_text()
+    assert [file.name for file in EXAMPLES.glob("*.py") if f'("{file.name}"' not in text] == []
+
+
+def test_poses_are_printed(endpoint: str) -> None:
+    with program("print_poses.py", endpoint) as lines:
+        lines.until(rf"^{NUMBER} \[.*\] tracking$")
+        lines.until(rf"^{NUMBER} \[.*\] tracking$")
+
+
+def test_a_loop_drives_while_there_are_poses_and_stops_with_the_reason(endpoint: str) -> None:
+    with PoseClient(connect=endpoint) as client, program("drive.py", endpoint) as lines:
+        lines.until(r"^drive: \d\.\d\d m to go$")
+        client.pause()
+        lines.until("^stop: the service is paused$")
+        client.resume()
+        lines.until("^drive: ")
+
+
+def test_changes_of_the_status_are_said(endpoint: str) -> None:
+    with PoseClient(connect=endpoint) as client, program("watch_status.py", endpoint) as lines:
+        lines.until(r"^tracking: \d+ poses a second")
+        client.pause()
+        lines.until("^lost: .*paused")
+        client.resume()
+        lines.until("^tracking: ")
+
+
+def test_a_command_begins_a_new_epoch_at_the_place_it_names(endpoint: str) -> None:
+    with PoseClient(connect=endpoint) as client:
+        poses = client.poses(timeout_s=30)
+        before = next(poses)
+        done = finished("send_command.py", endpoint)
+        assert (done.stderr, done.returncode) == ("", 0)
+        assert done.stdout == f"epoch {before.epoch + 1} begins at the charger\n"
+        at_the_charger = next(pose for pose in poses if pose.epoch == before.epoch + 1)
+    assert at_the_charger.position_m[0] == pytest.approx(2.0, abs=0.25)
+    assert at_the_charger.quaternion_xyzw[2] == pytest.approx(0.707, abs=0.05)
+
+
+def test_a_command_to_nobody_says_so() -> None:
+    done = finished("send_command.py", "tcp/127.0.0.1:1")
+    assert "no answer within 6 s" in done.stderr
+    assert done.returncode == 1
+
+
+def test_a_spreadsheet_gets_the_poses(endpoint: str, tmp_path: Path) -> None:
+    done = finished("poses_to_csv.py", tmp_path / "poses.csv", 1.0, endpoint)
+    assert (done.stderr, done.returncode) == ("", 0)
+    with (tmp_path / "poses.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) > 3
+    stamps_s = [float(row["stamp_s"]) for row in rows]
+    assert stamps_s == sorted(stamps_s)
+    assert {row["state"] for row in rows} <= {"tracking", "degraded"}
+
+
+def test_plain_zenoh_reads_the_same(endpoint: str) -> None:
+    with program("plain_zenoh.py", endpoint) as lines:
+        lines.until("^status: tracking$")
+        lines.until(r"^\d+\.\d{9} odom->base_link at \(")
+        lines.until("'state': 'tracking'")
+
+
+def test_the_shell_sends_commands_and_hears_why_not(endpoint: str) -> None:
+    done = kinect_vo("command", "pause", "--connect", endpoint)
+    assert (json.loads(done.stdout), done.returncode) == ({"paused": True}, 0)
+    assert kinect_vo("command", "resume", "--connect", endpoint).returncode == 0
+    wrong = kinect_vo("command", "tilt", "tilt_deg=high", "--connect", endpoint)
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+    assert "must be a number from -31 to 31 (bad-request)" in wrong.stderr
+    refused = kinect_vo("command", "tilt", "tilt_deg=3", "--connect", endpoint)
+    assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
+    assert "(not-possible)" in refused.stderr
+
+
+def test_all_that_a_running_service_sends_agrees_with_its_schemas(endpoint: str) -> None:
+    with PoseClient(connect=endpoint) as client:
+        schemas = client.schemas()
+        assert complaints(schemas["status"], dict(client.status())) == []
+        for key, name in (("kinect/latest", "odom-attachment"), ("kinect/status", "status")):
+            check_reply(client, key, schemas[name])
+        for command in ("reset", "pause", "resume", "save-incident"):
+            check_reply(client, f"kinect/command/{command}", schemas[f"{command}-answer"])
+        check_reply(client, "kinect/command/dance", schemas["error"])
+
+
+def check_reply(client: PoseClient, key: str, schema: dict[str, Any]) -> None:
+    """The JSON of a reply (of a pose, its attachment) is valid and has no key of its own."""
+    (reply,) = client._session.get(key, timeout=20)
+    if reply.ok is None:
+        assert reply.err is not None
+        payload = reply.err.payload
+    else:
+        payload = reply.ok.attachment or reply.ok.payload
+    content = json.loads(payload.to_bytes())
+    assert complaints(schema, content) == [], content
+    assert content.keys() <= schema["properties"].keys()
+
+
+def test_what_this_service_cannot_do_is_a_typed_error(endpoint: str) -> None:
+    with PoseClient(connect=endpoint) as client:
+        with pytest.raises(CommandRefused) as caught:
+            client.led("red")
+        assert caught.value.code == "not-possible"
+        client.pause()
+        with pytest.raises(NoPose) as none:
+            next(client.poses(timeout_s=2.0))
+        client.resume()
+    assert none.value.why is Why.PAUSED

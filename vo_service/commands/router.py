@@ -22,6 +22,8 @@ FILE is a Zenoh configuration, such as config/zenoh/fleet-router.json5. Zenoh's 
 takes the same file: zenohd -c fleet-router.json5, in the folder that holds the file and its keys.
 """
 
+_LOOK_S = 0.2
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
@@ -37,5 +39,8 @@ def run(args: argparse.Namespace) -> int:
     with stop_on_signals() as stop, zenoh_log_as_ours(), open_session(config) as session:
         log_visitors(session)
         say(f"router: listening at {', '.join(listening(settings))} (Ctrl-C ends)")
-        stop.event.wait()
+        # Not for ever at once: the kernel may hand the signal to one of Zenoh's threads, and then
+        # nothing wakes this one to act on it.
+        while not stop.event.wait(_LOOK_S):
+            pass
     return 0

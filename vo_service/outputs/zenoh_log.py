@@ -48,14 +48,16 @@ class FloodGate:
 
     def look(self) -> None:
         """Give the summary if it is time. To be called now and then."""
-        if self._now_s() - self._since_s < _PERIOD_S:
-            return
-        if self._held_back:
-            self._tell(f"the like happened {self._held_back} more times in {_PERIOD_S:.0f} s")
-            self._since_s = self._now_s()
-        else:
+        if self._now_s() - self._since_s >= _PERIOD_S and not self.sum_up():
             self._told = []
-        self._held_back = 0
+
+    def sum_up(self) -> bool:
+        """Tell how much was held back; False if nothing was."""
+        if not self._held_back:
+            return False
+        self._tell(f"and {self._held_back} more such refusals")
+        self._since_s, self._held_back = self._now_s(), 0
+        return True
 
 
 @contextmanager
@@ -118,6 +120,7 @@ def _read(readable: int, own: int) -> None:
         for line in lines:
             _take(line, refusals, gate, own)
         rest = rest[:_CHUNK_BYTES]
+    gate.sum_up()
     os.close(readable)
     os.close(own)
 

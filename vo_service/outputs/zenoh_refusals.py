@@ -31,6 +31,7 @@ _MOST_SESSIONS = 1000
 _HANDSHAKE_REASONS = (
     ("peer sent no certificates", "it shows no certificate"),
     ("UnknownIssuer", "its certificate is from an unknown authority"),
+    ("BadSignature", "its certificate is from an unknown authority"),  # of the same name as ours
     ("certificate expired", "its certificate has expired"),
     ("not valid yet", "its certificate is not valid yet; are both clocks right?"),
     ("InvalidPurpose", "its certificate is not one for clients"),

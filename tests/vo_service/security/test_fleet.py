@@ -1,0 +1,114 @@
+"""A fleet on one router with TLS: each robot keeps to its own prefix, and who may do what."""
+
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+
+from tests.belongings import wait_for
+from tests.vo_service.security.tls_network import Network, answers
+
+
+@pytest.fixture
+def router(network: Network) -> Iterator[zenoh.Session]:
+    with network.session("fleet-router.json5", network.server) as session:
+        yield session
+
+
+@pytest.fixture
+def robot1(network: Network, router: zenoh.Session) -> Iterator[zenoh.Session]:
+    """Answers a command and a question, and is alive."""
+    with network.session("fleet-robot.json5", "ours/robot1") as session:
+        for key in ("robot1/command/reset", "robot1/latest"):
+            session.declare_queryable(key, lambda query: query.reply(query.key_expr, b"done"))
+        with session.liveliness().declare_token("robot1/alive"):
+            yield session
+
+
+def reader(network: Network) -> zenoh.Session:
+    return network.session("reader-tls.json5", "ours/reader")
+
+
+def test_one_subscriber_reads_all_robots(network: Network, robot1: zenoh.Session) -> None:
+    heard: set[str] = set()
+    with (
+        network.session("fleet-robot.json5", "ours/robot2") as robot2,
+        reader(network) as session,
+        session.declare_subscriber("*/odom", lambda sample: heard.add(str(sample.key_expr))),
+    ):
+
+        def both_are_heard() -> bool:
+            robot1.put("robot1/odom", b"pose")
+            robot2.put("robot2/odom", b"pose")
+            return heard == {"robot1/odom", "robot2/odom"}
+
+        wait_for(both_are_heard)
+
+
+def test_a_robot_cannot_publish_below_the_prefix_of_another(
+    network: Network, robot1: zenoh.Session
+) -> None:
+    heard: list[tuple[str, bytes]] = []
+    with (
+        reader(network) as session,
+        session.declare_subscriber(
+            "*/odom", lambda sample: heard.append((str(sample.key_expr), sample.payload.to_bytes()))
+        ),
+    ):
+
+        def is_heard() -> bool:
+            robot1.put("robot2/odom", b"forged")
+            robot1.put("*/odom", b"forged")
+            robot1.put("robot1/odom", b"own")
+            return len(heard) > 5
+
+        wait_for(is_heard)
+    assert set(heard) == {("robot1/odom", b"own")}
+
+
+def test_a_robot_cannot_answer_for_another(network: Network, robot1: zenoh.Session) -> None:
+    with (
+        network.session("fleet-robot.json5", "ours/robot2") as robot2,
+        robot2.declare_queryable(
+            "robot1/latest", lambda query: query.reply(query.key_expr, b"forged")
+        ),
+        reader(network) as session,
+    ):
+        assert answers(session, "robot1/latest") == [b"done"]
+
+
+def test_operators_command_a_robot_and_readers_do_not(
+    network: Network, robot1: zenoh.Session
+) -> None:
+    with reader(network) as session:
+        wait_for(lambda: answers(session, "robot1/latest") == [b"done"])
+        assert answers(session, "robot1/command/reset") == []
+        session.put("robot1/odom", b"forged")
+    with network.session("operator-tls.json5", "ours/operator") as operator:
+        wait_for(lambda: answers(operator, "robot1/command/reset") == [b"done"])
+
+
+def test_a_robot_commands_no_other(network: Network, robot1: zenoh.Session) -> None:
+    with network.session("fleet-robot.json5", "ours/robot2") as robot2:
+        wait_for(lambda: bool(robot2.info.links()))
+        assert answers(robot2, "robot1/command/reset") == []
+        assert answers(robot2, "robot1/latest") == []
+
+
+def test_readers_see_which_robots_are_there(network: Network, robot1: zenoh.Session) -> None:
+    def alive() -> list[str]:
+        replies = session.liveliness().get("*/alive", timeout=2)
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok]
+
+    with reader(network) as session:
+        wait_for(lambda: alive() == ["robot1/alive"])
+
+
+def test_a_robot_of_another_authority_is_not_taken_in(
+    network: Network, router: zenoh.Session
+) -> None:
+    strange = network.folder / "strange/operator"
+    (strange / "ca.pem").write_bytes((network.folder / "ours/robot1/ca.pem").read_bytes())
+    with network.session("fleet-robot.json5", "strange/operator") as stranger:
+        assert answers(stranger, "robot1/latest") == []
+        assert list(router.info.links()) == []

@@ -1,0 +1,143 @@
+"""A robot on the network with TLS and rules: who gets in, who may do what, and what it costs."""
+
+import json
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import UserFacingError
+from tests.vo_service.security.tls_network import (
+    HOST,
+    Network,
+    Robot,
+    answers,
+    are_all,
+    heard_poses,
+)
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+
+FLOOD = Path(__file__).with_name("command_flood.py")
+
+
+def refused(network: Network, name: str, identity: str) -> bool:
+    try:
+        network.session(name, identity).close()  # type: ignore[no-untyped-call]
+    except UserFacingError:
+        return True
+    return False
+
+
+def test_a_certificate_of_another_authority_is_refused(network: Network, robot: Robot) -> None:
+    strange, ours = network.folder / "strange/operator", network.folder / "ours/operator"
+    (strange / "ca.pem").write_bytes((ours / "ca.pem").read_bytes())  # it trusts us, not we it
+    assert refused(network, "operator-tls.json5", "strange/operator")
+    assert not refused(network, "operator-tls.json5", "ours/operator")
+
+
+def test_no_certificate_is_refused(network: Network, robot: Robot) -> None:
+    file = network.file("reader-tls.json5", "ours/reader")
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join(line for line in lines if "connect_" not in line))
+    with pytest.raises(UserFacingError):
+        open_session(ZenohConfig(config_file=file, listen=()))
+
+
+def test_plain_tcp_to_the_encrypted_port_is_refused(network: Network, robot: Robot) -> None:
+    file = network.file("reader-tls.json5", "ours/reader")
+    file.write_text(file.read_text().replace("tls/", "tcp/"))
+    with pytest.raises(UserFacingError):
+        open_session(ZenohConfig(config_file=file, listen=()))
+
+
+def test_a_reader_reads_but_cannot_command(network: Network, robot: Robot) -> None:
+    with network.session("reader-tls.json5", "ours/reader") as reader:
+        with heard_poses(reader):
+            assert answers(reader, "kinect/latest")
+            assert answers(reader, "kinect/command/reset") == []
+            assert answers(reader, "kinect/command/pause") == []
+        assert [
+            str(reply.ok.key_expr)
+            for reply in reader.liveliness().get("*/alive", timeout=5)
+            if reply.ok
+        ] == ["kinect/alive"]
+    assert robot.obeyed == []
+
+
+def test_an_operator_is_obeyed(network: Network, robot: Robot) -> None:
+    with network.session("operator-tls.json5", "ours/operator") as operator:
+        (answer,) = answers(operator, "kinect/command/reset")
+    assert json.loads(answer)["schema"] == 1
+    assert len(robot.obeyed) == 1
+
+
+def test_a_certificate_that_no_rule_names_gets_nothing(network: Network, robot: Robot) -> None:
+    with network.session("reader-tls.json5", "ours/robot1") as nobody:
+        heard: list[object] = []
+        with nobody.declare_subscriber("kinect/odom", heard.append):
+            assert answers(nobody, "kinect/latest") == []
+            assert answers(nobody, "kinect/status") == []
+            time.sleep(0.3)
+    assert heard == []
+
+
+def test_nobody_else_can_publish_poses(network: Network, robot: Robot) -> None:
+    with (
+        network.session("operator-tls.json5", "ours/operator") as operator,
+        network.session("reader-tls.json5", "ours/reader") as reader,
+        heard_poses(reader) as heard,
+    ):
+        for _ in range(20):
+            operator.put("kinect/odom", b"forged")
+            time.sleep(0.02)
+    assert are_all(heard)
+
+
+def test_programs_on_the_robot_need_no_certificate(network: Network, robot: Robot) -> None:
+    here = ZenohConfig(listen=(), connect=(f"tcp/{HOST}:{network.local_port}",))
+    with open_session(here) as session, heard_poses(session):
+        assert answers(session, "kinect/command/reset")
+
+
+@pytest.mark.parametrize("payload", [b"{", b"[1]", b'{"T_odom_base": 7}', b"\xff\xfe", b" " * 5000])
+def test_a_command_that_is_malformed_is_answered_with_an_error(
+    network: Network, robot: Robot, payload: bytes
+) -> None:
+    with network.session("operator-tls.json5", "ours/operator") as operator:
+        (answer,) = answers(operator, "kinect/command/reset", payload)
+    assert json.loads(answer)["error"] == "bad-request"
+    assert robot.obeyed == []
+
+
+def test_a_command_of_enormous_size_never_reaches_the_service(
+    network: Network, robot: Robot
+) -> None:
+    with network.session("operator-tls.json5", "ours/operator") as operator:
+        assert answers(operator, "kinect/command/reset", b" " * 100_000) == []
+        assert answers(operator, "kinect/command/reset")
+    assert len(robot.obeyed) == 1
+
+
+@pytest.mark.parametrize("flooder", ["operator", "reader"])
+def test_a_flood_of_commands_costs_a_healthy_subscriber_no_pose(
+    network: Network, robot: Robot, flooder: str
+) -> None:
+    file = network.file(f"{flooder}-tls.json5", f"ours/{flooder}")
+    with network.session("reader-tls.json5", "ours/reader") as reader, heard_poses(reader) as heard:
+        done = subprocess.run(
+            [sys.executable, str(FLOOD), str(file), "1.5"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        sent = int(done.stdout)
+        enough = threading.Event()
+        while len(heard) < 50:
+            enough.wait(0.02)
+    assert are_all(heard)
+    assert sent > 200
+    assert len(robot.obeyed) < 60
+    assert flooder == "operator" or not robot.obeyed

@@ -1,0 +1,52 @@
+"""Nothing is open beyond this computer unless somebody says so: the real service, looked at."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.belongings import children_of, wait_for
+from tests.vo_service.outputs.conftest import listening
+from tests.vo_service.played_service import PlayedService, running_service
+
+__all__ = ["listening"]
+
+
+@pytest.fixture(scope="module")
+def service(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlayedService]:
+    """``kinect-vo run`` with all its defaults but the number of the port."""
+    folder = tmp_path_factory.mktemp("service")
+    with running_service(folder, {}, source=f"tum:{recording}") as service:
+        wait_for(lambda: bool(service.heard.statuses), "for a status")
+        yield service
+
+
+def processes(service: PlayedService) -> list[int]:
+    """The service and all that it has started."""
+    found = [service.process.pid]
+    for process in found:
+        found += children_of(process)
+    return found
+
+
+def test_it_listens_on_loopback_alone(
+    service: PlayedService, listening: Callable[[int], set[str]]
+) -> None:
+    addresses = {address for process in processes(service) for address in listening(process)}
+    assert addresses == {"127.0.0.1"}
+
+
+def test_it_has_no_udp_socket_and_so_is_in_no_multicast_group(service: PlayedService) -> None:
+    datagrams = {
+        line.split()[9]
+        for table in ("udp", "udp6", "raw", "raw6")
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
+    }
+    sockets = {
+        str(fd.readlink())[8:-1]
+        for process in processes(service)
+        for fd in Path(f"/proc/{process}/fd").iterdir()
+        if str(fd.readlink()).startswith("socket:[")
+    }
+    assert sockets
+    assert not sockets & datagrams

@@ -1,0 +1,136 @@
+"""A network with keys of its own: the project's Zenoh files, with addresses of this computer."""
+
+import json
+import shutil
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import zenoh
+
+from vo_service.certificates.authority import Authority
+from vo_service.control.commands import Command
+from vo_service.control.inbox import Inbox
+from vo_service.outputs.output import PoseUpdate
+from vo_service.outputs.zenoh_commands import commands_for
+from vo_service.outputs.zenoh_output import Extras, ZenohOutput
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.settings import CommandSettings
+
+FILES = Path(__file__).parents[3] / "config" / "zenoh"
+HOST = "127.0.0.1"
+CLIENTS = ("reader", "operator", "robot1", "robot2")
+DAYS = 2
+
+
+def make_keys(folder: Path) -> Path:
+    """An authority with a server, its clients, and a stranger's authority beside it."""
+    ours, strange = Authority(folder / "ours"), Authority(folder / "strange")
+    ours.certify_server([HOST, "localhost"], DAYS)
+    for name in CLIENTS:
+        ours.certify_client(name, DAYS)
+    strange.certify_client("operator", DAYS)
+    return folder
+
+
+@dataclass(frozen=True)
+class Network:
+    """Where the files are, and the ports that stand for the ones that robot-tls.json5 names."""
+
+    folder: Path
+    tls_port: int
+    local_port: int
+
+    def file(self, name: str, identity: str) -> Path:
+        """A Zenoh file of the project, beside the keys of ours/NAME or strange/NAME."""
+        text = (FILES / name).read_text()
+        # Robots of a fleet are many on this one computer.
+        local_port = self.local_port if name == "robot-tls.json5" else free_port()
+        for written, here in {
+            "0.0.0.0:7451": f"{HOST}:{self.tls_port}",
+            "robot1.local:7451": f"{HOST}:{self.tls_port}",
+            "0.0.0.0:7447": f"{HOST}:{self.tls_port}",
+            "router.local:7447": f"{HOST}:{self.tls_port}",
+            "127.0.0.1:7450": f"{HOST}:{local_port}",
+        }.items():
+            text = text.replace(written, here)
+        file = self.folder / identity / name
+        file.write_text(text)
+        return file
+
+    def session(self, name: str, identity: str) -> zenoh.Session:
+        """A session as a user would have it with that file and those keys."""
+        return open_session(ZenohConfig(config_file=self.file(name, identity), listen=()))
+
+    @property
+    def server(self) -> str:
+        """Whose keys the listening side has."""
+        return f"ours/{HOST}"
+
+
+def new_network(keys: Path, folder: Path) -> Network:
+    """Copies of the keys, which a test may change, and free ports."""
+    shutil.copytree(keys, folder, dirs_exist_ok=True)
+    return Network(folder, free_port(), free_port())
+
+
+class Robot:
+    """The service's publisher, thirty poses a second, with a loop that carries out any command."""
+
+    def __init__(self, file: Path, make_update: Callable[..., PoseUpdate]) -> None:
+        self.stop = threading.Event()
+        self.obeyed: list[Command] = []
+        self._make_update = make_update
+        self._inbox: Inbox[Command] = Inbox()
+        commands = commands_for(CommandSettings(), self._inbox)
+        config = ZenohConfig(config_file=file)
+        self._output = ZenohOutput(config, extras=Extras(commands))
+
+    def run(self) -> None:
+        """Until `stop` is set."""
+        seq = 0
+        while not self.stop.wait(1 / 30):
+            self._output.pose(self._make_update(seq))
+            seq += 1
+            for ticket in self._inbox.take():
+                self.obeyed.append(ticket.command)
+                ticket.done({})
+        self._output.close()
+
+
+@contextmanager
+def heard_poses(session: zenoh.Session) -> Iterator[list[int]]:
+    """Numbers of the poses that come while the block runs, once the first has come."""
+    heard: list[int] = []
+    first = threading.Event()
+
+    def take(sample: zenoh.Sample) -> None:
+        assert sample.attachment is not None
+        heard.append(json.loads(sample.attachment.to_bytes())["seq"])
+        first.set()
+
+    with session.declare_subscriber("*/odom", take):
+        assert first.wait(10), "no pose came"
+        yield heard
+
+
+def are_all(heard: list[int]) -> bool:
+    """Whether none is missing between the first and the last, and none came twice."""
+    return heard == list(range(heard[0], heard[0] + len(heard)))
+
+
+def free_port() -> int:
+    """A port of 127.0.0.1 that the kernel has just found free."""
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def answers(session: zenoh.Session, key: str, payload: bytes = b"{}") -> list[bytes]:
+    """What comes back for a question within two seconds: answers and typed errors alike."""
+    replies = session.get(key, payload=payload, timeout=2.0)
+    return [(reply.ok or reply.err).payload.to_bytes() for reply in replies]  # type: ignore[union-attr]

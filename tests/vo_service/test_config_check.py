@@ -1,0 +1,98 @@
+"""``config check``: what a configuration relies on is looked at before anyone relies on it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import InputError
+from tests.belongings import open_files
+from tests.vo_service.security.tls_network import FILES, HOST, make_keys, new_network
+from vo_service.config_check import check_config
+
+
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_keys(tmp_path_factory.mktemp("keys"))
+
+
+def config(folder: Path, text: str) -> Path:
+    file = folder / "kinect.toml"
+    file.write_text(f"schema = 1\n{text}")
+    return file
+
+
+def test_all_defaults_are_right(tmp_path: Path) -> None:
+    assert check_config(config(tmp_path, "")) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('[camera]\nsource = "freenect"\nfile = "none.toml"', "none.toml: cannot be read"),
+        ('[camera]\nsource = "synthetic"\nfile = "any.toml"', "knows its own camera"),
+        ('[camera]\nsource = "tum:nowhere"', "`camera.source`: nowhere is not there"),
+        ('[rerun]\ntargets = ["serf"]', "'serf' is none"),
+        ('[rerun]\ntargets = ["nowhere/a.rrd"]', "there is no folder nowhere"),
+        ('[zenoh]\nlisten = ["tcp/127.0.0.1:99999"]', "is no endpoint"),
+        ('[zenoh]\nconnect = ["tpc/127.0.0.1:7450"]', "is no endpoint"),
+        ('[zenoh]\nlisten = ["tls/127.0.0.1:7450"]', "to listen with TLS"),
+        ('[zenoh]\nconfig_file = "/none.json5"', "/none.json5: cannot read"),
+    ],
+)
+def test_each_mistake_is_one_line_that_names_it(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        check_config(config(tmp_path, text))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_anyone_may_connect_to_is_warned_of(tmp_path: Path) -> None:
+    (warning,) = check_config(config(tmp_path, '[zenoh]\nlisten = ["tcp/0.0.0.0:7450"]'))
+    assert "anyone in the network may connect to tcp/0.0.0.0:7450" in warning
+
+
+@pytest.mark.parametrize("name", sorted(file.name for file in FILES.iterdir()))
+def test_the_ready_made_files_are_right_beside_their_keys(
+    tmp_path: Path, keys: Path, name: str
+) -> None:
+    file = new_network(keys, tmp_path).file(name, f"ours/{HOST}")
+    assert check_config(config(tmp_path, f'[zenoh]\nconfig_file = "{file}"')) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda text: text.replace('"be read"]', '"be red"]'),
+            "Rule 'be red' in policy #0 does not",
+        ),
+        (lambda text: text.replace('"tls.key"', '"other.key"'), "key values mismatch"),
+        (lambda text: text.replace('"tls.pem"', '"robot-tls.json5"'), "give PEM files"),
+        (lambda text: text.replace("key_exprs", "keys"), "not a Zenoh configuration"),
+    ],
+)
+def test_a_mistake_in_the_zenoh_file_is_found(
+    tmp_path: Path, keys: Path, change: Callable[[str], str], words: str
+) -> None:
+    network = new_network(keys, tmp_path)
+    file = network.file("robot-tls.json5", network.server)
+    other = (tmp_path / "ours/reader/tls.key").read_bytes()
+    file.with_name("other.key").write_bytes(other)
+    file.write_text(change(file.read_text()))
+    with pytest.raises(InputError) as caught:
+        check_config(config(tmp_path, f'[zenoh]\nconfig_file = "{file}"'))
+    assert words in str(caught.value)
+    assert str(file) in str(caught.value)
+
+
+def test_nothing_is_opened(tmp_path: Path, keys: Path) -> None:
+    network = new_network(keys, tmp_path)
+    file = network.file("robot-tls.json5", network.server)
+    configuration = config(tmp_path, f'[zenoh]\nconfig_file = "{file}"')
+    check_config(configuration)  # Zenoh's threads, which it starts once, have files of their own
+    before = open_files()
+    check_config(configuration)
+    assert open_files() <= before
+    port = f":{network.tls_port:04X} "
+    assert port not in Path("/proc/net/tcp").read_text()

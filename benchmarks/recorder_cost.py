@@ -1,0 +1,212 @@
+"""What the flight recorder costs: CPU time a frame in both processes, memory, and an incident.
+
+    python -m benchmarks.recorder_cost [--folder RECORDING] [--seconds 15] [--rate 30] [--json]
+
+Frames that are in memory already are given to it at the rate of a camera: 640x480 with noise in
+colour and depth, or those of a recording in TUM format. `here` is the process of the service, in
+which nothing else is done; `there` is the recorder's own. Three spells: it only remembers; it
+records as well; it writes an incident at the beginning. Memory is
+without the ring, which both share.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import json
+import re
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import count, islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.camera import EndOfStream, PinholeCamera, RgbdFrame
+from drivers.tum.camera import TumCamera
+from vo_service.control.errors import CommandError
+from vo_service.odometry.estimate import Estimate
+from vo_service.outputs.output import PoseUpdate, TrackingState
+from vo_service.recorder.recorder import FlightRecorder
+from vo_service.settings import RecorderSettings
+
+KEPT_IMAGES = 60
+TICKS_S = 0.01  # of /proc/PID/stat
+
+
+@dataclass(frozen=True)
+class Spell:
+    """Milliseconds of CPU time a frame, frames that were missed, megabytes in RAM at its end.
+
+    ring_mb  shared by both; the other two are without it
+    """
+
+    name: str
+    here_ms: float
+    there_ms: float
+    missed: int
+    here_mb: float
+    there_mb: float
+    ring_mb: float
+
+
+class Player:
+    """Gives frames to a recorder, at a rate, and measures."""
+
+    def __init__(self, recorder: FlightRecorder, frames: Sequence[RgbdFrame], rate: float) -> None:
+        self._recorder, self._rate = recorder, rate
+        (self._there,) = _children()
+        self._frames = (
+            replace(frames[seq % len(frames)], seq=seq, stamp_s=1e6 + seq / rate) for seq in count()
+        )
+
+    def play(self, name: str, seconds: float) -> Spell:
+        """Measure a spell."""
+        missed, here_s, there_s = self._recorder.missed, time.process_time(), self._cpu_there_s()
+        frames = int(seconds * self._rate)
+        due_s = time.monotonic()
+        for frame in islice(self._frames, frames):
+            time.sleep(max(0.0, due_s - time.monotonic()))
+            due_s += 1.0 / self._rate
+            self._recorder.pose(_update(frame))
+        return Spell(
+            name,
+            here_ms=(time.process_time() - here_s) / frames * 1e3,
+            there_ms=(self._cpu_there_s() - there_s) / frames * 1e3,
+            missed=self._recorder.missed - missed,
+            here_mb=_own_mb("self"),
+            there_mb=_own_mb(str(self._there)),
+            ring_mb=_resident_mb("self", "RssShmem"),
+        )
+
+    def _cpu_there_s(self) -> float:
+        fields = Path(f"/proc/{self._there}/stat").read_text().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) * TICKS_S
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.recorder_cost",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--folder", type=Path, help="recording whose frames are used")
+    parser.add_argument("--seconds", type=float, default=15.0, help="of each spell")
+    parser.add_argument("--rate", type=float, default=30.0, help="frames a second")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    args = parser.parse_args()
+    frames = _recorded(args.folder) if args.folder else [_made_up(seq) for seq in range(8)]
+    with tempfile.TemporaryDirectory() as state:
+        spells, incident_s, incident_mb = _measure(Path(state), frames, args.seconds, args.rate)
+    if args.json:
+        spells_told = [asdict(spell) for spell in spells]
+        print(json.dumps({"spells": spells_told, "incident_s": incident_s, "mb": incident_mb}))
+        return
+    print("ms per frame        CPU here  CPU there  missed  MB here  MB there  MB ring")
+    for spell in spells:
+        print(
+            f"{spell.name:18}{spell.here_ms:10.2f}{spell.there_ms:11.2f}{spell.missed:8d}"
+            f"{spell.here_mb:9.0f}{spell.there_mb:10.0f}{spell.ring_mb:9.0f}"
+        )
+    print(f"an incident took {incident_s:.1f} s and {incident_mb:.0f} MB of disk")
+
+
+def _measure(
+    state: Path, frames: Sequence[RgbdFrame], seconds: float, rate: float
+) -> tuple[list[Spell], float, float]:
+    """The spells; how long an incident took, and its megabytes."""
+    recorder = FlightRecorder(RecorderSettings(), state, {}, lambda: 0.0)
+    try:
+        while not recorder.is_up:
+            time.sleep(0.1)
+        player = Player(recorder, frames, rate)
+        player.play("filling", 6.0)
+        spells = [player.play("remembering", seconds)]
+        recorder.start_recording("trial")
+        spells.append(player.play("recording", seconds))
+        recorder.stop_recording()
+        begin_s = time.monotonic()
+        folder = Path(_saved(recorder))
+        spells.append(player.play("with an incident", seconds))
+        incident_s = folder.stat().st_ctime - (time.time() - (time.monotonic() - begin_s))
+        size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    finally:
+        recorder.close()
+    return spells, incident_s, size / 1e6
+
+
+def _saved(recorder: FlightRecorder) -> str:
+    while True:
+        try:
+            return recorder.save("benchmark")
+        except CommandError:
+            time.sleep(0.1)
+
+
+def _recorded(folder: Path) -> list[RgbdFrame]:
+    """The first frames of a recording."""
+    frames: list[RgbdFrame] = []
+    with TumCamera(folder) as camera:
+        while len(frames) < KEPT_IMAGES:
+            try:
+                frames.append(camera.read(30.0))
+            except EndOfStream:
+                break
+    return frames
+
+
+def _made_up(seq: int) -> RgbdFrame:
+    """A slanted wall of blobs, with a Kinect's noise in both images."""
+    random = np.random.default_rng(seq)
+    blobs = cv2.resize(random.integers(0, 255, (48, 64, 3), np.uint8), (640, 480))
+    colour = np.clip(blobs + random.normal(0.0, 2.0, blobs.shape), 0, 255).astype(np.uint8)
+    wall_mm = np.linspace(1500.0, 3500.0, 640) + random.normal(0.0, 8.0, (480, 640))
+    depth = wall_mm.astype(np.uint16)
+    depth[random.random(depth.shape) < 0.05] = 0
+    camera = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
+    return RgbdFrame(seq, 0.0, 0.0, colour, depth, 1000.0, camera)
+
+
+def _update(frame: RgbdFrame) -> PoseUpdate:
+    nowhere, unsure = np.eye(4), np.eye(6)
+    return PoseUpdate(
+        seq=frame.seq,
+        stamp_s=frame.stamp_s,
+        state=TrackingState.TRACKING,
+        reason="",
+        epoch=1,
+        T_world_camera=nowhere,
+        T_odom_base=nowhere,
+        pose_covariance=unsure,
+        twist=np.zeros(6),
+        twist_covariance=unsure,
+        frame=frame,
+        estimate=Estimate(True, "", nowhere, nowhere, unsure),
+        stage_ms={},
+        latency_s=0.0,
+    )
+
+
+def _children() -> list[int]:
+    lists = Path("/proc/self/task").glob("*/children")
+    return [int(number) for each in lists for number in each.read_text().split()]
+
+
+def _own_mb(process: str) -> float:
+    """Memory of a process in RAM without what it shares."""
+    return _resident_mb(process, "RssAnon") + _resident_mb(process, "RssFile")
+
+
+def _resident_mb(process: str, kind: str) -> float:
+    found = re.search(rf"{kind}:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
+    assert found is not None
+    return int(found[1]) / 1e3
+
+
+if __name__ == "__main__":
+    main()

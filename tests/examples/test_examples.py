@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -144,6 +145,26 @@ def check_reply(client: PoseClient, key: str, schema: dict[str, Any]) -> None:
     content = json.loads(payload.to_bytes())
     assert complaints(schema, content) == [], content
     assert content.keys() <= schema["properties"].keys()
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/messages.md"])
+def test_a_program_in_the_documentation_runs_as_it_stands(endpoint: str, page: str) -> None:
+    text = (EXAMPLES.parent / page).read_text()
+    programs = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    assert programs
+    for code in programs:
+        # Elsewhere than the service of somebody who works on this computer, and not for so long.
+        here = code.replace("tcp/127.0.0.1:7450", endpoint).replace("sleep(10)", "sleep(1)")
+        here = here.replace("PoseClient()", f"PoseClient(connect={endpoint!r})")
+        process = subprocess.Popen(
+            [sys.executable, "-u", "-c", here], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            text=True,
+        )  # fmt: skip
+        lines = Lines(process)
+        try:
+            lines.until("tracking|degraded")
+        finally:
+            lines.end()
 
 
 def test_what_this_service_cannot_do_is_a_typed_error(endpoint: str) -> None:

@@ -62,6 +62,17 @@ def children_of(process: int) -> list[int]:
     return [int(number) for each in lists for number in _text(each).split()]
 
 
+def child_running(process: int, module: str) -> int:
+    """The child of a process that runs a Python module; fails unless there is exactly one."""
+    (found,) = (c for c in children_of(process) if module in command_of(c))
+    return found
+
+
+def command_of(process: int) -> list[str]:
+    """The command line of a process; [] once it has ended."""
+    return _text(Path(f"/proc/{process}/cmdline")).split("\0")[:-1]
+
+
 def resident_kb(process: int) -> int:
     """Memory of a process that is in RAM."""
     status = Path(f"/proc/{process}/status").read_text()

@@ -14,6 +14,7 @@ def check_heard(heard: Subscriber, log: str = "") -> None:
 
     `heard` is of one life of one service, `log` all that it has said.
     """
+    assert not heard.unreadable
     check_in_order(heard.poses)
     check_no_silent_stop(heard.statuses)
     assert "Traceback" not in log, log

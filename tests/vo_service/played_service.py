@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.belongings import belongings_of, children_of
+from tests.belongings import belongings_of, child_running
 from tests.vo_service.subscriber import Status, Subscriber
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
@@ -43,9 +43,8 @@ class PlayedService:
 
     @property
     def driver(self) -> int:
-        """Process number of the driver; fails unless there is exactly one process."""
-        (found,) = children_of(self.process.pid)
-        return found
+        """Process number of the driver; fails unless there is exactly one."""
+        return child_running(self.process.pid, "drivers.isolation.child")
 
     def belongings(self) -> Counter[str]:
         """Open files, threads, mapped frames and processes (zombies too) of the service."""
@@ -120,7 +119,11 @@ def running_service(
     heard = Subscriber()
     with log.open("wb") as said:
         process = subprocess.Popen(
-            command, env=os.environ | environment, stdout=said, stderr=said, start_new_session=True
+            command,
+            env={**os.environ, "STATE_DIRECTORY": str(folder / "state"), **environment},
+            stdout=said,
+            stderr=said,
+            start_new_session=True,
         )
     try:
         _until_listening(port, process, log)

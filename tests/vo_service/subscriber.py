@@ -4,7 +4,8 @@ import json
 import math
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -42,6 +43,10 @@ class HeardStatus:
         """Whether it gives this as the reason for having no camera."""
         return self.content["state"] == "no_camera" and words in self.content["reason"]
 
+    def warns(self, words: str) -> bool:
+        """Whether one of its warnings has these words."""
+        return any(words in warning for warning in self.content["warnings"])
+
 
 class Subscriber:
     """Keeps all poses and statuses of one publisher, in the order in which they came."""
@@ -49,10 +54,32 @@ class Subscriber:
     def __init__(self) -> None:
         self.poses: list[HeardPose] = []
         self.statuses: list[HeardStatus] = []
+        self.unreadable: list[str] = []
         self._news = threading.Condition()
 
     def take_pose(self, sample: zenoh.Sample) -> None:
+        """From Zenoh, which would only print what is raised."""
+        with self._noting_what_cannot_be_read(sample):
+            self._take_pose(sample)
+
+    def take_status(self, sample: zenoh.Sample) -> None:
         """From Zenoh."""
+        with self._noting_what_cannot_be_read(sample):
+            self._take_status(sample)
+
+    def wait_for(self, holds: Callable[[], bool], limit_s: float) -> bool:
+        """Until something holds of what was heard; False if it does not in time."""
+        with self._news:
+            return self._news.wait_for(holds, limit_s)
+
+    @contextmanager
+    def _noting_what_cannot_be_read(self, sample: zenoh.Sample) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:
+            self.unreadable.append(f"{sample.key_expr}: {error!r}")
+
+    def _take_pose(self, sample: zenoh.Sample) -> None:
         heard_s = time.monotonic()
         message = decode_odometry(sample.payload.to_bytes())
         attachment = sample.attachment
@@ -72,17 +99,11 @@ class Subscriber:
             self.poses.append(pose)
             self._news.notify_all()
 
-    def take_status(self, sample: zenoh.Sample) -> None:
-        """From Zenoh."""
+    def _take_status(self, sample: zenoh.Sample) -> None:
         content = strict_json(sample.payload.to_bytes())
         with self._news:
             self.statuses.append(HeardStatus(time.monotonic(), content))
             self._news.notify_all()
-
-    def wait_for(self, holds: Callable[[], bool], limit_s: float) -> bool:
-        """Until something holds of what was heard; False if it does not in time."""
-        with self._news:
-            return self._news.wait_for(holds, limit_s)
 
 
 def strict_json(payload: bytes) -> Any:

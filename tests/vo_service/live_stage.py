@@ -1,0 +1,110 @@
+"""A place for a service that lives more than once: its files, its port, and one who listens to it.
+
+The camera is the virtual Kinect, small and still: what goes wrong here is all around it.
+"""
+
+import json
+import os
+import subprocess
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tests.vo_service.heard_check import check_heard
+from tests.vo_service.played_service import KINECT_VO, PATIENCE_S, PlayedService, free_port
+from tests.vo_service.subscriber import Subscriber
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+
+CAMERA = """
+[camera]
+source = "synthetic"
+[synthetic]
+motion = "still"
+duration_s = 0.2
+loop = true
+texel_m = 0.01
+camera = { width = 320, height = 240, fx = 262.5, fy = 262.5, cx = 159.5, cy = 119.5 }
+colour = { distortion = [0.0, 0.0, 0.0, 0.0, 0.0], exposure_s = 0.0, smooth_edges = false }
+"""
+
+
+class LiveStage:
+    """Starts services, one after another, and keeps what is heard of each."""
+
+    def __init__(self, folder: Path, films: Path, more_config: str) -> None:
+        """`films` keeps what is rendered. `more_config` goes on with ``[zenoh]``, then more."""
+        self.port = free_port()
+        self.config = folder / "kinect.toml"
+        self._folder = folder
+        self._environment = {
+            **os.environ,
+            "STATE_DIRECTORY": str(folder / "state"),
+            "CACHE_DIRECTORY": str(films),
+        }
+        self._lives: list[PlayedService] = []
+        listen = f'[zenoh]\nlisten = ["tcp/127.0.0.1:{self.port}"]\n'
+        self.good_config = f"schema = 1\n{listen}{more_config}"
+        self.config.write_text(self.good_config)
+        connect = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{self.port}",))
+        self.session = open_session(connect)
+        self._heard = Subscriber()
+        self.session.declare_subscriber("kinect/odom", lambda s: self._heard.take_pose(s))
+        self.session.declare_subscriber("kinect/status", lambda s: self._heard.take_status(s))
+
+    @property
+    def state_folder(self) -> Path:
+        """Where the service keeps incidents and recordings."""
+        return self._folder / "state"
+
+    @property
+    def service(self) -> PlayedService:
+        """The one that was started last."""
+        return self._lives[-1]
+
+    def start(self, *options: str) -> PlayedService:
+        """Start the service; the one before must be dead."""
+        assert not self._lives or self.service.process.poll() is not None
+        self._heard = Subscriber()
+        log = self._folder / f"log-{len(self._lives)}.txt"
+        command = [KINECT_VO, "run", "--config", str(self.config), *options]
+        with log.open("wb") as said:
+            process = subprocess.Popen(
+                command, env=self._environment, stdout=said, stderr=said, start_new_session=True
+            )
+        self._lives.append(PlayedService(process, self._heard, log, self.port))
+        return self.service
+
+    def ask(self, command: str, **arguments: object) -> Mapping[str, Any]:
+        """Send a command; its answer. Fails if it is refused."""
+        payload = json.dumps(arguments).encode()
+        replies: Any = self.session.get(
+            f"kinect/command/{command}", payload=payload, timeout=PATIENCE_S
+        )
+        (reply,) = replies
+        assert reply.ok is not None, reply.err.payload.to_string()
+        answer: Mapping[str, Any] = json.loads(reply.ok.payload.to_bytes())
+        return answer
+
+    def check(self) -> None:
+        """See `check_heard`: every life of the service."""
+        for life in self._lives:
+            check_heard(life.heard, life.log)
+
+    def close(self) -> None:
+        """Kill what still runs."""
+        for life in self._lives:
+            life.process.kill()
+            life.process.wait()
+        self.session.close()  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def live_stage(folder: Path, films: Path, more_config: str = CAMERA) -> Iterator[LiveStage]:
+    """A stage without a service yet; whatever was started on it is killed at the end."""
+    folder.mkdir(parents=True, exist_ok=True)
+    stage = LiveStage(folder, films, more_config)
+    try:
+        yield stage
+    finally:
+        stage.close()

@@ -1,0 +1,87 @@
+"""Faults around a service that streams, through all of which it goes on; and its deaths."""
+
+import json
+import os
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from tests.belongings import children_of, is_alive, wait_for
+from tests.stand_ins.zenoh_router import running_router
+from tests.vo_service.live_faults import LIVE_FAULTS, Around, LiveFault, pass_through
+from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
+from tests.vo_service.played_service import PATIENCE_S, START_LIMIT_S, free_port
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache for what is rendered."""
+    return tmp_path_factory.mktemp("films")
+
+
+@pytest.fixture(scope="module")
+def around(films: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Around]:
+    """A service on a router; it must live to the end, and then end in order."""
+    folder, router_at = tmp_path_factory.mktemp("around"), f"tcp/127.0.0.1:{free_port()}"
+    config = f"connect = {json.dumps([router_at])}\n{CAMERA}"
+    with running_router(router_at) as router, live_stage(folder, films, config) as stage:
+        service = stage.start()
+        service.until_streaming(time.monotonic(), START_LIMIT_S)
+        yield Around(stage, router)
+        assert service.end() == 0
+        stage.check()
+
+
+@pytest.fixture
+def stage(films: Path, tmp_path: Path) -> Iterator[LiveStage]:
+    """A stage of its own."""
+    with live_stage(tmp_path / "stage", films) as stage:
+        yield stage
+
+
+@pytest.mark.parametrize("fault", LIVE_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
+def test_a_fault_around_the_service_is_said_and_costs_no_pose(
+    fault: LiveFault, around: Around
+) -> None:
+    heard = around.stage.service.heard
+    first = len(heard.poses)
+    pass_through(fault, around)
+    assert heard.wait_for(lambda: len(heard.poses) > first + 5, PATIENCE_S)
+    poses = heard.poses[first:]
+    assert all(after.seq == before.seq + 1 for before, after in pairwise(poses))
+    assert {pose.state for pose in poses} == {"tracking"}
+
+
+def test_a_service_that_was_killed_leaves_nothing_behind_and_is_heard_again_once_it_is_started(
+    stage: LiveStage,
+) -> None:
+    service = stage.start()
+    service.until_streaming(time.monotonic(), START_LIMIT_S)
+    children = children_of(service.process.pid)
+    os.kill(service.process.pid, signal.SIGKILL)
+    service.process.wait()
+    again = stage.start()
+    again.until_streaming(time.monotonic(), START_LIMIT_S)
+    wait_for(lambda: not any(is_alive(child) for child in children), "for its children to go")
+    assert again.heard.poses[0].seq < service.heard.poses[-1].seq
+    assert again.end() == 0
+    stage.check()
+
+
+def test_a_port_that_is_taken_is_said_and_waited_for(stage: LiveStage) -> None:
+    with socket.socket() as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        taken.bind(("127.0.0.1", stage.port))
+        taken.listen()
+        service = stage.start()
+        wait_for(lambda: f"cannot listen on tcp/127.0.0.1:{stage.port}" in service.log)
+        assert "the port is taken" in service.log
+    service.until_streaming(time.monotonic(), START_LIMIT_S)
+    service.until(lambda status: not status["warnings"])
+    assert service.end() == 0
+    stage.check()

@@ -1,9 +1,8 @@
 """What the recorder's process does when it is told to, each job on a thread of its own."""
 
-import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 
 from drivers.errors import UserFacingError
 from vo_service.recorder.incident import Incident, last_frames
@@ -23,7 +22,9 @@ from vo_service.recorder.shared_ring import Record, RingReader
 
 # After a crash systemd waits 10 s (TimeoutStopSec) before it kills: frames first, then the rest.
 FRAMES_AFTER_CRASH_S = 6.5
+# Before that, what was being written is brought to an end.
 RECORDING_AFTER_CRASH_S = 1.5
+BEGUN_AFTER_CRASH_S = 3.0
 CRASHED = "the service ended without notice"
 
 
@@ -36,6 +37,7 @@ class Desk:
         self._frames, self._statuses = RingReader(job.frames), RingReader(job.statuses)
         self._incidents = IncidentFolder(job.incidents, job.total_bytes)
         self._saving = threading.Thread()
+        self._saved: list[Incident] = []  # the last one
         self._recordings: list[Recording] = []  # the last one
         self._incidents.clean_up()
 
@@ -66,11 +68,14 @@ class Desk:
         """The service has crashed: write what the ring holds."""
         begin_s = time.monotonic()
         self._stop_recordings(self._frames.count, RECORDING_AFTER_CRASH_S)
+        for incident in self._saved:
+            incident.hurry(begin_s + BEGUN_AFTER_CRASH_S)
         self._join_saving()
         numbers = last_frames(self._frames, self._job.seconds)
         if numbers:
-            name, deadline_s = incident_name("crash", time.time()), begin_s + FRAMES_AFTER_CRASH_S
-            self._write(name, CRASHED, numbers, self._frames.record, deadline_s)
+            incident = self._incident(CRASHED, numbers, self._frames.record)
+            incident.hurry(begin_s + FRAMES_AFTER_CRASH_S)
+            self._write(incident_name("crash", time.time()), incident)
 
     def _stop_recordings(self, end: int, timeout_s: float | None = None) -> None:
         for recording in self._recordings:
@@ -85,20 +90,18 @@ class Desk:
         # The service goes on and overwrites the ring, faster than images can be encoded.
         numbers = last_frames(self._frames, self._job.seconds)
         copies = {number: self._frames.record(number) for number in numbers}
+        self._saved[:] = [self._incident(reason, numbers, copies.pop)]
         self._saving = threading.Thread(
-            target=self._write, args=(name, reason, numbers, copies.pop, math.inf), daemon=True
+            target=self._write, args=(name, self._saved[0]), name="incident", daemon=True
         )
         self._saving.start()
 
-    def _write(
-        self,
-        name: str,
-        reason: str,
-        numbers: Sequence[int],
-        fetch: Callable[[int], Record | None],
-        deadline_s: float,
-    ) -> None:
-        incident = Incident(reason, numbers, fetch, self._said(), self._job.about, deadline_s)
+    def _incident(
+        self, reason: str, numbers: Iterable[int], fetch: Callable[[int], Record | None]
+    ) -> Incident:
+        return Incident(reason, numbers, fetch, self._said(), self._job.about)
+
+    def _write(self, name: str, incident: Incident) -> None:
         try:
             folder, trouble = self._incidents.write(name, incident), ""
         except UserFacingError as error:

@@ -1,6 +1,7 @@
 """Writing an incident: the last frames as a TUM folder, with what the service said then."""
 
 import json
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -57,19 +58,17 @@ class Incident:
         fetch: Callable[[int], Record | None],
         statuses: Sequence[bytes],
         about: str,
-        deadline_s: float,
     ) -> None:
         """What to write.
 
-        fetch       a frame's record by its number; None if it has been overwritten
-        statuses    JSON lines
-        about       JSON object about the service
-        deadline_s  on CLOCK_MONOTONIC, when the last frame must be written
+        fetch     a frame's record by its number; None if it has been overwritten
+        statuses  JSON lines
+        about     JSON object about the service
         """
         self._reason, self._fetch = reason, fetch
         self._numbers = deque(numbers)
         self._statuses, self._about = statuses, about
-        self._deadline_s = deadline_s
+        self._deadline_s = math.inf
         self._overwritten = self._left_out = 0
         self._notes: list[FrameNote] = []
 
@@ -77,6 +76,10 @@ class Incident:
     def frames(self) -> int:
         """How many have been written."""
         return len(self._notes)
+
+    def hurry(self, deadline_s: float) -> None:
+        """Have the last frame written by then, on CLOCK_MONOTONIC."""
+        self._deadline_s = min(self._deadline_s, deadline_s)
 
     def __call__(self, folder: Path) -> None:
         """Write everything. Raises OSError or UserFacingError if the disk refuses."""

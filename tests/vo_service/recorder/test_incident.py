@@ -39,7 +39,9 @@ def test_the_oldest_frames_are_left_out_where_the_time_runs_out(
         return reader.record(number)
 
     numbers = last_frames(reader, 5.0)
-    Incident("crash", numbers, slow, [], "{}", time.monotonic() + 0.5)(tmp_path)
+    incident = Incident("crash", numbers, slow, [], "{}")
+    incident.hurry(time.monotonic() + 0.5)
+    incident(tmp_path)
     stamps_s = [found.stamp_s for found in replayed(tmp_path)]
     summary = json.loads((tmp_path / "incident.json").read_text())
     assert summary["frames"] + summary["frames_left_out_for_want_of_time"] == FRAMES
@@ -52,9 +54,9 @@ def test_frames_that_are_overwritten_meanwhile_are_counted(
     tmp_path: Path, frames: RingWriter
 ) -> None:
     reader = RingReader(frames.memory)
-    Incident(
-        "command", range(FRAMES), lambda n: reader.record(n) if n > 2 else None, [], "{}", 1e18
-    )(tmp_path)
+    Incident("command", range(FRAMES), lambda n: reader.record(n) if n > 2 else None, [], "{}")(
+        tmp_path
+    )
     assert json.loads((tmp_path / "incident.json").read_text())["frames_overwritten"] == 3
     assert len(replayed(tmp_path)) == FRAMES - 3
 

@@ -117,6 +117,8 @@ def session_settings(config: ZenohConfig) -> zenoh.Config:
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/rx/max_message_size": LARGEST_MESSAGE_BYTES,
+        # Zenoh's two are lost now and then where many poses leave at once.
+        "transport/link/tx/queue/size/real_time": 16,
     }
     for key, value in ours.items():
         if settings.get_json(key) == zenoh_default.get_json(key):

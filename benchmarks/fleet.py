@@ -1,0 +1,153 @@
+"""A fleet on one router with TLS and access control: whether poses are lost, and how late they are.
+
+    python -m benchmarks.fleet [--robots 20] [--seconds 60] [--processes 4]
+
+The robots are the service's own publishers, thirty poses a second each, with a certificate each,
+several to a process; the router is `kinect-vo router` with config/zenoh/fleet-router.json5, in
+which each robot has its lines; one reader, in a process of its own, subscribes to `*/odom`. The
+latency is from the publisher's being given a pose to the reader's having decoded it. CPU is percent
+of one core. Exit code 1 if a pose is lost.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.fleet_files import fleet_files
+from benchmarks.processor_use import processor_use
+from drivers.geometry import Array
+from tests.vo_service.played_service import KINECT_VO, free_port
+
+POSES_PER_SECOND = 30
+ROUTER = (KINECT_VO, "router")
+ROBOTS = (sys.executable, "-m", "benchmarks.fleet_robots")
+READER = (sys.executable, "-m", "benchmarks.fleet_reader")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the reader heard, and what it cost."""
+
+    sent: int
+    latency_ms: Array
+    router_percent: float
+    reader_percent: float
+    robots_percent: float
+    steal_percent: float
+
+    @property
+    def lost(self) -> int:
+        """Poses that never came."""
+        return self.sent - len(self.latency_ms)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, and print one table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--robots", type=int, default=20)
+    parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--processes", type=int, default=4, help="that the robots share")
+    args = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as folder:
+        outcome = measure(Path(folder), args.robots, args.seconds, args.processes)
+    print(table(outcome, args.robots, args.seconds))
+    return 1 if outcome.lost else 0
+
+
+def measure(folder: Path, robots: int, seconds: int, processes: int) -> Outcome:
+    """Run the fleet once."""
+    port = free_port()
+    files = fleet_files(folder, [f"robot{number}" for number in range(1, robots + 1)], port)
+    shares = [[str(file) for file in files.robots[start::processes]] for start in range(processes)]
+    with ExitStack() as stack:
+        router = stack.enter_context(_running(*ROUTER, str(files.router)))
+        _until_listening(port, router)
+        reader = stack.enter_context(_running(*READER, str(files.reader)))
+        _expect_ready(reader)
+        crews = [stack.enter_context(_running(*ROBOTS, str(seconds), *share)) for share in shares]
+        for crew in crews:
+            _expect_ready(crew)  # each robot knows of the reader
+        numbers = [process.pid for process in (router, reader, *crews)]
+        before, begin_s = processor_use(*numbers), time.monotonic()
+        for crew in crews:
+            _say(crew, "go")
+        for crew in crews:
+            _expect_ready(crew)  # all is published
+        use, taken_s = processor_use(*numbers).since(before), time.monotonic() - begin_s
+        latency_ms = np.array(json.loads(_say(reader, "end")))
+    percent = [100 * use.by_process[number] / taken_s for number in numbers]
+    return Outcome(
+        sent=robots * seconds * POSES_PER_SECOND,
+        latency_ms=latency_ms,
+        router_percent=percent[0],
+        reader_percent=percent[1],
+        robots_percent=sum(percent[2:]),
+        steal_percent=use.steal_percent,
+    )
+
+
+def table(outcome: Outcome, robots: int, seconds: int) -> str:
+    """One row, with its head."""
+    p50, p99 = np.percentile(outcome.latency_ms, (50, 99)) if len(outcome.latency_ms) else (0, 0)
+    cells = {
+        "robots": f"{robots}",
+        "seconds": f"{seconds}",
+        "poses": f"{outcome.sent}",
+        "lost": f"{outcome.lost}",
+        "p50 ms": f"{p50:.2f}",
+        "p99 ms": f"{p99:.2f}",
+        "max ms": f"{outcome.latency_ms.max(initial=0.0):.1f}",
+        "router CPU %": f"{outcome.router_percent:.1f}",
+        "reader CPU %": f"{outcome.reader_percent:.1f}",
+        "robots CPU %": f"{outcome.robots_percent:.1f}",
+        "steal %": f"{outcome.steal_percent:.1f}",
+    }
+    return "\n".join(
+        f"| {' | '.join(row)} |" for row in (cells.keys(), ["---"] * len(cells), cells.values())
+    )
+
+
+@contextmanager
+def _running(*command: str) -> Iterator["subprocess.Popen[str]"]:
+    """A part of the fleet; killed at the end."""
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def _say(process: "subprocess.Popen[str]", word: str) -> str:
+    """Tell a part what to do; for "end", its answer."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(f"{word}\n")
+    process.stdin.flush()
+    return process.stdout.readline() if word == "end" else ""
+
+
+def _expect_ready(process: "subprocess.Popen[str]") -> None:
+    assert process.stdout is not None
+    if process.stdout.readline() != "ready\n":
+        raise RuntimeError(f"{process.args!r} has failed")
+
+
+def _until_listening(port: int, router: "subprocess.Popen[str]") -> None:
+    while f":{port:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text():
+        if router.poll() is not None:
+            raise RuntimeError("the router has failed")
+        time.sleep(0.05)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

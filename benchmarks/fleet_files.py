@@ -1,0 +1,62 @@
+"""Keys and Zenoh files of a fleet, made from the ready-made ones as their owner would."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from vo_service.certificates.authority import Authority
+
+READY_MADE = Path(__file__).parents[1] / "config" / "zenoh"
+HOST = "127.0.0.1"
+DAYS = 2
+
+
+@dataclass(frozen=True)
+class FleetFiles:
+    """The file of each, beside its keys."""
+
+    router: Path
+    reader: Path
+    robots: Sequence[Path]
+
+
+def fleet_files(folder: Path, robots: Sequence[str], port: int) -> FleetFiles:
+    """Make all keys, and write the files of a router at this port of 127.0.0.1."""
+    authority = Authority(folder)
+    router = authority.certify_server([HOST], DAYS)
+    reader = authority.certify_client("reader", DAYS)
+    homes = [authority.certify_client(name, DAYS) for name in robots]
+    text = (READY_MADE / "fleet-router.json5").read_text().replace("0.0.0.0:7447", f"{HOST}:{port}")
+    at_router = ("robot1.local:7451", "router.local:7447")
+    return FleetFiles(
+        router=_write(router / "router.json5", _with_robots(text, robots)),
+        reader=_write(reader / "reader.json5", _moved("reader-tls.json5", at_router, port)),
+        robots=[
+            _write(home / "robot.json5", _moved("fleet-robot.json5", at_router, port))
+            for home in homes
+        ],
+    )
+
+
+def _with_robots(text: str, robots: Sequence[str]) -> str:
+    """The router's file, where each line of robot1 is there for each robot."""
+    lines = []
+    for line in text.splitlines():
+        if line.lstrip().startswith(('{ id: "robot1"', '{ subjects: ["robot1"]')):
+            lines += [line.replace("robot1", name) for name in robots]
+        elif '"robot2"' not in line:
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def _moved(name: str, addresses: Sequence[str], port: int) -> str:
+    """A ready-made file that connects to our router, and listens nowhere."""
+    text = (READY_MADE / name).read_text().replace('"tcp/127.0.0.1:7450"', "")
+    for address in addresses:
+        text = text.replace(address, f"{HOST}:{port}")
+    return text
+
+
+def _write(file: Path, text: str) -> Path:
+    file.write_text(text)
+    return file

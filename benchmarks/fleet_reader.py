@@ -1,0 +1,40 @@
+"""The reader of a whole fleet: one wildcard subscriber, which notes how old each pose is.
+
+    python -m benchmarks.fleet_reader ZENOH_FILE
+
+Prints "ready" once it subscribes; told to end on standard input, it prints the latencies in
+milliseconds as a JSON list, each pose of each robot once.
+"""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import zenoh
+
+from vo_service.outputs.cdr import decode_odometry
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+
+
+def main(file: Path) -> None:
+    """Listen; see the module."""
+    latency_ms: dict[tuple[str, int], float] = {}
+
+    def take(sample: zenoh.Sample) -> None:
+        stamp_s = decode_odometry(sample.payload.to_bytes()).stamp_s
+        heard_s = time.monotonic()
+        attachment = sample.attachment
+        assert attachment is not None
+        seq = json.loads(attachment.to_bytes())["seq"]
+        latency_ms.setdefault((str(sample.key_expr), seq), 1e3 * (heard_s - stamp_s))
+
+    config = ZenohConfig(config_file=file, listen=())
+    with open_session(config) as session, session.declare_subscriber("*/odom", take):
+        print("ready", flush=True)
+        sys.stdin.readline()
+    print(json.dumps(list(latency_ms.values())), flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

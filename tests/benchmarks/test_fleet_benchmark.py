@@ -1,0 +1,29 @@
+"""The fleet's benchmark in small: two robots, a second, and the files that are made for it."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import fleet
+from benchmarks.fleet_files import fleet_files
+from tests.vo_service.played_service import free_port
+from vo_service.outputs.zenoh_check import check_zenoh
+from vo_service.outputs.zenoh_session import ZenohConfig
+
+
+def test_a_small_fleet_loses_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert fleet.main(["--robots", "2", "--seconds", "1", "--processes", "2"]) == 0
+    head, _, row = capsys.readouterr().out.splitlines()
+    cells = dict(zip(head.split(" | "), row.split(" | "), strict=True))
+    assert (cells["poses"], cells["lost"]) == ("60", "0")
+    assert 0 < float(cells["p50 ms"]) <= float(cells["p99 ms"]) <= float(cells["max ms"]) + 0.05
+
+
+def test_each_robot_has_its_lines_in_the_routers_file(tmp_path: Path) -> None:
+    files = fleet_files(tmp_path, ["robot1", "robot7", "arm"], free_port())
+    assert check_zenoh(ZenohConfig(config_file=files.router)) == ""
+    text = files.router.read_text()
+    for name in ("robot1", "robot7", "arm"):
+        assert text.count(f'"{name}/**"') == 1
+        assert text.count(f'cert_common_names: ["{name}"]') == 1
+    assert '"robot2' not in text

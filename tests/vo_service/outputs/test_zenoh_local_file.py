@@ -1,0 +1,13 @@
+"""config/zenoh/local.json5 spells out what happens without any file."""
+
+import json
+from pathlib import Path
+
+from vo_service.outputs.zenoh_session import ZenohConfig, session_settings
+
+LOCAL = Path(__file__).parents[3] / "config" / "zenoh" / "local.json5"
+
+
+def test_the_local_file_changes_nothing() -> None:
+    with_file = session_settings(ZenohConfig(config_file=LOCAL))
+    assert json.loads(str(with_file)) == json.loads(str(session_settings(ZenohConfig())))

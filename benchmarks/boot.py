@@ -11,6 +11,7 @@ code 0 if all holds, 1 if something does not, 77 where no container can run.
 import argparse
 import os
 import shutil
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -61,7 +62,7 @@ def _holds(check: Callable[[Computer], str], computer: Computer) -> bool:
     begin_s = time.monotonic()
     try:
         seen = check(computer)
-    except AssertionError as error:
+    except (AssertionError, subprocess.SubprocessError) as error:
         print(f"FAILED  {name}: {error}", flush=True)
         print("".join(f"        | {e['MESSAGE']}\n" for e in computer.entries()[-12:]), end="")
         return False

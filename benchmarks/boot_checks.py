@@ -6,12 +6,11 @@ Each returns what it saw, in a few words, and raises AssertionError where that i
 import time
 from collections.abc import Callable
 
-from benchmarks.boot_computer import BACK_LIMIT_S, UNIT, Computer
+from benchmarks.boot_computer import BACK_LIMIT_S, RENDER_LIMIT_S, UNIT, Computer
 from benchmarks.boot_container import wait_for
 
 WATCHDOG_S = 10.0
 START_LIMIT_S = 600.0
-RENDER_LIMIT_S = 900.0
 LEAST_POSES_PER_S = 15.0
 
 

@@ -193,12 +193,22 @@ class RgbdCamera(ABC):
         """Wait before the next `open`; return early when the device seems to be back."""
         time.sleep(timeout_s)
 
+    @property
+    def has_base(self) -> bool:
+        """Whether there is a motor that tilts it, and a light."""
+        return False
+
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """Tilt the head against the horizon, soon and from now on. Raises CameraError."""
+        """Begin to tilt the head against the horizon: up is positive, +-31 degrees at most.
+
+        May be called from any thread. It lasts: whenever the camera is opened again, it is done
+        again. Raises CameraError without a motor, or if it cannot be done now: it is done then as
+        soon as it can be.
+        """
         raise CameraError(f"{self.name}: it has no motor")
 
     def set_led(self, led: Led) -> None:
-        """Switch the light, soon and from now on. Raises CameraError."""
+        """Switch the light. Lasts, and raises CameraError, as `set_tilt_deg`."""
         raise CameraError(f"{self.name}: it has no light")
 
     @property

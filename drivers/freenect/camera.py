@@ -19,7 +19,7 @@ from drivers.freenect.mailbox import ImagePair
 from drivers.freenect.session import NoSession, Session
 from drivers.freenect.source import Source
 from drivers.kinect_usb.base import Base
-from drivers.sensor_settings import SensorSettings
+from drivers.sensor_settings import Led, SensorSettings
 
 # Longer than a supervisor that can kill the process waits.
 LET_GO_LIMIT_S = 10.0
@@ -101,6 +101,25 @@ class FreenectCamera(RgbdCamera):
     def readout_s(self) -> float:
         """From the camera file; 0 without."""
         return self._images.readout_s
+
+    @property
+    def has_base(self) -> bool:
+        """See `RgbdCamera`; a dump has none."""
+        return self._base.exists
+
+    def set_tilt_deg(self, tilt_deg: float) -> None:
+        """See `RgbdCamera`."""
+        if not self.has_base:
+            super().set_tilt_deg(tilt_deg)
+        self._settings = replace(self._settings, tilt_deg=tilt_deg)
+        self._base.set_tilt_deg(tilt_deg)
+
+    def set_led(self, led: Led) -> None:
+        """See `RgbdCamera`."""
+        if not self.has_base:
+            super().set_led(led)
+        self._settings = replace(self._settings, led=led)
+        self._base.set_led(led)
 
     def wait_to_retry(self, timeout_s: float) -> None:
         """See `RgbdCamera`."""

@@ -11,12 +11,14 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.errors import CameraLostError
+from drivers.errors import CameraError, CameraLostError
 from drivers.isolation.limits import TimeLimits
 from drivers.isolation.messages import Recipe, Task
 from drivers.isolation.order import make_order
 from drivers.isolation.ring import RingEndedError, RingReader
 from drivers.isolation.supervisor import Supervisor
+from drivers.isolation.wishes import Light, Tilt, Wish
+from drivers.sensor_settings import Led
 from drivers.trajectory import StampedPoses
 
 
@@ -110,9 +112,33 @@ class IsolatedCamera(RgbdCamera):
         return self._supervisor.facts.readout_s
 
     @property
+    def has_base(self) -> bool:
+        """What the camera says; True until it has been open."""
+        return self._supervisor.facts.has_base
+
+    def set_tilt_deg(self, tilt_deg: float) -> None:
+        """See `RgbdCamera`. If the motor is not there, the log says so, a little later."""
+        if not self.has_base:
+            super().set_tilt_deg(tilt_deg)
+        self._ask(Tilt(tilt_deg))
+
+    def set_led(self, led: Led) -> None:
+        """See `RgbdCamera`, and `set_tilt_deg`."""
+        if not self.has_base:
+            super().set_led(led)
+        self._ask(Light(led))
+
+    @property
     def ground_truth(self) -> StampedPoses | None:
         """What the camera says; None until it has been open."""
         return self._supervisor.facts.ground_truth
+
+    def _ask(self, wish: Wish) -> None:
+        """Raises CameraError if the camera is not open to hear it now."""
+        if not self._supervisor.ask(wish):
+            raise CameraError(
+                f"{self.name}: not open now ({self.condition}); it is done as soon as it is open"
+            )
 
     def _take(self, timeout_s: float) -> RgbdFrame:
         try:

@@ -145,6 +145,10 @@ class CameraLoop:
     def _tell_facts(self) -> None:
         camera = self._camera
         facts = Facts(
-            camera.intrinsics_source, camera.frame_count, camera.readout_s, camera.ground_truth
+            intrinsics_source=camera.intrinsics_source,
+            frame_count=camera.frame_count,
+            readout_s=camera.readout_s,
+            has_base=camera.has_base,
+            ground_truth=camera.ground_truth,
         )
         self._tell(facts)

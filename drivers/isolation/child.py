@@ -10,49 +10,81 @@ import sys
 import threading
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from queue import SimpleQueue
 from typing import Any
 
 import cv2
 
-from drivers.errors import UserFacingError
+from drivers.camera import RgbdCamera
+from drivers.errors import CameraError, UserFacingError
 from drivers.isolation.camera_loop import CameraLoop
+from drivers.isolation.limits import TimeLimits
 from drivers.isolation.messages import Ended, Job, LogLine, Word
 from drivers.isolation.ring import RingWriter
+from drivers.isolation.wishes import Wish
+
+_log = logging.getLogger(__name__)
 
 
 def main(connection: "Connection[Any, Any]") -> None:
-    """Work until the service says "end" or is gone."""
+    """Work until the service says that this is the end, or is gone."""
     # Ctrl-C and a stop of the systemd unit reach every process; the service decides what they mean.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_end_with_service`
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_hear`
     job: Job = connection.recv()
     outbox = _Outbox(connection)
     handlers = [_LogToService(outbox)]
     logging.basicConfig(level=job.log_level, format="%(message)s", handlers=handlers)
     cv2.setNumThreads(1)
     stop = threading.Event()
-    watch = threading.Thread(target=_end_with_service, args=(connection, stop, job), daemon=True)
-    watch.start()
+    wishes: SimpleQueue[Wish] = SimpleQueue()
+    listening = (connection, wishes, stop, job.task.limits)
+    threading.Thread(target=_listen, args=listening, daemon=True).start()
     try:
         camera = job.task.recipe()
+        for wish in job.wishes:
+            with suppress(CameraError):  # it is not open yet: it remembers
+                wish.grant(camera)
+        threading.Thread(target=_grant, args=(wishes, camera), daemon=True).start()
         CameraLoop(camera, RingWriter(job.ring, job.task.pace), job, outbox.tell, stop).run()
     except UserFacingError as error:
         outbox.tell(Ended(error))
 
 
-def _end_with_service(connection: "Connection[Any, Any]", stop: threading.Event, job: Job) -> None:
-    """Body of the thread that waits for the service to say "end", or to be gone."""
-    limits = job.task.limits
-    is_over = False
-    while not is_over:
-        # The kernel's alarm clock ends the process if nobody sets it again: native code that hangs
-        # while it holds Python's lock stops this thread too.
-        signal.setitimer(signal.ITIMER_REAL, limits.orphan_s)
-        is_over = connection.poll(limits.orphan_s / 3)
+def _listen(
+    connection: "Connection[Any, Any]",
+    wishes: "SimpleQueue[Wish]",
+    stop: threading.Event,
+    limits: TimeLimits,
+) -> None:
+    """Body of the thread that hears the service's wishes, and ends the process with it."""
+    with suppress(EOFError, OSError):
+        while (wish := _hear(connection, limits)) is not None:
+            wishes.put(wish)
     stop.set()
     threading.main_thread().join(limits.closing_s)
     os._exit(1)
+
+
+def _grant(wishes: "SimpleQueue[Wish]", camera: RgbdCamera) -> None:
+    """Body of the thread that does as it is told: neither frames nor the service wait for it."""
+    while True:
+        try:
+            wishes.get().grant(camera)
+        except CameraError as error:
+            _log.warning("%s", error)
+
+
+def _hear(connection: "Connection[Any, Any]", limits: TimeLimits) -> Wish | None:
+    """The next wish; None at the end. Raises EOFError or OSError if the service is gone."""
+    while True:
+        # The kernel's alarm clock ends the process if nobody sets it again: native code that hangs
+        # while it holds Python's lock stops this thread too.
+        signal.setitimer(signal.ITIMER_REAL, limits.orphan_s)
+        if connection.poll(limits.orphan_s / 3):
+            wish: Wish | None = connection.recv()
+            return wish
 
 
 class _Outbox:
@@ -63,7 +95,7 @@ class _Outbox:
         self._lock = threading.Lock()
 
     def tell(self, word: Word) -> None:
-        """Send it; a service that is gone hears nothing, and `_end_with_service` sees to that."""
+        """Send it; a service that is gone hears nothing, and `_listen` sees to that."""
         with suppress(OSError), self._lock:
             self._connection.send(word)
 

@@ -7,6 +7,7 @@ from drivers.camera import CameraCounters, Condition, Pace, RgbdCamera
 from drivers.errors import UserFacingError
 from drivers.isolation.limits import Phase, TimeLimits
 from drivers.isolation.ring import RingEnds
+from drivers.isolation.wishes import Wish
 from drivers.trajectory import StampedPoses
 
 # Makes the camera, in the driver's process: a class or function of a module, or a partial of one.
@@ -28,15 +29,17 @@ class Task:
 
 @dataclass(frozen=True)
 class Job:
-    """To the driver, first and once; anything after it means "end".
+    """To the driver, first and once; after it come wishes, and None at the end.
 
     condition  what is known of the camera so far
+    wishes     what was asked of the camera so far
     log_level  of the service's log
     """
 
     task: Task
     ring: RingEnds
     condition: Condition
+    wishes: tuple[Wish, ...]
     log_level: int
 
 
@@ -54,11 +57,15 @@ class Report:
 
 @dataclass(frozen=True)
 class Facts:
-    """From the driver, after `open` and with the first frame: what the camera says of itself."""
+    """From the driver, after `open` and with the first frame: what the camera says of itself.
+
+    Whether it has a base nobody knows before that.
+    """
 
     intrinsics_source: str = ""
     frame_count: int | None = None
     readout_s: float = 0.0
+    has_base: bool = True
     ground_truth: StampedPoses | None = None
 
 

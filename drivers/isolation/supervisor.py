@@ -4,6 +4,8 @@ import logging
 import os
 import threading
 import time
+from collections import deque
+from contextlib import suppress
 
 from drivers.camera import CameraCounters, CameraState, Condition, EndOfStream
 from drivers.errors import CameraLostError
@@ -11,6 +13,7 @@ from drivers.isolation.limits import BackOff, Phase
 from drivers.isolation.messages import Ended, Facts, Job, LogLine, Report, Task, Word
 from drivers.isolation.process import DRIVER, ChildProcess
 from drivers.isolation.ring import RingReader
+from drivers.isolation.wishes import Wish
 
 _log = logging.getLogger(__name__)
 
@@ -32,12 +35,14 @@ class Supervisor:
         self._thread = threading.Thread()
         self._is_done = threading.Event()
         self._is_done.set()
+        self._wishes: dict[type[Wish], Wish] = {}  # for every process from now on
+        self._unsaid: deque[Wish] = deque()  # to the process that runs
         self._forget()
 
     def start(self) -> None:
         """Begin."""
         self._forget()
-        self._wake = os.eventfd(0, os.EFD_CLOEXEC)
+        self._wake = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._thread = threading.Thread(target=self._run, name="driver-supervisor", daemon=True)
         self._is_done.clear()
         self._thread.start()
@@ -61,6 +66,19 @@ class Supervisor:
         self._is_done.wait()
         if self._thread.is_alive():
             self._thread.join()
+
+    def ask(self, wish: Wish) -> bool:
+        """Pass a wish on, without waiting; False if the camera is not open to hear it now.
+
+        It is then done when the camera is opened, as it is again whenever the camera is.
+        """
+        with self._lock:
+            self._wishes[type(wish)] = wish
+            if self._wake < 0:
+                return False
+            self._unsaid.append(wish)
+            os.eventfd_write(self._wake, 1)
+            return self._phase in (Phase.STARTING, Phase.STREAMING)
 
     @property
     def counters(self) -> CameraCounters:
@@ -109,7 +127,10 @@ class Supervisor:
 
     def _job(self) -> Job:
         level = logging.getLogger().getEffectiveLevel()
-        return Job(self._task, self._ring.ends, self.condition, level)
+        with self._lock:
+            self._unsaid.clear()
+            wishes = tuple(self._wishes.values())
+        return Job(self._task, self._ring.ends, self.condition, wishes, level)
 
     def _attend(self, process: ChildProcess) -> str:
         """Listen until it ends, or must: returns what is wrong with it if it had to be killed."""
@@ -119,6 +140,7 @@ class Supervisor:
                 word: Word | None = process.receive(max(0.0, due_s - time.monotonic()), self._wake)
             except EOFError:
                 return ""
+            self._pass_wishes_on(process)
             if word is not None:
                 self._hear(word)
             if isinstance(word, Report):  # a log line is no sign of life: other threads log too
@@ -128,8 +150,14 @@ class Supervisor:
                 return f"hung while {self._phase}: no answer for {self._silence_s():g} s"
         if self._phase in (Phase.LAUNCHING, Phase.WAITING):
             process.kill()  # there is no camera to close
-        process.tell("end")
+        process.tell(None)
         return ""
+
+    def _pass_wishes_on(self, process: ChildProcess) -> None:
+        with suppress(BlockingIOError):
+            os.eventfd_read(self._wake)
+        while self._unsaid:
+            process.tell(self._unsaid.popleft())
 
     def _silence_s(self) -> float:
         return self._task.limits.silence_s(self._phase)

@@ -2,12 +2,18 @@
 
 from typing import Protocol
 
+from drivers.errors import CameraError
 from drivers.gravity import Vector
-from drivers.sensor_settings import SensorSettings
+from drivers.sensor_settings import Led, SensorSettings
 
 
 class Base(Protocol):
-    """The Kinect's base. Nothing of it raises: trouble is said in the log, once."""
+    """The Kinect's base. Unless it says so nothing raises: trouble is said in the log, once.
+
+    What is set lasts until it is closed: it is done again, or at last, when the base is back.
+    """
+
+    exists: bool  # False: this camera has none
 
     @property
     def gravity_m_s2(self) -> Vector | None:
@@ -22,6 +28,14 @@ class Base(Protocol):
         """Switch the light and tilt the head, now and again whenever it was away."""
         ...
 
+    def set_led(self, led: Led) -> None:
+        """Switch the light. Raises CameraError if that cannot be done now."""
+        ...
+
+    def set_tilt_deg(self, tilt_deg: float) -> None:
+        """Start tilting the head, +-31 degrees at most. Raises CameraError as `set_led`."""
+        ...
+
     def close(self) -> None:
         """Switch the light off and let go. Safe to call twice; `open` may follow."""
         ...
@@ -30,6 +44,7 @@ class Base(Protocol):
 class NoBase:
     """For cameras without motor, light and accelerometer."""
 
+    exists = False
     gravity_m_s2: Vector | None = None
 
     def open(self, serial: str) -> None:
@@ -37,6 +52,14 @@ class NoBase:
 
     def apply(self, settings: SensorSettings) -> None:
         """See `Base`."""
+
+    def set_led(self, led: Led) -> None:
+        """Raises CameraError."""
+        raise CameraError("it has no light")
+
+    def set_tilt_deg(self, tilt_deg: float) -> None:
+        """Raises CameraError."""
+        raise CameraError("it has no motor")
 
     def close(self) -> None:
         """See `Base`."""

@@ -4,6 +4,8 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 from drivers.errors import CameraError, UserFacingError
 from drivers.gravity import Vector
@@ -40,6 +42,8 @@ def open_base_device(serial: str) -> BaseDevice:
 
 class KinectBase:
     """See `Base`. A thread of its own reads it, and looks for it again when it has gone."""
+
+    exists = True
 
     def __init__(self, open_device: Callable[[str], BaseDevice] = open_base_device) -> None:
         self._open_device = open_device
@@ -80,13 +84,15 @@ class KinectBase:
                 self._trying(self._device, lambda device: self._set_up(device, settings))
 
     def set_led(self, led: Led) -> None:
-        """Switch the light. Raises CameraError if that cannot be done now."""
+        """See `Base`."""
         with self._lock:
+            self._remember(led=led)
             self._present().set_led(led)
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """Start tilting the head, +-31 degrees at most. Raises CameraError as `set_led`."""
+        """See `Base`."""
         with self._lock:
+            self._remember(tilt_deg=tilt_deg)
             self._tilt(self._present(), tilt_deg)
 
     def read(self) -> BaseReading:
@@ -141,8 +147,13 @@ class KinectBase:
 
     def _present(self) -> BaseDevice:
         if self._device is None:
-            raise CameraError("the Kinect's motor is not there now; try again when it is")
+            raise CameraError("the Kinect's motor is not there now; it is being looked for")
         return self._device
+
+    def _remember(self, **changed: Any) -> None:
+        """For when it is back; nothing is kept from before `apply`."""
+        if self._settings is not None:
+            self._settings = replace(self._settings, **changed)
 
     def _set_up(self, device: BaseDevice, settings: SensorSettings) -> None:
         device.set_led(settings.led)

@@ -1,0 +1,116 @@
+"""Tilt and light of a camera in another process: never waited for, never forgotten."""
+
+import logging
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import CameraState
+from drivers.errors import CameraError
+from drivers.isolation.camera import IsolatedCamera
+from drivers.isolation.limits import TimeLimits
+from drivers.sensor_settings import Led
+from tests.belongings import children, wait_for
+from tests.drivers.isolation.conftest import Isolate
+from tests.drivers.isolation.trial_cameras import STUCK_DEG, Nodding, Puppet, done_by
+
+AT_ONCE = TimeLimits(first_retry_s=0.01, longest_retry_s=0.01)
+
+
+def done(script: Path) -> list[str]:
+    path = done_by(script)
+    return path.read_text().splitlines() if path.exists() else []
+
+
+def wait_for_done(script: Path, *expected: str) -> None:
+    wait_for(lambda: done(script) == list(expected), f"for {expected}: {done(script)}")
+
+
+@pytest.fixture
+def nodding(isolate: Isolate) -> IsolatedCamera:
+    """Streaming."""
+    camera = isolate(Nodding, limits=AT_ONCE)
+    camera.open()
+    camera.read(30.0)
+    return camera
+
+
+def test_a_camera_that_streams_does_as_it_is_told(nodding: IsolatedCamera, script: Path) -> None:
+    nodding.set_tilt_deg(12.5)
+    wait_for_done(script, "tilt 12.5")
+    nodding.set_led(Led.BLINK_GREEN)
+    wait_for_done(script, "tilt 12.5", "light blink-green")
+    assert nodding.has_base
+    nodding.read(30.0)
+
+
+def test_what_was_asked_for_is_done_again_by_the_next_driver(
+    nodding: IsolatedCamera, script: Path
+) -> None:
+    nodding.set_tilt_deg(5.0)
+    nodding.set_tilt_deg(8.0)
+    wait_for_done(script, "tilt 5", "tilt 8")
+    (driver,) = children()
+    os.kill(driver, signal.SIGKILL)
+    wait_for_done(script, "tilt 5", "tilt 8", "tilt 8")
+
+
+def test_what_was_asked_for_is_done_again_when_it_is_opened_again(
+    nodding: IsolatedCamera, script: Path
+) -> None:
+    nodding.set_led(Led.RED)
+    wait_for_done(script, "light red")
+    nodding.close()
+    nodding.open()
+    wait_for_done(script, "light red", "light red")
+
+
+def test_a_camera_that_is_away_says_so_at_once_and_does_it_when_it_is_back(
+    nodding: IsolatedCamera, script: Path
+) -> None:
+    script.write_text("absent")
+    wait_for(lambda: nodding.condition.state is CameraState.ABSENT)
+    with pytest.raises(CameraError, match=r"not open now \(absent: no puppet found; plug one in\)"):
+        nodding.set_tilt_deg(3.0)
+    assert done(script) == []
+    script.write_text("")
+    wait_for(lambda: "tilt 3" in done(script))
+
+
+def test_a_camera_that_was_never_opened_does_it_then(isolate: Isolate, script: Path) -> None:
+    camera = isolate(Nodding)
+    with pytest.raises(CameraError, match="puppet: not open now"):
+        camera.set_led(Led.GREEN)
+    camera.open()
+    wait_for_done(script, "light green")
+
+
+def test_a_head_that_is_stuck_is_said_in_the_log(
+    nodding: IsolatedCamera, script: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        nodding.set_tilt_deg(STUCK_DEG)
+        wait_for(lambda: "the puppet's neck is stuck" in caplog.text)
+    nodding.set_led(Led.OFF)
+    wait_for_done(script, "light off")
+    nodding.read(30.0)
+
+
+def test_a_camera_without_a_base_refuses(isolate: Isolate) -> None:
+    with isolate(Puppet) as camera:
+        camera.read(30.0)
+        with pytest.raises(CameraError, match="puppet: it has no motor"):
+            camera.set_tilt_deg(1.0)
+        with pytest.raises(CameraError, match="puppet: it has no light"):
+            camera.set_led(Led.RED)
+
+
+def test_a_thousand_wishes_are_no_trouble(nodding: IsolatedCamera, script: Path) -> None:
+    for n in range(1000):
+        nodding.set_tilt_deg(float(n % 20))
+    nodding.set_led(Led.YELLOW)
+    wait_for(lambda: done(script)[-1:] == ["light yellow"])
+    assert len(done(script)) == 1001
+    nodding.read(30.0)

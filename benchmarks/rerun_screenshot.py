@@ -16,15 +16,15 @@ from urllib.parse import quote
 import cv2
 import numpy as np
 
-from vo_service.outputs.rerun_page import (
+from vo_service.viewer.page import (
     PageServer,
     free_port,
     quiet_environment,
     rerun_binary,
     wait_until_it_answers,
 )
-from vo_service.outputs.rerun_scene import TRAJECTORY_COLOUR
-from vo_service.outputs.rerun_sinks import LOOPBACK
+from vo_service.viewer.scene import TRAJECTORY_COLOUR
+from vo_service.viewer.sinks import LOOPBACK
 
 BROWSER = [
     "chromium",

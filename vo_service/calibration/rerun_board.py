@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from vo_service.calibration.picking import outline
 from vo_service.calibration.watching import Sight
-from vo_service.outputs.rerun_sinks import Sink
+from vo_service.viewer.sinks import Sink
 
 IMAGE, CORNERS, TAKEN, ADVICE = "image", "image/corners", "image/taken", "advice"
 CORNER_COLOUR = (255, 150, 40)

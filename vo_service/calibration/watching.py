@@ -13,6 +13,10 @@ from vo_service.outputs.worker import DropOldest, Worker
 if TYPE_CHECKING:
     from vo_service.calibration.rerun_board import BoardScene
 
+# For a viewer to take the last of its data.
+CLOSING_S = 2.5
+NEWEST = 2  # sights that may wait to be drawn
+
 
 @dataclass(frozen=True)
 class Sight:
@@ -47,7 +51,7 @@ class RerunWatcher:
 
     def __init__(self, target: str) -> None:
         # Rerun is an extra: calibrating runs without it.
-        from vo_service.outputs.rerun_output import prepare_rerun, sink_of
+        from vo_service.viewer.targets import prepare_rerun, sink_of
 
         self._sink = sink_of(target)
         prepare_rerun()
@@ -55,7 +59,7 @@ class RerunWatcher:
             self._sink
         )
         self.address = self._sink.address
-        queue: DropOldest[Sight] = DropOldest(self._sink.queue)
+        queue: DropOldest[Sight] = DropOldest(NEWEST)
         self._worker = Worker("rerun", queue, scene.log, scene.finish)
 
     def show(self, sight: Sight) -> None:
@@ -64,7 +68,7 @@ class RerunWatcher:
 
     def close(self) -> None:
         """Finish. A viewer that does not answer is left after a few seconds."""
-        self._worker.close(self._sink.close_s)
+        self._worker.close(CLOSING_S)
         self._sink.close()
 
 

@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         request = OutputRequest(
             pace=Pace.REALTIME,
             zenoh=None if args.no_publish else config.zenoh,
-            rerun_targets=_rerun_targets(args),
+            rerun=replace(config.rerun, targets=_rerun_targets(args)),
             trajectory=args.output / "trajectory.txt",
             ground_truth=lambda: camera.ground_truth,
             tell=say,

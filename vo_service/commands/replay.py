@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
             pace=args.pace,
             zenoh=None if args.no_publish else config.zenoh,
             wait_for_subscriber_s=args.wait_for_subscriber,
-            rerun_targets=config.rerun.targets,
+            rerun=config.rerun,
             trajectory=args.trajectory,
             ground_truth=lambda: camera.ground_truth,
             tell=terminal.say,

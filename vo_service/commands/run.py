@@ -97,7 +97,7 @@ def _serve(args: argparse.Namespace, config: Config, terminal: Terminal, stop: S
         way_to_open=KeepTrying,
         extras=Extras(commands, config.ros2),
         recorder=partial(open_recorder, config.recorder, asdict(config), lambda: camera.readout_s),
-        rerun_targets=config.rerun.targets,
+        rerun=config.rerun,
         trajectory=args.trajectory,
         tell=terminal.say,
     )

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from drivers.camera import Pace
 from vo_service.load import Viewer
@@ -16,9 +15,8 @@ from vo_service.outputs.zenoh_opening import OpenAtOnce, WayToOpen
 from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, Extras, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig
 from vo_service.recorder.opening import NoRecorder, Recorder
-
-if TYPE_CHECKING:
-    from vo_service.outputs.rerun_output import RerunOutput
+from vo_service.settings import RerunSettings
+from vo_service.viewer.output import open_viewer
 
 # Lines of the trajectory that a robot's disk may owe: five minutes.
 LONGEST_HANG = 9000
@@ -36,7 +34,7 @@ class OutputRequest:
     extras                 what else is offered on the session
     wait_for_subscriber_s  how long to wait for the first one; 0 = not at all
     recorder               makes the flight recorder; None: there is none
-    rerun_targets          where to show what is going on
+    rerun                  where and how to show what is going on
     trajectory             file to write
     ground_truth           asked for the truth, to draw it, once frames come
     tell                   gets a line for the person who wants to look
@@ -48,7 +46,7 @@ class OutputRequest:
     extras: Extras = field(default_factory=Extras)
     wait_for_subscriber_s: float = 0.0
     recorder: Callable[[], Recorder] | None = None
-    rerun_targets: tuple[str, ...] = ()
+    rerun: RerunSettings = RerunSettings()  # noqa: RUF009 (frozen)
     trajectory: Path | None = None
     ground_truth: TruthSource = no_truth
     tell: Callable[[str], None] = logger.info
@@ -83,10 +81,12 @@ def opened_outputs(request: OutputRequest) -> Iterator[Opened]:
             request.tell(f"poses: {request.zenoh.prefix}/odom at {where} (kinect-vo listen)")
             if request.wait_for_subscriber_s:
                 publisher.wait_for_subscriber(request.wait_for_subscriber_s)
-        for target in request.rerun_targets:
-            pictures = stack.enter_context(closing(_rerun(target, request.ground_truth)))
-            outputs.append(pictures)
-            request.tell(f"pictures: {pictures.address}")
+        for target in request.rerun.targets:
+            viewer = open_viewer(target, request.rerun, request.ground_truth, request.pace)
+            stack.enter_context(closing(viewer))
+            outputs.append(viewer)
+            opened.viewers.append(viewer)
+            request.tell(f"pictures: {viewer.address}")
         if request.recorder is not None:
             opened.recorder = stack.enter_context(closing(request.recorder()))
             outputs.append(opened.recorder)
@@ -95,10 +95,3 @@ def opened_outputs(request: OutputRequest) -> Iterator[Opened]:
             trajectory = TrajectoryOutput(request.trajectory, lines)
             outputs.append(stack.enter_context(closing(trajectory)))
         yield opened
-
-
-def _rerun(target: str, ground_truth: TruthSource) -> "RerunOutput":
-    # Rerun is an extra: what does not show anything runs without it.
-    from vo_service.outputs.rerun_output import open_rerun
-
-    return open_rerun(target, ground_truth)

@@ -5,41 +5,49 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from vo_service.outputs.rerun_page import PageServer, port_taken
-from vo_service.outputs.rerun_sinks import DATA_PORT, LOOPBACK, LiveSink
+from vo_service.viewer.sinks import DATA_PORT, LOOPBACK, LiveSink, PortTakenError
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
+    from vo_service.viewer.page import PageServer
+
 WEB_PORT = 9090
-# What a browser that comes late can still see.
-SERVER_MEMORY = "100MB"
 
 
 class Browser(LiveSink):
     """Data and page are served on loopback, to whoever is on this computer: there is no password.
 
-    From elsewhere, tunnel both ports: ``ssh -L 9090:127.0.0.1:9090 -L 9876:127.0.0.1:9876 ROBOT``.
+    `history_mb` is kept for a browser that comes late. From elsewhere, tunnel both ports:
+    ``ssh -L 9090:127.0.0.1:9090 -L 9876:127.0.0.1:9876 ROBOT``.
     """
 
-    def __init__(self, data_port: int = DATA_PORT, web_port: int = WEB_PORT) -> None:
-        self._data_port = data_port
+    def __init__(
+        self, data_port: int = DATA_PORT, web_port: int = WEB_PORT, history_mb: int = 80
+    ) -> None:
+        self._data_port, self._web_port = data_port, web_port
+        self._history_mb = history_mb
         data = f"rerun+http://{LOOPBACK}:{data_port}/proxy"
         self.address = f"http://{LOOPBACK}:{web_port}/?url={quote(data, safe='')}"
-        _check_free(data_port)
-        self._page = PageServer(web_port, data_port)
+        self._pages: list[PageServer] = []
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
-        """Serve the stream's data from this process."""
+        """Serve page and data from this process. Raises UserFacingError if a port is taken."""
         import rerun as rr
 
-        data = rr.GrpcServerSink(LOOPBACK, self._data_port, server_memory_limit=SERVER_MEMORY)
+        from vo_service.viewer.page import PageServer
+
+        _check_free(self._data_port)
+        self._pages.append(PageServer(self._web_port, self._data_port))
+        memory = f"{self._history_mb}MB"
+        data = rr.GrpcServerSink(LOOPBACK, self._data_port, server_memory_limit=memory)
         stream.set_sinks(data, default_blueprint=blueprint)
 
     def close(self) -> None:
         """Serve the page no more."""
-        self._page.close()
+        while self._pages:
+            self._pages.pop().close()
 
 
 def free_port(preferred: int) -> int:
@@ -60,4 +68,4 @@ def _check_free(port: int) -> None:
         try:
             probe.bind((LOOPBACK, port))
         except (OSError, OverflowError) as error:
-            raise port_taken(port, error) from error
+            raise PortTakenError(port, error) from error

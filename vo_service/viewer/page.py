@@ -21,7 +21,7 @@ from typing import Any
 from urllib.request import urlopen
 
 from drivers.errors import UserFacingError
-from vo_service.outputs.rerun_sinks import LOOPBACK
+from vo_service.viewer.sinks import LOOPBACK, PortTakenError
 
 _FILES = {
     "": "text/html",
@@ -40,21 +40,13 @@ class PageServer:
         try:
             self._server = ThreadingHTTPServer((LOOPBACK, port), handler)
         except (OSError, OverflowError) as error:
-            raise port_taken(port, error) from error
+            raise PortTakenError(port, error) from error
         Thread(target=self._server.serve_forever, name="rerun page", daemon=True).start()
 
     def close(self) -> None:
         """Serve no more."""
         self._server.shutdown()
         self._server.server_close()
-
-
-def port_taken(port: int, error: Exception) -> UserFacingError:
-    """The line for a port that cannot be listened on."""
-    return UserFacingError(
-        f"rerun cannot listen on {LOOPBACK}:{port}: {error}; stop what uses the port, or record "
-        "to a file that ends in .rrd instead"
-    )
 
 
 class _Viewer:

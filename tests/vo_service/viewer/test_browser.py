@@ -8,9 +8,11 @@ from http.client import HTTPConnection, HTTPResponse
 import pytest
 
 from drivers.errors import UserFacingError
+from tests.belongings import children, is_alive
 from vo_service.outputs.output import PoseUpdate
-from vo_service.outputs.rerun_browser import Browser
-from vo_service.outputs.rerun_output import RerunOutput
+from vo_service.settings import RerunSettings
+from vo_service.viewer.browser import Browser
+from vo_service.viewer.output import ViewerOutput
 
 
 @pytest.fixture
@@ -33,7 +35,7 @@ def get(port: int, path: str) -> tuple[HTTPResponse, bytes]:
 def test_the_page_is_served_and_may_reach_only_this_computer(
     free_port: int, other_port: int, make_update: Callable[..., PoseUpdate]
 ) -> None:
-    output = RerunOutput(Browser(free_port, other_port))
+    output = ViewerOutput(Browser(free_port, other_port))
     output.pose(make_update(0))
     response, page = get(other_port, output.address.split(str(other_port))[1])
     policy = str(response.headers["Content-Security-Policy"])
@@ -53,10 +55,13 @@ def test_everything_listens_on_loopback_alone(
     free_port: int, other_port: int, listening: Callable[[int], set[str]]
 ) -> None:
     before = listening(os.getpid())
-    output = RerunOutput(Browser(free_port, other_port))
+    output = ViewerOutput(Browser(free_port, other_port))
+    (process,) = children()
     get(other_port, "/")
-    assert listening(os.getpid()) == before | {"127.0.0.1"}
+    assert listening(process) == {"127.0.0.1"}
+    assert listening(os.getpid()) == before
     output.close()
+    assert not is_alive(process)
 
 
 @pytest.mark.parametrize("which", ["data", "page"])
@@ -67,5 +72,5 @@ def test_a_taken_port_is_one_line(free_port: int, which: str) -> None:
         busy = taken.getsockname()[1]
         ports = (busy, free_port) if which == "data" else (free_port, busy)
         with pytest.raises(UserFacingError, match=rf"127\.0\.0\.1:{busy}") as caught:
-            Browser(*ports)
+            ViewerOutput(Browser(*ports), RerunSettings())
     assert "\n" not in str(caught.value)

@@ -1,0 +1,67 @@
+"""Drawing without a process of its own, and what came of it, read by Rerun's own reader."""
+
+import logging
+import subprocess
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from rerun.chunk import RrdReader
+
+from drivers.trajectory import StampedPoses
+from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.viewer.drawing import Drawing
+from vo_service.viewer.messages import Job, Note
+from vo_service.viewer.page import rerun_binary
+from vo_service.viewer.sinks import Sink
+from vo_service.viewer.sketching import Sketcher
+
+PICTURE_PERIOD_S = 0.1
+
+
+def job(sink: Sink) -> Job:
+    """What a process would be told first."""
+    return Job(sink, 80, 300, "recording", logging.WARNING)
+
+
+def draw(
+    sink: Sink,
+    items: Iterable[PoseUpdate | Status | Note],
+    truth: StampedPoses | None = None,
+) -> Drawing:
+    """Draw all of it, to the end."""
+    sketcher = Sketcher(sink, PICTURE_PERIOD_S, lambda: truth)
+    drawing = Drawing(job(sink))
+    for item in items:
+        match item:
+            case PoseUpdate():
+                for message in sketcher.of_pose(item):
+                    drawing.draw(message)
+            case Status():
+                drawing.draw(sketcher.of_status(item))
+            case Note():
+                drawing.draw(item)
+    drawing.finish()
+    return drawing
+
+
+def is_whole(path: Path) -> bool:
+    """Whether Rerun finds nothing wrong with the file, its end included."""
+    command = [str(rerun_binary()), "rrd", "verify", str(path)]
+    return subprocess.run(command, capture_output=True, timeout=30).returncode == 0
+
+
+def rows(path: Path) -> Counter[str]:
+    """How often each entity was logged."""
+    counter: Counter[str] = Counter()
+    for chunk in RrdReader(path).stream():
+        counter[chunk.entity_path] += chunk.num_rows
+    return counter
+
+
+def column(path: Path, entity: str, component: str) -> list[Any]:
+    """Everything logged as one component of an entity."""
+    batches = [c.to_record_batch() for c in RrdReader(path).stream() if c.entity_path == entity]
+    with_it = [batch for batch in batches if component in batch.schema.names]
+    return [value for batch in with_it for value in batch.column(component).to_pylist()]

@@ -1,0 +1,52 @@
+"""Places for pictures that fail in one way or another, in the viewer's process."""
+
+import time
+from typing import TYPE_CHECKING
+
+from vo_service.viewer.sinks import DiskFullError, LiveSink
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+
+class _Memory(LiveSink):
+    """Takes everything in."""
+
+    def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
+        """Keep it."""
+        self._kept = stream.memory_recording()
+
+
+class Stuck(_Memory):
+    """A viewer that takes no data: Rerun blocks, for ever."""
+
+    address = "stuck"
+
+    def check(self, stream: "rr.RecordingStream") -> None:
+        """Wait."""
+        time.sleep(600)
+
+
+class Glutton(_Memory):
+    """Data that nobody takes: each picture leaves some megabytes more."""
+
+    address = "glutton"
+
+    def __init__(self, mb: int) -> None:
+        self._mb = mb
+        self._more: list[bytes] = []
+
+    def check(self, stream: "rr.RecordingStream") -> None:
+        """Grow, and write to all of it."""
+        self._more.append(b"x" * (self._mb * 1_000_000))
+
+
+class FullDisk(_Memory):
+    """A disk that fills up with the first picture."""
+
+    address = "full"
+
+    def check(self, stream: "rr.RecordingStream") -> None:
+        """It is full."""
+        raise DiskFullError("full: the disk is full")

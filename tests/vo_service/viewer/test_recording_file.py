@@ -1,0 +1,189 @@
+"""Recordings of bounded size and number, and what a full disk makes of them."""
+
+import dataclasses
+import resource
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
+
+from drivers.camera import Pace
+from drivers.errors import InputError, UserFacingError
+from drivers.trajectory import StampedPoses
+from tests.belongings import wait_for
+from tests.vo_service.viewer.drawn import column, draw, is_whole, job, rows
+from vo_service.outputs.output import PoseUpdate
+from vo_service.viewer import drawing, recording_file
+from vo_service.viewer.drawing import Drawing
+from vo_service.viewer.output import ViewerOutput
+from vo_service.viewer.recording_file import RecordingFile, put_aside
+
+MakeUpdate = Callable[..., PoseUpdate]
+
+
+@pytest.fixture
+def heavy(make_update: MakeUpdate) -> Callable[[int], PoseUpdate]:
+    """Results with a picture of noise, a megabyte each: ``heavy(seq)``."""
+    noise = np.random.default_rng(0).integers(0, 255, (960, 1280, 3), np.uint8)
+
+    def make(seq: int) -> PoseUpdate:
+        update = make_update(3 * seq)
+        return dataclasses.replace(
+            update, frame=dataclasses.replace(update.frame, colour_bgr=noise)
+        )
+
+    return make
+
+
+@pytest.fixture
+def free_bytes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """What the disk has free, one answer after another, the last for ever; asked at any time."""
+    answers = [10**12]
+
+    def disk_usage(path: Path) -> SimpleNamespace:
+        return SimpleNamespace(free=answers.pop(0) if len(answers) > 1 else answers[0])
+
+    monkeypatch.setattr(drawing, "CHECK_PERIOD_S", 0.0)
+    monkeypatch.setattr(drawing, "RETRY_PERIOD_S", 0.0)
+    monkeypatch.setattr(recording_file, "shutil", SimpleNamespace(disk_usage=disk_usage))
+    return answers
+
+
+def paced(updates: Iterable[PoseUpdate]) -> Iterator[PoseUpdate]:
+    """Results no faster than Rerun writes them: it does so five times a second."""
+    for update in updates:
+        yield update
+        time.sleep(0.1)
+
+
+@contextmanager
+def files_up_to(size: int) -> Iterator[None]:
+    """As a disk that is full, or a quota: no file may grow beyond."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_full_file_is_followed_by_the_next_and_the_oldest_goes(
+    tmp_path: Path, heavy: Callable[[int], PoseUpdate]
+) -> None:
+    path = tmp_path / "out.rrd"
+    draw(RecordingFile(path, file_mb=1, files_kept=3), paced(map(heavy, range(20))))
+    names = sorted(file.name for file in tmp_path.iterdir())
+    assert len(names) == 3
+    assert names[-1] == "out.rrd"
+    newest = int(names[1][4:8])
+    assert names[0] == f"out-{newest - 1:04d}.rrd"
+    assert newest > 2
+    assert all(map(is_whole, tmp_path.iterdir()))
+
+
+def test_every_file_opens_by_itself(tmp_path: Path, heavy: Callable[[int], PoseUpdate]) -> None:
+    updates = [heavy(seq) for seq in range(8)]
+    stamps_s = np.array([update.stamp_s for update in updates])
+    truth = StampedPoses(stamps_s, np.array([update.T_world_camera for update in updates]))
+    draw(RecordingFile(tmp_path / "out.rrd", file_mb=1), paced(updates), truth=truth)
+    assert len(list(tmp_path.iterdir())) > 1
+    for file in tmp_path.iterdir():
+        counted = rows(file)
+        for entity in ("world", "world/ground_truth", "plots/counts/inliers"):
+            assert counted[f"/{entity}"] > 0, (file.name, entity)
+        assert counted["/log"] == 1  # the state, said anew
+        assert len(RrdReader(file).blueprints()) == 1
+
+
+def test_the_trajectory_goes_on_in_the_next_file(
+    tmp_path: Path, heavy: Callable[[int], PoseUpdate]
+) -> None:
+    draw(RecordingFile(tmp_path / "out.rrd", file_mb=1), paced(map(heavy, range(8))))
+    so_far = column(tmp_path / "out.rrd", "/world/trajectory/so_far", "LineStrips3D:strips")
+    assert len(so_far[0][0]) > 2
+    assert so_far[0][0][0] == [0.0, 0.0, 0.0]
+
+
+def test_what_is_there_already_is_kept(tmp_path: Path, make_update: MakeUpdate) -> None:
+    for number in range(3):
+        draw(RecordingFile(tmp_path / "out.rrd"), [make_update(number)])
+    assert [rows(tmp_path / name)["/log"] for name in ("out-0001.rrd", "out-0002.rrd")] == [1, 1]
+    positions = column(tmp_path / "out.rrd", "/world/camera", "Transform3D:translation")
+    assert positions[0][0][2] == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(
+    ("there", "kept", "left"),
+    [
+        ([], 4, []),
+        (["out.rrd"], 4, ["out-0001.rrd"]),
+        (["out.rrd"], 1, []),
+        (["out.rrd", "out-0007.rrd", "out-0005.rrd"], 3, ["out-0007.rrd", "out-0008.rrd"]),
+        (["out-9999.rrd", "out.rrd"], 3, ["out-9999.rrd", "out-10000.rrd"]),
+        (["other.rrd", "out-1.rrd", "out-0001.txt"], 1, ["other.rrd", "out-1.rrd", "out-0001.txt"]),
+    ],
+)
+def test_room_is_made_among_our_own_files_alone(
+    tmp_path: Path, there: list[str], kept: int, left: list[str]
+) -> None:
+    for name in there:
+        (tmp_path / name).touch()
+    put_aside(tmp_path / "out.rrd", kept)
+    assert {file.name for file in tmp_path.iterdir()} == set(left)
+
+
+def test_a_disk_that_fills_up_ends_the_file_in_order_and_begins_another_when_there_is_space(
+    tmp_path: Path, make_update: MakeUpdate, free_bytes: list[int]
+) -> None:
+    path = tmp_path / "out.rrd"
+    free_bytes[:] = [10**12] * 4 + [10**6, 10**6, 10**12]
+    drawn = draw(RecordingFile(path), [make_update(3 * seq) for seq in range(10)])
+    assert drawn.trouble == ""
+    assert "out.rrd: the disk is full" in drawn.incomplete
+    assert is_whole(path)
+    assert is_whole(tmp_path / "out-0001.rrd")
+    assert rows(tmp_path / "out-0001.rrd")["/depth"] == 3
+    assert rows(path)["/depth"] == 5
+
+
+def test_a_disk_that_is_full_at_the_start_is_trouble_but_no_refusal(
+    tmp_path: Path, make_update: MakeUpdate, free_bytes: list[int]
+) -> None:
+    free_bytes[:] = [10**6]
+    drawn = draw(RecordingFile(tmp_path / "out.rrd"), [make_update(0)])
+    assert "the disk is full" in drawn.trouble
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_cannot_grow_can_be_read_up_to_there(
+    tmp_path: Path, heavy: Callable[[int], PoseUpdate]
+) -> None:
+    path = tmp_path / "out.rrd"
+    with files_up_to(5_000_000):
+        output = ViewerOutput(RecordingFile(path), pace=Pace.LOCKSTEP)
+    updates = map(heavy, count())
+
+    def is_told_after_another() -> bool:
+        output.pose(next(updates))
+        time.sleep(0.4)
+        return "the recording stops after" in output.warning
+
+    wait_for(is_told_after_another)
+    with pytest.raises(UserFacingError, match="the recording is not complete"):
+        output.close()
+    with pytest.warns(RerunWarning, match="no footer"):
+        assert rows(path)["/world/camera/image"] > 0
+    assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
+
+
+def test_a_folder_that_is_missing_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot write the Rerun recording") as caught:
+        Drawing(job(RecordingFile(tmp_path / "missing" / "out.rrd")))
+    assert "\n" not in str(caught.value)

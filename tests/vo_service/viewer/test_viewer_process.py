@@ -1,0 +1,225 @@
+"""The viewer's process: frozen, killed, stuck or too large, it costs the poses nothing."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import Pace
+from drivers.errors import InputError, UserFacingError
+from tests.belongings import belongings, children, is_alive, resident_kb, wait_for
+from tests.vo_service.viewer.drawn import column, is_whole, rows
+from tests.vo_service.viewer.odd_sinks import FullDisk, Glutton, Stuck
+from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.settings import RerunSettings
+from vo_service.viewer.output import ViewerOutput, open_viewer
+from vo_service.viewer.recording_file import RecordingFile
+from vo_service.viewer.sinks import Sink
+
+MakeUpdate = Callable[..., PoseUpdate]
+# Far more than any call takes that does not wait for the viewer.
+AT_ONCE_S = 1.0
+
+
+@contextmanager
+def shown(
+    sink: Sink,
+    settings: RerunSettings = RerunSettings(),  # noqa: B008 (frozen)
+    pace: Pace = Pace.REALTIME,
+) -> Iterator[tuple[ViewerOutput, int]]:
+    """An output with its process."""
+    before = set(children())
+    output = ViewerOutput(sink, settings, pace=pace)
+    try:
+        (process,) = set(children()) - before
+        yield output, process
+    finally:
+        output.close()
+
+
+def flood(output: ViewerOutput, update: PoseUpdate) -> float:
+    """More results than any pipe holds; the longest time that one took to hand over."""
+    longest_s = 0.0
+    for seq in range(200):
+        start_s = time.monotonic()
+        output.pose(replace(update, seq=seq))
+        longest_s = max(longest_s, time.monotonic() - start_s)
+        time.sleep(0.002)
+    return longest_s
+
+
+def test_results_reach_the_file_and_nothing_is_left(
+    tmp_path: Path, make_update: MakeUpdate, status: Status
+) -> None:
+    before = belongings()
+    path = tmp_path / "out.rrd"
+    with shown(RecordingFile(path), pace=Pace.LOCKSTEP) as (output, process):
+        for seq in range(60):
+            output.pose(make_update(seq))
+            if seq == 30:  # Ctrl-C and a stop of the unit are the service's affair
+                os.kill(process, signal.SIGINT)
+                os.kill(process, signal.SIGTERM)
+        output.status(status)
+        assert os.getpgid(process) != os.getpgrp()
+    assert (output.dropped, output.warning) == (0, "")
+    assert is_whole(path)
+    assert (rows(path)["/world/camera"], rows(path)["/depth"]) == (60, 20)
+    assert not is_alive(process)
+    assert belongings() <= before
+
+
+def test_rerun_stays_out_of_the_service(tmp_path: Path) -> None:
+    script = (
+        "import sys; from vo_service.viewer.output import open_viewer; "
+        "open_viewer(sys.argv[1]).close(); "
+        "print({'rerun', 'pyarrow', 'http.server'} & set(sys.modules))"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / "out.rrd")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("set()\n", "")
+
+
+def test_a_frozen_process_holds_nothing_up(
+    tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+) -> None:
+    output = ViewerOutput(RecordingFile(tmp_path / "out.rrd"))
+    (process,) = children()
+    os.kill(process, signal.SIGSTOP)
+    assert flood(output, make_update(0)) < AT_ONCE_S
+    assert output.dropped > 20
+    start_s = time.monotonic()
+    with pytest.raises(UserFacingError, match="not complete"):
+        output.close()
+    assert time.monotonic() - start_s < 5.0  # 2.5 on a computer with nothing else to do
+    assert "did not take all data in time" in caplog.text
+    wait_for(lambda: not is_alive(process))
+
+
+def test_a_killed_process_comes_back_and_draws_what_was_there(
+    tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "out.rrd"
+    with shown(RecordingFile(path), pace=Pace.LOCKSTEP) as (output, process):
+        for seq in range(0, 60, 3):
+            output.pose(make_update(seq))
+        wait_for(lambda: path.stat().st_size > 10_000)
+        os.kill(process, signal.SIGKILL)
+        wait_for(lambda: "crashed (signal 9, Killed)" in output.warning)
+        wait_for(lambda: output.warning == "")
+        for seq in range(60, 90, 3):
+            output.pose(make_update(seq))
+    assert caplog.text.count("crashed (signal 9, Killed); starting it again") == 1
+    assert is_whole(path)
+    (so_far,) = column(path, "/world/trajectory/so_far", "LineStrips3D:strips")
+    assert so_far[0][0] == [0.0, 0.0, 0.0]
+    assert len(so_far[0]) > 5
+    assert (tmp_path / "out-0001.rrd").exists()
+
+
+@pytest.mark.parametrize("state", ["running", "frozen"])
+def test_the_process_ends_with_a_service_that_is_killed(tmp_path: Path, state: str) -> None:
+    script = (
+        "import sys, time; from tests.belongings import children; "
+        "from vo_service.viewer.output import open_viewer; "
+        "output = open_viewer(sys.argv[1]); print(*children(), flush=True); time.sleep(60)"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / "out.rrd")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as service:
+        assert service.stdout is not None
+        process = int(service.stdout.readline())
+        if state == "frozen":
+            os.kill(process, signal.SIGSTOP)
+        service.kill()
+    if state == "frozen":
+        os.kill(process, signal.SIGCONT)
+    wait_for(lambda: not is_alive(process))
+
+
+def test_a_process_that_is_stuck_in_rerun_says_so(make_update: MakeUpdate) -> None:
+    with shown(Stuck()) as (output, _):
+        output.pose(make_update(0))
+        wait_for(lambda: output.warning == "rerun: stuck does not take its data")
+        assert flood(output, make_update(0)) < AT_ONCE_S
+
+
+def test_a_process_that_grows_too_large_is_started_again(
+    make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+) -> None:
+    settings = RerunSettings(memory_mb=300)
+    largest_mb = 0.0
+    with shown(Glutton(100), settings) as (output, process):
+        deadline_s = time.monotonic() + 30
+        while is_alive(process):
+            assert time.monotonic() < deadline_s
+            largest_mb = max(largest_mb, resident_mb(process))
+            output.pose(make_update(0))
+            time.sleep(0.2)
+        wait_for(lambda: "passed 300 MB (rerun.memory_mb)" in output.warning)
+        wait_for(lambda: output.warning == "")
+    assert largest_mb < 300 + 200
+    assert caplog.text.count("passed 300 MB") == 1
+
+
+def resident_mb(process: int) -> float:
+    try:
+        return resident_kb(process) * 1024 / 1e6
+    except (OSError, AssertionError):  # it has just ended
+        return 0.0
+
+
+def test_what_could_not_be_kept_is_said_while_it_lasts_and_at_the_end(
+    make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+) -> None:
+    output = ViewerOutput(FullDisk())
+    output.pose(make_update(0))
+    wait_for(lambda: output.warning == "rerun: full: the disk is full")
+    output.pose(make_update(30))
+    with pytest.raises(UserFacingError, match="full: the recording is not complete"):
+        output.close()
+    output.close()
+    assert caplog.text.count("the disk is full") == 1
+
+
+def test_while_it_rests_nothing_is_drawn_and_the_log_says_so(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    path = tmp_path / "out.rrd"
+    with shown(RecordingFile(path), pace=Pace.LOCKSTEP) as (output, _):
+        for is_resting in (False, True, True, False):
+            output.rest(is_resting)
+            for seq in range(3):
+                output.pose(make_update(seq))
+    assert rows(path)["/world/camera"] == 6
+    texts = [text for (text,) in column(path, "/log", "TextLog:text")]
+    assert texts == ["tracking (epoch 1)", "resting: the machine is too slow", "drawing again"]
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        "missing/out.rrd", "not\udcffutf8/out.rrd", "connect:no port", "connect:robot:0",
+        "connect:robot:65536", "serve?", "out.txt",
+    ],
+)  # fmt: skip
+def test_a_bad_target_is_one_line(tmp_path: Path, target: str) -> None:
+    name = str(tmp_path / target) if "/" in target else target
+    before = belongings()
+    with pytest.raises(InputError) as caught:
+        open_viewer(name)
+    assert "\n" not in str(caught.value)
+    assert belongings() <= before
+
+
+def test_without_rerun_it_says_how_to_install_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("vo_service.viewer.targets.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"pip install 'kinect-vo\[rerun\]'"):
+        open_viewer(str(tmp_path / "out.rrd"))

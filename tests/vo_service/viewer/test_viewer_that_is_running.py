@@ -1,0 +1,168 @@
+"""A Rerun viewer that is running, or not: real ones that come, freeze and go."""
+
+import signal
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.belongings import children, resident_kb, wait_for
+from vo_service.outputs.output import PoseUpdate
+from vo_service.settings import RerunSettings
+from vo_service.viewer.output import ViewerOutput, open_viewer
+from vo_service.viewer.page import rerun_binary
+from vo_service.viewer.presence import ViewerPresence, Watch
+
+MakeUpdate = Callable[..., PoseUpdate]
+ABSENT = "no viewer answers at"
+
+
+@contextmanager
+def closing_presence(port: int) -> Iterator[ViewerPresence]:
+    """What asks for a viewer, and lets go in the end."""
+    presence = ViewerPresence("127.0.0.1", port)
+    yield presence
+    presence.end()
+
+
+@contextmanager
+def viewer(port: int) -> Iterator["subprocess.Popen[bytes]"]:
+    """Rerun's own server, which a viewer has inside."""
+    command = [str(rerun_binary()), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            with closing_presence(port) as presence:
+                wait_for(presence.begin)
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def output(free_port: int) -> Iterator[ViewerOutput]:
+    """Shows its results to a viewer at the free port."""
+    output = open_viewer(f"connect:127.0.0.1:{free_port}", RerunSettings(memory_mb=400))
+    yield output
+    output.close()
+
+
+def processes() -> list[int]:
+    """Those that draw: with some memory of their own, unlike one that is being started."""
+    return [each for each in children() if resident_kb(each) > 50_000]
+
+
+def test_a_viewer_that_never_comes_costs_no_process(
+    output: ViewerOutput, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+) -> None:
+    for seq in range(30):
+        output.pose(make_update(seq))
+    assert ABSENT in output.warning
+    assert children() == []
+    logged = [record.message for record in caplog.get_records("setup") + caplog.records]
+    assert sum(ABSENT in message for message in logged) == 1
+
+
+def test_a_viewer_that_comes_late_goes_and_comes_again_is_fed(
+    free_port: int, output: ViewerOutput, make_update: MakeUpdate
+) -> None:
+    output.pose(make_update(0))
+    for _ in range(2):
+        assert ABSENT in output.warning
+        with viewer(free_port):
+            wait_for(lambda: output.warning == "")
+            output.pose(make_update(30))
+            assert len(processes()) >= 1
+        wait_for(lambda: ABSENT in output.warning)
+
+
+def test_a_frozen_viewer_is_given_up_and_memory_stays_bounded(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    update = make_update(0)
+    noise = np.random.default_rng(0).integers(0, 255, (960, 1280, 3), np.uint8)
+    update = replace(update, frame=replace(update.frame, colour_bgr=noise))
+    settings = RerunSettings(memory_mb=400, picture_hz=1000.0)
+    with viewer(free_port) as frozen:
+        output = open_viewer(f"connect:127.0.0.1:{free_port}", settings)
+        wait_for(lambda: output.warning == "")
+        (process,) = set(children()) - {frozen.pid}
+        frozen.send_signal(signal.SIGSTOP)
+        largest_kb, longest_s = 0, 0.0
+        while ABSENT not in output.warning and "memory_mb" not in output.warning:
+            start_s = time.monotonic()
+            output.pose(update)
+            longest_s = max(longest_s, time.monotonic() - start_s)
+            largest_kb = max(largest_kb, resident_of(process))
+            time.sleep(0.01)
+        output.close()
+    assert longest_s < 1.0
+    assert largest_kb < 600_000
+
+
+def resident_of(process: int) -> int:
+    """Memory of a process that may have ended."""
+    try:
+        return resident_kb(process)
+    except (OSError, AssertionError):
+        return 0
+
+
+def test_something_that_accepts_and_never_answers_is_no_viewer() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        assert not ViewerPresence(*mute.getsockname()).begin()
+
+
+def test_something_that_speaks_another_protocol_is_no_viewer() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            with server.accept()[0] as connection:
+                connection.sendall(b"HTTP/1.1 505 no\r\n\r\n")
+
+        threading.Thread(target=answer).start()
+        assert not ViewerPresence(*server.getsockname()).begin()
+
+
+def test_a_viewer_that_is_replaced_by_another_is_noticed_at_once(free_port: int) -> None:
+    with closing_presence(free_port) as presence:
+        with viewer(free_port):
+            assert presence.begin()
+            assert presence.answers()
+        with viewer(free_port), pytest.raises(ConnectionError):
+            presence.answers()
+
+
+class Patchy:
+    """Answers by script."""
+
+    def __init__(self, *answers: bool | Exception) -> None:
+        self._answers = list(answers)
+
+    def begin(self) -> bool:
+        """It is there."""
+        return True
+
+    def answers(self) -> bool:
+        """The next answer."""
+        answer = self._answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def end(self) -> None:
+        """Nothing to let go of."""
+
+
+def test_a_viewer_that_is_slow_to_answer_is_given_another_chance(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("vo_service.viewer.presence.PERIOD_S", 0.0)
+    watch = Watch(Patchy(True, False, False, True, False, False, False, ConnectionError()))
+    assert watch.begin()
+    assert [watch.has_gone() for _ in range(8)] == [False] * 6 + [True, True]

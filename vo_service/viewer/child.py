@@ -1,0 +1,164 @@
+"""The viewer's process: ``python -m vo_service.viewer.child FD``, started by `Supervisor`.
+
+It ends with the service, whatever happens: in order where that is possible, by force where not.
+"""
+
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from importlib import import_module
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+
+from drivers.errors import UserFacingError
+from drivers.isolation.messages import LogLine
+from vo_service.viewer.messages import Ended, Finish, Health, Job, Message, Ready, Word
+from vo_service.viewer.targets import prepare_rerun
+
+if TYPE_CHECKING:
+    from vo_service.viewer.drawing import Drawing
+
+HEARTBEAT_S = 0.5
+# One message that takes longer than this to draw is stuck in Rerun: the viewer takes no data.
+STUCK_S = 2.0
+# For writing out everything, once the service is gone.
+FINISHING_S = 5.0
+# Native code that holds Python's lock stops the heartbeat; after this long the kernel steps in.
+ORPHAN_S = 20.0
+# Poses come first where processors are scarce.
+NICENESS = 5
+MB = 1_000_000
+
+
+def main(connection: "Connection[Any, Any]") -> None:
+    """Draw until the service says that nothing follows, or is gone."""
+    # Ctrl-C and a stop of the systemd unit reach every process; the service decides what they mean.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    job: Job = connection.recv()
+    outbox = _Outbox(connection)
+    handlers = [_LogToService(outbox)]
+    logging.basicConfig(level=job.log_level, format="%(message)s", handlers=handlers)
+    logging.getLogger("numexpr").setLevel(logging.WARNING)  # tells how many threads it has
+    cv2.setNumThreads(1)
+    pulse = _Pulse(job, outbox)
+    try:
+        _draw(_open_drawing(job), connection, pulse, outbox)
+    except UserFacingError as error:
+        outbox.tell(Ended(error))
+
+
+def _open_drawing(job: Job) -> "Drawing":
+    # Rerun is slow to import: the heart beats already.
+    prepare_rerun()
+    drawing = import_module("vo_service.viewer.drawing")
+    opened: Drawing = drawing.Drawing(job)
+    return opened
+
+
+def _draw(
+    drawing: "Drawing", connection: "Connection[Any, Any]", pulse: "_Pulse", outbox: "_Outbox"
+) -> None:
+    with suppress(OSError):  # a hardened unit forbids it
+        os.nice(NICENESS)
+    outbox.tell(Ready())
+    for message in _messages(connection):
+        with pulse.busy():
+            drawing.draw(message)
+        pulse.health = Health(drawing.trouble, drawing.incomplete)
+    with pulse.busy():
+        drawing.finish()
+    outbox.tell(Health(drawing.trouble, drawing.incomplete))
+
+
+def _messages(connection: "Connection[Any, Any]") -> Iterator[Message]:
+    """Until the service says that nothing follows, or is gone."""
+    with suppress(EOFError, OSError):
+        while not isinstance(message := connection.recv(), Finish):
+            yield message
+
+
+class _Pulse:
+    """A thread that tells the service how it goes, and ends the process where that must be."""
+
+    def __init__(self, job: Job, outbox: "_Outbox") -> None:
+        self._job, self._outbox = job, outbox
+        self._busy_since_s = float("inf")
+        self.health = Health()
+        threading.Thread(target=self._run, name="pulse", daemon=True).start()
+
+    @contextmanager
+    def busy(self) -> Iterator[None]:
+        """While something is drawn."""
+        self._busy_since_s = time.monotonic()
+        yield
+        self._busy_since_s = float("inf")
+
+    def _run(self) -> None:
+        while self._outbox.is_read:
+            signal.setitimer(signal.ITIMER_REAL, ORPHAN_S)
+            if _resident_mb() > self._job.memory_mb:
+                self._outbox.tell(Ended(UserFacingError(self._too_large())))
+                os._exit(1)
+            self._outbox.tell(self._health_now())
+            time.sleep(HEARTBEAT_S)
+        time.sleep(FINISHING_S)
+        os._exit(1)
+
+    def _health_now(self) -> Health:
+        if time.monotonic() - self._busy_since_s < STUCK_S:
+            return self.health
+        return replace(self.health, trouble=f"{self._job.sink.address} does not take its data")
+
+    def _too_large(self) -> str:
+        return (
+            f"the viewer's process passed {self._job.memory_mb} MB (rerun.memory_mb), "
+            "as its data is not taken fast enough; starting it again"
+        )
+
+
+def _resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / MB
+
+
+class _Outbox:
+    """Words for the service, from any thread. `is_read` turns False when it is gone."""
+
+    def __init__(self, connection: "Connection[Any, Any]") -> None:
+        self._connection = connection
+        self._lock = threading.Lock()
+        self.is_read = True
+
+    def tell(self, word: Word) -> None:
+        """Send it."""
+        try:
+            with self._lock:
+                self._connection.send(word)
+        except OSError:
+            self.is_read = False
+
+
+class _LogToService(logging.Handler):
+    def __init__(self, outbox: _Outbox) -> None:
+        super().__init__()
+        self._outbox = outbox
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._outbox.tell(LogLine(record.levelno, record.name, self.format(record)))
+
+
+if __name__ == "__main__":
+    with Connection(int(sys.argv[1])) as _connection:
+        main(_connection)
+    os._exit(0)  # Rerun's threads may never end

@@ -1,0 +1,125 @@
+"""What the service's process and the viewer's process say to each other."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import RgbdFrame
+from drivers.errors import UserFacingError
+from drivers.geometry import Array
+from drivers.isolation.messages import LogLine
+from vo_service.odometry.estimate import Evidence
+from vo_service.outputs.output import TrackingState
+from vo_service.viewer.sinks import Sink
+from vo_service.viewer.trail import Trail
+
+
+@dataclass(frozen=True)
+class Job:
+    """To the viewer's process, first and once.
+
+    recording_id  the same for every process and file of a run: Rerun shows them as one recording
+    log_level     of the service's log
+    """
+
+    sink: Sink
+    jpeg_quality: int
+    memory_mb: int
+    recording_id: str
+    log_level: int
+
+
+@dataclass(frozen=True)
+class State:
+    """How far the pose can be trusted now."""
+
+    state: TrackingState
+    reason: str
+    epoch: int
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What goes out for every frame. `counts` and `stage_ms` are plotted by name."""
+
+    seq: int
+    stamp_s: float
+    T_world_camera: Array
+    counts: Mapping[str, int]
+    stage_ms: Mapping[str, float]
+    state: State
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What goes out for some frames, after their numbers."""
+
+    frame: RgbdFrame
+    evidence: Evidence
+
+
+@dataclass(frozen=True)
+class Point:
+    """The trajectory goes on to this position in the world, metres."""
+
+    position: Array
+    epoch: int
+
+
+@dataclass(frozen=True)
+class Truth:
+    """(N, 3) positions of the true trajectory, moved to start where the estimate does."""
+
+    positions: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Note:
+    """A line for the log beside the pictures."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Backdrop:
+    """Before all else: what is there already, as the process may not be the first."""
+
+    trail: Trail = field(default_factory=Trail)
+    truth: Truth | None = None
+
+
+@dataclass(frozen=True)
+class Finish:
+    """Nothing follows: write out everything and end."""
+
+
+Message = Backdrop | Numbers | Picture | Point | Truth | State | Note | Finish
+
+
+@dataclass(frozen=True)
+class Ready:
+    """From the viewer's process: the place for the pictures is open."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """From the viewer's process, last: it cannot be, or not go on."""
+
+    error: UserFacingError
+
+
+@dataclass(frozen=True)
+class Health:
+    """From the viewer's process, several times a second: its sign of life.
+
+    trouble     what is wrong now, "" while all is well
+    incomplete  what could not be kept, "" if everything was
+    """
+
+    trouble: str = ""
+    incomplete: str = ""
+
+
+Word = Ready | Ended | Health | LogLine

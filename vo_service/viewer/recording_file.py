@@ -1,0 +1,117 @@
+"""Recordings in .rrd files of bounded size and number."""
+
+import re
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drivers.camera import Pace
+from drivers.errors import InputError
+from vo_service.outputs.worker import DropOldest, HandOver, Wait
+from vo_service.viewer.presence import AlwaysThere, Presence
+from vo_service.viewer.sinks import BrokenFileError, DiskFullError
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+MB = 1_000_000
+QUEUE = 8
+FLUSH_S = 5.0
+# Left free, so that the end of a file can be written: without it Rerun opens a file slowly.
+RESERVE_BYTES = 16 * MB
+
+
+class RecordingFile:
+    """FILE.rrd is what is being written; what was there is kept under another name.
+
+    A file that is full, or of an earlier run, is named FILE-0001.rrd, the next FILE-0002.rrd: the
+    higher, the newer. `file_mb` is the size that a file may grow to, `files_kept` how many there
+    are at most, FILE.rrd among them.
+
+    Pictures follow the frames' own time, so that a fast replay has as many.
+    """
+
+    is_kept = True
+
+    def __init__(self, path: Path, file_mb: int = 500, files_kept: int = 4) -> None:
+        self.address = str(path)
+        self._path = path
+        self._most_bytes = file_mb * MB
+        self._files_kept = files_kept
+        self._whole_bytes = 0
+
+    def hand_over(self, pace: Pace) -> HandOver[Any]:
+        """A replay in lockstep waits until everything is written."""
+        return Wait(QUEUE) if pace is Pace.LOCKSTEP else DropOldest(QUEUE)
+
+    def clock_s(self, stamp_s: float) -> float:
+        """The frame's stamp."""
+        return stamp_s
+
+    def presence(self) -> Presence:
+        """A file is always there."""
+        return AlwaysThere()
+
+    def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
+        """Create the file."""
+        try:
+            self._refuse_full_disk(2 * RESERVE_BYTES)
+            put_aside(self._path, self._files_kept)
+            stream.save(self.address, default_blueprint=blueprint)
+        except (OSError, RuntimeError, UnicodeError) as error:
+            raise InputError(
+                f"{self.address}: cannot write the Rerun recording: {error}"
+            ) from error
+        self._whole_bytes = 0
+
+    def check(self, stream: "rr.RecordingStream") -> None:
+        """Whether there is space, and everything has been written."""
+        self._refuse_full_disk(RESERVE_BYTES)
+        try:
+            stream.flush(timeout_sec=FLUSH_S)
+        except RuntimeError as error:
+            # A file that ends in the middle of a message is not read at all.
+            with self._path.open("r+b") as file:
+                file.truncate(self._whole_bytes)
+            raise BrokenFileError(
+                f"{self.address}: the recording stops after {self._whole_bytes} bytes, as the file "
+                f"cannot be written ({error}); mend that and start again"
+            ) from error
+        self._whole_bytes = self._path.stat().st_size
+
+    def is_full(self) -> bool:
+        """Whether the file has reached its size."""
+        return self._path.stat().st_size >= self._most_bytes
+
+    def close(self) -> None:
+        """The stream closes the file."""
+
+    def _refuse_full_disk(self, needed_bytes: int) -> None:
+        if shutil.disk_usage(self._path.parent).free < needed_bytes:
+            raise DiskFullError(
+                f"{self.address}: the disk is full; nothing is recorded until there is space again"
+            )
+
+
+def put_aside(path: Path, files_kept: int) -> None:
+    """Make room for a new file: name the one that is there FILE-NNNN.rrd, delete the oldest.
+
+    Raises OSError.
+    """
+    numbers = sorted(_numbers(path))
+    if path.is_file():
+        numbers.append(numbers[-1] + 1 if numbers else 1)
+        path.rename(_numbered(path, numbers[-1]))
+    for number in numbers[: max(0, len(numbers) - files_kept + 1)]:
+        _numbered(path, number).unlink()
+
+
+def _numbers(path: Path) -> list[int]:
+    form = re.compile(re.escape(path.stem) + r"-(\d{4,})" + re.escape(path.suffix))
+    found = (form.fullmatch(each.name) for each in path.parent.iterdir() if each.is_file())
+    return [int(each[1]) for each in found if each]
+
+
+def _numbered(path: Path, number: int) -> Path:
+    return path.with_name(f"{path.stem}-{number:04d}{path.suffix}")

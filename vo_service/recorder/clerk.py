@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from dataclasses import replace
 from re import fullmatch
 
 from vo_service.control.commands import NAME_PATTERN
@@ -13,6 +14,7 @@ from vo_service.recorder.messages import (
     Facts,
     IncidentWritten,
     Job,
+    KeepAtMost,
     RecordingEnded,
     SaveIncident,
     StartRecording,
@@ -92,6 +94,11 @@ class Clerk:
                 raise _not_possible("nothing is being recorded")
             self._keeper.tell(StopRecording(end))
             return folder
+
+    def keep_at_most(self, total_bytes: int) -> None:
+        """Of incidents, from now on."""
+        self._keeper.job = replace(self._job, total_bytes=total_bytes)
+        self._keeper.tell(KeepAtMost(total_bytes))
 
     def close(self) -> None:
         """End what is being written, as far as there is time; the process goes on by itself."""

@@ -11,6 +11,7 @@ from vo_service.recorder.messages import (
     Facts,
     IncidentWritten,
     Job,
+    KeepAtMost,
     Order,
     SaveIncident,
     StartRecording,
@@ -58,6 +59,8 @@ class Desk:
                 self._recordings[:] = [Recording(self._frames, first, folder, self._tell)]
             case StopRecording(end):
                 self._stop_recordings(end)
+            case KeepAtMost(total_bytes):
+                self._incidents.total_bytes = total_bytes
 
     def finish(self) -> None:
         """The service ends in order: bring to an end what has been begun."""

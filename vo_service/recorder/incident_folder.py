@@ -32,7 +32,7 @@ class IncidentFolder:
 
     def __init__(self, folder: Path, total_bytes: int) -> None:
         self.folder = folder
-        self._total_bytes = total_bytes
+        self.total_bytes = total_bytes
 
     def clean_up(self) -> None:
         """Remove what an earlier recorder could not finish, and what is too much."""
@@ -45,7 +45,7 @@ class IncidentFolder:
         """Delete the oldest incidents until so many bytes more fit into the total."""
         incidents = sorted(self._incidents(""))
         sizes = {incident: _size(incident) for incident in incidents}
-        excess = sum(sizes.values()) + expected_bytes - self._total_bytes
+        excess = sum(sizes.values()) + expected_bytes - self.total_bytes
         for oldest in incidents:
             if excess <= 0:
                 return

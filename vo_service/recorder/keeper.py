@@ -24,7 +24,7 @@ _LIMITS = TimeLimits(first_retry_s=0.2, longest_retry_s=30.0)
 SILENT_S = 10.0
 # How long the service waits for its end. What it has begun to write it then finishes by itself.
 ENDING_S = 1.5
-_REAPED_S = 0.5
+REAPED_S = 0.5
 
 
 class Keeper:
@@ -32,7 +32,8 @@ class Keeper:
 
     def __init__(self, job: Job, hear: Callable[[Word], None], died: Callable[[], None]) -> None:
         """Start. `died` is called after each process that ended by itself."""
-        self._job, self._hear, self._died = job, hear, died
+        self.job = job  # of the next process
+        self._hear, self._died = hear, died
         self._orders: deque[Order] = deque()
         self._wake = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._closing = threading.Event()
@@ -75,15 +76,15 @@ class Keeper:
         with ours:
             with theirs:
                 try:
-                    process = _start(theirs.fileno(), self._job)
+                    process = _start(theirs.fileno(), self.job)
                 except OSError as error:
                     logger.error("recorder: cannot be started: %s", error.strerror)
                     return
             with suppress(OSError, EOFError):
-                ours.send(self._job)
+                ours.send(self.job)
                 self._attend(ours)
             with suppress(subprocess.TimeoutExpired):
-                process.wait(_REAPED_S)
+                process.wait(REAPED_S)
 
     def _attend(self, connection: "Connection[Any, Any]") -> None:
         """Pass on orders and listen until the end. Raises EOFError or OSError if it dies."""

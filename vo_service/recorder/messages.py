@@ -49,11 +49,18 @@ class StopRecording:
 
 
 @dataclass(frozen=True)
+class KeepAtMost:
+    """To the recorder: so much of incidents, from now on."""
+
+    total_bytes: int
+
+
+@dataclass(frozen=True)
 class End:
     """To the recorder, last: the service ends in order, and nothing need be kept."""
 
 
-Order = SaveIncident | StartRecording | StopRecording | End
+Order = SaveIncident | StartRecording | StopRecording | KeepAtMost | End
 
 
 @dataclass(frozen=True)

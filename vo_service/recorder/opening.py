@@ -41,6 +41,10 @@ class Recorder(Output, Protocol):
         """End the recording; its folder. Raises CommandError if there is none."""
         ...
 
+    def configure(self, settings: RecorderSettings) -> None:
+        """Take over what may change while it runs: `save_on_loss` and `total_mb`."""
+        ...
+
 
 class NoRecorder:
     """Where nothing is to be remembered, or nothing can be: says why to whoever asks."""
@@ -68,6 +72,9 @@ class NoRecorder:
     def stop_recording(self) -> str:
         """Never possible."""
         raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
+
+    def configure(self, settings: RecorderSettings) -> None:
+        """Nothing to change."""
 
     def close(self) -> None:
         """Nothing to release."""

@@ -43,7 +43,7 @@ class FlightRecorder:
         """
         self._memory = Memory(settings.seconds, settings.max_mb, readout_s)
         self._no_memory = ""
-        self._loss = LossWatch() if settings.save_on_loss else NoLossWatch()
+        self._loss = _loss_watch(settings)
         self._is_closed = False
         self._clerk = Clerk(
             Job(
@@ -116,6 +116,11 @@ class FlightRecorder:
         """As `Recorder`."""
         return self._clerk.stop_recording(self._memory.frames.count)
 
+    def configure(self, settings: RecorderSettings) -> None:
+        """As `Recorder`."""
+        self._loss = _loss_watch(settings)
+        self._clerk.keep_at_most(settings.total_mb * MEGABYTE)
+
     def close(self) -> None:
         """Forget everything; a loss that is not written yet still is, and so is a recording."""
         if self._is_closed:
@@ -142,3 +147,7 @@ class FlightRecorder:
             self._clerk.save("lost")
         except CommandError as error:
             logger.warning("recorder: a loss of tracking is not written: %s", error)
+
+
+def _loss_watch(settings: RecorderSettings) -> LossWatch | NoLossWatch:
+    return LossWatch() if settings.save_on_loss else NoLossWatch()

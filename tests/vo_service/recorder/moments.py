@@ -132,6 +132,14 @@ def incident(state: Path, reason: str) -> Path:
     return found
 
 
+def saved(recorder: FlightRecorder, reason: str) -> Path:
+    """The folder of an incident that has been asked for, when it is whole."""
+    folder = Path(recorder.save(reason))
+    wait_for(lambda: not recorder.is_saving, f"for {folder}")
+    assert folder.exists()
+    return folder
+
+
 def refusal(of: Callable[[], object]) -> str:
     """The code and the words with which a command is refused."""
     try:

@@ -22,6 +22,7 @@ from tests.vo_service.recorder.moments import (
     incidents,
     recorder,
     refusal,
+    saved,
     status,
     update,
 )
@@ -153,8 +154,7 @@ def test_an_orderly_end_leaves_nothing(tmp_path: Path) -> None:
 def test_everything_is_private(tmp_path: Path) -> None:
     with recorder(tmp_path, SMALL) as recording:
         feed(recording, update(0))
-        folder = Path(recording.save("command"))
-        wait_for(folder.exists)
+        folder = saved(recording, "command")
     modes = {(path.is_dir(), path.stat().st_mode & 0o777) for path in folder.parent.rglob("*")}
     assert modes == {(True, 0o700), (False, 0o600)}
 
@@ -195,11 +195,23 @@ def test_too_many_incidents_are_not_kept(tmp_path: Path) -> None:
     with recorder(tmp_path, settings) as recording:
         feed(recording, update(0, camera=large), update(1, camera=large))
         for reason in ("first", "second", "third"):
-            folder = Path(recording.save(reason))
-            wait_for(folder.exists)
+            saved(recording, reason)
     names = sorted(path.name for path in (tmp_path / "elsewhere").iterdir())
     assert len(names) == 1
     assert names[0].endswith("third")
+
+
+def test_what_is_kept_and_whether_losses_are_written_may_change_while_it_runs(
+    tmp_path: Path,
+) -> None:
+    large = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, *(update(seq, camera=large) for seq in range(4)))
+        saved(recording, "first")
+        recording.configure(replace(SMALL, total_mb=1, save_on_loss=False))
+        feed(recording, update(4, LOST, camera=large))
+        saved(recording, "second")
+    assert [path.name[-6:] for path in incidents(tmp_path)] == ["second"]
 
 
 def test_what_cannot_be_done_is_refused_with_the_reason(tmp_path: Path) -> None:

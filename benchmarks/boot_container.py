@@ -1,7 +1,9 @@
 """A small Debian that boots with its own systemd, in a container, as a robot's computer would."""
 
 import os
+import re
 import shutil
+import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -93,16 +95,27 @@ class Container:
         try:
             self._process.wait(20.0)
         except subprocess.TimeoutExpired:
-            self._process.kill()
+            # All of the container ends with its first process, but not with systemd-nspawn.
+            for process in filter(None, (self._first, self._process.pid)):
+                os.kill(process, signal.SIGKILL)
             self._process.wait()
 
     def _find_first(self) -> int:
         """Its first process, as this computer numbers it; 0 if there is none yet."""
         assert self._process.poll() is None, "systemd-nspawn has ended"
         lists = Path(f"/proc/{self._process.pid}/task").glob("*/children")
-        children = [child for each in lists for child in each.read_text().split()]
-        self._first = int(children[0]) if children else 0
+        children = [int(child) for each in lists for child in each.read_text().split()]
+        self._first = next((child for child in children if _is_first(child)), 0)
         return self._first
+
+
+def _is_first(process: int) -> bool:
+    """Whether a process is number 1 in a container; systemd-nspawn has passing children too."""
+    try:
+        status = Path(f"/proc/{process}/status").read_text()
+    except OSError:
+        return False
+    return re.search(r"^NSpid:\t\d+\t1$", status, re.MULTILINE) is not None
 
 
 @contextmanager

@@ -20,7 +20,8 @@ class Evidence:
 
     keypoints_px          (N, 2) features of this frame
     matches_px            (M, 2) matched features of this frame
-    reference_matches_px  (M, 2) the same features where the reference frame had them
+    reference_matches_px  (M, 2) the same features where the frame that it was matched with had
+                          them: the last good one, or an older one where tracking was lost
     inlier                (M,) bool, True where the match agrees with the motion found
     """
 
@@ -39,7 +40,8 @@ class Estimate:
     T_world_camera         4x4 pose; world is the first camera. Not ok: the last good pose
     T_reference_camera     4x4 motion since the reference frame (the last good one)
     covariance             6x6 of T_reference_camera: (translation m, rotation rad), as a small
-                           motion in this camera's own axes; zero for the first frame
+                           motion in this camera's own axes; zero for the first frame. Found by an
+                           older frame: of the way back to that one and on to this one
     inliers                matches that agree with the motion
     matches, features      how many matches and features there were
     restarted              True when the pose is not continuous with the one before

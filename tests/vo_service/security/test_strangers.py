@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import UserFacingError
 from tests.vo_service.security.tls_network import (
     HOST,
     Network,
     Robot,
     answers,
     are_all,
+    connects,
     heard_poses,
 )
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
@@ -23,34 +23,24 @@ from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 FLOOD = Path(__file__).with_name("command_flood.py")
 
 
-def refused(network: Network, name: str, identity: str) -> bool:
-    try:
-        network.session(name, identity).close()  # type: ignore[no-untyped-call]
-    except UserFacingError:
-        return True
-    return False
-
-
 def test_a_certificate_of_another_authority_is_refused(network: Network, robot: Robot) -> None:
     strange, ours = network.folder / "strange/operator", network.folder / "ours/operator"
     (strange / "ca.pem").write_bytes((ours / "ca.pem").read_bytes())  # it trusts us, not we it
-    assert refused(network, "operator-tls.json5", "strange/operator")
-    assert not refused(network, "operator-tls.json5", "ours/operator")
+    assert not connects(network.file("operator-tls.json5", "strange/operator"))
+    assert connects(network.file("operator-tls.json5", "ours/operator"))
 
 
 def test_no_certificate_is_refused(network: Network, robot: Robot) -> None:
     file = network.file("reader-tls.json5", "ours/reader")
     lines = file.read_text().splitlines()
     file.write_text("\n".join(line for line in lines if "connect_" not in line))
-    with pytest.raises(UserFacingError):
-        open_session(ZenohConfig(config_file=file, listen=()))
+    assert not connects(file)
 
 
 def test_plain_tcp_to_the_encrypted_port_is_refused(network: Network, robot: Robot) -> None:
     file = network.file("reader-tls.json5", "ours/reader")
     file.write_text(file.read_text().replace("tls/", "tcp/"))
-    with pytest.raises(UserFacingError):
-        open_session(ZenohConfig(config_file=file, listen=()))
+    assert not connects(file)
 
 
 def test_a_reader_reads_but_cannot_command(network: Network, robot: Robot) -> None:

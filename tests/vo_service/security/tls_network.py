@@ -11,6 +11,7 @@ from pathlib import Path
 
 import zenoh
 
+from drivers.errors import UserFacingError
 from vo_service.certificates.authority import Authority
 from vo_service.control.commands import Command
 from vo_service.control.inbox import Inbox
@@ -69,6 +70,15 @@ class Network:
     def server(self) -> str:
         """Whose keys the listening side has."""
         return f"ours/{HOST}"
+
+
+def connects(file: Path) -> bool:
+    """Whether a client with this Zenoh file is taken in."""
+    try:
+        open_session(ZenohConfig(config_file=file, listen=())).close()  # type: ignore[no-untyped-call]
+    except UserFacingError:
+        return False
+    return True
 
 
 def new_network(keys: Path, folder: Path) -> Network:

@@ -47,10 +47,12 @@ def test_strangers_are_named_by_what_is_wrong_with_them(network: Network) -> Non
         for payload in (b"GET / HTTP/1.0\r\n\r\n", b""):
             with socket.create_connection((HOST, network.tls_port)) as stranger:
                 stranger.sendall(payload)
-        assert not connects(network.file("reader-tls.json5", "strange/operator"))
+        for identity in ("strange/operator", "ours/late"):
+            assert not connects(network.file("reader-tls.json5", identity))
         router.until_said("refused a connection: it does not speak TLS")
         router.until_said("refused a connection: it left before it had said who it is")
         router.until_said("refused a connection: its certificate is from an unknown authority")
+        router.until_said("refused a connection: its certificate has expired")
         assert "Hint" not in router.log
         assert "TRACE" not in router.log
 

@@ -50,7 +50,7 @@ def endpoint(long_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> 
         process = subprocess.Popen(command, stdout=said, stderr=said, env=surroundings)
     try:
         with PoseClient(connect=where) as client:
-            next(client.poses(timeout_s=60.0))
+            next(client.poses(timeout_s=110.0))  # kernels that nobody has compiled yet
         yield where
         process.terminate()
         assert process.wait(20) == 0, log.read_text()

@@ -41,8 +41,10 @@ class PoseClient:
         a Zenoh client (not a peer) and its router is away.
         """
         self._prefix = check_prefix(prefix)
-        self._where = f"as {prefix} at {config_file or connect}"
         file = None if config_file is None else Path(config_file)
+        self._where = f"as {prefix} " + (
+            f"at {connect}" if file is None else f"where {file} says, or it refuses us"
+        )
         self._session = open_session(
             ZenohConfig(prefix, listen=(), connect=(connect,), config_file=file)
         )

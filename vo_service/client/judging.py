@@ -39,7 +39,7 @@ def _why_none(hearing: Hearing, where: str) -> tuple[Why, str]:
     if not hearing.is_alive:
         return Why.NO_PUBLISHER, f"no kinect-vo publishes {where}"
     if status is None or hearing.status.age_s > SILENCE_S:
-        return Why.SILENT, f"the kinect-vo {where} is there, but nothing comes of it"
+        return Why.SILENT, "the service is there, but nothing comes of it"
     if status["paused"]:
         return Why.PAUSED, "the service is paused"
     if status["state"] == "no_camera":

@@ -140,7 +140,7 @@ class RateLimit:
         self._refused += 1
         limit = f"more than {self._bucket.per_second:g} commands a second"
         if self._now_s() - self._logged_s >= LOG_PERIOD_S:
-            logger.warning("zenoh: %s, %d refused since the last such line", limit, self._refused)
+            logger.warning("zenoh: %s: refused %d (told once a minute)", limit, self._refused)
             self._logged_s, self._refused = self._now_s(), 0
         raise CommandError(ErrorCode.RATE_LIMITED, f"{limit}; wait, then try again")
 

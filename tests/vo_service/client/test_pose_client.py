@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.vo_service.client.published import Robot, free_endpoint, robot, wait_for
-from vo_service.client import NoPose, Pose, PoseClient, Why
+from vo_service.client import NoPose, Pose, PoseClient, Why, judging
 
 
 @pytest.fixture(scope="module")
@@ -18,6 +18,12 @@ def both() -> Iterator[tuple[Robot, str]]:
     endpoint = free_endpoint()
     with robot(endpoint) as publisher:
         yield publisher, endpoint
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine is no silence."""
+    monkeypatch.setattr(judging, "SILENCE_S", 60.0)
 
 
 @pytest.fixture
@@ -109,7 +115,7 @@ def test_an_old_pose_is_not_given_out_as_the_newest(talk: Talk) -> None:
     publisher.status()
     wait_for(lambda: client._hearing.status.item is not None)
     time.sleep(0.02)
-    with pytest.raises(NoPose, match=r"no pose for 0\.\d s, though the service says") as caught:
+    with pytest.raises(NoPose, match=r"no pose for \d+\.\d s, though the service says") as caught:
         client.newest(max_age_s=0.01)
     assert caught.value.why is Why.SILENT
     assert caught.value.last is not None

@@ -1,0 +1,38 @@
+"""The client with the project's own files for TLS, against a robot with rules."""
+
+import pytest
+
+from tests.vo_service.outputs.conftest import make_update
+from tests.vo_service.security.conftest import keys, network, robot
+from tests.vo_service.security.tls_network import Network, Robot
+from vo_service.client import NoAnswer, NoPose, PoseClient, Why
+from vo_service.control.commands import Pause
+
+__all__ = ["keys", "make_update", "network", "robot"]
+
+
+def test_a_reader_gets_poses_but_no_answer_to_a_command(network: Network, robot: Robot) -> None:
+    with PoseClient(config_file=network.file("reader-tls.json5", "ours/reader")) as client:
+        assert next(client.poses(timeout_s=20)).state == "tracking"
+        assert client.latest().state == "tracking"
+        with pytest.raises(NoAnswer):
+            client.command("pause", timeout_s=1.0)
+    assert robot.obeyed == []
+
+
+def test_an_operator_commands(network: Network, robot: Robot) -> None:
+    with PoseClient(config_file=network.file("operator-tls.json5", "ours/operator")) as client:
+        client.pause()
+    assert robot.obeyed == [Pause()]
+
+
+def test_who_is_refused_hears_nothing_and_that_this_may_be_why(
+    network: Network, robot: Robot
+) -> None:
+    file = network.file("operator-tls.json5", "strange/operator")
+    with PoseClient(config_file=file) as client, pytest.raises(NoPose) as caught:
+        next(client.poses(timeout_s=1.0))
+    assert caught.value.why is Why.NO_PUBLISHER
+    assert f"no kinect-vo publishes as kinect where {file} says, or it refuses us" in str(
+        caught.value
+    )

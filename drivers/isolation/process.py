@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
@@ -56,6 +56,12 @@ class ChildProcess:
         """Send a message; a process that has died hears nothing."""
         with suppress(OSError):
             self._connection.send(message)
+
+    def tell_parts(self, parts: Iterable[bytes | memoryview]) -> None:
+        """Send what the process puts together again; one that has died hears nothing."""
+        with suppress(OSError):
+            for part in parts:
+                self._connection.send_bytes(part)
 
     def receive(self, timeout_s: float, *wakes: int) -> Any:
         """Wait for the next word. None: none yet, after `timeout_s` or as a wake can be read.

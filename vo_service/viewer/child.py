@@ -23,6 +23,7 @@ from drivers.errors import UserFacingError
 from drivers.isolation.messages import LogLine
 from vo_service.viewer.messages import Ended, Finish, Health, Job, Message, Ready, Word
 from vo_service.viewer.targets import prepare_rerun
+from vo_service.viewer.wire import receive
 
 if TYPE_CHECKING:
     from vo_service.viewer.drawing import Drawing
@@ -84,7 +85,7 @@ def _draw(
 def _messages(connection: "Connection[Any, Any]") -> Iterator[Message]:
     """Until the service says that nothing follows, or is gone."""
     with suppress(EOFError, OSError):
-        while not isinstance(message := connection.recv(), Finish):
+        while not isinstance(message := receive(connection), Finish):
             yield message
 
 

@@ -4,6 +4,7 @@ from threading import Lock
 
 from drivers.isolation.process import ChildProcess
 from vo_service.viewer.messages import Message
+from vo_service.viewer.wire import parts_of
 
 
 class Link:
@@ -38,7 +39,7 @@ class Link:
             if self._process is None:
                 return False
             if self._is_new:
-                self._process.tell(first)
+                self._process.tell_parts(parts_of(first))
                 self._is_new = False
-            self._process.tell(message)
+            self._process.tell_parts(parts_of(message))
             return True

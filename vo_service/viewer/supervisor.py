@@ -9,7 +9,7 @@ from drivers.isolation.limits import BackOff, TimeLimits
 from drivers.isolation.messages import LogLine
 from drivers.isolation.process import ChildProcess, Program
 from vo_service.viewer.link import Link
-from vo_service.viewer.messages import Ended, Finish, Health, Job, Ready, Word
+from vo_service.viewer.messages import Backdrop, Ended, Finish, Health, Job, Ready, Word
 from vo_service.viewer.notices import Notices
 from vo_service.viewer.presence import ANSWER_S, PERIOD_S, Watch
 
@@ -122,7 +122,7 @@ class Supervisor:
                 self._link.connect(process)
                 self._settled.set()
                 if self._stopping.is_set():  # it was told to nobody
-                    process.tell(Finish())
+                    self._link.send(Finish(), Backdrop())
             case Health(trouble, incomplete) if self._link.is_connected:
                 self.incomplete = self.incomplete or incomplete
                 self._notices.tell(trouble)

@@ -9,20 +9,16 @@ from vo_service.config import Config, make_odometry
 from vo_service.control.control import Control, Order
 from vo_service.control.inbox import Inbox
 from vo_service.control.reconfigure import Appliers
-from vo_service.control.recording import NoRecorder, Recorder
 from vo_service.feed import PersistentFeed
 from vo_service.load import Viewer
 from vo_service.logs import set_level
 from vo_service.outputs.output import Output, Troubled
 from vo_service.pose_tracker import PoseTracker
+from vo_service.recorder.contract import NoRecorder, Recorder
 from vo_service.service import Service
-from vo_service.settings import CommandSettings, RecorderSettings
+from vo_service.settings import CommandSettings
 from vo_service.stage_clock import StageClock
 from vo_service.stamps import stamp_clock
-
-
-def _nothing(settings: object) -> None:
-    """Nobody is concerned."""
 
 
 @dataclass
@@ -33,7 +29,7 @@ class Surroundings:
     inbox              commands for the loop
     recorder, viewers  those of the outputs that can be told something
     others             who else may have a complaint for the status
-    on_commands, on_recorder  get their table of the configuration when it has changed
+    on_commands        gets its table of the configuration when it has changed
     """
 
     outputs: Sequence[Output]
@@ -41,8 +37,7 @@ class Surroundings:
     recorder: Recorder = field(default_factory=NoRecorder)
     viewers: Sequence[Viewer] = ()
     others: Sequence[Troubled] = ()
-    on_commands: Callable[[CommandSettings], None] = _nothing
-    on_recorder: Callable[[RecorderSettings], None] = _nothing
+    on_commands: Callable[[CommandSettings], None] = lambda _: None
 
 
 def live_service(config: Config, camera: RgbdCamera, around: Surroundings) -> Service:
@@ -52,7 +47,7 @@ def live_service(config: Config, camera: RgbdCamera, around: Surroundings) -> Se
     tracker = PoseTracker(config.T_base_camera.T_base_camera)
     governor = AdjustableGovernor(around.viewers, odometry)
     governor.configure(config.load, config.odometry.feature_count)
-    appliers = _appliers(camera, governor, around)
+    live_keys = appliers(camera, governor, around)
     return Service(
         feed=PersistentFeed(camera),
         odometry=odometry,
@@ -62,13 +57,13 @@ def live_service(config: Config, camera: RgbdCamera, around: Surroundings) -> Se
         outputs=around.outputs,
         camera=camera,
         method=config.odometry.method,
-        control=Control(tracker, camera, around.inbox, around.recorder, appliers),
+        control=Control(tracker, camera, around.inbox, around.recorder, live_keys),
         governor=governor,
         others=around.others,
     )
 
 
-def _appliers(camera: RgbdCamera, governor: AdjustableGovernor, around: Surroundings) -> Appliers:
+def appliers(camera: RgbdCamera, governor: AdjustableGovernor, around: Surroundings) -> Appliers:
     """How each key that may change while the service runs is applied, on the loop's thread."""
 
     def load(config: Config) -> None:
@@ -79,7 +74,7 @@ def _appliers(camera: RgbdCamera, governor: AdjustableGovernor, around: Surround
             camera.set_tilt_deg(config.sensor.tilt_deg)
 
     def recorder(config: Config) -> None:
-        around.on_recorder(config.recorder)
+        around.recorder.configure(config.recorder)
 
     return {
         "sensor.led": lambda config: camera.set_led(config.sensor.led),

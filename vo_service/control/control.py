@@ -16,8 +16,8 @@ from vo_service.control.commands import (
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.control.inbox import Answer, Inbox
 from vo_service.control.reconfigure import Appliers, Reconfigure
-from vo_service.control.recording import NoRecorder, Recorder
 from vo_service.pose_tracker import PoseTracker
+from vo_service.recorder.contract import NoRecorder, Recorder
 
 Order = Command | Reconfigure
 

@@ -14,7 +14,7 @@ from vo_service.outputs.worker import DropOldest, HandOver, Wait
 from vo_service.outputs.zenoh_opening import OpenAtOnce, WayToOpen
 from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, Extras, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig
-from vo_service.recorder.opening import NoRecorder, Recorder
+from vo_service.recorder.contract import NoRecorder, Recorder
 from vo_service.settings import RerunSettings
 from vo_service.viewer.output import open_viewer
 
@@ -58,7 +58,7 @@ class Opened:
 
     outputs: list[Output] = field(default_factory=list)
     viewers: list[Viewer] = field(default_factory=list)
-    recorder: Recorder = field(default_factory=lambda: NoRecorder("there is no flight recorder"))
+    recorder: Recorder = field(default_factory=NoRecorder)
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.control.inbox import Inbox
 from vo_service.control.reconfigure import Appliers, Reconfigure
 from vo_service.pose_tracker import PoseTracker
+from vo_service.recorder.contract import NoRecorder
 from vo_service.reload import Changes
 
 
@@ -42,12 +43,13 @@ class Head(ScriptedCamera):
         self.led = led
 
 
-class TapeDeck:
+class TapeDeck(NoRecorder):
     """A recorder that remembers what it was asked for."""
 
     recording = ""
 
     def __init__(self) -> None:
+        super().__init__()
         self.saved: list[str] = []
 
     def start_recording(self, name: str) -> str:

@@ -27,7 +27,8 @@ from tests.vo_service.recorder.moments import (
     update,
 )
 from vo_service.outputs.output import TrackingState
-from vo_service.recorder.opening import NoRecorder, open_recorder
+from vo_service.recorder.contract import NoRecorder
+from vo_service.recorder.opening import open_recorder
 from vo_service.settings import RecorderSettings
 
 SMALL = RecorderSettings(max_mb=20)

@@ -136,7 +136,7 @@ def test_all_that_a_running_service_sends_agrees_with_its_schemas(endpoint: str)
 
 def check_reply(client: PoseClient, key: str, schema: dict[str, Any]) -> None:
     """The JSON of a reply (of a pose, its attachment) is valid and has no key of its own."""
-    (reply,) = client._session.get(key, timeout=20)
+    (reply,) = client._connecting.sessions[0].get(key, timeout=20)
     if reply.ok is None:
         assert reply.err is not None
         payload = reply.err.payload

@@ -5,17 +5,15 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any
 
+import zenoh
+
 from drivers.geometry import Array, quaternion_from_rotation
 from vo_service.client.asking import ask, ask_json
+from vo_service.client.connecting import Connecting
 from vo_service.client.hearing import Hearing, Status
 from vo_service.client.judging import SILENCE_S, usable, why_none
 from vo_service.client.pose import Pose, PoseReader, make_pose, read_sample
-from vo_service.outputs.zenoh_session import (
-    DEFAULT_ENDPOINT,
-    ZenohConfig,
-    check_prefix,
-    open_session,
-)
+from vo_service.outputs.zenoh_session import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
 
 # The service gives its loop five seconds for a command.
 ANSWER_S = 6.0
@@ -37,19 +35,18 @@ class PoseClient:
     ) -> None:
         """Connect to `connect`, or wherever a Zenoh configuration (JSON5, for TLS) says.
 
-        Raises InputError if one of the three is wrong, UserFacingError if `config_file` makes this
-        a Zenoh client (not a peer) and its router is away.
+        Raises InputError if one of the three is wrong.
         """
         self._prefix = check_prefix(prefix)
         file = None if config_file is None else Path(config_file)
         self._where = f"as {prefix} " + (
             f"at {connect}" if file is None else f"where {file} says, or it refuses us"
         )
-        self._session = open_session(
-            ZenohConfig(prefix, listen=(), connect=(connect,), config_file=file)
-        )
         self._hearing = Hearing()
-        self._hearing.subscribe(self._session, prefix)
+        self._connecting = Connecting(
+            ZenohConfig(prefix, listen=(), connect=(connect,), config_file=file),
+            lambda session: self._hearing.subscribe(session, prefix),
+        )
         self._reader = PoseReader()
 
     def __enter__(self) -> "PoseClient":
@@ -66,7 +63,7 @@ class PoseClient:
     def close(self) -> None:
         """Disconnect; `poses` and `statuses` end. Safe to call twice."""
         self._hearing.close()
-        self._session.close()  # type: ignore[no-untyped-call]
+        self._connecting.close()
 
     # Poses
 
@@ -98,7 +95,7 @@ class PoseClient:
 
         Raises CommandRefused if there is none yet, NoAnswer if nobody answers.
         """
-        sample = ask(self._session, f"{self._prefix}/latest", timeout_s)
+        sample = ask(self._sessions(timeout_s), f"{self._prefix}/latest", timeout_s)
         return make_pose(read_sample(sample, run=0), is_continuous=False, missed=0)
 
     # The service
@@ -185,5 +182,11 @@ class PoseClient:
         return {key: value for key, value in answer.items() if key != "schema"}
 
     def _ask(self, name: str, timeout_s: float, arguments: Mapping[str, object]) -> Status:
-        self.wait_for_publisher(min(TOKEN_S, timeout_s))
-        return ask_json(self._session, f"{self._prefix}/{name}", timeout_s, arguments)
+        key = f"{self._prefix}/{name}"
+        return ask_json(self._sessions(timeout_s), key, timeout_s, arguments)
+
+    def _sessions(self, timeout_s: float) -> list[zenoh.Session]:
+        """The session to ask on, or none; waits for the service if it is not there."""
+        is_open = bool(self._connecting.sessions)
+        self.wait_for_publisher(min(TOKEN_S, timeout_s) if is_open else timeout_s)
+        return self._connecting.sessions

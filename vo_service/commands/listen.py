@@ -5,14 +5,17 @@ import json
 import math
 import os
 import sys
+from contextlib import closing
+from functools import partial
 from queue import Empty, SimpleQueue
 
 import zenoh
 
+from vo_service.client.connecting import Connecting
 from vo_service.commands.connection import add_connection_options
 from vo_service.commands.pose_printers import JsonPrinter, Printer, TextPrinter, say
 from vo_service.outputs.cdr import decode_odometry
-from vo_service.outputs.zenoh_session import ZenohConfig, check_prefix, open_session
+from vo_service.outputs.zenoh_session import ZenohConfig, check_prefix
 
 NAME = "listen"
 HELP = "print the poses that a running kinect-vo publishes"
@@ -55,16 +58,13 @@ def run(args: argparse.Namespace) -> int:
     where = args.config_file or args.connect
     listener = _Listener(f"{prefix} at {where}", printer, args.count)
     plan = ZenohConfig(listen=(), connect=(args.connect,), config_file=args.config_file)
-    with open_session(plan) as session:
-        session.declare_subscriber(f"{prefix}/status", listener.receive)
-        session.declare_subscriber(f"{prefix}/odom", listener.receive)
-        session.liveliness().declare_subscriber(f"{prefix}/alive", listener.receive, history=True)
-        try:
+    try:
+        with closing(Connecting(plan, partial(listener.subscribe, prefix))):
             listener.run()
-        except KeyboardInterrupt:
-            pass
-        except BrokenPipeError:
-            _ignore_what_is_still_buffered()
+    except KeyboardInterrupt:
+        pass
+    except BrokenPipeError:
+        _ignore_what_is_still_buffered()
     return 0
 
 
@@ -78,6 +78,12 @@ class _Listener:
         self._status: tuple[str, str] = ("", "")
         self._samples: SimpleQueue[zenoh.Sample] = SimpleQueue()
         self._handlers = {"alive": self._alive, "status": self._on_status, "odom": self._odom}
+
+    def subscribe(self, prefix: str, session: zenoh.Session) -> None:
+        """Begin to listen to the keys with this prefix."""
+        session.declare_subscriber(f"{prefix}/status", self.receive)
+        session.declare_subscriber(f"{prefix}/odom", self.receive)
+        session.liveliness().declare_subscriber(f"{prefix}/alive", self.receive, history=True)
 
     def receive(self, sample: zenoh.Sample) -> None:
         """Take one sample."""

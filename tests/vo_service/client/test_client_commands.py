@@ -46,7 +46,7 @@ def answering(talk: Talk, name: str, answer: dict[str, Any]) -> list[Any]:
     """Let the service answer in this way; what was asked, once it is."""
     publisher, client = talk
     asked = publisher.answers(name, answer)
-    querier: Any = client._session.declare_querier(f"kinect/{name}")
+    querier: Any = client._connecting.sessions[0].declare_querier(f"kinect/{name}")
     wait_for(lambda: bool(querier.matching_status.matching))
     return asked
 

@@ -1,5 +1,9 @@
 """The client with the project's own files for TLS, against a robot with rules."""
 
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
 import pytest
 
 from tests.vo_service.outputs.conftest import make_update
@@ -7,6 +11,7 @@ from tests.vo_service.security.conftest import keys, network, robot
 from tests.vo_service.security.tls_network import Network, Robot
 from vo_service.client import NoAnswer, NoPose, PoseClient, Why
 from vo_service.control.commands import Pause
+from vo_service.outputs.output import PoseUpdate
 
 __all__ = ["keys", "make_update", "network", "robot"]
 
@@ -24,6 +29,31 @@ def test_an_operator_commands(network: Network, robot: Robot) -> None:
     with PoseClient(config_file=network.file("operator-tls.json5", "ours/operator")) as client:
         client.pause()
     assert robot.obeyed == [Pause()]
+
+
+@contextmanager
+def running_robot(network: Network, make_update: Callable[..., PoseUpdate]) -> Iterator[None]:
+    """A robot that is there while the block runs."""
+    robot = Robot(network.file("robot-tls.json5", network.server), make_update)
+    thread = threading.Thread(target=robot.run)
+    thread.start()
+    try:
+        yield
+    finally:
+        robot.stop.set()
+        thread.join()
+
+
+def test_a_robot_that_is_not_there_yet_is_waited_for_and_so_is_its_return(
+    network: Network, make_update: Callable[..., PoseUpdate]
+) -> None:
+    with PoseClient(config_file=network.file("reader-tls.json5", "ours/reader")) as client:
+        with pytest.raises(NoPose) as caught:
+            client.newest()
+        assert caught.value.why is Why.NO_PUBLISHER
+        for _ in range(2):
+            with running_robot(network, make_update):
+                assert next(client.poses(timeout_s=20)).state == "tracking"
 
 
 def test_who_is_refused_hears_nothing_and_that_this_may_be_why(

@@ -1,0 +1,55 @@
+"""A Zenoh session that is had as soon as it can be."""
+
+import threading
+from collections.abc import Callable
+
+import zenoh
+
+from vo_service.outputs.zenoh_session import ZenohConfig, ZenohNotNowError, open_session
+
+RETRY_S = 1.0
+
+
+class Connecting:
+    """Opens a session; where nobody is there to open it with, tries again in the background.
+
+    A Zenoh peer opens alone and meets the others later. A Zenoh client, which readers of a network
+    with TLS are, opens together with its router or service, or not at all.
+    """
+
+    def __init__(self, config: ZenohConfig, on_open: Callable[[zenoh.Session], None]) -> None:
+        """Calls `on_open` once. Raises InputError for what is wrong for good."""
+        self._config = config
+        self._on_open = on_open
+        self._closed = threading.Event()
+        self._sessions: list[zenoh.Session] = []
+        self._thread = threading.Thread(target=self._keep_trying, name="connecting", daemon=True)
+        if not self._is_open():
+            self._thread.start()
+
+    @property
+    def sessions(self) -> list[zenoh.Session]:
+        """The session, or none yet."""
+        return self._sessions
+
+    def close(self) -> None:
+        """Close the session, or give up; may take the two seconds that one more try takes."""
+        self._closed.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        for session in self._sessions:
+            session.close()  # type: ignore[no-untyped-call]
+
+    def _keep_trying(self) -> None:
+        while not self._closed.wait(RETRY_S):
+            if self._is_open():
+                return
+
+    def _is_open(self) -> bool:
+        try:
+            session = open_session(self._config)
+        except ZenohNotNowError:
+            return False
+        self._on_open(session)
+        self._sessions = [session]
+        return True

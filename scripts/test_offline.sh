@@ -29,13 +29,13 @@ offline() {
 # use VENV: what somebody does first.
 use() {
     export XDG_CACHE_HOME="$work/cache" PATH="$work/$1/bin:/usr/bin:/bin:/usr/sbin:/sbin"
-    offline kinect-vo --help >/dev/null
-    offline kinect-vo demo --help >/dev/null
-    offline kinect-vo record --camera synthetic --seconds 2 "$work/$1-room"
-    offline kinect-vo replay "$work/$1-room" --trajectory "$work/$1.txt"
-    offline sh -euc 'kinect-vo run --camera synthetic & kinect-vo listen --count 60 >poses.txt; kill -TERM $!; wait $!'
-    test "$(wc -l <poses.txt)" = 60
-    offline kinect-vo demo --seconds 2 --output "$work/$1-demo"
+    offline kinect-vo --help >/dev/null &&
+        offline kinect-vo demo --help >/dev/null &&
+        offline kinect-vo record --camera synthetic --seconds 2 "$work/$1-room" &&
+        offline kinect-vo replay "$work/$1-room" --trajectory "$work/$1.txt" &&
+        offline sh -euc 'kinect-vo run --camera synthetic & kinect-vo listen --count 60 >poses.txt; kill -TERM $!; wait $!' &&
+        test "$(wc -l <poses.txt)" = 60 &&
+        offline kinect-vo demo --seconds 2 --output "$work/$1-demo"
 }
 
 step "Installing without a network" offline "$wheels/install.sh" "$work/all"

@@ -26,3 +26,26 @@ def test_a_command_that_computes_nothing_loads_no_heavy_library(arguments: tuple
         [sys.executable, "-c", PROGRAM, *arguments], capture_output=True, text=True, check=True
     )
     assert ended.stdout.splitlines()[-1] == "[] 0"
+
+
+INTERRUPTED_EARLY = """
+import sys
+known = set(sys.modules)
+from vo_service.cli import main
+print(sorted(set(sys.modules) - known))
+
+class CtrlC:
+    def find_spec(self, name, path, target=None):
+        raise KeyboardInterrupt
+
+sys.meta_path.insert(0, CtrlC())
+main()
+"""
+
+
+def test_ctrl_c_while_everything_is_still_being_loaded_ends_it_quietly() -> None:
+    program = [sys.executable, "-c", INTERRUPTED_EARLY, "--help"]
+    ended = subprocess.run(program, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (130, "")
+    assert "vo_service.cli" in ended.stdout
+    assert not {"argparse", "logging", "numpy"} & set(ended.stdout.split("'"))

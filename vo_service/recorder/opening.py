@@ -7,7 +7,6 @@ from drivers.errors import UserFacingError
 from vo_service.folders import state_folder
 from vo_service.outputs.zenoh_messages import versions
 from vo_service.recorder.contract import NoRecorder, Recorder
-from vo_service.recorder.recorder import FlightRecorder
 from vo_service.settings import RecorderSettings
 
 logger = logging.getLogger(__name__)
@@ -25,6 +24,9 @@ def open_recorder(
     """
     if not settings.enabled:
         return NoRecorder("the recorder is switched off (recorder.enabled)")
+    # It compiles kernels: `kinect-vo --help` is spared them.
+    from vo_service.recorder.recorder import FlightRecorder
+
     about = {"versions": versions(), "config": config}
     try:
         return FlightRecorder(settings, state_folder(), about, readout_s)

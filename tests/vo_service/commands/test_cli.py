@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.vo_service.commands.command_line import KINECT_VO, call, run
-from vo_service.cli import COMMANDS
+from vo_service.command_line import COMMANDS
 
 
 def test_help_names_every_command_with_examples_and_exit_codes() -> None:

@@ -1,0 +1,53 @@
+"""A limit on the processor time of running processes, as systemd's CPUQuota: by a control group."""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import mkdtemp
+
+PERIOD_US = 100_000  # systemd's own
+
+
+@contextmanager
+def processor_limit(percent: float) -> Iterator[Callable[[Iterable[int]], None]]:
+    """A group whose processes together get so much of one processor.
+
+    Yields what puts processes into it; what they start later is in it too. At the end they go back
+    to where this process is not limited either. Raises RuntimeError where groups cannot be made.
+    """
+    parent, write_limit = _hierarchy()
+    try:
+        group = Path(mkdtemp(prefix="slow-machine-", dir=parent))
+        write_limit(group, round(percent / 100.0 * PERIOD_US))
+    except OSError as error:
+        raise RuntimeError(f"{parent}: no control group can be made: {error}; be root") from error
+    try:
+        yield lambda processes: _move(processes, group)
+    finally:
+        _move(map(int, (group / "cgroup.procs").read_text().split()), parent)
+        group.rmdir()
+
+
+def _hierarchy() -> tuple[Path, Callable[[Path, int], None]]:
+    """The top group of the processor's controller, and how a limit is written there."""
+    first = Path("/sys/fs/cgroup/cpu")
+    if (first / "cpu.shares").exists():
+        return first, _write_first
+    return Path("/sys/fs/cgroup"), _write_second
+
+
+def _write_first(group: Path, quota_us: int) -> None:
+    (group / "cpu.cfs_period_us").write_text(str(PERIOD_US))
+    (group / "cpu.cfs_quota_us").write_text(str(quota_us))
+
+
+def _write_second(group: Path, quota_us: int) -> None:
+    (group / "cpu.max").write_text(f"{quota_us} {PERIOD_US}")
+
+
+def _move(processes: Iterable[int], group: Path) -> None:
+    for process in processes:
+        try:
+            (group / "cgroup.procs").write_text(str(process))
+        except ProcessLookupError:
+            continue  # it has ended

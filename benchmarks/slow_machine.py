@@ -1,0 +1,151 @@
+"""What a machine that is too slow costs: with `load.adapt`, and without.
+
+    python -m benchmarks.slow_machine [--percent 60 --percent 40] [--seconds 30] [--rounds 2]
+
+The real `kinect-vo run` on the virtual Kinect at 30 frames a second, its pictures recorded, and a
+subscriber. Once it runs, all its processes together are given so many percent of one processor (a
+control group; needs root), with `load.adapt` on and off in turn.
+
+`poses/s` and `dropped` are those of the limited time, `late` the frames dropped in its second half:
+what is left once something has been given up. `given up` is what the status said at the end. Exit
+code 1 if adapting dropped more frames in any case, or if features went before the pictures did.
+"""
+
+import argparse
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import mean
+
+from benchmarks.processor_limit import processor_limit
+from benchmarks.processor_use import descendants_of, processor_use
+from benchmarks.service_latency import render_the_room
+from tests.vo_service.played_service import PlayedService, running_service
+
+WARM_UP_S = 6.0
+PERCENTS = (75.0, 60.0, 45.0)
+RESTING, FEWER = "the viewer rests", " features"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One run under a limit."""
+
+    poses_per_s: float
+    dropped: int
+    late: int
+    features: int
+    given_up: str
+    viewer_first: bool
+    steal_percent: float
+
+
+def main() -> int:
+    """Measure and print; see the module."""
+    args = arguments()
+    render_the_room()
+    percents = args.percent or PERCENTS
+    runs: dict[tuple[float, bool], list[Outcome]] = {}
+    for number in range(args.rounds):
+        for percent in percents:
+            for adapts in (True, False):
+                print(
+                    f"round {number + 1}: {percent:.0f} %, {adapts=}", file=sys.stderr, flush=True
+                )
+                runs.setdefault((percent, adapts), []).append(run(percent, adapts, args.seconds))
+    return report(runs)
+
+
+def arguments() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.slow_machine",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--percent", type=float, action="append", help="of one processor")
+    parser.add_argument("--seconds", type=float, default=30.0, help="of one run (default: 30)")
+    parser.add_argument("--rounds", type=int, default=2, help="runs of each case (default: 2)")
+    return parser.parse_args()
+
+
+def run(percent: float, adapts: bool, seconds: float) -> Outcome:
+    """Start everything, let it settle, then limit it for so long."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        config = (
+            f"[load]\nadapt = {str(adapts).lower()}\n"
+            f'[rerun]\ntargets = ["{folder}/viewer.rrd"]\npicture_hz = 30.0\n'
+        )
+        with (
+            processor_limit(percent) as limit,
+            running_service(
+                folder / "service", {}, source="synthetic", more_config=config
+            ) as service,
+        ):
+            service.until_streaming(time.monotonic())
+            time.sleep(WARM_UP_S)
+            limit([service.process.pid, *descendants_of(service.process.pid)])
+            return measure(service, seconds)
+
+
+def measure(service: PlayedService, seconds: float) -> Outcome:
+    """From now on."""
+    before, machine = service.status, processor_use()
+    time.sleep(seconds / 2)
+    middle = service.status
+    time.sleep(seconds / 2)
+    after = service.status
+    warnings = [clause for clause in after["warnings"] if RESTING in clause or FEWER in clause]
+    return Outcome(
+        poses_per_s=(after["frames"] - before["frames"]) / seconds,
+        dropped=after["dropped"] - before["dropped"],
+        late=after["dropped"] - middle["dropped"],
+        features=after["features"],
+        given_up="; ".join(warnings),
+        viewer_first=viewer_first(service.log.splitlines()),
+        steal_percent=processor_use().since(machine).steal_percent,
+    )
+
+
+def viewer_first(log: Sequence[str]) -> bool:
+    """Whether no line tells of fewer features without the viewer resting."""
+    return not any(re.search(r": \d+ features$", line) for line in log)
+
+
+def report(runs: dict[tuple[float, bool], list[Outcome]]) -> int:
+    """Print the table; 1 if adapting did not help."""
+    print(
+        f"\n{'limit':>6} {'adapt':>5} {'poses/s':>8} {'dropped':>8} {'late':>5} {'features':>8} "
+        f"{'steal':>6}  given up"
+    )
+    for (percent, adapts), outcomes in runs.items():
+        print(
+            f"{percent:5.0f}% {'yes' if adapts else 'no':>5} "
+            f"{mean(each.poses_per_s for each in outcomes):8.1f} "
+            f"{mean(each.dropped for each in outcomes):8.0f} "
+            f"{mean(each.late for each in outcomes):5.0f} {outcomes[-1].features:8d} "
+            f"{max(each.steal_percent for each in outcomes):5.1f}%  {outcomes[-1].given_up or '-'}"
+        )
+    worse = [
+        percent
+        for percent, adapts in runs
+        if adapts and total(runs[percent, True]) > total(runs[percent, False])
+    ]
+    in_order = all(each.viewer_first for outcomes in runs.values() for each in outcomes)
+    print(f"\nfeatures went first: {'no' if in_order else 'YES'}")
+    print(f"adapting dropped more: {', '.join(f'{percent:.0f}%' for percent in worse) or 'never'}")
+    return 1 if worse or not in_order else 0
+
+
+def total(outcomes: Sequence[Outcome]) -> int:
+    """Frames that were dropped in all runs."""
+    return sum(each.dropped for each in outcomes)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

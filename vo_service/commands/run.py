@@ -31,6 +31,7 @@ from vo_service.outputs.output import Output
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.state_log_output import StateLogOutput
 from vo_service.outputs.zenoh_commands import commands_for
+from vo_service.outputs.zenoh_log import zenoh_log_as_ours
 from vo_service.outputs.zenoh_opening import KeepTrying
 from vo_service.outputs.zenoh_output import Extras
 from vo_service.recorder.opening import open_recorder
@@ -101,7 +102,12 @@ def _serve(args: argparse.Namespace, config: Config, terminal: Terminal, stop: S
         trajectory=args.trajectory,
         tell=terminal.say,
     )
-    with hangups() as hangup, opened_outputs(request) as opened, closing(systemd):
+    with (
+        hangups() as hangup,
+        zenoh_log_as_ours(),
+        opened_outputs(request) as opened,
+        closing(systemd),
+    ):
         told: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
         service = live_service(
             config,

@@ -24,7 +24,7 @@ class Browser(LiveSink):
     """
 
     def __init__(
-        self, data_port: int = DATA_PORT, web_port: int = WEB_PORT, history_mb: int = 80
+        self, data_port: int = DATA_PORT, web_port: int = WEB_PORT, history_mb: int = 40
     ) -> None:
         self._data_port, self._web_port = data_port, web_port
         self._history_mb = history_mb

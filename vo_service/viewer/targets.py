@@ -10,15 +10,17 @@ from vo_service.viewer.browser import WEB_PORT, Browser, free_port
 from vo_service.viewer.recording_file import RecordingFile
 from vo_service.viewer.sinks import DATA_PORT, Sink, Viewer
 
-# What the viewer's process takes before it has anything to show: Python, OpenCV, Rerun. Measured.
+# What the viewer's process takes before anything is kept: Python, OpenCV, Rerun. Measured, as is
+# that Rerun takes more than it is allowed.
 _PROCESS_MB = 220
+_MB_PER_MB_KEPT = 2
 _LEAST_HISTORY_MB = 20
 
 
 def sink_of(target: str, settings: RerunSettings = RerunSettings()) -> Sink:  # noqa: B008 (frozen)
     """The place that a target names. Raises InputError if it names none."""
     if target == "serve":
-        history_mb = max(_LEAST_HISTORY_MB, settings.memory_mb - _PROCESS_MB)
+        history_mb = max(_LEAST_HISTORY_MB, (settings.memory_mb - _PROCESS_MB) // _MB_PER_MB_KEPT)
         return Browser(free_port(DATA_PORT), free_port(WEB_PORT), history_mb)
     if target == "connect":
         return Viewer()

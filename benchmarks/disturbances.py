@@ -5,7 +5,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -13,18 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.pose_arrivals import listening
-from tests.belongings import children_of
+from tests.belongings import child_running
+from tests.stand_ins.zenoh_router import running_router
 from tests.vo_service.played_service import PlayedService, free_port
 
 Act = Callable[[PlayedService], None]
-ROUTER = """
-import sys, zenoh
-config = zenoh.Config()
-for key, value in zip(sys.argv[1::2], sys.argv[2::2]):
-    config.insert_json5(key, value)
-with zenoh.open(config):
-    sys.stdin.read()
-"""
 
 
 @dataclass(frozen=True)
@@ -52,13 +44,13 @@ def viewer_recording(folder: Path) -> Iterator[Scene]:
 @contextmanager
 def viewer_process_frozen(folder: Path) -> Iterator[Scene]:
     """The process in which the service's own viewer side runs is stopped."""
-    yield Scene(_viewers(_recording(folder)), ((0.0, _to_children(signal.SIGSTOP)),))
+    yield Scene(_viewers(_recording(folder)), ((0.0, _to_viewer_process(signal.SIGSTOP)),))
 
 
 @contextmanager
 def viewer_process_killed(folder: Path) -> Iterator[Scene]:
     """That process is killed."""
-    yield Scene(_viewers(_recording(folder)), ((0.3, _to_children(signal.SIGKILL)),))
+    yield Scene(_viewers(_recording(folder)), ((0.3, _to_viewer_process(signal.SIGKILL)),))
 
 
 @contextmanager
@@ -108,21 +100,13 @@ def subscriber_frozen(folder: Path) -> Iterator[Scene]:
 def router_gone_and_back(folder: Path) -> Iterator[Scene]:
     """The service is connected to a router, which is killed and started again."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    running = [_router(endpoint)]
-
-    def kill(service: PlayedService) -> None:
-        running[0].kill()
-        running[0].wait()
-
-    def start(service: PlayedService) -> None:
-        running[0] = _router(endpoint)
-
-    try:
+    with running_router(endpoint) as router:
         config = f"connect = {json.dumps([endpoint])}\n{_viewers(_recording(folder))}"
-        yield Scene(config, ((0.3, kill), (0.6, start)))
-    finally:
-        running[0].kill()
-        running[0].wait()
+        acts: tuple[tuple[float, Act], ...] = (
+            (0.3, lambda service: router.kill()),
+            (0.6, lambda service: router.start()),
+        )
+        yield Scene(config, acts)
 
 
 CASES = (
@@ -145,13 +129,9 @@ def _viewers(*targets: str) -> str:
     return f"[rerun]\ntargets = {json.dumps(targets)}\n"
 
 
-def _to_children(number: signal.Signals) -> Act:
+def _to_viewer_process(number: signal.Signals) -> Act:
     def send(service: PlayedService) -> None:
-        children = children_of(service.process.pid)
-        if not children:
-            raise RuntimeError("the service has no process for its viewer")
-        for child in children:
-            os.kill(child, number)
+        os.kill(child_running(service.process.pid, "vo_service.viewer.child"), number)
 
     return send
 
@@ -176,14 +156,3 @@ def _rerun_server() -> Iterator[tuple["subprocess.Popen[bytes]", int]]:
             yield process, port
         finally:
             process.kill()
-
-
-def _router(endpoint: str) -> "subprocess.Popen[bytes]":
-    """A Zenoh router in a process of its own."""
-    settings = {
-        "mode": "router",
-        "listen/endpoints": [endpoint],
-        "scouting/multicast/enabled": False,
-    }
-    words = [word for key, value in settings.items() for word in (key, json.dumps(value))]
-    return subprocess.Popen([sys.executable, "-c", ROUTER, *words], stdin=subprocess.PIPE)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.belongings import child_running
+from tests.belongings import child_running, wait_for
 from tests.stand_ins.zenoh_router import RouterProcess
 from tests.vo_service.live_stage import LiveStage
 from tests.vo_service.service_faults import Passed
@@ -74,18 +74,24 @@ def kill_recorder(around: Around) -> None:
 
 def fill_disk(around: Around) -> None:
     """While it records: from now on no file of the recorder can grow."""
-    frames = around.stage.service.status["frames"]
-    folder = Path(around.stage.ask("start-recording", name=f"room-{frames}")["folder"])
-    around.stage.service.until(lambda status: any((folder / "rgb").glob("*")))
+    folder = start_recording(around)
+    wait_for(lambda: any((folder / "rgb").glob("*")), "for a recorded image")
     resource.prlimit(recorder_of(around), resource.RLIMIT_FSIZE, (0, NO_LIMIT))
 
 
 def free_disk(around: Around) -> None:
     """Files can grow again; the next recording shows it."""
     resource.prlimit(recorder_of(around), resource.RLIMIT_FSIZE, (NO_LIMIT, NO_LIMIT))
-    frames = around.stage.service.status["frames"]
-    around.stage.ask("start-recording", name=f"more-{frames}")
+    start_recording(around)
     around.stage.ask("stop-recording")
+
+
+def start_recording(around: Around) -> Path:
+    """Into a new folder, as soon as the recorder is there."""
+    recordings = around.stage.state_folder / "recordings"
+    name = f"room-{len(list(recordings.glob('*')))}"
+    wait_for(lambda: around.stage.is_obeyed("start-recording", name=name), "for the recorder")
+    return recordings / name
 
 
 def recorder_of(around: Around) -> int:

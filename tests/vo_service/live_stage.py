@@ -58,13 +58,18 @@ class LiveStage:
         return self._folder / "state"
 
     @property
+    def has_started(self) -> bool:
+        """Whether there was ever a service."""
+        return bool(self._lives)
+
+    @property
     def service(self) -> PlayedService:
         """The one that was started last."""
         return self._lives[-1]
 
     def start(self, *options: str) -> PlayedService:
         """Start the service; the one before must be dead."""
-        assert not self._lives or self.service.process.poll() is not None
+        assert not self.has_started or self.service.process.poll() is not None
         self._heard = Subscriber()
         log = self._folder / f"log-{len(self._lives)}.txt"
         command = [KINECT_VO, "run", "--config", str(self.config), *options]
@@ -77,14 +82,20 @@ class LiveStage:
 
     def ask(self, command: str, **arguments: object) -> Mapping[str, Any]:
         """Send a command; its answer. Fails if it is refused."""
-        payload = json.dumps(arguments).encode()
-        replies: Any = self.session.get(
-            f"kinect/command/{command}", payload=payload, timeout=PATIENCE_S
-        )
-        (reply,) = replies
+        reply = self._reply(command, arguments)
         assert reply.ok is not None, reply.err.payload.to_string()
         answer: Mapping[str, Any] = json.loads(reply.ok.payload.to_bytes())
         return answer
+
+    def is_obeyed(self, command: str, **arguments: object) -> bool:
+        """Send a command that may be refused for now."""
+        return self._reply(command, arguments).ok is not None
+
+    def _reply(self, command: str, arguments: Mapping[str, object]) -> Any:
+        key, payload = f"kinect/command/{command}", json.dumps(arguments).encode()
+        replies: Any = self.session.get(key, payload=payload, timeout=PATIENCE_S)
+        (reply,) = replies
+        return reply
 
     def check(self) -> None:
         """See `check_heard`: every life of the service."""

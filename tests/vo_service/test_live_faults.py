@@ -19,12 +19,6 @@ from tests.vo_service.played_service import PATIENCE_S, START_LIMIT_S, free_port
 
 
 @pytest.fixture(scope="module")
-def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A cache for what is rendered."""
-    return tmp_path_factory.mktemp("films")
-
-
-@pytest.fixture(scope="module")
 def around(films: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Around]:
     """A service on a router; it must live to the end, and then end in order."""
     folder, router_at = tmp_path_factory.mktemp("around"), f"tcp/127.0.0.1:{free_port()}"

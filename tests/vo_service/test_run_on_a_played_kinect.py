@@ -103,6 +103,26 @@ def test_frames_that_lost_packets_are_counted_and_not_used(
     check_poses(poses)
 
 
+def test_a_kinect_that_sends_fewer_frames_is_followed_at_its_own_pace(
+    kinect: PlayedKinect, service: PlayedService
+) -> None:
+    service.until_streaming(time.monotonic())
+    so_far = len(service.heard.poses)
+    plugged_in_again_at(10, kinect, service)
+    service.until(lambda status: status["state"] == "tracking" and 1.0 < status["fps"] < 12.0)
+    plugged_in_again_at(30, kinect, service)
+    check_poses(service.heard.poses[so_far:])
+
+
+def plugged_in_again_at(rate: int, kinect: PlayedKinect, service: PlayedService) -> None:
+    """The rate can only be set before it streams."""
+    kinect.unplug()
+    service.until_said(GONE, time.monotonic())
+    kinect.rate = rate
+    kinect.plug()
+    service.until_streaming(time.monotonic())
+
+
 def test_the_wrap_of_the_kinects_clock_is_not_seen(
     kinect: PlayedKinect, service: PlayedService
 ) -> None:

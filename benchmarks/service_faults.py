@@ -1,0 +1,100 @@
+"""How long the service needs to say what went wrong around it, and to be well again afterwards.
+
+    python -m benchmarks.service_faults [--rounds 3]
+
+The faults of `tests/vo_service/live_faults.py`, a death by `kill -9`, and a port that is taken; in
+seconds, the slowest of all rounds. "said" runs from the fault to the warning in a subscriber's
+hands, "well" from its end to the warning's end, or to the first pose. The faults of the camera are
+measured by `benchmarks.sensor_faults`.
+"""
+
+import argparse
+import json
+import signal
+import socket
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from tests.belongings import wait_for
+from tests.stand_ins.zenoh_router import running_router
+from tests.vo_service.live_faults import LIVE_FAULTS, Around, pass_through
+from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
+from tests.vo_service.played_service import START_LIMIT_S, free_port
+from tests.vo_service.service_faults import Passed
+
+Measurement = Callable[[], Passed]
+
+
+def main() -> int:
+    """Measure and print; see the module."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.service_faults",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--rounds", type=int, default=3, help="of each (default: 3)")
+    rounds = parser.parse_args().rounds
+    print(f"{'fault':34} {'said':>6} {'well':>6}   seconds, slowest of {rounds}")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        around_a_living_service(folder, rounds)
+        with live_stage(folder / "own", folder / "films") as stage:
+            report("killed, until its first pose", [killed(stage) for _ in range(rounds)])
+            stage.service.end()
+            report("port taken", [port_taken(stage) for _ in range(rounds)])
+    return 0
+
+
+def around_a_living_service(folder: Path, rounds: int) -> None:
+    """All of these on one service."""
+    router_at = f"tcp/127.0.0.1:{free_port()}"
+    config = f"connect = {json.dumps([router_at])}\n{CAMERA}"
+    with (
+        running_router(router_at) as router,
+        live_stage(folder / "around", folder / "films", config) as stage,
+    ):
+        stage.start().until_streaming(time.monotonic(), START_LIMIT_S)
+        for fault in LIVE_FAULTS:
+            around = Around(stage, router)
+            report(fault.name, [pass_through(fault, around) for _ in range(rounds)])
+        stage.service.end()
+        stage.check()
+
+
+def killed(stage: LiveStage) -> Passed:
+    """From the start of the next one, kernels and room at hand, until poses are heard."""
+    if stage.has_started:
+        stage.service.process.send_signal(signal.SIGKILL)
+        stage.service.process.wait()
+    begin_s = time.monotonic()
+    heard_s = stage.start().until_streaming(begin_s, START_LIMIT_S)
+    return Passed(0.0, heard_s - begin_s)
+
+
+def port_taken(stage: LiveStage) -> Passed:
+    """From the start until the log says so; from when the port is free until poses are heard."""
+    with socket.socket() as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        taken.bind(("127.0.0.1", stage.port))
+        taken.listen()
+        begin_s = time.monotonic()
+        service = stage.start()
+        wait_for(lambda: "the port is taken" in service.log)
+        told_s = time.monotonic() - begin_s
+    free_s = time.monotonic()
+    heard_s = service.until_streaming(free_s, START_LIMIT_S)
+    service.end()
+    return Passed(told_s, heard_s - free_s)
+
+
+def report(name: str, passed: list[Passed]) -> None:
+    """Print the slowest of each."""
+    told_s, back_s = max(each.told_s for each in passed), max(each.back_s for each in passed)
+    print(f"{name:34} {told_s:6.2f} {back_s:6.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,43 @@
+"""The table of faults for users has every fault that the tests let happen, with what is said."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.vo_service.frame_faults import FRAME_FAULTS, FrameFault
+from tests.vo_service.live_faults import LIVE_FAULTS, LiveFault
+from tests.vo_service.service_faults import FAULTS, ServiceFault
+from tests.vo_service.stages import STAGES
+
+PAGE = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
+Fault = ServiceFault | FrameFault | LiveFault
+ALL: tuple[Fault, ...] = (*FAULTS, *FRAME_FAULTS, *LIVE_FAULTS)
+
+
+def row_of(name: str) -> str:
+    """The only row about it."""
+    cells = [(line, line.split("|")[1].strip()) for line in PAGE.splitlines() if line[:1] == "|"]
+    (row,) = [line for line, first in cells if first.split(":")[0].split(",")[0] == name]
+    return row
+
+
+@pytest.mark.parametrize("fault", ALL, ids=lambda fault: fault.name.replace(" ", "-"))
+def test_a_user_finds_the_words_that_are_said(fault: Fault) -> None:
+    words = fault.words.split(" (")[0].strip()
+    assert words in row_of(fault.name)
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
+def test_a_user_finds_the_limits_that_the_benchmark_checks(fault: ServiceFault) -> None:
+    told_s, back_s = (float(cell) for cell in row_of(fault.name).split("|")[3:5])
+    assert (told_s, back_s) == (fault.told_s, fault.back_s)
+
+
+@pytest.mark.parametrize("fault", FRAME_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
+def test_a_user_finds_the_state_of_the_poses(fault: FrameFault) -> None:
+    assert f"`{fault.state}`" in row_of(fault.name) or not fault.state
+
+
+def test_a_user_finds_every_stage_at_which_a_signal_may_come() -> None:
+    (heading,) = [line for line in PAGE.splitlines() if line.startswith("| signal")]
+    assert all(stage.name in heading for stage in STAGES)

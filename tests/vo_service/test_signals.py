@@ -1,0 +1,29 @@
+"""SIGTERM, SIGINT and SIGHUP at every stage of a service's life."""
+
+import signal
+from pathlib import Path
+
+import pytest
+
+from tests.vo_service.live_stage import live_stage
+from tests.vo_service.played_service import ENDING_S
+from tests.vo_service.stages import STAGES, Stage
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT], ids=lambda each: each.name)
+@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name.replace(" ", "-"))
+def test_a_hangup_changes_nothing_and_a_signal_to_end_is_obeyed_in_order(
+    stage: Stage, number: signal.Signals, films: Path, tmp_path: Path
+) -> None:
+    with live_stage(tmp_path / "stage", films, stage.config) as live:
+        service = live.start()
+        stage.reach(live)
+        service.process.send_signal(signal.SIGHUP)
+        if stage.goes_on:
+            heard = len(service.heard.statuses)
+            service.until(lambda _: len(service.heard.statuses) > heard + 2)
+        service.process.send_signal(number)
+        assert service.process.wait(ENDING_S) == 0
+        assert "ended by force" not in service.log
+        live.check()
+        stage.check(live)

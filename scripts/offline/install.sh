@@ -6,6 +6,7 @@
 #
 # KINECT_VO_PYTHON  use this Python in place of Debian's own
 set -eu
+umask 022 # whoever runs it later, such as a service's own user, must be able to read it
 here=$(cd "$(dirname "$0")" && pwd)
 . "$here/steps.sh"
 . "$here/debian.sh"
@@ -102,4 +103,4 @@ installed=$("$target/bin/kinect-vo" --version) || fail "what was installed does 
 trap - EXIT
 [ ! -e "$before" ] || mv "$before" "$beside/before" # no longer to be put back
 rm -rf "$beside"
-say "$installed is installed: $target/bin/kinect-vo --help"
+say "$installed is installed: $target/bin/kinect-vo doctor looks at the sensor, service install makes it a service"

@@ -118,7 +118,7 @@ def test_it_installs_and_a_later_one_that_does_not_start_leaves_it_as_it_was(
     good, target = make_folder(tmp_path / "good", uv_wheel), tmp_path / "installed"
     ended = run(good / "install.sh", target)
     assert (ended.returncode, ended.stderr) == (0, "")
-    assert f"kinect-vo 1 is installed: {target}/bin/kinect-vo" in ended.stdout
+    assert f"kinect-vo 1 is installed: {target}/bin/kinect-vo " in ended.stdout
     broken = make_folder(tmp_path / "broken", uv_wheel, version="2", says="raise SystemExit('no')")
     ended = run(broken / "install.sh", target)
     assert (ended.returncode, ended.stderr.split("\n")[-2]) == (

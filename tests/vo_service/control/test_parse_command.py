@@ -60,6 +60,7 @@ def test_a_reset_may_say_where_the_base_is() -> None:
         ("tilt", of(tilt_deg="5"), "must be a number"),
         ("tilt", of(tilt_deg=True), "must be a number"),
         ("tilt", b'{"tilt_deg": NaN}', "must be a number"),
+        ("tilt", b'{"tilt_deg": 1%s}' % (b"0" * 400), "must be a number"),
         ("tilt", of(tilt_deg=5, speed=2), "'speed' is not an argument of tilt; it takes: tilt_deg"),
         ("pause", of(now=True), "it takes: none"),
         ("led", of(led="pink"), "must be one of off, green"),

@@ -1,18 +1,22 @@
 """The page that is served: on loopback alone, and it may talk to nobody else."""
 
 import os
+import pickle
 import socket
 from collections.abc import Callable
 from http.client import HTTPConnection, HTTPResponse
 
 import pytest
+import rerun as rr
 
-from drivers.errors import UserFacingError
 from tests.belongings import children, is_alive
 from vo_service.outputs.output import PoseUpdate
-from vo_service.settings import RerunSettings
+from vo_service.viewer import targets
+from vo_service.viewer.blueprint import blueprint
 from vo_service.viewer.browser import Browser
-from vo_service.viewer.output import ViewerOutput
+from vo_service.viewer.output import ViewerOutput, open_viewer
+from vo_service.viewer.page import free_port as any_port
+from vo_service.viewer.sinks import PortTakenError
 
 
 @pytest.fixture
@@ -66,11 +70,22 @@ def test_everything_listens_on_loopback_alone(
 
 @pytest.mark.parametrize("which", ["data", "page"])
 def test_a_taken_port_is_one_line(free_port: int, which: str) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
+    with socket.create_server(("127.0.0.1", 0)) as taken:
         busy = taken.getsockname()[1]
         ports = (busy, free_port) if which == "data" else (free_port, busy)
-        with pytest.raises(UserFacingError, match=rf"127\.0\.0\.1:{busy}") as caught:
-            ViewerOutput(Browser(*ports), RerunSettings())
+        with pytest.raises(PortTakenError, match=rf"127\.0\.0\.1:{busy}") as caught:
+            Browser(*ports).attach(rr.RecordingStream("taken"), blueprint())
     assert "\n" not in str(caught.value)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+def test_a_port_that_somebody_takes_in_between_is_no_trouble(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        busy = taken.getsockname()[1]
+        found = [busy, busy]
+        monkeypatch.setattr(targets, "free_port", lambda wish: found.pop() if found else any_port())
+        output = open_viewer("serve")
+        assert str(busy) not in output.address
+        output.close()

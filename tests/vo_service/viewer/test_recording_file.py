@@ -183,7 +183,7 @@ def test_a_file_that_cannot_grow_can_be_read_up_to_there(
     assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
 
 
-def test_a_folder_that_is_missing_is_one_line(tmp_path: Path) -> None:
+def test_a_name_that_is_no_text_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot write the Rerun recording") as caught:
-        Drawing(job(RecordingFile(tmp_path / "missing" / "out.rrd")))
+        Drawing(job(RecordingFile(tmp_path / "not\udcffutf8.rrd")))
     assert "\n" not in str(caught.value)

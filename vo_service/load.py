@@ -16,8 +16,8 @@ from vo_service.settings import LoadSettings
 # Busier than this, something is given up; with less to do than that, it is taken back. A step of
 # features changes the cost by less than what lies between.
 TOO_BUSY, ROOM = 0.8, 0.6
-# So many frames one after another with dropped ones before them: not to be waited for.
-DROPS_IN_A_ROW = 3
+# So many frames within two seconds with dropped ones before them: not to be waited for.
+LATE_FRAMES = 3
 # The first seconds of a start say nothing; nor does the moment after a change.
 START_S, SETTLE_S = 3.0, 0.5
 # How long there must be room before something is taken back: longer each time that this failed,
@@ -107,6 +107,7 @@ class LoadGovernor:
         if self._judged_from_s is None:
             self._judged_from_s = now_s + START_S
         if now_s < self._judged_from_s:
+            self._meter.clear()
             return
         if self._is_too_much():
             self._give_up(now_s)
@@ -119,7 +120,7 @@ class LoadGovernor:
 
     def _is_too_much(self) -> bool:
         load = self._meter.load
-        return self._meter.drops_in_a_row >= DROPS_IN_A_ROW or (load or 0.0) > TOO_BUSY
+        return self._meter.late_frames >= LATE_FRAMES or (load or 0.0) > TOO_BUSY
 
     def _has_had_room(self, now_s: float) -> bool:
         load = self._meter.load

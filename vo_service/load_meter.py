@@ -29,11 +29,15 @@ class FrameLoad:
 
 @dataclass(frozen=True)
 class _Share:
-    """A frame's part of the interval: on the wall clock, and of the processor."""
+    """A frame's part of the interval: on the wall clock, and of the processor.
+
+    was_late: dropped frames came before it.
+    """
 
     at_s: float
     busy: float
     cpu: float
+    was_late: bool
 
 
 class LoadMeter:
@@ -48,7 +52,6 @@ class LoadMeter:
         self._begun_s: float | None = None
         self._last_s = 0.0
         self._dropped: int | None = None
-        self.drops_in_a_row = 0  # frames with dropped ones before them, one after another
 
     def add(self, load: FrameLoad, now_s: float) -> None:
         """Take one frame that was done at `now_s`."""
@@ -57,13 +60,12 @@ class LoadMeter:
         self._last_s = now_s
         has_dropped = self._dropped is not None and load.dropped > self._dropped
         self._dropped = load.dropped
-        self.drops_in_a_row = self.drops_in_a_row + 1 if has_dropped else 0
         if load.interval_s > 0.0:
             self._begun_s = now_s if self._begun_s is None else self._begun_s
             share = min(load.busy_s / load.interval_s, LONGEST_SHARE)
             # Where frames are dropped there is no room, however quick the others are.
             busy = max(share, 1.0) if has_dropped else share
-            self._shares.append(_Share(now_s, busy, load.cpu_s / load.interval_s))
+            self._shares.append(_Share(now_s, busy, load.cpu_s / load.interval_s, has_dropped))
             self._forget(now_s)
 
     def _forget(self, now_s: float) -> None:
@@ -74,7 +76,6 @@ class LoadMeter:
         """Begin anew: what was measured no longer holds."""
         self._shares.clear()
         self._begun_s = None
-        self.drops_in_a_row = 0
 
     @property
     def load(self) -> float | None:
@@ -84,6 +85,11 @@ class LoadMeter:
         if len(self._shares) < FEWEST_FRAMES:
             return None
         return sum(share.busy for share in self._shares) / len(self._shares)
+
+    @property
+    def late_frames(self) -> int:
+        """Frames of the last seconds with dropped ones before them; a hiccup is one."""
+        return sum(share.was_late for share in self._shares)
 
     @property
     def is_waiting(self) -> bool:

@@ -60,11 +60,20 @@ def test_without_a_viewer_features_go_at_once() -> None:
     assert machine.governor.warning == "the machine is too slow: 700 features"
 
 
-def test_frames_dropped_in_a_row_are_not_waited_for() -> None:
+def test_frames_dropped_one_after_another_are_not_waited_for() -> None:
     machine = Machine()
     machine.run(10.0, share(0.1))
     machine.run(1.0, share(2.0))
     assert machine.changes[0][0] - 10.0 < 0.5
+
+
+def test_a_frame_dropped_now_and_then_is_too_much_though_most_are_quick() -> None:
+    machine = Machine()
+    for number in range(320):
+        machine.clock.now_s += INTERVAL_S
+        busy_s = 0.4 * INTERVAL_S
+        machine.governor.frame(FrameLoad(busy_s, busy_s, INTERVAL_S, dropped=number // 16))
+    assert machine.governor.effort != FULL
 
 
 def test_a_machine_without_processor_time_is_told_from_a_slow_one() -> None:

@@ -16,7 +16,7 @@ class RerunSettings:
     )
     picture_hz: float = setting(10.0, "pictures a second; numbers go with every frame", low=0.1)
     jpeg_quality: int = setting(80, "of colour images, percent", low=10, high=100)
-    memory_mb: int = setting(300, "most memory of the viewer's process", low=150)
+    memory_mb: int = setting(300, "most memory of each viewer's process", low=250)
     file_mb: int = setting(500, "an .rrd file of this size is closed and the next begun", low=1)
     files_kept: int = setting(4, "newest .rrd files that are kept", low=1)
 

@@ -17,9 +17,9 @@ class ProcessorUse:
     total_s: float
 
     def since(self, before: "ProcessorUse") -> "ProcessorUse":
-        """What was used from `before` until now; a process that has begun or ended counts too."""
+        """What was used from `before` until now; nothing by a process that has ended meanwhile."""
         spent = {
-            process: used_s - before.by_process.get(process, 0.0)
+            process: max(0.0, used_s - before.by_process.get(process, 0.0))
             for process, used_s in self.by_process.items()
         }
         return ProcessorUse(spent, self.stolen_s - before.stolen_s, self.total_s - before.total_s)

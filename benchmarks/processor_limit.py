@@ -1,11 +1,13 @@
 """A limit on the processor time of running processes, as systemd's CPUQuota: by a control group."""
 
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import mkdtemp
 
 PERIOD_US = 100_000  # systemd's own
+ENDING_S = 10.0
 
 
 @contextmanager
@@ -24,8 +26,7 @@ def processor_limit(percent: float) -> Iterator[Callable[[Iterable[int]], None]]
     try:
         yield lambda processes: _move(processes, group)
     finally:
-        _move(map(int, (group / "cgroup.procs").read_text().split()), parent)
-        group.rmdir()
+        _remove(group, parent)
 
 
 def _hierarchy() -> tuple[Path, Callable[[Path, int], None]]:
@@ -43,6 +44,21 @@ def _write_first(group: Path, quota_us: int) -> None:
 
 def _write_second(group: Path, quota_us: int) -> None:
     (group / "cpu.max").write_text(f"{quota_us} {PERIOD_US}")
+
+
+def _remove(group: Path, parent: Path) -> None:
+    """Processes that are ending hold a group for a moment longer."""
+    deadline_s = time.monotonic() + ENDING_S
+    while True:
+        _move(map(int, (group / "cgroup.procs").read_text().split()), parent)
+        try:
+            group.rmdir()
+        except OSError:
+            if time.monotonic() > deadline_s:
+                raise
+            time.sleep(0.1)
+        else:
+            return
 
 
 def _move(processes: Iterable[int], group: Path) -> None:

@@ -52,10 +52,10 @@ packages=$native_packages
 
 # From the folder's own archive; what is installed already stays, unless another package needs it newer.
 install_packages() {
-    apt=$(mktemp -d) && mkdir "$apt/partial" && ln -s "$here/debian" "$apt/archive"
+    apt=$(mktemp -d) && mkdir -p "$apt/lists/partial" && ln -s "$here/debian" "$apt/archive"
     echo "deb [trusted=yes] file:$apt/archive ./" >"$apt/sources"
     options="-o Dir::Etc::SourceList=$apt/sources -o Dir::Etc::SourceParts=/dev/null"
-    options="$options -o Dir::State::Lists=$apt -o APT::Sandbox::User=root"
+    options="$options -o Dir::State::Lists=$apt/lists -o APT::Sandbox::User=root"
     # shellcheck disable=SC2086  # a list of options
     apt_get $options update && apt_get $options install --yes --no-install-recommends "$@" && installed=yes || installed=no
     rm -rf "$apt"

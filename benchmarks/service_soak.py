@@ -47,6 +47,8 @@ files_kept = 2
 [recorder]
 folder = "{folder}/incidents"
 total_mb = 100
+[load]
+adapt = false
 [synthetic]
 rate_hz = {rate}
 duration_s = {duration_s}

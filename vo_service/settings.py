@@ -1,5 +1,6 @@
 """Tables of the configuration file for what stands around the odometry; see `vo_service.config`."""
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -41,6 +42,13 @@ class Ros2Settings:
     domain_id: int = setting(0, "ROS_DOMAIN_ID of the readers", low=0, high=232)
     topic: str = setting("vo/odom", "topic of the odometry, without the first slash")
     tf: bool = setting(True, "also publish the transform on /tf")
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", self.topic, re.ASCII):
+            raise ValueError(
+                f"topic {self.topic!r} is none of ROS 2; use names separated by single slashes, "
+                "such as vo/odom"
+            )
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ RATE_WINDOW_S = 2.0
 # A longer time from one stamp to the next is no jitter: the camera was away.
 LONGEST_INTERVAL_S = 1.0
 # Processor times are kept for so many frames: a service runs for weeks.
-LONGEST_RECORD = 20_000
+LONGEST_RECORD = 5_000
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class Stage:
 def starting(stage: LiveStage) -> None:
     """It heeds signals, but does not publish yet."""
     process = stage.service.process.pid
-    wait_for(lambda: signal.SIGHUP in caught_by(process), "for the service to heed signals")
+    wait_for(lambda: signal.SIGTERM in caught_by(process), "for the service to heed signals")
     assert not stage.service.heard.statuses
 
 

@@ -1,6 +1,7 @@
 """``kinect-vo run``: the odometry as a service, for as long as the robot is on."""
 
 import argparse
+import threading
 from contextlib import closing, suppress
 from dataclasses import asdict
 from functools import partial
@@ -77,15 +78,22 @@ def run(args: argparse.Namespace) -> int:
     terminal = Terminal()
     with (
         stop_on_signals() as stop,
+        hangups() as hangup,
         ended_by_force(stop, LONGEST_ENDING_S),
         suppress(KeyboardInterrupt),
     ):
         prepare_kernels(config, terminal, stop)
-        _serve(args, config, terminal, stop)
+        _serve(args, config, terminal, stop, hangup)
     return 0
 
 
-def _serve(args: argparse.Namespace, config: Config, terminal: Terminal, stop: Stop) -> None:
+def _serve(
+    args: argparse.Namespace,
+    config: Config,
+    terminal: Terminal,
+    stop: Stop,
+    hangup: threading.Event,
+) -> None:
     """Put the parts together, run the loop, and take them apart: the last one opened first."""
     camera = _camera(args, config, terminal)
     inbox: Inbox[Order] = Inbox()
@@ -103,10 +111,10 @@ def _serve(args: argparse.Namespace, config: Config, terminal: Terminal, stop: S
         tell=terminal.say,
     )
     with (
-        hangups() as hangup,
         zenoh_log_as_ours(),
         opened_outputs(request) as opened,
         closing(systemd),
+        closing(inbox),
     ):
         told: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
         service = live_service(

@@ -4,13 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from drivers.camera import RgbdCamera
-from vo_service.adjustable_load import AdjustableGovernor
 from vo_service.config import Config, make_odometry
 from vo_service.control.control import Control, Order
 from vo_service.control.inbox import Inbox
 from vo_service.control.reconfigure import Appliers
 from vo_service.feed import PersistentFeed
-from vo_service.load import Viewer
+from vo_service.load.adjustable import AdjustableGovernor
+from vo_service.load.governor import Viewer
 from vo_service.logs import set_level
 from vo_service.outputs.output import Output, Troubled
 from vo_service.pose_tracker import PoseTracker

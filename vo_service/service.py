@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.control.control import Control
 from vo_service.feed import Feed
-from vo_service.load import FixedEffort, Governor
-from vo_service.load_meter import FrameLoad
+from vo_service.load.governor import FixedEffort, Governor
+from vo_service.load.meter import FrameLoad
 from vo_service.odometry.estimate import Estimate, Odometry
 from vo_service.outputs.output import Output, PoseUpdate, Status, TrackingState, Troubled
 from vo_service.pose_tracker import PoseTracker, StampedFrame

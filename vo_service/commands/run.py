@@ -32,7 +32,7 @@ from vo_service.outputs.output import Output
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.state_log_output import StateLogOutput
 from vo_service.outputs.zenoh_commands import commands_for
-from vo_service.outputs.zenoh_log import zenoh_log_as_ours
+from vo_service.outputs.zenoh_log import refusals_logged
 from vo_service.outputs.zenoh_opening import KeepTrying
 from vo_service.outputs.zenoh_output import Extras
 from vo_service.recorder.opening import open_recorder
@@ -111,7 +111,7 @@ def _serve(
         tell=terminal.say,
     )
     with (
-        zenoh_log_as_ours(),
+        refusals_logged(config.zenoh),
         opened_outputs(request) as opened,
         closing(systemd),
         closing(inbox),

@@ -14,11 +14,11 @@ NAME = "service"
 HELP = "install this program as a systemd service, or take it away"
 EPILOG = """\
 examples:
+  kinect-vo service show kinect-vo.service                print a file
   sudo .venv/bin/kinect-vo service install --enable       and it runs, now and after a restart
   sudo .venv/bin/kinect-vo service install --name front   kinect-vo@front, with keys front/...
   sudo kinect-vo service uninstall                        the configuration and incidents stay
   sudo kinect-vo service uninstall --purge                they go as well
-  kinect-vo service show kinect-vo.service                print a file
 
 `install` copies the program that runs it, with all that it needs, to /opt/kinect-vo: a service sees
 neither /root nor /home. It downloads nothing. It writes the units, the udev rules, the command

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers.camera import Pace
-from vo_service.load import Viewer
+from vo_service.load.governor import Viewer
 from vo_service.outputs.output import Output, TruthSource, no_truth
 from vo_service.outputs.trajectory_output import TrajectoryOutput
 from vo_service.outputs.worker import DropOldest, HandOver, Wait

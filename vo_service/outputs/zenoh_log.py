@@ -8,11 +8,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 
 import zenoh
 
 from vo_service.outputs.zenoh_refusals import LOG_FILTER, Refusals, parse_line
+from vo_service.outputs.zenoh_session import ZenohConfig
 
 logger = logging.getLogger(__name__)
 
@@ -58,6 +59,11 @@ class FloodGate:
         self._tell(f"and {self._held_back} more such refusals")
         self._since_s, self._held_back = self._now_s(), 0
         return True
+
+
+def refusals_logged(config: ZenohConfig) -> AbstractContextManager[None]:
+    """`zenoh_log_as_ours` where anybody can be refused: only a file can ask for TLS or rules."""
+    return nullcontext() if config.config_file is None else zenoh_log_as_ours()
 
 
 @contextmanager

@@ -26,6 +26,7 @@ def isolated(kinect: PlayedKinect) -> Iterator[IsolatedCamera]:
     kinect.tilt_deg_per_s = 1000
     with isolated_kinect() as camera:
         camera.read(PATIENCE_S)
+        wait_for(lambda: camera.condition.state is CameraState.STREAMING)
         yield camera
 
 

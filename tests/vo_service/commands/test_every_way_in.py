@@ -2,6 +2,7 @@
 
 import math
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -108,7 +109,8 @@ def test_a_played_kinect_gives_a_replays_poses_within_what_its_encoding_costs(
 
 def film_seqs(stamps_s: Array, kinect: PlayedKinect) -> list[int]:
     """Which frames of the film these are, by the instant at which the Kinect sent them."""
-    began_s = kinect._control.film_began_ns / 1e9
+    unix_s = time.time() - time.monotonic()
+    began_s = kinect._control.film_began_ns / 1e9 + unix_s
     return [round((stamp_s - began_s) * PLAYED_HZ) for stamp_s in stamps_s]
 
 

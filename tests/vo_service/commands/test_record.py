@@ -113,4 +113,4 @@ def test_a_live_camera_is_recorded_under_unix_time(
     lines = (tmp_path / "new" / "rgb.txt").read_text().splitlines()
     stamps = [float(line.split()[0]) for line in lines[1:]]
     assert before_s - 5.0 < stamps[0] < time.time() + 5.0
-    assert [round(stamp - stamps[0], 3) for stamp in stamps] == [0.0, 1.0, 2.0]
+    assert [stamp - stamps[0] for stamp in stamps] == pytest.approx([0.0, 1.0, 2.0], abs=0.1)

@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol, runtime_checkable
 
-from vo_service.effort import Effort, efforts
-from vo_service.load_meter import FrameLoad, LoadMeter
+from vo_service.load.effort import Effort, efforts
+from vo_service.load.meter import FrameLoad, LoadMeter
 from vo_service.outputs.output import Troubled
 from vo_service.settings import LoadSettings
 

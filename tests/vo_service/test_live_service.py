@@ -1,8 +1,8 @@
 """What a live service has beside a replay."""
 
 from tests.vo_service.fakes import ScriptedCamera, ScriptedOdometry
-from vo_service.adjustable_load import AdjustableGovernor
 from vo_service.live import Surroundings, appliers
+from vo_service.load.adjustable import AdjustableGovernor
 from vo_service.reload import LIVE_KEYS
 
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from vo_service.load import FeatureUser, FixedEffort, Governor, LoadGovernor, Viewer
-from vo_service.load_meter import FrameLoad
+from vo_service.load.governor import FeatureUser, FixedEffort, Governor, LoadGovernor, Viewer
+from vo_service.load.meter import FrameLoad
 from vo_service.odometry.estimate import Odometry
 from vo_service.settings import LoadSettings
 

@@ -8,10 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.vo_service.fakes import FakeClock
-from tests.vo_service.machine import INTERVAL_S, FakeOdometry, FakeViewer, Machine, affine, share
-from vo_service.effort import Effort, efforts
-from vo_service.load import LONGEST_WAIT_S, TOO_BUSY, FixedEffort
-from vo_service.load_meter import FrameLoad
+from tests.vo_service.load.machine import (
+    INTERVAL_S,
+    FakeOdometry,
+    FakeViewer,
+    Machine,
+    affine,
+    share,
+)
+from vo_service.load.effort import Effort, efforts
+from vo_service.load.governor import LONGEST_WAIT_S, TOO_BUSY, FixedEffort
+from vo_service.load.meter import FrameLoad
 
 FULL = Effort(viewer_rests=False, features=1000)
 LEAST = Effort(viewer_rests=True, features=300)

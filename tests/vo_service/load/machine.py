@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from tests.vo_service.fakes import FakeClock
-from vo_service.effort import Effort
-from vo_service.load import LoadGovernor
-from vo_service.load_meter import FrameLoad
+from vo_service.load.effort import Effort
+from vo_service.load.governor import LoadGovernor
+from vo_service.load.meter import FrameLoad
 from vo_service.settings import LoadSettings
 
 INTERVAL_S = 1 / 32  # a number that adds up without rounding

@@ -57,7 +57,7 @@ class Service:
         self._troubled: Sequence[Troubled] = (*outputs, governor, *others)
         self._guard = StampGuard()
         self._last: PoseUpdate | None = None
-        self._told: tuple[TrackingState, str] | None = None
+        self._told: tuple[TrackingState, str, tuple[str, ...]] | None = None
         self._told_at_s = 0.0
         self.statistics = Statistics()
 
@@ -101,8 +101,9 @@ class Service:
         return self._tracker.update(stamped, estimate, self._stages.take(), latency_s)
 
     def _report(self) -> None:
-        """Publish the status, twice a second and whenever the state or its reason changes."""
-        told = self._state()
+        """Publish the status, twice a second and whenever state, reason or warnings change."""
+        state, reason = self._state()
+        told = (state, reason, self._warnings())
         now_s = time.monotonic()
         if told == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
             return
@@ -120,7 +121,10 @@ class Service:
             return TrackingState.NO_CAMERA, "no frame yet"
         return self._last.state, self._last.reason or self._camera.condition.reason
 
-    def _status(self, state: TrackingState, reason: str) -> Status:
+    def _warnings(self) -> tuple[str, ...]:
+        return tuple(troubled.warning for troubled in self._troubled if troubled.warning)
+
+    def _status(self, state: TrackingState, reason: str, warnings: tuple[str, ...]) -> Status:
         statistics, counters = self.statistics, self._feed.counters
         rolling = statistics.rolling()
         estimate = self._last.estimate if self._last else None
@@ -148,7 +152,7 @@ class Service:
             lost_packets=counters.lost_packets,
             paused=self._control.is_paused,
             recording=self._control.recording,
-            warnings=tuple(troubled.warning for troubled in self._troubled if troubled.warning),
+            warnings=warnings,
             cpu_ms_per_frame=rolling.cpu_ms_per_frame,
             stage_ms=rolling.stage_ms,
         )

@@ -47,7 +47,7 @@ class TrajectoryOutput:
         if self._failure is not None:
             return str(self._failure)
         if self._worker.dropped:
-            return f"{self._path}: the disk is too slow; {self._worker.dropped} poses are missing"
+            return f"{self._path}: the disk is too slow; poses are missing"
         return ""
 
     def pose(self, update: PoseUpdate) -> None:

@@ -55,6 +55,16 @@ def flood(output: ViewerOutput, update: PoseUpdate) -> float:
     return longest_s
 
 
+def show_until(output: ViewerOutput, update: PoseUpdate, warning: str) -> None:
+    """Result after result, as from a camera, until it warns of this."""
+
+    def warned() -> bool:
+        output.pose(update)
+        return output.warning == warning
+
+    wait_for(warned)
+
+
 def test_results_reach_the_file_and_nothing_is_left(
     tmp_path: Path, make_update: MakeUpdate, status: Status
 ) -> None:
@@ -139,8 +149,7 @@ def test_the_process_ends_with_a_service_that_is_killed(tmp_path: Path) -> None:
 
 def test_a_process_that_is_stuck_in_rerun_says_so(make_update: MakeUpdate) -> None:
     with shown(Stuck()) as (output, _):
-        output.pose(make_update(0))
-        wait_for(lambda: output.warning == "rerun: stuck does not take its data")
+        show_until(output, make_update(0), "rerun: stuck does not take its data")
         assert flood(output, make_update(0)) < AT_ONCE_S
 
 
@@ -173,8 +182,7 @@ def test_what_could_not_be_kept_is_said_while_it_lasts_and_at_the_end(
     make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     output = ViewerOutput(FullDisk())
-    output.pose(make_update(0))
-    wait_for(lambda: output.warning == "rerun: full: the disk is full")
+    show_until(output, make_update(0), "rerun: full: the disk is full")
     output.pose(make_update(30))
     with pytest.raises(UserFacingError, match="full: the recording is not complete"):
         output.close()

@@ -16,3 +16,7 @@ def main(argv: Sequence[str] | None = None) -> NoReturn:
         run_command(sys.argv[1:] if argv is None else argv)
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()

@@ -4,7 +4,7 @@ import logging
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -31,15 +31,6 @@ class Stop:
         """Raise KeyboardInterrupt once a stop was asked for."""
         if self.event.is_set():
             raise KeyboardInterrupt
-
-    def interrupting(self, progress: Callable[[int, int], None]) -> Callable[[int, int], None]:
-        """The same progress, which raises KeyboardInterrupt once a stop was asked for."""
-
-        def report(done: int, total: int) -> None:
-            self.check()
-            progress(done, total)
-
-        return report
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """The loop: frames in, poses out. `demo`, `replay` and `run` are all this loop."""
 
+import re
 import threading
 import time
 from collections.abc import Sequence
@@ -57,7 +58,7 @@ class Service:
         self._troubled: Sequence[Troubled] = (*outputs, governor, *others)
         self._guard = StampGuard()
         self._last: PoseUpdate | None = None
-        self._told: tuple[TrackingState, str, tuple[str, ...]] | None = None
+        self._told: tuple[str, ...] = ()
         self._told_at_s = 0.0
         self.statistics = Statistics()
 
@@ -103,12 +104,13 @@ class Service:
     def _report(self) -> None:
         """Publish the status, twice a second and whenever state, reason or warnings change."""
         state, reason = self._state()
-        told = (state, reason, self._warnings())
+        warnings = tuple(filter(None, (troubled.warning for troubled in self._troubled)))
+        told = (state, *map(_without_numbers, (reason, *warnings)))
         now_s = time.monotonic()
         if told == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
             return
         self._told, self._told_at_s = told, now_s
-        status = self._status(*told)
+        status = self._status(state, reason, warnings)
         for output in self._outputs:
             output.status(status)
 
@@ -120,9 +122,6 @@ class Service:
         if self._last is None:
             return TrackingState.NO_CAMERA, "no frame yet"
         return self._last.state, self._last.reason or self._camera.condition.reason
-
-    def _warnings(self) -> tuple[str, ...]:
-        return tuple(troubled.warning for troubled in self._troubled if troubled.warning)
 
     def _status(self, state: TrackingState, reason: str, warnings: tuple[str, ...]) -> Status:
         statistics, counters = self.statistics, self._feed.counters
@@ -156,3 +155,8 @@ class Service:
             cpu_ms_per_frame=rolling.cpu_ms_per_frame,
             stage_ms=rolling.stage_ms,
         )
+
+
+def _without_numbers(text: str) -> str:
+    """A reason with other counts than before is no other reason."""
+    return re.sub(r"\d+", "", text)

@@ -43,17 +43,6 @@ def test_a_check_raises_once_a_stop_was_asked_for() -> None:
             stop.check()
 
 
-def test_work_that_shows_progress_is_interrupted_once_a_stop_was_asked_for() -> None:
-    steps: list[tuple[int, int]] = []
-    with stop_on_signals() as stop:
-        progress = stop.interrupting(lambda done, total: steps.append((done, total)))
-        progress(1, 3)
-        signal.raise_signal(signal.SIGTERM)
-        with pytest.raises(KeyboardInterrupt):
-            progress(2, 3)
-    assert steps == [(1, 3)]
-
-
 def test_a_hangup_is_an_event_for_whoever_heeds_it() -> None:
     with hangups() as hangup:
         os.kill(os.getpid(), signal.SIGHUP)

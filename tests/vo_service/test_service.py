@@ -302,3 +302,11 @@ def test_what_outputs_complain_of_is_in_the_status() -> None:
     with camera:
         make_service(PlainFeed(camera), [Collector(), troubled]).run(threading.Event())
     assert troubled.statuses[-1].warnings == ("the disk is full",)
+
+
+def test_other_counts_are_no_other_reason(clock: FakeClock) -> None:
+    reasons = [f"{count} of 9 matches agree" for count in range(5)]
+    collector = play(
+        [frame(k) for k in range(5)], [bad(reason=reason) for reason in reasons], clock
+    )
+    assert [status.reason for status in collector.statuses] == ["no frame yet", reasons[0]]

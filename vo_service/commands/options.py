@@ -10,6 +10,7 @@ from drivers.camera import Pace
 from vo_service.cameras import USAGES
 from vo_service.config import Config, read_config
 from vo_service.methods import METHODS
+from vo_service.settings import LogLevel, LogSettings
 
 
 def add_config_options(parser: argparse.ArgumentParser) -> None:
@@ -67,6 +68,8 @@ def config_of(args: argparse.Namespace) -> Config:
         config = replace(config, odometry=replace(config.odometry, method=args.method))
     if getattr(args, "rerun", None):
         config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))
+    if args.verbose:
+        config = replace(config, log=LogSettings(LogLevel.INFO))
     if getattr(args, "prefix", None):
         config = replace(config, zenoh=replace(config.zenoh, prefix=args.prefix))
     return config

@@ -1,13 +1,16 @@
 """``kinect-vo run``: the odometry as a service, for as long as the robot is on."""
 
 import argparse
+import sys
 import threading
 from contextlib import closing, suppress
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
 
 from drivers.background_opening import BackgroundOpening, Cancellable
 from drivers.camera import Pace, RgbdCamera
+from drivers.errors import InputError
 from vo_service.cameras import CameraRequest, make_camera
 from vo_service.commands.options import (
     add_camera_options,
@@ -19,7 +22,6 @@ from vo_service.commands.options import (
 )
 from vo_service.config import Config
 from vo_service.control.control import Order
-from vo_service.control.errors import CommandError
 from vo_service.control.inbox import Inbox
 from vo_service.control.reconfigure import Reconfigure
 from vo_service.interrupts import Stop, ended_by_force, hangups, stop_on_signals
@@ -27,6 +29,7 @@ from vo_service.live import Surroundings, live_service
 from vo_service.live_loop import run_live
 from vo_service.logs import set_level
 from vo_service.notify import SystemdOutput
+from vo_service.numbered_files import put_aside
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.output import Output
 from vo_service.outputs.progress_output import ProgressOutput
@@ -51,8 +54,9 @@ examples:
 
 A camera that goes away is waited for: the status then says no_camera, and why. So it does when a
 recording has ended. A port that is taken and a router that is away are waited for too. SIGHUP reads
-the configuration again. Ctrl-C and SIGTERM are the way to end it, within 5 seconds, with exit
-code 0.
+the file of --config again; without one it ends the service, as a terminal that is closed does. A
+trajectory that is there already is kept as FILE-0001, FILE-0002 and so on. Ctrl-C and SIGTERM are
+the way to end it, within 5 seconds, with exit code 0.
 """
 # From being asked to end until the process is gone.
 LONGEST_ENDING_S = 4.5
@@ -73,8 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Serve until stopped."""
     config = config_of(args)
-    if not args.verbose:
-        set_level(config.log.level)
+    set_level(config.log.level)
+    _keep_trajectory(args.trajectory)
     terminal = Terminal()
     with (
         stop_on_signals() as stop,
@@ -131,10 +135,23 @@ def _serve(
         )
 
         def reload() -> None:
-            with systemd.reloading(), suppress(CommandError):
-                inbox.submit(Reconfigure(reloader.reload()))
+            with systemd.reloading():
+                inbox.order(Reconfigure(reloader.reload()))
 
-        run_live(service.run, stop, hangup, reload)
+        # Without a file there is nothing to read again: the terminal has gone.
+        on_hangup = stop.event.set if args.config is None else reload
+        run_live(service.run, stop, hangup, on_hangup)
+
+
+def _keep_trajectory(path: Path | None) -> None:
+    """What an earlier run has written is kept as FILE-0001 and so on. Raises InputError."""
+    if path is not None and path.is_file():
+        try:
+            put_aside(path, files_kept=sys.maxsize)
+        except OSError as error:
+            raise InputError(
+                f"{path}: cannot be put aside: {error.strerror}; name another file"
+            ) from error
 
 
 def _camera(args: argparse.Namespace, config: Config, terminal: Terminal) -> RgbdCamera:

@@ -74,6 +74,13 @@ class Inbox(Generic[C]):
             self._waiting.append(ticket)
         return ticket
 
+    def order(self, command: C) -> Ticket[C]:
+        """Hand in a command of the program's own, which is never refused for want of room."""
+        ticket = Ticket(command)
+        with self._lock:
+            self._waiting.append(ticket)
+        return ticket
+
     def take(self) -> list[Ticket[C]]:
         """All that wait, the oldest first; never waits itself."""
         if not self._waiting:

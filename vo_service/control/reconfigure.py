@@ -21,9 +21,9 @@ class Reconfigure:
     changes: Changes
 
     def apply(self, appliers: Appliers) -> None:
-        """Call each applier that is concerned, once; a camera that refuses is logged."""
-        for key in self.changes.live:
+        """Call each applier that is concerned, once; what a camera says to it is logged."""
+        for apply in dict.fromkeys(appliers[key] for key in self.changes.live):
             try:
-                appliers[key](self.changes.config)
+                apply(self.changes.config)
             except CameraError as error:
-                logger.warning("%s is not changed: %s", key, error)
+                logger.warning("%s", error)

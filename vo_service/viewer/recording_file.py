@@ -1,12 +1,12 @@
 """Recordings in .rrd files of bounded size and number."""
 
-import re
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivers.camera import Pace
 from drivers.errors import InputError
+from vo_service.numbered_files import put_aside
 from vo_service.outputs.worker import DropOldest, HandOver, Wait
 from vo_service.viewer.presence import AlwaysThere, Presence
 from vo_service.viewer.sinks import BrokenFileError, DiskFullError
@@ -92,26 +92,3 @@ class RecordingFile:
             raise DiskFullError(
                 f"{self.address}: the disk is full; nothing is recorded until there is space again"
             )
-
-
-def put_aside(path: Path, files_kept: int) -> None:
-    """Make room for a new file: name the one that is there FILE-NNNN.rrd, delete the oldest.
-
-    Raises OSError.
-    """
-    numbers = sorted(_numbers(path))
-    if path.is_file():
-        numbers.append(numbers[-1] + 1 if numbers else 1)
-        path.rename(_numbered(path, numbers[-1]))
-    for number in numbers[: max(0, len(numbers) - files_kept + 1)]:
-        _numbered(path, number).unlink()
-
-
-def _numbers(path: Path) -> list[int]:
-    form = re.compile(re.escape(path.stem) + r"-(\d{4,})" + re.escape(path.suffix))
-    found = (form.fullmatch(each.name) for each in path.parent.iterdir() if each.is_file())
-    return [int(each[1]) for each in found if each]
-
-
-def _numbered(path: Path, number: int) -> Path:
-    return path.with_name(f"{path.stem}-{number:04d}{path.suffix}")

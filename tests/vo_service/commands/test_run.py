@@ -53,3 +53,16 @@ def test_listen_prints_what_a_service_publishes(
     assert len(poses) == 3
     assert [pose["state"] for pose in poses] == ["tracking"] * 3
     assert [pose["frame_id"] for pose in poses] == ["odom"] * 3
+
+
+def test_a_closed_terminal_ends_it_and_an_older_trajectory_is_kept(
+    recording: Path, tmp_path: Path
+) -> None:
+    trajectory = tmp_path / "poses.txt"
+    trajectory.write_text("precious")
+    options = ("--pace", "lockstep", "--no-publish", "--trajectory", trajectory)
+    with running("run", "--camera", f"tum:{recording}", *options) as process:
+        wait_for(lambda: line_count(trajectory) == FRAMES)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(20) == 0
+    assert (tmp_path / "poses-0001.txt").read_text() == "precious"

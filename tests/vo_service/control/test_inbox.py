@@ -55,3 +55,10 @@ def test_a_closed_inbox_refuses_what_waits_and_what_comes() -> None:
         waiting.wait(1.0)
     with pytest.raises(CommandError, match="ending"):
         inbox.submit(Pause())
+
+
+def test_the_programs_own_orders_are_taken_however_many_wait() -> None:
+    inbox: Inbox[Command] = Inbox(most=1)
+    inbox.submit(Pause())
+    inbox.order(Reset())
+    assert [ticket.command for ticket in inbox.take()] == [Pause(), Reset()]

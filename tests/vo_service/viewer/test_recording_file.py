@@ -19,11 +19,12 @@ from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import StampedPoses
 from tests.belongings import wait_for
 from tests.vo_service.viewer.drawn import column, draw, is_whole, job, rows
+from vo_service.numbered_files import put_aside
 from vo_service.outputs.output import PoseUpdate
 from vo_service.viewer import drawing, recording_file
 from vo_service.viewer.drawing import Drawing
 from vo_service.viewer.output import ViewerOutput
-from vo_service.viewer.recording_file import RecordingFile, put_aside
+from vo_service.viewer.recording_file import RecordingFile
 
 MakeUpdate = Callable[..., PoseUpdate]
 

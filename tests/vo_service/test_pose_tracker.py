@@ -14,44 +14,20 @@ from drivers.geometry import (
     rotation_from_vector,
     rotation_vector,
 )
-from tests.vo_service.fakes import STEP_COVARIANCE, bad, frame, good
+from tests.vo_service.fakes import STEP_COVARIANCE, bad, good
+from tests.vo_service.walking import (
+    AHEAD,
+    AWRY,
+    RATE_HZ,
+    motion,
+    sigmas,
+    turn,
+    update,
+    walk,
+)
 from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import PoseUpdate, TrackingState
-from vo_service.pose_tracker import R_BODY_OPTICAL, PoseTracker, StampedFrame
-
-RATE_HZ = 30.0
-AHEAD = rigid_transform(R_BODY_OPTICAL, [0.3, 0.0, 0.0])  # 30 cm before the base, straight ahead
-AWRY = rigid_transform(R_BODY_OPTICAL @ rotation_from_vector([0.3, -0.2, 0.5]), [0.2, -0.1, 0.4])
-
-
-def motion(forward_m: float = 0.0, right_m: float = 0.0, down_m: float = 0.0) -> Array:
-    """A step of the camera along its own axes."""
-    return rigid_transform(np.eye(3), [right_m, down_m, forward_m])
-
-
-def turn(pitch: float = 0.0, yaw_right: float = 0.0, roll: float = 0.0) -> Array:
-    """A turn of the camera about its own x, y and z."""
-    return rigid_transform(rotation_from_vector([pitch, yaw_right, roll]), np.zeros(3))
-
-
-def update(tracker: PoseTracker, estimate: Estimate, seq: int = 0) -> PoseUpdate:
-    stamped = StampedFrame(frame(seq, seq / RATE_HZ), 1e9 + seq / RATE_HZ)
-    return tracker.update(stamped, estimate, {"surf": 4.0}, 0.01)
-
-
-def walk(tracker: PoseTracker, steps: list[Array]) -> list[PoseUpdate]:
-    """Updates of a start and one more a step."""
-    T = np.eye(4)
-    updates = [update(tracker, good(T))]
-    for seq, step in enumerate(steps, 1):
-        T = T @ step
-        updates.append(update(tracker, good(T, step), seq))
-    return updates
-
-
-def sigmas(update: PoseUpdate) -> Array:
-    deviations: Array = np.sqrt(np.diag(update.pose_covariance))
-    return deviations
+from vo_service.outputs.output import TrackingState
+from vo_service.pose_tracker import R_BODY_OPTICAL, PoseTracker
 
 
 @pytest.mark.parametrize(
@@ -252,37 +228,3 @@ def test_the_covariance_of_the_twist_is_that_of_the_step_per_second_in_base_axes
     found = walk(PoseTracker(), [motion(0.1)])[-1].twist_covariance
     turned = np.kron(np.eye(2), R_BODY_OPTICAL)
     np.testing.assert_allclose(found, turned @ STEP_COVARIANCE @ turned.T * RATE_HZ**2, atol=1e-15)
-
-
-def test_a_reset_begins_an_epoch_level_at_the_origin() -> None:
-    tracker = PoseTracker(AWRY)
-    walk(tracker, [motion(1.0)] * 3)
-    tracker.reset(None)
-    found = update(tracker, good(motion(3.0)), 4)
-    np.testing.assert_allclose(found.T_odom_base, np.eye(4), atol=1e-12)
-    assert (found.epoch, found.reason) == (1, "reset")
-    assert np.all(sigmas(found) < 1e-2)
-
-
-def test_a_reset_to_a_pose_goes_on_from_there() -> None:
-    tracker, there = PoseTracker(AWRY), rigid_transform(rotation_from_vector([0, 0, 1]), [5, 6, 0])
-    T = walk(tracker, [motion(1.0), turn(yaw_right=0.3)])[-1].T_world_camera
-    tracker.reset(there)
-    step = motion(0.4, 0.1) @ turn(0.1, 0.2)
-    found = [update(tracker, good(T), 3), update(tracker, good(T @ step, step), 4)]
-    np.testing.assert_allclose(found[0].T_odom_base, there, atol=1e-12)
-    expected = there @ AWRY @ step @ inverse(AWRY)
-    np.testing.assert_allclose(found[1].T_odom_base, expected, atol=1e-12)
-    np.testing.assert_array_equal(found[1].T_world_camera, T @ step)  # files know no reset
-
-
-def test_a_reset_while_lost_says_where_the_camera_is_when_it_sees_again() -> None:
-    tracker, there = PoseTracker(), rigid_transform(np.eye(3), [5.0, 6.0, 0.0])
-    walk(tracker, [motion(1.0)])
-    tracker.reset(there)
-    lost = update(tracker, bad(motion(1.0)), 2)
-    found = update(tracker, good(motion(1.7), motion(0.7)), 3)
-    for each in (lost, found):
-        np.testing.assert_allclose(each.T_odom_base, there, atol=1e-12)
-    assert [lost.epoch, found.epoch] == [1, 1]
-    assert np.all(sigmas(update(tracker, bad(motion(1.7)), 4)) > sigmas(found))

@@ -1,7 +1,6 @@
 """The loop: every frame to every output, and a status that is never silent without a reason."""
 
 import threading
-from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
@@ -22,17 +21,12 @@ from tests.vo_service.fakes import (
     frame,
     good,
 )
+from tests.vo_service.looping import make_service, play
 from vo_service import service as service_module
-from vo_service.control.commands import Command, Pause, Reset, Resume
-from vo_service.control.control import Control, Order
-from vo_service.control.inbox import Inbox
-from vo_service.feed import Feed, PersistentFeed, PlainFeed
+from vo_service.feed import PersistentFeed, PlainFeed
 from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import Output, PoseUpdate, TrackingState
-from vo_service.pose_tracker import PoseTracker
-from vo_service.service import Service
-from vo_service.stage_clock import StageClock
-from vo_service.stamps import LiveClock, RecordedClock, StampClock
+from vo_service.outputs.output import TrackingState
+from vo_service.stamps import LiveClock, RecordedClock
 
 
 @pytest.fixture
@@ -41,42 +35,6 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     clock = FakeClock()
     monkeypatch.setattr(service_module, "time", clock)
     return clock
-
-
-def make_service(
-    feed: Feed,
-    outputs: Sequence[Output],
-    estimates: Sequence[Estimate] = (),
-    stamps: StampClock | None = None,
-    camera: ScriptedCamera | None = None,
-    inbox: Inbox[Order] | None = None,
-    odometry: ScriptedOdometry | None = None,
-) -> Service:
-    camera, tracker = camera or ScriptedCamera(), PoseTracker()
-    return Service(
-        feed=feed,
-        odometry=odometry or ScriptedOdometry(*estimates),
-        stages=StageClock(),
-        tracker=tracker,
-        clock=stamps or RecordedClock(),
-        outputs=outputs,
-        camera=camera,
-        method="surf",
-        control=Control(tracker, camera, inbox),
-    )
-
-
-def play(
-    events: Sequence[Event],
-    estimates: Sequence[Estimate] = (),
-    clock: FakeClock | None = None,
-    stamps: StampClock | None = None,
-) -> Collector:
-    """Run the loop over one pass of a camera."""
-    camera, collector = ScriptedCamera(events, clock=clock), Collector()
-    with camera:
-        make_service(PlainFeed(camera), [collector], estimates, stamps).run(threading.Event())
-    return collector
 
 
 def test_every_frame_goes_to_every_output_in_order() -> None:
@@ -247,53 +205,6 @@ def test_a_camera_that_loses_packets_is_told_of_while_tracking() -> None:
         make_service(PlainFeed(camera), [collector], camera=camera).run(threading.Event())
     status = collector.statuses[-1]
     assert (status.state, status.reason) == (TrackingState.TRACKING, camera.condition.reason)
-
-
-class Commander(Collector):
-    """Sends a command after each pose of a script."""
-
-    def __init__(self, inbox: Inbox[Order], script: Mapping[int, Command]) -> None:
-        super().__init__()
-        self._inbox, self._script = inbox, script
-
-    def pose(self, update: PoseUpdate) -> None:
-        """Keep it, then say what is due."""
-        super().pose(update)
-        if update.frame.seq in self._script:
-            self._inbox.submit(self._script[update.frame.seq])
-
-
-def test_a_reset_counts_from_the_next_frame_on() -> None:
-    inbox: Inbox[Order] = Inbox()
-    collector = Commander(inbox, {1: Reset()})
-    camera = ScriptedCamera([frame(k) for k in range(4)])
-    with camera:
-        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
-    assert [pose.epoch for pose in collector.poses] == [0, 0, 1, 1]
-    assert [pose.reason for pose in collector.poses] == ["", "", "reset", ""]
-
-
-def test_a_pause_is_no_silence_without_a_reason(clock: FakeClock) -> None:
-    inbox: Inbox[Order] = Inbox()
-    collector = Commander(inbox, {1: Pause()})
-    camera = ScriptedCamera([After(0.2, frame(k)) for k in range(20)], clock=clock)
-    with camera:
-        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
-    assert [pose.frame.seq for pose in collector.poses] == [0, 1]
-    paused = [status for status in collector.statuses if status.paused]
-    assert {(status.state.value, status.reason) for status in paused} == {("lost", "paused")}
-    assert len(paused) > 5
-
-
-def test_after_a_pause_the_poses_go_on() -> None:
-    inbox: Inbox[Order] = Inbox()
-    inbox.submit(Pause())
-    inbox.submit(Resume())
-    camera, collector = ScriptedCamera([frame(k) for k in range(3)]), Collector()
-    with camera:
-        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
-    assert len(collector.poses) == 3
-    assert not collector.statuses[-1].paused
 
 
 def test_what_outputs_complain_of_is_in_the_status() -> None:

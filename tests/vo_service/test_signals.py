@@ -21,7 +21,7 @@ def test_a_hangup_changes_nothing_and_a_signal_to_end_is_obeyed_in_order(
         service.process.send_signal(signal.SIGHUP)
         if stage.goes_on:
             heard = len(service.heard.statuses)
-            service.until(lambda _: len(service.heard.statuses) > heard + 2)
+            service.until(lambda _: len(service.heard.statuses) > heard + 1)
         service.process.send_signal(number)
         assert service.process.wait(ENDING_S) == 0
         assert "ended by force" not in service.log

@@ -10,7 +10,7 @@ from drivers.camera import CameraCounters
 from drivers.geometry import rigid_transform
 from drivers.trajectory import StampedPoses
 from tests.vo_service.fakes import FakeClock, ScriptedCamera, bad, frame, good
-from tests.vo_service.test_service import make_service
+from tests.vo_service.looping import make_service
 from vo_service.feed import PlainFeed
 from vo_service.statistics import Statistics
 from vo_service.summary import Summary

@@ -1,0 +1,76 @@
+"""Commands take effect between two frames, and are told of."""
+
+import threading
+from collections.abc import Mapping
+
+import pytest
+
+from tests.vo_service.fakes import (
+    After,
+    Collector,
+    FakeClock,
+    ScriptedCamera,
+    frame,
+)
+from tests.vo_service.looping import make_service
+from vo_service import service as service_module
+from vo_service.control.commands import Command, Pause, Reset, Resume
+from vo_service.control.control import Order
+from vo_service.control.inbox import Inbox
+from vo_service.feed import PlainFeed
+from vo_service.outputs.output import PoseUpdate
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
+    """The loop's own clock."""
+    clock = FakeClock()
+    monkeypatch.setattr(service_module, "time", clock)
+    return clock
+
+
+class Commander(Collector):
+    """Sends a command after each pose of a script."""
+
+    def __init__(self, inbox: Inbox[Order], script: Mapping[int, Command]) -> None:
+        super().__init__()
+        self._inbox, self._script = inbox, script
+
+    def pose(self, update: PoseUpdate) -> None:
+        """Keep it, then say what is due."""
+        super().pose(update)
+        if update.frame.seq in self._script:
+            self._inbox.submit(self._script[update.frame.seq])
+
+
+def test_a_reset_counts_from_the_next_frame_on() -> None:
+    inbox: Inbox[Order] = Inbox()
+    collector = Commander(inbox, {1: Reset()})
+    camera = ScriptedCamera([frame(k) for k in range(4)])
+    with camera:
+        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
+    assert [pose.epoch for pose in collector.poses] == [0, 0, 1, 1]
+    assert [pose.reason for pose in collector.poses] == ["", "", "reset", ""]
+
+
+def test_a_pause_is_no_silence_without_a_reason(clock: FakeClock) -> None:
+    inbox: Inbox[Order] = Inbox()
+    collector = Commander(inbox, {1: Pause()})
+    camera = ScriptedCamera([After(0.2, frame(k)) for k in range(20)], clock=clock)
+    with camera:
+        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
+    assert [pose.frame.seq for pose in collector.poses] == [0, 1]
+    paused = [status for status in collector.statuses if status.paused]
+    assert {(status.state.value, status.reason) for status in paused} == {("lost", "paused")}
+    assert len(paused) > 5
+
+
+def test_after_a_pause_the_poses_go_on() -> None:
+    inbox: Inbox[Order] = Inbox()
+    inbox.submit(Pause())
+    inbox.submit(Resume())
+    camera, collector = ScriptedCamera([frame(k) for k in range(3)]), Collector()
+    with camera:
+        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
+    assert len(collector.poses) == 3
+    assert not collector.statuses[-1].paused

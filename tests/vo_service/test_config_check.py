@@ -34,7 +34,11 @@ def test_all_defaults_are_right(tmp_path: Path) -> None:
         ('[camera]\nsource = "tum:nowhere"', "`camera.source`: nowhere is not there"),
         ('[rerun]\ntargets = ["serf"]', "'serf' is none"),
         ('[rerun]\ntargets = ["nowhere/a.rrd"]', "there is no folder nowhere"),
+        ('[rerun]\ntargets = ["a.rrd", "./a.rrd"]', "'a.rrd' and './a.rrd' are the same place"),
+        ('[rerun]\ntargets = ["serve", "serve"]', "'serve' and 'serve' are the same place"),
+        ('[recorder]\nfolder = "/proc/version/a"', "/proc/version/a: cannot be used"),
         ('[zenoh]\nlisten = ["tcp/127.0.0.1:99999"]', "is no endpoint"),
+        ('[zenoh]\nlisten = ["tcp/127.0.0.1:7450x"]', "is no endpoint"),
         ('[zenoh]\nconnect = ["tpc/127.0.0.1:7450"]', "is no endpoint"),
         ('[zenoh]\nlisten = ["tls/127.0.0.1:7450"]', "to listen with TLS"),
         ('[zenoh]\nconfig_file = "/none.json5"', "/none.json5: cannot read"),
@@ -45,6 +49,17 @@ def test_each_mistake_is_one_line_that_names_it(tmp_path: Path, text: str, words
         check_config(config(tmp_path, text))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_settings_of_a_link_may_follow_its_port(tmp_path: Path) -> None:
+    listen = '["tcp/127.0.0.1:7450?rel=1#iface=lo"]'
+    assert check_config(config(tmp_path, f"[zenoh]\nlisten = {listen}")) == []
+
+
+def test_a_recorder_folder_that_can_be_made_is_right_and_not_made(tmp_path: Path) -> None:
+    folder = tmp_path / "yet" / "to be made"
+    assert check_config(config(tmp_path, f'[recorder]\nfolder = "{folder}"')) == []
+    assert not folder.parent.exists()
 
 
 def test_what_anyone_may_connect_to_is_warned_of(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from drivers.errors import InputError
 from vo_service.commands.options import say
 from vo_service.interrupts import stop_on_signals
-from vo_service.outputs.zenoh_check import listening
+from vo_service.outputs.zenoh_endpoints import endpoints_in
 from vo_service.outputs.zenoh_log import zenoh_log_as_ours
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session, session_settings
 from vo_service.outputs.zenoh_visitors import log_visitors
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f'{args.file}: this is no router\'s file; write mode: "router" in it')
     with stop_on_signals() as stop, zenoh_log_as_ours(), open_session(config) as session:
         log_visitors(session)
-        say(f"router: listening at {', '.join(listening(settings))} (Ctrl-C ends)")
+        say(f"router: listening at {', '.join(endpoints_in(settings, 'listen'))} (Ctrl-C ends)")
         # Not for ever at once: the kernel may hand the signal to one of Zenoh's threads, and then
         # nothing wakes this one to act on it.
         while not stop.event.wait(_LOOK_S):

@@ -1,18 +1,17 @@
 """Whether a Zenoh session could be opened with its settings, found out without the network."""
 
-import ipaddress
 import json
 import re
 
 import zenoh
 
 from drivers.errors import InputError
+from vo_service.outputs.zenoh_endpoints import Endpoint, endpoints_in, parse_endpoint
 from vo_service.outputs.zenoh_key_check import ENCRYPTED, check_keys, has_client_certificates
 from vo_service.outputs.zenoh_session import DEFAULT_ENDPOINT, ZenohConfig, session_settings
 
 _PLAIN = ("tcp", "udp", "ws")
 _BY_PATH = ("unixsock-stream", "unixpipe", "serial", "vsock")
-_ENDPOINT = re.compile(r"(?P<protocol>[\w-]+)/(?P<host>\[[^\]]+\]|[^:\[\]]+):(?P<port>\d{1,5})")
 
 
 def check_zenoh(config: ZenohConfig) -> str:
@@ -22,56 +21,39 @@ def check_zenoh(config: ZenohConfig) -> str:
     """
     settings = session_settings(config)
     where = str(config.config_file or "zenoh")
-    listen, connect = (_endpoints(settings, key) for key in ("listen", "connect"))
+    listen, connect = (endpoints_in(settings, key) for key in ("listen", "connect"))
     for endpoint in (*listen, *connect):
         _check_endpoint(endpoint, where)
     check_keys(settings, where, listen, connect)
     _check_rules(settings, where)
     is_safe = ENCRYPTED if has_client_certificates(settings) else ()
     exposed = [
-        endpoint
-        for endpoint in listen
-        if _is_for_the_network(endpoint) and endpoint.partition("/")[0] not in is_safe
+        text
+        for text, endpoint in zip(listen, map(parse_endpoint, listen), strict=True)
+        if _is_for_the_network(endpoint) and endpoint.protocol not in is_safe
     ]
     if not exposed:
         return ""
     return f"{where}: anyone in the network may connect to {', '.join(exposed)}; docs/security.md"
 
 
-def listening(settings: zenoh.Config) -> list[str]:
-    """Where a session with these settings listens."""
-    return _endpoints(settings, "listen")
-
-
-def _endpoints(settings: zenoh.Config, key: str) -> list[str]:
-    """Zenoh also takes one list for each mode, and groups of endpoints."""
-    found = json.loads(settings.get_json(f"{key}/endpoints"))
-    if isinstance(found, dict):
-        found = found.get(json.loads(settings.get_json("mode")), [])
-    return [text for part in found for text in ([part] if isinstance(part, str) else part)]
-
-
-def _check_endpoint(endpoint: str, where: str) -> None:
-    protocol = endpoint.partition("/")[0]
-    if protocol in _BY_PATH:
+def _check_endpoint(text: str, where: str) -> None:
+    if text.partition("/")[0] in _BY_PATH:
         return
-    found = _ENDPOINT.match(endpoint)
-    if found is None or protocol not in (*_PLAIN, *ENCRYPTED) or int(found["port"]) > 65535:
+    endpoint = parse_endpoint(text)
+    if endpoint.protocol not in (*_PLAIN, *ENCRYPTED) or int(endpoint.port) > 65535:
         raise InputError(
-            f"{where}: {json.dumps(endpoint)} is no endpoint; write PROTOCOL/ADDRESS:PORT, such as "
+            f"{where}: {json.dumps(text)} is no endpoint; write PROTOCOL/ADDRESS:PORT, such as "
             f"{DEFAULT_ENDPOINT} or tls/robot1.local:7451"
         )
 
 
-def _is_for_the_network(endpoint: str) -> bool:
-    found = _ENDPOINT.match(endpoint)
-    if found is None:
+def _is_for_the_network(endpoint: Endpoint) -> bool:
+    if not endpoint.host:
         return False  # a pipe, a socket in the file system
-    host = found["host"].strip("[]")
-    try:
-        return not ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host != "localhost"
+    if endpoint.address is None:
+        return endpoint.host != "localhost"
+    return not endpoint.address.is_loopback
 
 
 def _check_rules(settings: zenoh.Config, where: str) -> None:

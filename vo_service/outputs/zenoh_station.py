@@ -87,10 +87,9 @@ class Station:
 
     def close(self) -> None:
         """Say that we are gone, and close the session."""
-        with suppress(zenoh.ZError):  # a link that no longer answers
-            self._alive.undeclare()  # type: ignore[no-untyped-call]
-            self._ros2.close()
-            self.session.close()  # type: ignore[no-untyped-call]
+        for end in (self._alive.undeclare, self._ros2.close, self.session.close):
+            with suppress(zenoh.ZError):  # a link that no longer answers
+                end()
         # A thread that is still inside Zenoh when Python ends takes the process down with it.
         for thread in self._threads:
             thread.join(THREAD_END_S)

@@ -1,13 +1,14 @@
 """Asking a service over Zenoh: one question, one answer or an error that says why not."""
 
-import json
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import zenoh
 
 from vo_service.client.errors import CommandRefused, NoAnswer
-from vo_service.client.pose import read_json
+from vo_service.client.reading import check_fields, read_json
+
+# What Zenoh itself answers where a service is there but says nothing, as when it hangs.
+_TIME_IS_UP = b"Timeout"
 
 
 def ask(
@@ -18,28 +19,30 @@ def ask(
     Raises CommandRefused with what the service said, NoAnswer if nobody says anything in time.
     """
     for session in sessions:
-        for reply in session.get(key, payload=payload, timeout=timeout_s):
+        for reply in _replies(session, key, timeout_s, payload):
             if reply.ok is not None:
                 return reply.ok
-            if reply.err is not None:
-                raise _refusal(reply.err)
+            if reply.err is not None and reply.err.payload.to_bytes() != _TIME_IS_UP:
+                raise _refusal(key, reply.err)
     raise NoAnswer(
         f"{key}: no answer within {timeout_s:g} s: no service is there, it is flooded with "
-        "questions, or it may not answer us"
+        "questions or stuck, or it may not answer us"
     )
 
 
-def ask_json(
-    sessions: Sequence[zenoh.Session], key: str, timeout_s: float, arguments: Mapping[str, object]
-) -> Mapping[str, Any]:
-    """The answer to a question, both in JSON. Raises as `ask`, and ValueError."""
-    payload = json.dumps(arguments).encode() if arguments else None
-    return read_json(ask(sessions, key, timeout_s, payload).payload)
+def _replies(
+    session: zenoh.Session, key: str, timeout_s: float, payload: bytes | None
+) -> zenoh.Handler[zenoh.Reply]:
+    try:
+        return session.get(key, payload=payload, timeout=timeout_s)
+    except zenoh.ZError as error:  # closed by another thread
+        raise NoAnswer(f"{key}: cannot be asked: {error}") from error
 
 
-def _refusal(error: zenoh.ReplyError) -> Exception:
+def _refusal(key: str, error: zenoh.ReplyError) -> Exception:
     try:
         content = read_json(error.payload)
-        return CommandRefused(content["error"], content["message"])
-    except (ValueError, KeyError):  # Zenoh itself says that time is up
-        return NoAnswer(error.payload.to_bytes().decode(errors="replace"))
+        check_fields("a refusal", content, {"error": str, "message": str})
+    except ValueError as unreadable:
+        return NoAnswer(f"{key}: the answer cannot be read: {unreadable}")
+    return CommandRefused(content["error"], content["message"])

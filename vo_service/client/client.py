@@ -7,12 +7,21 @@ from typing import Any
 
 import zenoh
 
-from drivers.geometry import Array, quaternion_from_rotation
-from vo_service.client.asking import ask, ask_json
+from drivers.geometry import Array
+from vo_service.client.arguments import (
+    arguments_payload,
+    check_command_name,
+    check_max_age,
+    check_timeout,
+    reset_arguments,
+)
+from vo_service.client.asking import ask
 from vo_service.client.connecting import Connecting
+from vo_service.client.errors import NoAnswer
 from vo_service.client.hearing import Hearing, Status
 from vo_service.client.judging import SILENCE_S, usable, why_none
-from vo_service.client.pose import Pose, PoseReader, make_pose, read_sample
+from vo_service.client.pose import Pose, PoseReader, ReaderOfEachThread, make_pose, read_sample
+from vo_service.client.reading import Message, check_fields, read_json, read_status
 from vo_service.outputs.zenoh_session import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
 
 # The service gives its loop five seconds for a command.
@@ -24,7 +33,9 @@ TOKEN_S = 1.0
 class PoseClient:
     """Reads one service. Stays connected: a service that is not there yet or goes is waited for.
 
-    Any number of threads may use it.
+    Any number of threads may use it; each that calls `newest` is a reader of its own. Every
+    time-out is in seconds; one that is negative or not finite raises InputError. After `close`
+    every question raises NoAnswer. An answer that cannot be read raises ValueError.
     """
 
     def __init__(
@@ -47,7 +58,7 @@ class PoseClient:
             ZenohConfig(prefix, listen=(), connect=(connect,), config_file=file),
             lambda session: self._hearing.subscribe(session, prefix),
         )
-        self._reader = PoseReader()
+        self._own = ReaderOfEachThread()
 
     def __enter__(self) -> "PoseClient":
         return self
@@ -73,6 +84,7 @@ class PoseClient:
         A reader that takes its time gets the newest next; `Pose.missed` counts the others. Waits as
         long as it takes or, with `timeout_s`, raises NoPose when none comes for so long.
         """
+        check_timeout(timeout_s)
         return self._poses(self._hearing.pose.count, timeout_s)
 
     def _poses(self, count: int, timeout_s: float | None) -> Iterator[Pose]:
@@ -86,9 +98,12 @@ class PoseClient:
     def newest(self, max_age_s: float = 0.2) -> Pose:
         """The newest pose, at once.
 
-        Raises NoPose, with the reason, unless it came within `max_age_s` and is not lost.
+        Raises NoPose, with the reason, unless it came within `max_age_s` and is not lost;
+        InputError for an age that is negative or NaN. `is_continuous` and `missed` count from the
+        pose that this thread got before.
         """
-        return self._reader.read(usable(self._hearing, max_age_s, self._where))
+        check_max_age(max_age_s)
+        return self._own.reader.read(usable(self._hearing, max_age_s, self._where))
 
     def latest(self, timeout_s: float = ANSWER_S) -> Pose:
         """The last pose that the service has published, asked for; it may be old.
@@ -107,6 +122,7 @@ class PoseClient:
 
     def wait_for_publisher(self, timeout_s: float | None = None) -> bool:
         """Wait until the service is there; False if it does not come in time."""
+        check_timeout(timeout_s)
         return self._hearing.wait_until_alive(timeout_s)
 
     def status(self, timeout_s: float = ANSWER_S) -> Status:
@@ -117,10 +133,14 @@ class PoseClient:
         heard = self._hearing.status
         if heard.item is not None and heard.age_s < SILENCE_S:
             return heard.item
-        return self._ask("status", timeout_s, {})
+        sample = ask(self._sessions(timeout_s), f"{self._prefix}/status", timeout_s)
+        return read_status(sample.payload)
 
     def statuses(self) -> Iterator[Status]:
-        """The newest status, again and again: twice a second, and when the state changes."""
+        """The newest status, again and again: twice a second, and on a change.
+
+        That is one of state, reason or warnings.
+        """
         count = 0
         while newer := self._hearing.wait_for_newer(self._hearing.status, count, None):
             count, status = newer
@@ -128,20 +148,19 @@ class PoseClient:
 
     def schemas(self, timeout_s: float = ANSWER_S) -> Mapping[str, Any]:
         """JSON Schemas of the service's messages, by name. Raises NoAnswer."""
-        schemas: Mapping[str, Any] = self._ask("schema", timeout_s, {})["schemas"]
+        schemas: Mapping[str, Any] = self._field("schema", {}, "schemas", dict, timeout_s)
         return schemas
 
-    # Commands. Each raises CommandRefused with what the service said, NoAnswer if nobody answers.
+    # Commands. Each raises CommandRefused with what the service said, NoAnswer if nobody answers,
+    # InputError for arguments that cannot be sent.
 
     def reset(self, T_odom_base: Array | None = None) -> int:
-        """Begin a new epoch with the base at this 4x4 pose, or level at the origin; its number."""
-        if T_odom_base is None:
-            return int(self.command("reset")["epoch"])
-        pose = {
-            "position_m": T_odom_base[:3, 3].tolist(),
-            "quaternion_xyzw": quaternion_from_rotation(T_odom_base[:3, :3]).tolist(),
-        }
-        return int(self.command("reset", pose)["epoch"])
+        """Begin a new epoch with the base at this 4x4 pose, or level at the origin; its number.
+
+        Raises InputError unless it is a rigid transform of finite numbers.
+        """
+        pose = {} if T_odom_base is None else reset_arguments(T_odom_base)
+        return int(self._field("command/reset", pose, "epoch", int))
 
     def pause(self) -> None:
         """Publish no poses until `resume`."""
@@ -161,15 +180,15 @@ class PoseClient:
 
     def start_recording(self, name: str) -> str:
         """Record frames into a folder of this name; its path on the service's computer."""
-        return str(self.command("start-recording", {"name": name})["folder"])
+        return str(self._field("command/start-recording", {"name": name}, "folder", str))
 
     def stop_recording(self) -> str:
         """End the recording; the folder's path."""
-        return str(self.command("stop-recording")["folder"])
+        return str(self._field("command/stop-recording", {}, "folder", str))
 
     def save_incident(self) -> str:
         """Write out what the flight recorder holds; the folder's path."""
-        return str(self.command("save-incident")["folder"])
+        return str(self._field("command/save-incident", {}, "folder", str))
 
     def command(
         self,
@@ -177,16 +196,33 @@ class PoseClient:
         arguments: Mapping[str, object] = MappingProxyType({}),
         timeout_s: float = ANSWER_S,
     ) -> Mapping[str, Any]:
-        """Any command by its name; what it answered."""
+        """Any command by its name; what it answered. Raises InputError for what is no name."""
+        check_command_name(name)
         answer = self._ask(f"command/{name}", timeout_s, arguments)
         return {key: value for key, value in answer.items() if key != "schema"}
 
-    def _ask(self, name: str, timeout_s: float, arguments: Mapping[str, object]) -> Status:
+    def _ask(self, name: str, timeout_s: float, arguments: Mapping[str, object]) -> Message:
         key = f"{self._prefix}/{name}"
-        return ask_json(self._sessions(timeout_s), key, timeout_s, arguments)
+        payload = arguments_payload(key, arguments)
+        return read_json(ask(self._sessions(timeout_s), key, timeout_s, payload).payload)
+
+    def _field(
+        self,
+        name: str,
+        arguments: Mapping[str, object],
+        field: str,
+        kind: type,
+        timeout_s: float = ANSWER_S,
+    ) -> Any:
+        answer = self._ask(name, timeout_s, arguments)
+        check_fields(f"the answer to {name}", answer, {field: kind})
+        return answer[field]
 
     def _sessions(self, timeout_s: float) -> list[zenoh.Session]:
         """The session to ask on, or none; waits for the service if it is not there."""
+        check_timeout(timeout_s)
+        if self._hearing.is_closed:
+            raise NoAnswer(f"{self._prefix}: this client is closed; open another")
         is_open = bool(self._connecting.sessions)
         self.wait_for_publisher(min(TOKEN_S, timeout_s) if is_open else timeout_s)
         return self._connecting.sessions

@@ -1,11 +1,15 @@
 """A Zenoh session that is had as soon as it can be."""
 
+import logging
 import threading
 from collections.abc import Callable
 
 import zenoh
 
+from drivers.errors import UserFacingError
 from vo_service.outputs.zenoh_session import ZenohConfig, ZenohNotNowError, open_session
+
+logger = logging.getLogger(__name__)
 
 RETRY_S = 1.0
 
@@ -24,7 +28,9 @@ class Connecting:
         self._closed = threading.Event()
         self._sessions: list[zenoh.Session] = []
         self._thread = threading.Thread(target=self._keep_trying, name="connecting", daemon=True)
-        if not self._is_open():
+        try:
+            self._open()
+        except ZenohNotNowError:
             self._thread.start()
 
     @property
@@ -41,15 +47,19 @@ class Connecting:
             session.close()  # type: ignore[no-untyped-call]
 
     def _keep_trying(self) -> None:
-        while not self._closed.wait(RETRY_S):
-            if self._is_open():
-                return
+        """Also past what was in order at the start, such as a key that is being replaced."""
+        told = ""
+        while not self._sessions and not self._closed.wait(RETRY_S):
+            try:
+                self._open()
+            except ZenohNotNowError:
+                told = ""
+            except UserFacingError as error:
+                if str(error) != told:
+                    logger.warning("%s; trying again", error)
+                told = str(error)
 
-    def _is_open(self) -> bool:
-        try:
-            session = open_session(self._config)
-        except ZenohNotNowError:
-            return False
+    def _open(self) -> None:
+        session = open_session(self._config)
         self._on_open(session)
         self._sessions = [session]
-        return True

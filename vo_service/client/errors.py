@@ -40,4 +40,7 @@ class CommandRefused(Exception):  # noqa: N818 (named after what happened)
 
 
 class NoAnswer(Exception):  # noqa: N818
-    """Nobody answered: there is no service, its commands are off, or it may not answer us."""
+    """Nobody answered: no service is there, its commands are off, or it may not answer us.
+
+    Also what a client says to every question once it is closed.
+    """

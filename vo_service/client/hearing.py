@@ -3,31 +3,36 @@
 import logging
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import zenoh
 
-from vo_service.client.pose import Heard, read_json, read_sample
+from vo_service.client.pose import Heard, read_sample
+from vo_service.client.reading import Message, read_status
 
 logger = logging.getLogger(__name__)
 
-Status = Mapping[str, Any]
+Status = Message
 T = TypeVar("T")
 
 
 class Newest(Generic[T]):
-    """The newest of a kind, and how many there were. Guarded by the condition of `Hearing`."""
+    """The newest of a kind, and how many there were. Guarded by the condition of `Hearing`.
+
+    unreadable    what was wrong with the last message of this kind; "" if it could be read
+    """
 
     def __init__(self) -> None:
         self.item: T | None = None
         self.count = 0
         self.heard_s = float("-inf")
+        self.unreadable = ""
 
     def put(self, item: T) -> None:
         """A newer one."""
-        self.item, self.heard_s = item, time.monotonic()
+        self.item, self.heard_s, self.unreadable = item, time.monotonic(), ""
         self.count += 1
 
     @property
@@ -47,9 +52,13 @@ class Hearing:
         self.status: Newest[Status] = Newest()
         self.is_alive = False
         self.is_closed = False
-        self.unreadable = ""
         self._run = 0  # how often the service was started
         self._news = threading.Condition()
+
+    @property
+    def unreadable(self) -> str:
+        """What is wrong with the last pose, or else the last status; "" if nothing is."""
+        return self.pose.unreadable or self.status.unreadable
 
     def subscribe(self, session: zenoh.Session, prefix: str) -> None:
         """Begin to listen. The token first: what comes after it is of its run."""
@@ -87,21 +96,20 @@ class Hearing:
             self._news.notify_all()
 
     def _take_status(self, sample: zenoh.Sample) -> None:
-        with self._news, self._passing_over():
-            self.status.put(read_json(sample.payload))
+        with self._news, self._passing_over(self.status):
+            self.status.put(read_status(sample.payload))
 
     def _take_pose(self, sample: zenoh.Sample) -> None:
-        with self._news, self._passing_over():
+        with self._news, self._passing_over(self.pose):
             self.pose.put(read_sample(sample, self._run))
-            self.unreadable = ""
 
     @contextmanager
-    def _passing_over(self) -> Iterator[None]:
+    def _passing_over(self, newest: Newest[T]) -> Iterator[None]:
         """Keep what is wrong with a message that cannot be read; log it when it is new."""
         try:
             yield
         except ValueError as error:
-            if str(error) != self.unreadable:
+            if str(error) != newest.unreadable:
                 logger.warning("passed over %s", error)
-            self.unreadable = str(error)
+            newest.unreadable = str(error)
         self._news.notify_all()

@@ -14,7 +14,7 @@ def usable(hearing: Hearing, max_age_s: float, where: str) -> Heard:
     Raises NoPose with the reason.
     """
     heard = hearing.pose.item
-    if heard is None or hearing.pose.age_s > max_age_s:
+    if heard is None or not hearing.pose.age_s <= max_age_s:
         raise _no_pose(hearing, *_why_none(hearing, where))
     if heard.about["state"] == LOST:
         raise _no_pose(hearing, Why.LOST, f"tracking is lost: {heard.about['reason']}")

@@ -1,6 +1,6 @@
 """A pose as a reader gets it, and reading one from what came over Zenoh."""
 
-import json
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ from typing import Any
 import zenoh
 
 from drivers.geometry import Array, quaternion_from_rotation
+from vo_service.client.reading import check_fields, read_json
 from vo_service.outputs.cdr import OdometryMessage, decode_odometry
 
-# The only version of the messages that this client can read.
-MESSAGE_SCHEMA = 1
 LOST = "lost"
+_ATTACHMENT = {"seq": int, "state": str, "epoch": int, "reason": str}
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,13 @@ class PoseReader:
         return make_pose(heard, _is_continuous(last, heard), _missed(last, heard))
 
 
+class ReaderOfEachThread(threading.local):
+    """A `PoseReader` for every thread that asks for one: what one has read is not news to it."""
+
+    def __init__(self) -> None:
+        self.reader = PoseReader()
+
+
 def make_pose(heard: Heard, is_continuous: bool, missed: int) -> Pose:
     """Message and attachment as one."""
     message, about = heard.message, heard.about
@@ -123,23 +130,8 @@ def read_sample(sample: zenoh.Sample, run: int) -> Heard:
     if sample.attachment is None:
         raise ValueError("a pose came without its attachment")
     about = read_json(sample.attachment)
-    missing = {"seq", "state", "epoch", "reason"} - about.keys()
-    if missing:
-        raise ValueError(f"a pose came without {', '.join(sorted(missing))}")
+    check_fields("a pose", about, _ATTACHMENT)
     return Heard(decode_odometry(sample.payload.to_bytes()), about, time.monotonic(), run)
-
-
-def read_json(payload: zenoh.ZBytes) -> Mapping[str, Any]:
-    """One of the service's JSON messages. Raises ValueError."""
-    content = json.loads(payload.to_bytes())
-    found = content.get("schema") if isinstance(content, dict) else None
-    if found != MESSAGE_SCHEMA:
-        raise ValueError(
-            f"a message of version {found}, only {MESSAGE_SCHEMA} is known here; use the client "
-            "that came with that service"
-        )
-    known: Mapping[str, Any] = content
-    return known
 
 
 def _is_continuous(last: Heard | None, heard: Heard) -> bool:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zenoh
 
 from drivers.geometry import rigid_transform
 from tests.vo_service.client.published import Robot, free_endpoint, robot, wait_for
@@ -97,5 +98,30 @@ def test_an_answer_of_another_version_is_not_read(lone: Talk) -> None:
 
 def test_a_status_that_was_not_heard_is_asked_for(lone: Talk) -> None:
     _, client = lone
-    answering(lone, "status", {"state": "tracking"})
+    answering(lone, "status", {"state": "tracking", "reason": "", "paused": False})
     assert client.status()["state"] == "tracking"
+
+
+def test_a_service_that_is_stuck_is_no_answer_in_the_same_words(lone: Talk) -> None:
+    publisher, client = lone
+    kept: list[zenoh.Query] = []
+    publisher.session.declare_queryable("kinect/command/pause", kept.append)
+    querier: Any = client._connecting.sessions[0].declare_querier("kinect/command/pause")
+    wait_for(lambda: bool(querier.matching_status.matching))
+    with pytest.raises(NoAnswer, match=r"kinect/command/pause: no answer within 0\.3 s: .* stuck"):
+        client.command("pause", timeout_s=0.3)
+
+
+@pytest.mark.parametrize("answer", [{}, {"epoch": "4"}, {"epoch": True}])
+def test_an_answer_of_another_shape_is_not_read(lone: Talk, answer: dict[str, Any]) -> None:
+    _, client = lone
+    answering(lone, "command/reset", answer)
+    with pytest.raises(ValueError, match="the answer to command/reset came with"):
+        client.reset()
+
+
+def test_a_refusal_of_another_shape_is_told(lone: Talk) -> None:
+    _, client = lone
+    answering(lone, "command/pause", {"error": 3, "message": "no"})
+    with pytest.raises(NoAnswer, match="cannot be read: a refusal came with a int for error"):
+        client.pause()

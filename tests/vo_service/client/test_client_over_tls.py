@@ -5,13 +5,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+import zenoh
 
+from tests.vo_service.client.published import wait_for
 from tests.vo_service.outputs.conftest import make_update
 from tests.vo_service.security.conftest import keys, network, robot
 from tests.vo_service.security.tls_network import Network, Robot
-from vo_service.client import NoAnswer, NoPose, PoseClient, Why
+from vo_service.client import NoAnswer, NoPose, PoseClient, Why, connecting
 from vo_service.control.commands import Pause
 from vo_service.outputs.output import PoseUpdate
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
 __all__ = ["keys", "make_update", "network", "robot"]
 
@@ -54,6 +57,40 @@ def test_a_robot_that_is_not_there_yet_is_waited_for_and_so_is_its_return(
         for _ in range(2):
             with running_robot(network, make_update):
                 assert next(client.poses(timeout_s=20)).state == "tracking"
+
+
+def test_a_key_that_is_away_for_a_while_is_told_of_once_and_waited_for(
+    network: Network,
+    make_update: Callable[..., PoseUpdate],
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(connecting, "RETRY_S", 0.05)
+    tries = counted(monkeypatch)
+    file = network.file("reader-tls.json5", "ours/reader")
+    certificate = file.with_name("tls.pem")
+    with PoseClient(config_file=file) as client:
+        certificate.rename(file.with_name("away.pem"))
+        before = len(tries)
+        wait_for(lambda: len(tries) > before + 3)
+        file.with_name("away.pem").rename(certificate)
+        with running_robot(network, make_update):
+            assert next(client.poses(timeout_s=20)).state == "tracking"
+    told = [record.getMessage() for record in caplog.records if "tls.pem" in record.getMessage()]
+    assert len(told) == 1
+    assert told[0].endswith("; trying again")
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
+    """Grows with every try to open a session."""
+    tries: list[ZenohConfig] = []
+
+    def open_and_count(config: ZenohConfig) -> zenoh.Session:
+        tries.append(config)
+        return open_session(config)
+
+    monkeypatch.setattr(connecting, "open_session", open_and_count)
+    return tries
 
 
 def test_who_is_refused_hears_nothing_and_that_this_may_be_why(

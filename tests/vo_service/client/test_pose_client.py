@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -171,6 +172,8 @@ def test_waiting_for_a_pose_has_an_end_if_one_is_asked_for(talk: Talk) -> None:
         (b"", None, "without its attachment"),
         (b"", b"\xff", "utf"),
         (b"", b'{"schema": 1, "seq": 1}', "without epoch, reason, state"),
+        (b"", b'{"schema": 1, "seq": "a", "state": "", "epoch": 0, "reason": ""}', "a str for seq"),
+        (b"", b"[" * 100_000, "nested too deeply"),
         (b"", b'{"schema": 2}', "a message of version 2, only 1 is known here"),
     ],
 )
@@ -184,6 +187,52 @@ def test_a_message_that_cannot_be_read_is_said_and_the_next_one_read(
         client.newest()
     assert caught.value.why is Why.UNREADABLE
     assert take(publisher, client.poses(), 60).seq == 60
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (b'{"schema": 1}', "a status came without paused, reason, state"),
+        (b'{"schema": 1, "state": "lost", "reason": "", "paused": 1}', "a int for paused"),
+        (b"[" * 100_000, "nested too deeply"),
+    ],
+)
+def test_a_status_that_cannot_be_read_is_said_until_one_can(
+    talk: Talk, status: bytes, words: str
+) -> None:
+    publisher, client = talk
+    publisher.session.put("kinect/status", status)
+    wait_for(lambda: client._hearing.unreadable != "")
+    with pytest.raises(NoPose, match=words) as caught:
+        client.newest()
+    assert caught.value.why is Why.UNREADABLE
+    publisher.status(paused=True)
+    wait_for(lambda: client._hearing.unreadable == "")
+    with pytest.raises(NoPose, match="the service is paused"):
+        client.newest()
+
+
+def test_a_status_says_nothing_about_poses_that_cannot_be_read(talk: Talk) -> None:
+    publisher, client = talk
+    publisher.raw(b"nonsense")
+    wait_for(lambda: client._hearing.unreadable != "")
+    publisher.status()
+    wait_for(lambda: client._hearing.status.item is not None)
+    with pytest.raises(NoPose, match="without its attachment") as caught:
+        client.newest()
+    assert caught.value.why is Why.UNREADABLE
+
+
+def test_each_thread_is_told_of_the_jump_itself(talk: Talk) -> None:
+    publisher, client = talk
+    with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(1) as other:
+        seen = []
+        for seq, epoch in ((70, 0), (71, 0), (72, 1), (73, 1)):
+            publisher.pose(seq, epoch=epoch)
+            heard(client, seq)
+            poses = [thread.submit(client.newest, 60.0).result() for thread in (one, other)]
+            seen.append([pose.is_continuous for pose in poses])
+    assert seen == [[False, False], [True, True], [False, False], [True, True]]
 
 
 def test_closing_ends_the_readers(talk: Talk) -> None:

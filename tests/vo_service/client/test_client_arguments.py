@@ -1,0 +1,63 @@
+"""What a caller gives wrongly is one line, and nothing is sent."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from drivers.geometry import rigid_transform, rotation_from_vector
+from tests.vo_service.client.published import free_endpoint
+from vo_service.client import InputError, NoAnswer, PoseClient
+from vo_service.client.arguments import reset_arguments
+
+NAN = float("nan")
+Call = Callable[[PoseClient], object]
+
+
+@pytest.fixture(scope="module")
+def alone() -> Iterator[PoseClient]:
+    """A client of nobody."""
+    with PoseClient(connect=free_endpoint()) as client:
+        yield client
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda client: client.newest(max_age_s=NAN),
+        lambda client: client.newest(max_age_s=-0.1),
+        lambda client: client.poses(timeout_s=NAN),
+        lambda client: client.wait_for_publisher(-1.0),
+        lambda client: client.latest(timeout_s=-1.0),
+        lambda client: client.status(timeout_s=float("inf")),
+        lambda client: client.reset(np.full((4, 4), NAN)),
+        lambda client: client.reset(np.eye(3)),
+        lambda client: client.reset(2 * np.eye(4)),
+        lambda client: client.tilt(NAN),
+        lambda client: client.command("led", {"led": object()}),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_in_one_line(alone: PoseClient, call: Call) -> None:
+    with pytest.raises(InputError) as caught:
+        call(alone)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["", "reset#", "reset$", "a/b", "*", "reset\n", "réset", "a?b"])
+def test_what_is_no_name_of_a_command_is_not_sent(alone: PoseClient, name: str) -> None:
+    with pytest.raises(InputError, match="no name of a command"):
+        alone.command(name)
+
+
+def test_a_place_in_32_bits_is_rigid_enough() -> None:
+    turned = rigid_transform(rotation_from_vector([0.1, -0.2, 2.0]), [1, 2, 3])
+    sent = reset_arguments(turned.astype(np.float32).astype(np.float64))
+    assert sent["position_m"] == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("ask", [PoseClient.latest, PoseClient.pause, PoseClient.schemas])
+def test_a_closed_client_says_so(ask: Call) -> None:
+    client = PoseClient(connect=free_endpoint())
+    client.close()
+    with pytest.raises(NoAnswer, match="kinect: this client is closed; open another"):
+        ask(client)

@@ -1,0 +1,58 @@
+"""What callers hand to the client, checked before anything is sent."""
+
+import json
+import re
+import threading
+from collections.abc import Mapping
+
+import numpy as np
+
+from drivers.errors import InputError
+from drivers.geometry import Array, is_rigid, quaternion_from_rotation
+
+# As far from a rotation as a matrix of 32-bit numbers may come to be.
+TOLERANCE = 1e-3
+
+
+def check_max_age(max_age_s: float) -> None:
+    """Raise InputError unless it is zero or more; infinite is any age."""
+    if not max_age_s >= 0:
+        raise InputError(f"max_age_s = {max_age_s:g}: give seconds, zero or more")
+
+
+def check_timeout(timeout_s: float | None) -> None:
+    """Raise InputError unless it is None or a time that can be waited."""
+    if timeout_s is not None and not 0 <= timeout_s <= threading.TIMEOUT_MAX:
+        raise InputError(f"timeout_s = {timeout_s:g}: give seconds, zero or more, and not for ever")
+
+
+def check_command_name(name: str) -> None:
+    """Raise InputError for what would be another key, or none."""
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        raise InputError(f"{name!r}: no name of a command; see kinect-vo command --help")
+
+
+def arguments_payload(key: str, arguments: Mapping[str, object]) -> bytes | None:
+    """Arguments as JSON; nothing where there are none. Raises InputError."""
+    if not arguments:
+        return None
+    try:
+        return json.dumps(dict(arguments), allow_nan=False).encode()
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(f"{key}: its arguments cannot be sent as JSON: {error}") from error
+
+
+def reset_arguments(T_odom_base: Array) -> Mapping[str, object]:
+    """What `reset` takes for a 4x4 pose. Raises InputError unless it is rigid."""
+    try:
+        T = np.asarray(T_odom_base, dtype=np.float64)
+    except (TypeError, ValueError):
+        T = np.empty(0)
+    if not is_rigid(T, TOLERANCE):
+        raise InputError(
+            "T_odom_base: give a 4x4 matrix of finite numbers, a rotation and a position in metres"
+        )
+    return {
+        "position_m": T[:3, 3].tolist(),
+        "quaternion_xyzw": quaternion_from_rotation(T[:3, :3]).tolist(),
+    }

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from vo_service.client import NoPose, PoseClient
 
+if len(sys.argv) < 3:
+    sys.exit(__doc__)
 file, seconds = Path(sys.argv[1]), float(sys.argv[2])
 endpoint = sys.argv[3] if len(sys.argv) > 3 else "tcp/127.0.0.1:7450"
 header = ["stamp_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "state", "epoch", "missed"]

@@ -104,6 +104,13 @@ def test_a_spreadsheet_gets_the_poses(endpoint: str, tmp_path: Path) -> None:
     assert {row["state"] for row in rows} <= {"tracking", "degraded"}
 
 
+def test_a_spreadsheet_without_a_name_is_told_how_to_give_one() -> None:
+    done = finished("poses_to_csv.py")
+    assert "Usage: python poses_to_csv.py FILE.csv SECONDS" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.returncode == 1
+
+
 def test_plain_zenoh_reads_the_same(endpoint: str) -> None:
     with program("plain_zenoh.py", endpoint) as lines:
         lines.until("^status: tracking$")

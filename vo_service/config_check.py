@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drivers.errors import InputError
 from vo_service.config import CameraSettings, Config, read_config
-from vo_service.settings import RerunSettings
+from vo_service.settings import RecorderSettings, RerunSettings
 
 _TARGET = re.compile(r"serve|connect|connect:[^:/\s]+:\d{1,5}|.+\.rrd")
 
@@ -21,6 +21,7 @@ def check_config(path: Path) -> list[str]:
     config = read_config(path)
     _check_camera(config.camera, path)
     _check_rerun(config.rerun, path)
+    _check_recorder(config.recorder, path)
     return list(_zenoh_warnings(config))
 
 
@@ -51,9 +52,27 @@ def _check_rerun(rerun: RerunSettings, path: Path) -> None:
             raise InputError(
                 f"{path}: key `rerun.targets`: {target}: there is no folder {folder}; make it"
             )
+    from vo_service.viewer.targets import check_places
+
+    try:
+        check_places(rerun.targets)
+    except InputError as error:
+        raise InputError(f"{path}: key `rerun.targets`: {error}") from error
     if rerun.targets and find_spec("rerun") is None:
         raise InputError(
             f"{path}: key `rerun.targets`: Rerun is not installed: pip install 'kinect-vo[rerun]'"
+        )
+
+
+def _check_recorder(recorder: RecorderSettings, path: Path) -> None:
+    if not recorder.enabled or recorder.folder is None:
+        return
+    from vo_service.recorder.incident_folder import obstacle
+
+    reason = obstacle(recorder.folder)
+    if reason:
+        raise InputError(
+            f"{path}: key `recorder.folder`: {reason}; name a folder that can be written to"
         )
 
 

@@ -17,6 +17,7 @@ from vo_service.outputs.zenoh_session import ZenohConfig
 from vo_service.recorder.contract import NoRecorder, Recorder
 from vo_service.settings import RerunSettings
 from vo_service.viewer.output import open_viewer
+from vo_service.viewer.targets import check_places
 
 # Lines of the trajectory that a robot's disk may owe: five minutes.
 LONGEST_HANG = 9000
@@ -65,8 +66,10 @@ class Opened:
 def opened_outputs(request: OutputRequest) -> Iterator[Opened]:
     """Open everything, close everything, the last opened first.
 
-    The trajectory file comes last: what is there already is kept until all else has worked.
+    The trajectory file comes last: what is there already is kept until all else has worked. Raises
+    InputError if two Rerun targets are the same place, and whatever opening one raises.
     """
+    check_places(request.rerun.targets)
     with ExitStack() as stack:
         opened = Opened()
         outputs = opened.outputs

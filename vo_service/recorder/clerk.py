@@ -25,6 +25,19 @@ from vo_service.recorder.messages import (
 logger = logging.getLogger(__name__)
 
 
+class Trouble:
+    """What went wrong with one kind of thing, until that goes well; the same is said only once."""
+
+    def __init__(self) -> None:
+        self.text = ""
+
+    def note(self, text: str) -> None:
+        """Remember it, "" for none."""
+        if text and text != self.text:
+            logger.error("recorder: %s", text)
+        self.text = text
+
+
 class Clerk:
     """Passes on what is asked for, at once; refuses what cannot be. Safe from any thread."""
 
@@ -34,7 +47,7 @@ class Clerk:
         self._saving = ""  # name of the incident that is being written
         self._taken: frozenset[str] = frozenset()
         self._missed = 0
-        self._trouble = ""  # of the last incident or recording
+        self._incidents, self._recordings, self._folders = Trouble(), Trouble(), Trouble()
         self._process_trouble = ""
         self.recording = ""
         self._keeper = Keeper(job, self._hear, self._died)
@@ -56,7 +69,9 @@ class Clerk:
             return "recorder: its process does not answer; is the disk hung?"
         if self.recording and self._missed:
             return f"recorder: {self.recording} lacks {self._missed} frames, the disk is too slow"
-        return self._trouble or self._process_trouble
+        failed = "; ".join(filter(None, (self._incidents.text, self._recordings.text)))
+        trouble = failed or self._folders.text or self._process_trouble
+        return f"recorder: {trouble}" if trouble else ""
 
     def save(self, reason: str) -> str:
         """Write an incident; its folder. Raises CommandError if that cannot be."""
@@ -81,7 +96,8 @@ class Clerk:
                 raise _not_possible(f"{self.recording} is being recorded; stop that first")
             if name in self._taken:
                 raise _not_possible(f"there is a recording {name!r} already; give another name")
-            self._taken, self._missed, self._trouble = self._taken | {name}, 0, ""
+            self._taken, self._missed = self._taken | {name}, 0
+            self._recordings.note("")
             self.recording = str(self._job.recordings / name)
             self._keeper.tell(StartRecording(name, first))
             return self.recording
@@ -110,36 +126,31 @@ class Clerk:
 
     def _hear(self, word: Word) -> None:
         match word:
-            case Facts(recordings, missed):
+            case Facts(recordings, missed, trouble):
                 self._taken, self._missed = recordings, missed
                 self._process_trouble = ""
+                self._folders.note(trouble)
             case IncidentWritten(folder, frames, trouble):
                 self._saving = ""
                 if not trouble:
                     logger.warning("recorder: the last %d frames are in %s", frames, folder)
-                self._note(trouble)
+                self._incidents.note(trouble)
             case RecordingEnded(folder, frames, missed, trouble):
                 with self._lock:  # the next one may have begun
                     if self.recording == str(folder):
                         self.recording = ""
                 logger.info("recorder: %s: %d frames, %d missed", folder, frames, missed)
-                self._note(trouble)
-
-    def _note(self, trouble: str) -> None:
-        """Remember what went wrong until something goes well; the same is said only once."""
-        text = f"recorder: {trouble}" if trouble else ""
-        if text and text != self._trouble:
-            logger.error("%s", text)
-        self._trouble = text
+                self._recordings.note(trouble)
 
     def _died(self) -> None:
         with self._lock:
-            cut_off = ", ".join(filter(None, (self._saving, self.recording)))
+            saving, recording = self._saving, self.recording
             self._saving = self.recording = ""
-        self._process_trouble = "recorder: its process ended and is started again"
-        logger.warning("%s", self._process_trouble)
-        if cut_off:
-            self._note(f"its process ended and cut off {cut_off}")
+        self._process_trouble = "its process ended and is started again"
+        logger.warning("recorder: %s", self._process_trouble)
+        for cut_off, trouble in ((saving, self._incidents), (recording, self._recordings)):
+            if cut_off:
+                trouble.note(f"its process ended and cut off {cut_off}")
 
 
 def _not_possible(reason: str) -> CommandError:

@@ -3,10 +3,11 @@
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 
 from drivers.errors import UserFacingError
 from vo_service.recorder.incident import Incident, last_frames
-from vo_service.recorder.incident_folder import IncidentFolder, incident_name
+from vo_service.recorder.incident_folder import IncidentFolder, incident_name, obstacle
 from vo_service.recorder.messages import (
     Facts,
     IncidentWritten,
@@ -38,16 +39,21 @@ class Desk:
         self._frames, self._statuses = RingReader(job.frames), RingReader(job.statuses)
         self._incidents = IncidentFolder(job.incidents, job.total_bytes)
         self._saving = threading.Thread()
-        self._saved: list[Incident] = []  # the last one
-        self._recordings: list[Recording] = []  # the last one
-        self._incidents.clean_up()
+        self._saved: Incident | None = None  # the last one
+        self._recording: Recording | None = None  # the last one
+        with suppress(OSError):  # the facts tell what is wrong with the folder
+            self._incidents.clean_up()
 
     @property
     def facts(self) -> Facts:
         """What is told every second."""
-        folder = self._job.recordings
-        names = frozenset(path.name for path in folder.iterdir()) if folder.is_dir() else ()
-        return Facts(frozenset(names), sum(r.missed for r in self._recordings if not r.is_over))
+        recording = self._recording
+        missed = 0 if recording is None or recording.is_over else recording.missed
+        trouble = obstacle(self._job.incidents) or obstacle(self._job.recordings)
+        names: frozenset[str] = frozenset()
+        with suppress(OSError):  # none has been made yet, or it is the trouble
+            names = frozenset(path.name for path in self._job.recordings.iterdir())
+        return Facts(names, missed, trouble)
 
     def take(self, order: Order) -> None:
         """Begin what is ordered; how it ends is told."""
@@ -56,23 +62,23 @@ class Desk:
                 self._save(name, reason)
             case StartRecording(name, first):
                 folder = self._job.recordings / name
-                self._recordings[:] = [Recording(self._frames, first, folder, self._tell)]
+                self._recording = Recording(self._frames, first, folder, self._tell)
             case StopRecording(end):
-                self._stop_recordings(end)
+                self._stop_recording(end)
             case KeepAtMost(total_bytes):
                 self._incidents.total_bytes = total_bytes
 
     def finish(self) -> None:
         """The service ends in order: bring to an end what has been begun."""
-        self._stop_recordings(self._frames.count)
+        self._stop_recording(self._frames.count)
         self._join_saving()
 
     def rescue(self) -> None:
         """The service has crashed: write what the ring holds."""
         begin_s = time.monotonic()
-        self._stop_recordings(self._frames.count, RECORDING_AFTER_CRASH_S)
-        for incident in self._saved:
-            incident.hurry(begin_s + BEGUN_AFTER_CRASH_S)
+        self._stop_recording(self._frames.count, RECORDING_AFTER_CRASH_S)
+        if self._saved is not None:
+            self._saved.hurry(begin_s + BEGUN_AFTER_CRASH_S)
         self._join_saving()
         numbers = last_frames(self._frames, self._job.seconds)
         if numbers:
@@ -80,9 +86,9 @@ class Desk:
             incident.hurry(begin_s + FRAMES_AFTER_CRASH_S)
             self._write(incident_name("crash", time.time()), incident)
 
-    def _stop_recordings(self, end: int, timeout_s: float | None = None) -> None:
-        for recording in self._recordings:
-            recording.stop(end, timeout_s)
+    def _stop_recording(self, end: int, timeout_s: float | None = None) -> None:
+        if self._recording is not None:
+            self._recording.stop(end, timeout_s)
 
     def _join_saving(self) -> None:
         if self._saving.ident is not None:
@@ -93,9 +99,9 @@ class Desk:
         # The service goes on and overwrites the ring, faster than images can be encoded.
         numbers = last_frames(self._frames, self._job.seconds)
         copies = {number: self._frames.record(number) for number in numbers}
-        self._saved[:] = [self._incident(reason, numbers, copies.pop)]
+        self._saved = self._incident(reason, numbers, copies.pop)
         self._saving = threading.Thread(
-            target=self._write, args=(name, self._saved[0]), name="incident", daemon=True
+            target=self._write, args=(name, self._saved), name="incident", daemon=True
         )
         self._saving.start()
 

@@ -5,6 +5,7 @@ import fcntl
 import os
 import re
 import shutil
+import stat
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -23,6 +24,26 @@ def incident_name(reason: str, unix_s: float) -> str:
     return f"{time.strftime('%Y-%m-%dT%H-%M-%SZ', time.gmtime(unix_s))}-{words}"
 
 
+def obstacle(folder: Path) -> str:
+    """Why nothing can be kept in a folder, which may be yet to be made; "" if it can.
+
+    Nothing is made or written.
+    """
+    for place in (folder, *folder.absolute().parents):
+        try:
+            is_folder = stat.S_ISDIR(place.stat().st_mode)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            return f"{folder}: cannot be used: {error.strerror}"
+        if not is_folder:
+            return f"{folder}: cannot be used: {place} is no folder"
+        if not os.access(place, os.R_OK | os.W_OK | os.X_OK):
+            return f"{folder}: cannot be used: {place} may not be written to"
+        return ""
+    return f"{folder}: cannot be used"
+
+
 class IncidentFolder:
     """Only folders with an incident's name are ever deleted: the user may have named any folder.
 
@@ -35,7 +56,10 @@ class IncidentFolder:
         self.total_bytes = total_bytes
 
     def clean_up(self) -> None:
-        """Remove what an earlier recorder could not finish, and what is too much."""
+        """Remove what an earlier recorder could not finish, and what is too much.
+
+        Raises OSError if the folder cannot be used.
+        """
         for part in self._incidents(PART):
             with suppress(OSError), _locked(part):
                 shutil.rmtree(part, ignore_errors=True)

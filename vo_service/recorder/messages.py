@@ -69,10 +69,12 @@ class Facts:
 
     recordings  names that are taken
     missed      frames that this recording lacks, as they were overwritten before they were written
+    trouble     why nothing can be kept in a folder; "" while all is well
     """
 
     recordings: frozenset[str]
     missed: int
+    trouble: str = ""
 
 
 @dataclass(frozen=True)

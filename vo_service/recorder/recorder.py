@@ -43,7 +43,8 @@ class FlightRecorder:
         """
         self._memory = Memory(settings.seconds, settings.max_mb, readout_s)
         self._no_memory = ""
-        self._loss = _loss_watch(settings)
+        self._saves_losses = settings.save_on_loss
+        self._loss = _loss_watch(self._saves_losses)
         self._is_closed = False
         self._clerk = Clerk(
             Job(
@@ -118,7 +119,9 @@ class FlightRecorder:
 
     def configure(self, settings: RecorderSettings) -> None:
         """As `Recorder`."""
-        self._loss = _loss_watch(settings)
+        if settings.save_on_loss != self._saves_losses:  # else a loss that is due is still written
+            self._saves_losses = settings.save_on_loss
+            self._loss = _loss_watch(self._saves_losses)
         self._clerk.keep_at_most(settings.total_mb * MEGABYTE)
 
     def close(self) -> None:
@@ -149,5 +152,5 @@ class FlightRecorder:
             logger.warning("recorder: a loss of tracking is not written: %s", error)
 
 
-def _loss_watch(settings: RecorderSettings) -> LossWatch | NoLossWatch:
-    return LossWatch() if settings.save_on_loss else NoLossWatch()
+def _loss_watch(is_wanted: bool) -> LossWatch | NoLossWatch:
+    return LossWatch() if is_wanted else NoLossWatch()

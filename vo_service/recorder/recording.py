@@ -35,7 +35,7 @@ class Recording:
         self.missed = 0
         self._ring, self._tell = ring, tell
         self._next, self._end = first, sys.maxsize
-        self._writers: list[TumWriter] = []  # one, from the first frame on
+        self._writer: TumWriter | None = None  # from the first frame on
         self._offset_s = 0.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
@@ -66,7 +66,7 @@ class Recording:
             trouble = str(error)
         except OSError as error:
             trouble = f"{self.folder}: cannot be written: {error.strerror}"
-        frames = sum(writer.written for writer in self._writers)
+        frames = 0 if self._writer is None else self._writer.written
         self._tell(RecordingEnded(self.folder, frames, self.missed, trouble))
 
     def _write_new(self, stack: ExitStack) -> None:
@@ -88,9 +88,9 @@ class Recording:
                 f"{self.folder}: less than {LEFT_FREE_BYTES / 1e9:g} GB are left on the disk; "
                 "free some space and record into a new folder"
             )
-        if not self._writers:
+        if self._writer is None:
             first = note_of(record.note)
             self._offset_s = first.offset_s
             writer = TumWriter(self.folder, readout_s=first.readout_s, colour=COLOUR)
-            self._writers.append(stack.enter_context(writer))
-        self._writers[0].write(frame_of(record, self._offset_s))
+            self._writer = stack.enter_context(writer)
+        self._writer.write(frame_of(record, self._offset_s))

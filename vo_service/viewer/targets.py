@@ -1,6 +1,7 @@
 """Targets as users write them: serve, connect, connect:HOST:PORT or FILE.rrd."""
 
 import os
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -8,7 +9,7 @@ from drivers.errors import InputError
 from vo_service.settings import RerunSettings
 from vo_service.viewer.browser import WEB_PORT, Browser, free_port
 from vo_service.viewer.recording_file import RecordingFile
-from vo_service.viewer.sinks import DATA_PORT, Sink, Viewer
+from vo_service.viewer.sinks import DATA_PORT, LOOPBACK, Sink, Viewer
 
 # What the viewer's process takes before anything is kept: Python, OpenCV, Rerun. Measured, as is
 # that Rerun takes more than it is allowed.
@@ -29,6 +30,25 @@ def sink_of(target: str, settings: RerunSettings = RerunSettings()) -> Sink:  # 
     if target.endswith(".rrd"):
         return RecordingFile(Path(target), settings.file_mb, settings.files_kept)
     raise InputError(f"rerun target {target!r}: use serve, connect, connect:HOST:PORT or FILE.rrd")
+
+
+def check_places(targets: Sequence[str]) -> None:
+    """Raises InputError if two targets are the same place: they would destroy each other's data."""
+    taken: dict[str, str] = {}
+    for target in targets:
+        place = _place(target)
+        if place in taken:
+            raise InputError(
+                f"rerun targets {taken[place]!r} and {target!r} are the same place; leave one out"
+            )
+        taken[place] = target
+
+
+def _place(target: str) -> str:
+    """The same for two targets only where they are one place."""
+    if target.endswith(".rrd"):
+        return os.path.realpath(target)
+    return f"connect:{LOOPBACK}:{DATA_PORT}" if target == "connect" else target
 
 
 def prepare_rerun() -> None:

@@ -14,6 +14,7 @@ from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.trajectory_output import TrajectoryOutput
 from vo_service.outputs.zenoh_output import ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig
+from vo_service.settings import RerunSettings
 
 
 def zenoh_at(port: int) -> ZenohConfig:
@@ -69,3 +70,20 @@ def test_waiting_for_a_subscriber_that_does_not_come_ends(free_port: int) -> Non
     request = OutputRequest(Pace.LOCKSTEP, zenoh_at(free_port), wait_for_subscriber_s=0.1)
     with opened_outputs(request) as opened:
         assert len(opened.outputs) == 1
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("a.rrd", "./a.rrd"), ("serve", "serve"), ("connect", "connect:127.0.0.1:9876")],
+)
+def test_two_rerun_targets_that_are_one_place_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one: str, other: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rerun = RerunSettings(targets=(one, other))
+    with (
+        pytest.raises(InputError, match=f"'{one}' and '{other}' are the same place"),
+        opened_outputs(OutputRequest(Pace.LOCKSTEP, zenoh=None, rerun=rerun)),
+    ):
+        pass
+    assert list(tmp_path.iterdir()) == []

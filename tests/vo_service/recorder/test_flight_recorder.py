@@ -190,6 +190,40 @@ def test_a_full_disk_is_said_and_leaves_nothing_half_written(
     assert [record.levelname for record in caplog.records] == ["ERROR"]
 
 
+def test_a_folder_that_cannot_be_used_is_told_and_no_reason_to_end(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    closed = tmp_path / "file" / "incidents"
+    closed.parent.touch()
+    with recorder(tmp_path, replace(SMALL, folder=closed)) as recording:
+        wait_for(lambda: "incidents: cannot be used: Not a directory" in recording.warning)
+        closed.parent.unlink()
+        wait_for(lambda: recording.warning == "")
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+
+
+def test_incidents_and_recordings_have_each_their_own_trouble(tmp_path: Path) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, update(0))
+        resource.prlimit(only_child(), resource.RLIMIT_FSIZE, (1000, 1000))
+        recording.save("command")
+        wait_for(lambda: "incidents: cannot be written" in recording.warning)
+        recording.start_recording("desk")
+        feed(recording, update(1))
+        wait_for(lambda: "desk" in recording.warning)
+        assert "incidents: cannot be written" in recording.warning
+        recording.start_recording("table")
+        assert "desk" not in recording.warning
+        assert "incidents: cannot be written" in recording.warning
+
+
+def test_a_loss_that_is_due_is_written_though_something_else_changes(tmp_path: Path) -> None:
+    with recorder(tmp_path, SMALL) as recording:
+        feed(recording, update(0), update(1, LOST))
+        recording.configure(replace(SMALL, total_mb=1000))
+    assert len(replayed(incident(tmp_path, "lost"))) == 2
+
+
 def test_too_many_incidents_are_not_kept(tmp_path: Path) -> None:
     settings = replace(SMALL, total_mb=1, folder=tmp_path / "elsewhere")
     large = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import UserFacingError
-from vo_service.recorder.incident_folder import PART, IncidentFolder, incident_name
+from vo_service.recorder.incident_folder import PART, IncidentFolder, incident_name, obstacle
 
 NEW = "2026-11-21T16-30-05Z-lost"
 
@@ -104,6 +104,13 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(UserFacingError, match="file/incidents: cannot be written"):
         IncidentFolder(tmp_path / "file" / "incidents", 1000).write(NEW, fill)
+
+
+def test_a_folder_that_cannot_be_used_is_told_of_beforehand(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert obstacle(tmp_path) == obstacle(tmp_path / "new" / "incidents") == ""
+    assert "file: cannot be used" in obstacle(tmp_path / "file")
+    assert "Not a directory" in obstacle(tmp_path / "file" / "incidents")
 
 
 def test_folder_and_incidents_are_private(tmp_path: Path) -> None:

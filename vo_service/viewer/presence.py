@@ -17,6 +17,7 @@ MOST_MISSES = 3
 _HEAD = 9
 _SETTINGS, _PING = 4, 6
 _ACK = 1
+_LARGEST = 16_384  # payload; a peer may send more only where it was allowed to, section 4.2
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"  # section 3.4
 
 
@@ -97,7 +98,10 @@ class ViewerPresence:
     def _next_frame(self, due_s: float) -> bytes:
         while (size := _size(self._received)) > len(self._received):
             assert self._socket is not None
-            self._socket.settimeout(max(0.001, due_s - time.monotonic()))
+            left_s = due_s - time.monotonic()
+            if left_s <= 0.0:
+                raise TimeoutError
+            self._socket.settimeout(left_s)
             data = self._socket.recv(4096)
             if not data:
                 raise ConnectionError
@@ -141,7 +145,13 @@ def _frame(kind: int, flags: int = 0, payload: bytes = b"") -> bytes:
 
 
 def _size(received: bytes) -> int:
-    """Of the frame that begins here; the size of a head until that is there."""
+    """Of the frame that begins here; the size of a head until that is there.
+
+    Raises ConnectionError for a frame that nobody may send.
+    """
     if len(received) < _HEAD:
         return _HEAD
-    return _HEAD + int.from_bytes(received[:3], "big")
+    length = int.from_bytes(received[:3], "big")
+    if length > _LARGEST:
+        raise ConnectionError(f"a frame of {length} bytes")
+    return _HEAD + length

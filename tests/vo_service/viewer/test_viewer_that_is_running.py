@@ -6,7 +6,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -127,6 +127,24 @@ def test_something_that_speaks_another_protocol_is_no_viewer() -> None:
 
         threading.Thread(target=answer).start()
         assert not ViewerPresence(*server.getsockname()).begin()
+
+
+@pytest.mark.parametrize("chatter", [b"\0\0\0\x08" + bytes(5), b"\xff\xff\xff\0" + bytes(60_000)])
+def test_something_that_talks_on_and_on_is_no_viewer(chatter: bytes) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        has_ended = threading.Event()
+
+        def talk() -> None:
+            with server.accept()[0] as connection, suppress(OSError):
+                while not has_ended.is_set():
+                    connection.sendall(chatter)
+
+        thread = threading.Thread(target=talk)
+        thread.start()
+        presence = ViewerPresence(*server.getsockname())
+        assert not presence.begin()
+        has_ended.set()
+        thread.join()
 
 
 def test_a_viewer_that_is_replaced_by_another_is_noticed_at_once(free_port: int) -> None:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError
+from drivers.jit import interruptible
 from drivers.synthetic.cache import Film, FilmCache
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Images, Source
@@ -30,14 +31,18 @@ def load_or_render(
 ) -> Film:
     """The film of `config`: from the cache where it is there and whole, else rendered (and kept).
 
+    What `progress` raises ends it, also between two kernels that are compiled first.
     Raises InputError if it is too long to keep or the track or the folder cannot be used,
     CameraError if the disk is full.
     """
     dtype = film_type(config)
 
+    def check() -> None:
+        progress(0, config.frame_count)
+
     def shoot(film: Film) -> None:
-        progress(0, len(film))
-        fill(film, make_renderer(config, threads).render, threads, progress)
+        with interruptible(check):
+            fill(film, make_renderer(config, threads).render, threads, progress)
 
     if cache_dir is None:
         film: Film = np.zeros(config.frame_count, dtype=dtype)
@@ -45,7 +50,10 @@ def load_or_render(
         return film
     cache, key = FilmCache(cache_dir), film_key(config)
     kept = cache.load(key, config.frame_count, dtype)
-    return cache.make(key, config.frame_count, dtype, shoot) if kept is None else kept
+    if kept is not None:
+        return kept
+    check()  # before any space is taken
+    return cache.make(key, config.frame_count, dtype, shoot)
 
 
 def film_source(film: Film) -> Source:

@@ -1,17 +1,21 @@
 import errno
+import fcntl
 import os
 from dataclasses import replace
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
+from drivers.background_opening import Cancellable, Cancelled
 from drivers.errors import CameraError, InputError
+from drivers.synthetic import film as film_module
 from drivers.synthetic.cache import Film, FilmCache
 from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import Motion, SyntheticConfig
 from drivers.synthetic.faults import Fault, FaultKind
-from drivers.synthetic.film import film_key
+from drivers.synthetic.film import film_key, load_or_render, silent
 
 RECORD = np.dtype([("colour", np.uint8, (4, 6, 3)), ("depth", np.uint16, (4, 6))])
 
@@ -108,14 +112,63 @@ def test_nothing_stays_behind_when_rendering_fails(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_leftovers_of_a_killed_process_are_cleared_after_a_day(tmp_path: Path) -> None:
-    old, new = tmp_path / "x.1.part", tmp_path / "x.2.part"
-    for part in (old, new):
-        part.write_bytes(b"half")
-    os.utime(old, (0, 0))
-    FilmCache(tmp_path).make("key", 1, RECORD, ramp)
-    assert not old.exists()
-    assert new.exists()
+def test_what_a_killed_process_left_is_cleared_and_what_another_renders_is_not(
+    tmp_path: Path,
+) -> None:
+    left, held = tmp_path / "x.1.part", tmp_path / "x.2.part"
+    left.write_bytes(b"half")
+    with held.open("wb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        FilmCache(tmp_path).make("key", 1, RECORD, ramp)
+    assert not left.exists()
+    assert held.exists()
+
+
+def test_a_film_that_is_being_rendered_is_held(tmp_path: Path) -> None:
+    def make_another(film: Film) -> None:
+        FilmCache(tmp_path).make("other", 1, RECORD, ramp)
+        ramp(film)
+
+    FilmCache(tmp_path).make("key", 5, RECORD, make_another)
+    assert sorted(path.stem for path in tmp_path.glob("*.npy")) == ["key", "other"]
+
+
+def test_what_another_process_renders_counts(tmp_path: Path) -> None:
+    size = 5 * RECORD.itemsize
+    cache = FilmCache(tmp_path, largest_bytes=int(2.9 * size))
+    cache.make("old", 5, RECORD, ramp)
+    with (tmp_path / "x.2.part").open("wb") as file:
+        file.truncate(size)
+        fcntl.flock(file, fcntl.LOCK_EX)
+        cache.make("new", 5, RECORD, ramp)
+    assert [path.stem for path in tmp_path.glob("*.npy")] == ["new"]
+
+
+def test_a_rendering_that_is_not_wanted_any_more_takes_no_space(
+    faulty: SyntheticConfig, tmp_path: Path
+) -> None:
+    def cancel(done: int, total: int) -> None:
+        assert list(tmp_path.iterdir()) == []
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        load_or_render(faulty, tmp_path, cancel, 1)
+
+
+def test_a_rendering_is_cancelled_between_two_kernels(
+    faulty: SyntheticConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cancellable = Cancellable(silent)
+    double = numba.njit(lambda x: 2 * x)
+
+    def make_renderer(config: SyntheticConfig, threads: int) -> None:
+        cancellable.is_cancelled.set()
+        double(1)
+
+    monkeypatch.setattr(film_module, "make_renderer", make_renderer)
+    with pytest.raises(Cancelled):
+        load_or_render(faulty, None, cancellable, 1)
+    assert double.signatures == []
 
 
 def test_a_full_disk_is_a_clear_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

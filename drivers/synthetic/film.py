@@ -37,23 +37,34 @@ def load_or_render(
     """
     dtype = film_type(config)
 
-    def check() -> None:
-        progress(0, config.frame_count)
-
-    def shoot(film: Film) -> None:
-        with interruptible(check):
-            fill(film, make_renderer(config, threads).render, threads, progress)
-
     if cache_dir is None:
         film: Film = np.zeros(config.frame_count, dtype=dtype)
-        shoot(film)
+        fill(film, _ready_render(config, progress, threads), threads, progress)
         return film
     cache, key = FilmCache(cache_dir), film_key(config)
     kept = cache.load(key, config.frame_count, dtype)
     if kept is not None:
         return kept
-    check()  # before any space is taken
-    return cache.make(key, config.frame_count, dtype, shoot)
+    render = _ready_render(config, progress, threads)
+    return cache.make(
+        key, config.frame_count, dtype, lambda film: fill(film, render, threads, progress)
+    )
+
+
+def _ready_render(config: SyntheticConfig, progress: Progress, threads: int) -> Source:
+    """Renders any frame, with everything compiled that it takes.
+
+    A kernel takes seconds, and cannot be cancelled: no disk space is taken as long as that goes on.
+    """
+
+    def check() -> None:
+        progress(0, config.frame_count)
+
+    check()
+    with interruptible(check):
+        render = make_renderer(config, threads).render
+        render(0)
+    return render
 
 
 def film_source(film: Film) -> Source:

@@ -144,15 +144,22 @@ def test_what_another_process_renders_counts(tmp_path: Path) -> None:
     assert [path.stem for path in tmp_path.glob("*.npy")] == ["new"]
 
 
-def test_a_rendering_that_is_not_wanted_any_more_takes_no_space(
+def test_no_space_is_taken_before_the_renderer_is_ready(
     faulty: SyntheticConfig, tmp_path: Path
 ) -> None:
-    def cancel(done: int, total: int) -> None:
-        assert list(tmp_path.iterdir()) == []
-        raise Cancelled
+    taken: list[tuple[int, list[Path]]] = []
+
+    def progress(done: int, total: int) -> None:
+        taken.append((done, list(tmp_path.iterdir())))
+        if done:
+            raise Cancelled
 
     with pytest.raises(Cancelled):
-        load_or_render(faulty, tmp_path, cancel, 1)
+        load_or_render(faulty, tmp_path, progress, 1)
+    assert all(not paths for done, paths in taken if done == 0)
+    assert taken[0] == (0, [])
+    assert len(taken[-1][1]) == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_rendering_is_cancelled_between_two_kernels(

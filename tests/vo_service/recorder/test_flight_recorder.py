@@ -193,11 +193,11 @@ def test_a_full_disk_is_said_and_leaves_nothing_half_written(
 def test_a_folder_that_cannot_be_used_is_told_and_no_reason_to_end(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    closed = tmp_path / "file" / "incidents"
-    closed.parent.touch()
+    closed = tmp_path / "elsewhere"
+    closed.symlink_to("x" * 300)  # refused to root too, and not as one that is not there
     with recorder(tmp_path, replace(SMALL, folder=closed)) as recording:
-        wait_for(lambda: "incidents: cannot be used: Not a directory" in recording.warning)
-        closed.parent.unlink()
+        wait_for(lambda: "elsewhere: cannot be used: File name too long" in recording.warning)
+        closed.unlink()
         wait_for(lambda: recording.warning == "")
     assert [record.levelname for record in caplog.records] == ["ERROR"]
 

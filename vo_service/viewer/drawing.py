@@ -28,6 +28,8 @@ class Drawing:
         rr.unregister_shutdown()
         self._job = job
         self._sink = job.sink
+        # One for all files: Rerun never gives back the memory of a stream, 3 MB each.
+        self._stream = rr.RecordingStream(APPLICATION, recording_id=job.recording_id)
         self._backdrop = Backdrop()
         self._scene: Scene | _Blank = _Blank()
         self._abandoned: Scene | _Blank = self._scene
@@ -64,9 +66,8 @@ class Drawing:
         self._sink.close()
 
     def _begin(self) -> None:
-        stream = rr.RecordingStream(APPLICATION, recording_id=self._job.recording_id)
-        self._sink.attach(stream, blueprint())
-        self._scene = Scene(stream, self._backdrop, self._job.jpeg_quality)
+        self._sink.attach(self._stream, blueprint())
+        self._scene = Scene(self._stream, self._backdrop, self._job.jpeg_quality)
         self.trouble = ""
 
     def _look_after(self) -> None:

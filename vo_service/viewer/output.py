@@ -127,6 +127,7 @@ class ViewerOutput:
                 self._send([item])
 
     def _finish(self) -> None:
+        self._supervisor.expect_end()
         self._send([Finish()])
 
     def _send(self, messages: Iterable[Message]) -> None:

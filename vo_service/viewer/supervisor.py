@@ -51,9 +51,13 @@ class Supervisor:
         if self.refusal is not None:
             raise self.refusal
 
+    def expect_end(self) -> None:
+        """The process is about to be told to end: that is no trouble."""
+        self._stopping.set()
+
     def stop(self, timeout_s: float) -> bool:
         """Wait for the process to end, as it was told to. False if it had to be killed."""
-        self._stopping.set()
+        self.expect_end()
         self._thread.join(timeout_s)
         self._must_end.set()
         has_ended = not self._thread.is_alive()

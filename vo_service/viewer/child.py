@@ -62,6 +62,7 @@ def main(connection: "Connection[Any, Any]") -> None:
 def _open_drawing(job: Job) -> "Drawing":
     # Rerun is slow to import: the heart beats already.
     prepare_rerun()
+    os.environ["RERUN_FLUSH_TICK_SECS"] = str(job.sink.batch_s)
     drawing = import_module("vo_service.viewer.drawing")
     opened: Drawing = drawing.Drawing(job)
     return opened

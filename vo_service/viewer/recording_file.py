@@ -33,6 +33,8 @@ class RecordingFile:
     """
 
     is_kept = True
+    # Rerun remembers every batch of a file until its end, 3 kB each.
+    batch_s = 2.0
 
     def __init__(self, path: Path, file_mb: int = 500, files_kept: int = 4) -> None:
         self.address = str(path)

@@ -24,10 +24,12 @@ class Sink(Protocol):
 
     address    what a person opens
     is_kept    whether what arrives is meant to last
+    batch_s    how long Rerun may gather what is logged before it passes it on
     """
 
     address: str
     is_kept: bool
+    batch_s: float
 
     def hand_over(self, pace: Pace) -> HandOver[Any]:
         """What results wait in: full, it drops the oldest, or makes a replay wait."""
@@ -77,6 +79,7 @@ class LiveSink:
     """What the places that are watched now have in common."""
 
     is_kept = False
+    batch_s = 0.2
 
     def hand_over(self, pace: Pace) -> HandOver[Any]:
         """The newest counts."""

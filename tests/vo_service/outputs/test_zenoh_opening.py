@@ -156,7 +156,7 @@ def test_a_router_that_is_away_is_named_until_it_is_there(free_port: int, status
 
 def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
     other = free_port_now()
-    plan = ZenohConfig(listen=(), connect=(f"tcp/localhost:{free_port}", f"tcp/127.0.0.1:{other}"))
+    plan = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{free_port}", f"tcp/127.0.0.1:{other}"))
     with router(free_port), closing(ZenohOutput(plan, LIVE, KeepTrying)) as output:
         ticking(output, status, lambda: output.warning == "")
         time.sleep(0.2)

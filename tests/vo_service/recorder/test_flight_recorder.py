@@ -209,7 +209,8 @@ def test_incidents_and_recordings_have_each_their_own_trouble(tmp_path: Path) ->
         recording.save("command")
         wait_for(lambda: "incidents: cannot be written" in recording.warning)
         recording.start_recording("desk")
-        feed(recording, update(1))
+        for seq in range(1, 10):  # a frame is written when its images are packed, so a little later
+            feed(recording, update(seq))
         wait_for(lambda: "desk" in recording.warning)
         assert "incidents: cannot be written" in recording.warning
         recording.start_recording("table")

@@ -16,6 +16,7 @@ if [ $# = 0 ]; then
     step "Checking that every locked package is a wheel" python scripts/check_lock.py
 fi
 say "Running the tests"
-# All of them on several processors: many tests wait for a sensor, a viewer or a time-out.
-[ $# != 0 ] || set -- --numprocesses=auto --maxprocesses=4 --dist=worksteal
+# More of them at once than there are processors: many wait for a sensor, a viewer or a time-out.
+at_once=$(($(nproc) * 3 / 2))
+[ $# != 0 ] || set -- --numprocesses=$((at_once > 6 ? 6 : at_once)) --dist=worksteal
 exec pytest "$@"

@@ -22,10 +22,12 @@ class Stop:
         self.exit_code = 0  # the shell's for a program ended by this signal, once there is one
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal."""
+        """Handle a signal; another may interrupt this very call, which must not wait for itself."""
+        if self.exit_code:
+            return
         self.exit_code = 128 + number
-        self.event.set()
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        self.event.set()
 
     def check(self) -> None:
         """Raise KeyboardInterrupt once a stop was asked for."""
@@ -45,10 +47,29 @@ def stop_on_signals() -> Iterator[Stop]:
             signal.signal(number, handler)
 
 
+class Hangup:
+    """Whether SIGHUP came. Without a lock: a handler may interrupt whoever holds one."""
+
+    def __init__(self) -> None:
+        self._has_come = False
+
+    def set(self) -> None:
+        """It has come."""
+        self._has_come = True
+
+    def clear(self) -> None:
+        """It is heeded."""
+        self._has_come = False
+
+    def is_set(self) -> bool:
+        """Whether it has come and is not heeded yet."""
+        return self._has_come
+
+
 @contextmanager
-def hangups() -> Iterator[threading.Event]:
-    """Turn SIGHUP into an event that is set while the block runs; whoever heeds it clears it."""
-    hangup = threading.Event()
+def hangups() -> Iterator[Hangup]:
+    """Take note of SIGHUP while the block runs; whoever heeds it clears it."""
+    hangup = Hangup()
     before = signal.signal(signal.SIGHUP, lambda number, frame: hangup.set())
     try:
         yield hangup

@@ -4,7 +4,7 @@ import logging
 import threading
 from collections.abc import Callable
 
-from vo_service.interrupts import Stop
+from vo_service.interrupts import Hangup, Stop
 
 # How soon a signal is heeded.
 TICK_S = 0.1
@@ -37,7 +37,7 @@ class _Loop(threading.Thread):
 def run_live(
     work: Callable[[threading.Event], None],
     stop: Stop,
-    hangup: threading.Event,
+    hangup: Hangup,
     reload: Callable[[], None],
 ) -> None:
     """Run `work` on a thread of its own until it ends; call `reload` here after each hangup.

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from typing import Any
 
 import pytest
@@ -46,7 +47,7 @@ def test_a_check_raises_once_a_stop_was_asked_for() -> None:
 def test_a_hangup_is_an_event_for_whoever_heeds_it() -> None:
     with hangups() as hangup:
         os.kill(os.getpid(), signal.SIGHUP)
-        assert hangup.wait(5)
+        assert hangup.is_set()
 
 
 HANGING = """
@@ -75,3 +76,17 @@ def test_what_ends_in_time_ends_as_it_will() -> None:
     with stop_on_signals() as stop, ended_by_force(stop, 0.01):
         pass
     assert stop.exit_code == 0
+
+
+def test_signals_that_come_together_do_not_wait_for_each_other() -> None:
+    with stop_on_signals() as stop:
+
+        class Interrupted(threading.Event):
+            def set(self) -> None:
+                with self._cond:  # type: ignore[attr-defined]
+                    signal.raise_signal(signal.SIGTERM)
+                super().set()
+
+        stop.event = Interrupted()
+        signal.raise_signal(signal.SIGTERM)
+        assert stop.event.is_set()

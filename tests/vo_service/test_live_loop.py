@@ -8,7 +8,7 @@ import pytest
 
 from drivers.errors import UserFacingError
 from vo_service import live_loop
-from vo_service.interrupts import Stop, hangups, stop_on_signals
+from vo_service.interrupts import Hangup, Stop, hangups, stop_on_signals
 from vo_service.live_loop import run_live
 
 
@@ -25,13 +25,13 @@ def test_a_signal_ends_the_loop() -> None:
         assert stop.wait(10)
 
     with stop_on_signals() as stop:
-        run_live(work, stop, threading.Event(), nothing)
+        run_live(work, stop, Hangup(), nothing)
     assert names == ["odometry"]
     assert stop.exit_code == 143
 
 
 def test_a_loop_that_ends_by_itself_is_not_waited_for() -> None:
-    run_live(lambda stop: None, Stop(), threading.Event(), nothing)
+    run_live(lambda stop: None, Stop(), Hangup(), nothing)
 
 
 def test_what_the_loop_raises_is_raised_here() -> None:
@@ -39,7 +39,7 @@ def test_what_the_loop_raises_is_raised_here() -> None:
         raise UserFacingError("no such camera")
 
     with pytest.raises(UserFacingError, match="no such camera"):
-        run_live(work, Stop(), threading.Event(), nothing)
+        run_live(work, Stop(), Hangup(), nothing)
 
 
 def test_each_hangup_reads_the_configuration_again_while_the_loop_goes_on() -> None:
@@ -65,6 +65,6 @@ def test_a_loop_that_hangs_is_left_behind(
         release.wait(10)
 
     stop.event.set()
-    run_live(work, stop, threading.Event(), nothing)
+    run_live(work, stop, Hangup(), nothing)
     assert "the odometry did not come to an end within" in caplog.text
     release.set()

@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import threading
 from contextlib import closing, suppress
 from dataclasses import asdict
 from functools import partial
@@ -24,7 +23,7 @@ from vo_service.config import Config
 from vo_service.control.control import Order
 from vo_service.control.inbox import Inbox
 from vo_service.control.reconfigure import Reconfigure
-from vo_service.interrupts import Stop, ended_by_force, hangups, stop_on_signals
+from vo_service.interrupts import Hangup, Stop, ended_by_force, hangups, stop_on_signals
 from vo_service.live import Surroundings, live_service
 from vo_service.live_loop import run_live
 from vo_service.logs import set_level
@@ -96,7 +95,7 @@ def _serve(
     config: Config,
     terminal: Terminal,
     stop: Stop,
-    hangup: threading.Event,
+    hangup: Hangup,
 ) -> None:
     """Put the parts together, run the loop, and take them apart: the last one opened first."""
     camera = _camera(args, config, terminal)

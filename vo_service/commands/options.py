@@ -68,6 +68,8 @@ def config_of(args: argparse.Namespace) -> Config:
         config = replace(config, odometry=replace(config.odometry, method=args.method))
     if getattr(args, "rerun", None):
         config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))
+    if getattr(args, "pace", None) is Pace.LOCKSTEP:  # the same results on a slow machine
+        config = replace(config, load=replace(config.load, adapt=False))
     if args.verbose:
         config = replace(config, log=LogSettings(LogLevel.INFO))
     if getattr(args, "prefix", None):

@@ -1,0 +1,14 @@
+"""What options change in the configuration."""
+
+import argparse
+
+import pytest
+
+from drivers.camera import Pace
+from vo_service.commands.options import config_of
+
+
+@pytest.mark.parametrize(("pace", "adapts"), [(Pace.LOCKSTEP, False), (Pace.REALTIME, True)])
+def test_a_run_in_lockstep_gives_up_nothing_on_a_slow_machine(pace: Pace, adapts: bool) -> None:
+    args = argparse.Namespace(config=None, method=None, verbose=False, pace=pace)
+    assert config_of(args).load.adapt is adapts

@@ -20,14 +20,23 @@ class Stop:
     def __init__(self) -> None:
         self.event = threading.Event()
         self.exit_code = 0  # the shell's for a program ended by this signal, once there is one
+        self._is_asked = False
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal; another may interrupt this very call, which must not wait for itself."""
-        if self.exit_code:
-            return
-        self.exit_code = 128 + number
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        self.event.set()
+        """Handle a signal."""
+        if not self._is_asked:
+            self.exit_code = 128 + number
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        self.request()
+
+    def request(self) -> None:
+        """Ask for the end. On the main thread a signal may interrupt this very call, and ask too.
+
+        Setting an event takes a lock: the second to ask would wait for the first, for ever.
+        """
+        if not self._is_asked:
+            self._is_asked = True
+            self.event.set()
 
     def check(self) -> None:
         """Raise KeyboardInterrupt once a stop was asked for."""
@@ -93,4 +102,4 @@ def ended_by_force(stop: Stop, after_s: float) -> Iterator[None]:
         yield
     finally:
         is_over.set()
-        stop.event.set()  # so that the thread ends
+        stop.request()  # so that the thread ends

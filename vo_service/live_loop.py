@@ -53,7 +53,7 @@ def run_live(
                 hangup.clear()
                 reload()
     finally:
-        stop.event.set()
+        stop.request()
         if not loop.is_over.wait(LAST_FRAME_S):
             logger.error("the odometry did not come to an end within %g s", LAST_FRAME_S)
     if loop.failure is not None:

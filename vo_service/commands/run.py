@@ -138,7 +138,7 @@ def _serve(
                 inbox.order(Reconfigure(reloader.reload()))
 
         # Without a file there is nothing to read again: the terminal has gone.
-        on_hangup = stop.event.set if args.config is None else reload
+        on_hangup = stop.request if args.config is None else reload
         run_live(service.run, stop, hangup, on_hangup)
 
 

@@ -52,6 +52,13 @@ def adjoint(T: Array) -> Array:
     return Ad
 
 
+def carried(covariance: Array, T_reference_camera: Array) -> Array:
+    """Covariance (..., 6, 6) of a small motion in the reference's axes, as one in the camera's."""
+    Ad = adjoint(inverse(T_reference_camera))
+    in_camera: Array = Ad @ covariance @ Ad.T
+    return in_camera
+
+
 def rotation_from_quaternion(quaternion_xyzw: ArrayLike) -> Array:
     """3x3 rotation from a quaternion (x y z w) of any non-zero length.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, adjoint, inverse, rigid_transform, rotation_vector
+from drivers.geometry import Array, adjoint, carried, inverse, rigid_transform, rotation_vector
 from vo_service.levelling import level_by
 from vo_service.odometry.estimate import Estimate
 from vo_service.outputs.output import Level, PoseUpdate, TrackingState
@@ -129,9 +129,8 @@ class PoseTracker:
     def _accumulated(self, estimate: Estimate, stamp_s: float) -> Array:
         """Covariance of the pose since the epoch began, in the camera's axes."""
         if estimate.ok:
-            # Carry it over to the new camera; add the step's.
-            Ad = adjoint(inverse(estimate.T_reference_camera))
-            self._covariance = Ad @ self._covariance @ Ad.T + estimate.covariance
+            before = carried(self._covariance, estimate.T_reference_camera)
+            self._covariance = before + estimate.covariance
             self._last_good_s = self._sure_s = stamp_s
             return self._covariance
         self._sure_s = stamp_s if self._sure_s is None else self._sure_s

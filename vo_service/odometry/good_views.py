@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array, adjoint, inverse
+from drivers.geometry import Array, carried
 from vo_service.odometry.view import View
 
 # So many are kept, ...
@@ -71,10 +71,3 @@ class GoodViews:
     def _keep(self, chosen: NDArray[np.intp]) -> None:
         self._views = [self._views[k] for k in chosen]
         self._T_world_view, self._covariance = self._T_world_view[chosen], self._covariance[chosen]
-
-
-def carried(covariance: Array, T_reference_camera: Array) -> Array:
-    """Covariance (..., 6, 6) in the reference's axes, as one in the camera's."""
-    Ad = adjoint(inverse(T_reference_camera))
-    in_camera: Array = Ad @ covariance @ Ad.T
-    return in_camera

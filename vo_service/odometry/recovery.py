@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array, inverse
+from drivers.geometry import Array, carried, inverse
 from vo_service.odometry.chance import ChanceTest
 from vo_service.odometry.estimate import Evidence
-from vo_service.odometry.good_views import GoodViews, carried
+from vo_service.odometry.good_views import GoodViews
 from vo_service.odometry.guided_matching import match_near
 from vo_service.odometry.matching import match_features
 from vo_service.odometry.motion_model import MotionModel

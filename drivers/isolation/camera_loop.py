@@ -33,7 +33,7 @@ class CameraLoop:
         camera: RgbdCamera,
         ring: RingWriter,
         job: Job,
-        tell: Callable[[Word], None],
+        tell: Callable[[Word], object],
         stop: threading.Event,
     ) -> None:
         self._camera, self._ring, self._tell, self._stop = camera, ring, tell, stop

@@ -19,7 +19,8 @@ from drivers.camera import RgbdCamera
 from drivers.errors import CameraError, UserFacingError
 from drivers.isolation.camera_loop import CameraLoop
 from drivers.isolation.limits import TimeLimits
-from drivers.isolation.messages import Ended, Job, LogLine, Word
+from drivers.isolation.messages import Ended, Job
+from drivers.isolation.outbox import Outbox, leave_signals_to_service, log_to_service
 from drivers.isolation.ring import RingWriter
 from drivers.isolation.wishes import Wish
 
@@ -28,14 +29,11 @@ _log = logging.getLogger(__name__)
 
 def main(connection: "Connection[Any, Any]") -> None:
     """Work until the service says that this is the end, or is gone."""
-    # Ctrl-C and a stop of the systemd unit reach every process; the service decides what they mean.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    leave_signals_to_service()
     signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_hear`
     job: Job = connection.recv()
-    outbox = _Outbox(connection)
-    handlers = [_LogToService(outbox)]
-    logging.basicConfig(level=job.log_level, format="%(message)s", handlers=handlers)
+    outbox = Outbox(connection)
+    log_to_service(outbox, job.log_level)
     cv2.setNumThreads(1)
     stop = threading.Event()
     wishes: SimpleQueue[Wish] = SimpleQueue()
@@ -85,28 +83,6 @@ def _hear(connection: "Connection[Any, Any]", limits: TimeLimits) -> Wish | None
         if connection.poll(limits.orphan_s / 3):
             wish: Wish | None = connection.recv()
             return wish
-
-
-class _Outbox:
-    """Words for the service, from any thread."""
-
-    def __init__(self, connection: "Connection[Any, Any]") -> None:
-        self._connection = connection
-        self._lock = threading.Lock()
-
-    def tell(self, word: Word) -> None:
-        """Send it; a service that is gone hears nothing, and `_listen` sees to that."""
-        with suppress(OSError), self._lock:
-            self._connection.send(word)
-
-
-class _LogToService(logging.Handler):
-    def __init__(self, outbox: _Outbox) -> None:
-        super().__init__()
-        self._outbox = outbox
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._outbox.tell(LogLine(record.levelno, record.name, self.format(record)))
 
 
 if __name__ == "__main__":

@@ -45,7 +45,12 @@ class ChildProcess:
         self._connection, theirs = Pipe()
         with theirs:
             try:
-                self._process = _start(program.module, theirs.fileno(), fds)
+                self._process = start_module(
+                    program.module,
+                    (theirs.fileno(), *fds),
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.STDOUT,
+                )
             except OSError:
                 self._connection.close()
                 raise
@@ -155,16 +160,22 @@ class _Output:
             _log.debug("%s: %s", self._name, text)
 
 
-def _start(module: str, connection: int, fds: Sequence[int]) -> "subprocess.Popen[bytes]":
+def start_module(
+    module: str, fds: Sequence[int], stdout: int, stderr: int | None
+) -> "subprocess.Popen[bytes]":
+    """Run a module of ours as a process that gets `fds`; the first, a connection, by its number.
+
+    `stdout` and `stderr` are as for `subprocess`. Raises OSError.
+    """
     # The same modules as here, and none from the working folder. A session of its own: Ctrl-C in
     # the terminal is for the service alone.
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", module, str(connection)],
+        [sys.executable, "-P", "-m", module, str(fds[0])],
         stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
+        stdout=stdout,
+        stderr=stderr,
         bufsize=0,
-        pass_fds=(connection, *fds),
+        pass_fds=fds,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         start_new_session=True,
     )

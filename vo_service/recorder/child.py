@@ -7,14 +7,15 @@ has crashed: it then writes out the ring by itself, and ends.
 import os
 import signal
 import sys
-import threading
 from contextlib import suppress
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import cv2
 
+from drivers.isolation.outbox import Outbox, leave_signals_to_service, log_to_service
 from vo_service.recorder.desk import Desk
 from vo_service.recorder.messages import End, IncidentWritten, Job, Word
 
@@ -22,38 +23,37 @@ FACTS_EVERY_S = 1.0
 NICE = 10
 # The service can do without this process, so that is the one to end where memory runs out.
 OOM_SCORE = "800"
-# What a terminal, systemd or its watchdog may send to every process of the service when it stops.
-_NOT_FOR_US = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGABRT)
+# What else a terminal, systemd or its watchdog may send to every process when the service stops.
+_MORE_SIGNALS = (signal.SIGHUP, signal.SIGQUIT, signal.SIGABRT)
 
 
 def main(connection: "Connection[Any, Any]") -> None:
     """Work until the service says `End` or is gone."""
-    for number in _NOT_FOR_US:
-        signal.signal(number, signal.SIG_IGN)
+    leave_signals_to_service(*_MORE_SIGNALS)
     os.umask(0o077)  # pictures of where the robot was are nobody else's business
     with suppress(OSError):  # a hardened unit forbids it
         os.nice(NICE)
     with suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(OOM_SCORE)
     cv2.setNumThreads(1)
-    outbox = _Outbox(connection)
+    outbox = Outbox(connection)
     with suppress(EOFError, OSError):  # gone before it said what to do
         job: Job = connection.recv()
-        desk = Desk(job, outbox.tell)
+        log_to_service(outbox, job.log_level)
+        desk = Desk(job, partial(_tell, outbox))
         if _serve(connection, desk, outbox):
             desk.finish()
         else:
             desk.rescue()
 
 
-def _serve(connection: "Connection[Any, Any]", desk: Desk, outbox: "_Outbox") -> bool:
+def _serve(connection: "Connection[Any, Any]", desk: Desk, outbox: Outbox) -> bool:
     """Carry out orders until the service ends; whether it did so in order."""
     while True:
         outbox.tell(desk.facts)
         try:
             order = connection.recv() if connection.poll(FACTS_EVERY_S) else None
         except (EOFError, OSError):
-            outbox.service_is_gone()
             return False
         if isinstance(order, End):
             return True
@@ -61,27 +61,10 @@ def _serve(connection: "Connection[Any, Any]", desk: Desk, outbox: "_Outbox") ->
             desk.take(order)
 
 
-class _Outbox:
-    """Words for the service, from any thread; for the log when it is gone."""
-
-    def __init__(self, connection: "Connection[Any, Any]") -> None:
-        self._connection = connection
-        self._lock = threading.Lock()
-        self._is_heard = True
-
-    def tell(self, word: Word) -> None:
-        """Send it."""
-        with self._lock:
-            if self._is_heard:
-                with suppress(OSError):
-                    self._connection.send(word)
-            elif isinstance(word, IncidentWritten):
-                print(_last_words(word), file=sys.stderr, flush=True)
-
-    def service_is_gone(self) -> None:
-        """From now on nobody listens."""
-        with self._lock:
-            self._is_heard = False
+def _tell(outbox: Outbox, word: Word) -> None:
+    """What became of the last frames is said in the log if the service is gone."""
+    if not outbox.tell(word) and isinstance(word, IncidentWritten):
+        print(_last_words(word), file=sys.stderr, flush=True)
 
 
 def _last_words(word: IncidentWritten) -> str:

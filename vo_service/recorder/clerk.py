@@ -6,6 +6,7 @@ import time
 from dataclasses import replace
 from re import fullmatch
 
+from drivers.isolation.messages import LogLine
 from vo_service.control.commands import NAME_PATTERN
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.recorder.incident_folder import incident_name
@@ -141,6 +142,8 @@ class Clerk:
                         self.recording = ""
                 logger.info("recorder: %s: %d frames, %d missed", folder, frames, missed)
                 self._recordings.note(trouble)
+            case LogLine(level, name, text):
+                logging.getLogger(name).log(level, "recorder: %s", text)
 
     def _died(self) -> None:
         with self._lock:

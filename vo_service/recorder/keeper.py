@@ -4,7 +4,6 @@ import logging
 import math
 import os
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
@@ -15,10 +14,12 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from drivers.isolation.limits import BackOff, TimeLimits
+from drivers.isolation.process import start_module
 from vo_service.recorder.messages import End, Facts, Job, Order, Word
 
 logger = logging.getLogger(__name__)
 
+MODULE = "vo_service.recorder.child"
 _LIMITS = TimeLimits(first_retry_s=0.2, longest_retry_s=30.0)
 # Without a word for so long, it is stuck: on a disk that hangs, or stopped.
 SILENT_S = 10.0
@@ -76,7 +77,9 @@ class Keeper:
         with ours:
             with theirs:
                 try:
-                    process = _start(theirs.fileno(), self.job)
+                    # It shares our stderr, for what it says after a crash.
+                    fds = (theirs.fileno(), self.job.frames.fd, self.job.statuses.fd)
+                    process = start_module(MODULE, fds, subprocess.DEVNULL, stderr=None)
                 except OSError as error:
                     logger.error("recorder: cannot be started: %s", error.strerror)
                     return
@@ -113,16 +116,3 @@ class Keeper:
             connection.send(order)
             is_last = isinstance(order, End)
         return is_last
-
-
-def _start(connection: int, job: Job) -> "subprocess.Popen[bytes]":
-    # The same modules as here, and none from the working folder. A session of its own: Ctrl-C in
-    # the terminal is for the service alone. What it says after a crash goes where our log goes.
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", "vo_service.recorder.child", str(connection)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        pass_fds=(connection, job.frames.fd, job.statuses.fd),
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        start_new_session=True,
-    )

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.isolation.messages import LogLine
 from vo_service.recorder.shared_ring import RingMemory
 
 
@@ -14,6 +15,7 @@ class Job:
     incidents         folder of the incidents, of which at most `total_bytes` are kept
     recordings        folder of the recordings
     about             JSON object about the service, copied into each incident
+    log_level         of the service's log
     """
 
     frames: RingMemory
@@ -23,6 +25,7 @@ class Job:
     total_bytes: int
     recordings: Path
     about: str
+    log_level: int
 
 
 @dataclass(frozen=True)
@@ -96,4 +99,4 @@ class RecordingEnded:
     trouble: str = ""
 
 
-Word = Facts | IncidentWritten | RecordingEnded
+Word = Facts | IncidentWritten | RecordingEnded | LogLine

@@ -55,6 +55,7 @@ class FlightRecorder:
                 total_bytes=settings.total_mb * MEGABYTE,
                 recordings=state / "recordings",
                 about=json.dumps(about, default=str),
+                log_level=logging.getLogger().getEffectiveLevel(),
             )
         )
         self._worker: Worker[PoseUpdate | TimedStatus] = Worker(

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 import cv2
 
 from drivers.errors import UserFacingError
-from drivers.isolation.messages import LogLine
-from vo_service.viewer.messages import Ended, Finish, Health, Job, Message, Ready, Word
+from drivers.isolation.outbox import Outbox, leave_signals_to_service, log_to_service
+from vo_service.viewer.messages import Ended, Finish, Health, Job, Message, Ready
 from vo_service.viewer.targets import prepare_rerun
 from vo_service.viewer.wire import receive
 
@@ -42,14 +42,11 @@ MB = 1_000_000
 
 def main(connection: "Connection[Any, Any]") -> None:
     """Draw until the service says that nothing follows, or is gone."""
-    # Ctrl-C and a stop of the systemd unit reach every process; the service decides what they mean.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    leave_signals_to_service()
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_Pulse`
     job: Job = connection.recv()
-    outbox = _Outbox(connection)
-    handlers = [_LogToService(outbox)]
-    logging.basicConfig(level=job.log_level, format="%(message)s", handlers=handlers)
+    outbox = Outbox(connection)
+    log_to_service(outbox, job.log_level)
     logging.getLogger("numexpr").setLevel(logging.WARNING)  # tells how many threads it has
     cv2.setNumThreads(1)
     pulse = _Pulse(job, outbox)
@@ -69,7 +66,7 @@ def _open_drawing(job: Job) -> "Drawing":
 
 
 def _draw(
-    drawing: "Drawing", connection: "Connection[Any, Any]", pulse: "_Pulse", outbox: "_Outbox"
+    drawing: "Drawing", connection: "Connection[Any, Any]", pulse: "_Pulse", outbox: Outbox
 ) -> None:
     with suppress(OSError):  # a hardened unit forbids it
         os.nice(NICENESS)
@@ -93,7 +90,7 @@ def _messages(connection: "Connection[Any, Any]") -> Iterator[Message]:
 class _Pulse:
     """A thread that tells the service how it goes, and ends the process where that must be."""
 
-    def __init__(self, job: Job, outbox: "_Outbox") -> None:
+    def __init__(self, job: Job, outbox: Outbox) -> None:
         self._job, self._outbox = job, outbox
         self._busy_since_s = float("inf")
         self.health = Health()
@@ -107,7 +104,7 @@ class _Pulse:
         self._busy_since_s = float("inf")
 
     def _run(self) -> None:
-        while self._outbox.is_read:
+        while self._outbox.is_heard:
             signal.setitimer(signal.ITIMER_REAL, ORPHAN_S)
             if _resident_mb() > self._job.memory_mb:
                 self._outbox.tell(Ended(UserFacingError(self._too_large())))
@@ -132,32 +129,6 @@ class _Pulse:
 def _resident_mb() -> float:
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / MB
-
-
-class _Outbox:
-    """Words for the service, from any thread. `is_read` turns False when it is gone."""
-
-    def __init__(self, connection: "Connection[Any, Any]") -> None:
-        self._connection = connection
-        self._lock = threading.Lock()
-        self.is_read = True
-
-    def tell(self, word: Word) -> None:
-        """Send it."""
-        try:
-            with self._lock:
-                self._connection.send(word)
-        except OSError:
-            self.is_read = False
-
-
-class _LogToService(logging.Handler):
-    def __init__(self, outbox: _Outbox) -> None:
-        super().__init__()
-        self._outbox = outbox
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._outbox.tell(LogLine(record.levelno, record.name, self.format(record)))
 
 
 if __name__ == "__main__":

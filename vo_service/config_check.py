@@ -1,6 +1,5 @@
 """What a configuration file relies on, checked before anyone relies on it; nothing is opened."""
 
-import re
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -8,8 +7,6 @@ from pathlib import Path
 from drivers.errors import InputError
 from vo_service.config import CameraSettings, Config, read_config
 from vo_service.settings import RecorderSettings, RerunSettings
-
-_TARGET = re.compile(r"serve|connect|connect:[^:/\s]+:\d{1,5}|.+\.rrd")
 
 
 def check_config(path: Path) -> list[str]:
@@ -41,23 +38,18 @@ def _check_camera(camera: CameraSettings, path: Path) -> None:
 
 
 def _check_rerun(rerun: RerunSettings, path: Path) -> None:
-    for target in rerun.targets:
-        if not _TARGET.fullmatch(target):
-            raise InputError(
-                f"{path}: key `rerun.targets`: {target!r} is none: use serve, connect, "
-                "connect:HOST:PORT or FILE.rrd"
-            )
-        folder = Path(target).parent
-        if target.endswith(".rrd") and not folder.is_dir():
-            raise InputError(
-                f"{path}: key `rerun.targets`: {target}: there is no folder {folder}; make it"
-            )
     from vo_service.viewer.targets import check_places
 
     try:
         check_places(rerun.targets)
     except InputError as error:
         raise InputError(f"{path}: key `rerun.targets`: {error}") from error
+    for target in rerun.targets:
+        folder = Path(target).parent
+        if target.endswith(".rrd") and not folder.is_dir():
+            raise InputError(
+                f"{path}: key `rerun.targets`: {target}: there is no folder {folder}; make it"
+            )
     if rerun.targets and find_spec("rerun") is None:
         raise InputError(
             f"{path}: key `rerun.targets`: Rerun is not installed: pip install 'kinect-vo[rerun]'"

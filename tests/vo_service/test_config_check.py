@@ -32,7 +32,7 @@ def test_all_defaults_are_right(tmp_path: Path) -> None:
         ('[camera]\nsource = "freenect"\nfile = "none.toml"', "none.toml: cannot be read"),
         ('[camera]\nsource = "synthetic"\nfile = "any.toml"', "knows its own camera"),
         ('[camera]\nsource = "tum:nowhere"', "`camera.source`: nowhere is not there"),
-        ('[rerun]\ntargets = ["serf"]', "'serf' is none"),
+        ('[rerun]\ntargets = ["serf"]', "'serf': use serve, connect"),
         ('[rerun]\ntargets = ["nowhere/a.rrd"]', "there is no folder nowhere"),
         ('[rerun]\ntargets = ["a.rrd", "./a.rrd"]', "'a.rrd' and './a.rrd' are the same place"),
         ('[rerun]\ntargets = ["serve", "serve"]', "'serve' and 'serve' are the same place"),

@@ -9,7 +9,7 @@ from drivers.errors import InputError
 from vo_service.settings import RerunSettings
 from vo_service.viewer.browser import WEB_PORT, Browser, free_port
 from vo_service.viewer.recording_file import RecordingFile
-from vo_service.viewer.sinks import DATA_PORT, LOOPBACK, Sink, Viewer
+from vo_service.viewer.sinks import DATA_PORT, Sink, Viewer
 
 # What the viewer's process takes before anything is kept: Python, OpenCV, Rerun. Measured, as is
 # that Rerun takes more than it is allowed.
@@ -23,17 +23,24 @@ def sink_of(target: str, settings: RerunSettings = RerunSettings()) -> Sink:  # 
     if target == "serve":
         history_mb = max(_LEAST_HISTORY_MB, (settings.memory_mb - _PROCESS_MB) // _MB_PER_MB_KEPT)
         return Browser(free_port(DATA_PORT), free_port(WEB_PORT), history_mb)
+    if target.endswith(".rrd"):
+        return RecordingFile(Path(target), settings.file_mb, settings.files_kept)
+    return _viewer(target)
+
+
+def _viewer(target: str) -> Viewer:
     if target == "connect":
         return Viewer()
     if target.startswith("connect:"):
         return Viewer(f"rerun+http://{target.removeprefix('connect:')}/proxy")
-    if target.endswith(".rrd"):
-        return RecordingFile(Path(target), settings.file_mb, settings.files_kept)
     raise InputError(f"rerun target {target!r}: use serve, connect, connect:HOST:PORT or FILE.rrd")
 
 
 def check_places(targets: Sequence[str]) -> None:
-    """Raises InputError if two targets are the same place: they would destroy each other's data."""
+    """Raises InputError if one is none, or two are one place and would destroy each other's data.
+
+    Opens nothing.
+    """
     taken: dict[str, str] = {}
     for target in targets:
         place = _place(target)
@@ -46,9 +53,9 @@ def check_places(targets: Sequence[str]) -> None:
 
 def _place(target: str) -> str:
     """The same for two targets only where they are one place."""
-    if target.endswith(".rrd"):
-        return os.path.realpath(target)
-    return f"connect:{LOOPBACK}:{DATA_PORT}" if target == "connect" else target
+    if target == "serve":
+        return target
+    return os.path.realpath(target) if target.endswith(".rrd") else _viewer(target).address
 
 
 def prepare_rerun() -> None:

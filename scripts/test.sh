@@ -5,8 +5,9 @@ set -eu
 cd "$(dirname "$0")/.."
 . scripts/steps.sh
 
-# A compiler, for the stand-in that plays a Kinect on the wire; udev, to try the rules on.
-scripts/setup.sh gcc libc6-dev udev
+# A compiler, for the stand-in that plays a Kinect on the wire; udev, to try the rules on, and
+# systemd's tools, which judge the units. Neither is started.
+scripts/setup.sh gcc libc6-dev udev systemd
 export PATH="$PWD/.venv/bin:$PATH"
 if [ $# = 0 ]; then
     step "Checking the layout of the code" ruff format --check

@@ -1,7 +1,8 @@
-"""Native libraries that tests need: skip without them, unless all are said to be installed."""
+"""Native libraries and programs that tests need: skip without them, unless all are installed."""
 
 import ctypes
 import os
+import shutil
 from pathlib import Path
 from typing import NoReturn
 
@@ -33,3 +34,11 @@ def need_fakenect() -> Path:
     if not found:
         missing("needs fakenect: apt install libfreenect0.5")
     return found[0]
+
+
+def need_program(name: str, package: str) -> str:
+    """The test needs a program: where it is."""
+    found = shutil.which(name)
+    if found is None:
+        missing(f"needs {name}: apt install {package}")
+    return found

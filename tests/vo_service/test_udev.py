@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import pytest
 
 from drivers.errors import UserFacingError
 from drivers.kinect_usb.ids import SUPPORTED_IDS, UsbId
+from tests.stand_ins.needed import need_program
 from vo_service import udev
 from vo_service.udev import MODPROBE_FILE, RULES_FILE, install, rules_text, uninstall
 
@@ -35,8 +35,8 @@ SUBSYSTEM=="usb", ATTR{idVendor}=="1d27", MODE:="0666", GROUP:="video"
 
 def judgement(folder: Path, vendor: int, product: int) -> list[str]:
     """What udevadm says of a device: the modes that rules gave it, and `uaccess` if it has that."""
-    if shutil.which("udevadm") is None or shutil.which("unshare") is None:
-        pytest.skip("udevadm and unshare are not installed: apt install udev util-linux")
+    need_program("udevadm", "udev")
+    need_program("unshare", "util-linux")
     if subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False).returncode:
         pytest.skip("this system lets nobody have a mount namespace of his own")
     command = [

@@ -1,12 +1,12 @@
 """`kinect-vo service`: what it writes into a tree, what it says, and what it leaves alone."""
 
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tests.stand_ins.needed import need_program
 from tests.vo_service.commands.command_line import Outcome, call
 from tests.vo_service.installation.conftest import tree
 from vo_service.installation import systemd
@@ -65,10 +65,10 @@ def test_the_owners_configuration_stays_and_an_old_unit_does_not(
     assert (tree / "etc/systemd/system" / UNITS[0]).read_text() == text_of(UNITS[0])
 
 
-@pytest.mark.skipif(shutil.which("systemctl") is None, reason="systemctl is not installed")
 def test_an_enabled_service_starts_with_the_computer_until_it_is_removed(
     tree: Path, service: Service
 ) -> None:
+    need_program("systemctl", "systemd")
     wanted = tree / "etc/systemd/system/multi-user.target.wants/kinect-vo@front.service"
     assert service("install", "--name", "front", "--enable").code == 0
     assert wanted.readlink() == Path("/etc/systemd/system/kinect-vo@.service")

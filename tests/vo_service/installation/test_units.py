@@ -1,28 +1,24 @@
 """The units, as systemd's own tools judge them."""
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import InputError
+from tests.stand_ins.needed import need_program
 from vo_service.config import read_config
 from vo_service.installation.program import SCRIPT
 from vo_service.installation.unit import DROP_IN, SOURCE, UNITS, Unit, text_of
 
 MOST_EXPOSURE = 1.6
-SYSTEMD_ANALYZE = shutil.which("systemd-analyze")
-needs_systemd = pytest.mark.skipif(
-    SYSTEMD_ANALYZE is None, reason="systemd-analyze is not installed: apt install systemd"
-)
 
 
 def analyzed(*arguments: str) -> str:
     """What systemd-analyze says, complaints too."""
     done = subprocess.run(
-        [SYSTEMD_ANALYZE or "", *arguments],
+        [need_program("systemd-analyze", "systemd"), *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -47,20 +43,17 @@ def lines_of(name: str) -> list[str]:
     return [line for line in text_of(name).splitlines() if line and not line.startswith("#")]
 
 
-@needs_systemd
 @pytest.mark.parametrize("name", UNITS)
 def test_systemd_has_nothing_to_say_against_a_unit(tmp_path: Path, name: str) -> None:
     assert analyzed("verify", str(placed(tmp_path) / name)) == ""
 
 
-@needs_systemd
 def test_systemd_would_say_so_if_a_key_were_wrong(tmp_path: Path) -> None:
     unit = placed(tmp_path) / UNITS[0]
     unit.write_text(unit.read_text().replace("WatchdogSec=", "WatchdogSek="))
     assert "WatchdogSek" in analyzed("verify", str(unit))
 
 
-@needs_systemd
 @pytest.mark.parametrize("name", UNITS)
 def test_a_unit_is_little_exposed(tmp_path: Path, name: str) -> None:
     said = analyzed("security", "--offline=true", str(placed(tmp_path) / name))

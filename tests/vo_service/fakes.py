@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from drivers.camera import (
 )
 from drivers.geometry import Array
 from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.outputs.output import Level, PoseUpdate, Status, TrackingState
 
 CAMERA = PinholeCamera(8, 6, 8.0, 8.0, 3.5, 2.5)
 STEP_COVARIANCE = np.diag([1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 6e-6])
@@ -48,6 +49,34 @@ def bad(T_world_camera: Array | None = None, reason: str = "3 of 9 matches agree
     """An estimate that holds the last good pose."""
     T = np.eye(4) if T_world_camera is None else T_world_camera
     return Estimate(False, reason, T, np.eye(4), np.zeros((6, 6)), 20, 9, 3)
+
+
+def a_status(**changes: Any) -> Status:
+    """A service that tracks, but for what is named."""
+    status = Status(
+        state=TrackingState.TRACKING,
+        reason="",
+        epoch=1,
+        camera="scripted",
+        camera_state=CameraState.STREAMING,
+        intrinsics="",
+        level=Level.ASSUMED,
+        method="surf",
+        fps=29.9,
+        latency_p50_ms=11.0,
+        latency_p99_ms=19.5,
+        skew_ms=-2.5,
+        jitter_ms=0.5,
+        features=980,
+        matches=400,
+        inliers=300,
+        frames=100,
+        failed=0,
+        dropped=0,
+        skipped=0,
+        lost_packets=0,
+    )
+    return replace(status, **changes)
 
 
 class FakeClock:

@@ -8,33 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import CameraState
+from tests.vo_service.fakes import a_status
 from vo_service.notify import Notifier, SystemdOutput
-from vo_service.outputs.output import Level, Status, TrackingState
+from vo_service.outputs.output import TrackingState
 
-STATUS = Status(
-    state=TrackingState.TRACKING,
-    reason="",
-    epoch=1,
-    camera="synthetic",
-    camera_state=CameraState.STREAMING,
-    intrinsics="",
-    level=Level.ASSUMED,
-    method="surf",
-    fps=29.9,
-    latency_p50_ms=11.0,
-    latency_p99_ms=19.5,
-    skew_ms=0.0,
-    jitter_ms=0.5,
-    features=980,
-    matches=400,
-    inliers=300,
-    frames=100,
-    failed=0,
-    dropped=0,
-    skipped=0,
-    lost_packets=0,
-)
+STATUS = a_status()
 
 
 class Systemd:

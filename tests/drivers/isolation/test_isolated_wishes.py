@@ -34,6 +34,7 @@ def nodding(isolate: Isolate) -> IsolatedCamera:
     camera = isolate(Nodding, limits=AT_ONCE)
     camera.open()
     camera.read(30.0)
+    wait_for(lambda: camera.condition.state is CameraState.STREAMING, "to hear that it streams")
     return camera
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import zenoh
 
 from drivers.geometry import rigid_transform
+from vo_service.client import Pose, PoseClient
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
@@ -88,3 +89,22 @@ def wait_for(holds: Callable[[], bool]) -> None:
     while not holds():
         assert time.monotonic() < deadline_s, "waited in vain"
         time.sleep(0.01)
+
+
+Talk = tuple[Robot, PoseClient]
+
+
+def heard(client: PoseClient, seq: int) -> None:
+    """Until this pose has come."""
+
+    def is_there() -> bool:
+        found = client._hearing.pose.item
+        return found is not None and found.about["seq"] == seq
+
+    wait_for(is_there)
+
+
+def take(publisher: Robot, poses: Iterator[Pose], seq: int, **about: Any) -> Pose:
+    """What a reader gets once this is published."""
+    publisher.pose(seq, **about)
+    return next(poses)

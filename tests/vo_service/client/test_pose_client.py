@@ -2,58 +2,18 @@
 
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.vo_service.client.published import Robot, free_endpoint, robot, wait_for
-from vo_service.client import NoPose, Pose, PoseClient, Why, judging
-
-
-@pytest.fixture(scope="module")
-def both() -> Iterator[tuple[Robot, str]]:
-    """A service, and where it is."""
-    endpoint = free_endpoint()
-    with robot(endpoint) as publisher:
-        yield publisher, endpoint
-
-
-@pytest.fixture(autouse=True)
-def patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A busy machine is no silence."""
-    monkeypatch.setattr(judging, "SILENCE_S", 60.0)
-
-
-@pytest.fixture
-def talk(both: tuple[Robot, str]) -> Iterator[tuple[Robot, PoseClient]]:
-    """A service and a client that hears it."""
-    publisher, endpoint = both
-    with PoseClient(connect=endpoint) as client:
-        assert client.wait_for_publisher(20)
-        publisher.wait_for_reader()
-        yield publisher, client
-
-
-Talk = tuple[Robot, PoseClient]
-
-
-def heard(client: PoseClient, seq: int) -> None:
-    """Until this pose has come."""
-
-    def is_there() -> bool:
-        found = client._hearing.pose.item
-        return found is not None and found.about["seq"] == seq
-
-    wait_for(is_there)
-
-
-def take(publisher: Robot, poses: Iterator[Pose], seq: int, **about: Any) -> Pose:
-    """What a reader gets once this is published."""
-    publisher.pose(seq, **about)
-    return next(poses)
+from tests.vo_service.client.published import (
+    Talk,
+    heard,
+    take,
+    wait_for,
+)
+from vo_service.client import NoPose, Pose, Why
 
 
 def test_a_pose_has_all_that_the_message_says(talk: Talk) -> None:
@@ -163,64 +123,6 @@ def test_waiting_for_a_pose_has_an_end_if_one_is_asked_for(talk: Talk) -> None:
     with pytest.raises(NoPose) as caught:
         next(client.poses(timeout_s=0.05))
     assert caught.value.why is Why.SILENT
-
-
-@pytest.mark.parametrize(
-    ("payload", "attachment", "words"),
-    [
-        (b"nonsense", b'{"schema": 1, "seq": 1, "state": "", "epoch": 0, "reason": ""}', "CDR"),
-        (b"", None, "without its attachment"),
-        (b"", b"\xff", "utf"),
-        (b"", b'{"schema": 1, "seq": 1}', "without epoch, reason, state"),
-        (b"", b'{"schema": 1, "seq": "a", "state": "", "epoch": 0, "reason": ""}', "a str for seq"),
-        (b"", b"[" * 100_000, "nested too deeply"),
-        (b"", b'{"schema": 2}', "a message of version 2, only 1 is known here"),
-    ],
-)
-def test_a_message_that_cannot_be_read_is_said_and_the_next_one_read(
-    talk: Talk, payload: bytes, attachment: bytes | None, words: str
-) -> None:
-    publisher, client = talk
-    publisher.raw(payload, attachment)
-    wait_for(lambda: client._hearing.unreadable != "")
-    with pytest.raises(NoPose, match=words) as caught:
-        client.newest()
-    assert caught.value.why is Why.UNREADABLE
-    assert take(publisher, client.poses(), 60).seq == 60
-
-
-@pytest.mark.parametrize(
-    ("status", "words"),
-    [
-        (b'{"schema": 1}', "a status came without paused, reason, state"),
-        (b'{"schema": 1, "state": "lost", "reason": "", "paused": 1}', "a int for paused"),
-        (b"[" * 100_000, "nested too deeply"),
-    ],
-)
-def test_a_status_that_cannot_be_read_is_said_until_one_can(
-    talk: Talk, status: bytes, words: str
-) -> None:
-    publisher, client = talk
-    publisher.session.put("kinect/status", status)
-    wait_for(lambda: client._hearing.unreadable != "")
-    with pytest.raises(NoPose, match=words) as caught:
-        client.newest()
-    assert caught.value.why is Why.UNREADABLE
-    publisher.status(paused=True)
-    wait_for(lambda: client._hearing.unreadable == "")
-    with pytest.raises(NoPose, match="the service is paused"):
-        client.newest()
-
-
-def test_a_status_says_nothing_about_poses_that_cannot_be_read(talk: Talk) -> None:
-    publisher, client = talk
-    publisher.raw(b"nonsense")
-    wait_for(lambda: client._hearing.unreadable != "")
-    publisher.status()
-    wait_for(lambda: client._hearing.status.item is not None)
-    with pytest.raises(NoPose, match="without its attachment") as caught:
-        client.newest()
-    assert caught.value.why is Why.UNREADABLE
 
 
 def test_each_thread_is_told_of_the_jump_itself(talk: Talk) -> None:

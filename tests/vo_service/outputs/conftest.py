@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera import CameraState, PinholeCamera, RgbdFrame
+from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import rigid_transform, rotation_from_vector
+from tests.vo_service.fakes import a_status
 from vo_service.odometry.estimate import Estimate, Evidence
 from vo_service.outputs.output import Level, PoseUpdate, Status, TrackingState
 
@@ -35,28 +36,14 @@ def make_update() -> Callable[..., PoseUpdate]:
 @pytest.fixture
 def status() -> Status:
     """A status as the service would send it."""
-    return Status(
+    return a_status(
         state=TrackingState.DEGRADED,
         reason="few inliers",
-        epoch=1,
         camera="tum:desk",
-        camera_state=CameraState.STREAMING,
         intrinsics="camera file camera.toml",
         level=Level.GRAVITY,
-        method="surf",
-        fps=29.9,
-        latency_p50_ms=11.0,
-        latency_p99_ms=19.5,
-        skew_ms=-2.5,
-        jitter_ms=0.5,
-        features=980,
-        matches=400,
-        inliers=300,
-        frames=100,
         failed=1,
         dropped=2,
-        skipped=0,
-        lost_packets=0,
     )
 
 

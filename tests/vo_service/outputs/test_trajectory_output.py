@@ -2,9 +2,7 @@
 
 import logging
 import os
-import resource
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,23 +10,13 @@ import pytest
 
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import read_trajectory
+from tests.full_disk import files_up_to
 from tests.vo_service.commands.command_line import line_count, wait_for
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.trajectory_output import TrajectoryOutput
 from vo_service.outputs.worker import DropOldest, Wait
 
 MakeUpdate = Callable[..., PoseUpdate]
-
-
-@contextmanager
-def file_size_limit(size: int) -> Iterator[None]:
-    """Let no file grow beyond `size` bytes: a full disk on request."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_every_good_frame_becomes_one_line(
@@ -71,7 +59,7 @@ def test_a_full_disk_keeps_whole_lines_and_is_told_once(
     tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     output = TrajectoryOutput(tmp_path / "out.txt", Wait(8))
-    with file_size_limit(250):
+    with files_up_to(250):
         for seq in range(6):
             output.pose(make_update(seq))
         wait_for(lambda: "the trajectory stops after" in output.warning)

@@ -1,11 +1,8 @@
 """Commands over real Zenoh: what reaches the inbox, what comes back, and what is refused."""
 
-import logging
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from typing import Any
 
 import pytest
 import zenoh
@@ -19,36 +16,20 @@ from tests.vo_service.outputs.zenoh_asking import (
     config,
     content,
     free_port_now,
-    wait_for,
+    obey,
+    taken,
 )
 from vo_service.control.commands import COMMAND_NAMES, Command, Light, Pause, Reset
 from vo_service.control.errors import CommandError, ErrorCode
-from vo_service.control.inbox import Inbox, Ticket
+from vo_service.control.inbox import Inbox
 from vo_service.outputs import zenoh_commands
 from vo_service.outputs.output import PoseUpdate
-from vo_service.outputs.zenoh_commands import CommandsFor, NoCommands, RateLimit, commands_for
+from vo_service.outputs.zenoh_commands import CommandsFor, NoCommands, commands_for
 from vo_service.outputs.zenoh_output import ZenohOutput
 from vo_service.outputs.zenoh_session import open_session
 from vo_service.settings import CommandSettings
 
 MakeUpdate = Callable[..., PoseUpdate]
-
-
-def taken(inbox: Inbox[Command]) -> Ticket[Command]:
-    """The next command that comes."""
-    found: list[Ticket[Command]] = []
-
-    def is_there() -> bool:
-        found.extend(inbox.take())
-        return bool(found)
-
-    wait_for(is_there)
-    return found[0]
-
-
-def obey(inbox: Inbox[Command], answer: dict[str, object]) -> None:
-    """Answer the next command, on a thread, as the loop would."""
-    threading.Thread(target=lambda: taken(inbox).done(answer), daemon=True).start()
 
 
 @pytest.fixture(scope="module")
@@ -129,15 +110,6 @@ def test_a_question_to_many_keys_commands_nothing(desk: Desk, key: str) -> None:
     assert inbox.take() == []
 
 
-def test_when_too_many_wait_the_next_is_told_so(free_port: int) -> None:
-    with commanded(free_port) as (_, inbox, session):
-        waiting = [session.get("kinect/command/pause", timeout=20) for _ in range(8)]
-        wait_for(lambda: len(inbox._waiting) == 8)
-        assert answers(session, "kinect/command/pause")[0]["error"] == "busy"
-        inbox.close()
-        assert {content(reply)["error"] for one in waiting for reply in one} == {"not-possible"}
-
-
 def test_a_loop_that_does_not_answer_is_said_to_time_out(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -153,44 +125,6 @@ def test_an_answer_that_is_no_json_is_a_failure(desk: Desk, answer: dict[str, ob
     inbox, session = desk
     obey(inbox, answer)
     assert answers(session, "kinect/command/pause")[0]["error"] == "failed"
-
-
-def test_beyond_the_rate_commands_are_refused_and_that_is_logged_once(
-    free_port: int, caplog: pytest.LogCaptureFixture
-) -> None:
-    with commanded(free_port, per_second=1.0) as (_, inbox, session):
-        obey(inbox, {"paused": True})
-        assert answers(session, "kinect/command/pause") == [{"schema": 1, "paused": True}]
-        codes = {answers(session, "kinect/command/dance")[0]["error"] for _ in range(10)}
-    assert codes == {"rate-limited"} or codes == {"rate-limited", "unknown-command"}
-    lines = [line for line in caplog.messages if "more than 1 commands a second" in line]
-    assert len(lines) == 1
-
-
-def test_a_flood_of_commands_does_not_reach_the_loop_nor_hold_up_poses(
-    free_port: int, make_update: MakeUpdate
-) -> None:
-    with commanded(free_port, per_second=10.0) as (output, inbox, session):
-        came = threading.Semaphore(0)
-        session.declare_subscriber("kinect/odom", lambda _: came.release())
-        assert output.wait_for_subscriber(20)
-        flood = [session.get("kinect/command/dance", timeout=20) for _ in range(5000)]
-        for seq in range(20):
-            output.pose(make_update(seq))
-            assert came.acquire(timeout=20)
-        codes = [content(reply)["error"] for channel in flood for reply in channel]
-    assert inbox.take() == []
-    assert set(codes) <= {"unknown-command", "rate-limited"}
-    assert 0 < len(codes) < 5000
-    assert output.dropped == output.errors == 0
-
-
-def test_after_a_flood_commands_work_again(free_port: int) -> None:
-    with commanded(free_port, per_second=10.0) as (_, inbox, session):
-        for channel in [session.get("kinect/command/dance", timeout=20) for _ in range(500)]:
-            list(channel)
-        obey(inbox, {"paused": True})
-        wait_for(lambda: {"schema": 1, "paused": True} in answers(session, "kinect/command/pause"))
 
 
 def test_switched_off_there_are_no_commands(free_port: int) -> None:
@@ -218,33 +152,6 @@ def test_closing_does_not_wait_for_a_command_that_the_loop_has(free_port: int) -
         assert time.monotonic() - before_s < zenoh_commands.ANSWER_LIMIT_S
         ticket.done({})
     assert isinstance(ticket.command, Pause)
-
-
-def test_the_rate_limit_says_how_many_it_refused(caplog: pytest.LogCaptureFixture) -> None:
-    now_s = [0.0]
-    limit = RateLimit(2.0, lambda: now_s[0])
-    for _ in range(2):
-        limit.check()
-    for _ in range(61):
-        with pytest.raises(CommandError, match="more than 2 commands a second"):
-            limit.check()
-        now_s[0] += 0.001
-    now_s[0] += 60.0
-    for _ in range(2):
-        limit.check()
-    with pytest.raises(CommandError):
-        limit.check()
-    told = [record.args for record in caplog.records if record.levelno == logging.WARNING]
-    assert [args[1] for args in told if isinstance(args, tuple)] == [1, 61]
-
-
-def test_the_settings_give_the_rate() -> None:
-    commands: Any = commands_for(CommandSettings(per_second=3.0), Inbox())
-    assert isinstance(commands, CommandsFor)
-    assert commands._limit._bucket.per_second == 3.0
-    commands.configure(CommandSettings(per_second=5.0))
-    assert commands._limit._bucket.per_second == 5.0
-    commands.close()
 
 
 def test_a_second_session_takes_commands_too(free_port: int) -> None:

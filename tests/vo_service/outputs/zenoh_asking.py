@@ -2,6 +2,7 @@
 
 import json
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -10,7 +11,7 @@ from typing import Any
 import zenoh
 
 from vo_service.control.commands import Command
-from vo_service.control.inbox import Inbox
+from vo_service.control.inbox import Inbox, Ticket
 from vo_service.outputs.zenoh_commands import CommandsFor
 from vo_service.outputs.zenoh_output import LIVE, Extras, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
@@ -83,3 +84,20 @@ def wait_for(holds: Callable[[], bool], limit_s: float = PATIENCE_S) -> None:
     while not holds():
         assert time.monotonic() < deadline_s, "waited in vain"
         time.sleep(0.01)
+
+
+def taken(inbox: Inbox[Command]) -> Ticket[Command]:
+    """The next command that comes."""
+    found: list[Ticket[Command]] = []
+
+    def is_there() -> bool:
+        found.extend(inbox.take())
+        return bool(found)
+
+    wait_for(is_there)
+    return found[0]
+
+
+def obey(inbox: Inbox[Command], answer: dict[str, object]) -> None:
+    """Answer the next command, on a thread, as the loop would."""
+    threading.Thread(target=lambda: taken(inbox).done(answer), daemon=True).start()

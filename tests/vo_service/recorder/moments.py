@@ -4,16 +4,16 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from drivers.camera import CameraState, PinholeCamera, RgbdFrame
+from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import rigid_transform
 from tests.belongings import wait_for
+from tests.vo_service.fakes import a_status
 from vo_service.control.errors import CommandError
 from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import Level, PoseUpdate, Status, TrackingState
+from vo_service.outputs.output import PoseUpdate, Status, TrackingState
 from vo_service.recorder.recorder import FlightRecorder
 from vo_service.settings import RecorderSettings
 
@@ -72,25 +72,7 @@ def update(
 
 def status(frames: int = 0) -> Status:
     """A status that has counted so many frames."""
-    zeros: dict[str, Any] = dict.fromkeys(
-        ("features", "matches", "inliers", "failed", "dropped", "skipped", "lost_packets"), 0
-    )
-    rates: dict[str, Any] = dict.fromkeys(
-        ("fps", "latency_p50_ms", "latency_p99_ms", "skew_ms", "jitter_ms"), 1.5
-    )
-    return Status(
-        state=TrackingState.TRACKING,
-        reason="",
-        epoch=1,
-        camera="scripted",
-        camera_state=CameraState.STREAMING,
-        intrinsics="",
-        level=Level.ASSUMED,
-        method="surf",
-        frames=frames,
-        **zeros,
-        **rates,
-    )
+    return a_status(frames=frames)
 
 
 @contextmanager

@@ -1,9 +1,6 @@
 """The flight recorder: incidents on loss and on command, and its second process."""
 
 import json
-import os
-import resource
-import signal
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +10,7 @@ import pytest
 
 from drivers.camera import PinholeCamera
 from drivers.trajectory import read_trajectory
-from tests.belongings import belongings, children, wait_for
+from tests.belongings import belongings, wait_for
 from tests.drivers.tum.replaying import replayed
 from tests.vo_service.recorder.moments import (
     feed,
@@ -21,24 +18,15 @@ from tests.vo_service.recorder.moments import (
     incident,
     incidents,
     recorder,
-    refusal,
     saved,
     status,
     update,
 )
 from vo_service.outputs.output import TrackingState
-from vo_service.recorder.contract import NoRecorder
-from vo_service.recorder.opening import open_recorder
 from vo_service.settings import RecorderSettings
 
 SMALL = RecorderSettings(max_mb=20)
 LOST = TrackingState.LOST
-
-
-def only_child() -> int:
-    """Process number of the recorder's process."""
-    (child,) = children()
-    return child
 
 
 def test_on_command_the_last_frames_become_a_folder_that_replays_bit_for_bit(
@@ -160,64 +148,6 @@ def test_everything_is_private(tmp_path: Path) -> None:
     assert modes == {(True, 0o700), (False, 0o600)}
 
 
-def test_its_process_that_is_killed_comes_back_and_the_frames_are_still_there(
-    tmp_path: Path,
-) -> None:
-    with recorder(tmp_path, SMALL) as recording:
-        feed(recording, *map(update, range(4)))
-        first = only_child()
-        os.kill(first, signal.SIGKILL)
-        wait_for(lambda: "started again" in recording.warning)
-        wait_for(lambda: recording.is_up and first not in children())
-        recording.save("command")
-        assert len(replayed(incident(tmp_path, "command"))) == 4
-        assert recording.warning == ""
-
-
-def test_a_full_disk_is_said_and_leaves_nothing_half_written(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    with recorder(tmp_path, SMALL) as recording:
-        feed(recording, *map(update, range(4)))
-        # Its files cannot grow beyond this: a full disk on request.
-        resource.prlimit(only_child(), resource.RLIMIT_FSIZE, (1000, 1000))
-        for _ in range(2):
-            recording.save("command")
-            wait_for(lambda: not recording.is_saving)
-            assert "incidents: cannot be written" in recording.warning
-        feed(recording, update(4))
-    assert incidents(tmp_path) == []
-    assert [record.levelname for record in caplog.records] == ["ERROR"]
-
-
-def test_a_folder_that_cannot_be_used_is_told_and_no_reason_to_end(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    closed = tmp_path / "elsewhere"
-    closed.symlink_to("x" * 300)  # refused to root too, and not as one that is not there
-    with recorder(tmp_path, replace(SMALL, folder=closed)) as recording:
-        wait_for(lambda: "elsewhere: cannot be used: File name too long" in recording.warning)
-        closed.unlink()
-        wait_for(lambda: recording.warning == "")
-    assert [record.levelname for record in caplog.records] == ["ERROR"]
-
-
-def test_incidents_and_recordings_have_each_their_own_trouble(tmp_path: Path) -> None:
-    with recorder(tmp_path, SMALL) as recording:
-        feed(recording, update(0))
-        resource.prlimit(only_child(), resource.RLIMIT_FSIZE, (1000, 1000))
-        recording.save("command")
-        wait_for(lambda: "incidents: cannot be written" in recording.warning)
-        recording.start_recording("desk")
-        for seq in range(1, 10):  # a frame is written when its images are packed, so a little later
-            feed(recording, update(seq))
-        wait_for(lambda: "desk" in recording.warning)
-        assert "incidents: cannot be written" in recording.warning
-        recording.start_recording("table")
-        assert "desk" not in recording.warning
-        assert "incidents: cannot be written" in recording.warning
-
-
 def test_a_loss_that_is_due_is_written_though_something_else_changes(tmp_path: Path) -> None:
     with recorder(tmp_path, SMALL) as recording:
         feed(recording, update(0), update(1, LOST))
@@ -248,37 +178,3 @@ def test_what_is_kept_and_whether_losses_are_written_may_change_while_it_runs(
         feed(recording, update(4, LOST, camera=large))
         saved(recording, "second")
     assert [path.name[-6:] for path in incidents(tmp_path)] == ["second"]
-
-
-def test_what_cannot_be_done_is_refused_with_the_reason(tmp_path: Path) -> None:
-    with recorder(tmp_path, SMALL) as recording:
-        assert refusal(lambda: recording.save("x")) == "not-possible: no frame has come yet"
-        assert refusal(recording.stop_recording) == "not-possible: nothing is being recorded"
-        feed(recording, update(0))
-        os.kill(only_child(), signal.SIGSTOP)
-        recording.save("command")
-        assert "is being written already" in refusal(lambda: recording.save("again"))
-        os.kill(only_child(), signal.SIGCONT)
-        incident(tmp_path, "command")
-
-
-def test_the_service_goes_on_without_a_recorder_that_has_no_memory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
-    try:
-        opened = open_recorder(SMALL, {})
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert isinstance(opened, NoRecorder)
-    assert opened.warning == "recorder: switched off: its memory cannot be had: File too large"
-    assert refusal(lambda: opened.save("x")).startswith("not-possible: recorder: switched off")
-
-
-def test_a_recorder_that_is_switched_off_says_so_to_whoever_asks() -> None:
-    opened = open_recorder(RecorderSettings(enabled=False), {})
-    assert opened.warning == opened.recording == ""
-    assert "recorder.enabled" in refusal(lambda: opened.start_recording("desk"))

@@ -1,6 +1,7 @@
 """Writing an incident by itself: where time runs out, and where there is nothing."""
 
 import json
+import logging
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -73,6 +74,7 @@ def test_a_service_that_crashed_before_its_first_frame_leaves_no_incident(tmp_pa
             total_bytes=1 << 30,
             recordings=tmp_path / "recordings",
             about="{}",
+            log_level=logging.WARNING,
         ),
         heard.append,
     )

@@ -1,6 +1,5 @@
 """The ring: what a reader gets is whole or nothing, and the newest is always there."""
 
-import resource
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.belongings import wait_for
+from tests.full_disk import files_up_to
 from vo_service.recorder.shared_ring import RingReader, RingWriter
 
 MOST = 4096
@@ -105,13 +105,8 @@ def test_records_before_the_clock_was_set_do_not_keep_newer_ones_from_room() -> 
 
 
 def test_memory_that_cannot_be_had_is_an_error_at_once() -> None:
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
-    try:
-        with pytest.raises(OSError, match="File too large"):
-            RingWriter("trial", 1.0, MOST)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with files_up_to(1000), pytest.raises(OSError, match="File too large"):
+        RingWriter("trial", 1.0, MOST)
 
 
 def test_a_reader_beside_a_hurried_writer_never_sees_half_a_record() -> None:

@@ -1,10 +1,8 @@
 """Recordings of bounded size and number, and what a full disk makes of them."""
 
 import dataclasses
-import resource
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,6 +16,7 @@ from drivers.camera import Pace
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import StampedPoses
 from tests.belongings import wait_for
+from tests.full_disk import files_up_to
 from tests.vo_service.viewer.drawn import column, draw, is_whole, job, rows
 from vo_service.numbered_files import put_aside
 from vo_service.outputs.output import PoseUpdate
@@ -62,17 +61,6 @@ def paced(updates: Iterable[PoseUpdate]) -> Iterator[PoseUpdate]:
     for update in updates:
         yield update
         time.sleep(0.1)
-
-
-@contextmanager
-def files_up_to(size: int) -> Iterator[None]:
-    """As a disk that is full, or a quota: no file may grow beyond."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_a_full_file_is_followed_by_the_next_and_the_oldest_goes(

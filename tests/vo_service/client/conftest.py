@@ -1,0 +1,29 @@
+"""A service that publishes what it is told to, and a client that hears it."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.vo_service.client.published import Robot, free_endpoint, robot
+from vo_service.client import PoseClient, judging
+
+
+@pytest.fixture(scope="module")
+def both() -> Iterator[tuple[Robot, str]]:
+    """A service, and where it is."""
+    endpoint = free_endpoint()
+    with robot(endpoint) as publisher:
+        yield publisher, endpoint
+
+
+@pytest.fixture
+def talk(
+    both: tuple[Robot, str], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[Robot, PoseClient]]:
+    """A service and a client that hears it."""
+    monkeypatch.setattr(judging, "SILENCE_S", 60.0)  # a busy machine is no silence
+    publisher, endpoint = both
+    with PoseClient(connect=endpoint) as client:
+        assert client.wait_for_publisher(20)
+        publisher.wait_for_reader()
+        yield publisher, client

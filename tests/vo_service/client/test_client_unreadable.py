@@ -1,0 +1,64 @@
+"""Messages that cannot be read: passed over, and said."""
+
+import pytest
+
+from tests.vo_service.client.published import Talk, take, wait_for
+from vo_service.client import NoPose, Why
+
+
+@pytest.mark.parametrize(
+    ("payload", "attachment", "words"),
+    [
+        (b"nonsense", b'{"schema": 1, "seq": 1, "state": "", "epoch": 0, "reason": ""}', "CDR"),
+        (b"", None, "without its attachment"),
+        (b"", b"\xff", "utf"),
+        (b"", b'{"schema": 1, "seq": 1}', "without epoch, reason, state"),
+        (b"", b'{"schema": 1, "seq": "a", "state": "", "epoch": 0, "reason": ""}', "a str for seq"),
+        (b"", b"[" * 100_000, "nested too deeply"),
+        (b"", b'{"schema": 2}', "a message of version 2, only 1 is known here"),
+    ],
+)
+def test_a_message_that_cannot_be_read_is_said_and_the_next_one_read(
+    talk: Talk, payload: bytes, attachment: bytes | None, words: str
+) -> None:
+    publisher, client = talk
+    publisher.raw(payload, attachment)
+    wait_for(lambda: client._hearing.unreadable != "")
+    with pytest.raises(NoPose, match=words) as caught:
+        client.newest()
+    assert caught.value.why is Why.UNREADABLE
+    assert take(publisher, client.poses(), 60).seq == 60
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (b'{"schema": 1}', "a status came without paused, reason, state"),
+        (b'{"schema": 1, "state": "lost", "reason": "", "paused": 1}', "a int for paused"),
+        (b"[" * 100_000, "nested too deeply"),
+    ],
+)
+def test_a_status_that_cannot_be_read_is_said_until_one_can(
+    talk: Talk, status: bytes, words: str
+) -> None:
+    publisher, client = talk
+    publisher.session.put("kinect/status", status)
+    wait_for(lambda: client._hearing.unreadable != "")
+    with pytest.raises(NoPose, match=words) as caught:
+        client.newest()
+    assert caught.value.why is Why.UNREADABLE
+    publisher.status(paused=True)
+    wait_for(lambda: client._hearing.unreadable == "")
+    with pytest.raises(NoPose, match="the service is paused"):
+        client.newest()
+
+
+def test_a_status_says_nothing_about_poses_that_cannot_be_read(talk: Talk) -> None:
+    publisher, client = talk
+    publisher.raw(b"nonsense")
+    wait_for(lambda: client._hearing.unreadable != "")
+    publisher.status()
+    wait_for(lambda: client._hearing.status.item is not None)
+    with pytest.raises(NoPose, match="without its attachment") as caught:
+        client.newest()
+    assert caught.value.why is Why.UNREADABLE

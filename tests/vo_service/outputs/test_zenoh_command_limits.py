@@ -1,0 +1,97 @@
+"""Too many commands over real Zenoh: refused, counted, and no trouble to the poses."""
+
+import logging
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tests.vo_service.outputs.zenoh_asking import (
+    answers,
+    commanded,
+    content,
+    obey,
+    wait_for,
+)
+from vo_service.control.errors import CommandError
+from vo_service.control.inbox import Inbox
+from vo_service.outputs.output import PoseUpdate
+from vo_service.outputs.zenoh_commands import CommandsFor, RateLimit, commands_for
+from vo_service.settings import CommandSettings
+
+MakeUpdate = Callable[..., PoseUpdate]
+
+
+def test_when_too_many_wait_the_next_is_told_so(free_port: int) -> None:
+    with commanded(free_port) as (_, inbox, session):
+        waiting = [session.get("kinect/command/pause", timeout=20) for _ in range(8)]
+        wait_for(lambda: len(inbox._waiting) == 8)
+        assert answers(session, "kinect/command/pause")[0]["error"] == "busy"
+        inbox.close()
+        assert {content(reply)["error"] for one in waiting for reply in one} == {"not-possible"}
+
+
+def test_beyond_the_rate_commands_are_refused_and_that_is_logged_once(
+    free_port: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    with commanded(free_port, per_second=1.0) as (_, inbox, session):
+        obey(inbox, {"paused": True})
+        assert answers(session, "kinect/command/pause") == [{"schema": 1, "paused": True}]
+        codes = {answers(session, "kinect/command/dance")[0]["error"] for _ in range(10)}
+    assert codes == {"rate-limited"} or codes == {"rate-limited", "unknown-command"}
+    lines = [line for line in caplog.messages if "more than 1 commands a second" in line]
+    assert len(lines) == 1
+
+
+def test_a_flood_of_commands_does_not_reach_the_loop_nor_hold_up_poses(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    with commanded(free_port, per_second=10.0) as (output, inbox, session):
+        came = threading.Semaphore(0)
+        session.declare_subscriber("kinect/odom", lambda _: came.release())
+        assert output.wait_for_subscriber(20)
+        flood = [session.get("kinect/command/dance", timeout=20) for _ in range(5000)]
+        for seq in range(20):
+            output.pose(make_update(seq))
+            assert came.acquire(timeout=20)
+        codes = [content(reply)["error"] for channel in flood for reply in channel]
+    assert inbox.take() == []
+    assert set(codes) <= {"unknown-command", "rate-limited"}
+    assert 0 < len(codes) < 5000
+    assert output.dropped == output.errors == 0
+
+
+def test_after_a_flood_commands_work_again(free_port: int) -> None:
+    with commanded(free_port, per_second=10.0) as (_, inbox, session):
+        for channel in [session.get("kinect/command/dance", timeout=20) for _ in range(500)]:
+            list(channel)
+        obey(inbox, {"paused": True})
+        wait_for(lambda: {"schema": 1, "paused": True} in answers(session, "kinect/command/pause"))
+
+
+def test_the_rate_limit_says_how_many_it_refused(caplog: pytest.LogCaptureFixture) -> None:
+    now_s = [0.0]
+    limit = RateLimit(2.0, lambda: now_s[0])
+    for _ in range(2):
+        limit.check()
+    for _ in range(61):
+        with pytest.raises(CommandError, match="more than 2 commands a second"):
+            limit.check()
+        now_s[0] += 0.001
+    now_s[0] += 60.0
+    for _ in range(2):
+        limit.check()
+    with pytest.raises(CommandError):
+        limit.check()
+    told = [record.args for record in caplog.records if record.levelno == logging.WARNING]
+    assert [args[1] for args in told if isinstance(args, tuple)] == [1, 61]
+
+
+def test_the_settings_give_the_rate() -> None:
+    commands: Any = commands_for(CommandSettings(per_second=3.0), Inbox())
+    assert isinstance(commands, CommandsFor)
+    assert commands._limit._bucket.per_second == 3.0
+    commands.configure(CommandSettings(per_second=5.0))
+    assert commands._limit._bucket.per_second == 5.0
+    commands.close()

@@ -14,7 +14,8 @@ from drivers.isolation.limits import TimeLimits
 from drivers.sensor_settings import Led
 from tests.belongings import children, wait_for
 from tests.drivers.isolation.conftest import Isolate
-from tests.drivers.isolation.trial_cameras import STUCK_DEG, Nodding, Puppet, done_by
+from tests.drivers.isolation.nodding import STUCK_DEG, Nodding, done_by
+from tests.drivers.isolation.trial_cameras import Puppet
 
 AT_ONCE = TimeLimits(first_retry_s=0.01, longest_retry_s=0.01)
 

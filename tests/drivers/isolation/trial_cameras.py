@@ -1,9 +1,6 @@
 """Cameras for a process of their own: one does as a file says, the other plays a short film."""
 
-import ctypes
-import logging
 import os
-import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -16,19 +13,16 @@ from drivers.camera import (
     Clock,
     Condition,
     EndOfStream,
-    NoFrameYet,
     PinholeCamera,
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
-from drivers.sensor_settings import Led
+from drivers.errors import CameraLostError
 from tests.belongings import open_files
+from tests.drivers.isolation.puppet_acts import ACTS
 
 SMALL = (64, 48)
-LONG_S = 3600
 LOST_PACKETS = 3
-STUCK_DEG = -31.0
 
 
 def patterned(seq: int, stamp_s: float, size: tuple[int, int] = SMALL) -> RgbdFrame:
@@ -97,7 +91,7 @@ class Puppet(RgbdCamera):
     def _obey(self, where: str) -> None:
         word, _, place = self._script.read_text().partition(" in ")
         if word and place in ("", where):
-            _ACTS[word]()
+            ACTS[word]()
 
 
 class Grumbler(Puppet):
@@ -117,80 +111,6 @@ class OnceLost(Puppet):
         if self._seq:
             raise CameraLostError("puppet: unplugged")
         return super().read(timeout_s)
-
-
-def _act_absent() -> None:
-    raise CameraNotFoundError("no puppet found; plug one in")
-
-
-def _act_busy() -> None:
-    raise CameraError("the puppet is held by another process; end that")
-
-
-def _act_unplugged() -> None:
-    raise CameraLostError("the puppet was unplugged")
-
-
-def _act_wrong() -> None:
-    raise InputError("puppet.toml: no such file")
-
-
-def _act_raise() -> None:
-    raise ValueError("strings in a tangle")
-
-
-def _act_silent() -> None:
-    raise NoFrameYet
-
-
-def _act_exit() -> None:
-    os.write(2, b"libpuppet: out of strings\n")
-    os._exit(1)
-
-
-def _act_crash() -> None:
-    os.write(1, b"libpuppet: cutting a string\n")
-    ctypes.string_at(0)
-
-
-def _act_say() -> None:
-    logging.getLogger("puppet").warning("%d strings left", 2)
-    os.write(2, b"libpuppet: mind the strings\n")
-
-
-def _act_hang() -> None:
-    ctypes.CDLL(None).sleep(LONG_S)
-
-
-def _act_hang_and_talk() -> None:
-    threading.Thread(target=_talk, daemon=True).start()
-    _act_hang()
-
-
-def _talk() -> None:
-    while True:
-        _act_say()
-        time.sleep(0.1)
-
-
-def _act_hang_with_lock() -> None:
-    ctypes.PyDLL(None).sleep(LONG_S)
-
-
-_ACTS = {
-    "absent": _act_absent,
-    "busy": _act_busy,
-    "unplugged": _act_unplugged,
-    "wrong": _act_wrong,
-    "raise": _act_raise,
-    "silent": _act_silent,
-    "exit": _act_exit,
-    "crash": _act_crash,
-    "say": _act_say,
-    "hang": _act_hang,
-    "hang and talk": _act_hang_and_talk,
-    "hang with lock": _act_hang_with_lock,
-}
 
 
 class Film(Puppet):
@@ -224,54 +144,3 @@ class Film(Puppet):
     def intrinsics_source(self) -> str:
         """Some."""
         return "factory"
-
-
-class Nodding(Puppet):
-    """Has a head and a light; a file beside the script tells what they do, a line each."""
-
-    def __init__(self, script: Path) -> None:
-        super().__init__(script)
-        self._orders: dict[str, str] = {}
-        self._is_open = False
-
-    @property
-    def has_base(self) -> bool:
-        """It has."""
-        return True
-
-    def open(self) -> None:
-        """Do again what it was told."""
-        super().open()
-        self._is_open = True
-        for order in self._orders.values():
-            self._do(order)
-
-    def close(self) -> None:
-        """Forget nothing."""
-        super().close()
-        self._is_open = False
-
-    def set_tilt_deg(self, tilt_deg: float) -> None:
-        """Say so; a head that is told to look at its own feet is stuck."""
-        if tilt_deg == STUCK_DEG:
-            raise CameraError("the puppet's neck is stuck")
-        self._tell("tilt", f"tilt {tilt_deg:g}")
-
-    def set_led(self, led: Led) -> None:
-        """Say so."""
-        self._tell("light", f"light {led}")
-
-    def _tell(self, kind: str, order: str) -> None:
-        self._orders[kind] = order
-        if not self._is_open:
-            raise CameraError("the puppet is in its box")
-        self._do(order)
-
-    def _do(self, order: str) -> None:
-        with done_by(self._script).open("a") as file:
-            file.write(f"{order}\n")
-
-
-def done_by(script: Path) -> Path:
-    """Where a nodding puppet writes what it does."""
-    return script.with_name("done")

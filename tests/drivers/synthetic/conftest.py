@@ -11,6 +11,7 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.motion import make_path
 from drivers.synthetic.render import Renderer, Room
 from drivers.synthetic.scene import ROOM_HEIGHT_M
+from tests.drivers.synthetic.studio import Studio
 
 SMALL = PinholeCamera(128, 96, 105.0, 105.0, 63.5, 47.5)
 
@@ -35,6 +36,11 @@ def ideal() -> SyntheticConfig:
 def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where films are kept, so that each is rendered once for all tests."""
     return tmp_path_factory.mktemp("films")
+
+
+@pytest.fixture
+def studio(films: Path) -> Studio:
+    return Studio(films)
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,60 @@
+"""A puppet with a head and a light."""
+
+from pathlib import Path
+
+from drivers.errors import CameraError
+from drivers.sensor_settings import Led
+from tests.drivers.isolation.trial_cameras import Puppet
+
+STUCK_DEG = -31.0
+
+
+class Nodding(Puppet):
+    """Has a head and a light; a file beside the script tells what they do, a line each."""
+
+    def __init__(self, script: Path) -> None:
+        super().__init__(script)
+        self._orders: dict[str, str] = {}
+        self._is_open = False
+
+    @property
+    def has_base(self) -> bool:
+        """It has."""
+        return True
+
+    def open(self) -> None:
+        """Do again what it was told."""
+        super().open()
+        self._is_open = True
+        for order in self._orders.values():
+            self._do(order)
+
+    def close(self) -> None:
+        """Forget nothing."""
+        super().close()
+        self._is_open = False
+
+    def set_tilt_deg(self, tilt_deg: float) -> None:
+        """Say so; a head that is told to look at its own feet is stuck."""
+        if tilt_deg == STUCK_DEG:
+            raise CameraError("the puppet's neck is stuck")
+        self._tell("tilt", f"tilt {tilt_deg:g}")
+
+    def set_led(self, led: Led) -> None:
+        """Say so."""
+        self._tell("light", f"light {led}")
+
+    def _tell(self, kind: str, order: str) -> None:
+        self._orders[kind] = order
+        if not self._is_open:
+            raise CameraError("the puppet is in its box")
+        self._do(order)
+
+    def _do(self, order: str) -> None:
+        with done_by(self._script).open("a") as file:
+            file.write(f"{order}\n")
+
+
+def done_by(script: Path) -> Path:
+    """Where a nodding puppet writes what it does."""
+    return script.with_name("done")

@@ -1,0 +1,1 @@
+"""What is made of many frames: surfaces in three dimensions."""

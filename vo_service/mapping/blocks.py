@@ -1,0 +1,106 @@
+"""Voxels kept only where there are surfaces: blocks of 8 x 8 x 8, found by their place in space.
+
+Niessner et al., "Real-time 3D reconstruction at scale using voxel hashing", ACM Transactions on
+Graphics 32(6), 2013: the table of blocks, not their contents.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.jit import kernel
+
+SIDE = 8
+VOXELS = SIDE**3
+# What a block takes: its voxels, and where it is.
+BLOCK_BYTES = VOXELS * (4 + 4 + 3 * 2) + 3 * 4
+
+EMPTY, ABSENT, OUT_OF_REACH = -1, -1, -2
+# Bits of a coordinate in a key: with blocks of 8 cm, 84 km each way.
+_BITS = 21
+_REACH = 1 << (_BITS - 1)
+# The golden ratio in 64 bits (Knuth): neighbours in space land far apart in the table.
+_SCATTER = np.uint64(0x9E3779B97F4A7C15)
+
+Coordinates = NDArray[np.int32]
+
+
+class Blocks:
+    """At most `capacity` blocks. Memory is taken from the system as blocks are used.
+
+    count        how many there are
+    refused      how often there was no room for one more
+    coordinates  (capacity, 3) in blocks: block (x, y, z) begins at 8 voxels times this
+    distance_m   (capacity, 512) to the nearest surface, positive in front of it
+    weight       (capacity, 512) inverse variance of the distance, 1/m^2; 0 = never seen
+    colour       (capacity, 512, 3) red, green, blue in steps of 1/256
+    """
+
+    def __init__(self, capacity: int) -> None:
+        """Raises MemoryError."""
+        self.capacity = capacity
+        self.count = 0
+        self.refused = 0
+        self.coordinates: Coordinates = np.zeros((capacity, 3), np.int32)
+        self.distance_m: NDArray[np.float32] = np.zeros((capacity, VOXELS), np.float32)
+        self.weight: NDArray[np.float32] = np.zeros((capacity, VOXELS), np.float32)
+        self.colour: NDArray[np.uint16] = np.zeros((capacity, VOXELS, 3), np.uint16)
+        # Half of the table stays empty, so that searches are short.
+        size = 1 << (2 * capacity - 1).bit_length()
+        self.table: NDArray[np.int64] = np.full((size, 2), EMPTY, np.int64)
+
+    def make_room(self, wanted: Coordinates) -> None:
+        """See that the blocks at these coordinates (N, 3) exist; those without room are counted."""
+        self.count, refused = _insert(wanted, self.table, self.coordinates, self.count)
+        self.refused += refused
+
+
+@kernel
+def key_of(x: int, y: int, z: int) -> int:
+    """One number for a block's place; OUT_OF_REACH if it is beyond what a key can tell."""
+    low, high = -_REACH, _REACH
+    if not (low <= x < high and low <= y < high and low <= z < high):
+        return OUT_OF_REACH
+    return ((x + _REACH) << (2 * _BITS)) | ((y + _REACH) << _BITS) | (z + _REACH)
+
+
+@kernel
+def find(key: int, table: NDArray[np.int64]) -> int:
+    """Where in the table a key is, or would be put."""
+    mask = np.uint64(len(table) - 1)
+    place = (np.uint64(key) * _SCATTER >> np.uint64(32)) & mask
+    while table[place, 0] != key and table[place, 0] != EMPTY:
+        place = (place + np.uint64(1)) & mask
+    return np.int64(place)  # type: ignore[return-value]
+
+
+@kernel
+def slot_of(x: int, y: int, z: int, table: NDArray[np.int64]) -> Any:
+    """Number of the block at these coordinates; ABSENT if there is none."""
+    key = key_of(x, y, z)
+    return table[find(key, table), 1] if key >= 0 else ABSENT
+
+
+@kernel
+def _insert(
+    wanted: Coordinates, table: NDArray[np.int64], coordinates: Coordinates, count: int
+) -> tuple[int, int]:
+    """The new count, and how many found no room."""
+    refused = 0
+    for n in range(len(wanted)):
+        key = key_of(wanted[n, 0], wanted[n, 1], wanted[n, 2])
+        if key < 0:
+            refused += 1
+            continue
+        place = find(key, table)
+        if table[place, 0] == key:
+            continue
+        if count == len(coordinates):
+            refused += 1
+            continue
+        table[place, 0] = key
+        table[place, 1] = count
+        coordinates[count] = wanted[n]
+        count += 1
+    return count, refused

@@ -1,0 +1,122 @@
+"""Depth and colour of many frames, fused into one surface.
+
+A truncated signed distance in voxels that exist only near surfaces, and only so many of them:
+`blocks.py` keeps them, `integrate.py` fills them, `surface.py` makes the mesh.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from drivers.geometry import Array, inverse
+from vo_service.mapping.blocks import BLOCK_BYTES, SIDE, Blocks
+from vo_service.mapping.integrate import (
+    blocks_in_view,
+    integrate,
+    sides_of_view,
+    touched_blocks,
+)
+from vo_service.mapping.mesh import Mesh
+from vo_service.mapping.surface import MESH_BYTES, surface
+from vo_service.odometry.depth_noise import depth_sigma_m
+
+MB = 1_000_000
+# How far around a surface the distance to it is kept.
+TRUNCATION_VOXELS = 4.0
+# A ray for at least every so many in the width of a block.
+RAYS_ACROSS_BLOCK = 4.0
+
+
+@dataclass(frozen=True)
+class FusionSettings:
+    """How fine a map is, and how much it may take.
+
+    voxel_m      edge of a voxel: the finest detail
+    memory_mb    for everything, the making of the mesh included
+    max_depth_m  surfaces further from the camera are left out: too coarse
+    """
+
+    voxel_m: float = 0.01
+    memory_mb: int = 1000
+    max_depth_m: float = 4.0
+
+    @property
+    def truncation_m(self) -> float:
+        """How far around a surface the distance to it is kept."""
+        return TRUNCATION_VOXELS * self.voxel_m
+
+    @property
+    def capacity(self) -> int:
+        """How many blocks there may be."""
+        return max(1, self.memory_mb * MB // (BLOCK_BYTES + MESH_BYTES))
+
+
+class Fusion:
+    """A map that grows with every frame, up to a bound. Repeats bit for bit.
+
+    Where the bound is reached, what is there already goes on being refined; what is new is left
+    out, and `is_full` says so.
+    """
+
+    def __init__(self, settings: FusionSettings = FusionSettings()) -> None:
+        """Raises MemoryError if the system refuses the memory."""
+        self.settings = settings
+        self._blocks = Blocks(settings.capacity)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether something was left out for want of memory."""
+        return self._blocks.refused > 0
+
+    @property
+    def share_used(self) -> float:
+        """How much of the memory is used, 0 to 1."""
+        return self._blocks.count / self._blocks.capacity
+
+    def add(
+        self,
+        depth_m: NDArray[np.float32],
+        colour_bgr: NDArray[np.uint8],
+        camera: PinholeCamera,
+        T_world_camera: Array,
+    ) -> None:
+        """Fuse one frame: depth (H, W) in metres, 0 = no reading, and colour (H, W, 3)."""
+        blocks, settings = self._blocks, self.settings
+        block_m = SIDE * settings.voxel_m
+        focal_centre = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+        T_camera_world = inverse(T_world_camera)
+        near_m = np.where(depth_m <= settings.max_depth_m, depth_m, np.float32(0.0))
+        # Room for what is seen.
+        across_px = block_m / settings.max_depth_m * min(camera.fx, camera.fy)
+        step_px = max(1, int(across_px / RAYS_ACROSS_BLOCK))
+        blocks.make_room(
+            touched_blocks(
+                near_m, focal_centre, T_world_camera, block_m, settings.truncation_m, step_px
+            )
+        )
+        # Every voxel in view, whether there is a surface or nothing.
+        coordinates = blocks.coordinates[: blocks.count]
+        reach_m = float(depth_m.max()) + settings.truncation_m
+        seen = blocks_in_view(coordinates, sides_of_view(camera), T_camera_world, block_m, reach_m)
+        integrate(
+            seen,
+            coordinates,
+            (blocks.distance_m, blocks.weight, blocks.colour),
+            (depth_m, self._weight(depth_m), colour_bgr),
+            focal_centre,
+            T_camera_world,
+            settings.voxel_m,
+            settings.truncation_m,
+        )
+
+    def mesh(self) -> Mesh:
+        """The surface as far as it is known now."""
+        return surface(self._blocks, self.settings.voxel_m, 1.0 / self.settings.voxel_m**2)
+
+    def _weight(self, depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(H, W) inverse variance of each reading, 1/m^2; 0 where there is none."""
+        # What lies within a voxel is not told apart, however good the reading.
+        sigma_m = np.hypot(depth_sigma_m(depth_m.astype(np.float64)), 0.5 * self.settings.voxel_m)
+        return np.where(depth_m > 0, sigma_m**-2, 0.0).astype(np.float32)

@@ -1,0 +1,153 @@
+"""One frame into the voxels: a weighted running mean of how far each is from the surface.
+
+Curless and Levoy, "A volumetric method for building complex models from range images", SIGGRAPH
+1996. Where the frame looks through a voxel, that voxel is found to be empty: what was there before
+by mistake, or has gone since, is taken away.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from drivers.geometry import Array
+from drivers.jit import kernel
+from vo_service.mapping.blocks import SIDE, Coordinates
+
+Depth = NDArray[np.float32]
+Colour = NDArray[np.uint8]
+
+
+@kernel
+def touched_blocks(
+    depth_m: Depth,
+    focal_centre: Array,
+    T_world_camera: Array,
+    block_m: float,
+    margin_m: float,
+    step_px: int,
+) -> Coordinates:
+    """(N, 3) blocks within `margin_m` of what the camera sees, some of them more than once.
+
+    focal_centre  fx, fy, cx, cy
+    step_px       looks at every so many pixels
+    """
+    height, width = depth_m.shape
+    steps = 1 + math.ceil(2.0 * margin_m / (0.5 * block_m))
+    rays = ((height - 1) // step_px + 1) * ((width - 1) // step_px + 1)
+    found = np.empty((rays * (steps + 1), 3), np.int32)
+    n = 0
+    T = T_world_camera
+    for v in range(0, height, step_px):
+        for u in range(0, width, step_px):
+            middle_m = float(depth_m[v, u])
+            if middle_m <= 0.0:
+                continue
+            x = (u - focal_centre[2]) / focal_centre[0]
+            y = (v - focal_centre[3]) / focal_centre[1]
+            for s in range(steps + 1):
+                z = middle_m + margin_m * (2.0 * s / steps - 1.0)
+                bx = math.floor((T[0, 3] + z * (T[0, 0] * x + T[0, 1] * y + T[0, 2])) / block_m)
+                by = math.floor((T[1, 3] + z * (T[1, 0] * x + T[1, 1] * y + T[1, 2])) / block_m)
+                bz = math.floor((T[2, 3] + z * (T[2, 0] * x + T[2, 1] * y + T[2, 2])) / block_m)
+                if n and found[n - 1, 0] == bx and found[n - 1, 1] == by and found[n - 1, 2] == bz:
+                    continue
+                found[n, 0], found[n, 1], found[n, 2] = bx, by, bz
+                n += 1
+    return found[:n]
+
+
+def sides_of_view(camera: PinholeCamera) -> Array:
+    """(4, 3) normals, of length 1, of the planes through the camera that bound what it sees."""
+    left, right = camera.cx + 0.5, camera.width - 0.5 - camera.cx
+    top, bottom = camera.cy + 0.5, camera.height - 0.5 - camera.cy
+    inwards = np.array(
+        [
+            [camera.fx, 0.0, left],
+            [-camera.fx, 0.0, right],
+            [0.0, camera.fy, top],
+            [0.0, -camera.fy, bottom],
+        ]
+    )
+    normals: Array = inwards / np.linalg.norm(inwards, axis=1, keepdims=True)
+    return normals
+
+
+@kernel
+def blocks_in_view(
+    coordinates: Coordinates, sides: Array, T_camera_world: Array, block_m: float, reach_m: float
+) -> NDArray[np.int64]:
+    """(N,) numbers of the blocks that may be seen, up to `reach_m` away along the optical axis."""
+    seen = np.empty(len(coordinates), np.int64)
+    n = 0
+    radius_m = 0.5 * math.sqrt(3.0) * block_m
+    T = T_camera_world
+    p = np.empty(3)
+    for b in range(len(coordinates)):
+        for i in range(3):
+            p[i] = T[i, 3]
+            for j in range(3):
+                p[i] += T[i, j] * (coordinates[b, j] + 0.5) * block_m
+        if p[2] < -radius_m or p[2] > reach_m + radius_m:
+            continue
+        is_inside = True
+        for side in range(4):
+            distance_m = sides[side, 0] * p[0] + sides[side, 1] * p[1] + sides[side, 2] * p[2]
+            is_inside = is_inside and distance_m > -radius_m
+        if is_inside:
+            seen[n] = b
+            n += 1
+    return seen[:n]
+
+
+@kernel
+def integrate(
+    seen: NDArray[np.int64],
+    coordinates: Coordinates,
+    voxels: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint16]],
+    images: tuple[Depth, Depth, Colour],
+    focal_centre: Array,
+    T_camera_world: Array,
+    voxel_m: float,
+    truncation_m: float,
+) -> None:
+    """Bring the blocks `seen` up to date.
+
+    voxels        distance, weight and colour, as `Blocks` has them
+    images        depth (H, W), the weight of each reading (H, W), and colours in blue, green, red
+    truncation_m  nothing is said of what is further behind the surface
+    """
+    distance_m, weight, colour = voxels
+    depth_m, reading_weight, colour_bgr = images
+    height, width = depth_m.shape
+    fx, fy, cx, cy = focal_centre[0], focal_centre[1], focal_centre[2], focal_centre[3]
+    T = T_camera_world
+    for b in seen:
+        for voxel in range(SIDE * SIDE * SIDE):
+            i, j, k = voxel // (SIDE * SIDE), voxel // SIDE % SIDE, voxel % SIDE
+            wx = (coordinates[b, 0] * SIDE + i) * voxel_m
+            wy = (coordinates[b, 1] * SIDE + j) * voxel_m
+            wz = (coordinates[b, 2] * SIDE + k) * voxel_m
+            z = T[2, 0] * wx + T[2, 1] * wy + T[2, 2] * wz + T[2, 3]
+            if z <= 0.0:
+                continue
+            x = T[0, 0] * wx + T[0, 1] * wy + T[0, 2] * wz + T[0, 3]
+            y = T[1, 0] * wx + T[1, 1] * wy + T[1, 2] * wz + T[1, 3]
+            u = math.floor(fx * x / z + cx + 0.5)
+            v = math.floor(fy * y / z + cy + 0.5)
+            if u < 0 or v < 0 or u >= width or v >= height:
+                continue
+            w = reading_weight[v, u]
+            in_front_m = depth_m[v, u] - z
+            if w <= 0.0 or in_front_m < -truncation_m:
+                continue
+            before = weight[b, voxel]
+            share = w / (before + w)
+            weight[b, voxel] = before + w
+            distance_m[b, voxel] += share * (min(in_front_m, truncation_m) - distance_m[b, voxel])
+            if in_front_m < truncation_m:
+                for channel in range(3):
+                    old = colour[b, voxel, channel]
+                    new = 256.0 * colour_bgr[v, u, 2 - channel]
+                    colour[b, voxel, channel] = np.uint16(old + share * (new - old) + 0.5)

@@ -4,38 +4,24 @@ It does all encoding and writing, at low priority. When its pipe ends without an
 has crashed: it then writes out the ring by itself, and ends.
 """
 
-import os
-import signal
 import sys
 from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
-import cv2
-
-from drivers.isolation.outbox import Outbox, leave_signals_to_service, log_to_service
+from drivers.isolation.outbox import Outbox, log_to_service
+from vo_service.background.child import step_back
+from vo_service.background.messages import End
 from vo_service.recorder.desk import Desk
-from vo_service.recorder.messages import End, IncidentWritten, Job, Word
+from vo_service.recorder.messages import IncidentWritten, Job, Word
 
 FACTS_EVERY_S = 1.0
-NICE = 10
-# The service can do without this process, so that is the one to end where memory runs out.
-OOM_SCORE = "800"
-# What else a terminal, systemd or its watchdog may send to every process when the service stops.
-_MORE_SIGNALS = (signal.SIGHUP, signal.SIGQUIT, signal.SIGABRT)
 
 
 def main(connection: "Connection[Any, Any]") -> None:
     """Work until the service says `End` or is gone."""
-    leave_signals_to_service(*_MORE_SIGNALS)
-    os.umask(0o077)  # pictures of where the robot was are nobody else's business
-    with suppress(OSError):  # a hardened unit forbids it
-        os.nice(NICE)
-    with suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text(OOM_SCORE)
-    cv2.setNumThreads(1)
+    step_back()
     outbox = Outbox(connection)
     with suppress(EOFError, OSError):  # gone before it said what to do
         job: Job = connection.recv()

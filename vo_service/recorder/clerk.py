@@ -7,10 +7,11 @@ from dataclasses import replace
 from re import fullmatch
 
 from drivers.isolation.messages import LogLine
+from vo_service.background.keeper import Helper, Keeper
+from vo_service.background.trouble import Trouble
 from vo_service.control.commands import NAME_PATTERN
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.recorder.incident_folder import incident_name
-from vo_service.recorder.keeper import Keeper
 from vo_service.recorder.messages import (
     Facts,
     IncidentWritten,
@@ -25,18 +26,8 @@ from vo_service.recorder.messages import (
 
 logger = logging.getLogger(__name__)
 
-
-class Trouble:
-    """What went wrong with one kind of thing, until that goes well; the same is said only once."""
-
-    def __init__(self) -> None:
-        self.text = ""
-
-    def note(self, text: str) -> None:
-        """Remember it, "" for none."""
-        if text and text != self.text:
-            logger.error("recorder: %s", text)
-        self.text = text
+NAME = "recorder"
+HELPER = Helper("vo_service.recorder.child", NAME)
 
 
 class Clerk:
@@ -48,10 +39,10 @@ class Clerk:
         self._saving = ""  # name of the incident that is being written
         self._taken: frozenset[str] = frozenset()
         self._missed = 0
-        self._incidents, self._recordings, self._folders = Trouble(), Trouble(), Trouble()
+        self._incidents, self._recordings, self._folders = (Trouble(NAME) for _ in range(3))
         self._process_trouble = ""
         self.recording = ""
-        self._keeper = Keeper(job, self._hear, self._died)
+        self._keeper = Keeper(HELPER, job, self._hear, self._died)
 
     @property
     def is_up(self) -> bool:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.isolation.messages import LogLine
+from vo_service.background.messages import End, SignOfLife
 from vo_service.recorder.shared_ring import RingMemory
 
 
@@ -26,6 +27,11 @@ class Job:
     recordings: Path
     about: str
     log_level: int
+
+    @property
+    def fds(self) -> tuple[int, ...]:
+        """Both rings."""
+        return self.frames.fd, self.statuses.fd
 
 
 @dataclass(frozen=True)
@@ -58,16 +64,11 @@ class KeepAtMost:
     total_bytes: int
 
 
-@dataclass(frozen=True)
-class End:
-    """To the recorder, last: the service ends in order, and nothing need be kept."""
-
-
 Order = SaveIncident | StartRecording | StopRecording | KeepAtMost | End
 
 
 @dataclass(frozen=True)
-class Facts:
+class Facts(SignOfLife):
     """From the recorder, every second.
 
     recordings  names that are taken

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.belongings import PATIENCE_S
-from vo_service.recorder import keeper
+from vo_service.background import keeper
 
 
 @pytest.fixture(autouse=True)

@@ -1,4 +1,4 @@
-"""Keeps the recorder's process running: starts it, passes on orders, starts it again if it dies."""
+"""Keeps a process in the background running: starts it, passes on orders, starts it again."""
 
 import logging
 import math
@@ -9,17 +9,17 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
-from typing import Any
+from typing import Any, Generic, Protocol, TypeVar
 
 from drivers.isolation.limits import BackOff, TimeLimits
 from drivers.isolation.process import start_module
-from vo_service.recorder.messages import End, Facts, Job, Order, Word
+from vo_service.background.messages import End, SignOfLife
 
 logger = logging.getLogger(__name__)
 
-MODULE = "vo_service.recorder.child"
 _LIMITS = TimeLimits(first_retry_s=0.2, longest_retry_s=30.0)
 # Without a word for so long, it is stuck: on a disk that hangs, or stopped.
 SILENT_S = 10.0
@@ -28,20 +28,46 @@ ENDING_S = 1.5
 REAPED_S = 0.5
 
 
-class Keeper:
+class Job(Protocol):
+    """What such a process is told first, and once: it can be pickled."""
+
+    @property
+    def fds(self) -> tuple[int, ...]:
+        """Files that the process shall have, each with the number that it has here."""
+        ...
+
+
+@dataclass(frozen=True)
+class Helper:
+    """A module that is run with the number of its end of a `Connection`; its name in the log.
+
+    Its first word and one every second is a `SignOfLife`; it ends after `End`, and without us.
+    """
+
+    module: str
+    name: str
+
+
+J = TypeVar("J", bound=Job)
+
+
+class Keeper(Generic[J]):
     """A thread that owns the process. What it says goes to `hear`, on that thread."""
 
-    def __init__(self, job: Job, hear: Callable[[Word], None], died: Callable[[], None]) -> None:
+    def __init__(
+        self, helper: Helper, job: J, hear: Callable[[Any], None], died: Callable[[], None]
+    ) -> None:
         """Start. `died` is called after each process that ended by itself."""
+        self._helper = helper
         self.job = job  # of the next process
         self._hear, self._died = hear, died
-        self._orders: deque[Order] = deque()
+        self._orders: deque[object] = deque()
         self._wake = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._closing = threading.Event()
         self._heard_s = time.monotonic()
         self._back_off = BackOff(_LIMITS)
         self.is_up = False  # it takes orders
-        self._thread = threading.Thread(target=self._run, name="recorder-keeper", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"{helper.name}-keeper", daemon=True)
         self._thread.start()
 
     @property
@@ -49,13 +75,13 @@ class Keeper:
         """Whether it has said nothing for so long that something must be wrong."""
         return time.monotonic() - self._heard_s > SILENT_S
 
-    def tell(self, order: Order) -> None:
+    def tell(self, order: object) -> None:
         """Pass an order on; a process that dies before it is carried out forgets it."""
         self._orders.append(order)
         os.eventfd_write(self._wake, 1)
 
     def close(self) -> None:
-        """Let it end. One that still writes an incident is left to finish by itself."""
+        """Let it end. One that still has something to write is left to finish by itself."""
         if not self._closing.is_set():
             self.tell(End())
             self._closing.set()
@@ -78,10 +104,12 @@ class Keeper:
             with theirs:
                 try:
                     # It shares our stderr, for what it says after a crash.
-                    fds = (theirs.fileno(), self.job.frames.fd, self.job.statuses.fd)
-                    process = start_module(MODULE, fds, subprocess.DEVNULL, stderr=None)
+                    fds = (theirs.fileno(), *self.job.fds)
+                    process = start_module(
+                        self._helper.module, fds, subprocess.DEVNULL, stderr=None
+                    )
                 except OSError as error:
-                    logger.error("recorder: cannot be started: %s", error.strerror)
+                    logger.error("%s: cannot be started: %s", self._helper.name, error.strerror)
                     return
             with suppress(OSError, EOFError):
                 ours.send(self.job)
@@ -101,10 +129,10 @@ class Keeper:
                 if self._pass_on(connection):
                     due_s = time.monotonic() + ENDING_S
 
-    def _listen(self, word: Word) -> None:
+    def _listen(self, word: object) -> None:
         self._heard_s = time.monotonic()
         self._hear(word)
-        if isinstance(word, Facts):
+        if isinstance(word, SignOfLife):
             self.is_up = True
             self._back_off.reset()
 

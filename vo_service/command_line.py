@@ -27,6 +27,7 @@ COMMANDS = (
     "router",
     "certificates",
     "evaluate",
+    "reconstruct",
     "warm-up",
     "config",
     "udev",

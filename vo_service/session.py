@@ -1,7 +1,9 @@
 """One run from start to end: put the parts together and run the loop."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
 
 import cv2
 
@@ -22,6 +24,8 @@ from vo_service.statistics import Statistics
 from vo_service.terminal import Terminal
 from vo_service.warm_up import warm_up
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True)
 class Ending:
@@ -41,7 +45,12 @@ def run_loop(
 
 
 def prepare_kernels(config: Config, terminal: Terminal, stop: Stop) -> float:
-    """Compile or load the method's kernels, with progress; returns the seconds it took.
+    """Compile or load the method's kernels, as `prepared` does; returns the seconds it took."""
+    return prepared(partial(warm_up, config.odometry.method), terminal, stop)
+
+
+def prepared(work: Callable[[Callable[[str], None]], T], terminal: Terminal, stop: Stop) -> T:
+    """Do what compiles or loads kernels, with progress: `work` gets whom to tell its stages.
 
     Raises KeyboardInterrupt, between two kernels, when asked to stop; UserFacingError if what was
     compiled cannot be kept.
@@ -51,14 +60,14 @@ def prepare_kernels(config: Config, terminal: Terminal, stop: Stop) -> float:
     label = "preparing the numeric kernels (longer the first time)"
     with interruptible(stop.check), terminal.busy(label) as busy:
         try:
-            taken_s = warm_up(config.odometry.method, busy.detail)
+            result = work(busy.detail)
         except OSError as error:
             raise UserFacingError(
                 f"{cache_folder()}: the compiled kernels cannot be kept: {error.strerror}; free "
                 "some space, or name a folder elsewhere in XDG_CACHE_HOME"
             ) from error
         stop.check()
-    return taken_s
+    return result
 
 
 def _service(config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output]) -> Service:

@@ -18,6 +18,7 @@ from vo_service.mapping.integrate import (
     sides_of_view,
     touched_blocks,
 )
+from vo_service.mapping.islands import without_islands
 from vo_service.mapping.mesh import Mesh
 from vo_service.mapping.surface import MESH_BYTES, surface
 from vo_service.odometry.depth_noise import depth_sigma_m
@@ -27,6 +28,8 @@ MB = 1_000_000
 TRUNCATION_VOXELS = 4.0
 # A ray for at least every so many in the width of a block.
 RAYS_ACROSS_BLOCK = 4.0
+# Smaller parts of the surface hang in the air by mistake: of 7 x 7 cells.
+LEAST_TRIANGLES = 100
 
 
 @dataclass(frozen=True)
@@ -111,9 +114,14 @@ class Fusion:
             settings.truncation_m,
         )
 
+    def has_depth(self, depth_m: NDArray[np.float32]) -> bool:
+        """Whether there is anything in these readings to fuse."""
+        return bool(np.any((depth_m > 0) & (depth_m <= self.settings.max_depth_m)))
+
     def mesh(self) -> Mesh:
-        """The surface as far as it is known now."""
-        return surface(self._blocks, self.settings.voxel_m, 1.0 / self.settings.voxel_m**2)
+        """The surface as far as it is known to a voxel, without specks."""
+        sure = 1.0 / self.settings.voxel_m**2
+        return without_islands(surface(self._blocks, self.settings.voxel_m, sure), LEAST_TRIANGLES)
 
     def _weight(self, depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """(H, W) inverse variance of each reading, 1/m^2; 0 where there is none."""

@@ -1,0 +1,51 @@
+"""Specks that float beside the surface: a reading at an edge, somebody who walked by."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.jit import kernel
+from vo_service.mapping.mesh import Mesh
+
+Indices = NDArray[np.int32]
+
+
+def without_islands(mesh: Mesh, least_triangles: int) -> Mesh:
+    """The mesh without the connected parts that have fewer triangles than that."""
+    if not len(mesh.triangles):
+        return mesh
+    part = _parts(mesh.triangles, len(mesh.vertices_m))
+    sizes = np.bincount(part[mesh.triangles[:, 0]], minlength=len(part))
+    is_kept = sizes[part] >= least_triangles
+    number = np.cumsum(is_kept, dtype=np.int32) - np.int32(1)
+    triangles = mesh.triangles[is_kept[mesh.triangles[:, 0]]]
+    return Mesh(
+        mesh.vertices_m[is_kept],
+        mesh.normals[is_kept],
+        mesh.colours_rgb[is_kept],
+        number[triangles],
+    )
+
+
+@kernel
+def _parts(triangles: Indices, count: int) -> Indices:
+    """(count,) for each vertex, the least vertex that it is connected to."""
+    parent = np.arange(count).astype(np.int32)
+    for t in range(len(triangles)):
+        first = _root(triangles[t, 0], parent)
+        for corner in range(1, 3):
+            other = _root(triangles[t, corner], parent)
+            low, high = min(first, other), max(first, other)
+            parent[high] = low
+            first = low
+    for vertex in range(count):
+        parent[vertex] = _root(vertex, parent)
+    return parent
+
+
+@kernel
+def _root(vertex: int, parent: Indices) -> int:
+    """Where the chain of parents ends; the chain is made shorter on the way."""
+    while parent[vertex] != vertex:
+        parent[vertex] = parent[parent[vertex]]
+        vertex = parent[vertex]
+    return vertex

@@ -1,0 +1,75 @@
+"""A map in Rerun while it grows. Imports rerun: load it lazily."""
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from vo_service.mapping.mesh import Mesh
+from vo_service.mapping.watching import MapSoFar, Sight
+from vo_service.viewer.sinks import Sink
+
+WORLD, SURFACE, PATH, CAMERA = "world", "world/surface", "world/path", "world/camera"
+PATH_COLOUR = (255, 150, 40)
+TIMELINE = "frame"
+FRUSTUM_M = 0.2
+
+
+def open_map(sink: Sink) -> "MapScene":
+    """A scene that goes to a sink. Raises what the sink raises."""
+    # Rerun waits at exit until everything is sent, for ever if the viewer is frozen.
+    rr.unregister_shutdown()
+    stream = rr.RecordingStream("kinect-vo-reconstruct")
+    try:
+        sink.attach(stream, _blueprint())
+    except BaseException:
+        sink.close()
+        raise
+    return MapScene(stream)
+
+
+def _blueprint() -> rrb.Blueprint:
+    return rrb.Blueprint(
+        rrb.Spatial3DView(name="The surface, and the camera's path", origin=WORLD),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+    )
+
+
+class MapScene:
+    """Logs sights to one recording stream."""
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        self._stream = stream
+        self._drawn: MapSoFar | None = None
+        # Optical axes: x right, y down, z forward.
+        stream.log(WORLD, rr.ViewCoordinates.RDF, static=True)
+
+    def log(self, sight: Sight) -> None:
+        """The camera; its path and the surface where they are new."""
+        stream, camera, T = self._stream, sight.camera, sight.T_world_camera
+        stream.set_time(TIMELINE, sequence=sight.seq)
+        stream.log(CAMERA, rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]))
+        pinhole = rr.Pinhole(
+            image_from_camera=camera.K,
+            resolution=[camera.width, camera.height],
+            image_plane_distance=FRUSTUM_M,
+        )
+        stream.log(CAMERA, pinhole)
+        if sight.so_far is not self._drawn:
+            self._drawn = sight.so_far
+            stream.log(PATH, rr.LineStrips3D([sight.so_far.path_m], colors=PATH_COLOUR))
+            stream.log(SURFACE, _surface(sight.so_far.mesh))
+
+    def finish(self) -> None:
+        """Write out everything; nothing can be logged after."""
+        self._stream.disconnect()
+
+
+def _surface(mesh: Mesh) -> rr.Mesh3D:
+    return rr.Mesh3D(
+        vertex_positions=mesh.vertices_m,
+        vertex_normals=mesh.normals,
+        vertex_colors=mesh.colours_rgb,
+        triangle_indices=mesh.triangles,
+    )

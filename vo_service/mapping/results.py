@@ -1,0 +1,125 @@
+"""What a reconstruction leaves behind: the map, pictures of it, and its figures."""
+
+import errno
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.camera import PinholeCamera
+from drivers.errors import UserFacingError
+from drivers.geometry import Array
+from drivers.tum.whole_files import write_whole
+from vo_service.evaluation.report import aligned
+from vo_service.mapping.fusion import Fusion
+from vo_service.mapping.mesh import Mesh
+from vo_service.mapping.pictures import camera_view, far_view, top_view
+from vo_service.mapping.ply import write_ply
+from vo_service.mapping.reconstruction import Harvest
+from vo_service.mapping.upright import levelled, up_of
+
+MAP, REPORT = "map.ply", "reconstruction.json"
+TOP, FAR, VIEW = "top.png", "perspective.png", "view.png"
+
+
+@dataclass(frozen=True)
+class Results:
+    """A map that is done, with one triangle at least.
+
+    title         over the view from above
+    camera        intrinsics of the frames
+    is_cut_short  stopped before the last frame
+    """
+
+    title: str
+    camera: PinholeCamera
+    mesh: Mesh
+    harvest: Harvest
+    fusion: Fusion
+    is_cut_short: bool
+
+    @cached_property
+    def T_level_world(self) -> Array:
+        """4x4: x right and y forward as seen by the first camera, z up."""
+        up = up_of(self.mesh, self.harvest.up.up)
+        return levelled(self.harvest.poses[0], up)
+
+    @cached_property
+    def size_m(self) -> tuple[float, float, float]:
+        """Extent of the map: to the right, forward and up."""
+        level_m = self.mesh.vertices_m @ self.T_level_world[:3, :3].T
+        right_m, forward_m, up_m = (float(side) for side in np.ptp(level_m, axis=0))
+        return right_m, forward_m, up_m
+
+    def save(self, folder: Path, tell: Callable[[str], None]) -> None:
+        """Write everything, each file whole, the report last; `tell` gets each file's name before.
+
+        Raises UserFacingError if the disk refuses.
+        """
+        mesh, poses = self.mesh, self.harvest.poses
+        tell(MAP)
+        with refusals(folder / MAP):
+            write_ply(folder / MAP, mesh)
+        pictures: dict[str, Callable[[], bytes]] = {
+            TOP: lambda: top_view(mesh, self.T_level_world, self.harvest.path_m, self.title),
+            FAR: lambda: far_view(mesh, self.T_level_world),
+            VIEW: lambda: camera_view(mesh, self.camera, poses[0]),
+            REPORT: lambda: f"{json.dumps(self.as_json(), indent=2)}\n".encode(),
+        }
+        for name, draw in pictures.items():
+            tell(name)
+            with refusals(folder / name):
+                write_whole(folder / name, draw())
+
+    def as_json(self) -> dict[str, Any]:
+        """One flat object."""
+        harvest, settings = self.harvest, self.fusion.settings
+        return {
+            "frames": harvest.frames,
+            "fused": harvest.fused,
+            "without_pose": harvest.without_pose,
+            "without_depth": harvest.without_depth,
+            "vertices": len(self.mesh.vertices_m),
+            "triangles": len(self.mesh.triangles),
+            "size_m": [round(side, 3) for side in self.size_m],
+            "voxel_m": settings.voxel_m,
+            "max_depth_m": settings.max_depth_m,
+            "memory_mb": settings.memory_mb,
+            "memory_used": round(self.fusion.share_used, 4),
+            "full_at_frame": harvest.full_at or None,
+            "cut_short": self.is_cut_short,
+        }
+
+    def as_table(self) -> str:
+        """Aligned text for a terminal, without a newline at its end."""
+        harvest, settings = self.harvest, self.fusion.settings
+        right_m, forward_m, up_m = self.size_m
+        used = f"{self.fusion.share_used:.0%} of {settings.memory_mb} MB"
+        rows = [
+            ("frames", f"{harvest.frames}"),
+            ("in the map", f"{harvest.fused}"),
+            ("left out, no good pose", f"{harvest.without_pose}"),
+            ("left out, no depth", f"{harvest.without_depth}"),
+            ("size", f"{right_m:.2f} m right, {forward_m:.2f} m forward, {up_m:.2f} m up"),
+            ("triangles", f"{len(self.mesh.triangles)}, voxels of {settings.voxel_m:g} m"),
+            ("memory", used + (f", full at frame {harvest.full_at}" if harvest.full_at else "")),
+        ]
+        return aligned(rows)
+
+
+@contextmanager
+def refusals(path: Path) -> Iterator[None]:
+    """What the disk refuses in the block, as one line."""
+    try:
+        yield
+    except OSError as error:
+        is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        cause = "the disk is full" if is_full else error.strerror
+        raise UserFacingError(f"{path}: cannot be written: {cause}; mend that and run again") from (
+            error
+        )

@@ -28,6 +28,7 @@ COMMANDS = (
     "certificates",
     "evaluate",
     "reconstruct",
+    "download",
     "warm-up",
     "config",
     "udev",

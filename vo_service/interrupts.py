@@ -56,6 +56,31 @@ def stop_on_signals() -> Iterator[Stop]:
             signal.signal(number, handler)
 
 
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C or SIGTERM came; `exit_code` is the shell's for a program ended by it."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.exit_code = 128 + number
+
+
+@contextmanager
+def interrupted_at_once() -> Iterator[None]:
+    """Raise Interrupted wherever the block is, for one that can be left anywhere without harm."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise Interrupted(number)
+
+    before = {
+        number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 class Hangup:
     """Whether SIGHUP came. Without a lock: a handler may interrupt whoever holds one."""
 

@@ -1,0 +1,46 @@
+from pathlib import Path
+
+import pytest
+
+from drivers.camera_file import KNOWN_CAMERAS, camera_of_folder
+from drivers.errors import InputError
+from vo_service.download.catalogue import HOST, SEQUENCES, find
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["fr1/xyz", "freiburg1/xyz", "fr1_xyz", "FR1/XYZ", "freiburg1_xyz", "fr1/xyz/",
+     "rgbd_dataset_freiburg1_xyz", "rgbd_dataset_freiburg1_xyz.tgz"],
+)  # fmt: skip
+def test_a_name_may_be_spelt_in_any_usual_way(name: str) -> None:
+    assert find(name).name == "fr1/xyz"
+
+
+def test_each_name_finds_its_sequence_whose_folder_tells_its_camera(tmp_path: Path) -> None:
+    assert len(SEQUENCES) == len({sequence.name for sequence in SEQUENCES}) == 80
+    for sequence in SEQUENCES:
+        assert find(sequence.name) is find(sequence.folder) is sequence
+        known = camera_of_folder(tmp_path / sequence.folder, None)
+        assert known is KNOWN_CAMERAS[sequence.camera]
+
+
+def test_an_address_is_laid_out_as_the_benchmarks() -> None:
+    path = "freiburg2/rgbd_dataset_freiburg2_desk.tgz"
+    assert find("fr2/desk").url(HOST) == f"https://cvg.cit.tum.de/rgbd/dataset/{path}"
+    assert find("fr2/desk").url("http://mirror/tum/") == f"http://mirror/tum/{path}"
+
+
+def test_only_the_validation_files_lack_a_ground_truth() -> None:
+    assert sum(sequence.has_truth for sequence in SEQUENCES) == 47
+    assert not find("fr3/walking_xyz_validation").has_truth
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("fr1/tedy", "did you mean fr1/teddy"), ("teddy", "did you mean fr1/teddy or fr3/teddy"),
+     ("fr4/desk", "did you mean fr"), ("??", "no sequence '??'; `kinect-vo")],
+)  # fmt: skip
+def test_an_unknown_name_gets_those_near_it(name: str, told: str) -> None:
+    with pytest.raises(InputError) as caught:
+        find(name)
+    assert told in str(caught.value)

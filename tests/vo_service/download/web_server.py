@@ -1,0 +1,170 @@
+"""A file server on this computer that does, answer by answer, what it is told to."""
+
+import io
+import tarfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+ETAG = '"first"'
+
+
+class WebServer:
+    """Serves `content` at every address. `answers` come first, one for each request.
+
+    `asked` is the Range of each request, empty without one.
+    """
+
+    def __init__(self, url: str, content: bytes) -> None:
+        self.url, self.content, self.etag = url, content, ETAG
+        self.answers: list[Answer] = []
+        self.asked: list[str] = []
+        self.paths: list[str] = []
+
+
+class Request(BaseHTTPRequestHandler):
+    site: WebServer
+
+    def do_GET(self) -> None:
+        self.site.asked.append(self.headers.get("Range", ""))
+        self.site.paths.append(self.path)
+        answer = self.site.answers.pop(0) if self.site.answers else good
+        answer(self)
+
+    def log_message(self, *args: object) -> None:
+        pass
+
+    def begin(self, status: int, **headers: object) -> None:
+        self.send_response(status)
+        for name, value in headers.items():
+            self.send_header(name.replace("_", "-"), str(value))
+        self.end_headers()
+
+    def send(self, data: bytes) -> None:
+        self.wfile.write(data)
+        self.wfile.flush()
+
+
+Answer = Callable[[Request], None]
+
+
+def good(request: Request) -> None:
+    """As a good server does: ranges of the same version, else all of it."""
+    site, content = request.site, request.site.content
+    first = 0
+    if request.headers.get("If-Range") == site.etag:
+        first = int(request.headers["Range"].removeprefix("bytes=").rstrip("-"))
+    size = len(content)
+    if first >= size > 0:
+        request.begin(416, Content_Range=f"bytes */{size}", Content_Length=0)
+    elif first:
+        span = f"bytes {first}-{size - 1}/{size}"
+        request.begin(206, Content_Range=span, Content_Length=size - first, ETag=site.etag)
+        request.send(content[first:])
+    else:
+        request.begin(200, Content_Length=size, ETag=site.etag)
+        request.send(content)
+
+
+def plain(request: Request) -> None:
+    """All of it, whatever was asked; no mark of a version."""
+    request.begin(200, Content_Length=len(request.site.content))
+    request.send(request.site.content)
+
+
+def cut_off(after: int) -> Answer:
+    """The beginning of what was asked, then the connection ends."""
+
+    def answer(request: Request) -> None:
+        content = request.site.content
+        first = int(request.headers.get("Range", "bytes=0-").removeprefix("bytes=").rstrip("-"))
+        size = len(content)
+        if first:
+            span = f"bytes {first}-{size - 1}/{size}"
+            request.begin(206, Content_Range=span, Content_Length=size - first)
+        else:
+            request.begin(200, Content_Length=size, ETag=request.site.etag)
+        request.send(content[first : first + after])
+
+    return answer
+
+
+def announcing(length: int) -> Answer:
+    """All of it, under another length."""
+
+    def answer(request: Request) -> None:
+        request.begin(200, Content_Length=length, ETag=request.site.etag)
+        request.send(request.site.content[:length])
+
+    return answer
+
+
+def chunked(after: int) -> Answer:
+    """Without a length, in chunks; cut off in the middle of one."""
+
+    def answer(request: Request) -> None:
+        request.begin(200, Transfer_Encoding="chunked")
+        request.send(b"%x\r\n" % len(request.site.content) + request.site.content[:after])
+
+    return answer
+
+
+def status(code: int, **headers: object) -> Answer:
+    """An error, or a redirection."""
+    return lambda request: request.begin(code, Content_Length=0, **headers)
+
+
+def elsewhere(request: Request) -> None:
+    """A part of the file that nobody asked for."""
+    size = len(request.site.content)
+    request.begin(206, Content_Range=f"bytes 7-{size - 1}/{size}", Content_Length=size - 7)
+    request.send(request.site.content[7:])
+
+
+@contextmanager
+def serving(content: bytes) -> Iterator[WebServer]:
+    """A server on a free port of 127.0.0.1."""
+    handler = type("SiteRequest", (Request,), {"protocol_version": "HTTP/1.1", "timeout": 20})
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        server.daemon_threads = True
+        site = WebServer(f"http://127.0.0.1:{server.server_port}/tum", content)
+        handler.site = site  # type: ignore[attr-defined]
+        thread = threading.Thread(target=server.serve_forever, args=(0.02,))
+        thread.start()
+        try:
+            yield site
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def packed(folder: Path, name: str) -> bytes:
+    """A folder as a .tgz, under another name."""
+    data = io.BytesIO()
+    with tarfile.open(fileobj=data, mode="w:gz", compresslevel=1) as tar:
+        tar.add(folder, name)
+    return data.getvalue()
+
+
+def tgz(*members: tuple[tarfile.TarInfo, bytes]) -> bytes:
+    """A .tgz of these very members."""
+    data = io.BytesIO()
+    with tarfile.open(fileobj=data, mode="w:gz", compresslevel=1) as tar:
+        for member, content in members:
+            tar.addfile(member, io.BytesIO(content))
+    return data.getvalue()
+
+
+def file_member(name: str, content: bytes = b"x") -> tuple[tarfile.TarInfo, bytes]:
+    member = tarfile.TarInfo(name)
+    member.size = len(content)
+    return member, content
+
+
+def other_member(name: str, kind: bytes, target: str = "") -> tuple[tarfile.TarInfo, bytes]:
+    """A link, a device, a folder."""
+    member = tarfile.TarInfo(name)
+    member.type, member.linkname = kind, target
+    return member, b""

@@ -19,6 +19,7 @@ from vo_service.settings import (
     CommandSettings,
     LoadSettings,
     LogSettings,
+    MapSettings,
     RecorderSettings,
     RerunSettings,
     Ros2Settings,
@@ -89,6 +90,7 @@ class Config:
     ros2: Ros2Settings = Ros2Settings()  # noqa: RUF009 (frozen)
     rerun: RerunSettings = RerunSettings()  # noqa: RUF009 (frozen)
     recorder: RecorderSettings = RecorderSettings()  # noqa: RUF009 (frozen)
+    map: MapSettings = MapSettings()  # noqa: RUF009 (frozen)
     load: LoadSettings = LoadSettings()  # noqa: RUF009 (frozen)
     log: LogSettings = LogSettings()  # noqa: RUF009 (frozen)
     synthetic: SyntheticConfig = SyntheticConfig.light()  # noqa: RUF009 (frozen)

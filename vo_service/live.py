@@ -12,6 +12,7 @@ from vo_service.feed import PersistentFeed
 from vo_service.load.adjustable import AdjustableGovernor
 from vo_service.load.governor import Viewer
 from vo_service.logs import set_level
+from vo_service.mapping.live.contract import Mapper, NoMapper
 from vo_service.outputs.output import Output, Troubled
 from vo_service.pose_tracker import PoseTracker
 from vo_service.recorder.contract import NoRecorder, Recorder
@@ -25,16 +26,17 @@ from vo_service.stamps import stamp_clock
 class Surroundings:
     """What the loop works with, beside the camera.
 
-    outputs            where everything goes
-    inbox              commands for the loop
-    recorder, viewers  those of the outputs that can be told something
-    others             who else may have a complaint for the status
-    on_commands        gets its table of the configuration when it has changed
+    outputs                    where everything goes
+    inbox                      commands for the loop
+    recorder, mapper, viewers  those of the outputs that can be told something
+    others                     who else may have a complaint for the status
+    on_commands                gets its table of the configuration when it has changed
     """
 
     outputs: Sequence[Output]
     inbox: Inbox[Order] = field(default_factory=Inbox)
     recorder: Recorder = field(default_factory=NoRecorder)
+    mapper: Mapper = field(default_factory=NoMapper)
     viewers: Sequence[Viewer] = ()
     others: Sequence[Troubled] = ()
     on_commands: Callable[[CommandSettings], None] = lambda _: None
@@ -57,7 +59,7 @@ def live_service(config: Config, camera: RgbdCamera, around: Surroundings) -> Se
         outputs=around.outputs,
         camera=camera,
         method=config.odometry.method,
-        control=Control(tracker, camera, around.inbox, around.recorder, live_keys),
+        control=Control(tracker, camera, around.inbox, around.recorder, live_keys, around.mapper),
         governor=governor,
         others=around.others,
     )
@@ -76,6 +78,9 @@ def appliers(camera: RgbdCamera, governor: AdjustableGovernor, around: Surroundi
     def recorder(config: Config) -> None:
         around.recorder.configure(config.recorder)
 
+    def mapper(config: Config) -> None:
+        around.mapper.configure(config.map)
+
     return {
         "sensor.led": lambda config: camera.set_led(config.sensor.led),
         "sensor.tilt_deg": tilt,
@@ -85,5 +90,9 @@ def appliers(camera: RgbdCamera, governor: AdjustableGovernor, around: Surroundi
         "commands.per_second": lambda config: around.on_commands(config.commands),
         "recorder.save_on_loss": recorder,
         "recorder.total_mb": recorder,
+        "map.max_mb": mapper,
+        "map.voxel_m": mapper,
+        "map.making_mb": mapper,
+        "map.total_mb": mapper,
         "log.level": lambda config: set_level(config.log.level),
     }

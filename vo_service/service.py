@@ -127,6 +127,7 @@ class Service:
         statistics, counters = self.statistics, self._feed.counters
         rolling = statistics.rolling()
         estimate = self._last.estimate if self._last else None
+        the_map = self._control.map
         return Status(
             state=state,
             reason=reason,
@@ -151,6 +152,9 @@ class Service:
             lost_packets=counters.lost_packets,
             paused=self._control.is_paused,
             recording=self._control.recording,
+            map_keyframes=the_map.keyframes,
+            saving_map=the_map.saving,
+            saved_map=the_map.saved,
             warnings=warnings,
             cpu_ms_per_frame=rolling.cpu_ms_per_frame,
             stage_ms=rolling.stage_ms,

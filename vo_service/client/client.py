@@ -190,6 +190,10 @@ class PoseClient:
         """Write out what the flight recorder holds; the folder's path."""
         return str(self._field("command/save-incident", {}, "folder", str))
 
+    def save_map(self, name: str) -> str:
+        """Have a map made; its file, which is there once `saved_map` in the status names it."""
+        return str(self._field("command/save-map", {"name": name}, "file", str))
+
     def command(
         self,
         name: str,

@@ -20,6 +20,7 @@ examples:
   kinect-vo command led led=blink-green
   kinect-vo command start-recording name=desk  until: kinect-vo command stop-recording
   kinect-vo command save-incident
+  kinect-vo command save-map name=kitchen
 
 A value is JSON, or else text. The answer is one JSON object on standard output. What the service
 refuses or cannot do is told in one line.

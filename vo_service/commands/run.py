@@ -27,6 +27,7 @@ from vo_service.interrupts import Hangup, Stop, ended_by_force, hangups, stop_on
 from vo_service.live import Surroundings, live_service
 from vo_service.live_loop import run_live
 from vo_service.logs import set_level
+from vo_service.mapping.live.opening import open_mapper
 from vo_service.notify import SystemdOutput
 from vo_service.numbered_files import put_aside
 from vo_service.outputs.opening import OutputRequest, opened_outputs
@@ -109,6 +110,7 @@ def _serve(
         way_to_open=KeepTrying,
         extras=Extras(commands, config.ros2),
         recorder=partial(open_recorder, config.recorder, asdict(config), lambda: camera.readout_s),
+        mapper=partial(open_mapper, config.map, config.T_base_camera.T_base_camera),
         rerun=config.rerun,
         trajectory=args.trajectory,
         tell=terminal.say,
@@ -127,6 +129,7 @@ def _serve(
                 outputs=[*opened.outputs, *told],
                 inbox=inbox,
                 recorder=opened.recorder,
+                mapper=opened.mapper,
                 viewers=opened.viewers,
                 others=[reloader],
                 on_commands=commands.configure,

@@ -70,7 +70,16 @@ class SaveIncident:
     """Write out what the flight recorder holds."""
 
 
-Command = Reset | Pause | Resume | Tilt | Light | StartRecording | StopRecording | SaveIncident
+@dataclass(frozen=True)
+class SaveMap:
+    """Make a map of where the camera has been in this epoch, and write it under this name."""
+
+    name: str
+
+
+Command = (
+    Reset | Pause | Resume | Tilt | Light | StartRecording | StopRecording | SaveIncident | SaveMap
+)
 
 
 def parse_command(name: str, payload: bytes) -> Command:
@@ -158,9 +167,9 @@ def _light(arguments: _Arguments) -> Light:
     return Light(Led(arguments.text("led", "|".join(Led), f"one of {', '.join(Led)}")))
 
 
-def _start_recording(arguments: _Arguments) -> StartRecording:
+def _name(arguments: _Arguments) -> str:
     wanted = "a plain name: up to 64 letters, digits, '_', '-' or '.', a letter or digit first"
-    return StartRecording(arguments.text("name", NAME_PATTERN, wanted))
+    return arguments.text("name", NAME_PATTERN, wanted)
 
 
 _PARSERS: Mapping[str, Callable[[_Arguments], Command]] = {
@@ -169,9 +178,10 @@ _PARSERS: Mapping[str, Callable[[_Arguments], Command]] = {
     "resume": lambda _: Resume(),
     "tilt": _tilt,
     "led": _light,
-    "start-recording": _start_recording,
+    "start-recording": lambda arguments: StartRecording(_name(arguments)),
     "stop-recording": lambda _: StopRecording(),
     "save-incident": lambda _: SaveIncident(),
+    "save-map": lambda arguments: SaveMap(_name(arguments)),
 }
 COMMAND_NAMES = tuple(_PARSERS)
 

@@ -9,6 +9,7 @@ from vo_service.control.commands import (
     Reset,
     Resume,
     SaveIncident,
+    SaveMap,
     StartRecording,
     StopRecording,
     Tilt,
@@ -16,6 +17,7 @@ from vo_service.control.commands import (
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.control.inbox import Answer, Inbox
 from vo_service.control.reconfigure import Appliers, Reconfigure
+from vo_service.mapping.live.contract import Mapper, MapState, NoMapper
 from vo_service.pose_tracker import PoseTracker
 from vo_service.recorder.contract import NoRecorder, Recorder
 
@@ -32,6 +34,7 @@ class Control:
         inbox: Inbox[Order] | None = None,
         recorder: Recorder | None = None,
         appliers: Appliers | None = None,
+        mapper: Mapper | None = None,
     ) -> None:
         """Without an inbox nobody has anything to say."""
         self._tracker = tracker
@@ -39,12 +42,18 @@ class Control:
         self._inbox = inbox or Inbox()
         self._recorder = recorder or NoRecorder()
         self._appliers = appliers or {}
+        self._mapper = mapper or NoMapper()
         self.is_paused = False
 
     @property
     def recording(self) -> str:
         """Folder that is being recorded into; "" = none."""
         return self._recorder.recording
+
+    @property
+    def map(self) -> MapState:
+        """What there is of a map."""
+        return self._mapper.state
 
     def obey(self) -> None:
         """Carry out what waits, and answer it."""
@@ -76,6 +85,9 @@ class Control:
                 return {"folder": self._recorder.stop_recording()}
             case SaveIncident():
                 return {"folder": self._recorder.save("command")}
+            case SaveMap(name):
+                state = self._mapper.save(name)
+                return {"file": state.saving, "keyframes": state.keyframes}
             case Reconfigure():
                 command.apply(self._appliers)
                 return {}

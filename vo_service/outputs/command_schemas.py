@@ -34,7 +34,7 @@ _TILT: Schema = {
 _NAME: Schema = {
     "type": "string",
     "pattern": f"^(?:{NAME_PATTERN})$",
-    "description": "the folder's name",
+    "description": "of the folder, or of the map",
 }
 _NOTHING: Schema = {"properties": {}}
 
@@ -58,11 +58,17 @@ ARGUMENTS: Mapping[str, Schema] = {
     "start-recording": {"properties": {"name": _NAME}, "required": ["name"]},
     "stop-recording": _NOTHING,
     "save-incident": _NOTHING,
+    "save-map": {"properties": {"name": _NAME}, "required": ["name"]},
 }
 
 _EPOCH: Schema = {"type": "integer", "description": "the epoch that begins"}
 _PAUSED: Schema = {"type": "boolean", "description": "whether it publishes no poses now"}
 _FOLDER: Schema = {"type": "string", "description": "on the service's computer"}
+_FILE: Schema = {
+    "type": "string",
+    "description": "on the service's computer; `saved_map` in the status says when it is there",
+}
+_KEYFRAMES: Schema = {"type": "integer", "description": "that the map is made of"}
 
 ANSWERS: Mapping[str, Mapping[str, Schema]] = {
     "reset": {"epoch": _EPOCH},
@@ -73,4 +79,5 @@ ANSWERS: Mapping[str, Mapping[str, Schema]] = {
     "start-recording": {"folder": _FOLDER},
     "stop-recording": {"folder": _FOLDER},
     "save-incident": {"folder": _FOLDER},
+    "save-map": {"file": _FILE, "keyframes": _KEYFRAMES},
 }

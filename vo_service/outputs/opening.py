@@ -8,6 +8,7 @@ from pathlib import Path
 
 from drivers.camera import Pace
 from vo_service.load.governor import Viewer
+from vo_service.mapping.live.contract import Mapper, NoMapper
 from vo_service.outputs.output import Output, TruthSource, no_truth
 from vo_service.outputs.trajectory_output import TrajectoryOutput
 from vo_service.outputs.worker import DropOldest, HandOver, Wait
@@ -35,6 +36,7 @@ class OutputRequest:
     extras                 what else is offered on the session
     wait_for_subscriber_s  how long to wait for the first one; 0 = not at all
     recorder               makes the flight recorder; None: there is none
+    mapper                 makes the mapper; None: there is none
     rerun                  where and how to show what is going on
     trajectory             file to write
     ground_truth           asked for the truth, to draw it, once frames come
@@ -47,6 +49,7 @@ class OutputRequest:
     extras: Extras = field(default_factory=Extras)
     wait_for_subscriber_s: float = 0.0
     recorder: Callable[[], Recorder] | None = None
+    mapper: Callable[[], Mapper] | None = None
     rerun: RerunSettings = RerunSettings()  # noqa: RUF009 (frozen)
     trajectory: Path | None = None
     ground_truth: TruthSource = no_truth
@@ -60,6 +63,7 @@ class Opened:
     outputs: list[Output] = field(default_factory=list)
     viewers: list[Viewer] = field(default_factory=list)
     recorder: Recorder = field(default_factory=NoRecorder)
+    mapper: Mapper = field(default_factory=NoMapper)
 
 
 @contextmanager
@@ -93,6 +97,9 @@ def opened_outputs(request: OutputRequest) -> Iterator[Opened]:
         if request.recorder is not None:
             opened.recorder = stack.enter_context(closing(request.recorder()))
             outputs.append(opened.recorder)
+        if request.mapper is not None:
+            opened.mapper = stack.enter_context(closing(request.mapper()))
+            outputs.append(opened.mapper)
         if request.trajectory is not None:
             lines: HandOver[bytes] = Wait(64) if is_lockstep else DropOldest(LONGEST_HANG)
             trajectory = TrajectoryOutput(request.trajectory, lines)

@@ -71,6 +71,7 @@ class Status:
     jitter_ms     standard deviation of the time from one stamp to the next
     paused        asked to publish no poses
     recording     folder that is being recorded into; "" = none
+    map_keyframes, saving_map, saved_map  see `vo_service.mapping.live.contract.MapState`
     warnings      what the outputs complain of, and what was given up for want of time
     cpu_ms_per_frame, stage_ms  processor time of the odometry, whole and by stage: medians
     """
@@ -98,6 +99,9 @@ class Status:
     lost_packets: int
     paused: bool = False
     recording: str = ""
+    map_keyframes: int = 0
+    saving_map: str = ""
+    saved_map: str = ""
     warnings: tuple[str, ...] = ()
     cpu_ms_per_frame: float = 0.0
     stage_ms: Mapping[str, float] = field(default_factory=dict)

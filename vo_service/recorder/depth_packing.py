@@ -37,6 +37,11 @@ def pack_depth(depth_raw: NDArray[np.uint16], out: NDArray[np.uint8]) -> int:
     return begin + 2 * count if count else pixels
 
 
+def compile_packing() -> None:
+    """Compile, or load, before the first frame: that holds Python's lock."""
+    pack_depth(np.zeros((2, 2), np.uint16), np.zeros(8, np.uint8))
+
+
 @kernel
 def _pack(values: NDArray[np.uint16], codes: NDArray[np.uint8], escapes: NDArray[np.uint16]) -> Any:
     """How many differences did not fit into a byte; -1 if more than there is room for."""

@@ -61,20 +61,20 @@ class IncidentFolder:
         Raises OSError if the folder cannot be used.
         """
         for part in self._incidents(PART):
-            with suppress(OSError), _locked(part):
+            with suppress(OSError), locked(part):
                 shutil.rmtree(part, ignore_errors=True)
         self._make_room(0)
 
     def _make_room(self, expected_bytes: int) -> None:
         """Delete the oldest incidents until so many bytes more fit into the total."""
         incidents = sorted(self._incidents(""))
-        sizes = {incident: _size(incident) for incident in incidents}
+        sizes = {incident: size_of(incident) for incident in incidents}
         excess = sum(sizes.values()) + expected_bytes - self.total_bytes
         for oldest in incidents:
             if excess <= 0:
                 return
             shutil.rmtree(oldest, ignore_errors=True)
-            excess -= sizes[oldest] - _size(oldest)
+            excess -= sizes[oldest] - size_of(oldest)
 
     def write(self, name: str, fill: Callable[[Path], None]) -> Path:
         """Let `fill` write into an empty folder; it gets its name when it is whole.
@@ -88,15 +88,15 @@ class IncidentFolder:
             part = final.with_name(final.name + PART)
             part.mkdir(mode=0o700)
             try:
-                with _locked(part):
+                with locked(part):
                     fill(part)
-                    self._make_room(_size(part))
+                    self._make_room(size_of(part))
                     part.rename(final)
             except BaseException:
                 shutil.rmtree(part, ignore_errors=True)
                 raise
         except (OSError, UserFacingError) as error:
-            raise UserFacingError(f"{self.folder}: {_why(error)}") from error
+            raise UserFacingError(f"{self.folder}: {why_not(error)}") from error
         return final
 
     def _free_name(self, name: str) -> Path:
@@ -120,7 +120,7 @@ class IncidentFolder:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """Hold a folder's lock. Raises BlockingIOError if another process holds it."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
@@ -130,7 +130,7 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(fd)
 
 
-def _size(folder: Path) -> int:
+def size_of(folder: Path) -> int:
     """Bytes of all files below a folder; of one that is going away, those still there."""
     total = 0
     for place, _, files in os.walk(folder):
@@ -140,7 +140,7 @@ def _size(folder: Path) -> int:
     return total
 
 
-def _why(error: BaseException) -> str:
+def why_not(error: BaseException) -> str:
     """What is wrong; the disk's own answer where there is one, as nothing of the folder is left."""
     cause = error if isinstance(error, OSError) else error.__cause__
     if not isinstance(cause, OSError):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vo_service.outputs.output import PoseUpdate, Status
-from vo_service.recorder.depth_packing import pack_depth
+from vo_service.recorder.depth_packing import compile_packing, pack_depth
 from vo_service.recorder.frame_record import put_frame
 from vo_service.recorder.shared_ring import RingWriter
 
@@ -45,8 +45,7 @@ class Memory:
             self.frames.close()
             raise
         self._readout_s = readout_s
-        # Compiled, or loaded, before the first frame: that holds Python's lock.
-        pack_depth(np.zeros((2, 2), np.uint16), np.zeros(8, np.uint8))
+        compile_packing()
 
     def put(self, item: PoseUpdate | TimedStatus, missed: int) -> None:
         """Remember it. `missed` counts what never got here. Raises OSError without memory."""

@@ -24,6 +24,11 @@ CALLS: dict[str, tuple[Callable[[PoseClient], object], dict[str, Any], object]] 
     "led": (lambda client: client.led("red"), {"led": "red"}, None),
     "start-recording": (lambda client: client.start_recording("desk"), FOLDER, FOLDER["folder"]),
     "stop-recording": (PoseClient.stop_recording, FOLDER, FOLDER["folder"]),
+    "save-map": (
+        lambda client: client.save_map("kitchen"),
+        {"file": "/var/lib/kinect-vo/maps/kitchen.ply", "keyframes": 12},
+        "/var/lib/kinect-vo/maps/kitchen.ply",
+    ),
     "save-incident": (PoseClient.save_incident, FOLDER, FOLDER["folder"]),
 }
 

@@ -15,6 +15,7 @@ from vo_service.control.commands import (
     Reset,
     Resume,
     SaveIncident,
+    SaveMap,
     StartRecording,
     StopRecording,
     Tilt,
@@ -23,6 +24,7 @@ from vo_service.control.control import Control, Order
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.control.inbox import Inbox
 from vo_service.control.reconfigure import Appliers, Reconfigure
+from vo_service.mapping.live.contract import MapState, NoMapper
 from vo_service.pose_tracker import PoseTracker
 from vo_service.recorder.contract import NoRecorder
 from vo_service.reload import Changes
@@ -68,6 +70,15 @@ class TapeDeck(NoRecorder):
         return f"incidents/{reason}"
 
 
+class Draughtsman(NoMapper):
+    """A mapper that begins whatever it is asked for."""
+
+    def save(self, name: str) -> MapState:
+        """Begin."""
+        self.state = MapState(12, f"maps/{name}.ply")
+        return self.state
+
+
 def carry_out(command: Order, control: Control, inbox: Inbox[Order]) -> Mapping[str, object]:
     ticket = inbox.submit(command)
     control.obey()
@@ -91,6 +102,7 @@ def test_the_head_is_tilted_and_lit() -> None:
         (SaveIncident(), "there is no flight recorder"),
         (StartRecording("x"), "there is no flight recorder"),
         (StopRecording(), "there is no flight recorder"),
+        (SaveMap("x"), "there is no map"),
     ],
 )
 def test_what_is_not_there_is_refused_with_a_reason(command: Command, words: str) -> None:
@@ -109,6 +121,14 @@ def test_frames_are_recorded_and_saved_by_the_recorder() -> None:
     assert control.recording == "recordings/desk"
     assert carry_out(StopRecording(), control, inbox) == {"folder": "recordings/desk"}
     assert carry_out(SaveIncident(), control, inbox) == {"folder": "incidents/command"}
+
+
+def test_a_map_is_made_by_the_mapper() -> None:
+    inbox: Inbox[Order] = Inbox()
+    control = Control(PoseTracker(), ScriptedCamera(), inbox, mapper=Draughtsman())
+    expected = {"file": "maps/kitchen.ply", "keyframes": 12}
+    assert carry_out(SaveMap("kitchen"), control, inbox) == expected
+    assert control.map.saving == "maps/kitchen.ply"
 
 
 def test_a_reset_answers_with_the_new_epoch_and_a_pause_with_what_is() -> None:

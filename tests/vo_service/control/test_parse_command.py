@@ -15,6 +15,7 @@ from vo_service.control.commands import (
     Light,
     Pause,
     Reset,
+    SaveMap,
     StartRecording,
     Tilt,
     parse_command,
@@ -42,6 +43,7 @@ def test_arguments_are_read() -> None:
     assert parse_command("tilt", of(tilt_deg=-5)) == Tilt(-5.0)
     assert parse_command("led", of(led="red")) == Light(Led.RED)
     assert parse_command("start-recording", of(name="desk-1")) == StartRecording("desk-1")
+    assert parse_command("save-map", of(name="kitchen")) == SaveMap("kitchen")
 
 
 def test_a_reset_may_say_where_the_base_is() -> None:
@@ -66,6 +68,8 @@ def test_a_reset_may_say_where_the_base_is() -> None:
         ("led", of(led="pink"), "must be one of off, green"),
         ("start-recording", of(name="../etc"), "must be a plain name"),
         ("start-recording", of(name=""), "must be a plain name"),
+        ("save-map", of(name="../etc"), "must be a plain name"),
+        ("save-map", b"", "'name' is missing"),
         ("reset", of(position_m=[1, 2, 3]), "'quaternion_xyzw' is missing"),
         ("reset", of(position_m=[1, 2], quaternion_xyzw=[0, 0, 0, 1]), "a list of 3 numbers"),
         ("reset", of(position_m=[0, 0, 0], quaternion_xyzw=[0, 0, 0, 0.5]), "length 1"),

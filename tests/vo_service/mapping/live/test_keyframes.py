@@ -1,0 +1,98 @@
+"""Keyframes in bounded memory: depth exact, spread evenly however many there were."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.geometry import rigid_transform
+from tests.vo_service.mapping.live.views import CAMERA
+from tests.vo_service.recorder import moments
+from vo_service.mapping.live.keyframes import Keyframe, Keyframes
+from vo_service.mapping.live.spacing import STEP_M
+from vo_service.recorder.depth_packing import pack_depth
+from vo_service.recorder.frame_record import put_frame
+from vo_service.recorder.shared_ring import RingReader, RingWriter
+
+SIZE = 1000
+
+
+@pytest.fixture
+def ring() -> Iterator[RingWriter]:
+    writer = RingWriter("trial", 5.0, 1 << 22)
+    yield writer
+    writer.close()
+
+
+def at(x_m: float, epoch: int = 0) -> Keyframe:
+    """A keyframe of `SIZE` bytes."""
+    T = rigid_transform(np.eye(3), [x_m, 0.0, 0.0])
+    return Keyframe(epoch, T, CAMERA, 1000.0, b"j" * (SIZE // 2), b"d" * (SIZE // 2))
+
+
+def places_m(keyframes: Keyframes) -> list[float]:
+    return [round(float(keyframe.T_odom_camera[0, 3]), 6) for keyframe in keyframes]
+
+
+def test_depth_stays_exact_and_colour_nearly(ring: RingWriter) -> None:
+    update = moments.update(3)
+    smooth = np.full_like(update.frame.colour_bgr, (40, 80, 160))
+    update = replace(update, frame=replace(update.frame, colour_bgr=smooth))
+    put_frame(ring, update, 0.0, pack_depth)
+    record = RingReader(ring.memory).record(0)
+    assert record is not None
+    keyframe = Keyframe.of(record)
+    np.testing.assert_array_equal(keyframe.depth_m, update.frame.depth_m)
+    assert np.abs(keyframe.colour_bgr.astype(int) - smooth).max() <= 4
+    assert (keyframe.epoch, keyframe.camera) == (update.epoch, update.frame.camera)
+    np.testing.assert_array_equal(keyframe.T_odom_camera, update.T_world_camera)
+    assert keyframe.size < len(record.payload)
+
+
+def test_the_first_keyframe_of_an_epoch_begins_a_new_map() -> None:
+    keyframes = Keyframes(100 * SIZE)
+    for seq in range(3):
+        keyframes.add(at(float(seq)))
+    keyframes.add(at(0.0, epoch=1))
+    assert (len(keyframes), keyframes.epoch, keyframes.bytes) == (1, 1, SIZE)
+
+
+def test_going_round_and_round_fills_no_memory() -> None:
+    keyframes = Keyframes(100 * SIZE)
+    for _ in range(50):
+        for seq in range(10):
+            keyframes.add(at(seq * 1.01 * STEP_M))
+    assert len(keyframes) == 10
+
+
+def test_when_it_is_full_every_part_of_the_way_is_thinned_out_alike() -> None:
+    keyframes = Keyframes(20 * SIZE)
+    for seq in range(200):
+        keyframes.add(at(seq * 1.01 * STEP_M))
+    gaps_m = np.diff(places_m(keyframes))
+    assert 10 <= len(keyframes) <= 20
+    assert places_m(keyframes)[0] == 0.0
+    assert places_m(keyframes)[-1] > 170 * STEP_M
+    assert gaps_m.max() < 2 * gaps_m.min()
+
+
+def test_a_lower_bound_counts_at_once() -> None:
+    keyframes = Keyframes(100 * SIZE)
+    for seq in range(20):
+        keyframes.add(at(float(seq)))
+    keyframes.hold_at_most(5 * SIZE)
+    assert 1 <= len(keyframes) <= 5
+
+
+@given(st.lists(st.tuples(st.floats(-50.0, 50.0), st.integers(0, 2)), max_size=80))
+def test_there_is_never_more_than_fits_and_the_last_epoch_alone(
+    way: list[tuple[float, int]],
+) -> None:
+    keyframes = Keyframes(8 * SIZE)
+    for x_m, epoch in way:
+        keyframes.add(at(x_m, epoch))
+        assert keyframes.bytes == SIZE * len(keyframes) <= 8 * SIZE
+        assert {keyframe.epoch for keyframe in keyframes} == {epoch}

@@ -1,0 +1,52 @@
+"""A map of the real service, over the real Zenoh: asked for, made beside the poses, and told of."""
+
+import json
+import subprocess
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from tests.vo_service.live_stage import LiveStage, live_stage
+from tests.vo_service.mapping.live.views import vertices_m
+from tests.vo_service.played_service import KINECT_VO, PATIENCE_S, START_LIMIT_S
+
+SMALL = '\n[map]\nvoxel_m = 0.1\nmaking_mb = 50\n[log]\nlevel = "info"\n'
+
+
+@pytest.fixture
+def stage(films: Path, kernels: None, tmp_path: Path) -> Iterator[LiveStage]:
+    with live_stage(tmp_path / "stage", films) as stage:
+        stage.config.write_text(stage.good_config + SMALL)
+        yield stage
+
+
+def asked(stage: LiveStage, name: str) -> "subprocess.CompletedProcess[str]":
+    """What `kinect-vo command save-map` says."""
+    at = f"tcp/127.0.0.1:{stage.service.port}"
+    command = [KINECT_VO, "command", "save-map", f"name={name}", "--connect", at]
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+
+
+def test_a_map_is_made_on_command_while_poses_go_on(stage: LiveStage) -> None:
+    service = stage.start()
+    service.until_streaming(time.monotonic(), START_LIMIT_S)
+    service.until(lambda status: status["map_keyframes"] == 1)  # the camera stands still
+    answer = asked(stage, "kitchen")
+    file = stage.state_folder / "maps" / "kitchen.ply"
+    assert json.loads(answer.stdout) == {"file": str(file), "keyframes": 1}
+    service.until(lambda status: status["saved_map"] == str(file))
+    assert service.status["saving_map"] == ""
+    assert len(vertices_m(file)) > 100
+    assert "triangles from 1 keyframes" in service.log
+    again = asked(stage, "kitchen")
+    assert again.returncode == 1
+    assert "there is a map 'kitchen' already; give another name (not-possible)" in again.stderr
+    assert asked(stage, "../kitchen").returncode == 2
+    poses = service.heard.poses
+    assert all(after.seq == before.seq + 1 for before, after in pairwise(poses))
+    assert {pose.state for pose in poses} == {"tracking"}
+    assert service.end() == 0
+    stage.check()

@@ -1,0 +1,122 @@
+"""What became of the maps that were asked for, and what went wrong with them."""
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from re import fullmatch
+
+from drivers.isolation.messages import LogLine
+from vo_service.background.keeper import Helper, Keeper
+from vo_service.background.trouble import Trouble
+from vo_service.control.commands import NAME_PATTERN
+from vo_service.control.errors import CommandError, ErrorCode
+from vo_service.mapping.live.contract import MapState
+from vo_service.mapping.live.maps_folder import MapsFolder
+from vo_service.mapping.live.messages import Facts, Job, MapEnded, SaveMap, Word
+from vo_service.settings import MapSettings
+
+logger = logging.getLogger(__name__)
+
+NAME = "map"
+HELPER = Helper("vo_service.mapping.live.child", NAME)
+
+
+class MapClerk:
+    """Passes on what is asked for, at once; refuses what cannot be. Safe from any thread."""
+
+    def __init__(self, job: Job, begin_anew: Callable[[], int]) -> None:
+        """`begin_anew` is called when the keyframes are lost; the number of the next one."""
+        self._folder = MapsFolder(job.maps)
+        self._begin_anew = begin_anew
+        self._lock = threading.Lock()
+        self._taken: frozenset[str] = frozenset()
+        self._maps, self._folders = Trouble(NAME), Trouble(NAME)
+        self._process_trouble = ""
+        self.state = MapState()
+        with self._lock:  # a process that dies at once waits until there is a keeper
+            self._keeper = Keeper(HELPER, job, self._hear, self._died)
+
+    @property
+    def is_up(self) -> bool:
+        """Whether the process takes orders."""
+        return self._keeper.is_up
+
+    @property
+    def warning(self) -> str:
+        """One clause; "" while all is well."""
+        if self._keeper.is_up and self._keeper.is_silent:
+            return f"{NAME}: its process does not answer; is the disk hung?"
+        trouble = self._maps.text or self._folders.text or self._process_trouble
+        return f"{NAME}: {trouble}" if trouble else ""
+
+    def save(self, name: str) -> MapState:
+        """Have a map made. Raises CommandError if that cannot be."""
+        if not fullmatch(NAME_PATTERN, name):
+            raise CommandError(
+                ErrorCode.BAD_REQUEST,
+                "a map's name is up to 64 letters, digits, dots, dashes and underscores",
+            )
+        with self._lock:
+            if not self._keeper.is_up or self._keeper.is_silent:
+                raise _not_possible("the map's process does not answer; try again in a moment")
+            if self.state.saving:
+                raise _not_possible(f"a map is being made already: {self.state.saving}")
+            if name in self._taken:
+                raise _not_possible(f"there is a map {name!r} already; give another name")
+            if not self.state.keyframes:
+                raise _not_possible("the map is empty: no frame has been tracked yet")
+            self._maps.note("")
+            self.state = replace(self.state, saving=str(self._folder.file(name)))
+            self._keeper.tell(SaveMap(name))
+            return self.state
+
+    def configure(self, settings: MapSettings) -> None:
+        """For the keyframes from now on, and the next map."""
+        self._keeper.job = replace(self._keeper.job, settings=settings)
+        self._keeper.tell(settings)
+
+    def close(self) -> None:
+        """End the process; a map that is being made is given up."""
+        self._keeper.close()
+        if self.state.saving:
+            logger.warning("%s: the service ends; %s is given up", NAME, self.state.saving)
+
+    def _hear(self, word: Word) -> None:
+        match word:
+            case Facts(keyframes, maps, trouble):
+                with self._lock:
+                    self._taken, self._process_trouble = maps, ""
+                    self.state = replace(self.state, keyframes=keyframes)
+                self._folders.note(trouble)
+            case MapEnded():
+                self._take_ended(word)
+            case LogLine(level, name, text):
+                logging.getLogger(name).log(level, "%s: %s", NAME, text)
+
+    def _take_ended(self, ended: MapEnded) -> None:
+        file, trouble = ended.file, ended.trouble
+        if not trouble:
+            said = "%s: %s: %d triangles from %d keyframes"
+            logger.info(said, NAME, file, ended.triangles, ended.keyframes)
+        if ended.is_cut_off:
+            trouble = f"{file} lacks what did not fit into map.making_mb; raise that or map.voxel_m"
+        self._maps.note(trouble)
+        with self._lock:
+            saved = self.state.saved if ended.trouble else str(file)
+            taken = self._taken if ended.trouble else self._taken | {file.stem}
+            self._taken, self.state = taken, replace(self.state, saving="", saved=saved)
+
+    def _died(self) -> None:
+        with self._lock:
+            saving = self.state.saving
+            self.state = replace(self.state, keyframes=0, saving="")
+            self._process_trouble = "its process ended and is started again; the map begins anew"
+            self._keeper.job = replace(self._keeper.job, first=self._begin_anew())
+        logger.warning("%s: %s", NAME, self._process_trouble)
+        if saving:
+            self._maps.note(f"its process ended and cut off {saving}")
+
+
+def _not_possible(reason: str) -> CommandError:
+    return CommandError(ErrorCode.NOT_POSSIBLE, reason)

@@ -1,0 +1,81 @@
+"""The folder of maps: their total size, and files that appear only when whole."""
+
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from drivers.errors import UserFacingError
+from vo_service.recorder.incident_folder import PART, locked, size_of, why_not
+
+MEGABYTE = 1_000_000
+SUFFIX = ".ply"
+
+
+class MapsFolder:
+    """Maps, and nothing else: the folder is the mapper's own.
+
+    What is being written lies in a folder that is locked, so that another service of the same user
+    leaves it alone.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Of the maps that are there. Raises OSError if the folder cannot be read."""
+        return frozenset(file.stem for file in self._maps())
+
+    def file(self, name: str) -> Path:
+        """Where a map of this name is, or will be."""
+        return self.folder / f"{name}{SUFFIX}"
+
+    def clean_up(self) -> None:
+        """Remove what an earlier mapper could not finish. Raises OSError."""
+        if self.folder.is_dir():
+            for part in self.folder.glob(f"*{PART}"):
+                with suppress(OSError), locked(part):
+                    shutil.rmtree(part, ignore_errors=True)
+
+    def write(self, name: str, total_bytes: int, fill: Callable[[Path], None]) -> Path:
+        """Let `fill` write a file; it gets its name when it is whole. Its path.
+
+        The oldest maps make room for it, so that all together have at most `total_bytes`. Raises
+        UserFacingError, leaving nothing, if the disk refuses or `fill` does.
+        """
+        final = self.file(name)
+        part = self.folder / f"{name}{PART}"
+        try:
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self.clean_up()  # else what a process that was killed left is in the way
+            part.mkdir(mode=0o700)
+            try:
+                with locked(part):
+                    fill(part / final.name)
+                    self._make_room(final, size_of(part), total_bytes)
+                    (part / final.name).rename(final)
+            finally:
+                shutil.rmtree(part, ignore_errors=True)
+        except (OSError, UserFacingError) as error:
+            raise UserFacingError(f"{final}: {why_not(error)}") from error
+        return final
+
+    def _make_room(self, final: Path, size: int, total_bytes: int) -> None:
+        if size > total_bytes:
+            raise UserFacingError(
+                f"it has {size // MEGABYTE} MB, more than map.total_mb allows for all maps; raise "
+                "that, or map.voxel_m"
+            )
+        ages_s = {file: file.stat().st_mtime for file in self._maps() if file != final}
+        excess = size + sum(file.stat().st_size for file in ages_s) - total_bytes
+        for oldest in sorted(ages_s, key=lambda file: ages_s[file]):
+            if excess <= 0:
+                return
+            excess -= oldest.stat().st_size
+            oldest.unlink()
+
+    def _maps(self) -> list[Path]:
+        if not self.folder.is_dir():
+            return []
+        return [file for file in self.folder.glob(f"*{SUFFIX}") if file.is_file()]

@@ -1,0 +1,28 @@
+"""Opening the mapper, or what stands in for it where there is none."""
+
+import logging
+
+from drivers.errors import UserFacingError
+from drivers.geometry import Array
+from vo_service.folders import state_folder
+from vo_service.mapping.live.contract import Mapper, NoMapper
+from vo_service.settings import MapSettings
+
+logger = logging.getLogger(__name__)
+
+
+def open_mapper(settings: MapSettings, T_base_camera: Array) -> Mapper:
+    """The mapper that the settings ask for. The service goes on without where it cannot be had."""
+    if not settings.enabled:
+        return NoMapper("the map is switched off (map.enabled)")
+    # It compiles kernels: `kinect-vo --help` is spared them.
+    from vo_service.mapping.live.mapper import LiveMapper
+
+    try:
+        return LiveMapper(settings, state_folder() / "maps", T_base_camera)
+    except UserFacingError as error:
+        reason = f"map: switched off: {error}"
+    except OSError as error:
+        reason = f"map: switched off: its memory cannot be had: {error.strerror}"
+    logger.warning("%s", reason)
+    return NoMapper(reason, reason)

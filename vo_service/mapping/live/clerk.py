@@ -47,7 +47,8 @@ class MapClerk:
         """One clause; "" while all is well."""
         if self._keeper.is_up and self._keeper.is_silent:
             return f"{NAME}: its process does not answer; is the disk hung?"
-        trouble = self._maps.text or self._folders.text or self._process_trouble
+        troubles = (self._process_trouble, self._maps.text, self._folders.text)
+        trouble = "; ".join(filter(None, troubles))
         return f"{NAME}: {trouble}" if trouble else ""
 
     def save(self, name: str) -> MapState:
@@ -115,7 +116,7 @@ class MapClerk:
             self._keeper.job = replace(self._keeper.job, first=self._begin_anew())
         logger.warning("%s: %s", NAME, self._process_trouble)
         if saving:
-            self._maps.note(f"its process ended and cut off {saving}")
+            self._maps.note(f"{saving} was cut off")
 
 
 def _not_possible(reason: str) -> CommandError:

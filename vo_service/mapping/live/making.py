@@ -94,7 +94,9 @@ def _made(
     fusion = Fusion(FusionSettings(voxel_m=settings.voxel_m, memory_mb=settings.making_mb))
     for keyframe in keyframes:
         begin_cpu_s = time.process_time()
-        fusion.add(keyframe.depth_m, keyframe.colour_bgr, keyframe.camera, keyframe.T_odom_camera)
+        depth_m, colour_bgr = keyframe.depth_m, keyframe.colour_bgr
+        if fusion.has_depth(depth_m):
+            fusion.add(depth_m, colour_bgr, keyframe.camera, keyframe.T_odom_camera)
         _check_is_wanted(service)
         # Half of one processor is enough: the poses need the rest, where `nice` is forbidden too.
         time.sleep(time.process_time() - begin_cpu_s)

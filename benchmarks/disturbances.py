@@ -1,4 +1,7 @@
-"""What can stand in a pose's way: viewers, subscribers, routers that freeze, go or never come."""
+"""What can stand in a pose's way: viewers, subscribers, routers that freeze, go or never come.
+
+And the map: what the service does beside the poses when it is asked to.
+"""
 
 import importlib.util
 import json
@@ -7,7 +10,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +18,7 @@ from benchmarks.pose_arrivals import listening
 from tests.belongings import child_running
 from tests.stand_ins.zenoh_router import running_router
 from tests.vo_service.played_service import PlayedService, free_port
+from vo_service.client import CommandRefused, PoseClient
 
 Act = Callable[[PlayedService], None]
 
@@ -109,6 +113,13 @@ def router_gone_and_back(folder: Path) -> Iterator[Scene]:
         yield Scene(config, acts)
 
 
+@contextmanager
+def maps_made(folder: Path) -> Iterator[Scene]:
+    """A map is asked for four times, fine ones: most of the time one is being made."""
+    config = f"{_viewers(_recording(folder))}[map]\nvoxel_m = 0.01\n"
+    yield Scene(config, tuple((share, _save_map) for share in (0.0, 0.25, 0.5, 0.75)))
+
+
 CASES = (
     Case("viewer recording", viewer_recording),
     Case("viewer's process frozen", viewer_process_frozen),
@@ -118,6 +129,7 @@ CASES = (
     Case("viewer never started", viewer_never_started),
     Case("subscriber frozen", subscriber_frozen),
     Case("router killed and back", router_gone_and_back),
+    Case("maps made", maps_made),
 )
 
 
@@ -134,6 +146,13 @@ def _to_viewer_process(number: signal.Signals) -> Act:
         os.kill(child_running(service.process.pid, "vo_service.viewer.child"), number)
 
     return send
+
+
+def _save_map(service: PlayedService) -> None:
+    with PoseClient(connect=f"tcp/127.0.0.1:{service.port}") as client:
+        client.wait_for_publisher(5.0)
+        with suppress(CommandRefused):  # the one before is not finished
+            client.save_map(f"map-{time.monotonic_ns()}")
 
 
 def _signalling(process: "subprocess.Popen[bytes]", number: signal.Signals) -> Act:

@@ -17,6 +17,7 @@ from tests.vo_service.live_stage import LiveStage
 from tests.vo_service.service_faults import Passed
 
 RECORDER = "vo_service.recorder.child"
+MAPPER = "vo_service.mapping.live.child"
 NO_LIMIT = resource.RLIM_INFINITY
 
 
@@ -72,6 +73,11 @@ def kill_recorder(around: Around) -> None:
     os.kill(recorder_of(around), signal.SIGKILL)
 
 
+def kill_mapper(around: Around) -> None:
+    """As the kernel does when memory is short."""
+    os.kill(child_running(around.stage.service.process.pid, MAPPER), signal.SIGKILL)
+
+
 def fill_disk(around: Around) -> None:
     """While it records: from now on no file of the recorder can grow."""
     folder = start_recording(around)
@@ -116,6 +122,12 @@ LIVE_FAULTS = (
         "recorder killed",
         kill_recorder,
         "recorder: its process ended and is started again",
+        by_itself,
+    ),
+    LiveFault(
+        "map's process killed",
+        kill_mapper,
+        "map: its process ended and is started again; the map begins anew",
         by_itself,
     ),
     LiveFault(

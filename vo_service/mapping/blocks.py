@@ -14,7 +14,7 @@ from drivers.jit import kernel
 SIDE = 8
 VOXELS = SIDE**3
 # What a block takes: its voxels, and where it is.
-BLOCK_BYTES = VOXELS * (4 + 4 + 3 * 2) + 3 * 4
+BLOCK_BYTES = VOXELS * (4 + 4 + 4 * 2) + 3 * 4
 
 EMPTY, ABSENT, OUT_OF_REACH = -1, -1, -2
 # Bits of a coordinate in a key: with blocks of 8 cm, 84 km each way.
@@ -33,8 +33,8 @@ class Blocks:
     refused      how often there was no room for one more
     coordinates  (capacity, 3) in blocks: block (x, y, z) begins at 8 voxels times this
     distance_m   (capacity, 512) to the nearest surface, positive in front of it
-    weight       (capacity, 512) inverse variance of the distance, 1/m^2; 0 = never seen
-    colour       (capacity, 512, 3) red, green, blue in steps of 1/256
+    weight       (capacity, 512) 1 for each reading as good as can be; 0 = never seen
+    colour       (capacity, 512, 4) red, green, blue in steps of 1/256, and the weight of these
     """
 
     def __init__(self, capacity: int) -> None:
@@ -45,7 +45,7 @@ class Blocks:
         self.coordinates: Coordinates = np.zeros((capacity, 3), np.int32)
         self.distance_m: NDArray[np.float32] = np.zeros((capacity, VOXELS), np.float32)
         self.weight: NDArray[np.float32] = np.zeros((capacity, VOXELS), np.float32)
-        self.colour: NDArray[np.uint16] = np.zeros((capacity, VOXELS, 3), np.uint16)
+        self.colour: NDArray[np.uint16] = np.zeros((capacity, VOXELS, 4), np.uint16)
         # Half of the table stays empty, so that searches are short.
         size = 1 << (2 * capacity - 1).bit_length()
         self.table: NDArray[np.int64] = np.full((size, 2), EMPTY, np.int64)

@@ -28,6 +28,9 @@ MB = 1_000_000
 TRUNCATION_VOXELS = 4.0
 # A ray for at least every so many in the width of a block.
 RAYS_ACROSS_BLOCK = 4.0
+# Standard deviation of the best of readings. A surface is known well enough to be drawn when all
+# readings of it together are as good as one voxel: a weight of BEST_VOXELS ** 2.
+BEST_VOXELS = 0.5
 # Smaller parts of the surface hang in the air by mistake: of 7 x 7 cells.
 LEAST_TRIANGLES = 100
 
@@ -120,11 +123,12 @@ class Fusion:
 
     def mesh(self) -> Mesh:
         """The surface as far as it is known to a voxel, without specks."""
-        sure = 1.0 / self.settings.voxel_m**2
-        return without_islands(surface(self._blocks, self.settings.voxel_m, sure), LEAST_TRIANGLES)
+        found = surface(self._blocks, self.settings.voxel_m, BEST_VOXELS**2)
+        return without_islands(found, LEAST_TRIANGLES)
 
     def _weight(self, depth_m: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(H, W) inverse variance of each reading, 1/m^2; 0 where there is none."""
+        """(H, W) weight of each reading, 1 at best; 0 where there is none."""
         # What lies within a voxel is not told apart, however good the reading.
-        sigma_m = np.hypot(depth_sigma_m(depth_m.astype(np.float64)), 0.5 * self.settings.voxel_m)
-        return np.where(depth_m > 0, sigma_m**-2, 0.0).astype(np.float32)
+        best_m = BEST_VOXELS * self.settings.voxel_m
+        variance = best_m**2 + depth_sigma_m(depth_m.astype(np.float64)) ** 2
+        return np.where(depth_m > 0, best_m**2 / variance, 0.0).astype(np.float32)

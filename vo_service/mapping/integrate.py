@@ -15,6 +15,10 @@ from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.mapping.blocks import SIDE, Coordinates
 
+# The weight of a colour: a reading of weight 1 is so many parts, and there are at most so many.
+COLOUR_PARTS = 64.0
+MOST_COLOUR_PARTS = 65535
+
 Depth = NDArray[np.float32]
 Colour = NDArray[np.uint8]
 
@@ -123,31 +127,41 @@ def integrate(
     height, width = depth_m.shape
     fx, fy, cx, cy = focal_centre[0], focal_centre[1], focal_centre[2], focal_centre[3]
     T = T_camera_world
+    along = T[:3, 2] * voxel_m  # from one voxel to the next in memory, in the camera's axes
     for b in seen:
-        for voxel in range(SIDE * SIDE * SIDE):
-            i, j, k = voxel // (SIDE * SIDE), voxel // SIDE % SIDE, voxel % SIDE
-            wx = (coordinates[b, 0] * SIDE + i) * voxel_m
-            wy = (coordinates[b, 1] * SIDE + j) * voxel_m
-            wz = (coordinates[b, 2] * SIDE + k) * voxel_m
-            z = T[2, 0] * wx + T[2, 1] * wy + T[2, 2] * wz + T[2, 3]
-            if z <= 0.0:
-                continue
-            x = T[0, 0] * wx + T[0, 1] * wy + T[0, 2] * wz + T[0, 3]
-            y = T[1, 0] * wx + T[1, 1] * wy + T[1, 2] * wz + T[1, 3]
-            u = math.floor(fx * x / z + cx + 0.5)
-            v = math.floor(fy * y / z + cy + 0.5)
-            if u < 0 or v < 0 or u >= width or v >= height:
-                continue
-            w = reading_weight[v, u]
-            in_front_m = depth_m[v, u] - z
-            if w <= 0.0 or in_front_m < -truncation_m:
-                continue
-            before = weight[b, voxel]
-            share = w / (before + w)
-            weight[b, voxel] = before + w
-            distance_m[b, voxel] += share * (min(in_front_m, truncation_m) - distance_m[b, voxel])
-            if in_front_m < truncation_m:
-                for channel in range(3):
-                    old = colour[b, voxel, channel]
-                    new = 256.0 * colour_bgr[v, u, 2 - channel]
-                    colour[b, voxel, channel] = np.uint16(old + share * (new - old) + 0.5)
+        for row in range(SIDE * SIDE):
+            wx = (coordinates[b, 0] * SIDE + row // SIDE) * voxel_m
+            wy = (coordinates[b, 1] * SIDE + row % SIDE) * voxel_m
+            wz = coordinates[b, 2] * SIDE * voxel_m
+            x0 = T[0, 0] * wx + T[0, 1] * wy + T[0, 2] * wz + T[0, 3]
+            y0 = T[1, 0] * wx + T[1, 1] * wy + T[1, 2] * wz + T[1, 3]
+            z0 = T[2, 0] * wx + T[2, 1] * wy + T[2, 2] * wz + T[2, 3]
+            for k in range(SIDE):
+                z = z0 + k * along[2]
+                if z <= 0.0:
+                    continue
+                u = math.floor(fx * (x0 + k * along[0]) / z + cx + 0.5)
+                v = math.floor(fy * (y0 + k * along[1]) / z + cy + 0.5)
+                if u < 0 or v < 0 or u >= width or v >= height:
+                    continue
+                w = reading_weight[v, u]
+                in_front_m = depth_m[v, u] - z
+                if w <= 0.0 or in_front_m < -truncation_m:
+                    continue
+                voxel = row * SIDE + k
+                before = weight[b, voxel]
+                share = w / (before + w)
+                weight[b, voxel] = before + w
+                distance_m[b, voxel] += share * (
+                    min(in_front_m, truncation_m) - distance_m[b, voxel]
+                )
+                if in_front_m < truncation_m:
+                    # A weight of its own: what is seen through the voxel is not its colour.
+                    parts = math.ceil(COLOUR_PARTS * w)
+                    total = min(MOST_COLOUR_PARTS, colour[b, voxel, 3] + parts)
+                    colour[b, voxel, 3] = total
+                    for channel in range(3):
+                        old = colour[b, voxel, channel]
+                        new = 256.0 * colour_bgr[v, u, 2 - channel]
+                        mixed = old + parts / total * (new - old)
+                        colour[b, voxel, channel] = np.uint16(mixed + 0.5)

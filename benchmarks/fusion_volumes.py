@@ -1,0 +1,111 @@
+"""Ways of fusing frames into a surface, with the same two methods."""
+
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array, rigid_transform
+from vo_service.mapping.fusion import Fusion, FusionSettings
+
+MAX_DEPTH_M = FusionSettings().max_depth_m
+TRUNCATION_VOXELS = 4.0
+# The box of a dense volume: the room and its walls.
+BOX_M = (7.04, 6.40, 3.20)
+
+
+class Volume(Protocol):
+    """A map that grows."""
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """Fuse one frame."""
+        ...
+
+    def points_m(self) -> Array:
+        """(N, 3) of the surface, in the world."""
+        ...
+
+
+class Ours:
+    """What `kinect-vo reconstruct` uses."""
+
+    def __init__(self, voxel_m: float) -> None:
+        self._fusion = Fusion(FusionSettings(voxel_m=voxel_m, memory_mb=2000))
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """See `Volume`."""
+        self._fusion.add(frame.depth_m, frame.colour_bgr, frame.camera, T_world_camera)
+
+    def points_m(self) -> Array:
+        """See `Volume`; the mesh is made for it."""
+        return self._fusion.mesh().vertices_m.astype(np.float64)
+
+
+class OpenCvVolume:
+    """What OpenCV's volumes have in common."""
+
+    def __init__(self, kind: int, voxel_m: float) -> None:
+        self._settings = cv2.VolumeSettings(kind)
+        self._settings.setVoxelSize(voxel_m)
+        self._settings.setTsdfTruncateDistance(TRUNCATION_VOXELS * voxel_m)
+        self._settings.setMaxDepth(MAX_DEPTH_M)
+        self._kind = kind
+        self._volume: cv2.Volume | None = None
+
+    def opened(self, frame: RgbdFrame) -> cv2.Volume:
+        """The volume, made for the first frame's camera and kind of depth."""
+        if self._volume is None:
+            self._settings.setDepthFactor(frame.depth_factor)
+            self._settings.setIntegrateWidth(frame.camera.width)
+            self._settings.setIntegrateHeight(frame.camera.height)
+            self._settings.setCameraIntegrateIntrinsics(frame.camera.K.astype(np.float32))
+            self._volume = cv2.Volume(self._kind, self._settings)
+        return self._volume
+
+
+class Hashed(OpenCvVolume):
+    """OpenCV's sparse volume: no colours; points, no triangles."""
+
+    def __init__(self, voxel_m: float) -> None:
+        super().__init__(cv2.VolumeType_HashTSDF, voxel_m)
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """See `Volume`."""
+        depth = frame.depth_raw.astype(np.float32)
+        self.opened(frame).integrate(depth, T_world_camera.astype(np.float32))
+
+    def points_m(self) -> Array:
+        """See `Volume`."""
+        assert self._volume is not None, "frames come first"
+        return _xyz(self._volume.fetchPointsNormals()[0])
+
+
+class DenseColour(OpenCvVolume):
+    """OpenCV's dense volume with colours: a box that is given beforehand; points, no triangles."""
+
+    def __init__(self, voxel_m: float) -> None:
+        super().__init__(cv2.VolumeType_ColorTSDF, voxel_m)
+        resolution = np.array([round(side / voxel_m) for side in BOX_M], np.int32)
+        self._settings.setVolumeResolution(resolution)
+        corner_m = [-BOX_M[0] / 2, -BOX_M[1] / 2, -0.2]
+        self._settings.setVolumePose(rigid_transform(np.eye(3), corner_m).astype(np.float32))
+
+    def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        """See `Volume`."""
+        depth = frame.depth_raw.astype(np.float32)
+        # The binding takes four channels of float, and no others.
+        colour = cv2.cvtColor(frame.colour_bgr, cv2.COLOR_BGR2BGRA).astype(np.float32)
+        pose = T_world_camera.astype(np.float32)
+        self.opened(frame).integrateColor(depth, colour, pose)
+
+    def points_m(self) -> Array:
+        """See `Volume`."""
+        assert self._volume is not None, "frames come first"
+        return _xyz(self._volume.fetchPointsNormalsColors()[0])
+
+
+def _xyz(points: NDArray[Any]) -> Array:
+    xyz: Array = points.reshape(-1, points.shape[-1])[:, :3].astype(np.float64)
+    return xyz

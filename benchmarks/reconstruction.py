@@ -1,0 +1,159 @@
+"""How far the map of a virtual room is from its true surfaces, by the poses that it is made with.
+
+    python -m benchmarks.reconstruction [--seconds 20] [--seed 1] [--voxels 0.01 0.02] [--json]
+
+The virtual Kinect has all of its faults: noise and steps of the depth, shadows, frayed edges, a
+rolling shutter, depth 10 ms after colour. Each map is made with the true poses and with those of
+the odometry, whose first pose is laid on the true one. Distances are from every vertex of the mesh
+to the nearest true surface.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+
+import cv2
+import numpy as np
+
+from benchmarks.true_surface import distances_m, solids_of
+from benchmarks.virtual_room import frames_with_truth, scaled
+from drivers.camera import RgbdFrame
+from drivers.errors import UserFacingError
+from drivers.geometry import Array
+from drivers.synthetic.config import SyntheticConfig
+from drivers.trajectory import StampedPoses
+from vo_service.evaluation import evaluate
+from vo_service.mapping.frame_poses import FramePoses
+from vo_service.mapping.fusion import Fusion, FusionSettings
+from vo_service.methods import METHODS, FeatureSettings
+from vo_service.stage_clock import StageClock
+
+READ_TIMEOUT_S = 60.0
+GOOD_M = 0.015
+
+
+@dataclass(frozen=True)
+class Result:
+    """One map.
+
+    poses           whose
+    ate_rmse_m      of these poses
+    median_m, p90_m, p99_m   distance from the vertices to the true surface
+    within_15mm     share of the vertices that are as near as that
+    add_ms, mesh_s  processor time: a frame, median, and the mesh
+    """
+
+    voxel_m: float
+    poses: str
+    ate_rmse_m: float
+    vertices: int
+    median_m: float
+    p90_m: float
+    p99_m: float
+    within_15mm: float
+    add_ms: float
+    mesh_s: float
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.reconstruction",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--scale", type=float, default=1.0, help="of the images: 0.5 = 320 x 240")
+    parser.add_argument("--voxels", type=float, nargs="+", default=[0.01, 0.02], metavar="M")
+    parser.add_argument("--json", action="store_true", help="print one JSON object a line")
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    config = SyntheticConfig(seed=args.seed, duration_s=args.seconds, camera=scaled(args.scale))
+    try:
+        for result in measure(config, args.voxels):
+            print(json.dumps(asdict(result)) if args.json else row(result), flush=True)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+def measure(config: SyntheticConfig, voxels_m: Sequence[float]) -> Iterator[Result]:
+    """A result for each size of voxel and each source of poses."""
+    frames, poses = zip(*frames_with_truth(config), strict=True)
+    truth = StampedPoses(np.array([frame.stamp_s for frame in frames]), np.array(poses))
+    tracked = _tracked(frames, truth)
+    for voxel_m in voxels_m:
+        for name, known in (("truth", truth), ("surf", tracked)):
+            yield _result(config, frames, voxel_m, name, known, truth)
+
+
+def row(result: Result) -> str:
+    """A line for people."""
+    return (
+        f"voxel {1000 * result.voxel_m:3.0f} mm  poses {result.poses:5}  "
+        f"ATE {1000 * result.ate_rmse_m:6.1f} mm  vertices {result.vertices:8d}  distance: median "
+        f"{1000 * result.median_m:5.1f} mm, 90 % {1000 * result.p90_m:5.1f} mm, "
+        f"99 % {1000 * result.p99_m:6.1f} mm, {100 * result.within_15mm:5.1f} % within 15 mm  "
+        f"{result.add_ms:5.1f} ms a frame, mesh {result.mesh_s:.2f} s"
+    )
+
+
+def _result(
+    config: SyntheticConfig,
+    frames: Sequence[RgbdFrame],
+    voxel_m: float,
+    name: str,
+    poses: StampedPoses,
+    truth: StampedPoses,
+) -> Result:
+    fusion = Fusion(FusionSettings(voxel_m=voxel_m, memory_mb=2000))
+    poses_at = FramePoses(poses)
+    add_ms = []
+    for frame in frames:
+        T = poses_at.at(frame.stamp_s)
+        if T is not None:
+            begin_s = time.thread_time()
+            fusion.add(frame.depth_m, frame.colour_bgr, frame.camera, T)
+            add_ms.append(1e3 * (time.thread_time() - begin_s))
+    begin_s = time.thread_time()
+    mesh = fusion.mesh()
+    mesh_s = time.thread_time() - begin_s
+    off_m = distances_m(mesh.vertices_m.astype(np.float64), solids_of(config))
+    return Result(
+        voxel_m=voxel_m,
+        poses=name,
+        ate_rmse_m=evaluate(poses, truth).ate_rmse_m,
+        vertices=len(off_m),
+        median_m=float(np.median(off_m)),
+        p90_m=float(np.percentile(off_m, 90)),
+        p99_m=float(np.percentile(off_m, 99)),
+        within_15mm=float(np.mean(off_m <= GOOD_M)),
+        add_ms=float(np.median(add_ms)),
+        mesh_s=mesh_s,
+    )
+
+
+def _tracked(frames: Sequence[RgbdFrame], truth: StampedPoses) -> StampedPoses:
+    """The odometry's poses of the frames that it found a motion for, in the room."""
+    odometry = METHODS["surf"](FeatureSettings(), StageClock())
+    stamps_s: list[float] = []
+    poses: list[Array] = []
+    for frame in frames:
+        estimate = odometry.estimate(frame)
+        if estimate.ok:
+            stamps_s.append(frame.stamp_s)
+            poses.append(truth.T_world_camera[0] @ estimate.T_world_camera)
+    return StampedPoses(np.array(stamps_s), np.array(poses))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

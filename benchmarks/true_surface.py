@@ -1,0 +1,50 @@
+"""How far points are from the surfaces of a virtual room, which are known exactly."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drivers.geometry import Array, inverse, transform_points
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.motion import make_path
+from drivers.synthetic.render import PATH_CHECKS_PER_S
+from drivers.synthetic.scene import ROOM_HEIGHT_M, furnish
+from drivers.synthetic.solids import Kind, Solid
+
+
+def solids_of(config: SyntheticConfig) -> Sequence[Solid]:
+    """What the virtual Kinect of this configuration sees."""
+    path = make_path(config, ROOM_HEIGHT_M)
+    checks = max(2, int(config.duration_s * PATH_CHECKS_PER_S))
+    way_m = path.poses(np.linspace(0.0, config.duration_s, checks))[:, :3, 3]
+    return furnish(config.seed, way_m, config.bare_wall)
+
+
+def distances_m(points_m: Array, solids: Sequence[Solid]) -> Array:
+    """(N,) from each point (N, 3) in the room to the nearest surface of any solid."""
+    nearest_m = np.full(len(points_m), np.inf)
+    for solid in solids:
+        local_m = transform_points(inverse(solid.T_world_solid), points_m)
+        # Only what is nearer than the best so far is worth the rest.
+        outside_m = np.linalg.norm(np.maximum(np.abs(local_m) - solid.half_m, 0.0), axis=1)
+        near = np.flatnonzero(outside_m < nearest_m)
+        nearest_m[near] = np.minimum(nearest_m[near], _distance_m(local_m[near], solid))
+    return nearest_m
+
+
+def _distance_m(local_m: Array, solid: Solid) -> Array:
+    """(N,) from points in the solid's own frame to its surface; to first order for a ball."""
+    half_m = solid.half_m
+    distance_m: Array
+    if solid.kind is Kind.TUBE:  # as wide as it is deep, and open at both ends
+        across_m = np.hypot(local_m[:, 0], local_m[:, 1]) - half_m[0]
+        distance_m = np.hypot(across_m, np.maximum(np.abs(local_m[:, 2]) - half_m[2], 0.0))
+    elif solid.kind is Kind.BALL:
+        unit = np.linalg.norm(local_m / half_m, axis=1)
+        slope = np.linalg.norm(local_m / half_m**2, axis=1)
+        distance_m = np.abs(unit * (unit - 1.0) / np.maximum(slope, 1e-9))
+    else:
+        beyond_m = np.abs(local_m) - half_m
+        outside_m = np.linalg.norm(np.maximum(beyond_m, 0.0), axis=1)
+        distance_m = np.abs(outside_m + np.minimum(beyond_m.max(axis=1), 0.0))
+    return distance_m

@@ -1,0 +1,44 @@
+"""The virtual Kinect for the benchmarks of maps: rendered once, then played from the cache."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from drivers.camera import EndOfStream, Pace, PinholeCamera, RgbdFrame
+from drivers.geometry import Array
+from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.synthetic.config import KINECT_COLOUR, SyntheticConfig
+from drivers.trajectory import StampedPoses
+from vo_service.folders import cache_folder
+from vo_service.terminal import Terminal
+
+READ_TIMEOUT_S = 60.0
+
+
+def frames_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Array]]:
+    """Each frame, and T_world_camera: its true pose in the room."""
+    progress = Terminal().counter("rendering the room: frame")
+    preparation = Preparation(cache_dir=cache_folder() / "films", progress=progress)
+    with SyntheticCamera(config, Pace.LOCKSTEP, preparation) as camera:
+        truth: StampedPoses | None = None
+        while True:
+            try:
+                frame = camera.read(READ_TIMEOUT_S)
+            except EndOfStream:
+                return
+            truth = truth or camera.ground_truth
+            assert truth is not None, "a film that is played once has a truth"
+            yield frame, truth.T_world_camera[frame.seq]
+
+
+def scaled(scale: float) -> PinholeCamera:
+    """The virtual Kinect's colour camera with images of another size; 1 is 640 x 480."""
+    whole = KINECT_COLOUR
+    return replace(
+        whole,
+        width=round(scale * whole.width),
+        height=round(scale * whole.height),
+        fx=scale * whole.fx,
+        fy=scale * whole.fy,
+        cx=scale * (whole.cx + 0.5) - 0.5,
+        cy=scale * (whole.cy + 0.5) - 0.5,
+    )

@@ -8,7 +8,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -90,27 +90,27 @@ def _made(
     from vo_service.mapping.fusion import Fusion, FusionSettings
     from vo_service.mapping.ply import write_ply
 
-    service = os.getppid()
     fusion = Fusion(FusionSettings(voxel_m=settings.voxel_m, memory_mb=settings.making_mb))
     for keyframe in keyframes:
         begin_cpu_s = time.process_time()
         depth_m, colour_bgr = keyframe.depth_m, keyframe.colour_bgr
         if fusion.has_depth(depth_m):
             fusion.add(depth_m, colour_bgr, keyframe.camera, keyframe.T_odom_camera)
-        _check_is_wanted(service)
+        _check_is_wanted()
         # Half of one processor is enough: the poses need the rest, where `nice` is forbidden too.
         time.sleep(time.process_time() - begin_cpu_s)
     mesh = fusion.mesh()
     if not len(mesh.triangles):
         raise UserFacingError(f"{folder.file(name)}: no surface was seen well enough")
-    _check_is_wanted(service)
+    _check_is_wanted()
     file = folder.write(name, settings.total_mb * MEGABYTE, partial(write_ply, mesh=mesh))
     return MapEnded(file, len(keyframes), len(mesh.triangles), fusion.is_full)
 
 
-def _check_is_wanted(service: int) -> None:
+def _check_is_wanted() -> None:
     """End, leaving nothing, where the mapper's process has been killed."""
-    if os.getppid() != service:
+    mapper = parent_process()
+    if mapper is None or not mapper.is_alive():
         os._exit(1)
 
 

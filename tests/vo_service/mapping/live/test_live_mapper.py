@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.belongings import belongings, children_of, wait_for
+from tests.belongings import belongings, children_of, is_alive, wait_for
 from tests.full_disk import files_up_to
 from tests.vo_service.mapping.live.views import (
     COARSE,
@@ -95,6 +95,8 @@ def test_a_process_that_is_killed_begins_an_empty_map_and_says_so(tmp_path: Path
         walk(opened, 3)
         opened.save("wall")
         first = process()
+        wait_for(lambda: bool(children_of(first)), "for the process that makes it")
+        (maker,) = children_of(first)
         os.kill(first, signal.SIGKILL)
         wait_for(lambda: "is started again; the map begins anew" in opened.warning)
         wait_for(lambda: opened.is_up and first != process())
@@ -102,6 +104,8 @@ def test_a_process_that_is_killed_begins_an_empty_map_and_says_so(tmp_path: Path
         assert (opened.state.keyframes, opened.state.saving) == (0, "")
         opened.pose(view(9, 0.4))  # where it stood before: a camera that stands has a map again
         wait_for(lambda: opened.state.keyframes == 1)
+        wait_for(lambda: not is_alive(maker))
+    assert not list(tmp_path.glob("maps/*"))
 
 
 def test_an_end_gives_up_what_is_being_made_and_leaves_nothing(

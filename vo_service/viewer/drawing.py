@@ -9,9 +9,8 @@ from drivers.errors import UserFacingError
 from vo_service.viewer.blueprint import blueprint
 from vo_service.viewer.messages import Backdrop, Job, Message, Numbers, Point, Truth
 from vo_service.viewer.scene import Scene
-from vo_service.viewer.sinks import DiskFullError, Sink
+from vo_service.viewer.sinks import APPLICATION, DiskFullError, Sink
 
-APPLICATION = "kinect-vo"
 CHECK_PERIOD_S = RETRY_PERIOD_S = 1.0
 
 

@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from drivers.camera import Pace
@@ -9,7 +10,7 @@ from drivers.errors import InputError
 from vo_service.numbered_files import put_aside
 from vo_service.outputs.worker import DropOldest, HandOver, Wait
 from vo_service.viewer.presence import AlwaysThere, Presence
-from vo_service.viewer.sinks import BrokenFileError, DiskFullError
+from vo_service.viewer.sinks import APPLICATION, BrokenFileError, DiskFullError
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -42,6 +43,7 @@ class RecordingFile:
         self._most_bytes = file_mb * MB
         self._files_kept = files_kept
         self._whole_bytes = 0
+        self._layout = b""
 
     def hand_over(self, pace: Pace) -> HandOver[Any]:
         """A replay in lockstep waits until everything is written."""
@@ -60,7 +62,10 @@ class RecordingFile:
         try:
             self._refuse_full_disk(2 * RESERVE_BYTES)
             put_aside(self._path, self._files_kept)
-            stream.save(self.address, default_blueprint=blueprint)
+            stream.save(self.address)
+            # Not as `default_blueprint`: Rerun never gives back the memory of that, 1 MB a file.
+            self._layout = self._layout or self._file_of(blueprint)
+            stream.log_file_from_contents("layout.rbl", self._layout)
         except (OSError, RuntimeError, UnicodeError) as error:
             raise InputError(
                 f"{self.address}: cannot write the Rerun recording: {error}"
@@ -88,6 +93,13 @@ class RecordingFile:
 
     def close(self) -> None:
         """The stream closes the file."""
+
+    def _file_of(self, blueprint: "rrb.Blueprint") -> bytes:
+        """What Rerun keeps a layout in."""
+        with TemporaryDirectory(dir=self._path.parent) as folder:
+            file = Path(folder) / "layout.rbl"
+            blueprint.save(APPLICATION, file)
+            return file.read_bytes()
 
     def _refuse_full_disk(self, needed_bytes: int) -> None:
         if shutil.disk_usage(self._path.parent).free < needed_bytes:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
+APPLICATION = "kinect-vo"
 LOOPBACK = "127.0.0.1"
 DATA_PORT = 9876  # Rerun's own default
 CONNECT_WAIT_S = 0.5

@@ -1,6 +1,7 @@
 """Recordings of bounded size and number, and what a full disk makes of them."""
 
 import dataclasses
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from itertools import count
@@ -9,18 +10,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rerun as rr
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from drivers.camera import Pace
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import StampedPoses
-from tests.belongings import wait_for
+from tests.belongings import resident_kb, wait_for
 from tests.full_disk import files_up_to
 from tests.vo_service.viewer.drawn import column, draw, is_whole, job, rows
 from vo_service.numbered_files import put_aside
 from vo_service.outputs.output import PoseUpdate
 from vo_service.viewer import drawing, recording_file
+from vo_service.viewer.blueprint import blueprint
 from vo_service.viewer.drawing import Drawing
 from vo_service.viewer.output import ViewerOutput
 from vo_service.viewer.recording_file import RecordingFile
@@ -89,6 +92,18 @@ def test_every_file_opens_by_itself(tmp_path: Path, heavy: Callable[[int], PoseU
             assert counted[f"/{entity}"] > 0, (file.name, entity)
         assert counted["/log"] == 1  # the state, said anew
         assert len(RrdReader(file).blueprints()) == 1
+
+
+def test_file_after_file_takes_no_more_memory(tmp_path: Path) -> None:
+    stream, files = rr.RecordingStream("rotating"), RecordingFile(tmp_path / "out.rrd")
+    taken_kb = []
+    for _ in range(25):
+        files.attach(stream, blueprint())
+        stream.log("word", rr.TextLog("one"))
+        files.check(stream)
+        stream.disconnect()
+        taken_kb.append(resident_kb(os.getpid()))
+    assert taken_kb[-1] - taken_kb[4] < 10_000
 
 
 def test_the_trajectory_goes_on_in_the_next_file(

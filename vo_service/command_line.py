@@ -28,6 +28,7 @@ COMMANDS = (
     "certificates",
     "evaluate",
     "reconstruct",
+    "compare",
     "download",
     "warm-up",
     "config",

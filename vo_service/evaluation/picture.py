@@ -11,7 +11,7 @@ from drivers.errors import InputError, UserFacingError
 from drivers.geometry import Array, inverse, transform_points
 from drivers.trajectory import StampedPoses
 from drivers.tum.whole_files import write_whole
-from vo_service.evaluation.association import WITHIN_S, MatchedPoses, associate
+from vo_service.evaluation.association import WITHIN_S, associate
 from vo_service.evaluation.metrics import best_alignment, position_errors_m
 
 if TYPE_CHECKING:  # drawn with rarely, and slow to import
@@ -35,7 +35,11 @@ def write_picture(path: Path, trajectory: StampedPoses, truth: StampedPoses, tit
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: a picture is {' or '.join(FORMATS)}: name it so")
-    figure = draw(trajectory, truth, title)
+    write_figure(path, draw(trajectory, truth, title))
+
+
+def write_figure(path: Path, figure: "Figure") -> None:
+    """Write a figure as the PNG or SVG that the suffix says; raises as `write_picture`."""
     image = io.BytesIO()
     figure.savefig(image, format=path.suffix.lower().removeprefix("."))
     try:
@@ -60,47 +64,50 @@ def draw(trajectory: StampedPoses, truth: StampedPoses, title: str) -> "Figure":
     FigureCanvasAgg(figure)
     figure.suptitle(title)
     plots = figure.subplot_mosaic("AB;EE", height_ratios=[3, 1])
-    _label(plots["A"], "from above", "right (m)", "forward (m)")
-    _label(plots["B"], "from the right", "forward (m)", "up (m)")
-    _label(plots["E"], "position error after alignment", "time (s)", "error (m)")
-    _draw_path(plots, _while_matched(truth, matched), T_first_truth, TRUTH)
-    _draw_path(plots, trajectory, T_first_truth @ T_truth_world, TRAJECTORY)
+    label_axes(plots["A"], "from above", "right (m)", "forward (m)")
+    label_axes(plots["B"], "from the right", "forward (m)", "up (m)")
+    label_axes(plots["E"], "position error after alignment", "time (s)", "error (m)")
+    seen = poses_during(truth, *matched.stamps_s[[0, -1]])
+    draw_path(plots, seen, T_first_truth, TRUTH)
+    draw_path(plots, trajectory, T_first_truth @ T_truth_world, TRAJECTORY)
     for view in (plots["A"], plots["B"]):
         view.set_aspect("equal", adjustable="datalim")
     plots["A"].legend()
     errors_m = position_errors_m(matched, T_truth_world)
     time_s = matched.stamps_s - matched.stamps_s[0]
-    plots["E"].plot(*_broken_at_gaps(matched.stamps_s, np.column_stack([time_s, errors_m])).T)
+    plots["E"].plot(*broken_at_gaps(matched.stamps_s, np.column_stack([time_s, errors_m])).T)
     plots["E"].set_ylim(bottom=0)
     return figure
 
 
-def _label(plot: "Axes", title: str, x: str, y: str) -> None:
+def label_axes(plot: "Axes", title: str, x: str, y: str) -> None:
+    """A title, what the axes are, and a grid."""
     plot.set_title(title)
     plot.set_xlabel(x)
     plot.set_ylabel(y)
     plot.grid(alpha=0.3)
 
 
-def _draw_path(
+def draw_path(
     plots: "dict[str, Axes]", poses: StampedPoses, T_first_world: Array, style: dict[str, Any]
 ) -> None:
     """Draw into both views; T_first_world maps to the axes of the first true camera."""
     positions_m = transform_points(T_first_world, poses.T_world_camera[:, :3, 3])
-    right_m, down_m, forward_m = _broken_at_gaps(poses.stamps_s, positions_m).T
+    right_m, down_m, forward_m = broken_at_gaps(poses.stamps_s, positions_m).T
     plots["A"].plot(right_m, forward_m, **style)
     plots["B"].plot(forward_m, -down_m, **style)
 
 
-def _while_matched(truth: StampedPoses, matched: MatchedPoses) -> StampedPoses:
-    """The truth while the trajectory lasts: motion capture may have started long before."""
-    first_s, last_s = matched.stamps_s[[0, -1]] + [-WITHIN_S, WITHIN_S]
-    during = (truth.stamps_s >= first_s) & (truth.stamps_s <= last_s)
-    return StampedPoses(truth.stamps_s[during], truth.T_world_camera[during])
+def poses_during(poses: StampedPoses, begin_s: float, end_s: float) -> StampedPoses:
+    """Those of the truth while a trajectory lasts: motion capture may have started long before."""
+    during = (poses.stamps_s >= begin_s - WITHIN_S) & (poses.stamps_s <= end_s + WITHIN_S)
+    return StampedPoses(poses.stamps_s[during], poses.T_world_camera[during])
 
 
-def _broken_at_gaps(stamps_s: Array, columns: Array) -> Array:
+def broken_at_gaps(stamps_s: Array, columns: Array) -> Array:
     """`columns` (N, k) with a row of NaN wherever poses are missing: no line is drawn there."""
+    if len(stamps_s) < 2:
+        return columns
     steps_s = np.diff(stamps_s)
     gaps = np.flatnonzero(steps_s > GAP_STEPS * np.median(steps_s))
     return np.insert(columns, gaps + 1, np.nan, axis=0)

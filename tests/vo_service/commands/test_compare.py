@@ -1,0 +1,164 @@
+"""``kinect-vo compare`` as it is typed."""
+
+import json
+import signal
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from tests.belongings import child_running, children_of, command_of, is_alive
+from tests.conftest import FRAMES
+from tests.vo_service.commands.command_line import call, running, wait_for
+from tests.vo_service.comparison.trial_methods import Trial
+from vo_service.commands import compare
+from vo_service.comparison.recipe import Recipe
+
+CopyRecording = Callable[..., Path]
+Capture = pytest.CaptureFixture[str]
+CHILD = "vo_service.comparison.child"
+RESULT = "surf/result.json"
+
+
+def trials(*acts: str) -> Callable[..., dict[str, Recipe]]:
+    """In place of the methods asked for."""
+
+    def recipes(config: object, methods: Sequence[str], scale: object) -> dict[str, Recipe]:
+        return {method: Trial(act) for method, act in zip(methods, acts, strict=True)}
+
+    return recipes
+
+
+def long(folder: Path) -> Path:
+    """The same few frames over and over: a recording that takes its time."""
+    images = [line.split()[1::2] for line in (folder / "associations.txt").read_text().splitlines()]
+    pairs = [pair for pair in images if len(pair) == 2 and pair[0].startswith("rgb")] * 1000
+    lines = [f"{k / 30:.6f} {rgb} {k / 30:.6f} {depth}\n" for k, (rgb, depth) in enumerate(pairs)]
+    (folder / "associations.txt").write_text("".join(lines))
+    return folder
+
+
+def test_a_comparison_leaves_a_report_and_the_poses_of_a_replay(
+    recording: Path, tmp_path: Path, capfd: Capture
+) -> None:
+    output = tmp_path / "report"
+    done = call(capfd, "compare", recording, "--methods", "surf", "--output", output, "--json")
+    assert (done.code, done.err) == (0, "")
+    assert json.loads(done.out) == json.loads((output / "report.json").read_text())
+    surf = json.loads(done.out)["sequences"][0]["methods"]["surf"]
+    assert (surf["state"], surf["frames"], surf["failed"], surf["coverage"]) == (
+        "done",
+        FRAMES,
+        0,
+        1.0,
+    )
+    assert 0 < surf["mean_global_error_m"] < 0.003
+    assert surf["cpu_ms_per_frame"] > 0
+    assert (output / "report.html").stat().st_size > 10_000
+    replayed = tmp_path / "replayed.txt"
+    call(capfd, "replay", recording, "--no-publish", "--trajectory", replayed)
+    kept = output / "runs" / recording.name / "surf" / "trajectory.txt"
+    assert kept.read_bytes() == replayed.read_bytes()
+
+
+def test_for_people_there_are_two_tables_and_the_place_of_the_report(
+    recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compare, "recipes_of", trials("go on"))
+    done = call(capfd, "compare", recording, "--methods", "surf", "--output", tmp_path / "out")
+    assert (done.code, done.err) == (0, "")
+    titles = [line for line in done.out.splitlines() if line.startswith("Table ")]
+    assert titles == [
+        "Table I: mean global error, in metres",
+        "Table II: processing time of the whole recording, in seconds",
+    ]
+    assert done.out.endswith(f"\nreport: {tmp_path / 'out' / 'report.html'}\n")
+
+
+def test_a_crash_is_a_row_a_line_and_an_exit_code(
+    recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compare, "recipes_of", trials("segfault"))
+    done = call(capfd, "compare", recording, "--methods", "surf", "--output", tmp_path / "out")
+    assert (done.code, done.err) == (
+        1,
+        "kinect-vo: error: corner, surf (run 1 of 1): crashed (signal 11, Segmentation fault)\n",
+    )
+    assert done.out.splitlines()[2].split() == ["corner", "crashed"]
+
+
+def test_without_truth_coverage_and_times_are_reported(
+    copy_recording: CopyRecording, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compare, "recipes_of", trials("lose it"))
+    folder = copy_recording()
+    (folder / "groundtruth.txt").unlink()
+    options = ("--methods", "surf", "--output", tmp_path / "out", "--json")
+    done = call(capfd, "compare", folder, *options)
+    assert (done.code, done.err) == (0, "")
+    surf = json.loads(done.out)["sequences"][0]["methods"]["surf"]
+    assert (surf["coverage"], surf["ate_rmse_m"]) == (0.25, None)
+    assert surf["no_evaluation"] == "there is no groundtruth.txt"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["gone"], "gone: no such folder; check the path"),
+        (["corner", "empty"], "empty: the folder is empty; name one with rgb.txt and depth.txt"),
+        (["corner", "corner"], "same; rename one, or compare them one at a time"),
+        (["corner", "--output", "file/out"], "name another folder with --output"),
+        (["corner", "--methods", "magic"], "invalid choice: 'magic'"),
+        (["corner", "--time-limit", "0"], "0 is not a time: give seconds, more than 0"),
+    ],
+)
+def test_what_is_given_wrong_is_one_line_before_anything_is_run(
+    copy_recording: CopyRecording,
+    tmp_path: Path,
+    capfd: Capture,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    told: str,
+) -> None:
+    copy_recording()
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").touch()
+    monkeypatch.chdir(tmp_path)
+    done = call(capfd, "compare", *arguments)
+    assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
+    assert told in done.err
+    assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "empty", "file"}
+
+
+def test_ctrl_c_leaves_a_report_of_what_was_done(
+    recording: Path, copy_recording: CopyRecording, tmp_path: Path
+) -> None:
+    runs, slow = tmp_path / "out" / "runs", long(copy_recording(name="slow"))
+    options = ("--methods", "surf", "--output", tmp_path / "out", "--json")
+    with running("compare", recording, slow, *options) as process:
+        wait_for(lambda: (runs / "corner" / RESULT).exists())
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (130, "")
+    corner, other = json.loads(out)["sequences"]
+    assert corner["methods"]["surf"]["state"] == "done"
+    assert other["methods"]["surf"]["state"] == "not run"
+    assert not (runs / "slow" / RESULT).exists()
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_killed_it_leaves_no_process_and_goes_on_where_it_was(
+    recording: Path, copy_recording: CopyRecording, tmp_path: Path, capfd: Capture
+) -> None:
+    result = tmp_path / "out" / "runs" / "corner" / RESULT
+    options = ("--methods", "surf", "--output", tmp_path / "out")
+    with running("compare", recording, long(copy_recording(name="slow")), *options) as process:
+        wait_for(result.exists)
+        wait_for(lambda: any(CHILD in command_of(c) for c in children_of(process.pid)))
+        child = child_running(process.pid, CHILD)
+        process.kill()
+        process.wait()
+        wait_for(lambda: not is_alive(child))
+    kept = result.stat().st_mtime_ns
+    assert call(capfd, "compare", recording, *options).code == 0
+    assert result.stat().st_mtime_ns == kept

@@ -1,0 +1,68 @@
+"""Recordings without images and runs that nobody made, whose figures are known."""
+
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+from drivers.camera_file import KNOWN_CAMERAS
+from drivers.geometry import Array, rigid_transform
+from drivers.trajectory import StampedPoses
+from drivers.tum.accelerometer import read_gravity
+from drivers.tum.folder import PairedFrames, TumFolder
+from drivers.tum.lists import FramePair, ListedImage
+from vo_service.comparison.campaign import Entry
+from vo_service.comparison.judging import judge
+from vo_service.comparison.results import SequenceResults
+from vo_service.comparison.run import FrameLog, Outcome, Run, RunState
+from vo_service.comparison.sequence import Recording
+
+FRAMES = 40
+STEP_M = 0.01
+
+
+def recording(name: str = "walk", gap_s: float = 0.0, has_truth: bool = True) -> Recording:
+    """40 frames at 30 Hz, 1 cm to the right each; a pause before the 21st."""
+    stamps_s = np.arange(FRAMES) / 30 + np.where(np.arange(FRAMES) >= 20, gap_s, 0.0)
+    images = [ListedImage(Decimal(f"{s:.6f}"), Path(f"{s:.6f}.png"), "rgb.txt") for s in stamps_s]
+    frames = PairedFrames([FramePair(image, image) for image in images])
+    truth = StampedPoses(np.array([image.stamp_s for image in images]), along_x(FRAMES))
+    opened = TumFolder(
+        frames, KNOWN_CAMERAS["1"], truth if has_truth else None, read_gravity(Path("nowhere"))
+    )
+    return Recording(name, Path(name), None, opened)
+
+
+def along_x(count: int, step_m: float = STEP_M) -> Array:
+    """(count, 4, 4) poses, one step to the right after another."""
+    return np.array([rigid_transform(np.eye(3), [step_m * k, 0, 0]) for k in range(count)])
+
+
+def run(
+    of: Recording, step_m: float = STEP_M, lost: range = range(0), epoch_from: int = FRAMES
+) -> Run:
+    """Along x with steps of so much, 8 ms of CPU and 10 ms of time a frame."""
+    stamps_s = of.frames_s
+    good = np.array([k not in lost for k in range(FRAMES)])
+    rows = [
+        (stamps_s[k], bool(good[k]), int(k >= epoch_from), 100, 8.0, 10.0, "")
+        if good[k]
+        else (stamps_s[k], False, int(k >= epoch_from), 4, 8.0, 10.0, f"{k} of 60 matches agree")
+        for k in range(FRAMES)
+    ]
+    poses = StampedPoses(stamps_s[good], along_x(FRAMES, step_m)[good])
+    return Run(FrameLog.of(rows), poses, 0, {"surf": 5.0}, 100.0)
+
+
+def done(of: Recording, **how: object) -> Outcome:
+    """A run that came to its end."""
+    return Outcome(RunState.DONE, run(of, **how))  # type: ignore[arg-type]
+
+
+def results(of: Recording, **outcomes: Outcome) -> SequenceResults:
+    """The results of one recording, by method."""
+    entries = {method: Entry(of, method, outcome) for method, outcome in outcomes.items()}
+    return SequenceResults(of, {method: judge(entry) for method, entry in entries.items()})
+
+
+CRASH = Outcome(RunState.CRASHED, trouble="crashed (signal 11, Segmentation fault)")

@@ -1,0 +1,117 @@
+"""All runs of a comparison, and what is kept from one time to the next."""
+
+import io
+import os
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import InputError
+from tests.vo_service.comparison.trial_methods import Trial
+from vo_service.comparison.campaign import Entry, Plan, run_all
+from vo_service.comparison.key import run_key
+from vo_service.comparison.method_recipe import MethodRecipe
+from vo_service.comparison.recipe import Recipe
+from vo_service.comparison.run import RunState
+from vo_service.comparison.sequence import open_recordings
+from vo_service.config import OdometrySettings
+from vo_service.terminal import Terminal
+
+CopyRecording = Callable[..., Path]
+VERSIONS = {"numpy": "2"}
+LIMIT_S = 60.0
+
+
+class Screen(io.StringIO):
+    """A terminal that remembers."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def compare(
+    folder: Path, output: Path, recipes: Mapping[str, Recipe], **options: bool
+) -> tuple[list[Entry], str]:
+    """All runs, and what was to be seen."""
+    screen = Screen()
+    stop = threading.Event()
+    if options.pop("stopped", False):
+        stop.set()
+    plan = Plan(open_recordings([folder], None), recipes, output, LIMIT_S, **options)
+    return list(run_all(plan, Terminal(screen), stop)), screen.getvalue()
+
+
+def states(entries: list[Entry]) -> list[RunState]:
+    return [entry.outcome.state for entry in entries]
+
+
+def test_a_failure_does_not_keep_the_others_from_running_and_is_tried_again(
+    recording: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    entries, _ = compare(recording, tmp_path, {"bad": Trial("segfault"), "good": Trial()})
+    assert states(entries) == [RunState.CRASHED, RunState.DONE]
+    assert "corner, bad (run 1 of 2): crashed (signal 11" in caplog.text
+    kept, _ = compare(recording, tmp_path, {"bad": Trial("segfault")}, stopped=True)
+    assert states(kept) == [RunState.CRASHED]  # known from before, and not run
+    entries, seen = compare(recording, tmp_path, {"bad": Trial("segfault"), "good": Trial()})
+    assert states(entries) == [RunState.CRASHED, RunState.DONE]
+    assert "bad (run 1 of 2): starting" in seen
+    assert "good (run 2 of 2): kept from before" in seen
+
+
+def test_what_is_kept_is_made_anew_when_asked_for_or_when_the_settings_change(
+    recording: Path, tmp_path: Path
+) -> None:
+    first, _ = compare(recording, tmp_path, {"trial": Trial()})
+    kept, seen = compare(recording, tmp_path, {"trial": Trial()})
+    assert "kept from before" in seen
+    assert kept[0].outcome.run.wall_s == first[0].outcome.run.wall_s
+    _, seen = compare(recording, tmp_path, {"trial": Trial()}, again=True)
+    assert "starting" in seen
+    changed, seen = compare(recording, tmp_path, {"trial": Trial("lose it")})
+    assert "starting" in seen
+    assert changed[0].outcome.run.failed == 9
+
+
+def test_after_a_stop_nothing_is_begun(recording: Path, tmp_path: Path) -> None:
+    recipes = {"one": Trial(), "two": Trial()}
+    entries, seen = compare(recording, tmp_path, recipes, stopped=True)
+    assert states(entries) == [RunState.NOT_RUN, RunState.NOT_RUN]
+    assert "starting" not in seen
+    assert list(tmp_path.iterdir()) == []
+
+
+def key(folder: Path, recipe: Recipe, versions: Mapping[str, str] = VERSIONS) -> str:
+    return run_key(open_recordings([folder], None)[0], recipe, versions)
+
+
+def test_the_key_changes_with_whatever_changes_the_result(copy_recording: CopyRecording) -> None:
+    folder, recipe = copy_recording(), MethodRecipe(OdometrySettings())
+    keys = [key(folder, recipe)]
+    keys.append(key(folder, MethodRecipe(OdometrySettings(feature_count=500))))
+    keys.append(key(folder, recipe, {"numpy": "3"}))
+    os.utime(folder / "depth" / "0.200000.png", (1, 1))
+    keys.append(key(folder, recipe))
+    camera = folder / "camera.toml"
+    camera.write_text(camera.read_text().replace("fx = ", "fx = 1"))
+    keys.append(key(folder, recipe))
+    assert len(set(keys)) == 5
+    assert key(folder, recipe) == keys[-1]
+
+
+def test_the_truth_is_in_the_key_only_where_it_is_used(copy_recording: CopyRecording) -> None:
+    folder = copy_recording()
+    blind, cheat = Trial(), Trial(uses_truth=True)
+    before = key(folder, blind), key(folder, cheat)
+    truth = folder / "groundtruth.txt"
+    truth.write_text("\n".join(truth.read_text().splitlines()[:-1]) + "\n")
+    assert key(folder, blind) == before[0]
+    assert key(folder, cheat) != before[1]
+
+
+def test_two_folders_of_one_name_are_refused(copy_recording: CopyRecording, tmp_path: Path) -> None:
+    folders = [copy_recording(name="a/desk"), copy_recording(name="b/desk")]
+    with pytest.raises(InputError, match=r"a/desk and .*b/desk: results are kept by the folder's"):
+        open_recordings(folders, None)

@@ -1,0 +1,149 @@
+"""The report's folder: whole, self-contained, readable."""
+
+import csv
+import json
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+from drivers.strict_toml import read_toml
+from tests.vo_service.comparison.made_up import CRASH, done, recording, results
+from vo_service.comparison.explanations import ERROR, INTRODUCTION, METRICS, TIME
+from vo_service.comparison.files import write_report
+from vo_service.comparison.recipe import SfmScale
+from vo_service.comparison.run import Outcome, RunState
+from vo_service.comparison.set_up import SetUp
+from vo_service.config import Config, OdometrySettings
+from vo_service.terminal import Terminal
+
+VOID = {"meta", "img", "br", "link"}
+FIGURES = [
+    f"{name}.{suffix}"
+    for name in ("walk-frame_error", "walk-global_error", "walk-trajectory")
+    for suffix in ("png", "svg")
+]
+
+
+class Page(HTMLParser):
+    """Text and links of a page whose elements are all closed."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.links: list[str] = []
+        self.text = ""
+        self.feed(html)
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.links += [value for name, value in attrs if name in ("src", "href") and value]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+SET_UP = SetUp(["surf", "icp", "sfm"], Config(), SfmScale.FIRST_DEPTH, None, 3600.0)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report of two recordings: one with a pause, and one with a name to beware of."""
+    folder = tmp_path_factory.mktemp("report")
+    walk, odd = recording("walk", gap_s=1.0), recording("<b>odd & #1", has_truth=False)
+    error = Outcome(RunState.RAISED, trouble="ValueError: <oh>", details="Traceback <here>")
+    found = [
+        results(walk, surf=done(walk, lost=range(20, 23)), icp=done(walk, step_m=0.02), sfm=CRASH),
+        results(odd, surf=done(odd), icp=CRASH, sfm=error),
+    ]
+    write_report(folder, found, SET_UP, Terminal())
+    return folder
+
+
+def test_the_folder_has_the_page_the_tables_the_figures_and_the_data(written: Path) -> None:
+    names = {path.name for path in written.iterdir()}
+    assert names == {
+        "report.html", "report.json", "config.toml", "figures", "metrics.csv", "gaps.csv",
+        "table_1_mean_global_error.csv", "table_2_processing_time.csv",
+    }  # fmt: skip
+    drawn = {path.name for path in (written / "figures").iterdir()}
+    assert drawn == {*FIGURES, "<b>odd & #1-trajectory.png", "<b>odd & #1-trajectory.svg"}
+    with (written / "metrics.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == 6
+
+
+def test_the_page_needs_nothing_from_elsewhere(written: Path) -> None:
+    html = (written / "report.html").read_text()
+    for link in Page(html).links:
+        inside = link.startswith(("#", "data:image/svg+xml;base64,"))
+        assert inside or (written / unquote(link)).is_file()
+    styles = html[html.index("<style>") : html.index("</style>")]
+    assert "url(" not in styles
+    assert "@import" not in styles
+    assert "<script" not in html
+
+
+def test_the_page_tells_what_came_out_and_what_went_wrong(written: Path) -> None:
+    text = Page((written / "report.html").read_text()).text
+    for told in (
+        "SURF (proposed) has the smallest mean global error, 0.000 m, against 0.195 m (ICP).",
+        "SfM: crashed (signal 11, Segmentation fault)",
+        "<b>odd & #1: without ground truth, errors cannot be told.",
+        "SfM: error: ValueError: <oh>",
+        "Traceback <here>",
+        "40 frames in 2.3 s, a way of 0.4 m, with ground truth, one pause of 1.0 s together.",
+        "lost 3 frames, then found again",
+        "# of # matches agree",
+        "its first metre is taken from the first depth images",
+    ):
+        assert told in text
+
+
+def test_every_figure_and_column_is_explained(written: Path) -> None:
+    text = Page((written / "report.html").read_text()).text
+    for word, meaning in (*METRICS, ("", INTRODUCTION), ("", ERROR), ("", TIME)):
+        assert word + meaning in text
+    for caption in ("Error frame by frame (as", "Global error (as", "The way of the camera (as"):
+        assert caption in text
+
+
+def test_the_page_fits_a_narrow_screen(written: Path) -> None:
+    html = (written / "report.html").read_text()
+    assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in html
+    assert html.count("<table>") <= html.count('<div class="wide">')
+
+
+def test_the_data_has_every_figure_under_names_that_stay(written: Path) -> None:
+    data = json.loads((written / "report.json").read_text())
+    assert data["schema"] == 1
+    assert {"created", "methods", "odometry", "sfm_scale", "versions", "sequences"} <= set(data)
+    walk, odd = data["sequences"]
+    assert (walk["name"], walk["frames"], walk["has_ground_truth"]) == ("walk", 40, True)
+    assert walk["methods"]["icp"]["mean_global_error_m"] == pytest.approx(0.195)
+    assert walk["methods"]["sfm"]["state"] == "crashed"
+    assert odd["methods"]["surf"]["ate_rmse_m"] is None
+    assert odd["methods"]["sfm"]["state"] == "error"
+
+
+def test_a_report_has_no_figures_of_the_one_before(tmp_path: Path) -> None:
+    walk = recording()
+    for outcome in (done(walk), CRASH):
+        write_report(tmp_path, [results(walk, surf=outcome)], SET_UP, Terminal())
+    assert list((tmp_path / "figures").iterdir()) == []
+
+
+def test_the_effective_configuration_can_be_given_again(tmp_path: Path) -> None:
+    odometry = OdometrySettings(feature_count=700, upright=True)
+    camera = Path('a "camera".toml')
+    set_up = SetUp(["surf"], Config(odometry=odometry), SfmScale.GROUND_TRUTH, camera, 9.0)
+    file = tmp_path / "config.toml"
+    file.write_text(set_up.config_text)
+    read = read_toml(file, Config)
+    assert (read.odometry, read.camera.file) == (odometry, camera)
+    assert "# First scale of sfm: --sfm-scale ground-truth" in set_up.config_text

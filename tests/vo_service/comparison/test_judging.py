@@ -1,0 +1,77 @@
+"""The figures of made-up runs, whose errors are known."""
+
+import pytest
+
+from tests.vo_service.comparison.made_up import CRASH, FRAMES, STEP_M, done, recording, results
+from vo_service.comparison.campaign import Entry
+from vo_service.comparison.findings import finding, without_pauses
+from vo_service.comparison.judging import EVALUATED, Judgement, judge
+from vo_service.comparison.sequence import Recording
+
+
+def judged(of: Recording, **how: object) -> Judgement:
+    return judge(Entry(of, "surf", done(of, **how)))
+
+
+def test_a_run_is_judged_by_the_truth_of_its_recording() -> None:
+    figures = judged(recording(), step_m=STEP_M + 0.001).as_json()
+    assert figures["mean_global_error_m"] == pytest.approx(0.001 * (FRAMES - 1) / 2)
+    assert figures["rpe_frame_m"] == pytest.approx(0.001)
+    assert (figures["coverage"], figures["cpu_s"], figures["wall_s"]) == (1.0, 0.32, 0.4)
+    assert (figures["state"], figures["gaps"], figures["no_evaluation"]) == ("done", [], "")
+
+
+def test_a_pause_is_listed_with_what_the_method_did_across_it() -> None:
+    lost = judged(recording(gap_s=1.0), lost=range(20, 24)).as_json()
+    assert lost["gaps"][0]["across"] == "lost 4 frames, then found again"
+    assert lost["gaps"][0]["error_m"] == pytest.approx(0.0, abs=1e-9)
+    assert lost["why_lost"] == {"# of # matches agree": 4}
+    anew = judged(recording(gap_s=1.0), lost=range(20, 24), epoch_from=24).as_json()
+    assert anew["gaps"][0]["across"] == "lost 4 frames, then a new epoch"
+
+
+def test_without_truth_there_is_coverage_and_no_error() -> None:
+    figures = judged(recording(has_truth=False), lost=range(10)).as_json()
+    assert figures["coverage"] == 0.75
+    assert figures["no_evaluation"] == "there is no groundtruth.txt"
+    assert [figures[key] for key in EVALUATED if key != "coverage"] == [None] * 11
+    assert figures["cpu_ms_per_frame"] == 8.0
+
+
+def test_a_run_without_poses_or_with_too_few_says_why_it_is_not_judged() -> None:
+    none = judged(recording(), lost=range(FRAMES))
+    assert (none.coverage, none.no_evaluation) == (0.0, "no frame has a pose")
+    few = judged(recording(), lost=range(2, FRAMES))
+    assert few.coverage == 0.05
+    assert few.no_evaluation.startswith("2 of 2 poses have ground truth within 20 ms, 3 are needed")
+
+
+def test_a_crash_has_a_state_and_no_figures() -> None:
+    figures = judge(Entry(recording(), "icp", CRASH)).as_json()
+    assert (figures["state"], figures["trouble"]) == ("crashed", CRASH.trouble)
+    assert figures["frames"] is figures["cpu_s"] is figures["coverage"] is None
+
+
+def test_the_finding_names_the_best_the_partial_and_the_missing() -> None:
+    walk = recording()
+    text = finding(
+        results(walk, icp=done(walk, step_m=0.02), surf=done(walk, lost=range(4)), sfm=CRASH)
+    )
+    assert text == (
+        "SURF (proposed) has the smallest mean global error, 0.000 m, against 0.195 m (ICP). "
+        "SURF (proposed) placed 90 % of the frames only. SfM has no result (crashed)."
+    )
+
+
+def test_the_finding_says_so_where_errors_cannot_be_told() -> None:
+    bare = recording(has_truth=False)
+    assert finding(results(bare, surf=done(bare))) == (
+        "without ground truth, errors cannot be told."
+    )
+    assert finding(results(recording(), surf=CRASH)).startswith("no method could be judged.")
+
+
+def test_the_error_of_a_step_is_also_told_without_the_pauses() -> None:
+    walk = recording(gap_s=1.0)
+    text = without_pauses(results(walk, surf=done(walk, step_m=STEP_M + 0.001)))
+    assert text == " Without the pauses, the RPE of one frame is 1.0 mm (SURF (proposed))."

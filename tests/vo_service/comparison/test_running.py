@@ -1,0 +1,91 @@
+"""A run in a process of its own: whatever a method does, the comparison goes on."""
+
+import logging
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.trajectory import read_trajectory
+from tests.belongings import belongings
+from tests.conftest import FRAMES
+from tests.vo_service.comparison.trial_methods import Trial
+from vo_service.comparison.messages import Job, Preparing, Progress
+from vo_service.comparison.run import Outcome, RunState
+from vo_service.comparison.running import run_in_child
+
+PATIENCE_S = 60.0
+
+
+def ran(folder: Path, act: str, limit_s: float = PATIENCE_S) -> Outcome:
+    """The outcome of a trial; nothing may be left of its process."""
+    before = belongings()
+    job = Job(folder, None, Trial(act), logging.WARNING)
+    outcome = run_in_child(job, limit_s, lambda word: None, threading.Event())
+    assert belongings() <= before
+    return outcome
+
+
+def test_a_run_to_the_end_has_every_frame_with_its_times(recording: Path) -> None:
+    words: list[Preparing | Progress] = []
+    job = Job(recording, None, Trial(), logging.WARNING)
+    outcome = run_in_child(job, PATIENCE_S, words.append, threading.Event())
+    frames = outcome.run.frames
+    assert (outcome.state, outcome.trouble, len(frames)) == (RunState.DONE, "", FRAMES)
+    truth = read_trajectory(recording / "groundtruth.txt")
+    np.testing.assert_allclose(frames.stamps_s, truth.stamps_s, atol=1e-6)
+    np.testing.assert_array_equal(frames.inliers, 50)
+    assert np.all(frames.wall_ms > 0)
+    assert np.all(frames.cpu_ms >= 0)
+    assert list(outcome.run.stage_ms) == ["standing"]
+    assert outcome.run.memory_mb > 10
+    assert words[0] == Preparing("nothing")
+    assert Progress(1, FRAMES) in words
+
+
+@pytest.mark.parametrize(
+    ("act", "state", "trouble"),
+    [
+        ("raise", RunState.RAISED, "ZeroDivisionError: integer division or modulo by zero (trial_"),
+        ("refuse", RunState.REFUSED, "out of luck; try again"),
+        ("segfault", RunState.CRASHED, "crashed (signal 11, Segmentation fault)"),
+        ("exit", RunState.CRASHED, "ended (exit code 1); last line: enough"),
+    ],
+)
+def test_what_goes_wrong_is_told_in_one_line(
+    recording: Path, act: str, state: RunState, trouble: str
+) -> None:
+    outcome = ran(recording, act)
+    assert (outcome.state, len(outcome.run.frames)) == (state, 0)
+    assert outcome.trouble.startswith(trouble)
+    assert "\n" not in outcome.trouble
+    assert ("_divide" in outcome.details) == (act == "raise")
+
+
+def test_a_run_that_takes_too_long_is_ended(recording: Path) -> None:
+    outcome = ran(recording, "hang", limit_s=1.0)
+    assert (outcome.state, outcome.trouble) == (
+        RunState.TIMED_OUT,
+        "took longer than 1 s (--time-limit)",
+    )
+
+
+def test_a_stop_ends_the_run_at_once(recording: Path) -> None:
+    stop = threading.Event()
+    job = Job(recording, None, Trial("hang"), logging.WARNING)
+    outcome = run_in_child(job, PATIENCE_S, lambda word: stop.set(), stop)
+    assert (outcome.state, outcome.trouble) == (RunState.NOT_RUN, "stopped before its end")
+
+
+def test_a_frame_that_cannot_be_read_is_in_our_log(
+    copy_recording: Callable[..., Path], caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = copy_recording()
+    broken = folder / "rgb" / "0.200000.png"
+    os.truncate(broken, 500)
+    outcome = ran(folder, "go on")
+    assert (len(outcome.run.frames), outcome.run.skipped) == (FRAMES - 1, 1)
+    assert f"frame 6 is skipped: {broken}" in caplog.text

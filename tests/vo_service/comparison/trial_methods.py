@@ -1,0 +1,81 @@
+"""Methods that do what a test needs: follow, hang, or go wrong in each of the known ways."""
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.errors import UserFacingError
+from drivers.trajectory import StampedPoses
+from vo_service.odometry.estimate import Estimate
+from vo_service.odometry.stopwatch import Stopwatch
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A recipe whose method stands still, until it comes to frame 3.
+
+    act  what it does there: "go on", "lose it" (and every frame after it), "raise", "refuse",
+         "segfault", "exit", "hang"
+    """
+
+    act: str = "go on"
+    uses_truth: bool = False
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        return {"act": self.act}
+
+    def prepare(self, tell: Callable[[str], None]) -> None:
+        tell("nothing")
+
+    def make(self, stopwatch: Stopwatch, truth: StampedPoses | None) -> "Standing":
+        return Standing(self.act, stopwatch)
+
+
+class Standing:
+    """The method of a `Trial`."""
+
+    def __init__(self, act: str, stopwatch: Stopwatch) -> None:
+        self._act = act
+        self._stopwatch = stopwatch
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        with self._stopwatch.stage("standing"):
+            is_lost = frame.seq >= 3 and self._act == "lose it"
+            if frame.seq == 3:
+                ACTS[self._act]()
+        reason = "7 of 20 matches agree" if is_lost else ""
+        return Estimate(not is_lost, reason, np.eye(4), np.eye(4), np.zeros((6, 6)), inliers=50)
+
+
+def _divide() -> None:
+    print(1 // 0)
+
+
+def _refuse() -> None:
+    raise UserFacingError("out of luck; try again")
+
+
+def _hang() -> None:
+    time.sleep(1000)
+
+
+def _nothing() -> None:
+    pass
+
+
+ACTS: Mapping[str, Callable[[], object]] = {
+    "go on": _nothing,
+    "lose it": _nothing,
+    "raise": _divide,
+    "refuse": _refuse,
+    "segfault": lambda: os.kill(os.getpid(), signal.SIGSEGV),
+    "exit": lambda: sys.exit("enough"),
+    "hang": _hang,
+}

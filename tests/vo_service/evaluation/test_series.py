@@ -1,0 +1,22 @@
+"""The errors that are drawn are those that the figures are made of."""
+
+import numpy as np
+import pytest
+
+from tests.vo_service.evaluation.walks import noisy_copy, random_walk
+from vo_service.evaluation import evaluate
+from vo_service.evaluation.association import associate
+from vo_service.evaluation.metrics import rms
+from vo_service.evaluation.series import error_series
+
+
+def test_their_means_are_the_figures_of_the_evaluation() -> None:
+    rng = np.random.default_rng(3)
+    truth = random_walk(rng, np.arange(60) / 30)
+    trajectory = noisy_copy(rng, truth, truth.stamps_s[::2], np.eye(4))
+    series, figures = error_series(associate(trajectory, truth)), evaluate(trajectory, truth)
+    assert (len(series.global_m), len(series.steps.translation_m)) == (30, 29)
+    assert np.mean(series.global_m) == pytest.approx(figures.mean_global_error_m)
+    assert series.global_m[0] == pytest.approx(0.0, abs=1e-12)
+    assert rms(series.steps.translation_m) == pytest.approx(figures.rpe_frame_m)
+    assert rms(series.steps.rotation_deg) == pytest.approx(figures.rpe_frame_deg)

@@ -1,0 +1,105 @@
+"""``kinect-vo compare``: methods beside each other on recordings, and a report."""
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from vo_service.commands.options import config_of, seconds
+from vo_service.comparison.campaign import Plan, run_all
+from vo_service.comparison.files import Report, write_report
+from vo_service.comparison.keeping import prepare_folder
+from vo_service.comparison.method_recipe import MethodRecipe
+from vo_service.comparison.recipe import Recipe, SfmScale
+from vo_service.comparison.results import SequenceResults, collect
+from vo_service.comparison.sequence import open_recordings
+from vo_service.comparison.set_up import SetUp
+from vo_service.comparison.tables import error_table, time_table
+from vo_service.config import Config
+from vo_service.interrupts import stop_on_signals
+from vo_service.methods import METHODS
+from vo_service.terminal import Terminal
+
+NAME = "compare"
+HELP = "compare methods on recordings: tables, figures and a page with all of them"
+EPILOG = """\
+examples:
+  kinect-vo compare recordings/desk recordings/kitchen
+  kinect-vo compare rgbd_dataset_freiburg1_* --output output/freiburg1
+  kinect-vo compare recordings/desk --methods surf --json | jq .sequences[0].methods.surf.ate_rmse_m
+
+Each method runs over each folder (TUM format, as for replay) in a process of its own, one after
+another. OUTPUT gets report.html, report.json, the tables as CSV, the figures as PNG and SVG, the
+effective config.toml, and in runs/ what each run did. Runs that came to their end are kept: given
+again, the same command goes on where it was stopped. They are made anew when the program, the
+settings, the computer or the recording changes, or with --again.
+
+Without FOLDER/groundtruth.txt coverage, times and trajectories are reported, but no errors.
+
+exit codes: 0 all runs came to their end; 1 one did not (the report says why); 2 something given is
+wrong; 130 or 143 stopped, with a report of what was done until then.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument(
+        "folders", metavar="FOLDER", nargs="+", type=Path, help="recordings in TUM format"
+    )
+    parser.add_argument(
+        "--methods", metavar="METHOD", nargs="+", choices=list(METHODS), default=list(METHODS),
+        help=f"which, in this order (default: all: {', '.join(METHODS)})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--output", metavar="FOLDER", type=Path, default=Path("output/compare"),
+        help="where the report goes, and runs are kept (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
+    parser.add_argument(
+        "--camera", metavar="FILE", type=Path, help="camera file (TOML) for all folders"
+    )
+    parser.add_argument(
+        "--sfm-scale", choices=[str(scale) for scale in SfmScale], default=SfmScale.FIRST_DEPTH,
+        help="where sfm, which has no scale of its own, gets its first one (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--time-limit", metavar="SECONDS", type=seconds, default=3600.0,
+        help="a run that takes longer is ended, and a row says so (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument("--again", action="store_true", help="run also what is kept")
+    parser.add_argument("--json", action="store_true", help="print report.json, nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run, report, and say in short what came out."""
+    args.method = None
+    config = config_of(args)
+    methods = list(dict.fromkeys(args.methods))
+    camera_file = args.camera or config.camera.file
+    set_up = SetUp(methods, config, SfmScale(args.sfm_scale), camera_file, args.time_limit)
+    recordings = open_recordings(args.folders, camera_file)
+    recipes = recipes_of(config, methods, set_up.sfm_scale)
+    plan = Plan(recordings, recipes, args.output / "runs", args.time_limit, args.again)
+    prepare_folder(args.output)
+    terminal = Terminal()
+    with stop_on_signals() as stop:
+        results = collect(run_all(plan, terminal, stop.event))
+        report = write_report(args.output, results, set_up, terminal)
+    _print(report, results, args.json)
+    all_done = all(judged.is_done for result in results for judged in result.judged.values())
+    return stop.exit_code or (0 if all_done else 1)
+
+
+def recipes_of(config: Config, methods: Sequence[str], scale: SfmScale) -> Mapping[str, Recipe]:
+    """How each method is made, with the settings of the configuration."""
+    return {method: MethodRecipe(replace(config.odometry, method=method)) for method in methods}
+
+
+def _print(report: Report, results: Sequence[SequenceResults], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(report.content))
+        return
+    print(error_table(results).as_text())
+    print(f"\n{time_table(results).as_text()}")
+    print(f"\nreport: {report.page}")

@@ -1,0 +1,66 @@
+"""One run in a process of its own, where it may crash or hang without harm to the others."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from drivers.errors import UserFacingError
+from drivers.isolation.messages import LogLine
+from drivers.isolation.process import ChildProcess, Program
+from vo_service.comparison.messages import Job, Preparing, Progress, Word
+from vo_service.comparison.run import Outcome, RunState
+
+PROGRAM = Program("vo_service.comparison.child", "comparison")
+TICK_S = 0.25
+ENDING_S = 5.0
+
+
+def run_in_child(
+    job: Job,
+    limit_s: float,
+    tell: Callable[[Preparing | Progress], None],
+    stop: threading.Event,
+) -> Outcome:
+    """Run to the end, for at most `limit_s`; a set `stop` ends it at once, without a result.
+
+    Raises UserFacingError if no process can be started.
+    """
+    try:
+        with ChildProcess(PROGRAM, (), ENDING_S) as child:
+            child.tell(job)
+            outcome = _attend(child, limit_s, tell, stop)
+    except OSError as error:
+        raise UserFacingError(
+            f"a process for the run cannot be started: {error.strerror}; see to memory and limits"
+        ) from error
+    return outcome or Outcome(RunState.CRASHED, trouble=child.ending)
+
+
+def _attend(
+    child: ChildProcess,
+    limit_s: float,
+    tell: Callable[[Preparing | Progress], None],
+    stop: threading.Event,
+) -> Outcome | None:
+    """Listen until it has an outcome; None if it ended without one."""
+    due_s = time.monotonic() + limit_s
+    while not stop.is_set():
+        left_s = due_s - time.monotonic()
+        if left_s <= 0:
+            child.kill()
+            trouble = f"took longer than {limit_s:g} s (--time-limit)"
+            return Outcome(RunState.TIMED_OUT, trouble=trouble)
+        try:
+            word: Word | None = child.receive(min(TICK_S, left_s))
+        except EOFError:
+            return None
+        match word:
+            case Outcome():
+                return word
+            case LogLine(level, logger, text):
+                logging.getLogger(logger).log(level, "%s", text)
+            case Preparing() | Progress():
+                tell(word)
+    child.kill()
+    return Outcome(RunState.NOT_RUN, trouble="stopped before its end")

@@ -1,0 +1,65 @@
+"""What a comparison was made with, as the report tells it."""
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from drivers.strict_toml import SCHEMA
+from vo_service.comparison.recipe import SfmScale
+from vo_service.comparison.versions import versions
+from vo_service.config import Config
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """The choices of a comparison.
+
+    camera_file  given for all folders; None: each folder's own
+    """
+
+    methods: Sequence[str]
+    config: Config
+    sfm_scale: SfmScale
+    camera_file: Path | None
+    time_limit_s: float
+    created: datetime = field(default_factory=lambda: datetime.now(UTC))
+
+    @property
+    def config_text(self) -> str:
+        """The effective configuration, as `--config` takes it again."""
+        camera = [] if self.camera_file is None else _table("camera", {"file": self.camera_file})
+        odometry = asdict(self.config.odometry)
+        comment = [
+            "# What the comparison ran with; everything else was at its default, or is not used.",
+            f"# Methods: {', '.join(self.methods)}; `method` below counts where one is to be run.",
+            f"# First scale of sfm: --sfm-scale {self.sfm_scale}",
+        ]
+        lines = [*comment, f"schema = {SCHEMA}", *camera, *_table("odometry", odometry)]
+        return "\n".join(lines) + "\n"
+
+    def as_json(self) -> dict[str, Any]:
+        """For report.json."""
+        return {
+            "created": self.created.isoformat(timespec="seconds"),
+            "methods": list(self.methods),
+            "odometry": asdict(self.config.odometry),
+            "sfm_scale": self.sfm_scale,
+            "camera_file": None if self.camera_file is None else str(self.camera_file),
+            "time_limit_s": self.time_limit_s,
+            "versions": versions(),
+            "processors": os.cpu_count(),
+        }
+
+
+def _table(name: str, values: dict[str, Any]) -> list[str]:
+    """A table of TOML; JSON's texts, numbers and lists are TOML's too."""
+    keys = [
+        f"{key} = {json.dumps(value, default=str, ensure_ascii=False)}"
+        for key, value in values.items()
+        if value is not None
+    ]
+    return ["", f"[{name}]", *keys]

@@ -1,0 +1,160 @@
+"""The tables of a comparison: the paper's two, and all other figures."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from vo_service.comparison.judging import Judgement
+from vo_service.comparison.paper import PaperFigures, about, paper_figures
+from vo_service.comparison.results import SequenceResults
+from vo_service.comparison.table import Cell, Table, number, words
+
+Judged = Callable[[Judgement], float | None]
+
+
+@dataclass(frozen=True)
+class _Metric:
+    """A column: its name in files, its heading for people, how it is got and shown."""
+
+    key: str
+    heading: str
+    value: Judged
+    digits: int
+    factor: float = 1.0
+
+
+def _evaluated(key: str) -> Judged:
+    return lambda judged: getattr(judged.evaluation, key) if judged.evaluation else None
+
+
+def _of_run(value: Callable[[Judgement], float]) -> Judged:
+    return lambda judged: value(judged) if judged.is_done else None
+
+
+ERROR = _Metric("mean_global_error_m", "m", _evaluated("mean_global_error_m"), 3)
+CPU = _Metric("cpu_s", "CPU s", _of_run(lambda judged: judged.outcome.run.cpu_s), 1)
+WALL = _Metric("wall_s", "wall s", _of_run(lambda judged: judged.outcome.run.wall_s), 1)
+METRICS = (
+    _Metric("coverage", "coverage %", lambda judged: judged.coverage, 1, 100.0),
+    _Metric("failed", "lost frames", _of_run(lambda judged: judged.outcome.run.failed), 0),
+    _Metric("new_epochs", "new epochs", _of_run(lambda judged: judged.outcome.run.new_epochs), 0),
+    ERROR,
+    _Metric("ate_rmse_m", "ATE m", _evaluated("ate_rmse_m"), 3),
+    _Metric("rpe_frame_m", "RPE frame mm", _evaluated("rpe_frame_m"), 1, 1e3),
+    _Metric("rpe_frame_deg", "RPE frame °", _evaluated("rpe_frame_deg"), 2),
+    _Metric("rpe_1s_m", "RPE 1 s mm", _evaluated("rpe_1s_m"), 1, 1e3),
+    _Metric("rpe_1s_deg", "RPE 1 s °", _evaluated("rpe_1s_deg"), 2),
+    _Metric(
+        "cpu_ms_per_frame", "CPU ms a frame",
+        _of_run(lambda judged: judged.outcome.run.cpu_ms_per_frame), 1,
+    ),
+    CPU,
+    WALL,
+    _Metric("memory_mb", "memory MB", _of_run(lambda judged: judged.outcome.run.memory_mb), 0),
+)  # fmt: skip
+HEADINGS = {ERROR.key: "mean global error m"}
+
+
+def error_table(results: Sequence[SequenceResults]) -> Table:
+    """Table I: the mean global error."""
+    return Table(
+        "table_1_mean_global_error",
+        "Table I: mean global error, in metres",
+        *_by_method(results, (ERROR,), lambda figures: figures.mean_global_error_m),
+    )
+
+
+def time_table(results: Sequence[SequenceResults]) -> Table:
+    """Table II: the processing time."""
+    return Table(
+        "table_2_processing_time",
+        "Table II: processing time of the whole recording, in seconds",
+        *_by_method(results, (CPU, WALL), lambda figures: figures.time_s),
+    )
+
+
+def metrics_table(results: Sequence[SequenceResults]) -> Table:
+    """Every figure, one row a run."""
+    head = ["sequence", "method", *(HEADINGS.get(m.key, m.heading) for m in METRICS), "state"]
+    keys = ["sequence", "method", *(metric.key for metric in METRICS), "state", "trouble"]
+    rows = [
+        [
+            words(result.recording.name),
+            words(method, about(method).name),
+            *(_cell(judged, metric) for metric in METRICS),
+            words(judged.outcome.state),
+            words(judged.outcome.trouble),
+        ]
+        for result in results
+        for method, judged in result.judged.items()
+    ]
+    return Table("metrics", "All figures", keys, [*head, "trouble"], rows)
+
+
+def gap_table(results: Sequence[SequenceResults]) -> Table:
+    """Every pause of every recording, and what each method did across it."""
+    head = ["sequence", "at s", "pause s", "method", "across", "error m", "error °"]
+    keys = ["sequence", "at_s", "length_s", "method", "across", "error_m", "error_deg"]
+    return Table("gaps", "Pauses", keys, head, [row for r in results for row in gap_rows(r)])
+
+
+def gap_rows(result: SequenceResults) -> list[list[Cell]]:
+    """Those of one recording; a method without a result has none."""
+    rows = []
+    for k, gap in enumerate(result.recording.gaps):
+        at_s = gap.begin_s - float(result.recording.frames_s[0])
+        for method, judged in result.judged.items():
+            if not judged.is_done:
+                continue
+            jump = judged.jumps[k]
+            rows.append(
+                [
+                    words(result.recording.name),
+                    number(at_s, 2),
+                    number(gap.length_s, 2),
+                    words(method, about(method).name),
+                    words(str(judged.crossings[k])),
+                    number(None if jump is None else float(jump.translation_m[0]), 3),
+                    number(None if jump is None else float(jump.rotation_deg[0]), 2),
+                ]
+            )
+    return rows
+
+
+def _by_method(
+    results: Sequence[SequenceResults],
+    metrics: Sequence[_Metric],
+    papers: Callable[[PaperFigures], float],
+) -> tuple[list[str], list[str], list[list[Cell]]]:
+    """Keys, headings and rows: one row a recording, the methods beside each other."""
+    methods = list(results[0].judged)
+    paper = [paper_figures(result.recording.folder) for result in results]
+    known = [method for method in methods if any(method in figures for figures in paper)]
+    keys = ["sequence", *(f"{method}_{m.key}" for method in methods for m in metrics)]
+    head = ["sequence", *(_heading(method, m, metrics) for method in methods for m in metrics)]
+    rows = []
+    for result, figures in zip(results, paper, strict=True):
+        best = result.best(metrics[0].value)
+        cells = [
+            _cell_or_state(result.judged[method], metric, method == best and metric is metrics[0])
+            for method in methods
+            for metric in metrics
+        ]
+        theirs = [papers(figures[method]) if method in figures else None for method in known]
+        beside = [number(value, 2 if metrics[0] is ERROR else 0) for value in theirs]
+        rows.append([words(result.recording.name), *cells, *beside])
+    keys += [f"paper_{method}" for method in known]
+    return keys, head + [f"paper: {about(method).name}" for method in known], rows
+
+
+def _heading(method: str, metric: _Metric, metrics: Sequence[_Metric]) -> str:
+    name = about(method).name
+    return name if len(metrics) == 1 else f"{name}, {metric.heading}"
+
+
+def _cell_or_state(judged: Judgement, metric: _Metric, is_best: bool) -> Cell:
+    """In the paper's tables a run without a result says so in its place."""
+    return _cell(judged, metric, is_best) if judged.is_done else Cell(None, judged.outcome.state)
+
+
+def _cell(judged: Judgement, metric: _Metric, is_best: bool = False) -> Cell:
+    return number(metric.value(judged), metric.digits, metric.factor, is_best)

@@ -14,7 +14,7 @@ def finding(result: SequenceResults) -> str:
 def without_pauses(result: SequenceResults) -> str:
     """The error of a step where the recording does not pause; "" where it is not known."""
     known = [
-        f"{1e3 * judged.rpe_frame_without_gaps_m:.1f} mm ({about(method).name})"
+        f"{1e3 * judged.rpe_frame_without_gaps_m:.1f} mm for {about(method).name}"
         for method, judged in result.judged.items()
         if judged.rpe_frame_without_gaps_m is not None
     ]
@@ -34,8 +34,8 @@ def _order(result: SequenceResults) -> str:
     (least_m, best), *others = known
     if not others:
         return f"the mean global error of {best} is {least_m:.3f} m."
-    rest = ", ".join(f"{error_m:.3f} m ({name})" for error_m, name in others)
-    return f"{best} has the smallest mean global error, {least_m:.3f} m, against {rest}."
+    rest = ", ".join(f"{name} {error_m:.3f} m" for error_m, name in others)
+    return f"{best} has the smallest mean global error, {least_m:.3f} m; {rest}."
 
 
 def _error_m(judged: Judgement) -> float:

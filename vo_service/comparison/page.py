@@ -113,8 +113,10 @@ def _figure(drawing: Drawing) -> str:
     data = base64.b64encode(drawing.svg).decode()
     link = quote(drawing.path)
     caption = escape(drawing.caption)
+    alternative = caption.partition(":")[0]
     return (
-        f'<figure><div class="wide"><img alt="{caption}" src="data:image/svg+xml;base64,{data}">'
+        f'<figure><div class="wide"><img alt="{alternative}"'
+        f' src="data:image/svg+xml;base64,{data}">'
         f'</div><figcaption>{caption} <a href="{link}.png">PNG</a> <a href="{link}.svg">SVG</a>'
         "</figcaption></figure>"
     )

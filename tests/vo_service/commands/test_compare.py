@@ -1,41 +1,32 @@
 """``kinect-vo compare`` as it is typed."""
 
 import json
+import os
 import signal
-from collections.abc import Callable, Sequence
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tests.belongings import child_running, children_of, command_of, is_alive
 from tests.conftest import FRAMES
-from tests.vo_service.commands.command_line import call, running, wait_for
+from tests.vo_service.commands.command_line import call, wait_for
 from tests.vo_service.comparison.trial_methods import Trial
 from vo_service.commands import compare
+from vo_service.comparison import campaign
 from vo_service.comparison.recipe import Recipe
 
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
 CHILD = "vo_service.comparison.child"
-RESULT = "surf/result.json"
 
 
-def trials(*acts: str) -> Callable[..., dict[str, Recipe]]:
-    """In place of the methods asked for."""
-
-    def recipes(config: object, methods: Sequence[str], scale: object) -> dict[str, Recipe]:
-        return {method: Trial(act) for method, act in zip(methods, acts, strict=True)}
-
-    return recipes
-
-
-def long(folder: Path) -> Path:
-    """The same few frames over and over: a recording that takes its time."""
-    images = [line.split()[1::2] for line in (folder / "associations.txt").read_text().splitlines()]
-    pairs = [pair for pair in images if len(pair) == 2 and pair[0].startswith("rgb")] * 1000
-    lines = [f"{k / 30:.6f} {rgb} {k / 30:.6f} {depth}\n" for k, (rgb, depth) in enumerate(pairs)]
-    (folder / "associations.txt").write_text("".join(lines))
-    return folder
+def trials(**acts: str) -> Callable[..., dict[str, Recipe]]:
+    """Trials in place of the methods asked for."""
+    return lambda *_: {method: Trial(act) for method, act in acts.items()}
 
 
 def test_a_comparison_leaves_a_report_and_the_poses_of_a_replay(
@@ -64,7 +55,7 @@ def test_a_comparison_leaves_a_report_and_the_poses_of_a_replay(
 def test_for_people_there_are_two_tables_and_the_place_of_the_report(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compare, "recipes_of", trials("go on"))
+    monkeypatch.setattr(compare, "recipes_of", trials(surf="go on"))
     done = call(capfd, "compare", recording, "--methods", "surf", "--output", tmp_path / "out")
     assert (done.code, done.err) == (0, "")
     titles = [line for line in done.out.splitlines() if line.startswith("Table ")]
@@ -78,7 +69,7 @@ def test_for_people_there_are_two_tables_and_the_place_of_the_report(
 def test_a_crash_is_a_row_a_line_and_an_exit_code(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compare, "recipes_of", trials("segfault"))
+    monkeypatch.setattr(compare, "recipes_of", trials(surf="segfault"))
     done = call(capfd, "compare", recording, "--methods", "surf", "--output", tmp_path / "out")
     assert (done.code, done.err) == (
         1,
@@ -90,7 +81,7 @@ def test_a_crash_is_a_row_a_line_and_an_exit_code(
 def test_without_truth_coverage_and_times_are_reported(
     copy_recording: CopyRecording, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compare, "recipes_of", trials("lose it"))
+    monkeypatch.setattr(compare, "recipes_of", trials(surf="lose it"))
     folder = copy_recording()
     (folder / "groundtruth.txt").unlink()
     options = ("--methods", "surf", "--output", tmp_path / "out", "--json")
@@ -131,28 +122,44 @@ def test_what_is_given_wrong_is_one_line_before_anything_is_run(
 
 
 def test_ctrl_c_leaves_a_report_of_what_was_done(
-    recording: Path, copy_recording: CopyRecording, tmp_path: Path
+    recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    runs, slow = tmp_path / "out" / "runs", long(copy_recording(name="slow"))
-    options = ("--methods", "surf", "--output", tmp_path / "out", "--json")
-    with running("compare", recording, slow, *options) as process:
-        wait_for(lambda: (runs / "corner" / RESULT).exists())
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
-    assert (process.returncode, err) == (130, "")
-    corner, other = json.loads(out)["sequences"]
-    assert corner["methods"]["surf"]["state"] == "done"
-    assert other["methods"]["surf"]["state"] == "not run"
-    assert not (runs / "slow" / RESULT).exists()
+    monkeypatch.setattr(compare, "recipes_of", trials(surf="go on", icp="hang"))
+    runs = tmp_path / "out" / "runs" / "corner"
+
+    def interrupt() -> None:
+        wait_for((runs / "surf" / "result.json").exists)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt).start()
+    done = call(capfd, "compare", recording, "--output", tmp_path / "out", "--json")
+    assert (done.code, done.err) == (130, "")
+    methods = json.loads(done.out)["sequences"][0]["methods"]
+    assert (methods["surf"]["state"], methods["icp"]["state"]) == ("done", "not run")
+    assert not (runs / "icp").exists()
     assert (tmp_path / "out" / "report.html").exists()
 
 
+# The source may be edited while the tests run, and what is kept is kept for one source.
+SCRIPT = """
+import sys
+from tests.vo_service.commands.test_compare import trials
+from vo_service import cli
+from vo_service.commands import compare
+from vo_service.comparison import campaign
+compare.recipes_of = trials(surf="go on", icp=sys.argv[1])
+campaign.versions = dict
+cli.main(["compare", *sys.argv[2:]])
+"""
+
+
 def test_killed_it_leaves_no_process_and_goes_on_where_it_was(
-    recording: Path, copy_recording: CopyRecording, tmp_path: Path, capfd: Capture
+    recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    result = tmp_path / "out" / "runs" / "corner" / RESULT
-    options = ("--methods", "surf", "--output", tmp_path / "out")
-    with running("compare", recording, long(copy_recording(name="slow")), *options) as process:
+    result = tmp_path / "out" / "runs" / "corner" / "surf" / "result.json"
+    options = [str(recording), "--output", str(tmp_path / "out")]
+    command = [sys.executable, "-c", SCRIPT, "hang", *options]
+    with subprocess.Popen(command) as process:
         wait_for(result.exists)
         wait_for(lambda: any(CHILD in command_of(c) for c in children_of(process.pid)))
         child = child_running(process.pid, CHILD)
@@ -160,5 +167,8 @@ def test_killed_it_leaves_no_process_and_goes_on_where_it_was(
         process.wait()
         wait_for(lambda: not is_alive(child))
     kept = result.stat().st_mtime_ns
-    assert call(capfd, "compare", recording, *options).code == 0
+    monkeypatch.setattr(compare, "recipes_of", trials(surf="go on", icp="go on"))
+    monkeypatch.setattr(campaign, "versions", dict)
+    assert call(capfd, "compare", *options).code == 0
     assert result.stat().st_mtime_ns == kept
+    assert (result.parents[1] / "icp" / "result.json").exists()

@@ -47,6 +47,8 @@ files_kept = 2
 [recorder]
 folder = "{folder}/incidents"
 total_mb = 100
+[map]
+max_mb = 10
 [load]
 adapt = false
 [synthetic]

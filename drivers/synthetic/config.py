@@ -20,6 +20,8 @@ class Motion(StrEnum):
     HAND_HELD = "hand-held"  # a slow sweep with the tremor of a hand
     SMOOTH = "smooth"  # the sweep alone
     STILL = "still"
+    FLOOR = "floor"  # a hand over the bare floor: one plane is all that is mostly seen
+    ORBIT = "orbit"  # a walk around what stands in the middle, with fast turns
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from drivers.synthetic.atlas import Atlas, paint_atlas
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Images
 from drivers.synthetic.lighting import bulbs
-from drivers.synthetic.motion import Path, make_path
+from drivers.synthetic.motion import make_path
+from drivers.synthetic.path import Path
 from drivers.synthetic.raycast import RayGrid, View, cast, look
 from drivers.synthetic.scene import ROOM_HEIGHT_M, furnish
 from drivers.synthetic.shade import shade, smooth_edges
@@ -32,10 +33,10 @@ class Room:
 
     @classmethod
     def build(cls, config: SyntheticConfig, path: Path, threads: int) -> "Room":
-        """The room of `config`, clear of furniture along `path`."""
+        """The room of `config`, free of furniture where `path` wants it."""
         checks = max(2, int(config.duration_s * PATH_CHECKS_PER_S))
-        way_m = path.poses(np.linspace(0.0, config.duration_s, checks))[:, :3, 3]
-        solids = furnish(config.seed, way_m, config.bare_wall)
+        free_m = path.free_m(np.linspace(0.0, config.duration_s, checks))
+        solids = furnish(config.seed, free_m, config.bare_wall)
         arrays = SolidArrays.pack(solids)
         lights = bulbs(np.random.default_rng([config.seed, 4]), solids[0].half_m)
         return cls(

@@ -25,19 +25,19 @@ BODY_RADIUS_M = 0.35
 BARE_WALL = 3  # the wall at +y
 
 
-def furnish(seed: int, positions_m: Array, bare_wall: bool) -> Solids:
-    """A room for a camera that passes `positions_m` (N, 3): the room itself, then its furniture.
+def furnish(seed: int, free_m: Array, bare_wall: bool) -> Solids:
+    """A room for a camera that needs the points `free_m` (N, 3): itself, then its furniture.
 
     What would stand in the camera's way is left out. With `bare_wall` the wall at +y has neither
     texture nor furniture.
     """
     rng = np.random.default_rng([seed, 2])
-    half_m = np.maximum(LEAST_HALF_M, np.abs(positions_m[:, :2]).max(axis=0) + WALL_MARGIN_M)
+    half_m = np.maximum(LEAST_HALF_M, np.abs(free_m[:, :2]).max(axis=0) + WALL_MARGIN_M)
     solids = _island(rng)
     for wall in range(4):
         if not (bare_wall and wall == BARE_WALL):
             solids += _along_wall(rng, wall, half_m)
-    free = [solid for solid in solids if _gap_m(solid, positions_m) > BODY_RADIUS_M]
+    free = [solid for solid in solids if _gap_m(solid, free_m) > BODY_RADIUS_M]
     return [_shell(rng, half_m, bare_wall), *free]
 
 
@@ -97,8 +97,8 @@ def _along_wall(rng: np.random.Generator, wall: int, half_m: Array) -> Solids:
         left += breadth_m + rng.uniform(0.0, 0.3)
 
 
-def _gap_m(solid: Solid, positions_m: Array) -> float:
-    """Least distance from the path to the box around a solid."""
-    local = transform_points(inverse(solid.T_world_solid), positions_m)
+def _gap_m(solid: Solid, points_m: Array) -> float:
+    """Least distance from the points to the box around a solid."""
+    local = transform_points(inverse(solid.T_world_solid), points_m)
     outside = np.maximum(np.abs(local) - solid.half_m, 0.0)
     return float(np.linalg.norm(outside, axis=1).min())

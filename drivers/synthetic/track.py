@@ -7,6 +7,7 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.geometry import Array, quaternion_from_rotation
 from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.path import Path as MotionPath
 from drivers.synthetic.spline import CubicSpline
 from drivers.trajectory import StampedPoses, read_trajectory
 
@@ -14,7 +15,7 @@ FLOOR_MARGIN_M = 0.4
 CEILING_MARGIN_M = 0.4
 
 
-class TrackPath:
+class TrackPath(MotionPath):
     """A recorded track, moved into the middle of the room but neither turned nor scaled."""
 
     def __init__(self, track: StampedPoses, start_s: float, duration_s: float, loop: bool) -> None:
@@ -44,7 +45,7 @@ class TrackPath:
         return path
 
     def poses(self, times_s: Array) -> Array:
-        """See `motion.Path`."""
+        """See `path.Path`."""
         values = self._spline(self._start_s + self._track_time(times_s))
         T = np.tile(np.eye(4), (len(times_s), 1, 1))
         T[:, :3, 3] = values[:, :3] + self._shift_m

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from drivers.geometry import (
     rigid_transform,
     rotation_angle_rad,
     rotation_from_vector,
+    transform_points,
 )
 from drivers.synthetic.config import Motion, SyntheticConfig
 from drivers.synthetic.motion import make_path
@@ -49,7 +51,7 @@ def test_built_in_motions_are_rigid_and_end_where_they_began(motion: Motion) -> 
     np.testing.assert_allclose(poses[0], poses[-1], atol=1e-9)
 
 
-@pytest.mark.parametrize("motion", [Motion.HAND_HELD, Motion.SMOOTH])
+@pytest.mark.parametrize("motion", [motion for motion in Motion if motion is not Motion.STILL])
 def test_motion_is_continuous_to_the_acceleration(motion: Motion) -> None:
     position_m = make_path(replace(CONFIG, motion=motion), 2.7).poses(TIMES)[:, :3, 3]
     acceleration = np.diff(position_m, n=2, axis=0) / 0.005**2
@@ -69,9 +71,70 @@ def test_a_hand_trembles_about_the_smooth_path_and_still_is_still() -> None:
     np.testing.assert_array_equal(still[0], still[-1])
 
 
-def test_another_seed_moves_otherwise() -> None:
-    a, b = (make_path(replace(CONFIG, seed=seed), 2.7).poses(TIMES[:5]) for seed in (1, 2))
+@pytest.mark.parametrize("motion", [motion for motion in Motion if motion is not Motion.STILL])
+def test_another_seed_moves_otherwise(motion: Motion) -> None:
+    config = replace(CONFIG, motion=motion)
+    a, b = (make_path(replace(config, seed=seed), 2.7).poses(TIMES[:5]) for seed in (1, 2))
     assert np.abs(a - b).max() > 0.01
+
+
+def downward_rad(poses: Array) -> Array:
+    """How far each view's middle is below the horizon."""
+    result: Array = np.arcsin(-poses[:, 2, 2])
+    return result
+
+
+def test_over_the_floor_it_looks_down_but_for_a_short_look_up_every_ten_seconds() -> None:
+    config = replace(CONFIG, motion=Motion.FLOOR, duration_s=20.0)
+    path = make_path(config, 2.7)
+    poses = path.poses(np.linspace(0.0, 20.0, 2001))
+    up = downward_rad(poses) < 0.85
+    assert 0.03 < up.mean() < 0.25
+    assert np.count_nonzero(np.diff(up.astype(int)) == 1) == 2
+    assert 0.9 < poses[:, 2, 3].min() < poses[:, 2, 3].max() < 1.4
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_is_kept_free_over_the_floor_reaches_down_to_what_is_seen_of_it(seed: int) -> None:
+    config = replace(CONFIG, motion=Motion.FLOOR, seed=seed)
+    path = make_path(config, 2.7)
+    first = np.array([0.0])  # looking down
+    points, T = path.free_m(first), path.poses(first)[0]
+    on_floor = points[np.abs(points[:, 2]) < 1e-9]
+    seen = transform_points(inverse(T), on_floor)
+    assert np.all(seen[:, 2] > 0)
+    edge = np.abs(seen[:, :2] / seen[:, 2:]).max(axis=0)
+    assert np.all(edge >= (319.5 / 525, 239.5 / 525))
+
+
+def test_an_orbit_goes_all_the_way_round_and_mostly_looks_at_the_middle() -> None:
+    config = replace(CONFIG, motion=Motion.ORBIT, duration_s=20.0)
+    poses = make_path(config, 2.7).poses(np.linspace(0.0, 20.0, 2001))
+    x, y = poses[:, 0, 3], poses[:, 1, 3]
+    assert np.ptp(np.unwrap(np.arctan2(y, x))) == pytest.approx(2 * np.pi, abs=0.02)
+    assert 1.4 < np.hypot(x, y).min() < np.hypot(x, y).max() < 2.1
+    ahead = -(x * poses[:, 0, 2] + y * poses[:, 1, 2])
+    aside = np.abs(np.arctan2(x * poses[:, 1, 2] - y * poses[:, 0, 2], ahead))
+    assert np.median(aside) < 0.2 < 0.35 < aside.max()
+
+
+def test_an_orbit_has_fast_turns_but_none_that_no_hand_makes() -> None:
+    config = replace(CONFIG, motion=Motion.ORBIT, duration_s=20.0)
+    poses = make_path(config, 2.7).poses(np.arange(600) / 30.0)
+    steps = [inverse(a)[:3, :3] @ b[:3, :3] for a, b in pairwise(poses)]
+    rates = np.degrees([30.0 * rotation_angle_rad(step) for step in steps])
+    assert 20.0 < np.median(rates) < 40.0
+    assert 50.0 < rates.max() < 90.0
+
+
+@pytest.mark.parametrize("motion", [Motion.FLOOR, Motion.ORBIT])
+@pytest.mark.parametrize("duration_s", [0.2, 3.0, 7.0])
+def test_a_short_film_is_no_faster_for_it(motion: Motion, duration_s: float) -> None:
+    config = replace(CONFIG, motion=motion, duration_s=duration_s)
+    times_s = np.linspace(0.0, duration_s, 101)
+    position_m = make_path(config, 2.7).poses(times_s)[:, :3, 3]
+    speed = np.linalg.norm(np.diff(position_m, axis=0), axis=1) / np.diff(times_s)
+    assert speed.max() < 1.2
 
 
 def test_a_track_keeps_its_shape_and_its_rotations_in_the_middle_of_the_room(track: Path) -> None:

@@ -129,6 +129,6 @@ def find(name: str) -> BenchmarkSequence:
     by_name = {sequence.name: sequence for sequence in SEQUENCES}
     if wanted in by_name:
         return by_name[wanted]
-    near = sorted(difflib.get_close_matches(wanted, by_name, n=3, cutoff=0.5))
+    near = difflib.get_close_matches(wanted, by_name, n=3, cutoff=0.5)
     meant = f"did you mean {' or '.join(near)}? " if near else ""
     raise InputError(f"no sequence {name!r}; {meant}`kinect-vo download --list` shows them all")

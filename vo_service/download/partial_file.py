@@ -103,4 +103,6 @@ class PartialFile:
         exc: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        if self.size == 0:
+            self.discard()
         self._file.close()

@@ -178,7 +178,7 @@ def _cut_off(url: str, part: PartialFile, why: str) -> BrokenOffError:
 
 
 def _refused(url: str, error: urllib.error.HTTPError) -> UserFacingError:
-    said = f"{error.code} {error.reason}"
+    said = f"{error.code} {http.client.responses.get(error.code, '')}".strip()
     if error.code >= http.client.INTERNAL_SERVER_ERROR:
         return BrokenOffError(f"{url}: the server answers {said}; try again later")
     if error.code in (http.client.NOT_FOUND, http.client.GONE):

@@ -37,7 +37,7 @@ def test_only_the_validation_files_lack_a_ground_truth() -> None:
 
 @pytest.mark.parametrize(
     ("name", "told"),
-    [("fr1/tedy", "did you mean fr1/teddy"), ("teddy", "did you mean fr1/teddy or fr3/teddy"),
+    [("fr1/tedy", "did you mean fr1/teddy"), ("teddy", "did you mean fr3/teddy or fr1/teddy"),
      ("fr4/desk", "did you mean fr"), ("??", "no sequence '??'; `kinect-vo")],
 )  # fmt: skip
 def test_an_unknown_name_gets_those_near_it(name: str, told: str) -> None:

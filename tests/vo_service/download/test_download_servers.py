@@ -132,13 +132,14 @@ def test_a_digest_is_heeded(download: Download, archive: bytes) -> None:
      (416, 2, "refuses it (416"), (500, 1, "the server answers 500")],
 )  # fmt: skip
 def test_an_error_of_the_server_is_told_at_once(
-    download: Download, server: WebServer, code: int, exit_code: int, told: str
+    download: Download, server: WebServer, output: Path, code: int, exit_code: int, told: str
 ) -> None:
     server.answers = [status(code)]
     outcome = download(NAME)
     assert (outcome.code, outcome.err.count("\n"), len(server.asked)) == (exit_code, 1, 1)
     assert f"{server.url}/freiburg1/{FOLDER}.tgz: " in outcome.err
     assert told in outcome.err
+    assert list(output.iterdir()) == []
 
 
 def test_a_redirection_is_followed_but_not_to_files(download: Download, server: WebServer) -> None:

@@ -132,10 +132,12 @@ def test_the_data_has_every_figure_under_names_that_stay(written: Path) -> None:
 
 
 def test_a_report_has_no_figures_of_the_one_before(tmp_path: Path) -> None:
-    walk = recording()
-    for outcome in (done(walk), CRASH):
-        write_report(tmp_path, [results(walk, surf=outcome)], SET_UP, Terminal())
-    assert list((tmp_path / "figures").iterdir()) == []
+    figures = tmp_path / "figures"
+    figures.mkdir()
+    for name in (*FIGURES, "other-trajectory.png"):
+        (figures / name).touch()
+    write_report(tmp_path, [results(recording(), surf=CRASH)], SET_UP, Terminal())
+    assert [path.name for path in figures.iterdir()] == ["other-trajectory.png"]
 
 
 def test_the_effective_configuration_can_be_given_again(tmp_path: Path) -> None:

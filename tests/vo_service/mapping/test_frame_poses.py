@@ -1,0 +1,74 @@
+"""Each frame gets the pose of its own instant, and only good poses count."""
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array, rigid_transform
+from drivers.trajectory import StampedPoses
+from tests.vo_service.mapping.scenes import CAMERA, wall
+from vo_service.mapping.frame_poses import FramePoses, TrackedPoses
+from vo_service.odometry.estimate import Estimate
+from vo_service.outputs.output import PoseUpdate, TrackingState
+
+
+def at(x: float) -> Array:
+    return rigid_transform(np.eye(3), [x, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("stamp_s", "x"),
+    [
+        (1.0, 1),
+        (1.0199, 1),
+        (0.981, 1),
+        (1.031, 2),
+        (1.025, None),
+        (1.05, 2),
+        (0.979, None),
+        (3.0, None),
+    ],
+)
+def test_the_nearest_pose_counts_if_it_is_at_most_20_ms_away(
+    stamp_s: float, x: float | None
+) -> None:
+    poses = FramePoses(StampedPoses(np.array([1.0, 1.05]), np.array([at(1), at(2)])))
+    found = poses.at(stamp_s)
+    assert (None if found is None else found[0, 3]) == x
+
+
+def update(stamp_s: float, state: TrackingState, epoch: int = 0) -> PoseUpdate:
+    depth_m, colour_bgr = wall(2.0)
+    raw = (1000 * depth_m).astype(np.uint16)
+    frame = RgbdFrame(0, stamp_s, 0.0, colour_bgr, raw, 1000.0, CAMERA)
+    zero, pose = np.zeros((6, 6)), at(stamp_s)
+    estimate = Estimate(state is not TrackingState.LOST, "", pose, np.eye(4), zero)
+    return PoseUpdate(
+        0, stamp_s + 1e9, state, "", epoch, pose, pose, zero, np.zeros(6), zero, frame, estimate,
+        {}, 0.0,
+    )  # fmt: skip
+
+
+def test_only_what_was_tracked_without_doubt_is_remembered_under_the_frames_own_stamps() -> None:
+    memory = TrackedPoses()
+    states = [TrackingState.TRACKING, TrackingState.DEGRADED, TrackingState.LOST]
+    for stamp_s, state in enumerate([*states, TrackingState.TRACKING]):
+        memory.pose(update(stamp_s, state))
+    np.testing.assert_array_equal(memory.longest.stamps_s, [0, 3])
+    np.testing.assert_array_equal(memory.longest.T_world_camera[:, 0, 3], [0, 3])
+    assert (memory.frames, memory.epochs) == (4, 1)
+
+
+def test_worlds_are_not_mixed_the_longest_counts() -> None:
+    memory = TrackedPoses()
+    for stamp_s, epoch in enumerate([0, 0, 1, 1, 1, 2]):
+        memory.pose(update(stamp_s, TrackingState.TRACKING, epoch))
+    np.testing.assert_array_equal(memory.longest.stamps_s, [2, 3, 4])
+    assert memory.epochs == 3
+
+
+def test_nothing_tracked_is_no_pose() -> None:
+    memory = TrackedPoses()
+    memory.pose(update(1.0, TrackingState.LOST))
+    assert len(memory.longest) == 0
+    assert memory.longest.T_world_camera.shape == (0, 4, 4)

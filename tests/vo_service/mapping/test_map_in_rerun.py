@@ -1,0 +1,41 @@
+"""A map that grows is kept in a Rerun recording, whole."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import InputError
+from tests.vo_service.mapping.scenes import CAMERA
+from tests.vo_service.viewer.drawn import is_whole, rows
+from vo_service.mapping.mesh import Mesh
+from vo_service.mapping.watching import MapSoFar, Sight, watching
+
+
+def test_each_camera_and_each_new_surface_is_in_the_recording(
+    seen_ball: Mesh, tmp_path: Path
+) -> None:
+    recording = tmp_path / "map.rrd"
+    said: list[str] = []
+    nothing = MapSoFar(Mesh.empty(), np.zeros((1, 3)))
+    ball = MapSoFar(seen_ball, np.zeros((2, 3)))
+    with watching((str(recording),), said.append) as watcher:
+        assert watcher.is_watching
+        for seq, so_far in enumerate([nothing, nothing, ball, ball]):
+            watcher.show(Sight(seq, CAMERA, np.eye(4), so_far))
+    assert said == [f"pictures: {recording}"]
+    assert is_whole(recording)
+    logged = rows(recording)
+    assert [logged[f"/world/{name}"] for name in ("surface", "path")] == [2, 2]
+    assert logged["/world/camera"] == 2 * 4  # where it is, and what it sees
+
+
+def test_without_a_target_nobody_watches() -> None:
+    with watching((), pytest.fail) as watcher:
+        assert not watcher.is_watching
+
+
+def test_one_place_twice_is_refused(tmp_path: Path) -> None:
+    target = str(tmp_path / "map.rrd")
+    with pytest.raises(InputError, match="same place"), watching((target, target), pytest.fail):
+        pytest.fail("opened")

@@ -1,0 +1,160 @@
+"""A map of a virtual room lies on the room's true surfaces; what does not fit is left out."""
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.true_surface import distances_m, solids_of
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.geometry import transform_points
+from drivers.synthetic.camera import SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
+from drivers.trajectory import StampedPoses
+from vo_service.mapping.frame_poses import FramePoses
+from vo_service.mapping.fusion import Fusion, FusionSettings
+from vo_service.mapping.reconstruction import Reconstruction
+from vo_service.mapping.watching import Nobody, Sight
+
+# All of a Kinect's faults, in small images, far apart along the usual motion.
+ROOM = SyntheticConfig(
+    camera=PinholeCamera(160, 120, 131.0, 131.0, 79.5, 59.5),
+    duration_s=3.0,
+    rate_hz=4.0,
+    texel_m=0.02,
+)
+SETTINGS = FusionSettings(voxel_m=0.02, memory_mb=200)
+GOOD_M = 0.015
+
+
+class Somebody:
+    """Keeps what is shown."""
+
+    is_watching = True
+
+    def __init__(self) -> None:
+        self.sights: list[Sight] = []
+
+    def show(self, sight: Sight) -> None:
+        self.sights.append(sight)
+
+
+@pytest.fixture(scope="module")
+def camera() -> SyntheticCamera:
+    """Rendered once; may be opened again and again."""
+    camera = SyntheticCamera(ROOM)
+    camera.open()
+    return camera
+
+
+@pytest.fixture(scope="module")
+def frames(camera: SyntheticCamera) -> list[RgbdFrame]:
+    camera.open()
+    return [camera.read(1.0) for _ in range(ROOM.frame_count)]
+
+
+@pytest.fixture
+def truth(camera: SyntheticCamera) -> StampedPoses:
+    truth = camera.ground_truth
+    assert truth is not None
+    return truth
+
+
+def test_true_surfaces_are_what_the_camera_sees() -> None:
+    ideal = replace(
+        SyntheticConfig.ideal(), camera=ROOM.camera, duration_s=1.0, rate_hz=1.0, texel_m=0.05
+    )
+    with SyntheticCamera(ideal) as camera:
+        frame, truth = camera.read(1.0), camera.ground_truth
+    assert truth is not None
+    v, u = np.mgrid[: ROOM.camera.height, : ROOM.camera.width]
+    z = frame.depth_m.astype(np.float64)
+    x, y = (u - ROOM.camera.cx) / ROOM.camera.fx * z, (v - ROOM.camera.cy) / ROOM.camera.fy * z
+    seen_m = transform_points(truth.T_world_camera[0], np.dstack([x, y, z]).reshape(-1, 3))
+    off_m = distances_m(seen_m, solids_of(ideal))
+    assert np.percentile(off_m, 99) < 0.001  # depth comes in steps of 0.2 mm
+    moved_m = seen_m + np.array([0.03, 0.03, 0.05])
+    assert np.median(distances_m(moved_m, solids_of(ideal))) > 0.01
+
+
+def test_with_true_poses_the_map_lies_on_the_true_surfaces(
+    frames: list[RgbdFrame], truth: StampedPoses
+) -> None:
+    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(truth), Nobody())
+    for frame in frames:
+        reconstruction.add(frame)
+    mesh = reconstruction.finish()
+    off_m = distances_m(mesh.vertices_m.astype(np.float64), solids_of(ROOM))
+    assert len(off_m) > 5000
+    assert np.median(off_m) < GOOD_M / 2
+    assert np.mean(off_m < 3 * GOOD_M) > 0.9
+    assert reconstruction.harvest.fused == ROOM.frame_count
+
+
+def test_frames_without_a_pose_or_without_depth_are_left_out_and_counted(
+    frames: list[RgbdFrame], truth: StampedPoses
+) -> None:
+    some = StampedPoses(truth.stamps_s[:4], truth.T_world_camera[:4])
+    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(some), Nobody())
+    blind = replace(frames[1], depth_raw=np.zeros_like(frames[1].depth_raw))
+    for frame in (frames[0], blind, *frames[2:6]):
+        reconstruction.add(frame)
+    harvest = reconstruction.harvest
+    assert (harvest.frames, harvest.fused) == (6, 3)
+    assert (harvest.without_pose, harvest.without_depth, harvest.full_at) == (2, 1, 0)
+    np.testing.assert_array_equal(harvest.path_m, truth.T_world_camera[[0, 2, 3], :3, 3])
+    np.testing.assert_array_equal(harvest.poses[0], truth.T_world_camera[0])
+
+
+def test_the_frame_that_found_the_map_full_is_named(
+    frames: list[RgbdFrame], truth: StampedPoses
+) -> None:
+    roomy = Fusion(SETTINGS)
+    needed_mb = []
+    for frame, T_world_camera in zip(frames, truth.T_world_camera, strict=True):
+        roomy.add(frame.depth_m, frame.colour_bgr, frame.camera, T_world_camera)
+        needed_mb.append(SETTINGS.memory_mb * roomy.share_used)
+    tight = replace(SETTINGS, memory_mb=round((needed_mb[0] + needed_mb[-1]) / 2))
+    reconstruction = Reconstruction(Fusion(tight), FramePoses(truth), Nobody())
+    for frame in frames:
+        reconstruction.add(frame)
+    first_too_much = next(n for n, mb in enumerate(needed_mb, 1) if mb > tight.memory_mb)
+    assert reconstruction.harvest.full_at == first_too_much > 1
+    assert len(reconstruction.finish().triangles) > 0
+
+
+def test_it_ends_when_asked_to_and_what_it_has_is_a_map(
+    camera: SyntheticCamera, truth: StampedPoses
+) -> None:
+    stop = threading.Event()
+    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(truth), Nobody())
+
+    def progress(done: int, total: int) -> None:
+        assert total == ROOM.frame_count
+        if done == 3:
+            stop.set()
+
+    camera.open()
+    reconstruction.run(camera, stop, progress)
+    assert reconstruction.harvest.frames == 3
+    assert len(reconstruction.finish().triangles) > 0
+
+
+def test_who_watches_sees_each_camera_and_a_new_map_only_when_it_has_grown(
+    frames: list[RgbdFrame], truth: StampedPoses
+) -> None:
+    somebody = Somebody()
+    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(truth), somebody)
+    for frame in [*frames, *frames]:
+        reconstruction.add(frame)
+    seen = somebody.sights[:]
+    mesh = reconstruction.finish()
+    assert [sight.seq for sight in seen] == [frame.seq for frame in [*frames, *frames]]
+    maps = {id(sight.so_far): sight.so_far for sight in seen}
+    assert 2 <= len(maps) < len(frames)
+    sizes = [len(each.mesh.triangles) for each in maps.values()]
+    assert sizes == sorted(sizes)
+    assert seen[-1].so_far is seen[len(frames)].so_far  # nothing new the second time
+    assert somebody.sights[-1].so_far.mesh is mesh
+    assert len(somebody.sights[-1].so_far.path_m) == 2 * len(frames)

@@ -16,8 +16,8 @@ def solids_of(config: SyntheticConfig) -> Sequence[Solid]:
     """What the virtual Kinect of this configuration sees."""
     path = make_path(config, ROOM_HEIGHT_M)
     checks = max(2, int(config.duration_s * PATH_CHECKS_PER_S))
-    way_m = path.poses(np.linspace(0.0, config.duration_s, checks))[:, :3, 3]
-    return furnish(config.seed, way_m, config.bare_wall)
+    free_m = path.free_m(np.linspace(0.0, config.duration_s, checks))
+    return furnish(config.seed, free_m, config.bare_wall)
 
 
 def distances_m(points_m: Array, solids: Sequence[Solid]) -> Array:

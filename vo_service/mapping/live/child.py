@@ -3,6 +3,7 @@
 It keeps the keyframes, at low priority; for each map that is asked for it makes another process.
 """
 
+import math
 import sys
 import time
 from contextlib import suppress
@@ -35,7 +36,7 @@ def main(connection: "Connection[Any, Any]") -> None:
 
 def _serve(connection: "Connection[Any, Any]", desk: Desk, outbox: Outbox) -> None:
     """Take in keyframes and orders until `End`. Raises EOFError or OSError without a service."""
-    told_s = -FACTS_EVERY_S
+    told_s = -math.inf
     while outbox.is_heard:
         is_due = time.monotonic() - told_s >= FACTS_EVERY_S
         if desk.take_in() or is_due:

@@ -2,7 +2,8 @@
 
 from vo_service.comparison.judging import Judgement
 from vo_service.comparison.paper import about
-from vo_service.comparison.results import SequenceResults
+from vo_service.comparison.results import MOST_FRAMES, SequenceResults
+from vo_service.comparison.tables import WHOLE
 
 
 def finding(result: SequenceResults) -> str:
@@ -25,12 +26,12 @@ def _order(result: SequenceResults) -> str:
     known = sorted(
         (_error_m(judged), about(method).name)
         for method, judged in result.judged.items()
-        if judged.evaluation is not None
+        if judged.evaluation is not None and (judged.coverage or 0.0) >= MOST_FRAMES
     )
     if result.recording.truth is None:
         return "without ground truth, errors cannot be told."
     if not known:
-        return "no method could be judged."
+        return "no method could be judged over most of the frames."
     (least_m, best), *others = known
     if not others:
         return f"the mean global error of {best} is {least_m:.3f} m."
@@ -48,7 +49,7 @@ def _partial(result: SequenceResults) -> list[str]:
     return [
         f"{about(method).name} placed {100 * judged.coverage:.0f} % of the frames only."
         for method, judged in result.judged.items()
-        if judged.coverage is not None and judged.coverage < 0.99
+        if judged.coverage is not None and judged.coverage < WHOLE
     ]
 
 

@@ -9,6 +9,9 @@ from vo_service.comparison.judging import Judgement, judge
 from vo_service.comparison.paper import paper_figures
 from vo_service.comparison.sequence import Recording
 
+# A method that gives a pose to fewer frames than this has the easy ones alone.
+MOST_FRAMES = 0.9
+
 
 @dataclass(frozen=True)
 class SequenceResults:
@@ -18,8 +21,15 @@ class SequenceResults:
     judged: Mapping[str, Judgement]
 
     def best(self, value: Callable[[Judgement], float | None]) -> str | None:
-        """The method of the smallest value; None where fewer than two have one."""
-        values = {method: value(judged) for method, judged in self.judged.items()}
+        """The method of the smallest value; None where fewer than two have one.
+
+        One that placed few of the frames is not the best of anything.
+        """
+        values = {
+            method: value(judged)
+            for method, judged in self.judged.items()
+            if judged.coverage is not None and judged.coverage >= MOST_FRAMES
+        }
         known = {method: found for method, found in values.items() if found is not None}
         return min(known, key=lambda method: known[method]) if len(known) > 1 else None
 

@@ -1,7 +1,7 @@
 """The tables of a comparison: the paper's two, and all other figures."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vo_service.comparison.judging import Judgement
 from vo_service.comparison.paper import PaperFigures, about, paper_figures
@@ -51,6 +51,8 @@ METRICS = (
     WALL,
     _Metric("memory_mb", "memory MB", _of_run(lambda judged: judged.outcome.run.memory_mb), 0),
 )  # fmt: skip
+# Of the frames: where fewer have a pose, the share stands beside the figure.
+WHOLE = 0.99
 HEADINGS = {ERROR.key: "mean global error m"}
 
 
@@ -152,8 +154,13 @@ def _heading(method: str, metric: _Metric, metrics: Sequence[_Metric]) -> str:
 
 
 def _cell_or_state(judged: Judgement, metric: _Metric, is_best: bool) -> Cell:
-    """In the paper's tables a run without a result says so in its place."""
-    return _cell(judged, metric, is_best) if judged.is_done else Cell(None, judged.outcome.state)
+    """In the paper's tables a run without a result says so in its place, and a partial one too."""
+    if not judged.is_done:
+        return Cell(None, judged.outcome.state)
+    cell = _cell(judged, metric, is_best)
+    if judged.coverage is None or judged.coverage >= WHOLE or cell.value is None:
+        return cell
+    return replace(cell, text=f"{cell.text} ({100 * judged.coverage:.0f} %)")
 
 
 def _cell(judged: Judgement, metric: _Metric, is_best: bool = False) -> Cell:

@@ -35,11 +35,7 @@ def write_picture(path: Path, trajectory: StampedPoses, truth: StampedPoses, tit
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: a picture is {' or '.join(FORMATS)}: name it so")
-    write_figure(path, draw(trajectory, truth, title))
-
-
-def write_figure(path: Path, figure: "Figure") -> None:
-    """Write a figure as the PNG or SVG that the suffix says; raises as `write_picture`."""
+    figure = draw(trajectory, truth, title)
     image = io.BytesIO()
     figure.savefig(image, format=path.suffix.lower().removeprefix("."))
     try:

@@ -45,7 +45,15 @@ def test_for_people_the_best_has_a_star_and_a_crash_says_so(floor: SequenceResul
     title, head, row = error_table([floor]).as_text().splitlines()
     assert title == "Table I: mean global error, in metres"
     assert head.split("  ")[0] == "sequence"
-    assert row.split() == [FLOOR, "0.000*", "0.195", "crashed", "0.05", "0.12", "0.51"]
+    assert row.split() == [FLOOR, "0.000", "(95", "%)*", "0.195", "crashed", "0.05", "0.12", "0.51"]
+
+
+def test_a_method_of_few_frames_is_never_the_best() -> None:
+    of = recording()
+    few, all_frames = done(of, lost=range(10, 40)), done(of, step_m=0.02)
+    (row,) = error_table([results(of, surf=few, icp=all_frames, sfm=all_frames)]).rows
+    assert [cell.is_best for cell in row] == [False, False, True, False]
+    assert row[1].text == "0.000 (25 %)"
 
 
 def test_other_sequences_have_no_paper_columns() -> None:

@@ -61,13 +61,13 @@ _FRAME_CAPTION = (
     "Error frame by frame (as the paper's Figures 6 to 9): how wrong the motion from each frame to "
     "the next is, in millimetres and in degrees. Low is good; a peak is one bad step. Thin lines "
     f"are the frames themselves, thick ones the median of {SMOOTHED} of them. The scale is "
-    "logarithmic. Marks at the bottom are frames that a method could not place."
+    "logarithmic. Marks at the bottom, if any, are frames that a method could not place."
 )
 _GLOBAL_CAPTION = (
     "Global error (as the paper's Figures 6 to 9): how far the estimated camera is from the true "
     "one, with both trajectories joined at the first frame. Errors of single steps add up, "
-    "so the lines drift; their mean is the mean global error of Table I. Marks at the bottom are "
-    "frames that a method could not place."
+    "so the lines drift; their mean is the mean global error of Table I. Marks at the bottom, if "
+    "any, are frames that a method could not place."
 )
 
 

@@ -39,7 +39,7 @@ class MapSettings:
     """`[map]`: keyframes of where the camera has been, for the command `save-map`."""
 
     enabled: bool = setting(True, "false keeps no keyframes, and cannot save a map")
-    max_mb: int = setting(200, "most memory of the keyframes, thinned out when it is full", low=10)
+    max_mb: int = setting(100, "most memory of the keyframes, thinned out when it is full", low=10)
     voxel_m: float = setting(0.02, "finest detail of a map, metres", low=0.005, high=0.5)
     making_mb: int = setting(300, "most memory beside that, while a map is made", low=50)
     total_mb: int = setting(2000, "of all maps; the oldest are deleted first", low=1)

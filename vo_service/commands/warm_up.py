@@ -4,7 +4,8 @@ import argparse
 
 from vo_service.commands.options import add_config_options, config_of
 from vo_service.interrupts import stop_on_signals
-from vo_service.session import prepare_kernels
+from vo_service.mapping.warm_up import warm_up_mapping
+from vo_service.session import prepare_kernels, prepared
 from vo_service.terminal import Terminal
 
 NAME = "warm-up"
@@ -26,7 +27,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compile, or find that all is there."""
     config = config_of(args)
+    terminal = Terminal()
     with stop_on_signals() as stop:
-        taken_s = prepare_kernels(config, Terminal(), stop)
-    print(f"the kernels of {config.odometry.method} are ready ({taken_s:.1f} s)")
+        taken_s = prepare_kernels(config, terminal, stop)
+        if config.map.enabled:
+            taken_s += prepared(warm_up_mapping, terminal, stop)
+    maps = " and of maps" if config.map.enabled else ""
+    print(f"the kernels of {config.odometry.method}{maps} are ready ({taken_s:.1f} s)")
     return 0

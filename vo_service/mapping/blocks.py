@@ -14,7 +14,7 @@ from drivers.jit import kernel
 SIDE = 8
 VOXELS = SIDE**3
 # What a block takes: its voxels, and where it is.
-BLOCK_BYTES = VOXELS * (4 + 4 + 4 * 2) + 3 * 4
+BLOCK_BYTES = VOXELS * (4 + 4 + 4 * 2) + 3 * 8
 
 EMPTY, ABSENT, OUT_OF_REACH = -1, -1, -2
 # Bits of a coordinate in a key: with blocks of 8 cm, 84 km each way.
@@ -23,7 +23,7 @@ _REACH = 1 << (_BITS - 1)
 # The golden ratio in 64 bits (Knuth): neighbours in space land far apart in the table.
 _SCATTER = np.uint64(0x9E3779B97F4A7C15)
 
-Coordinates = NDArray[np.int32]
+Coordinates = NDArray[np.int64]
 
 
 class Blocks:
@@ -42,7 +42,7 @@ class Blocks:
         self.capacity = capacity
         self.count = 0
         self.refused = 0
-        self.coordinates: Coordinates = np.zeros((capacity, 3), np.int32)
+        self.coordinates: Coordinates = np.zeros((capacity, 3), np.int64)
         self.distance_m: NDArray[np.float32] = np.zeros((capacity, VOXELS), np.float32)
         self.weight: NDArray[np.float32] = np.zeros((capacity, VOXELS), np.float32)
         self.colour: NDArray[np.uint16] = np.zeros((capacity, VOXELS, 4), np.uint16)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array
-from drivers.jit import kernel
+from drivers.jit import inline_kernel, kernel
 from vo_service.mapping.blocks import SIDE, Coordinates
 
 # The weight of a colour: a reading of weight 1 is so many parts, and there are at most so many.
@@ -40,7 +40,7 @@ def touched_blocks(
     height, width = depth_m.shape
     steps = 1 + math.ceil(2.0 * margin_m / (0.5 * block_m))
     rays = ((height - 1) // step_px + 1) * ((width - 1) // step_px + 1)
-    found = np.empty((rays * (steps + 1), 3), np.int32)
+    found = np.empty((rays * (steps + 1), 3), np.int64)
     n = 0
     T = T_world_camera
     for v in range(0, height, step_px):
@@ -155,13 +155,20 @@ def integrate(
                 distance_m[b, voxel] += share * (
                     min(in_front_m, truncation_m) - distance_m[b, voxel]
                 )
+                # What is seen through a voxel is not its colour.
                 if in_front_m < truncation_m:
-                    # A weight of its own: what is seen through the voxel is not its colour.
-                    parts = math.ceil(COLOUR_PARTS * w)
-                    total = min(MOST_COLOUR_PARTS, colour[b, voxel, 3] + parts)
-                    colour[b, voxel, 3] = total
-                    for channel in range(3):
-                        old = colour[b, voxel, channel]
-                        new = 256.0 * colour_bgr[v, u, 2 - channel]
-                        mixed = old + parts / total * (new - old)
-                        colour[b, voxel, channel] = np.uint16(mixed + 0.5)
+                    _mix(colour, b, voxel, colour_bgr, v, u, w)
+
+
+@inline_kernel
+def _mix(
+    colour: NDArray[np.uint16], b: int, voxel: int, colour_bgr: Colour, v: int, u: int, w: float
+) -> None:
+    """Bring a pixel's colour into the mean, whose weight is apart from the distance's."""
+    parts = math.ceil(COLOUR_PARTS * w)
+    total = min(MOST_COLOUR_PARTS, colour[b, voxel, 3] + parts)
+    colour[b, voxel, 3] = total
+    for channel in range(3):
+        old = colour[b, voxel, channel]
+        new = 256.0 * colour_bgr[v, u, 2 - channel]
+        colour[b, voxel, channel] = np.uint16(old + parts / total * (new - old) + 0.5)

@@ -21,6 +21,15 @@ MESH_BYTES = VOXELS * 4 + 4000
 NO_VERTEX = -1
 # Corner c of a cell is at (c >> 2, c >> 1 & 1, c & 1); an edge joins c and c with one more bit.
 CORNERS = 8
+# For an edge along x, y or z: how far back the four cells around it begin, counter-clockwise seen
+# from the edge's far end.
+RINGS = np.array(
+    [
+        [[0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]],
+        [[0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 0, 0]],
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
+    ]
+)
 
 Floats = NDArray[np.float32]
 Cells = NDArray[np.int32]
@@ -189,17 +198,16 @@ def _join(
             i, j, k = voxel >> 6, voxel >> 3 & 7, voxel & 7
             is_behind = distance_m[b, voxel] < 0.0
             for axis in range(3):
-                di, dj, dk = axis == 0, axis == 1, axis == 2
-                next_block = after[_block_of(i + di, j + dj, k + dk)]
-                next_distance = distance_m[next_block, _voxel_of(i + di, j + dj, k + dk)]
-                if is_behind == (next_distance < 0.0):
+                ni, nj, nk = i + (axis == 0), j + (axis == 1), k + (axis == 2)
+                far = distance_m[after[_block_of(ni, nj, nk)], _voxel_of(ni, nj, nk)]
+                if is_behind == (far < 0.0):
                     continue
-                # The cells around the edge, counter-clockwise seen from its far end.
                 for corner in range(4):
-                    back_u, back_v = corner == 1 or corner == 2, corner >= 2
-                    ci = i - (back_u if axis == 2 else back_v if axis == 1 else 0)
-                    cj = j - (back_u if axis == 0 else back_v if axis == 2 else 0)
-                    ck = k - (back_u if axis == 1 else back_v if axis == 0 else 0)
+                    ci, cj, ck = (
+                        i - RINGS[axis, corner, 0],
+                        j - RINGS[axis, corner, 1],
+                        k - RINGS[axis, corner, 2],
+                    )
                     block = before[_block_of(ci, cj, ck)]
                     quad[corner] = (
                         NO_VERTEX if block == ABSENT else cells[block, _voxel_of(ci, cj, ck)]

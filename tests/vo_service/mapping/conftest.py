@@ -31,7 +31,7 @@ def exact_ball() -> Mesh:
     """The same ball from exact distances."""
     blocks, voxel_m = Blocks(64), SETTINGS.voxel_m
     corners = np.indices((4, 4, 4)).reshape(3, -1).T - 2
-    blocks.make_room(corners.astype(np.int32))
+    blocks.make_room(corners.astype(np.int64))
     steps = np.indices((SIDE, SIDE, SIDE)).reshape(3, -1).T
     places_m = (corners[:, None] * SIDE + steps) * voxel_m
     blocks.distance_m[:] = np.linalg.norm(places_m, axis=2) - 0.5

@@ -11,7 +11,7 @@ PLACES = st.lists(st.tuples(COORDINATE, COORDINATE, COORDINATE), max_size=40)
 
 
 def put(blocks: Blocks, places: list[tuple[int, int, int]]) -> None:
-    blocks.make_room(np.array(places, np.int32).reshape(-1, 3))
+    blocks.make_room(np.array(places, np.int64).reshape(-1, 3))
 
 
 @settings(max_examples=40)

@@ -1,8 +1,8 @@
 """The sequences of the TUM RGB-D benchmark by their short names.
 
-Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012. Lengths are those
-that the benchmark publishes, to the second. Sizes are approximate: those of archives that somebody
-has measured, the others from their number of frames.
+Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012. Lengths and
+sizes only tell a reader what to expect; sizes are those of archives that somebody has measured, the
+others follow from the length.
 """
 
 import difflib

@@ -101,6 +101,7 @@ def _insert(
             continue
         table[place, 0] = key
         table[place, 1] = count
-        coordinates[count] = wanted[n]
+        for axis in range(3):
+            coordinates[count, axis] = wanted[n, axis]
         count += 1
     return count, refused

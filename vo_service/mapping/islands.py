@@ -13,7 +13,8 @@ def without_islands(mesh: Mesh, least_triangles: int) -> Mesh:
     """The mesh without the connected parts that have fewer triangles than that."""
     if not len(mesh.triangles):
         return mesh
-    part = _parts(mesh.triangles, len(mesh.vertices_m))
+    part = np.arange(len(mesh.vertices_m), dtype=np.int32)
+    _join_parts(mesh.triangles, part)
     sizes = np.bincount(part[mesh.triangles[:, 0]], minlength=len(part))
     is_kept = sizes[part] >= least_triangles
     number = np.cumsum(is_kept, dtype=np.int32) - np.int32(1)
@@ -27,9 +28,8 @@ def without_islands(mesh: Mesh, least_triangles: int) -> Mesh:
 
 
 @kernel
-def _parts(triangles: Indices, count: int) -> Indices:
-    """(count,) for each vertex, the least vertex that it is connected to."""
-    parent = np.arange(count).astype(np.int32)
+def _join_parts(triangles: Indices, parent: Indices) -> None:
+    """Make `parent` (N,), each vertex itself at first, the least that it is connected to."""
     for t in range(len(triangles)):
         first = _root(triangles[t, 0], parent)
         for corner in range(1, 3):
@@ -37,9 +37,8 @@ def _parts(triangles: Indices, count: int) -> Indices:
             low, high = min(first, other), max(first, other)
             parent[high] = low
             first = low
-    for vertex in range(count):
+    for vertex in range(len(parent)):
         parent[vertex] = _root(vertex, parent)
-    return parent
 
 
 @kernel

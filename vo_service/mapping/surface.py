@@ -138,12 +138,13 @@ def _place_vertices(
                 for channel in range(3):
                     colours[c, channel] = colour[block, corner, channel]
             place, paint = _amid_crossings(distances, colours)
+            slope = _gradient(distances)
             first = (i, j, k)
             for axis in range(3):
                 begin = coordinates[b, axis] * SIDE + first[axis]
                 vertices_m[vertex, axis] = (begin + place[axis]) * voxel_m
+                normals[vertex, axis] = slope[axis]
                 colours_rgb[vertex, axis] = np.uint8(min(255.0, paint[axis] / 256.0 + 0.5))
-            normals[vertex] = _gradient(distances)
     return vertices_m, normals, colours_rgb
 
 
@@ -202,6 +203,7 @@ def _join(
                 far = distance_m[after[_block_of(ni, nj, nk)], _voxel_of(ni, nj, nk)]
                 if is_behind == (far < 0.0):
                     continue
+                is_whole = True
                 for corner in range(4):
                     ci, cj, ck = (
                         i - RINGS[axis, corner, 0],
@@ -212,11 +214,17 @@ def _join(
                     quad[corner] = (
                         NO_VERTEX if block == ABSENT else cells[block, _voxel_of(ci, cj, ck)]
                     )
-                if quad.min() == NO_VERTEX:
+                    is_whole = is_whole and quad[corner] != NO_VERTEX
+                if not is_whole:
                     continue
                 if n + 2 <= len(triangles):
                     a, c = (1, 3) if is_behind else (3, 1)
-                    triangles[n] = quad[0], quad[a], quad[2]
-                    triangles[n + 1] = quad[0], quad[2], quad[c]
+                    _set(triangles, n, quad[0], quad[a], quad[2])
+                    _set(triangles, n + 1, quad[0], quad[2], quad[c])
                 n += 2
     return n
+
+
+@inline_kernel
+def _set(triangles: NDArray[np.int32], n: int, a: int, b: int, c: int) -> None:
+    triangles[n, 0], triangles[n, 1], triangles[n, 2] = a, b, c

@@ -28,4 +28,14 @@ def _surf(features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
     return SurfOdometry(SurfExtractor(features.count, features.upright), stopwatch=stopwatch)
 
 
-METHODS: Mapping[str, Callable[[FeatureSettings, Stopwatch], Odometry]] = {"surf": _surf}
+def _icp(_features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
+    """Depth alone, point to plane."""
+    from vo_service.odometry.icp_odometry import IcpOdometry
+
+    return IcpOdometry(stopwatch=stopwatch)
+
+
+METHODS: Mapping[str, Callable[[FeatureSettings, Stopwatch], Odometry]] = {
+    "surf": _surf,
+    "icp": _icp,
+}

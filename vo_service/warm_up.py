@@ -40,7 +40,7 @@ def warm_up(method: str, tell: Callable[[str], None]) -> float:
 
 
 def _made_up_frames() -> Iterator[RgbdFrame]:
-    """A cloth of blobs, 2 m away, a little moved from frame to frame; then one quite different.
+    """A cloth of blobs over a corner, a little moved from frame to frame; then one quite different.
 
     With the last one tracking is lost, so that what is only needed then is run as well.
     """
@@ -51,10 +51,18 @@ def _made_up_frames() -> Iterator[RgbdFrame]:
             stamp_s=number / 30,
             arrival_s=0.0,
             colour_bgr=np.roll(_cloth(seed), number, axis=1),
-            depth_raw=np.full((SIZE, SIZE), 2000, np.uint16),
+            depth_raw=_corner(2000 + 2000 * seed),
             depth_factor=1000.0,
             camera=camera,
         )
+
+
+def _corner(depth_raw: int) -> NDArray[np.uint16]:
+    """Three walls that meet in the middle, where the depth is greatest: they hold a camera fast."""
+    v, u = np.mgrid[:SIZE, :SIZE] - SIZE // 2
+    nearer = np.maximum.reduce([v, -v // 2 + u, -v // 2 - u])
+    corner: NDArray[np.uint16] = (depth_raw - 3 * nearer).astype(np.uint16)
+    return corner
 
 
 def _cloth(seed: int) -> NDArray[np.uint8]:

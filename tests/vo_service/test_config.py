@@ -138,7 +138,7 @@ def test_a_bad_key_is_named_with_its_line(
     ("table", "line", "why"),
     [
         ("camera", 'source = "kinekt"', "use one of freenect"),
-        ("odometry", 'method = "orb"', "method 'orb' is unknown; use one of surf"),
+        ("odometry", 'method = "orb"', "method 'orb' is unknown; use one of surf, icp"),
         ("T_base_camera", "quaternion_xyzw = [0, 0, 0, 0]", "must have length 1, as x y z w"),
         ("T_base_camera", "quaternion_xyzw = [1, 1, 1, 1]", "must have length 1, as x y z w"),
         ("zenoh", 'prefix = "/kinect"', "without a slash at either end"),

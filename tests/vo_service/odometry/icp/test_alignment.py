@@ -1,0 +1,96 @@
+"""Laying planes on surfaces: the motion found, and which directions of it are known."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.geometry import Array, adjoint, inverse, rigid_transform, rotation_from_vector
+from tests.vo_service.odometry.icp.views import FLOOR, ROOM, WALL, noisy, pose, view_of
+from tests.vo_service.odometry.walk import assert_close
+from vo_service.odometry.icp.alignment import align, measure
+from vo_service.odometry.icp.directions import directions, point_information
+from vo_service.odometry.icp.pyramid import Level, make_pyramid
+from vo_service.odometry.icp.residuals import locate
+from vo_service.odometry.icp.track import track_from
+
+START = make_pyramid(view_of(ROOM, np.eye(4)))
+REFERENCE = track_from(START, 4000)
+
+small = st.floats(-1.0, 1.0)
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.tuples(small, small, small), st.tuples(small, small, small))
+def test_a_small_motion_is_found(turn: tuple[float, ...], shift: tuple[float, ...]) -> None:
+    T = rigid_transform(rotation_from_vector(0.015 * np.array(turn)), 0.02 * np.array(shift))
+    found = align(REFERENCE.planes, make_pyramid(view_of(ROOM, T)), [np.eye(4)])
+    assert found.has_settled
+    assert_close(inverse(found.T_camera_reference), T, 0.003, 0.12)
+
+
+def test_it_begins_where_it_fits_best() -> None:
+    T = pose(8)
+    view = make_pyramid(view_of(ROOM, T))
+    found = align(REFERENCE.planes, view, [pose(-20), inverse(T), np.eye(4)])
+    assert_close(inverse(found.T_camera_reference), T, 0.003, 0.1)
+
+
+def test_what_is_found_far_from_the_start_is_not_believed() -> None:
+    there = rigid_transform(rotation_from_vector([0.0, 0.0, 0.6]), np.zeros(3))
+    found = align(REFERENCE.planes, make_pyramid(view_of(ROOM, there)), [np.eye(4)])
+    assert not found.has_settled
+
+
+def test_along_a_wall_nothing_moves() -> None:
+    wall = track_from(make_pyramid(noisy(view_of((WALL,), np.eye(4)), 0)), 4000)
+    nearer = rigid_transform(np.eye(3), [0.05, 0.03, 0.04])
+    found = align(wall.planes, make_pyramid(noisy(view_of((WALL,), nearer), 1)), [np.eye(4)])
+    T = inverse(found.T_camera_reference)
+    normal = np.array(WALL[0]) / np.linalg.norm(WALL[0])
+    assert abs((T[:3, 3] - nearer[:3, 3]) @ normal) < 0.003
+    along = T[:3, 3] - normal * (normal @ T[:3, 3])
+    assert np.linalg.norm(along) < 0.002
+
+
+def test_a_wall_leaves_three_directions_open_and_two_leave_one() -> None:
+    for planes, known in (((WALL,), 3), ((WALL, FLOOR), 5), (ROOM, 6)):
+        view = make_pyramid(noisy(view_of(planes, np.eye(4)), 3))
+        itself = measure(track_from(view, 4000).planes, view, np.eye(4))
+        assert itself.directions.known.shape == (6, known)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 10.0))
+def test_what_is_known_depends_neither_on_units_nor_on_the_origin(seed: int, unit: float) -> None:
+    random = np.random.default_rng(seed)
+    p, n = random.normal(size=(20, 3)), random.normal(size=(20, 3))
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    J = np.hstack([n, np.cross(p, n)])
+    q = np.hstack([p, np.ones((20, 1))])
+    plain = directions(J.T @ J, point_information(q.T @ q))
+    A = adjoint(rigid_transform(np.eye(3), random.normal(size=3))) @ np.diag([1.0] * 3 + [unit] * 3)
+    changed = directions(A.T @ J.T @ J @ A, A.T @ point_information(q.T @ q) @ A)
+    np.testing.assert_allclose(plain.clarity, changed.clarity, rtol=1e-6, atol=1e-9)
+
+
+def test_no_information_is_no_knowledge() -> None:
+    nothing = directions(np.zeros((6, 6)), np.zeros((6, 6)))
+    assert not nothing.clarity.any()
+    assert nothing.known.shape == (6, 0)
+
+
+def test_the_step_is_the_derivative_of_the_residuals() -> None:
+    """A small motion of the reference's points changes the residuals as the Jacobian says."""
+    level, planes = START.levels[0], REFERENCE.planes[0]
+    step = np.array([0.002, -0.001, 0.0015, 0.0006, -0.0008, 0.0004])
+    moved = rigid_transform(rotation_from_vector(step[3:]), step[:3])
+    change = residuals(planes, moved, level) - residuals(planes, np.eye(4), level)
+    p, n = planes[:, :3], planes[:, 3:6]
+    J = np.hstack([n, np.cross(p, n)]) / (planes[:, 6] * p[:, 2])[:, None]
+    both = np.isfinite(change)
+    assert both.mean() > 0.9
+    assert np.quantile(abs(change - J @ step)[both], 0.9) < 0.1 * np.quantile(abs(J @ step), 0.9)
+
+
+def residuals(planes: Array, T: Array, level: Level) -> Array:
+    return locate(planes, T, level.inverse_depth, level.intrinsics)[:, 2]

@@ -1,0 +1,138 @@
+"""Small planes on the surfaces of a depth image, and a choice of them that faces all ways."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array
+from drivers.jit import inline_kernel, kernel
+from vo_service.odometry.icp.pyramid import Level
+
+# A plane is fitted over a square of (2 RADIUS + 1)^2 pixels, ...
+RADIUS = 2
+# ... around every so-manieth pixel across and down, ...
+GRID_STEP = 3
+# ... over readings that lie within this much of the middle's in 1/z: beyond is another surface.
+MAX_STEP_PER_M = 0.03
+# They cover at least this share of the square, ...
+MIN_SUPPORT = 0.6
+# ... and lie this near to the plane, root mean square in 1/m, at half the sensor's size: thrice
+# the noise. Smaller images, whose readings are means of more, have less noise.
+MAX_RMS_PER_M = 4e-3
+# A surface seen nearly edge-on has no reliable plane: smallest cosine of the angle to the ray.
+MIN_COSINE = 0.15
+# Columns of a plane: its point (x, y, z), its normal (away from the camera), and its distance.
+COLUMNS = 7
+
+
+def find_planes(level: Level, budget: int) -> Array:
+    """(N, 7) planes in the camera's axes: point x, y, z (m), unit normal, distance n.p (m).
+
+    Of all that are found, at most `budget`, chosen so that rare directions of normals are not
+    lost among common ones: normal-space sampling (Rusinkiewicz and Levoy 2001, Section 3.2).
+    """
+    max_rms_per_m = MAX_RMS_PER_M * np.sqrt(2.0 / level.scale)
+    planes = fit_planes(level.inverse_depth, level.intrinsics, float(max_rms_per_m))
+    return planes[balanced_choice(direction_bins(planes), budget)]
+
+
+def direction_bins(planes: Array) -> NDArray[np.int64]:
+    """(N,) in which of 18 ranges of directions each normal lies: 60 degrees around, 20 aside."""
+    aside = np.clip(np.degrees(np.arccos(np.clip(planes[:, 5], -1.0, 1.0))) // 25, 0, 2)
+    around = np.clip(np.degrees(np.arctan2(planes[:, 4], planes[:, 3]) + np.pi) // 60, 0, 5)
+    bins: NDArray[np.int64] = (6 * aside + around).astype(np.int64)
+    return bins
+
+
+def balanced_choice(bins: NDArray[np.int64], budget: int) -> NDArray[np.int64]:
+    """Rising indices of at most `budget` members: all of small bins, evenly spread ones of large.
+
+    bins  (N,) the bin that each member lies in
+    """
+    if len(bins) <= budget:
+        return np.arange(len(bins))
+    counts = np.bincount(bins)
+    cap = _largest_cap(counts, budget)
+    members = [np.flatnonzero(bins == each) for each in np.flatnonzero(counts)]
+    return np.sort(np.concatenate([_evenly(each, cap) for each in members]))
+
+
+def _largest_cap(counts: NDArray[np.int64], budget: int) -> int:
+    """The most that each bin may give so that all give no more than `budget`."""
+    caps = np.arange(1, budget + 1)
+    totals = np.minimum(counts[:, None], caps).sum(axis=0)
+    return int(np.searchsorted(totals, budget, side="right"))
+
+
+def _evenly(members: NDArray[np.int64], cap: int) -> NDArray[np.int64]:
+    count = min(len(members), cap)
+    return members[np.arange(count) * len(members) // max(count, 1)]
+
+
+@kernel
+def fit_planes(
+    inverse_depth: NDArray[np.float32], intrinsics: Array, max_rms_per_m: float
+) -> Array:
+    """(N, 7) planes on a grid over an image; see `find_planes`. intrinsics: fx, fy, cx, cy."""
+    height, width = inverse_depth.shape
+    fx, fy, cx, cy = intrinsics
+    most = (height // GRID_STEP + 1) * (width // GRID_STEP + 1)
+    planes = np.empty((most, COLUMNS))
+    found = 0
+    for v in range(RADIUS, height - RADIUS, GRID_STEP):
+        for u in range(RADIUS, width - RADIUS, GRID_STEP):
+            w, wu, wv = _fit(inverse_depth, u, v, max_rms_per_m)
+            if w <= 0.0:
+                continue
+            # On the plane, 1/z = a x/z + b y/z + c, that is (a, b, c) . p = 1.
+            a, b = wu * fx, wv * fy
+            c = w - wu * (u - cx) - wv * (v - cy)
+            distance = 1.0 / np.sqrt(a * a + b * b + c * c)
+            x, y, z = (u - cx) / (fx * w), (v - cy) / (fy * w), 1.0 / w
+            if distance < MIN_COSINE * np.sqrt(x * x + y * y + z * z):
+                continue
+            planes[found] = (x, y, z, a * distance, b * distance, c * distance, distance)
+            found += 1
+    return planes[:found]
+
+
+@inline_kernel
+def _fit(
+    inverse_depth: NDArray[np.float32], column: int, row: int, max_rms_per_m: float
+) -> tuple[float, float, float]:
+    """1/z at a pixel of the plane 1/z = w + wu du + wv dv around it, wu and wv; zeros if none."""
+    none = (0.0, 0.0, 0.0)
+    middle = float(inverse_depth[row, column])
+    if middle <= 0.0:
+        return none
+    n = su = sv = suu = suv = svv = sw = suw = svw = sww = 0.0
+    for dv in range(-RADIUS, RADIUS + 1):
+        for du in range(-RADIUS, RADIUS + 1):
+            reading = float(inverse_depth[row + dv, column + du])
+            w = reading - middle
+            if reading <= 0.0 or abs(w) > MAX_STEP_PER_M:
+                continue
+            n += 1.0
+            su += du
+            sv += dv
+            suu += du * du
+            suv += du * dv
+            svv += dv * dv
+            sw += w
+            suw += du * w
+            svw += dv * w
+            sww += w * w
+    if n < MIN_SUPPORT * (2 * RADIUS + 1) ** 2:
+        return none
+    # Normal equations about the centroid, a 2x2 system for the two slopes.
+    mu, mv, mw = su / n, sv / n, sw / n
+    cuu, cuv, cvv = suu - n * mu * mu, suv - n * mu * mv, svv - n * mv * mv
+    cuw, cvw = suw - n * mu * mw, svw - n * mv * mw
+    det = cuu * cvv - cuv * cuv
+    if det <= 1e-9:
+        return none
+    wu = (cuw * cvv - cvw * cuv) / det
+    wv = (cvw * cuu - cuw * cuv) / det
+    squared = sww - n * mw * mw - wu * cuw - wv * cvw
+    if squared > n * max_rms_per_m**2:
+        return none
+    return middle + mw - wu * mu - wv * mv, wu, wv

@@ -1,0 +1,193 @@
+"""How far a frame's surfaces are from the planes of a reference, and which motion would mend it.
+
+A plane's point is projected into the frame, and the reading there is compared with what the moved
+plane demands (projective association, Blais and Levine 1995). Their difference in 1/z is the
+distance from the plane (Chen and Medioni 1991), over the plane's own distance from the camera and
+over the point's depth. So measured, the sensor's noise is the same everywhere.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array
+from drivers.jit import inline_kernel, kernel
+
+# Readings around a projected point that are further apart than this in 1/m lie on an edge.
+MAX_STEP_PER_M = 0.04
+# A surface that is seen nearly edge-on from the new place tells nothing reliable.
+MIN_COSINE = 0.1
+NEAREST_M = 0.05
+# What a plane's point may come to lie on.
+NOTHING, EDGE, SURFACE = 0, 1, 2
+# Noise of a fitted plane's slopes, 1/m a pixel: what noise of 0.7e-3/m in the readings leaves.
+# Times the focal length and the plane's distance, it is the noise of the unit normal.
+SLOPE_NOISE = 1.05e-4
+# Degrees of freedom of Student's t, which the residuals are taken to follow: many are outliers.
+FREEDOM = 5.0
+
+
+@inline_kernel
+def robust_cost(sigmas: float) -> float:
+    """Of a residual that is so many sigma, by Student's t."""
+    return float(np.log(1.0 + sigmas * sigmas / FREEDOM))
+
+
+@kernel
+def sum_system(
+    planes: Array,
+    T_camera_reference: Array,
+    inverse_depth: NDArray[np.float32],
+    intrinsics: Array,
+    sigma: float,
+    gate: float,
+) -> tuple[Array, Array, Array, Array]:
+    """The weighted least squares of one step: information (6, 6), vector (6,), moments, counts.
+
+    With r = J xi, xi = (translation, rotation) of the reference's points in its own axes, the
+    information is sum w J^T J and the vector sum w J^T r. The moments (4, 4) are sum w v^2 q q^T,
+    with q the point (x, y, z, 1) and v^2 the variance of J's direction for the normal's noise.
+
+    The counts (5,) are: planes that come to lie on readings; of these, such that are within the
+    gate (1/m), and such that agree to three sigma; then sum w r^2, and the robust cost of all that
+    lie on readings, where one that is not within the gate costs as much as at the gate.
+    """
+    H, g, moments, counts = np.zeros((6, 6)), np.zeros(6), np.zeros((4, 4)), np.zeros(5)
+    J = np.empty(6)
+    q = np.ones(4)
+    s = _translation_in_reference(T_camera_reference)
+    worst = robust_cost(gate / sigma)
+    for n in range(len(planes)):
+        found, r, scale = _residual(planes[n], T_camera_reference, s, inverse_depth, intrinsics)
+        if found == NOTHING:
+            continue
+        counts[0] += 1.0
+        if found == EDGE or abs(r) > gate:
+            counts[4] += worst
+            continue
+        squared = r * r / (sigma * sigma)
+        w = (FREEDOM + 1.0) / (FREEDOM + squared)
+        counts[1] += 1.0
+        counts[2] += squared <= 9.0
+        counts[3] += w * r * r
+        counts[4] += robust_cost(r / sigma)
+        _jacobian(planes[n], scale, J)
+        for i in range(6):
+            weighted = w * J[i]
+            g[i] += weighted * r
+            for j in range(i, 6):
+                H[i, j] += weighted * J[j]
+        q[:3] = planes[n, :3]
+        variance = w * (scale * SLOPE_NOISE * intrinsics[0] * planes[n, 6]) ** 2
+        for i in range(4):
+            for j in range(i, 4):
+                moments[i, j] += variance * q[i] * q[j]
+    _mirror(H)
+    _mirror(moments)
+    return H, g, moments, counts
+
+
+@kernel
+def locate(
+    planes: Array,
+    T_camera_reference: Array,
+    inverse_depth: NDArray[np.float32],
+    intrinsics: Array,
+) -> Array:
+    """(N, 3): the pixel u, v that each plane's point projects to, and the residual there, 1/m.
+
+    The pixel is NaN outside of the image; the residual is so without a reading, and infinite on
+    an edge.
+    """
+    found = np.full((len(planes), 3), np.nan)
+    s = _translation_in_reference(T_camera_reference)
+    height, width = inverse_depth.shape
+    for n in range(len(planes)):
+        x, y, z = _moved(planes[n], T_camera_reference)
+        u, v = intrinsics[0] * x / z + intrinsics[2], intrinsics[1] * y / z + intrinsics[3]
+        if z < NEAREST_M or not (0.0 <= u <= width - 1 and 0.0 <= v <= height - 1):
+            continue
+        found[n, 0], found[n, 1] = u, v
+        kind, r, _ = _residual(planes[n], T_camera_reference, s, inverse_depth, intrinsics)
+        if kind == SURFACE:
+            found[n, 2] = r
+        elif kind == EDGE:
+            found[n, 2] = np.inf
+    return found
+
+
+@inline_kernel
+def _mirror(A: Array) -> None:
+    for i in range(len(A)):
+        for j in range(i):
+            A[i, j] = A[j, i]
+
+
+@inline_kernel
+def _translation_in_reference(T: Array) -> Array:
+    s = np.empty(3)
+    for i in range(3):
+        s[i] = T[0, i] * T[0, 3] + T[1, i] * T[1, 3] + T[2, i] * T[2, 3]
+    return s
+
+
+@inline_kernel
+def _moved(plane: Array, T: Array) -> tuple[float, float, float]:
+    px, py, pz = plane[0], plane[1], plane[2]
+    return (
+        T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3],
+        T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3],
+        T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3],
+    )
+
+
+@inline_kernel
+def _residual(
+    plane: Array,
+    T_camera_reference: Array,
+    s: Array,
+    inverse_depth: NDArray[np.float32],
+    intrinsics: Array,
+) -> tuple[int, float, float]:
+    """What is found there; its reading minus the demand, 1/m; what a metre off the plane makes.
+
+    s  (3,) the translation in the reference's axes: n . s is how much further away the plane is
+    """
+    x, y, z = _moved(plane, T_camera_reference)
+    distance = plane[6] + plane[3] * s[0] + plane[4] * s[1] + plane[5] * s[2]
+    if z < NEAREST_M or distance < MIN_COSINE * np.sqrt(x * x + y * y + z * z):
+        return NOTHING, 0.0, 0.0
+    u = intrinsics[0] * x / z + intrinsics[2]
+    v = intrinsics[1] * y / z + intrinsics[3]
+    found, w = _reading(inverse_depth, u, v)
+    return found, w - 1.0 / z, 1.0 / (distance * z)
+
+
+@inline_kernel
+def _reading(inverse_depth: NDArray[np.float32], u: float, v: float) -> tuple[int, float]:
+    """What four pixels show, and 1/z between them; nothing beside a pixel without reading."""
+    height, width = inverse_depth.shape
+    if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
+        return NOTHING, 0.0
+    column, row = int(u), int(v)
+    a, b = inverse_depth[row, column], inverse_depth[row, column + 1]
+    c, d = inverse_depth[row + 1, column], inverse_depth[row + 1, column + 1]
+    lowest = min(min(a, b), min(c, d))
+    if lowest <= 0.0:
+        return NOTHING, 0.0
+    if max(max(a, b), max(c, d)) - lowest > MAX_STEP_PER_M:
+        return EDGE, 0.0
+    right, down = u - column, v - row
+    above, below = a + right * (b - a), c + right * (d - c)
+    return SURFACE, float(above + down * (below - above))
+
+
+@inline_kernel
+def _jacobian(plane: Array, scale: float, J: Array) -> None:
+    """Fill J (6,): scale times (n, p x n)."""
+    px, py, pz, nx, ny, nz = plane[0], plane[1], plane[2], plane[3], plane[4], plane[5]
+    J[0], J[1], J[2] = scale * nx, scale * ny, scale * nz
+    J[3], J[4], J[5] = (
+        scale * (py * nz - pz * ny),
+        scale * (pz * nx - px * nz),
+        scale * (px * ny - py * nx),
+    )

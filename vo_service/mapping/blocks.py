@@ -16,7 +16,9 @@ VOXELS = SIDE**3
 # What a block takes: its voxels, and where it is.
 BLOCK_BYTES = VOXELS * (4 + 4 + 4 * 2) + 3 * 8
 
-EMPTY, ABSENT, OUT_OF_REACH = -1, -1, -2
+# EMPTY is no key: the table is then taken from the system as it is used, like the blocks.
+EMPTY, OUT_OF_REACH = 0, -1
+ABSENT = -1
 # Bits of a coordinate in a key: with blocks of 8 cm, 84 km each way.
 _BITS = 21
 _REACH = 1 << (_BITS - 1)
@@ -48,7 +50,7 @@ class Blocks:
         self.colour: NDArray[np.uint16] = np.zeros((capacity, VOXELS, 4), np.uint16)
         # Half of the table stays empty, so that searches are short.
         size = 1 << (2 * capacity - 1).bit_length()
-        self.table: NDArray[np.int64] = np.full((size, 2), EMPTY, np.int64)
+        self.table: NDArray[np.int64] = np.zeros((size, 2), np.int64)
 
     def make_room(self, wanted: Coordinates) -> None:
         """See that the blocks at these coordinates (N, 3) exist; those without room are counted."""
@@ -59,8 +61,7 @@ class Blocks:
 @kernel
 def key_of(x: int, y: int, z: int) -> int:
     """One number for a block's place; OUT_OF_REACH if it is beyond what a key can tell."""
-    low, high = -_REACH, _REACH
-    if not (low <= x < high and low <= y < high and low <= z < high):
+    if not (abs(x) < _REACH and abs(y) < _REACH and abs(z) < _REACH):
         return OUT_OF_REACH
     return ((x + _REACH) << (2 * _BITS)) | ((y + _REACH) << _BITS) | (z + _REACH)
 
@@ -79,7 +80,10 @@ def find(key: int, table: NDArray[np.int64]) -> int:
 def slot_of(x: int, y: int, z: int, table: NDArray[np.int64]) -> Any:
     """Number of the block at these coordinates; ABSENT if there is none."""
     key = key_of(x, y, z)
-    return table[find(key, table), 1] if key >= 0 else ABSENT
+    if key == OUT_OF_REACH:
+        return ABSENT
+    place = find(key, table)
+    return table[place, 1] if table[place, 0] == key else ABSENT
 
 
 @kernel
@@ -90,7 +94,7 @@ def _insert(
     refused = 0
     for n in range(len(wanted)):
         key = key_of(wanted[n, 0], wanted[n, 1], wanted[n, 2])
-        if key < 0:
+        if key == OUT_OF_REACH:
             refused += 1
             continue
         place = find(key, table)

@@ -15,7 +15,7 @@ from drivers.geometry import Array
 from drivers.trajectory import read_trajectory
 from tests.conftest import FRAMES
 from tests.full_disk import files_up_to
-from tests.vo_service.commands.command_line import Outcome, call, run
+from tests.vo_service.commands.command_line import Outcome, call
 from tests.vo_service.mapping.ply_reader import read_ply
 from tests.vo_service.odometry.synthetic_views import FLOOR, WALL
 from vo_service.mapping.reconstruction import Reconstruction
@@ -77,9 +77,9 @@ def test_a_given_trajectory_makes_a_map_in_its_own_world(
 
 
 def test_without_a_trajectory_the_odometry_runs_and_leaves_its_own(
-    recording: Path, tmp_path: Path
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    outcome = run("reconstruct", recording, "--output", tmp_path, "--json", *COARSE)
+    outcome = call(capfd, "reconstruct", recording, "--output", tmp_path, "--json", *COARSE)
     assert (outcome.code, outcome.err, outcome.out.count("\n")) == (0, "", 1)
     figures = json.loads(outcome.out)
     assert json.loads((tmp_path / "reconstruction.json").read_text()) == figures
@@ -111,6 +111,7 @@ def test_a_full_map_is_one_line_of_warning_and_still_a_map(
         (("--voxel-m", "nan"), "--voxel-m: nan is not a length"),
         (("--memory-mb", "5"), "--memory-mb: 5 is not a size: give 20 or more"),
         (("--memory-mb", "1e3"), "--memory-mb: 1e3 is not a size"),
+        (("--memory-mb", "9000000"), "--memory-mb 9000000: this computer does not have it"),
         (("--max-depth-m", "-1"), "--max-depth-m: -1 is not a length"),
         (("--rerun", "nowhere"), "rerun target 'nowhere'"),
         (("--output", "/proc/no/such"), "/proc/no/such: cannot be created"),

@@ -1,0 +1,142 @@
+"""ICP on depth alone beside OpenCV's and Open3D's: how far off each ends up, and at what cost.
+
+    python -m benchmarks.icp FOLDER... [--open3d SITE] [--frame-to-frame] [--json]
+
+Each FOLDER is a TUM folder. Open3D is no part of kinect-vo: `pip install --target SITE open3d-cpu`
+puts it into a folder of its own, and without --open3d it is left out. Times are CPU milliseconds
+of the whole process on one thread, decoding not counted. Distances are in millimetres; see
+`kinect-vo evaluate` for what the figures are. --frame-to-frame adds ours with the last frame as the
+reference each time.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.icp_methods import methods
+from benchmarks.odometry import all_frames, compare
+from drivers.camera import Pace, RgbdFrame
+from drivers.errors import UserFacingError
+from drivers.trajectory import StampedPoses
+from drivers.tum.camera import TumCamera
+from vo_service.evaluation import Evaluation
+from vo_service.odometry.estimate import Estimate, Odometry
+
+# The first frames compile, load and set up; their times say nothing.
+WARM_UP_FRAMES = 3
+
+
+@dataclass(frozen=True)
+class Result:
+    """One method on one folder.
+
+    frames, failed      how many there were, and how many of them have no pose
+    cpu_ms, cpu_p99_ms  mean and 99th percentile
+    evaluation          None without ground truth
+    """
+
+    frames: int
+    failed: int
+    cpu_ms: float
+    cpu_p99_ms: float
+    evaluation: Evaluation | None
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.icp",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
+    parser.add_argument("--open3d", type=Path, metavar="SITE", help="where Open3D is installed")
+    parser.add_argument("--frame-to-frame", action="store_true", help="add ours, frame to frame")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    results: dict[str, dict[str, Result]] = {}
+    try:
+        compared = methods(args.open3d, args.frame_to_frame)
+        for folder in args.folder:
+            frames, truth = depth_of(folder)
+            results[str(folder)] = {
+                name: measure(make, frames, truth) for name, make in compared.items()
+            }
+            if not args.json:
+                print(f"{folder}\n{table(results[str(folder)])}\n", flush=True)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    if args.json:
+        print(json.dumps({f: {n: asdict(r) for n, r in m.items()} for f, m in results.items()}))
+    return 0
+
+
+def depth_of(folder: Path) -> tuple[list[RgbdFrame], StampedPoses | None]:
+    """All frames, black, with their depth; and the ground truth."""
+    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
+        frames = [
+            replace(f, colour_bgr=np.broadcast_to(np.uint8(0), f.colour_bgr.shape))
+            for f in all_frames(camera)
+        ]
+        return frames, camera.ground_truth
+
+
+def measure(
+    make: Callable[[], Odometry], frames: list[RgbdFrame], truth: StampedPoses | None
+) -> Result:
+    """Follow the frames from the first to the last."""
+    odometry = make()
+    estimates: list[Estimate] = []
+    cpu_ms = []
+    for frame in frames:
+        fresh = replace(frame)  # what others have derived from the frame is not reused
+        begin_s = time.process_time()
+        estimates.append(odometry.estimate(fresh))
+        cpu_ms.append((time.process_time() - begin_s) * 1e3)
+    counted = cpu_ms[WARM_UP_FRAMES:] or cpu_ms
+    return Result(
+        frames=len(estimates),
+        failed=sum(not e.ok for e in estimates),
+        cpu_ms=float(np.mean(counted)),
+        cpu_p99_ms=float(np.percentile(counted, 99)),
+        evaluation=compare(estimates, [f.stamp_s for f in frames], truth),
+    )
+
+
+def table(results: dict[str, Result]) -> str:
+    """One line a method."""
+    heads = ["frames", "failed", "ATE", "global", "RPE/frame", "RPE/1s", "deg/1s"]
+    heads += ["CPU ms", "CPU p99"]
+    lines = [f"{'':24}" + "".join(f"{head:>10}" for head in heads)]
+    lines += [f"{n:24}" + "".join(f"{c:>10}" for c in cells(r)) for n, r in results.items()]
+    return "\n".join(lines)
+
+
+def cells(result: Result) -> list[str]:
+    """The columns of one method."""
+    e = result.evaluation
+    errors = [e.ate_rmse_m, e.mean_global_error_m, e.rpe_frame_m, e.rpe_1s_m] if e else [None] * 4
+    turn = e.rpe_1s_deg if e else None
+    return [
+        *(f"{count}" for count in (result.frames, result.failed)),
+        *("-" if error is None else f"{1e3 * error:.1f}" for error in errors),
+        "-" if turn is None else f"{turn:.2f}",
+        *(f"{spent:.1f}" for spent in (result.cpu_ms, result.cpu_p99_ms)),
+    ]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,42 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.icp_methods import OPENCV, OURS, OURS_FRAME_TO_FRAME, methods
+from tests.vo_service.odometry.icp.views import CAMERA, ROOM, frame_of, noisy, pose, view_of
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    root = str(Path(__file__).parents[2])
+    command = [sys.executable, "-m", "benchmarks.icp", *arguments]
+    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=100)
+
+
+def test_every_method_is_measured(recording: Path) -> None:
+    done = run(str(recording), "--frame-to-frame", "--json")
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)[str(recording)]
+    assert list(results) == [OURS, OURS_FRAME_TO_FRAME, OPENCV]
+    assert all(result["frames"] == 12 and result["cpu_ms"] > 0 for result in results.values())
+
+
+def test_a_missing_open3d_is_one_line_that_says_how_to_get_it(tmp_path: Path) -> None:
+    done = run(str(tmp_path), "--open3d", str(tmp_path / "nothing"))
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "pip install --target" in done.stderr
+
+
+@pytest.mark.parametrize("name", [OURS, OURS_FRAME_TO_FRAME, OPENCV])
+def test_each_follows_a_corner_of_a_room_and_leaves_out_a_frame_without_depth(name: str) -> None:
+    odometry = methods(None, frame_to_frame=True)[name]()
+    blind = frame_of(np.zeros((CAMERA.height, CAMERA.width)), 2)
+    frames = [noisy(view_of(ROOM, pose(k), k), k) for k in (0, 1)]
+    estimates = [odometry.estimate(f) for f in (*frames, blind, view_of(ROOM, pose(2), 2))]
+    assert [e.ok for e in estimates] == [True, True, False, True]
+    error = estimates[-1].T_world_camera[:3, 3] - pose(2)[:3, 3]
+    assert np.linalg.norm(error) < 0.02

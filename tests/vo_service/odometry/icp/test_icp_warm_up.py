@@ -1,0 +1,35 @@
+"""Compiling ahead of time: what ICP needs later has been run by the warm-up."""
+
+import numpy as np
+
+from tests.vo_service.odometry.icp.views import ROOM, noisy, pose, view_of
+from vo_service.methods import METHODS, FeatureSettings
+from vo_service.odometry.icp import planes, pyramid, residuals
+from vo_service.odometry.stopwatch import NullStopwatch
+from vo_service.warm_up import warm_up
+
+KERNELS = [
+    each
+    for module in (planes, pyramid, residuals)
+    for each in vars(module).values()
+    if hasattr(each, "signatures") and hasattr(each, "py_func")
+]
+
+
+def test_every_stage_is_run_and_told() -> None:
+    told: list[str] = []
+    assert warm_up("icp", told.append) > 0
+    assert set(told) == {"pyramid", "planes", "align", "again"}
+
+
+def test_a_warm_icp_compiles_nothing_more_for_a_real_frame() -> None:
+    warm_up("icp", lambda _: None)
+    before = [list(kernel.signatures) for kernel in KERNELS]
+    odometry = METHODS["icp"](FeatureSettings(), NullStopwatch())
+    frames = [noisy(view_of(ROOM, pose(k), k), k) for k in range(2)]
+    # A frame that another process shares may be read alone.
+    frames[1].depth_raw.flags.writeable = False
+    assert all(odometry.estimate(frame).ok for frame in frames)
+    assert not odometry.estimate(view_of(ROOM[:1], np.eye(4), 2)).ok
+    assert KERNELS
+    assert [list(kernel.signatures) for kernel in KERNELS] == before

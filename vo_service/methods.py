@@ -35,7 +35,16 @@ def _icp(_features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
     return IcpOdometry(stopwatch=stopwatch)
 
 
+def _sfm(features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
+    """Colour alone; the first scale is that of the first depth."""
+    from vo_service.odometry.sfm_odometry import SfmOdometry
+    from vo_service.odometry.surf import SurfExtractor
+
+    return SfmOdometry(SurfExtractor(features.count, features.upright), stopwatch=stopwatch)
+
+
 METHODS: Mapping[str, Callable[[FeatureSettings, Stopwatch], Odometry]] = {
     "surf": _surf,
     "icp": _icp,
+    "sfm": _sfm,
 }

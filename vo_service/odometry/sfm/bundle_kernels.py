@@ -1,0 +1,147 @@
+"""The normal equations of a bundle adjustment, point by point.
+
+Sightings are ordered by point; a view moves as exp(step) T_view_world, step (metres, radians).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array
+from drivers.jit import inline_kernel, kernel
+
+# Squared errors, in standard deviations, count half from here on.
+HALF = 4.0
+# A point nearer than this before a camera, or behind it, cannot be seen.
+NEAREST_M = 1e-3
+NOT_SEEN = 1e9
+# Keeps a point that nothing is known of solvable.
+POINT_FLOOR = 1e-3
+
+Indices = NDArray[np.int64]
+
+
+@kernel
+def accumulate(
+    T: Array, position_m: Array, view: Indices, point: Indices, image: Array, sigma: float,
+    damping: float, H: Array, gradient: Array, inverse: Array, of_point: Array, mixed: Array,
+    squared: Array,
+) -> float:  # fmt: skip
+    """Fill the normal equations, the points eliminated; returns the cost.
+
+    A view moves as exp(step) T_view_world. Arrays from `H` on are zero, and are filled.
+    """
+    cost = 0.0
+    begin = 0
+    A = np.empty((2, 3))
+    J = np.empty((2, 6))
+    while begin < len(point):
+        end = begin
+        V = np.zeros((3, 3))
+        while end < len(point) and point[end] == point[begin]:
+            cost += _see(
+                T[view[end]], position_m[point[end]], image[end], sigma, J, A, V,
+                of_point[point[end]], H, gradient, 6 * view[end], mixed[end], squared, end,
+            )  # fmt: skip
+            end += 1
+        for a in range(3):
+            V[a, a] = V[a, a] * (1.0 + damping) + POINT_FLOOR
+        _invert(V, inverse[point[begin]])
+        _eliminate(H, gradient, inverse[point[begin]], of_point, mixed, view, point, begin, end)
+        begin = end
+    return cost
+
+
+@inline_kernel
+def _see(
+    T: Array, P: Array, image: Array, sigma: float, J: Array, A: Array, V: Array, b: Array,
+    H: Array, gradient: Array, row: int, mixed: Array, squared: Array, n: int,
+) -> float:  # fmt: skip
+    """Add one sighting to the equations of its view and its point; returns its cost."""
+    x = T[0, 0] * P[0] + T[0, 1] * P[1] + T[0, 2] * P[2] + T[0, 3]
+    y = T[1, 0] * P[0] + T[1, 1] * P[1] + T[1, 2] * P[2] + T[1, 3]
+    z = T[2, 0] * P[0] + T[2, 1] * P[1] + T[2, 2] * P[2] + T[2, 3]
+    if z < NEAREST_M:
+        squared[n] = NOT_SEEN
+        return HALF * math.log(1.0 + NOT_SEEN / HALF)
+    u, v = x / z, y / z
+    du, dv = image[0] - u, image[1] - v
+    squared[n] = (du * du + dv * dv) / (sigma * sigma)
+    weight = 1.0 / (sigma * sigma * (1.0 + squared[n] / HALF))
+    J[0, 0], J[0, 1], J[0, 2] = 1.0 / z, 0.0, -u / z
+    J[1, 0], J[1, 1], J[1, 2] = 0.0, 1.0 / z, -v / z
+    J[0, 3], J[0, 4], J[0, 5] = -u * v, 1.0 + u * u, -v
+    J[1, 3], J[1, 4], J[1, 5] = -1.0 - v * v, u * v, u
+    for a in range(2):
+        for c in range(3):
+            A[a, c] = J[a, 0] * T[0, c] + J[a, 1] * T[1, c] + J[a, 2] * T[2, c]
+    for a in range(3):
+        b[a] += weight * (A[0, a] * du + A[1, a] * dv)
+        for c in range(3):
+            V[a, c] += weight * (A[0, a] * A[0, c] + A[1, a] * A[1, c])
+    for a in range(6):
+        gradient[row + a] += weight * (J[0, a] * du + J[1, a] * dv)
+        for c in range(6):
+            H[row + a, row + c] += weight * (J[0, a] * J[0, c] + J[1, a] * J[1, c])
+        for c in range(3):
+            mixed[a, c] = weight * (J[0, a] * A[0, c] + J[1, a] * A[1, c])
+    return HALF * math.log(1.0 + squared[n] / HALF)
+
+
+@inline_kernel
+def _invert(V: Array, inverse: Array) -> None:
+    """Inverse of a symmetric 3x3 matrix, by its cofactors."""
+    c0 = V[1, 1] * V[2, 2] - V[1, 2] * V[1, 2]
+    c1 = V[0, 2] * V[1, 2] - V[0, 1] * V[2, 2]
+    c2 = V[0, 1] * V[1, 2] - V[0, 2] * V[1, 1]
+    det = V[0, 0] * c0 + V[0, 1] * c1 + V[0, 2] * c2
+    inverse[0, 0] = c0 / det
+    inverse[0, 1] = inverse[1, 0] = c1 / det
+    inverse[0, 2] = inverse[2, 0] = c2 / det
+    inverse[1, 1] = (V[0, 0] * V[2, 2] - V[0, 2] * V[0, 2]) / det
+    inverse[1, 2] = inverse[2, 1] = (V[0, 1] * V[0, 2] - V[0, 0] * V[1, 2]) / det
+    inverse[2, 2] = (V[0, 0] * V[1, 1] - V[0, 1] * V[0, 1]) / det
+
+
+@inline_kernel
+def _eliminate(
+    H: Array, gradient: Array, inverse: Array, of_point: Array, mixed: Array,
+    view: Indices, point: Indices, begin: int, end: int,
+) -> None:  # fmt: skip
+    """Take one point, which the sightings from begin to end are of, out of the views' equations."""
+    share = np.empty((6, 3))
+    b = of_point[point[begin]]
+    for i in range(begin, end):
+        for a in range(6):
+            for c in range(3):
+                share[a, c] = 0.0
+                for k in range(3):
+                    share[a, c] += mixed[i, a, k] * inverse[k, c]
+                gradient[6 * view[i] + a] -= share[a, c] * b[c]
+        for j in range(begin, end):
+            for a in range(6):
+                for c in range(6):
+                    for k in range(3):
+                        H[6 * view[i] + a, 6 * view[j] + c] -= share[a, k] * mixed[j, c, k]
+
+
+@kernel
+def move_points(
+    position_m: Array, view: Indices, point: Indices, inverse: Array, of_point: Array,
+    mixed: Array, step: Array,
+) -> None:  # fmt: skip
+    """Move every point to where it fits best once the views have made their step."""
+    begin = 0
+    while begin < len(point):
+        end = begin
+        left = of_point[point[begin]].copy()
+        while end < len(point) and point[end] == point[begin]:
+            for c in range(3):
+                for a in range(6):
+                    left[c] -= mixed[end, a, c] * step[6 * view[end] + a]
+            end += 1
+        for a in range(3):
+            for c in range(3):
+                position_m[point[begin], a] += inverse[point[begin], a, c] * left[c]
+        begin = end

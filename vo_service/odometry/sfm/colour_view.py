@@ -1,0 +1,83 @@
+"""A frame as structure from motion knows it: colour alone."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array
+from vo_service.odometry.surf import Features
+
+# A point is known, and may carry the scale, if its depth is as sure as this, relative.
+KNOWN_TO = 0.2
+# Standard deviation in pixels of where a feature is found again: of both images' errors together.
+SIGMA_PX = 0.7
+
+
+@dataclass(frozen=True)
+class ColourView:
+    """What is kept of a frame.
+
+    features  where they are in the image, and what they look like
+    ray       (N, 3) the direction of each, in the camera's axes, scaled to z = 1
+    focal_px  of the camera, the mean of both directions
+    stamp_s   of the frame
+    """
+
+    features: Features
+    ray: Array
+    focal_px: float
+    stamp_s: float
+
+    @classmethod
+    def of(cls, features: Features, frame: RgbdFrame) -> Self:
+        """The features of a frame, whose depth is not looked at."""
+        camera = frame.camera
+        u, v = features.position_px.astype(np.float64).T
+        x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+        ray = np.column_stack([x, y, np.ones(len(features))])
+        return cls(features, ray, (camera.fx + camera.fy) / 2.0, frame.stamp_s)
+
+
+@dataclass(frozen=True)
+class RayPairs:
+    """The same features seen by the camera and by the reference.
+
+    ray            (M, 3) in the camera's axes, z = 1
+    ray_reference  (M, 3) in the reference's axes, z = 1
+    inverse_depth  (M,) 1/m in the reference; means nothing where the information is 0
+    information    (M,) 1 / variance of the inverse depth, m^2; 0: not known
+    sigma          standard deviation between a ray and where its point projects to, at z = 1
+    """
+
+    ray: Array
+    ray_reference: Array
+    inverse_depth: Array
+    information: Array
+    sigma: float
+
+    def __len__(self) -> int:
+        return len(self.ray)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(M,) bool: the depth is sure enough to carry the scale."""
+        return is_known(self.inverse_depth, self.information)
+
+    def only(self, chosen: NDArray[np.bool_]) -> "RayPairs":
+        """Those pairs of which `chosen` (M,) is True."""
+        return RayPairs(
+            self.ray[chosen],
+            self.ray_reference[chosen],
+            self.inverse_depth[chosen],
+            self.information[chosen],
+            self.sigma,
+        )
+
+
+def is_known(inverse_depth: Array, information: Array) -> NDArray[np.bool_]:
+    """(M,) bool: which depths are sure enough to carry the scale."""
+    known: NDArray[np.bool_] = inverse_depth**2 * information > 1.0 / KNOWN_TO**2
+    return known

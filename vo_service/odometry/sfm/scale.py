@@ -1,0 +1,62 @@
+"""How long a motion is: the points that are known already carry the scale on.
+
+Nistér, Naroditsky and Bergen, "Visual odometry", CVPR 2004; Scaramuzza and Fraundorfer, "Visual
+odometry, part I", IEEE Robotics and Automation Magazine 18 (2011), Section "2-D-to-2-D".
+"""
+
+import numpy as np
+
+from drivers.geometry import Array, rigid_transform
+from vo_service.odometry.sfm.colour_view import RayPairs
+from vo_service.odometry.sfm.essential import Direction
+from vo_service.odometry.sfm.triangulation import triangulate
+
+# Points that have moved by less than this, in standard deviations, say nothing of the length.
+MOVED_SIGMAS = 3.0
+FEWEST = 8
+ROUNDS = 6
+
+
+def motions_to_scale(direction: Direction | None, pairs: RayPairs) -> list[Array]:
+    """4x4 T_camera_reference in metres, by each way that works.
+
+    With parallax the essential matrix knows the direction of the motion better than single
+    points do. Without it (a short step, a turn on the spot) it knows the turn alone.
+    """
+    if direction is None:
+        return []
+    common = pairs.only(pairs.known & direction.inlier)
+    if len(common) < FEWEST:
+        return []
+    ways = (_by_ratio(direction, common), _by_points(direction.R, common))
+    return [rigid_transform(direction.R, t) for t in ways if t is not None]
+
+
+def _by_ratio(direction: Direction, common: RayPairs) -> Array | None:
+    """The direction, as long as makes the points as far as they are known to be (median)."""
+    found = triangulate(direction.R, direction.t, common)
+    has_moved = found.parallax_rad > MOVED_SIGMAS * common.sigma
+    chosen = has_moved & (found.inverse_depth > 0.0)
+    if chosen.sum() < FEWEST:
+        return None
+    length = float(np.median(found.inverse_depth[chosen] / common.inverse_depth[chosen]))
+    return direction.t * length
+
+
+def _by_points(R: Array, common: RayPairs) -> Array:
+    """(3,) translation that moves the known points to where they are seen, the turn being given.
+
+    Linear in t; Cauchy's weights for those that do not fit.
+    """
+    q = common.ray_reference @ R.T
+    moved = common.ray[:, :2] * q[:, 2:] - q[:, :2]
+    A = np.zeros((len(common), 2, 3))
+    A[:, 0, 0] = A[:, 1, 1] = common.inverse_depth
+    A[:, :, 2] = -common.inverse_depth[:, None] * common.ray[:, :2]
+    t = np.zeros(3)
+    for _ in range(ROUNDS):
+        error = (moved - A @ t) / common.sigma
+        w = 1.0 / (1.0 + 0.25 * np.einsum("ni,ni->n", error, error))
+        H = np.einsum("nij,n,nik->jk", A, w, A) + 1e-9 * np.eye(3)
+        t = np.linalg.solve(H, np.einsum("nij,n,ni->j", A, w, moved))
+    return t

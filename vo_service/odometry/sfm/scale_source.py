@@ -1,0 +1,107 @@
+"""Where the first scale comes from: colour alone has none.
+
+This is the one place where structure from motion may look at depth, and at that of the first
+frame alone.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array
+from vo_service.odometry.points import locate_features
+from vo_service.odometry.surf import Features
+
+# Fewer points than this with depth say too little, and so do two stamps of one place.
+FEWEST_POINTS = 15
+SHORTEST_BASELINE_M = 1e-3
+# From the median of the absolute deviations to a standard deviation; and how much less sure than
+# the mean of as many the median is (both of normal errors).
+SIGMAS_A_MAD, MEDIAN_SIGMAS_A_MEAN = 1.4826, 1.2533
+# A baseline that is given is not exact either.
+BASELINE_SIGMA = 0.01
+
+
+@dataclass(frozen=True)
+class FirstPair:
+    """The first two views with parallax: their motion, of length 1, and the points in that unit.
+
+    frame           of the first view
+    features        of the first view
+    stamp_s         of the second view
+    index           (K,) which features were triangulated
+    inverse_depth   (K,) of those in the first view, 1 / length of the motion
+    """
+
+    frame: RgbdFrame
+    features: Features
+    stamp_s: float
+    index: NDArray[np.int64]
+    inverse_depth: Array
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Metres a unit, and the standard deviation of the logarithm of it."""
+
+    metres_per_unit: float
+    sigma: float
+
+
+class ScaleSource(Protocol):
+    """Tells the first scale, once in each chain of frames."""
+
+    @property
+    def name(self) -> str:
+        """For reports: "first depth", "given baseline"."""
+        ...
+
+    def scale(self, pair: FirstPair) -> Scale | None:
+        """How long the first motion is; None where it cannot be told."""
+        ...
+
+
+class FirstDepth:
+    """The depth image of the first frame: the median over the points of both."""
+
+    name = "first depth"
+
+    def scale(self, pair: FirstPair) -> Scale | None:
+        """See `ScaleSource`. None if fewer than 15 of the points have depth."""
+        depth_m = locate_features(pair.features, pair.frame).position_m[pair.index, 2]
+        ratio = (depth_m * pair.inverse_depth)[depth_m > 0.0]
+        ratio = ratio[ratio > 0.0]
+        if len(ratio) < FEWEST_POINTS:
+            return None
+        metres_per_unit = float(np.median(ratio))
+        return Scale(metres_per_unit, median_sigma(np.log(ratio)))
+
+
+class GivenBaseline:
+    """The distance between the places of two frames, by their stamps: motion capture, say."""
+
+    name = "given baseline"
+
+    def __init__(self, distance_m: Callable[[float, float], float]) -> None:
+        self._distance_m = distance_m
+
+    def scale(self, pair: FirstPair) -> Scale | None:
+        """See `ScaleSource`. None if the places are the same to within a millimetre.
+
+        Raises what the function given raises.
+        """
+        distance_m = self._distance_m(pair.frame.stamp_s, pair.stamp_s)
+        if not SHORTEST_BASELINE_M < distance_m < np.inf:
+            return None
+        return Scale(distance_m, BASELINE_SIGMA)
+
+
+def median_sigma(values: Array) -> float:
+    """Standard deviation of the median of (N,) values, from their own spread; N at least 1."""
+    deviation = np.abs(values - np.median(values))
+    spread = SIGMAS_A_MAD * float(np.median(deviation))
+    return MEDIAN_SIGMAS_A_MEAN * spread / float(np.sqrt(len(values)))

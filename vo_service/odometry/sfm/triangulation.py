@@ -1,0 +1,42 @@
+"""Points from two rays, as inverse depths along the rays of the reference.
+
+Inverse depth, as its error is about Gaussian down to no parallax at all (Civera, Davison and
+Montiel, "Inverse Depth Parametrization for Monocular SLAM", T-RO 24, 2008).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.geometry import Array
+from vo_service.odometry.sfm.colour_view import RayPairs
+
+
+@dataclass(frozen=True)
+class Triangulated:
+    """Points by a motion between two views.
+
+    inverse_depth  (M,) in the reference; below 0 where the rays only meet behind a camera
+    parallax_rad   (M,) angle that the motion is seen under from the point, about
+    """
+
+    inverse_depth: Array
+    parallax_rad: Array
+
+
+def triangulate(R: Array, t: Array, pairs: RayPairs) -> Triangulated:
+    """Least squares in the camera's image of P_camera = R P_reference + t.
+
+    With q = R ray_reference and inverse depth w the point is at (q + w t) / w, so that a camera's
+    ray (x, y, 1) asks for w (t_xy - t_z (x, y)) = q_z (x, y) - q_xy.
+    """
+    q = pairs.ray_reference @ R.T
+    along = t[:2] - pairs.ray[:, :2] * t[2]
+    moved = pairs.ray[:, :2] * q[:, 2:] - q[:, :2]
+    squared = np.einsum("ni,ni->n", along, along)
+    inverse_depth = np.einsum("ni,ni->n", along, moved) / np.maximum(squared, 1e-18)
+    is_behind = q[:, 2] + inverse_depth * t[2] <= 0.0
+    inverse_depth[is_behind] = -1.0
+    parallax_rad = np.arctan(np.abs(inverse_depth) * np.sqrt(squared))
+    parallax_rad[is_behind] = 0.0
+    return Triangulated(inverse_depth, parallax_rad)

@@ -6,14 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from drivers.errors import InputError
 from vo_service.commands.options import config_of, seconds
 from vo_service.comparison.campaign import Plan, run_all
 from vo_service.comparison.files import Report, write_report
 from vo_service.comparison.keeping import prepare_folder
-from vo_service.comparison.method_recipe import MethodRecipe
+from vo_service.comparison.method_recipe import MethodRecipe, TrueScaleSfmRecipe
 from vo_service.comparison.recipe import Recipe, SfmScale
 from vo_service.comparison.results import SequenceResults, collect
-from vo_service.comparison.sequence import open_recordings
+from vo_service.comparison.sequence import Recording, open_recordings
 from vo_service.comparison.set_up import SetUp
 from vo_service.comparison.tables import error_table, time_table
 from vo_service.config import Config
@@ -80,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
     set_up = SetUp(methods, config, SfmScale(args.sfm_scale), camera_file, args.time_limit)
     recordings = open_recordings(args.folders, camera_file)
     recipes = recipes_of(config, methods, set_up.sfm_scale)
+    _check_truth(recordings, recipes)
     plan = Plan(recordings, recipes, args.output / "runs", args.time_limit, args.again)
     prepare_folder(args.output)
     terminal = Terminal()
@@ -93,7 +95,21 @@ def run(args: argparse.Namespace) -> int:
 
 def recipes_of(config: Config, methods: Sequence[str], scale: SfmScale) -> Mapping[str, Recipe]:
     """How each method is made, with the settings of the configuration."""
-    return {method: MethodRecipe(replace(config.odometry, method=method)) for method in methods}
+    kinds = {"sfm": TrueScaleSfmRecipe} if scale is SfmScale.GROUND_TRUTH else {}
+    return {
+        method: kinds.get(method, MethodRecipe)(replace(config.odometry, method=method))
+        for method in methods
+    }
+
+
+def _check_truth(recordings: Sequence[Recording], recipes: Mapping[str, Recipe]) -> None:
+    """Raise InputError if a method is to use a truth that there is not."""
+    missing = next((each for each in recordings if each.truth is None), None)
+    if missing is not None and any(recipe.uses_truth for recipe in recipes.values()):
+        raise InputError(
+            f"{missing.folder}: has no groundtruth.txt, which --sfm-scale ground-truth needs; "
+            "leave the option out, or the folder"
+        )
 
 
 def _print(report: Report, results: Sequence[SequenceResults], as_json: bool) -> None:

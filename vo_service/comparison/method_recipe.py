@@ -3,7 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 
+from drivers.errors import InputError
 from drivers.trajectory import StampedPoses
+from vo_service.comparison.recipe import SfmScale
+from vo_service.comparison.true_scale import TrueDistance
 from vo_service.config import OdometrySettings, make_odometry
 from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.stopwatch import Stopwatch
@@ -33,3 +36,38 @@ class MethodRecipe:
     def make(self, stopwatch: Stopwatch, truth: StampedPoses | None) -> Odometry:
         """As the service makes it."""
         return make_odometry(self.odometry, stopwatch)
+
+
+@dataclass(frozen=True)
+class TrueScaleSfmRecipe:
+    """The colour-only method with its first scale from the ground truth; see `Recipe`."""
+
+    odometry: OdometrySettings
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """The `[odometry]` table, and where the scale comes from."""
+        return {**asdict(self.odometry), "sfm_scale": SfmScale.GROUND_TRUTH}
+
+    @property
+    def uses_truth(self) -> bool:
+        """The distance between its first two places."""
+        return True
+
+    def prepare(self, tell: Callable[[str], None]) -> None:
+        """Compile or load the kernels."""
+        warm_up(self.odometry.method, tell)
+
+    def make(self, stopwatch: Stopwatch, truth: StampedPoses | None) -> Odometry:
+        """As the service makes it, but for the scale. Raises InputError without truth."""
+        from vo_service.odometry.sfm.scale_source import GivenBaseline
+        from vo_service.odometry.sfm_odometry import SfmOdometry
+        from vo_service.odometry.surf import SurfExtractor
+
+        if truth is None:
+            raise InputError("no groundtruth.txt, which --sfm-scale ground-truth needs")
+        return SfmOdometry(
+            SurfExtractor(self.odometry.feature_count, self.odometry.upright),
+            stopwatch=stopwatch,
+            scale_source=GivenBaseline(TrueDistance(truth)),
+        )

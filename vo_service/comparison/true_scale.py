@@ -1,10 +1,11 @@
 """How far the camera really went: the first scale of a method that has none of its own."""
 
+import math
+
 import numpy as np
 
-from drivers.errors import InputError
 from drivers.trajectory import StampedPoses
-from vo_service.evaluation.association import WITHIN_S, has_partner
+from vo_service.evaluation.association import has_partner
 
 
 class TrueDistance:
@@ -16,15 +17,11 @@ class TrueDistance:
     def __call__(self, from_s: float, to_s: float) -> float:
         """Metres between the places at two stamps, each interpolated between its neighbours.
 
-        Raises InputError where no truth is within 20 ms of a stamp.
+        NaN where no truth is within 20 ms of a stamp: motion capture has gaps.
         """
         stamps_s, truth = np.array([from_s, to_s]), self._truth
         if not has_partner(stamps_s, truth.stamps_s).all():
-            raise InputError(
-                f"the ground truth has no pose within {1000 * WITHIN_S:.0f} ms of the frames at "
-                f"{from_s:.3f} s and {to_s:.3f} s, which --sfm-scale ground-truth needs; use "
-                "--sfm-scale first-depth"
-            )
+            return math.nan
         positions_m = truth.T_world_camera[:, :3, 3]
         places_m = [np.interp(stamps_s, truth.stamps_s, axis_m) for axis_m in positions_m.T]
         return float(np.linalg.norm(np.diff(places_m, axis=1)))

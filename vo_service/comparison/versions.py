@@ -14,6 +14,7 @@ SOURCES = (
     "vo_service/methods.py",
     "vo_service/comparison/following.py",
     "vo_service/comparison/method_recipe.py",
+    "vo_service/comparison/true_scale.py",
 )
 PACKAGES = ("kinect-vo", "numpy", "opencv-python-headless", "numba")
 

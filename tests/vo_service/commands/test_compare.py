@@ -111,6 +111,17 @@ def test_what_is_given_wrong_is_one_line_before_anything_is_run(
     assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "empty", "file"}
 
 
+def test_a_scale_from_the_truth_needs_a_truth(
+    copy_recording: CopyRecording, tmp_path: Path, capfd: Capture
+) -> None:
+    folder = copy_recording()
+    (folder / "groundtruth.txt").unlink()
+    options = ("--methods", "sfm", "--sfm-scale", "ground-truth", "--output", tmp_path / "out")
+    done = call(capfd, "compare", folder, *options)
+    assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
+    assert f"{folder}: has no groundtruth.txt, which --sfm-scale ground-truth needs" in done.err
+
+
 def test_ctrl_c_leaves_a_report_of_what_was_done(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

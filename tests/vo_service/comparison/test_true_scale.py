@@ -1,9 +1,10 @@
 """How far the camera went by the truth."""
 
+import math
+
 import numpy as np
 import pytest
 
-from drivers.errors import InputError
 from drivers.trajectory import StampedPoses
 from tests.vo_service.evaluation.walks import moving
 from vo_service.comparison.true_scale import TrueDistance
@@ -21,5 +22,4 @@ def test_places_lie_between_the_true_poses(from_s: float, to_s: float, metres: f
 
 @pytest.mark.parametrize("to_s", [9.9, 10.2, 10.6])
 def test_where_the_truth_is_not_known_there_is_no_distance(to_s: float) -> None:
-    with pytest.raises(InputError, match=r"no pose within 20 ms .* use --sfm-scale first-depth"):
-        TrueDistance(WALK)(10.0, to_s)
+    assert math.isnan(TrueDistance(WALK)(10.0, to_s))

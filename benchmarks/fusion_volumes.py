@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, rigid_transform
+from drivers.geometry import Array, rigid_transform, transform_points
 from vo_service.mapping.fusion import Fusion, FusionSettings
 
 MAX_DEPTH_M = FusionSettings().max_depth_m
 TRUNCATION_VOXELS = 4.0
+RAYCAST_EVERY = 60
 # The box of a dense volume: the room and its walls.
 BOX_M = (7.04, 6.40, 3.20)
 
@@ -61,25 +62,39 @@ class OpenCvVolume:
             self._settings.setIntegrateWidth(frame.camera.width)
             self._settings.setIntegrateHeight(frame.camera.height)
             self._settings.setCameraIntegrateIntrinsics(frame.camera.K.astype(np.float32))
+            self._settings.setRaycastWidth(frame.camera.width)
+            self._settings.setRaycastHeight(frame.camera.height)
+            self._settings.setCameraRaycastIntrinsics(frame.camera.K.astype(np.float32))
             self._volume = cv2.Volume(self._kind, self._settings)
         return self._volume
 
 
 class Hashed(OpenCvVolume):
-    """OpenCV's sparse volume: no colours; points, no triangles."""
+    """OpenCV's sparse volume: no colours; points, no triangles.
+
+    `fetchPointsNormals` gives every voxel near the surface (opencv/opencv issue 22896), so the
+    surface is what rays meet that are cast from some of the poses.
+    """
 
     def __init__(self, voxel_m: float) -> None:
         super().__init__(cv2.VolumeType_HashTSDF, voxel_m)
+        self._poses: list[Array] = []
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
         """See `Volume`."""
         depth = frame.depth_raw.astype(np.float32)
         self.opened(frame).integrate(depth, T_world_camera.astype(np.float32))
+        self._poses.append(T_world_camera)
 
     def points_m(self) -> Array:
         """See `Volume`."""
+        return np.vstack([self._seen_m(T) for T in self._poses[::RAYCAST_EVERY]])
+
+    def _seen_m(self, T_world_camera: Array) -> Array:
         assert self._volume is not None, "frames come first"
-        return _xyz(self._volume.fetchPointsNormals()[0])
+        points_m = _xyz(np.asarray(self._volume.raycast(T_world_camera.astype(np.float32))[0]))
+        met = np.all(np.isfinite(points_m), axis=1)
+        return transform_points(T_world_camera, points_m[met])
 
 
 class DenseColour(OpenCvVolume):

@@ -154,13 +154,14 @@ def _heading(method: str, metric: _Metric, metrics: Sequence[_Metric]) -> str:
 
 
 def _cell_or_state(judged: Judgement, metric: _Metric, is_best: bool) -> Cell:
-    """In the paper's tables a run without a result says so in its place, and a partial one too."""
+    """In the paper's tables a run without a result says so, and an error of how many frames."""
     if not judged.is_done:
         return Cell(None, judged.outcome.state)
     cell = _cell(judged, metric, is_best)
-    if judged.coverage is None or judged.coverage >= WHOLE or cell.value is None:
+    share = 1.0 if judged.coverage is None else judged.coverage
+    if share >= WHOLE or metric is not ERROR or cell.value is None:
         return cell
-    return replace(cell, text=f"{cell.text} ({100 * judged.coverage:.0f} %)")
+    return replace(cell, text=f"{cell.text} ({100 * share:.0f} %)")
 
 
 def _cell(judged: Judgement, metric: _Metric, is_best: bool = False) -> Cell:

@@ -42,19 +42,28 @@ def warm_up(method: str, tell: Callable[[str], None]) -> float:
 def _made_up_frames() -> Iterator[RgbdFrame]:
     """A cloth of blobs over a corner, a little moved from frame to frame; then one quite different.
 
+    Before the last ones, most of the cloth has come nearer, which gives parallax to those who need it.
     With the last one tracking is lost, so that what is only needed then is run as well.
     """
     camera = PinholeCamera(SIZE, SIZE, 300.0, 300.0, SIZE / 2, SIZE / 2)
-    for number, seed in enumerate((0, 0, 0, 1)):
+    for number, seed in enumerate((0, 0, 0, 0, 0, 1)):
         yield RgbdFrame(
             seq=number,
             stamp_s=number / 30,
             arrival_s=0.0,
-            colour_bgr=np.roll(_cloth(seed), number, axis=1),
+            colour_bgr=_moved(_cloth(seed), number),
             depth_raw=_corner(2000 + 2000 * seed),
             depth_factor=1000.0,
             camera=camera,
         )
+
+
+def _moved(cloth: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
+    """The cloth by as many pixels, and from the fourth frame on its lower part much further."""
+    moved = np.roll(cloth, number, axis=1)
+    if number > 2:
+        moved[SIZE // 3 :] = np.roll(moved[SIZE // 3 :], SIZE // 5, axis=1)
+    return moved
 
 
 def _corner(depth_raw: int) -> NDArray[np.uint16]:

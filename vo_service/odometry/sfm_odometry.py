@@ -7,9 +7,9 @@ odometry, part I", IEEE Robotics and Automation Magazine 18 (2011), whose steps 
 import numpy as np
 
 from drivers.camera import RgbdFrame
+from vo_service.odometry.chance import ChanceTest
 from vo_service.odometry.estimate import Estimate, Evidence
 from vo_service.odometry.matching import match_features
-from vo_service.odometry.recovery import BY_OLDER_VIEW
 from vo_service.odometry.sfm.chain import Chain, Link
 from vo_service.odometry.sfm.colour_view import ColourView
 from vo_service.odometry.sfm.essential import find_direction
@@ -23,6 +23,9 @@ from vo_service.odometry.sfm.scale_source import FirstDepth, ScaleSource
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf_odometry import FeatureExtractor
+
+# Known points agree or not within a few pixels of where they ought to be: few do so by chance.
+BY_KNOWN_POINTS = ChanceTest(if_right=0.5, by_chance=0.05)
 
 
 class SfmOdometry:
@@ -101,8 +104,9 @@ class SfmOdometry:
         with self._stopwatch.stage("refine"):
             guesses.append(self._chain.guess(sight.keyframe))
             placed = Placed(sight, refine_best(guesses, sight.pairs))
-        if placed.known_inliers < self._parameters.min_inliers:
-            return NotPlaced(sight, f"{placed.known_inliers} of {common} known points agree")
+        agree = placed.known_inliers
+        if agree < self._parameters.min_inliers or not BY_KNOWN_POINTS.is_passed(agree, common):
+            return NotPlaced(sight, f"{agree} of {common} known points agree")
         return placed
 
     def _place_second(self, sight: Sight, frame: RgbdFrame) -> Estimate:
@@ -126,10 +130,7 @@ class SfmOdometry:
         if not older:
             return failed
         placed = self._place(self._look(view, older[self._failures % len(older)]))
-        is_sure = isinstance(placed, Placed) and BY_OLDER_VIEW.is_passed(
-            placed.known_inliers, int(placed.sight.pairs.known.sum())
-        )
-        return placed if is_sure else failed
+        return placed if isinstance(placed, Placed) else failed
 
     def _start(self, view: ColourView, frame: RgbdFrame, restarted: bool) -> Estimate:
         """Make this view the first of a chain, if it has enough features to be found again."""

@@ -74,7 +74,6 @@ class Chain:
         if self._last is None:
             return False
         self._keep(self._last)
-        self.T_world_last = self._window.keyframes[0].T_world_camera
         return True
 
     def _add(self, placed: Placed, is_keyframe: bool) -> Link:

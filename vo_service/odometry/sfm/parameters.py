@@ -15,7 +15,7 @@ class SfmParameters:
     max_failures: int = 30  # frames in a row; then the pose is held and tracking starts afresh
     first_inliers: int = 50  # pairs that must agree in the first two views
     first_parallax_rad: float = float(np.radians(3.0))  # median over the first points
-    keyframes: int = 6  # that are adjusted together
+    keyframes: int = 10  # that are adjusted together
     # A frame becomes a keyframe when fewer of the matches agree than this share of the first
     # frame's after the last keyframe, or when they have moved this far (median, pixels at a width
     # of 640).

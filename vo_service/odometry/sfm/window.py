@@ -26,7 +26,7 @@ GATE_SIGMAS = 3.0
 # One image's part of the error between two.
 SIGMA_ONE_PX = SIGMA_PX / np.sqrt(2.0)
 # Points are sought again in so many keyframes before the last one.
-SOUGHT_IN = 2
+SOUGHT_IN = 4
 # Fewer points than this say nothing of the scale.
 FEWEST_POINTS = 15
 

@@ -1,0 +1,151 @@
+"""A walk past a known scene, followed by colour."""
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import inverse, rigid_transform, rotation_from_vector
+from tests.vo_service.odometry.sfm.sideways import (
+    FRAMES,
+    pose,
+    view,
+    views,
+    walk,
+    without_depth,
+)
+from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+from tests.vo_service.odometry.walk import assert_close
+from vo_service.odometry.estimate import Estimate
+from vo_service.odometry.sfm.scale_source import FirstPair, GivenBaseline, Scale
+from vo_service.odometry.sfm_odometry import SfmOdometry
+
+
+@pytest.fixture(scope="module")
+def estimates() -> list[Estimate]:
+    return walk(SfmOdometry(), views())
+
+
+def placed(estimates: list[Estimate]) -> list[int]:
+    """Numbers of the frames that have a pose, but for the first."""
+    return [k for k, estimate in enumerate(estimates) if estimate.ok and k > 0]
+
+
+def test_the_first_frame_is_the_world(estimates: list[Estimate]) -> None:
+    first = estimates[0]
+    assert first.ok
+    assert not first.restarted
+    assert np.array_equal(first.T_world_camera, np.eye(4))
+    assert not first.covariance.any()
+
+
+def test_there_is_no_pose_before_there_is_parallax(estimates: list[Estimate]) -> None:
+    begin = placed(estimates)[0]
+    assert 2 <= begin <= 6
+    for estimate in estimates[1:begin]:
+        assert not estimate.ok
+        assert "waiting for parallax" in estimate.reason
+        assert np.array_equal(estimate.T_world_camera, np.eye(4))
+
+
+def test_from_then_on_every_frame_has_its_place_in_metres(estimates: list[Estimate]) -> None:
+    begin = placed(estimates)[0]
+    assert placed(estimates) == list(range(begin, FRAMES))
+    for k in range(begin, FRAMES):
+        assert_close(estimates[k].T_world_camera, pose(k), 0.025, 0.5)
+
+
+def test_poses_are_the_product_of_the_motions(estimates: list[Estimate]) -> None:
+    T = np.eye(4)
+    for estimate in estimates:
+        T = T @ estimate.T_reference_camera
+        np.testing.assert_allclose(estimate.T_world_camera, T, atol=1e-12)
+
+
+def test_an_estimate_says_what_it_rests_on(estimates: list[Estimate]) -> None:
+    estimate = estimates[-1]
+    evidence = estimate.evidence
+    assert 15 <= estimate.inliers <= estimate.matches <= estimate.features <= 1000
+    assert evidence.keypoints_px.shape == (estimate.features, 2)
+    assert evidence.matches_px.shape == evidence.reference_matches_px.shape
+    assert evidence.inlier.shape == (estimate.matches,)
+    assert int(evidence.inlier.sum()) == estimate.inliers
+    assert np.linalg.eigvalsh(estimate.covariance).min() > 0
+
+
+def test_the_error_of_a_step_is_of_the_size_that_the_covariance_says(
+    estimates: list[Estimate],
+) -> None:
+    for k in placed(estimates)[1:]:
+        step = inverse(pose(k - 1)) @ pose(k)
+        error = inverse(estimates[k].T_reference_camera) @ step
+        sigma_m = np.sqrt(np.trace(estimates[k].covariance[:3, :3]))
+        assert np.linalg.norm(error[:3, 3]) < 4 * sigma_m
+        assert sigma_m < 0.05
+
+
+def test_after_the_first_frame_no_depth_is_looked_at(estimates: list[Estimate]) -> None:
+    blind = walk(SfmOdometry(), [view(0), *map(without_depth, views()[1:])])
+    for a, b in zip(estimates, blind, strict=True):
+        assert np.array_equal(a.T_world_camera, b.T_world_camera)
+        assert np.array_equal(a.covariance, b.covariance)
+
+
+def test_the_same_frames_twice_give_the_same_bits(estimates: list[Estimate]) -> None:
+    for a, b in zip(estimates, walk(SfmOdometry(), views()), strict=True):
+        assert np.array_equal(a.T_world_camera, b.T_world_camera)
+        assert np.array_equal(a.covariance, b.covariance)
+        assert a.reason == b.reason
+
+
+def test_a_baseline_that_is_given_takes_the_place_of_the_depth() -> None:
+    source = GivenBaseline(
+        lambda from_s, to_s: float(np.linalg.norm(2.0 * pose(round(30 * (to_s - from_s)))[:3, 3]))
+    )
+    estimates = walk(SfmOdometry(scale_source=source), map(without_depth, views(7)))
+    assert estimates[-1].ok
+    length_m = np.linalg.norm(estimates[-1].T_world_camera[:3, 3])
+    assert length_m == pytest.approx(2.0 * np.linalg.norm(pose(6)[:3, 3]), rel=0.05)
+
+
+def test_an_unsure_scale_makes_the_length_of_every_step_unsure(
+    estimates: list[Estimate],
+) -> None:
+    class Unsure:
+        name = "a guess"
+
+        def scale(self, pair: FirstPair) -> Scale:
+            return Scale(0.2, sigma=0.5)
+
+    unsure = walk(SfmOdometry(scale_source=Unsure()), views())[-1]
+    along = inverse(unsure.T_reference_camera)[:3, 3]
+    length_m = float(np.linalg.norm(along))
+    variance = along @ unsure.covariance[:3, :3] @ along / length_m**2
+    assert np.sqrt(variance) > 0.5 * length_m
+
+
+def turning(k: int) -> RgbdFrame:
+    """After the walk, a turn on the spot."""
+    turn = rigid_transform(rotation_from_vector([0.0, -0.02 * k, 0.01 * k]), np.zeros(3))
+    return view_of_a_corner(pose(FRAMES - 1) @ turn, FRAMES + k)
+
+
+def test_a_turn_on_the_spot_moves_nothing() -> None:
+    odometry = SfmOdometry()
+    last = walk(odometry, views())[-1]
+    for k, estimate in enumerate(walk(odometry, map(turning, range(1, 4))), 1):
+        assert estimate.ok, estimate.reason
+        step = inverse(last.T_world_camera) @ estimate.T_world_camera
+        assert_close(
+            step,
+            rigid_transform(rotation_from_vector([0.0, -0.02 * k, 0.01 * k]), np.zeros(3)),
+            0.01,
+            0.3,
+        )
+
+
+def test_standing_still_is_no_motion() -> None:
+    odometry = SfmOdometry()
+    moved = walk(odometry, views())[-1]
+    for estimate in walk(odometry, [view(FRAMES - 1)] * 3):
+        assert estimate.ok
+        assert_close(estimate.T_world_camera, moved.T_world_camera, 0.005, 0.1)

@@ -24,8 +24,9 @@ from vo_service.mapping.surface import MESH_BYTES, surface
 from vo_service.odometry.depth_noise import depth_sigma_m
 
 MB = 1_000_000
-# How far around a surface the distance to it is kept.
-TRUNCATION_VOXELS = 4.0
+# How far around a surface the distance to it is kept. Less, and a surface that was seen twice, by
+# poses some centimetres apart, would not become one.
+LEAST_TRUNCATION_VOXELS, LEAST_TRUNCATION_M = 4.0, 0.06
 # A ray for at least every so many in the width of a block.
 RAYS_ACROSS_BLOCK = 4.0
 # Standard deviation of the best of readings. A surface is known well enough to be drawn when all
@@ -51,7 +52,7 @@ class FusionSettings:
     @property
     def truncation_m(self) -> float:
         """How far around a surface the distance to it is kept."""
-        return TRUNCATION_VOXELS * self.voxel_m
+        return max(LEAST_TRUNCATION_VOXELS * self.voxel_m, LEAST_TRUNCATION_M)
 
     @property
     def capacity(self) -> int:

@@ -42,7 +42,7 @@ def warm_up(method: str, tell: Callable[[str], None]) -> float:
 def _made_up_frames() -> Iterator[RgbdFrame]:
     """A cloth of blobs over a corner, a little moved from frame to frame; then one quite different.
 
-    Before the last ones, most of the cloth has come nearer, which gives parallax to those who need it.
+    Before that, most of the cloth has come nearer: that is parallax for those who need it.
     With the last one tracking is lost, so that what is only needed then is run as well.
     """
     camera = PinholeCamera(SIZE, SIZE, 300.0, 300.0, SIZE / 2, SIZE / 2)

@@ -39,7 +39,8 @@ def adjusted_from_afar(seen: Sightings) -> Adjusted:
 def shape(adjusted: Adjusted) -> Array:
     """Places of the cameras, with the farthest 1 away from the first: the scale is free."""
     places = np.array([inverse(T)[:3, 3] for T in adjusted.T_view_world])
-    return places / np.linalg.norm(places[-1])
+    scaled: Array = places / np.linalg.norm(places[-1])
+    return scaled
 
 
 def test_poses_and_points_are_led_to_where_they_are_seen_from() -> None:

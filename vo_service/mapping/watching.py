@@ -61,9 +61,10 @@ class Nobody:
 class Everybody:
     """All who watch, in one or several places."""
 
+    is_watching = True
+
     def __init__(self, watchers: list["RerunWatcher"]) -> None:
         self._watchers = watchers
-        self.is_watching = bool(watchers)
 
     def show(self, sight: Sight) -> None:
         """Show it to each."""
@@ -105,10 +106,12 @@ def watching(targets: tuple[str, ...], tell: Callable[[str], None]) -> Iterator[
 
     Raises what `RerunWatcher` raises, and InputError if two targets are the same place.
     """
-    if targets:
-        from vo_service.viewer.targets import check_places
+    if not targets:
+        yield Nobody()
+        return
+    from vo_service.viewer.targets import check_places
 
-        check_places(targets)
+    check_places(targets)
     with ExitStack() as stack:
         watchers = []
         for target in targets:

@@ -14,7 +14,7 @@ from drivers.camera import RgbdFrame
 from drivers.errors import InputError
 from drivers.geometry import Array, inverse
 from vo_service.odometry.estimate import Estimate, Odometry
-from vo_service.odometry.icp.alignment import align
+from vo_service.odometry.icp.alignment import FINE_ALONE, align
 from vo_service.odometry.icp.confidence import doubt
 from vo_service.odometry.icp.parameters import IcpParameters
 from vo_service.odometry.icp.pyramid import make_pyramid
@@ -151,7 +151,7 @@ class NewestReference:
 
     def align(self, earlier: Track, later: Track, T_earlier_later: Array) -> Array | None:
         """As `IcpOdometry`, without a second try."""
-        found = align(earlier.planes, later.last, [inverse(T_earlier_later), np.eye(4)])
+        found = align(earlier.planes, later.last, [inverse(T_earlier_later), np.eye(4)], FINE_ALONE)
         return None if doubt(found) else inverse(found.T_camera_reference)
 
 

@@ -4,19 +4,25 @@ Chen and Medioni (1991) for the distance, Besl and McKay (1992) for the iteratio
 Levoy (2001) for the choice of points and the projection. It needs shape, and no light.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from vo_service.odometry.estimate import Estimate, Evidence
-from vo_service.odometry.icp.alignment import Alignment, align, measure
-from vo_service.odometry.icp.confidence import doubt, misfit
+from vo_service.odometry.icp.alignment import (
+    COARSE_TO_FINE,
+    FINE_ALONE,
+    Alignment,
+    align,
+    measure,
+)
+from vo_service.odometry.icp.confidence import doubt
 from vo_service.odometry.icp.drawing import draw, draw_planes
 from vo_service.odometry.icp.parameters import IcpParameters
 from vo_service.odometry.icp.pyramid import DepthPyramid, make_pyramid
-from vo_service.odometry.icp.track import LONGEST_GUESS_S, Step, Track, is_used_up, track_from
+from vo_service.odometry.icp.track import Track, is_used_up, track_from
 from vo_service.odometry.motion_model import MotionModel
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
 
@@ -36,8 +42,6 @@ class IcpOdometry:
         self._model = MotionModel()
         self._track: Track | None = None
         self._T_world_camera = np.eye(4)
-        self._since_good = Step()
-        self._good_s = 0.0
         self._failures = 0
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
@@ -50,18 +54,18 @@ class IcpOdometry:
         # The reference's planes, laid on this frame's surfaces.
         with self._stopwatch.stage("align"):
             track = self._track
-            found = align(track.planes, view, self._starts(track, view))
+            found = align(track.planes, view, self._starts(track, view), FINE_ALONE)
         # Does it fit, and does the shape in view hold the camera in all six directions?
         if doubt(found):
             with self._stopwatch.stage("again"):
                 track, found = self._again(track, view, found)
-        if misfit(found) or not self._may_guess(view, found):
+        if doubt(found):
             return self._fail(view, track, found)
         # Concatenation.
         return self._advance(view, track, found)
 
     def _starts(self, track: Track, view: DepthPyramid) -> Sequence[Array]:
-        """Where the reference may be: as the motion goes on, or as for the last frame."""
+        """Where the reference may be: as the motion goes on, or as for the last good frame."""
         prediction = self._model.predict(view.stamp_s)
         if prediction is None:
             return [track.T_camera_reference]
@@ -69,15 +73,19 @@ class IcpOdometry:
         return [T_camera_last @ track.T_camera_reference, track.T_camera_reference]
 
     def _again(self, track: Track, view: DepthPyramid, found: Alignment) -> tuple[Track, Alignment]:
-        """Once more, with the last frame as the reference: it sees more of what is there."""
-        newer = track_from(track.last, self._parameters.planes)
-        again = align(newer.planes, view, self._starts(newer, view))
-        is_better = not doubt(again) or (bool(misfit(found)) and not misfit(again))
-        return (newer, again) if is_better else (track, found)
+        """The first of some more tries that is beyond doubt; else the track and what was found."""
+        for another, again in self._tries(track, view):
+            if not doubt(again):
+                return another, again
+        return track, found
 
-    def _may_guess(self, view: DepthPyramid, found: Alignment) -> bool:
-        """Whether a direction that is not known may be guessed, for a short time: it goes on."""
-        return not doubt(found) or 0.0 <= view.stamp_s - self._good_s <= LONGEST_GUESS_S
+    def _tries(self, track: Track, view: DepthPyramid) -> Iterator[tuple[Track, Alignment]]:
+        """From coarse to fine; then with the last good frame as the reference: it sees more."""
+        yield track, align(track.planes, view, self._starts(track, view), COARSE_TO_FINE)
+        newer = track_from(track.last, self._parameters.planes)
+        starts = self._starts(newer, view)
+        yield newer, align(newer.planes, view, starts, FINE_ALONE)
+        yield newer, align(newer.planes, view, starts, COARSE_TO_FINE)
 
     def _start(self, view: DepthPyramid, restarted: bool) -> Estimate:
         """Make this view the first of a chain, if its shape can be found again."""
@@ -88,8 +96,8 @@ class IcpOdometry:
         if reason := doubt(itself):
             return self._estimate(f"cannot start: {reason}", evidence)
         self._model.begin(view.stamp_s)
-        self._track, self._since_good = track, Step()
-        self._good_s, self._failures = view.stamp_s, 0
+        self._track = track
+        self._failures = 0
         return self._estimate("", evidence, restarted=restarted)
 
     def _fail(self, view: DepthPyramid, track: Track, found: Alignment) -> Estimate:
@@ -100,40 +108,33 @@ class IcpOdometry:
         return self._estimate(doubt(found), draw(track.planes, view, found))
 
     def _advance(self, view: DepthPyramid, track: Track, found: Alignment) -> Estimate:
-        """Go on from here; where little is left of the reference, this frame is the next one.
-
-        A frame whose motion is in part a guess has no pose of its own, but the next one may.
-        """
+        """Go on from here; where little is left of the reference, this frame is the next one."""
         evidence = draw(track.planes, view, found)
         after = track.moved(view, found)
-        step = track.step_to(after)
-        self._since_good = self._since_good.then(step)
-        self._model.add(step.T_from_to, view.stamp_s)
+        T_last_camera, covariance = track.step_to(after)
+        self._T_world_camera = self._T_world_camera @ T_last_camera
+        self._model.add(T_last_camera, view.stamp_s)
+        self._failures = 0
         if is_used_up(found):
             with self._stopwatch.stage("planes"):
                 after = track_from(view, self._parameters.planes)
         self._track = after
-        if reason := doubt(found):
-            self._failures += 1
-            return self._estimate(reason, evidence)
-        step, self._since_good = self._since_good, Step()
-        self._T_world_camera = self._T_world_camera @ step.T_from_to
-        self._good_s, self._failures = view.stamp_s, 0
-        return self._estimate("", evidence, step)
+        return self._estimate("", evidence, T_last_camera, covariance)
 
     def _estimate(
         self,
         reason: str,
         evidence: Evidence,
-        step: Step = Step(),  # noqa: B008 (frozen)
+        T_last_camera: Array | None = None,
+        covariance: Array | None = None,
         restarted: bool = False,
     ) -> Estimate:
         return Estimate(
             ok=not reason,
             reason=reason,
             T_world_camera=self._T_world_camera.copy(),
-            T_reference_camera=step.T_from_to,
-            covariance=step.covariance,
+            T_reference_camera=np.eye(4) if T_last_camera is None else T_last_camera,
+            covariance=np.zeros((6, 6)) if covariance is None else covariance,
             features=len(evidence.keypoints_px),
             matches=len(evidence.matches_px),
             inliers=int(evidence.inlier.sum()),

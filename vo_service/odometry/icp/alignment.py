@@ -20,17 +20,23 @@ from vo_service.odometry.icp.residuals import robust_cost, sum_system
 
 Planes = Sequence[Array]
 
+# The levels to pass through where the motion is well foreseen, and where it is not.
+FINE_ALONE, COARSE_TO_FINE = (0,), (2, 1, 0)
 # By level, fine to coarse: steps at most, and a step, in metres and radians, that is the last one.
 STEPS = (15, 10, 10)
 LAST_STEPS = (1e-4, 5e-4, 1e-3)
 # By level, in 1/m: residuals beyond which a plane is left out, and the spread of the others, which
 # is found with the motion. It begins at the most, so that what is far off has a say; were it not
 # kept from falling much below the noise, the first surfaces that fit would hold the rest off.
-GATES_PER_M = (0.05, 0.1, 0.2)
-MOST_SIGMA = (5e-3, 1e-2, 2e-2)
+GATES_PER_M = (0.2, 0.2, 0.2)
+MOST_SIGMA = (1e-2, 1e-2, 2e-2)
 LEAST_SIGMA = (1e-3, 2e-3, 4e-3)
 # How far from its start a motion may be found; a corner of a room looks like the next one.
 FARTHEST_M, FARTHEST_RAD = 0.5, 0.5
+# Noise of a plane's slopes on the finest level, in 1/m a pixel: the sensor's steps of depth. Times
+# the focal length and the plane's distance it is that of the normal. Coarser planes have less, but
+# more of them bend: they are trusted no further.
+SLOPE_NOISE = 1e-4
 # One motion fits clearly better than another if its cost is this share of the other's or less.
 CLEARLY = 0.9
 # Fewer planes with a reading are no ground for a step.
@@ -64,18 +70,20 @@ class Alignment:
     directions: Directions
 
 
-def align(planes: Planes, view: DepthPyramid, starts: Sequence[Array]) -> Alignment:
+def align(
+    planes: Planes, view: DepthPyramid, starts: Sequence[Array], levels: Sequence[int]
+) -> Alignment:
     """Lay planes, an array for each level, on a frame's surfaces.
 
     starts  4x4 motions T_camera_reference; it begins at the first, unless another clearly fits
             better
+    levels  the levels to pass through, the last of which is the finest, 0
     """
-    coarsest = len(view.levels) - 1
-    T = start = _likeliest(planes, view, starts, coarsest)
-    for level in range(coarsest, 0, -1):
-        there, _, _ = _descend(planes, view, T, level)
-        T = _likeliest(planes, view, (T, there), level)
-    T, sigma, has_settled = _descend(planes, view, T, level=0)
+    T = start = _likeliest(planes, view, starts, level=1)
+    sigma, has_settled = LEAST_SIGMA[0], False
+    for level in levels:
+        there, sigma, has_settled = _descend(planes, view, T, level)
+        T = _likeliest(planes, view, (T, there), level) if level else there
     has_settled = has_settled and _is_near(T, start)
     return measure(planes, view, _orthonormal(T), sigma, has_settled)
 
@@ -126,7 +134,7 @@ def _descend(planes: Planes, view: DepthPyramid, T: Array, level: int) -> tuple[
         if counts[1] < FEWEST_PLANES:
             break
         sigma = float(np.clip(_spread(counts), LEAST_SIGMA[level], MOST_SIGMA[level]))
-        # No step goes where the planes say no more than their noise: there the start is kept.
+        # No step goes where the planes say no more than their noise.
         V = directions(H, point_information(moments)).known
         step = -V @ np.linalg.solve(V.T @ H @ V, V.T @ g)
         T = T @ rigid_transform(rotation_from_vector(step[3:]), step[:3])
@@ -145,7 +153,10 @@ def _system(
 ) -> tuple[Array, Array, Array, Array]:
     image = view.levels[level]
     gate = GATES_PER_M[level]
-    return sum_system(planes[level], T, image.inverse_depth, image.intrinsics, sigma, gate)
+    normal_noise = SLOPE_NOISE * view.levels[0].camera.fx
+    return sum_system(
+        planes[level], T, image.inverse_depth, image.intrinsics, normal_noise, sigma, gate
+    )
 
 
 def _is_near(T: Array, start: Array) -> bool:

@@ -8,7 +8,7 @@ from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.icp.pyramid import Level
 
 # A plane is fitted over a square of (2 RADIUS + 1)^2 pixels, ...
-RADIUS = 2
+RADIUS = 3
 # ... around every so-manieth pixel across and down, ...
 GRID_STEP = 3
 # ... over readings that lie within this much of the middle's in 1/z: beyond is another surface.

@@ -19,9 +19,6 @@ MIN_COSINE = 0.1
 NEAREST_M = 0.05
 # What a plane's point may come to lie on.
 NOTHING, EDGE, SURFACE = 0, 1, 2
-# Noise of a fitted plane's slopes, 1/m a pixel: what noise of 0.7e-3/m in the readings leaves.
-# Times the focal length and the plane's distance, it is the noise of the unit normal.
-SLOPE_NOISE = 1.05e-4
 # Degrees of freedom of Student's t, which the residuals are taken to follow: many are outliers.
 FREEDOM = 5.0
 
@@ -38,6 +35,7 @@ def sum_system(
     T_camera_reference: Array,
     inverse_depth: NDArray[np.float32],
     intrinsics: Array,
+    normal_noise: float,
     sigma: float,
     gate: float,
 ) -> tuple[Array, Array, Array, Array]:
@@ -45,7 +43,8 @@ def sum_system(
 
     With r = J xi, xi = (translation, rotation) of the reference's points in its own axes, the
     information is sum w J^T J and the vector sum w J^T r. The moments (4, 4) are sum w v^2 q q^T,
-    with q the point (x, y, z, 1) and v^2 the variance of J's direction for the normal's noise.
+    with q the point (x, y, z, 1) and v^2 the variance of J's direction for the normal's noise: its
+    standard deviation is normal_noise (rad/m) times the plane's distance.
 
     The counts (5,) are: planes that come to lie on readings; of these, such that are within the
     gate (1/m), and such that agree to three sigma; then sum w r^2, and the robust cost of all that
@@ -77,7 +76,7 @@ def sum_system(
             for j in range(i, 6):
                 H[i, j] += weighted * J[j]
         q[:3] = planes[n, :3]
-        variance = w * (scale * SLOPE_NOISE * intrinsics[0] * planes[n, 6]) ** 2
+        variance = w * (scale * normal_noise * planes[n, 6]) ** 2
         for i in range(4):
             for j in range(i, 4):
                 moments[i, j] += variance * q[i] * q[j]

@@ -1,6 +1,6 @@
-"""What is carried from frame to frame: a reference, and where the last camera is from it."""
+"""What is carried from frame to frame: a reference, and where the last good camera is from it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,25 +16,6 @@ RENEW_SEEN = 0.75
 # ... but while the view says little of some direction, only when it is less than this.
 KEEP_SEEN = 0.5
 CLEAR = 2.0 * KNOWN
-# A guess is taken to be off by that of so many seconds at most, whatever the stamps say.
-LONGEST_GUESS_S = 0.5
-
-
-@dataclass(frozen=True)
-class Step:
-    """A motion from one camera to another.
-
-    T_from_to   4x4
-    covariance  6x6 (translation m, rotation rad), as a small motion in the latter's axes
-    """
-
-    T_from_to: Array = field(default_factory=lambda: np.eye(4))
-    covariance: Array = field(default_factory=lambda: np.zeros((6, 6)))
-
-    def then(self, step: "Step") -> "Step":
-        """The next one after it, as one."""
-        before = carried(self.covariance, step.T_from_to)
-        return Step(self.T_from_to @ step.T_from_to, before + step.covariance)
 
 
 @dataclass(frozen=True)
@@ -42,7 +23,7 @@ class Track:
     """A reference that several frames are laid on, and the last of them.
 
     planes              the reference's, an array for each level
-    last                the last frame that was laid on it
+    last                the last good frame
     T_camera_reference  4x4, of that frame
     covariance          6x6 of that motion, (translation m, rotation rad), as a small motion in the
                         last camera's axes; zero while it is the reference itself
@@ -54,17 +35,16 @@ class Track:
     covariance: Array
 
     def moved(self, view: DepthPyramid, found: Alignment) -> "Track":
-        """The same reference, seen from the next frame."""
-        guessed_s = float(np.clip(view.stamp_s - self.last.stamp_s, 0.0, LONGEST_GUESS_S))
-        return Track(self.planes, view, found.T_camera_reference, covariance(found, guessed_s))
+        """The same reference, seen from the next good frame."""
+        return Track(self.planes, view, found.T_camera_reference, covariance(found))
 
-    def step_to(self, after: "Track") -> Step:
-        """Between the last frames of two tracks of one reference.
+    def step_to(self, after: "Track") -> tuple[Array, Array]:
+        """4x4 T_last_camera between the last frames of two tracks of one reference, and its 6x6.
 
         The errors of both frames count, each as seen from its own camera.
         """
         T_last_camera = self.T_camera_reference @ inverse(after.T_camera_reference)
-        return Step(T_last_camera, carried(self.covariance, T_last_camera) + after.covariance)
+        return T_last_camera, carried(self.covariance, T_last_camera) + after.covariance
 
 
 def track_from(view: DepthPyramid, budget: int) -> Track:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from drivers.geometry import Array, adjoint, inverse, rigid_transform, rotation_from_vector
 from tests.vo_service.odometry.icp.views import FLOOR, ROOM, WALL, noisy, pose, view_of
 from tests.vo_service.odometry.walk import assert_close
-from vo_service.odometry.icp.alignment import align, measure
+from vo_service.odometry.icp.alignment import COARSE_TO_FINE, align, measure
 from vo_service.odometry.icp.directions import directions, point_information
 from vo_service.odometry.icp.pyramid import Level, make_pyramid
 from vo_service.odometry.icp.residuals import locate
@@ -23,7 +23,7 @@ small = st.floats(-1.0, 1.0)
 @given(st.tuples(small, small, small), st.tuples(small, small, small))
 def test_a_small_motion_is_found(turn: tuple[float, ...], shift: tuple[float, ...]) -> None:
     T = rigid_transform(rotation_from_vector(0.015 * np.array(turn)), 0.02 * np.array(shift))
-    found = align(REFERENCE.planes, make_pyramid(view_of(ROOM, T)), [np.eye(4)])
+    found = align(REFERENCE.planes, make_pyramid(view_of(ROOM, T)), [np.eye(4)], COARSE_TO_FINE)
     assert found.has_settled
     assert_close(inverse(found.T_camera_reference), T, 0.003, 0.12)
 
@@ -31,20 +31,22 @@ def test_a_small_motion_is_found(turn: tuple[float, ...], shift: tuple[float, ..
 def test_it_begins_where_it_fits_best() -> None:
     T = pose(8)
     view = make_pyramid(view_of(ROOM, T))
-    found = align(REFERENCE.planes, view, [pose(-20), inverse(T), np.eye(4)])
+    found = align(REFERENCE.planes, view, [pose(-20), inverse(T), np.eye(4)], COARSE_TO_FINE)
     assert_close(inverse(found.T_camera_reference), T, 0.003, 0.1)
 
 
 def test_what_is_found_far_from_the_start_is_not_believed() -> None:
     there = rigid_transform(rotation_from_vector([0.0, 0.0, 0.6]), np.zeros(3))
-    found = align(REFERENCE.planes, make_pyramid(view_of(ROOM, there)), [np.eye(4)])
+    found = align(REFERENCE.planes, make_pyramid(view_of(ROOM, there)), [np.eye(4)], COARSE_TO_FINE)
     assert not found.has_settled
 
 
 def test_along_a_wall_nothing_moves() -> None:
     wall = track_from(make_pyramid(noisy(view_of((WALL,), np.eye(4)), 0)), 4000)
     nearer = rigid_transform(np.eye(3), [0.05, 0.03, 0.04])
-    found = align(wall.planes, make_pyramid(noisy(view_of((WALL,), nearer), 1)), [np.eye(4)])
+    found = align(
+        wall.planes, make_pyramid(noisy(view_of((WALL,), nearer), 1)), [np.eye(4)], COARSE_TO_FINE
+    )
     T = inverse(found.T_camera_reference)
     normal = np.array(WALL[0]) / np.linalg.norm(WALL[0])
     assert abs((T[:3, 3] - nearer[:3, 3]) @ normal) < 0.003

@@ -112,7 +112,8 @@ def test_standing_still_does_not_drift() -> None:
 def test_frozen_frames_are_no_motion(views: list[RgbdFrame]) -> None:
     estimates = follow(IcpOdometry(), [views[0]] * 10)
     assert all(e.ok for e in estimates)
-    assert_close(estimates[-1].T_world_camera, np.eye(4), 0.001, 0.05)
+    assert_close(estimates[-1].T_world_camera, np.eye(4), 0.003, 0.1)
+    assert_close(estimates[-1].T_world_camera, estimates[2].T_world_camera, 0.0002, 0.01)
 
 
 def test_fast_motion_is_followed() -> None:
@@ -161,19 +162,17 @@ def test_it_does_not_slide_along_a_single_wall(views: list[RgbdFrame]) -> None:
     assert_close(after.T_world_camera, pose(4), 0.004, 0.2)
 
 
-def test_directions_that_are_guessed_for_a_while_make_the_next_pose_unsure() -> None:
+def test_a_direction_that_stays_open_for_a_while_does_not_make_it_creep() -> None:
     odometry = IcpOdometry()
-    corner = [noisy(view_of(ROOM, pose(k), k), k) for k in range(4)]
-    sure = follow(odometry, corner)[-1]
-    # The side wall has no depth for three frames, and the camera goes on as it did.
+    sure = follow(odometry, [noisy(view_of(ROOM, pose(k), k), k) for k in range(4)])[-1]
+    # The side wall has no depth for three frames; the camera goes on.
     for k in range(4, 7):
         flat = odometry.estimate(without_the_right(noisy(view_of(ROOM, pose(k), k), k)))
         assert "leaves 1 of 6 directions of motion open" in flat.reason
         assert np.array_equal(flat.T_world_camera, sure.T_world_camera)
     found = odometry.estimate(noisy(view_of(ROOM, pose(7), 7), 7))
     assert found.ok
-    assert_close(found.T_reference_camera, inverse(pose(3)) @ pose(7), 0.02, 0.5)
-    assert np.trace(found.covariance) > 4 * np.trace(sure.covariance)
+    assert_close(found.T_world_camera, pose(7), 0.004, 0.2)
 
 
 def without_the_right(frame: RgbdFrame) -> RgbdFrame:

@@ -36,7 +36,7 @@ def find_planes(level: Level, budget: int) -> Array:
 
 
 def direction_bins(planes: Array) -> NDArray[np.int64]:
-    """(N,) in which of 18 ranges of directions each normal lies: 60 degrees around, 20 aside."""
+    """(N,) in which of 18 ranges each normal lies: 25 degrees off the ray wide, 60 around it."""
     aside = np.clip(np.degrees(np.arccos(np.clip(planes[:, 5], -1.0, 1.0))) // 25, 0, 2)
     around = np.clip(np.degrees(np.arctan2(planes[:, 4], planes[:, 3]) + np.pi) // 60, 0, 5)
     bins: NDArray[np.int64] = (6 * aside + around).astype(np.int64)

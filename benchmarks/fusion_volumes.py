@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, rigid_transform, transform_points
-from vo_service.mapping.fusion import Fusion, FusionSettings
+from vo_service.mapping.fusion import Fusion
+from vo_service.mapping.fusion_settings import FusionSettings
 
 MAX_DEPTH_M = FusionSettings().max_depth_m
 TRUNCATION_VOXELS = 4.0

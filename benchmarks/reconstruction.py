@@ -31,7 +31,8 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.trajectory import StampedPoses
 from vo_service.evaluation import evaluate
 from vo_service.mapping.frame_poses import FramePoses
-from vo_service.mapping.fusion import Fusion, FusionSettings
+from vo_service.mapping.fusion import Fusion
+from vo_service.mapping.fusion_settings import FusionSettings
 from vo_service.methods import METHODS, FeatureSettings
 from vo_service.stage_clock import StageClock
 

@@ -4,14 +4,13 @@ A truncated signed distance in voxels that exist only near surfaces, and only so
 `blocks.py` keeps them, `integrate.py` fills them, `surface.py` makes the mesh.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array, inverse
 from vo_service.mapping.blocks import BLOCK_BYTES, SIDE, Blocks
+from vo_service.mapping.fusion_settings import FusionSettings
 from vo_service.mapping.integrate import (
     blocks_in_view,
     integrate,
@@ -24,9 +23,6 @@ from vo_service.mapping.surface import MESH_BYTES, surface
 from vo_service.odometry.depth_noise import depth_sigma_m
 
 MB = 1_000_000
-# How far around a surface the distance to it is kept. Less, and a surface that was seen twice, by
-# poses some centimetres apart, would not become one.
-LEAST_TRUNCATION_VOXELS, LEAST_TRUNCATION_M = 4.0, 0.06
 # A ray for at least every so many in the width of a block.
 RAYS_ACROSS_BLOCK = 4.0
 # Standard deviation of the best of readings. A surface is known well enough to be drawn when all
@@ -36,30 +32,6 @@ BEST_VOXELS = 0.5
 LEAST_TRIANGLES = 100
 
 
-@dataclass(frozen=True)
-class FusionSettings:
-    """How fine a map is, and how much it may take.
-
-    voxel_m      edge of a voxel: the finest detail
-    memory_mb    for everything, the making of the mesh included
-    max_depth_m  surfaces further from the camera are left out: too coarse
-    """
-
-    voxel_m: float = 0.01
-    memory_mb: int = 1000
-    max_depth_m: float = 4.0
-
-    @property
-    def truncation_m(self) -> float:
-        """How far around a surface the distance to it is kept."""
-        return max(LEAST_TRUNCATION_VOXELS * self.voxel_m, LEAST_TRUNCATION_M)
-
-    @property
-    def capacity(self) -> int:
-        """How many blocks there may be."""
-        return max(1, self.memory_mb * MB // (BLOCK_BYTES + MESH_BYTES))
-
-
 class Fusion:
     """A map that grows with every frame, up to a bound. Repeats bit for bit.
 
@@ -67,10 +39,11 @@ class Fusion:
     out, and `is_full` says so.
     """
 
-    def __init__(self, settings: FusionSettings = FusionSettings()) -> None:
+    def __init__(self, settings: FusionSettings) -> None:
         """Raises MemoryError if the system refuses the memory."""
         self.settings = settings
-        self._blocks = Blocks(settings.capacity)
+        of_each = BLOCK_BYTES + MESH_BYTES
+        self._blocks = Blocks(max(1, settings.memory_mb * MB // of_each))
 
     @property
     def is_full(self) -> bool:

@@ -1,4 +1,7 @@
-"""Compile what maps are made with, or load it from the cache."""
+"""Compile what maps are made with, or load it from the cache.
+
+Nothing heavy is imported before that is asked for.
+"""
 
 import time
 from collections.abc import Callable
@@ -6,8 +9,6 @@ from collections.abc import Callable
 import numpy as np
 
 from drivers.camera import PinholeCamera
-from vo_service.mapping.fusion import Fusion, FusionSettings
-from vo_service.mapping.pictures import camera_view
 
 CAMERA = PinholeCamera(64, 48, 52.0, 52.0, 31.5, 23.5)
 
@@ -17,6 +18,10 @@ def warm_up_mapping(tell: Callable[[str], None]) -> float:
 
     `tell` gets the name of each stage as it begins.
     """
+    from vo_service.mapping.fusion import Fusion
+    from vo_service.mapping.fusion_settings import FusionSettings
+    from vo_service.mapping.pictures import camera_view
+
     begin_s = time.monotonic()
     fusion = Fusion(FusionSettings(voxel_m=0.05, memory_mb=10))
     depth_m = np.full((CAMERA.height, CAMERA.width), 2.0, np.float32)

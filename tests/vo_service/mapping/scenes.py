@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array
-from vo_service.mapping.fusion import Fusion, FusionSettings
+from vo_service.mapping.fusion import Fusion
+from vo_service.mapping.fusion_settings import FusionSettings
 
 CAMERA = PinholeCamera(64, 48, 52.0, 52.0, 31.5, 23.5)
 RED, BLUE = (0, 0, 200), (220, 30, 10)

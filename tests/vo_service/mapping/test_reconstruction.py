@@ -13,7 +13,8 @@ from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.trajectory import StampedPoses
 from vo_service.mapping.frame_poses import FramePoses
-from vo_service.mapping.fusion import Fusion, FusionSettings
+from vo_service.mapping.fusion import Fusion
+from vo_service.mapping.fusion_settings import FusionSettings
 from vo_service.mapping.reconstruction import Reconstruction
 from vo_service.mapping.watching import Nobody, Sight
 

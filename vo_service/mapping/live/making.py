@@ -87,7 +87,8 @@ def _made(
     folder: MapsFolder, name: str, keyframes: Sequence[Keyframe], settings: MapSettings
 ) -> MapEnded:
     # It compiles kernels: only whoever makes a map needs the memory for that.
-    from vo_service.mapping.fusion import Fusion, FusionSettings
+    from vo_service.mapping.fusion import Fusion
+    from vo_service.mapping.fusion_settings import FusionSettings
     from vo_service.mapping.ply import write_ply
 
     fusion = Fusion(FusionSettings(voxel_m=settings.voxel_m, memory_mb=settings.making_mb))

@@ -8,7 +8,8 @@ import pytest
 from tests.belongings import PATIENCE_S
 from tests.vo_service.mapping.live.views import CAMERA, COARSE
 from vo_service.background import keeper
-from vo_service.mapping.fusion import Fusion, FusionSettings
+from vo_service.mapping.fusion import Fusion
+from vo_service.mapping.fusion_settings import FusionSettings
 
 
 @pytest.fixture(scope="session")

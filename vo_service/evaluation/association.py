@@ -83,9 +83,13 @@ def coverage(poses_s: Array, truth_s: Array, frames_s: Array | None) -> float | 
 
 
 def _too_few(matches: int, trajectory: StampedPoses, truth: StampedPoses) -> str:
-    mine, theirs = (f"{p.stamps_s[0]:.3f}..{p.stamps_s[-1]:.3f} s" for p in (trajectory, truth))
+    mine, theirs = map(_span, (trajectory, truth))
     return (
         f"{matches} of {len(trajectory)} poses have ground truth within {1000 * WITHIN_S:.0f} ms, "
         f"{FEWEST_MATCHES} are needed (trajectory {mine}, truth {theirs}): "
         "give the truth of the same recording, on the same clock"
     )
+
+
+def _span(poses: StampedPoses) -> str:
+    return f"{poses.stamps_s[0]:.3f}..{poses.stamps_s[-1]:.3f} s" if len(poses) else "empty"

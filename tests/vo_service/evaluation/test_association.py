@@ -60,6 +60,11 @@ def test_no_overlap_at_all_is_told_in_the_same_way() -> None:
         associate(at([0.0, 1.0, 2.0]), at([50.0, 51.0, 52.0, 53.0]))
 
 
+def test_an_empty_trajectory_is_told_in_the_same_way() -> None:
+    with pytest.raises(InputError, match=r"^0 of 0 poses .* \(trajectory empty, truth 0.000"):
+        associate(at([]), at([0.0, 1.0, 2.0]))
+
+
 def test_coverage_counts_only_frames_and_poses_that_have_truth() -> None:
     frames_s = np.arange(10) / 10  # truth begins at the fifth
     truth_s = np.arange(40, 100) / 100

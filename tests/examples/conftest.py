@@ -14,6 +14,7 @@ import pytest
 from tests.conftest import FRAMES
 from tests.vo_service.client.published import free_endpoint
 from tests.vo_service.commands.command_line import KINECT_VO
+from tests.vo_service.played_service import WITHOUT_MAP
 from vo_service.client import PoseClient
 
 RATE_HZ = 30
@@ -43,6 +44,7 @@ def endpoint(long_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     config, log = folder / "kinect.toml", folder / "log.txt"
     config.write_text(
         f'schema = 1\n[zenoh]\nlisten = ["{where}"]\n[recorder]\nfolder = "{folder}/incidents"\n'
+        f"{WITHOUT_MAP}"
     )
     command = [KINECT_VO, "run", "--camera", f"tum:{long_recording}", "--config", str(config)]
     surroundings = os.environ | {"XDG_STATE_HOME": str(folder), "STATE_DIRECTORY": str(folder)}

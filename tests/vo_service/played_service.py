@@ -97,6 +97,10 @@ class PlayedService:
         return f"{json.dumps(dict(self.status))}; the log:\n{self.log}"
 
 
+# What a service need not do where nobody looks at its maps: their process costs half a second.
+WITHOUT_MAP = "[map]\nenabled = false\n"
+
+
 @contextmanager
 def running_service(
     folder: Path,

@@ -14,7 +14,7 @@ import pytest
 from tests.stand_ins.played_kinect import Model, PlayedKinect, Stream
 from tests.stand_ins.wire_film import WireFilm
 from tests.vo_service.corner_film import FRAMES, corner_film, corner_kinect, corner_pose
-from tests.vo_service.played_service import PlayedService, running_service
+from tests.vo_service.played_service import WITHOUT_MAP, PlayedService, running_service
 from tests.vo_service.service_faults import FAULTS, GONE, ServiceFault, pass_through
 from tests.vo_service.subscriber import HeardPose
 
@@ -49,7 +49,7 @@ def service(
 ) -> Iterator[PlayedService]:
     """The service on it; it must live to the end, and then end in order."""
     folder = tmp_path_factory.mktemp("service")
-    with running_service(folder, kinect.environment) as service:
+    with running_service(folder, kinect.environment, more_config=WITHOUT_MAP) as service:
         service.until_streaming(time.monotonic())
         yield service
         assert service.end() == 0
@@ -66,7 +66,7 @@ def late_1473(
         kinect.patient = True
         kinect.firmware(False)
         kinect.unplug()
-        with running_service(folder, kinect.environment) as service:
+        with running_service(folder, kinect.environment, more_config=WITHOUT_MAP) as service:
             service.until_said(GONE, 0.0)
             kinect.plug()
             service.until_streaming(time.monotonic())

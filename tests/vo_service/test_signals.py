@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.vo_service.live_stage import live_stage
-from tests.vo_service.played_service import ENDING_S
+from tests.vo_service.played_service import ENDING_S, WITHOUT_MAP
 from tests.vo_service.stages import STAGES, Stage
 
 
@@ -15,7 +15,7 @@ from tests.vo_service.stages import STAGES, Stage
 def test_a_hangup_changes_nothing_and_a_signal_to_end_is_obeyed_in_order(
     stage: Stage, number: signal.Signals, films: Path, tmp_path: Path
 ) -> None:
-    with live_stage(tmp_path / "stage", films, stage.config) as live:
+    with live_stage(tmp_path / "stage", films, stage.config + WITHOUT_MAP) as live:
         service = live.start()
         stage.reach(live)
         service.process.send_signal(signal.SIGHUP)

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.vo_service.played_service import WITHOUT_MAP
+
 
 @pytest.fixture(autouse=True)
 def surroundings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -28,5 +30,5 @@ def port() -> int:
 def config(tmp_path: Path, port: int) -> Path:
     """A configuration that publishes on the free port."""
     file = tmp_path / "kinect.toml"
-    file.write_text(f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n')
+    file.write_text(f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n{WITHOUT_MAP}')
     return file

@@ -172,18 +172,24 @@ def test_images_without_the_board_say_what_to_check(tmp_path: Path, capfd: Captu
     assert not (tmp_path / "camera.toml").exists()
 
 
-def test_images_of_another_board_say_which(folder: Path, capfd: Capture) -> None:
-    outcome = call(capfd, "calibrate", "--board", "chessboard:8x6", "--square", "0.035", folder)
-    assert_one_line(outcome, 2, "but some show another one: give --board chessboard:9x6\n")
-
-
-def test_too_few_views_are_a_failure_that_says_how_many_are_needed(
-    folder: Path, tmp_path: Path, capfd: Capture
-) -> None:
+@pytest.fixture
+def few(folder: Path, tmp_path: Path) -> Path:
+    """Three of the photographs."""
     few = tmp_path / "few"
     few.mkdir()
     for file in sorted((folder / "rgb").iterdir())[:3]:
         (few / file.name).write_bytes(file.read_bytes())
+    return few
+
+
+def test_images_of_another_board_say_which(few: Path, capfd: Capture) -> None:
+    outcome = call(capfd, "calibrate", "--board", "chessboard:8x6", "--square", "0.035", few)
+    assert_one_line(outcome, 2, "but some show another one: give --board chessboard:9x6\n")
+
+
+def test_too_few_views_are_a_failure_that_says_how_many_are_needed(
+    few: Path, capfd: Capture
+) -> None:
     outcome = call(capfd, *OPTIONS, few)
     assert_one_line(outcome, 1, "only 3 different views of the board; at least 6 are needed")
 

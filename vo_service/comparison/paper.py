@@ -47,8 +47,8 @@ ABOUT = {
     ),
     "icp": About(
         "ICP",
-        "depth alone: the surface that one frame sees is laid onto that of the frame before "
-        "(iterative closest point). It needs shapes; along one plane it can slide.",
+        "depth alone: the surface that a frame sees is laid onto that of an earlier one (iterative "
+        "closest point). It needs shapes: where it sees little but one plane, it gives no pose.",
     ),
     "sfm": About(
         "SfM",

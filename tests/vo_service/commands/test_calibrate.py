@@ -142,9 +142,9 @@ def test_a_kinect_is_calibrated_live_from_its_raw_images(
 ) -> None:
     images = [(each.colour_bgr, each.depth_raw) for each in held(photographs, 3)]
     kinect = play_kinect(wire_film(tmp_path, images))
-    kinect.rate = 15
+    kinect.rate = 10
     kinect.load()
-    outcome = call(capfd, *OPTIONS, "--camera", "freenect", "--views", "22", "--depth")
+    outcome = call(capfd, *OPTIONS, "--camera", "freenect", "--views", "24", "--depth")
     assert outcome.code == 0, outcome.err
     # Bayer's mosaic and 11 bits of depth cost something.
     assert_is_the_cameras(read_camera_file(tmp_path / "camera.toml"), within_px=2.0)

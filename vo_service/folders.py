@@ -8,7 +8,7 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.errors import UserFacingError
+from drivers.errors import InputError, UserFacingError
 
 PACKAGES = ("drivers", "vo_service")
 # Several checkouts and versions may share a computer.
@@ -49,6 +49,16 @@ def state_folder() -> Path:
         "no folder can be written to for what is to be kept (incidents, recordings); name one in "
         "XDG_STATE_HOME"
     )
+
+
+def make_output_folder(folder: Path) -> None:
+    """Make the folder that --output names, if it is not there. Raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot be created: {error.strerror}; name another with --output"
+        ) from error
 
 
 def kernel_folder() -> Path:

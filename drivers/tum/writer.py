@@ -1,6 +1,5 @@
 """Recording any camera into a TUM folder that replays as the same frames, bit for bit."""
 
-import errno
 import logging
 from collections import deque
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ from typing import Self
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.camera_file import FILE_NAME, CameraFile, camera_file_text
 from drivers.errors import InputError, UserFacingError
+from drivers.full_disk import is_full
 from drivers.trajectory import StampedPoses, pose_line
 from drivers.tum.accelerometer import AccelerometerList
 from drivers.tum.encode import (
@@ -143,7 +143,7 @@ class TumWriter:
             raise self._fail(error) from error
 
     def _fail(self, error: OSError) -> UserFacingError:
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        full = is_full(error)
         cause = "the disk is full" if full else f"cannot be written: {error.strerror}"
         self._failure = UserFacingError(
             f"{self.folder}: {cause}; the {self.written} frames recorded so far are complete; "

@@ -1,11 +1,11 @@
 """Files that appear whole or not at all, and say beforehand if they cannot."""
 
-import errno
 import os
 from pathlib import Path
 
 from drivers.camera_file import CameraFile, camera_file_text
 from drivers.errors import InputError, UserFacingError
+from drivers.full_disk import is_full
 from drivers.tum.whole_files import write_whole
 
 
@@ -45,6 +45,5 @@ def save(path: Path, data: bytes) -> None:
 
 
 def _refused(path: Path, error: OSError) -> UserFacingError:
-    is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    cause = "the disk is full" if is_full else error.strerror
+    cause = "the disk is full" if is_full(error) else error.strerror
     return UserFacingError(f"{path}: cannot be written: {cause}; mend that and calibrate again")

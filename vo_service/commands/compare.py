@@ -10,7 +10,6 @@ from drivers.errors import InputError
 from vo_service.commands.options import config_of, seconds
 from vo_service.comparison.campaign import Plan, run_all
 from vo_service.comparison.files import Report, write_report
-from vo_service.comparison.keeping import prepare_folder
 from vo_service.comparison.method_recipe import MethodRecipe, TrueScaleSfmRecipe
 from vo_service.comparison.recipe import Recipe, SfmScale
 from vo_service.comparison.results import SequenceResults, collect
@@ -18,6 +17,7 @@ from vo_service.comparison.sequence import Recording, open_recordings
 from vo_service.comparison.set_up import SetUp
 from vo_service.comparison.tables import error_table, time_table
 from vo_service.config import Config
+from vo_service.folders import make_output_folder
 from vo_service.interrupts import stop_on_signals
 from vo_service.methods import METHODS
 from vo_service.terminal import Terminal
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     recipes = recipes_of(config, methods, set_up.sfm_scale)
     _check_truth(recordings, recipes)
     plan = Plan(recordings, recipes, args.output / "runs", args.time_limit, args.again)
-    prepare_folder(args.output)
+    make_output_folder(args.output)
     terminal = Terminal()
     with stop_on_signals() as stop:
         results = collect(run_all(plan, terminal, stop.event))

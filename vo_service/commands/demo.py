@@ -7,7 +7,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from drivers.camera import Pace
-from drivers.errors import InputError
 from drivers.synthetic.config import SyntheticConfig
 from drivers.trajectory import StampedPoses, pose_line
 from drivers.tum.whole_files import write_whole
@@ -22,6 +21,7 @@ from vo_service.commands.options import (
 from vo_service.evaluation.association import FEWEST_MATCHES
 from vo_service.evaluation.picture import write_picture
 from vo_service.feed import PlainFeed
+from vo_service.folders import make_output_folder
 from vo_service.interrupts import stop_on_signals
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Play, then say how it went."""
     config = config_of(args)
-    _create(args.output)
+    make_output_folder(args.output)
     terminal = Terminal()
     with stop_on_signals() as stop:
         prepare_kernels(config, terminal, stop)
@@ -103,15 +103,6 @@ def run(args: argparse.Namespace) -> int:
     say(f"results: {args.output}" + (" (cut short)" if ending.exit_code else ""))
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
     return ending.exit_code
-
-
-def _create(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{folder}: cannot be created: {error.strerror}; name another with --output"
-        ) from error
 
 
 def _rerun_targets(args: argparse.Namespace) -> tuple[str, ...]:

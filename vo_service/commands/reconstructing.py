@@ -16,6 +16,7 @@ from vo_service.commands.options import config_of
 from vo_service.commands.tracking import tracked
 from vo_service.config import Config
 from vo_service.evaluation.association import WITHIN_S, has_partner
+from vo_service.folders import make_output_folder
 from vo_service.interrupts import Stop, stop_on_signals
 from vo_service.mapping.frame_poses import FramePoses
 from vo_service.mapping.fusion import Fusion
@@ -40,7 +41,7 @@ def reconstruct(args: argparse.Namespace) -> int:
     open_folder(args.folder, camera_file)
     poses = None if args.trajectory is None else _read(args.trajectory, args.folder)
     fusion = _fusion(args)
-    _create(args.output)
+    make_output_folder(args.output)
     with stop_on_signals() as stop, watching(config.rerun.targets, terminal.say) as watcher:
         prepared(warm_up_mapping, terminal, stop)
         if poses is None:
@@ -63,15 +64,6 @@ def _fusion(args: argparse.Namespace) -> Fusion:
     except MemoryError as error:
         raise InputError(
             f"--memory-mb {args.memory_mb}: this computer does not have it; give less"
-        ) from error
-
-
-def _create(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{folder}: cannot be created: {error.strerror}; name another with --output"
         ) from error
 
 

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from vo_service.comparison.figures import NamedFigure, error_figures
-from vo_service.comparison.keeping import prepare_folder, write_file
+from vo_service.comparison.keeping import write_file
 from vo_service.comparison.page import Drawing, page
 from vo_service.comparison.path_figure import path_figures
 from vo_service.comparison.results import SequenceResults
 from vo_service.comparison.set_up import SetUp
 from vo_service.comparison.tables import error_table, gap_table, metrics_table, time_table
+from vo_service.folders import make_output_folder
 from vo_service.terminal import Terminal
 
 PAGE, DATA, CONFIG = "report.html", "report.json", "config.toml"
@@ -53,7 +54,7 @@ def write_report(
 def _draw(folder: Path, result: SequenceResults, terminal: Terminal) -> list[Drawing]:
     """Every figure as PNG and SVG; those of an earlier report that have no successor go."""
     figures = folder / "figures"
-    prepare_folder(figures)
+    make_output_folder(figures)
     for kind in ("frame_error", "global_error", "trajectory"):
         for suffix in ("png", "svg"):
             (figures / f"{result.recording.name}-{kind}.{suffix}").unlink(missing_ok=True)

@@ -1,7 +1,6 @@
 """The folder of one run: what it did is kept there, so that it need not be done again."""
 
 import csv
-import errno
 import io
 import json
 from collections.abc import Mapping
@@ -11,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import InputError, UserFacingError
+from drivers.full_disk import is_full
 from drivers.trajectory import StampedPoses, pose_line, read_trajectory
 from drivers.tum.whole_files import write_whole
 from vo_service.comparison.run import NO_RUN, FrameLog, Outcome, Run, RunState
+from vo_service.folders import make_output_folder
 
 SCHEMA = 1
 RESULT, TRAJECTORY, FRAMES, DETAILS = "result.json", "trajectory.txt", "frames.csv", "error.txt"
@@ -42,7 +43,7 @@ class RunFolder:
     def save(self, key: str, outcome: Outcome, about: Mapping[str, object]) -> None:
         """Keep it; `about` goes into result.json as well. Raises as `write_file`."""
         run = outcome.run
-        prepare_folder(self.path)
+        make_output_folder(self.path)
         for name in (RESULT, TRAJECTORY, FRAMES, DETAILS):
             (self.path / name).unlink(missing_ok=True)
         if outcome.state is RunState.DONE:
@@ -94,23 +95,12 @@ def run_as_json(run: Run) -> dict[str, object]:
     }
 
 
-def prepare_folder(path: Path) -> None:
-    """Make a folder, if it is not there. Raises InputError."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be created: {error.strerror}; name another folder with --output"
-        ) from error
-
-
 def write_file(path: Path, data: bytes) -> None:
     """Write a whole file or none. Raises UserFacingError for a full disk, InputError otherwise."""
     try:
         write_whole(path, data)
     except OSError as error:
-        is_full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        raise (UserFacingError if is_full else InputError)(
+        raise (UserFacingError if is_full(error) else InputError)(
             f"{path}: cannot be written: {error.strerror}; make room, or name another folder with "
             "--output"
         ) from error

@@ -1,6 +1,5 @@
 """The beginning of a file that is on its way, kept so that the rest can follow at any time."""
 
-import errno
 import fcntl
 import json
 import os
@@ -11,14 +10,13 @@ from types import TracebackType
 from typing import Self
 
 from drivers.errors import UserFacingError
+from drivers.full_disk import is_full
 from drivers.tum.whole_files import write_whole
-
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def disk_error(folder: Path, error: OSError) -> UserFacingError:
     """What a failure to write below `folder` means for a person."""
-    if error.errno in FULL:
+    if is_full(error):
         return UserFacingError(
             f"{folder}: the disk is full; free some space and give the same command again: "
             "what has come is kept"

@@ -12,6 +12,7 @@ from vo_service.download.meter import Meter
 from vo_service.download.partial_file import PartialFile, disk_error
 from vo_service.download.transfer import fetch_patiently
 from vo_service.download.unpacking import DamagedArchiveError, UnsafeArchiveError, unpack
+from vo_service.folders import make_output_folder
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ def download(sequence: BenchmarkSequence, order: Order, meter: Meter) -> Path:
     the next time, unless it has proved to be of no use. Raises UserFacingError.
     """
     place = place_of(sequence, order)
-    _create(order.output)
+    make_output_folder(order.output)
     with PartialFile(order.output / f".{sequence.folder}.tgz.part") as part:
         if not place.exists():
             url = sequence.url(order.source)
@@ -53,15 +54,6 @@ def download(sequence: BenchmarkSequence, order: Order, meter: Meter) -> Path:
                 raise _useless(url, error) from error
         part.discard()
     return place
-
-
-def _create(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{folder}: cannot be created: {error.strerror}; name another with --output"
-        ) from error
 
 
 def _check_digest(archive: Path, sha256: str) -> None:

@@ -1,6 +1,5 @@
 """A picture of a trajectory beside its ground truth: from above, from the side, error over time."""
 
-import errno
 import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.errors import InputError, UserFacingError
+from drivers.full_disk import is_full
 from drivers.geometry import Array, inverse, transform_points
 from drivers.trajectory import StampedPoses
 from drivers.tum.whole_files import write_whole
@@ -41,8 +41,7 @@ def write_picture(path: Path, trajectory: StampedPoses, truth: StampedPoses, tit
     try:
         write_whole(path, image.getvalue())
     except OSError as error:
-        is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        raise (UserFacingError if is_full else InputError)(
+        raise (UserFacingError if is_full(error) else InputError)(
             f"{path}: cannot write the picture: {error.strerror}; name a folder that can be "
             "written to"
         ) from error

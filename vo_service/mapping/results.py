@@ -1,6 +1,5 @@
 """What a reconstruction leaves behind: the map, pictures of it, and its figures."""
 
-import errno
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ import numpy as np
 
 from drivers.camera import PinholeCamera
 from drivers.errors import UserFacingError
+from drivers.full_disk import is_full
 from drivers.geometry import Array
 from drivers.tum.whole_files import write_whole
 from vo_service.evaluation.report import aligned
@@ -118,8 +118,7 @@ def refusals(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        cause = "the disk is full" if is_full else error.strerror
+        cause = "the disk is full" if is_full(error) else error.strerror
         raise UserFacingError(f"{path}: cannot be written: {cause}; mend that and run again") from (
             error
         )

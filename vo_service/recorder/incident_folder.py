@@ -1,6 +1,5 @@
 """The folder of incidents: names, its total size, and folders that appear only when whole."""
 
-import errno
 import fcntl
 import os
 import re
@@ -12,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from drivers.errors import UserFacingError
+from drivers.full_disk import is_full
 
 PART = ".part"
 _NAME = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ-[a-z0-9-]+")
@@ -145,6 +145,6 @@ def why_not(error: BaseException) -> str:
     cause = error if isinstance(error, OSError) else error.__cause__
     if not isinstance(cause, OSError):
         return str(error)
-    if cause.errno in (errno.ENOSPC, errno.EDQUOT):
+    if is_full(cause):
         return "the disk is full; free some space"
     return f"cannot be written: {cause.strerror}"

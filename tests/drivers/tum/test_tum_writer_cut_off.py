@@ -86,5 +86,5 @@ def test_a_file_size_limit_is_one_clear_error_and_what_was_written_replays(tmp_p
     limited = ["prlimit", "--fsize=20000", *command]
     done = subprocess.run(limited, capture_output=True, text=True, check=True)
     written, message = done.stdout.removeprefix("ready\n").split(" ", 1)
-    assert "cannot be written: File too large; the " in message
+    assert "the disk is full; the " in message
     assert len(replayed(tmp_path / "r")) == int(written) > 100

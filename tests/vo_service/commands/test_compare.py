@@ -88,7 +88,7 @@ def test_without_truth_coverage_and_times_are_reported(
         (["gone"], "gone: no such folder; check the path"),
         (["corner", "empty"], "empty: the folder is empty; name one with rgb.txt and depth.txt"),
         (["corner", "corner"], "same; rename one, or compare them one at a time"),
-        (["corner", "--output", "file/out"], "name another folder with --output"),
+        (["corner", "--output", "file/out"], "name another with --output"),
         (["corner", "--methods", "magic"], "invalid choice: 'magic'"),
         (["corner", "--time-limit", "0"], "0 is not a time: give seconds, more than 0"),
     ],

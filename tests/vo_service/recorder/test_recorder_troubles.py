@@ -58,7 +58,7 @@ def test_a_full_disk_is_said_and_leaves_nothing_half_written(
         for _ in range(2):
             recording.save("command")
             wait_for(lambda: not recording.is_saving)
-            assert "incidents: cannot be written" in recording.warning
+            assert "incidents: the disk is full" in recording.warning
         feed(recording, update(4))
     assert incidents(tmp_path) == []
     assert [record.levelname for record in caplog.records] == ["ERROR"]
@@ -81,15 +81,15 @@ def test_incidents_and_recordings_have_each_their_own_trouble(tmp_path: Path) ->
         feed(recording, update(0))
         resource.prlimit(only_child(), resource.RLIMIT_FSIZE, (1000, 1000))
         recording.save("command")
-        wait_for(lambda: "incidents: cannot be written" in recording.warning)
+        wait_for(lambda: "incidents: the disk is full" in recording.warning)
         recording.start_recording("desk")
         for seq in range(1, 10):  # a frame is written when its images are packed, so a little later
             feed(recording, update(seq))
         wait_for(lambda: "desk" in recording.warning)
-        assert "incidents: cannot be written" in recording.warning
+        assert "incidents: the disk is full" in recording.warning
         recording.start_recording("table")
         assert "desk" not in recording.warning
-        assert "incidents: cannot be written" in recording.warning
+        assert "incidents: the disk is full" in recording.warning
 
 
 def test_what_cannot_be_done_is_refused_with_the_reason(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ from vo_service.mapping.live.keyframes import Keyframe, Keyframes
 from vo_service.mapping.live.making import Making, make_map
 from vo_service.mapping.live.maps_folder import MEGABYTE, MapsFolder
 from vo_service.mapping.live.messages import Facts, Job, MapEnded, SaveMap, Word
+from vo_service.recorder.frame_record import note_of
 from vo_service.recorder.incident_folder import obstacle
-from vo_service.recorder.shared_ring import RingReader
+from vo_service.recorder.shared_ring import Record, RingReader
 from vo_service.settings import MapSettings
 
 
@@ -48,7 +49,7 @@ class Desk:
         for number in range(begin, end):
             record = self._ring.record(number)
             if record is not None:  # else they came too fast: the next is not far
-                self._keyframes.add(Keyframe.of(record))
+                self._take_in(record)
         return begin < end
 
     def take(self, order: SaveMap | MapSettings) -> None:
@@ -71,6 +72,11 @@ class Desk:
             self._making.pop().give_up()
         with suppress(OSError):
             self._folder.clean_up()
+
+    def _take_in(self, record: Record) -> None:
+        said = note_of(record.note).said
+        if self._keyframes.wants(said.epoch, said.T_world_camera):
+            self._keyframes.add(Keyframe.of(record))
 
     def _make(self, name: str) -> None:
         file, keyframes = self._folder.file(name), list(self._keyframes)

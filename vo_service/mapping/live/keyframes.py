@@ -88,11 +88,15 @@ class Keyframes:
         """The epoch they are of; None while there are none."""
         return self._kept[-1].epoch if self._kept else None
 
+    def wants(self, epoch: int, T_odom_camera: Array) -> bool:
+        """Whether a view from there would be kept: to be asked before it is packed."""
+        return epoch != self.epoch or self._is_apart(T_odom_camera)
+
     def add(self, keyframe: Keyframe) -> None:
         """Take a keyframe, unless there is one from nearly there; the first of an epoch empties."""
         if self._kept and keyframe.epoch != self.epoch:
             self._kept, self.bytes, self.spacing = [], 0, 1.0
-        if self._has_room_for(keyframe):
+        if self._is_apart(keyframe.T_odom_camera):
             self._keep(keyframe)
             self.hold_at_most(self._most_bytes)
 
@@ -103,15 +107,16 @@ class Keyframes:
             self.spacing *= _WIDER
             before, self._kept, self.bytes = self._kept, [], 0
             for keyframe in before:
-                if self._has_room_for(keyframe):
+                if self._is_apart(keyframe.T_odom_camera):
                     self._keep(keyframe)
 
     def _keep(self, keyframe: Keyframe) -> None:
         self._kept.append(keyframe)
         self.bytes += keyframe.size
 
-    def _has_room_for(self, keyframe: Keyframe) -> bool:
+    def _is_apart(self, T_odom_camera: Array) -> bool:
+        """Whether no keyframe is from nearly there."""
         if not self._kept:
             return True
         others = np.array([kept.T_odom_camera for kept in self._kept])
-        return bool(steps_between(keyframe.T_odom_camera, others).min() >= self.spacing)
+        return bool(steps_between(T_odom_camera, others).min() >= self.spacing)

@@ -68,6 +68,16 @@ def test_going_round_and_round_fills_no_memory() -> None:
     assert len(keyframes) == 10
 
 
+def test_a_view_that_would_not_be_kept_need_not_be_packed() -> None:
+    keyframes = Keyframes(100 * SIZE)
+    here, near, there = (at(x_m).T_odom_camera for x_m in (0.0, 0.9 * STEP_M, 1.1 * STEP_M))
+    assert keyframes.wants(0, here)
+    keyframes.add(at(0.0))
+    assert not keyframes.wants(0, near)
+    assert keyframes.wants(0, there)
+    assert keyframes.wants(1, near)
+
+
 def test_when_it_is_full_every_part_of_the_way_is_thinned_out_alike() -> None:
     keyframes = Keyframes(20 * SIZE)
     for seq in range(200):

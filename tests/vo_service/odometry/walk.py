@@ -1,5 +1,7 @@
 """A short walk of a hand-held camera before a known scene, and what an odometry makes of it."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from drivers.camera import RgbdFrame
@@ -11,8 +13,7 @@ from drivers.geometry import (
     rotation_from_vector,
 )
 from tests.vo_service.odometry.synthetic_views import CAMERA, frame_of, view_of_a_corner
-from vo_service.odometry.estimate import Estimate
-from vo_service.odometry.surf_odometry import SurfOdometry
+from vo_service.odometry.estimate import Estimate, Odometry
 
 SHAPE = (CAMERA.height, CAMERA.width)
 BLACK = frame_of(np.zeros(SHAPE, np.uint8), np.full(SHAPE, 1.5))
@@ -30,7 +31,7 @@ def elsewhere(seq: int) -> RgbdFrame:
     return view_of_a_corner(away @ path(seq + 1)[seq], seq)
 
 
-def follow(odometry: SurfOdometry, frames: list[RgbdFrame]) -> list[Estimate]:
+def follow(odometry: Odometry, frames: Iterable[RgbdFrame]) -> list[Estimate]:
     """The estimate of each frame."""
     return [odometry.estimate(frame) for frame in frames]
 

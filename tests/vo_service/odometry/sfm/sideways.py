@@ -1,6 +1,5 @@
 """A camera that walks past a known scene, far enough for parallax within a few frames."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 
@@ -10,7 +9,6 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array, rigid_transform, rotation_from_vector
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 from tests.vo_service.odometry.walk import SHAPE
-from vo_service.odometry.estimate import Estimate, Odometry
 
 # By the fourth frame the parallax of the first with the first reaches three degrees.
 FIRST_PLACED = 4
@@ -38,8 +36,3 @@ def views(count: int = FRAMES) -> list[RgbdFrame]:
 def without_depth(frame: RgbdFrame) -> RgbdFrame:
     """The same picture, the depth camera covered."""
     return replace(frame, depth_raw=np.zeros(SHAPE, np.uint16))
-
-
-def walk(odometry: Odometry, frames: Iterable[RgbdFrame]) -> list[Estimate]:
-    """The estimate of each frame."""
-    return [odometry.estimate(frame) for frame in frames]

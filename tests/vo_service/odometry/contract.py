@@ -1,0 +1,34 @@
+"""What holds of the answers of every method."""
+
+import numpy as np
+
+from drivers.geometry import is_rigid
+from vo_service.odometry.estimate import Estimate
+
+
+def assert_is_an_answer(estimate: Estimate) -> None:
+    """Whatever was seen: rigid poses, finite numbers, and a reason where there is no motion."""
+    assert is_rigid(estimate.T_world_camera)
+    assert is_rigid(estimate.T_reference_camera)
+    assert np.all(np.isfinite(estimate.covariance))
+    assert estimate.ok == (estimate.reason == "")
+
+
+def assert_is_the_world(first: Estimate) -> None:
+    """The first good frame's pose is exactly the origin."""
+    assert first.ok
+    assert not first.restarted
+    assert np.array_equal(first.T_world_camera, np.eye(4))
+    assert not first.covariance.any()
+    assert (first.matches, first.inliers) == (0, 0)
+
+
+def assert_rests_on_its_evidence(estimate: Estimate, fewest: int) -> None:
+    """Counts and drawings agree, and the motion is uncertain in every direction."""
+    evidence = estimate.evidence
+    assert fewest <= estimate.inliers <= estimate.matches <= estimate.features
+    assert evidence.keypoints_px.shape == (estimate.features, 2)
+    assert evidence.matches_px.shape == evidence.reference_matches_px.shape
+    assert evidence.inlier.shape == (estimate.matches,)
+    assert int(evidence.inlier.sum()) == estimate.inliers
+    assert np.linalg.eigvalsh(estimate.covariance).min() > 0

@@ -8,18 +8,18 @@ from pathlib import Path
 
 from drivers.errors import InputError
 from vo_service.commands.options import config_of, seconds
-from vo_service.comparison.campaign import Plan, run_all
 from vo_service.comparison.files import Report, write_report
-from vo_service.comparison.method_recipe import MethodRecipe, TrueScaleSfmRecipe
-from vo_service.comparison.recipe import Recipe, SfmScale
-from vo_service.comparison.results import SequenceResults, collect
-from vo_service.comparison.sequence import Recording, open_recordings
 from vo_service.comparison.set_up import SetUp
 from vo_service.comparison.tables import error_table, time_table
 from vo_service.config import Config
 from vo_service.folders import make_output_folder
 from vo_service.interrupts import stop_on_signals
 from vo_service.methods import METHODS
+from vo_service.runs.campaign import Plan, run_all
+from vo_service.runs.method_recipe import MethodRecipe, TrueScaleSfmRecipe
+from vo_service.runs.recipe import Recipe, SfmScale
+from vo_service.runs.results import SequenceResults, collect
+from vo_service.runs.sequence import Recording, open_recordings
 from vo_service.terminal import Terminal
 
 NAME = "compare"

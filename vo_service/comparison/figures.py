@@ -11,10 +11,10 @@ import numpy as np
 
 from drivers.geometry import Array
 from vo_service.comparison.paper import about
-from vo_service.comparison.results import SequenceResults
 from vo_service.evaluation.association import nearest
 from vo_service.evaluation.picture import broken_at_gaps, label_axes
 from vo_service.evaluation.series import ErrorSeries, error_series
+from vo_service.runs.results import SequenceResults
 
 if TYPE_CHECKING:  # drawn with rarely, and slow to import
     from matplotlib.axes import Axes

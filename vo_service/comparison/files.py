@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from vo_service.comparison.figures import NamedFigure, error_figures
-from vo_service.comparison.keeping import write_file
 from vo_service.comparison.page import Drawing, page
+from vo_service.comparison.paper import paper_figures
 from vo_service.comparison.path_figure import path_figures
-from vo_service.comparison.results import SequenceResults
 from vo_service.comparison.set_up import SetUp
 from vo_service.comparison.tables import error_table, gap_table, metrics_table, time_table
 from vo_service.folders import make_output_folder
+from vo_service.runs.keeping import write_file
+from vo_service.runs.results import SequenceResults
 from vo_service.terminal import Terminal
 
 PAGE, DATA, CONFIG = "report.html", "report.json", "config.toml"
@@ -43,7 +44,7 @@ def write_report(
     content = {
         "schema": 1,
         **set_up.as_json(),
-        "sequences": [result.as_json() for result in results],
+        "sequences": [{**result.as_json(), "paper": _paper(result)} for result in results],
     }
     write_file(folder / DATA, (json.dumps(content, indent=2) + "\n").encode())
     write_file(folder / CONFIG, set_up.config_text.encode())
@@ -68,6 +69,14 @@ def _draw(folder: Path, result: SequenceResults, terminal: Terminal) -> list[Dra
         drawings.append(Drawing(path.relative_to(folder).as_posix(), named.caption, svg))
     terminal.clear()
     return drawings
+
+
+def _paper(result: SequenceResults) -> dict[str, dict[str, float]]:
+    """What the paper reports of the same sequence, by method."""
+    return {
+        method: {"mean_global_error_m": known.mean_global_error_m, "time_s": known.time_s}
+        for method, known in paper_figures(result.recording.folder).items()
+    }
 
 
 def _figures(result: SequenceResults) -> Iterator[NamedFigure]:

@@ -1,9 +1,9 @@
 """What a recording shows, in a sentence or two."""
 
-from vo_service.comparison.judging import Judgement
 from vo_service.comparison.paper import about
-from vo_service.comparison.results import MOST_FRAMES, SequenceResults
 from vo_service.comparison.tables import WHOLE
+from vo_service.runs.judging import Judgement
+from vo_service.runs.results import MOST_FRAMES, SequenceResults
 
 
 def finding(result: SequenceResults) -> str:

@@ -17,10 +17,10 @@ from vo_service.comparison.page_parts import (
 )
 from vo_service.comparison.page_style import STYLE
 from vo_service.comparison.paper import about, paper_figures
-from vo_service.comparison.results import SequenceResults
 from vo_service.comparison.set_up import SetUp
 from vo_service.comparison.tables import error_table, gap_table, metrics_table, time_table
-from vo_service.comparison.versions import versions
+from vo_service.runs.results import SequenceResults
+from vo_service.runs.versions import versions
 
 TITLE = "Visual odometry methods compared"
 

@@ -5,8 +5,8 @@ from html import escape
 
 from vo_service.comparison import explanations
 from vo_service.comparison.paper import about
-from vo_service.comparison.results import SequenceResults
-from vo_service.comparison.table import Cell, Table, words
+from vo_service.runs.results import SequenceResults
+from vo_service.runs.table import Cell, Table, words
 
 
 def paragraph(text: str, kind: str = "") -> str:

@@ -9,9 +9,9 @@ from drivers.geometry import Array, inverse
 from drivers.trajectory import StampedPoses
 from vo_service.comparison.figures import NamedFigure, colour_of, new_figure
 from vo_service.comparison.paper import about
-from vo_service.comparison.results import SequenceResults
 from vo_service.evaluation.metrics import first_pose_alignment
 from vo_service.evaluation.picture import TRUTH, draw_path, label_axes, poses_during
+from vo_service.runs.results import SequenceResults
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from drivers.strict_toml import SCHEMA
-from vo_service.comparison.recipe import SfmScale
-from vo_service.comparison.versions import versions
 from vo_service.config import Config
+from vo_service.runs.recipe import SfmScale
+from vo_service.runs.versions import versions
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from vo_service.comparison.judging import Judgement
 from vo_service.comparison.paper import PaperFigures, about, paper_figures
-from vo_service.comparison.results import SequenceResults
-from vo_service.comparison.table import Cell, Table, number, words
+from vo_service.runs.judging import Judgement
+from vo_service.runs.results import SequenceResults
+from vo_service.runs.table import Cell, Table, number, words
 
 Judged = Callable[[Judgement], float | None]
 

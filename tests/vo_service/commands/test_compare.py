@@ -14,14 +14,14 @@ import pytest
 from tests.belongings import child_running, children_of, command_of, is_alive
 from tests.conftest import FRAMES
 from tests.vo_service.commands.command_line import call, wait_for
-from tests.vo_service.comparison.trial_methods import Trial
+from tests.vo_service.runs.trial_methods import Trial
 from vo_service.commands import compare
-from vo_service.comparison import campaign
-from vo_service.comparison.recipe import Recipe
+from vo_service.runs import campaign
+from vo_service.runs.recipe import Recipe
 
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
-CHILD = "vo_service.comparison.child"
+CHILD = "vo_service.runs.child"
 
 
 def trials(**acts: str) -> Callable[..., dict[str, Recipe]]:
@@ -147,7 +147,7 @@ import sys
 from tests.vo_service.commands.test_compare import trials
 from vo_service import cli
 from vo_service.commands import compare
-from vo_service.comparison import campaign
+from vo_service.runs import campaign
 compare.recipes_of = trials(surf="go on", icp=sys.argv[1])
 campaign.versions = dict
 cli.main(["compare", *sys.argv[2:]])

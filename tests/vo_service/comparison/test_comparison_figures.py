@@ -8,11 +8,11 @@ import pytest
 from matplotlib.figure import Figure
 
 from drivers.geometry import Array
-from tests.vo_service.comparison.made_up import CRASH, FRAMES, STEP_M, done, recording, results
+from tests.vo_service.runs.made_up import CRASH, FRAMES, STEP_M, done, recording, results
 from vo_service.comparison.figures import NamedFigure, colour_of, error_figures
 from vo_service.comparison.files import image
 from vo_service.comparison.path_figure import path_figures
-from vo_service.comparison.results import SequenceResults
+from vo_service.runs.results import SequenceResults
 
 
 def walk(**how: object) -> SequenceResults:

@@ -9,13 +9,13 @@ from urllib.parse import unquote
 import pytest
 
 from drivers.strict_toml import read_toml
-from tests.vo_service.comparison.made_up import CRASH, done, recording, results
+from tests.vo_service.runs.made_up import CRASH, done, recording, results
 from vo_service.comparison.explanations import ERROR, INTRODUCTION, METRICS, TIME
 from vo_service.comparison.files import write_report
-from vo_service.comparison.recipe import SfmScale
-from vo_service.comparison.run import Outcome, RunState
 from vo_service.comparison.set_up import SetUp
 from vo_service.config import Config, OdometrySettings
+from vo_service.runs.recipe import SfmScale
+from vo_service.runs.run import Outcome, RunState
 from vo_service.terminal import Terminal
 
 VOID = {"meta", "img", "br", "link"}

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.comparison.made_up import CRASH, done, recording, results
+from tests.vo_service.runs.made_up import CRASH, done, recording, results
 from vo_service.comparison.paper import PAPER, about, paper_figures
-from vo_service.comparison.results import SequenceResults
 from vo_service.comparison.tables import error_table, gap_table, metrics_table, time_table
+from vo_service.runs.results import SequenceResults
 
 FLOOR = "rgbd_dataset_freiburg1_floor"
 

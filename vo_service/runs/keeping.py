@@ -13,8 +13,8 @@ from drivers.errors import InputError, UserFacingError
 from drivers.full_disk import is_full
 from drivers.trajectory import StampedPoses, pose_line, read_trajectory
 from drivers.tum.whole_files import write_whole
-from vo_service.comparison.run import NO_RUN, FrameLog, Outcome, Run, RunState
 from vo_service.folders import make_output_folder
+from vo_service.runs.run import NO_RUN, FrameLog, Outcome, Run, RunState
 
 SCHEMA = 1
 RESULT, TRAJECTORY, FRAMES, DETAILS = "result.json", "trajectory.txt", "frames.csv", "error.txt"

@@ -11,11 +11,11 @@ from drivers.trajectory import StampedPoses
 from drivers.tum.accelerometer import read_gravity
 from drivers.tum.folder import PairedFrames, TumFolder
 from drivers.tum.lists import FramePair, ListedImage
-from vo_service.comparison.campaign import Entry
-from vo_service.comparison.judging import judge
-from vo_service.comparison.results import SequenceResults
-from vo_service.comparison.run import FrameLog, Outcome, Run, RunState
-from vo_service.comparison.sequence import Recording
+from vo_service.runs.campaign import Entry
+from vo_service.runs.judging import judge
+from vo_service.runs.results import SequenceResults
+from vo_service.runs.run import FrameLog, Outcome, Run, RunState
+from vo_service.runs.sequence import Recording
 
 FRAMES = 40
 STEP_M = 0.01

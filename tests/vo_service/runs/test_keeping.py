@@ -10,10 +10,10 @@ import pytest
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import StampedPoses
 from tests.full_disk import files_up_to
-from tests.vo_service.comparison.made_up import CRASH, FRAMES, done, recording
-from vo_service.comparison.keeping import DETAILS, RESULT, TRAJECTORY, RunFolder
-from vo_service.comparison.keeping import FRAMES as FRAMES_FILE
-from vo_service.comparison.run import FrameLog, Outcome, RunState
+from tests.vo_service.runs.made_up import CRASH, FRAMES, done, recording
+from vo_service.runs.keeping import DETAILS, RESULT, TRAJECTORY, RunFolder
+from vo_service.runs.keeping import FRAMES as FRAMES_FILE
+from vo_service.runs.run import FrameLog, Outcome, RunState
 
 KEY = "abc"
 

@@ -1,19 +1,19 @@
-"""The service's own methods, as a comparison makes them."""
+"""The service's own methods, as a run makes them."""
 
 import pickle
 
 import pytest
 
 from drivers.errors import InputError
-from tests.vo_service.comparison.made_up import recording
+from tests.vo_service.runs.made_up import recording
 from vo_service.commands.compare import recipes_of
-from vo_service.comparison.method_recipe import MethodRecipe, TrueScaleSfmRecipe
-from vo_service.comparison.recipe import Recipe, SfmScale
 from vo_service.config import Config, OdometrySettings
 from vo_service.methods import METHODS
 from vo_service.odometry.sfm_odometry import SfmOdometry
 from vo_service.odometry.stopwatch import NullStopwatch
 from vo_service.odometry.surf_odometry import SurfOdometry
+from vo_service.runs.method_recipe import MethodRecipe, TrueScaleSfmRecipe
+from vo_service.runs.recipe import Recipe, SfmScale
 
 
 def recipe(method: str, scale: SfmScale = SfmScale.FIRST_DEPTH) -> Recipe:

@@ -1,13 +1,12 @@
-"""All results of a comparison, recording by recording."""
+"""All results, recording by recording."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vo_service.comparison.campaign import Entry
-from vo_service.comparison.judging import Judgement, judge
-from vo_service.comparison.paper import paper_figures
-from vo_service.comparison.sequence import Recording
+from vo_service.runs.campaign import Entry
+from vo_service.runs.judging import Judgement, judge
+from vo_service.runs.sequence import Recording
 
 # A method that gives a pose to fewer frames than this has the easy ones alone.
 MOST_FRAMES = 0.9
@@ -19,6 +18,23 @@ class SequenceResults:
 
     recording: Recording
     judged: Mapping[str, Judgement]
+
+    def as_json(self) -> dict[str, Any]:
+        """What the recording is, and the figures of each method."""
+        recording = self.recording
+        return {
+            "name": recording.name,
+            "folder": str(recording.folder.resolve()),
+            "frames": len(recording.frames_s),
+            "duration_s": recording.duration_s,
+            "path_m": recording.path_m,
+            "has_ground_truth": recording.truth is not None,
+            "gaps": [
+                {"begin_s": gap.begin_s, "end_s": gap.end_s, "length_s": gap.length_s}
+                for gap in recording.gaps
+            ],
+            "methods": {method: judged.as_json() for method, judged in self.judged.items()},
+        }
 
     def best(self, value: Callable[[Judgement], float | None]) -> str | None:
         """The method of the smallest value; None where fewer than two have one.
@@ -32,28 +48,6 @@ class SequenceResults:
         }
         known = {method: found for method, found in values.items() if found is not None}
         return min(known, key=lambda method: known[method]) if len(known) > 1 else None
-
-    def as_json(self) -> dict[str, Any]:
-        """For report.json."""
-        recording = self.recording
-        figures = paper_figures(recording.folder)
-        return {
-            "name": recording.name,
-            "folder": str(recording.folder.resolve()),
-            "frames": len(recording.frames_s),
-            "duration_s": recording.duration_s,
-            "path_m": recording.path_m,
-            "has_ground_truth": recording.truth is not None,
-            "gaps": [
-                {"begin_s": gap.begin_s, "end_s": gap.end_s, "length_s": gap.length_s}
-                for gap in recording.gaps
-            ],
-            "paper": {
-                method: {"mean_global_error_m": known.mean_global_error_m, "time_s": known.time_s}
-                for method, known in figures.items()
-            },
-            "methods": {method: judged.as_json() for method, judged in self.judged.items()},
-        }
 
 
 def collect(entries: Iterable[Entry]) -> list[SequenceResults]:

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from drivers.errors import UserFacingError
 from drivers.isolation.messages import LogLine
 from drivers.isolation.process import ChildProcess, Program
-from vo_service.comparison.messages import Job, Preparing, Progress, Word
-from vo_service.comparison.run import Outcome, RunState
+from vo_service.runs.messages import Job, Preparing, Progress, Word
+from vo_service.runs.run import Outcome, RunState
 
-PROGRAM = Program("vo_service.comparison.child", "comparison")
+PROGRAM = Program("vo_service.runs.child", "run")
 TICK_S = 0.25
 ENDING_S = 5.0
 

@@ -1,6 +1,7 @@
-"""The process of one run: ``python -m vo_service.comparison.child FD``, started by `run_in_child`.
+"""The process of one run: ``python -m vo_service.runs.child FD``, started by `run_in_child`.
 
-It ends with the comparison, whatever happens: in order where that is possible, by force where not.
+It ends with the program that started it, whatever happens: in order where that is possible, by
+force where not.
 """
 
 import os
@@ -17,9 +18,9 @@ import cv2
 
 from drivers.errors import UserFacingError
 from drivers.isolation.outbox import Outbox, leave_signals_to_service, log_to_service
-from vo_service.comparison.following import follow
-from vo_service.comparison.messages import Job, Word
-from vo_service.comparison.run import Outcome, RunState
+from vo_service.runs.following import follow
+from vo_service.runs.messages import Job, Word
+from vo_service.runs.run import Outcome, RunState
 
 # Native code that holds Python's lock stops every thread; after so long the kernel steps in.
 ORPHAN_S = 60.0
@@ -28,12 +29,12 @@ ORPHAN_S = 60.0
 def main(connection: "Connection[Any, Any]") -> None:
     """Follow one folder and tell the outcome."""
     leave_signals_to_service()
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_end_with_the_comparison`
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_end_with_the_program`
     job: Job = connection.recv()
     outbox = Outbox(connection)
     log_to_service(outbox, job.log_level)
     cv2.setNumThreads(1)
-    watching = threading.Thread(target=_end_with_the_comparison, args=(connection,), daemon=True)
+    watching = threading.Thread(target=_end_with_the_program, args=(connection,), daemon=True)
     watching.start()
 
     def tell(word: Word) -> None:
@@ -55,8 +56,8 @@ def outcome_of(job: Job, tell: Callable[[Word], None]) -> Outcome:
         return Outcome(RunState.RAISED, trouble=trouble, details=traceback.format_exc())
 
 
-def _end_with_the_comparison(connection: "Connection[Any, Any]") -> None:
-    """Body of the thread that ends the process when the comparison is gone."""
+def _end_with_the_program(connection: "Connection[Any, Any]") -> None:
+    """Body of the thread that ends the process when the program that started this one is gone."""
     with suppress(EOFError, OSError):
         while True:
             signal.setitimer(signal.ITIMER_REAL, ORPHAN_S)

@@ -19,7 +19,7 @@ class RunState(StrEnum):
     RAISED = "error"  # an error of the program
     REFUSED = "failed"  # an error that says what to do
     TIMED_OUT = "timed out"
-    NOT_RUN = "not run"  # the comparison was stopped before
+    NOT_RUN = "not run"  # the program was stopped before
 
 
 @dataclass(frozen=True)

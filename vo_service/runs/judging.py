@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers.errors import InputError
-from vo_service.comparison.campaign import Entry
-from vo_service.comparison.keeping import run_as_json
-from vo_service.comparison.run import Outcome, Run, RunState
-from vo_service.comparison.sequence import Recording
 from vo_service.evaluation import Evaluation, evaluate
 from vo_service.evaluation.association import MatchedPoses, associate
 from vo_service.evaluation.gaps import Crossing, cross, error_across, within_gaps
 from vo_service.evaluation.metrics import RelativeErrors, consecutive_pairs, relative_errors, rms
+from vo_service.runs.campaign import Entry
+from vo_service.runs.keeping import run_as_json
+from vo_service.runs.run import Outcome, Run, RunState
+from vo_service.runs.sequence import Recording
 
 EVALUATED = tuple(Evaluation.__dataclass_fields__)
 

@@ -5,8 +5,8 @@ import json
 from collections.abc import Iterator, Mapping
 
 from drivers.errors import InputError
-from vo_service.comparison.recipe import Recipe
-from vo_service.comparison.sequence import Recording
+from vo_service.runs.recipe import Recipe
+from vo_service.runs.sequence import Recording
 
 
 def run_key(recording: Recording, recipe: Recipe, versions: Mapping[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""All runs of a comparison, and what is kept from one time to the next."""
+"""All runs, one after another, and what is kept from one time to the next."""
 
 import io
 import os
@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from tests.vo_service.comparison.trial_methods import Trial
-from vo_service.comparison.campaign import Entry, Plan, run_all
-from vo_service.comparison.key import run_key
-from vo_service.comparison.method_recipe import MethodRecipe
-from vo_service.comparison.recipe import Recipe
-from vo_service.comparison.run import RunState
-from vo_service.comparison.sequence import open_recordings
+from tests.vo_service.runs.trial_methods import Trial
 from vo_service.config import OdometrySettings
+from vo_service.runs.campaign import Entry, Plan, run_all
+from vo_service.runs.key import run_key
+from vo_service.runs.method_recipe import MethodRecipe
+from vo_service.runs.recipe import Recipe
+from vo_service.runs.run import RunState
+from vo_service.runs.sequence import open_recordings
 from vo_service.terminal import Terminal
 
 CopyRecording = Callable[..., Path]

@@ -12,9 +12,9 @@ SOURCES = (
     "drivers",
     "vo_service/odometry",
     "vo_service/methods.py",
-    "vo_service/comparison/following.py",
-    "vo_service/comparison/method_recipe.py",
-    "vo_service/comparison/true_scale.py",
+    "vo_service/runs/following.py",
+    "vo_service/runs/method_recipe.py",
+    "vo_service/runs/true_scale.py",
 )
 PACKAGES = ("kinect-vo", "numpy", "opencv-python-headless", "numba")
 

@@ -1,4 +1,4 @@
-"""All runs of a comparison, one after another; what is kept already is not run again."""
+"""Every method on every recording, one after another; what is kept already is not run again."""
 
 import logging
 import threading
@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from vo_service.comparison.keeping import RunFolder
-from vo_service.comparison.key import run_key
-from vo_service.comparison.messages import Job, Preparing, Progress
-from vo_service.comparison.recipe import Recipe
-from vo_service.comparison.run import Outcome, RunState
-from vo_service.comparison.running import run_in_child
-from vo_service.comparison.sequence import Recording
-from vo_service.comparison.versions import versions
+from vo_service.runs.keeping import RunFolder
+from vo_service.runs.key import run_key
+from vo_service.runs.messages import Job, Preparing, Progress
+from vo_service.runs.recipe import Recipe
+from vo_service.runs.run import Outcome, RunState
+from vo_service.runs.running import run_in_child
+from vo_service.runs.sequence import Recording
+from vo_service.runs.versions import versions
 from vo_service.terminal import Terminal
 
 logger = logging.getLogger(__name__)
@@ -38,7 +38,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Entry:
-    """One run of a comparison."""
+    """One run, as it came out."""
 
     recording: Recording
     method: str
@@ -78,7 +78,7 @@ class _Run:
             terminal.say(f"{label}: kept from before")
             return kept
         if stop.is_set():
-            return kept or Outcome(RunState.NOT_RUN, trouble="the comparison was stopped before it")
+            return kept or Outcome(RunState.NOT_RUN, trouble="stopped before it began")
         terminal.show(f"{label}: starting")
         outcome = run_in_child(self._job(), self.plan.limit_s, _teller(terminal, label), stop)
         terminal.clear()

@@ -12,9 +12,9 @@ from drivers.camera import EndOfStream, Pace, RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.trajectory import StampedPoses
 from drivers.tum.camera import TumCamera
-from vo_service.comparison.messages import Job, Preparing, Progress
-from vo_service.comparison.run import FrameLog, Run
 from vo_service.odometry.estimate import Estimate
+from vo_service.runs.messages import Job, Preparing, Progress
+from vo_service.runs.run import FrameLog, Run
 from vo_service.stage_clock import StageClock
 
 # A disk that does not answer for this long will not answer at all.

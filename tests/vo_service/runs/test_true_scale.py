@@ -7,7 +7,7 @@ import pytest
 
 from drivers.trajectory import StampedPoses
 from tests.vo_service.evaluation.walks import moving
-from vo_service.comparison.true_scale import TrueDistance
+from vo_service.runs.true_scale import TrueDistance
 
 WALK = StampedPoses(10.0 + np.array([0.0, 0.01, 0.02, 0.5]), moving([1.0, 1.1, 1.3, 9.0]))
 

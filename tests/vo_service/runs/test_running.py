@@ -1,4 +1,4 @@
-"""A run in a process of its own: whatever a method does, the comparison goes on."""
+"""A run in a process of its own: whatever a method does, the others go on."""
 
 import logging
 import os
@@ -12,10 +12,10 @@ import pytest
 from drivers.trajectory import read_trajectory
 from tests.belongings import belongings
 from tests.conftest import FRAMES
-from tests.vo_service.comparison.trial_methods import Trial
-from vo_service.comparison.messages import Job, Preparing, Progress
-from vo_service.comparison.run import Outcome, RunState
-from vo_service.comparison.running import run_in_child
+from tests.vo_service.runs.trial_methods import Trial
+from vo_service.runs.messages import Job, Preparing, Progress
+from vo_service.runs.run import Outcome, RunState
+from vo_service.runs.running import run_in_child
 
 PATIENCE_S = 60.0
 

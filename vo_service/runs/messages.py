@@ -1,11 +1,11 @@
-"""What the comparison and the process of one run say to each other."""
+"""What the program and the process of one run say to each other."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.isolation.messages import LogLine
-from vo_service.comparison.recipe import Recipe
-from vo_service.comparison.run import Outcome
+from vo_service.runs.recipe import Recipe
+from vo_service.runs.run import Outcome
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ def _measure(
     state: Path, frames: Sequence[RgbdFrame], seconds: float, rate: float
 ) -> tuple[list[Spell], float, float]:
     """The spells; how long an incident took, and its megabytes."""
-    recorder = FlightRecorder(RecorderSettings(), state, {}, lambda: 0.0)
+    recorder = FlightRecorder(RecorderSettings(), state, {})
     try:
         while not recorder.is_up:
             time.sleep(0.1)

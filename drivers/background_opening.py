@@ -98,11 +98,6 @@ class BackgroundOpening(RgbdCamera):
         return self._camera.frame_count
 
     @property
-    def readout_s(self) -> float:
-        """See `RgbdCamera`."""
-        return self._camera.readout_s
-
-    @property
     def ground_truth(self) -> StampedPoses | None:
         """See `RgbdCamera`."""
         return self._camera.ground_truth

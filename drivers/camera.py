@@ -58,6 +58,8 @@ class RgbdFrame:
     lost_packets    packets lost since the frame before
     gravity_m_s2    gravity in camera axes (x right, y down, z forward), where an accelerometer
                     tells it
+    readout_s       rolling shutter: seconds from the first row to the last of both images; their
+                    instants are of the middle row. 0 = global shutter, or not known
     """
 
     seq: int
@@ -71,6 +73,7 @@ class RgbdFrame:
     skew_s: float = 0.0
     lost_packets: int = 0
     gravity_m_s2: tuple[float, float, float] | None = None
+    readout_s: float = 0.0
 
     @cached_property
     def depth_m(self) -> NDArray[np.float32]:
@@ -215,11 +218,6 @@ class RgbdCamera(ABC):
     def frame_count(self) -> int | None:
         """How many frames the source holds, where that is known: for progress."""
         return None
-
-    @property
-    def readout_s(self) -> float:
-        """Rolling shutter: seconds from the first row to the last; 0 if global or not known."""
-        return 0.0
 
     @property
     def ground_truth(self) -> StampedPoses | None:

@@ -60,8 +60,11 @@ class DepthTable:
 class CameraFile:
     """A pinhole camera with lens distortion (k1 k2 p1 p2 k3, Brown's model as in OpenCV).
 
-    depth_factor  value of the depth images per metre
-    readout_s     rolling shutter: seconds from the first row to the last; a stamp is the middle row
+    depth_factor    value of the depth images per metre
+    readout_s       rolling shutter: seconds from the first row to the last; a stamp is the middle
+                    row
+    depth_offset_s  instant of a depth image minus what its stamp says, relative to colour; a
+                    frame's skew is this and the difference of its two stamps
     """
 
     width: int = required("image width in pixels", low=1, high=16384)
@@ -75,6 +78,9 @@ class CameraFile:
         "depth image value of one metre: 5000 for TUM, 1000 for millimetres", low=1.0, high=1e6
     )
     readout_s: float = setting(0.0, "seconds from the first row to the last", low=0.0, high=1.0)
+    depth_offset_s: float = setting(
+        0.0, "how much later depth was taken than its stamp says", low=-0.1, high=0.1
+    )
     depth: DepthTable | None = setting(None, "the depth camera, where it is one of its own")
 
     @property
@@ -160,4 +166,5 @@ def _colour_text(camera: CameraFile) -> str:
         f"distortion = {list(camera.distortion)!r}  # k1 k2 p1 p2 k3\n"
         f"depth_factor = {camera.depth_factor!r}  # depth image value of one metre\n"
         f"readout_s = {camera.readout_s!r}  # rolling shutter: first row to last\n"
+        f"depth_offset_s = {camera.depth_offset_s!r}  # depth is later than its stamp by this\n"
     )

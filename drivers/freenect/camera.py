@@ -98,11 +98,6 @@ class FreenectCamera(RgbdCamera):
         return self._images.source
 
     @property
-    def readout_s(self) -> float:
-        """From the camera file; 0 without."""
-        return self._images.readout_s
-
-    @property
     def has_base(self) -> bool:
         """See `RgbdCamera`; a dump has none."""
         return self._base.exists
@@ -153,7 +148,8 @@ class FreenectCamera(RgbdCamera):
             depth_factor=images.depth_factor,
             camera=images.camera,
             device_stamp_s=pair.colour_s,
-            skew_s=pair.skew_s,
+            skew_s=pair.skew_s + images.depth_offset_s,
             lost_packets=lost,
             gravity_m_s2=self._base.gravity_m_s2,
+            readout_s=images.readout_s,
         )

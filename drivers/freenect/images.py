@@ -61,7 +61,7 @@ class Images:
         self.camera = _mirrored(file.pinhole) if is_mirrored else file.pinhole
         self.depth_format = self._registration.depth_format
         self.depth_factor = self._registration.depth_factor
-        self.readout_s = file.readout_s
+        self.readout_s, self.depth_offset_s = file.readout_s, file.depth_offset_s
         self.source = "default" if camera_file is None else f"camera file {camera_file}"
 
     def colour(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -107,11 +107,6 @@ class IsolatedCamera(RgbdCamera):
         return self._supervisor.facts.frame_count
 
     @property
-    def readout_s(self) -> float:
-        """What the camera says; 0 until it has been open."""
-        return self._supervisor.facts.readout_s
-
-    @property
     def has_base(self) -> bool:
         """What the camera says; True until it has been open."""
         return self._supervisor.facts.has_base

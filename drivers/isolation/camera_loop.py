@@ -147,7 +147,6 @@ class CameraLoop:
         facts = Facts(
             intrinsics_source=camera.intrinsics_source,
             frame_count=camera.frame_count,
-            readout_s=camera.readout_s,
             has_base=camera.has_base,
             ground_truth=camera.ground_truth,
         )

@@ -64,7 +64,6 @@ class Facts:
 
     intrinsics_source: str = ""
     frame_count: int | None = None
-    readout_s: float = 0.0
     has_base: bool = True
     ground_truth: StampedPoses | None = None
 

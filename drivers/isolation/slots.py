@@ -15,8 +15,8 @@ from drivers.errors import UserFacingError
 SLOTS = 4
 # Room for 12 megapixels. Memory that is never touched is never used: 640x480 takes 1.5 MB a slot.
 SLOT_BYTES = 64 * 2**20
-# Ordinal in the ring, seq, lost_packets; the stamps, skew and depth factor; gravity; the camera.
-_HEADER = Struct("=3q 5d 3d 2q 4d")
+# Ordinal in the ring, seq, lost_packets; stamps, skew, readout and depth factor; gravity; camera.
+_HEADER = Struct("=3q 6d 3d 2q 4d")
 _HEADER_BYTES = 256  # keeps the images aligned
 _NO_GRAVITY = (math.nan,) * 3
 
@@ -45,7 +45,7 @@ class Slots:
     def read(self, slot: int) -> tuple[int, RgbdFrame]:
         """The ordinal and a copy of the frame in a slot."""
         values = _HEADER.unpack_from(self._memory, slot * SLOT_BYTES)
-        colour, depth = self._images(slot, *values[11:13])
+        colour, depth = self._images(slot, *values[12:14])
         return values[0], _frame(values, colour.copy(), depth.copy())
 
     def close(self) -> None:
@@ -75,7 +75,8 @@ def _header(ordinal: int, frame: RgbdFrame) -> tuple[float, ...]:
     c = frame.camera
     return (
         *(ordinal, frame.seq, frame.lost_packets),
-        *(frame.stamp_s, frame.arrival_s, device_stamp_s, frame.skew_s, frame.depth_factor),
+        *(frame.stamp_s, frame.arrival_s, device_stamp_s),
+        *(frame.skew_s, frame.readout_s, frame.depth_factor),
         *gravity,
         *(c.width, c.height, c.fx, c.fy, c.cx, c.cy),
     )
@@ -84,8 +85,9 @@ def _header(ordinal: int, frame: RgbdFrame) -> tuple[float, ...]:
 def _frame(
     values: tuple[Any, ...], colour: NDArray[np.uint8], depth: NDArray[np.uint16]
 ) -> RgbdFrame:
-    _, seq, lost_packets, stamp_s, arrival_s, device_stamp_s, skew_s, depth_factor = values[:8]
-    gravity = values[8:11]
+    _, seq, lost_packets, stamp_s, arrival_s, device_stamp_s = values[:6]
+    skew_s, readout_s, depth_factor = values[6:9]
+    gravity = values[9:12]
     return RgbdFrame(
         seq=seq,
         stamp_s=stamp_s,
@@ -93,9 +95,10 @@ def _frame(
         colour_bgr=colour,
         depth_raw=depth,
         depth_factor=depth_factor,
-        camera=PinholeCamera(*values[11:17]),
+        camera=PinholeCamera(*values[12:18]),
         device_stamp_s=None if math.isnan(device_stamp_s) else device_stamp_s,
         skew_s=skew_s,
         lost_packets=lost_packets,
         gravity_m_s2=None if math.isnan(gravity[0]) else gravity,
+        readout_s=readout_s,
     )

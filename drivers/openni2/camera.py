@@ -91,8 +91,3 @@ class OpenNI2Camera(RgbdCamera):
     def intrinsics_source(self) -> str:
         """See `RgbdCamera`; "" before `open`."""
         return self._live.optics.intrinsics_source if self._live else ""
-
-    @property
-    def readout_s(self) -> float:
-        """From the camera file; 0 without one."""
-        return self._choice.readout_s

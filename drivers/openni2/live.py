@@ -145,7 +145,8 @@ class Live:
             depth_factor=self.optics.depth_factor,
             camera=self.optics.camera,
             device_stamp_s=pair.colour_s,
-            skew_s=pair.skew_s,
+            skew_s=pair.skew_s + self.optics.depth_offset_s,
+            readout_s=self.optics.readout_s,
         )
 
 

@@ -32,7 +32,6 @@ class OniCamera(RgbdCamera):
         self.name = f"openni2:{path}"
         self._path, self._camera_file, self._pace = path, camera_file, pace
         self._mirror = (settings or SensorSettings()).mirror
-        self._readout_s = 0.0
         self._openni2: OpenNI2 | None = None
         self._playback: Playback | None = None
         self._is_open = False
@@ -41,7 +40,6 @@ class OniCamera(RgbdCamera):
         """Check the file and start to play. Raises InputError for a file without use."""
         self.close()
         choice = CameraChoice.read(self._camera_file)
-        self._readout_s = choice.readout_s
         self._openni2 = self._openni2 or OpenNI2()
         self._playback = Playback(self._openni2, self._path, choice, self._pace, self._mirror)
         self._is_open = True
@@ -77,8 +75,3 @@ class OniCamera(RgbdCamera):
     def unpaired(self) -> int | None:
         """Images without a partner within 20 ms; None before `open`."""
         return self._playback.index.unpaired if self._playback else None
-
-    @property
-    def readout_s(self) -> float:
-        """From the camera file; 0 before `open`."""
-        return self._readout_s

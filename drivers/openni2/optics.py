@@ -72,11 +72,6 @@ class CameraChoice:
         """Whether depth is to be registered here."""
         return self.file is not None and self.file.depth is not None
 
-    @property
-    def readout_s(self) -> float:
-        """Rolling shutter, where the file tells."""
-        return 0.0 if self.file is None else self.file.readout_s
-
 
 class DepthPath(Protocol):
     """Makes depth as delivered the depth of the undistorted colour camera."""
@@ -88,7 +83,10 @@ class DepthPath(Protocol):
 
 @dataclass(frozen=True)
 class Optics:
-    """Makes a frame's images. `intrinsics_source` says where `camera` comes from."""
+    """Makes a frame's images. `intrinsics_source` says where `camera` comes from.
+
+    The timing is the camera file's, see `CameraFile`; zero without one.
+    """
 
     camera: PinholeCamera
     depth_factor: float
@@ -97,6 +95,8 @@ class Optics:
     depth_path: DepthPath
     flip_colour: bool
     flip_depth: bool
+    readout_s: float = 0.0
+    depth_offset_s: float = 0.0
 
     def colour(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Undistorted."""
@@ -124,8 +124,17 @@ def make_optics(source: Source, choice: CameraChoice) -> Optics:
     else:
         registration = SoftwareRegistration(camera, depth, choice.file.depth_factor)
         path, factor = registration.register, registration.depth_factor
-    told = f"camera file {choice.path}"
-    return Optics(camera, factor, told, lens, path, source.flip_colour, source.flip_depth)
+    return Optics(
+        camera,
+        factor,
+        f"camera file {choice.path}",
+        lens,
+        path,
+        source.flip_colour,
+        source.flip_depth,
+        choice.file.readout_s,
+        choice.file.depth_offset_s,
+    )
 
 
 def _without_file(source: Source) -> Optics:

@@ -69,7 +69,8 @@ class Playback:
             depth_raw=self.optics.depth(depth),
             depth_factor=self.optics.depth_factor,
             camera=self.optics.camera,
-            skew_s=self.index.skew_s(pair),
+            skew_s=self.index.skew_s(pair) + self.optics.depth_offset_s,
+            readout_s=self.optics.readout_s,
         )
 
     def _move_on(self, seq: int, delivered: int = 0, skipped: int = 0) -> None:

@@ -113,11 +113,6 @@ class SyntheticCamera(RgbdCamera):
         return None if self._config.loop else self._config.frame_count
 
     @property
-    def readout_s(self) -> float:
-        """See `RgbdCamera`."""
-        return self._config.timing.readout_s
-
-    @property
     def ground_truth(self) -> StampedPoses | None:
         """The exact poses at every frame's true stamp, in the room's frame; None in a loop.
 
@@ -162,6 +157,7 @@ class SyntheticCamera(RgbdCamera):
             camera=self._config.camera,
             skew_s=self._config.timing.skew_s,
             gravity_m_s2=self._gravity(seq),
+            readout_s=self._config.timing.readout_s,
         )
 
     def _gravity(self, seq: int) -> Vector:

@@ -93,11 +93,6 @@ class TumCamera(RgbdCamera):
         return self._opened.frames.unpaired if self._opened else None
 
     @property
-    def readout_s(self) -> float:
-        """From the camera file; 0 before `open`."""
-        return self._opened.camera_file.readout_s if self._opened else 0.0
-
-    @property
     def ground_truth(self) -> StampedPoses | None:
         """FOLDER/groundtruth.txt, if there is one; None before `open`."""
         return self._opened.ground_truth if self._opened else None
@@ -142,8 +137,9 @@ def _fill(buffer: FrameBuffer, pairs: Sequence[FramePair], folder: TumFolder) ->
                 depth_raw=lens.depth(depth),
                 depth_factor=camera.depth_factor,
                 camera=pinhole,
-                skew_s=pair.skew_s,
+                skew_s=pair.skew_s + camera.depth_offset_s,
                 gravity_m_s2=folder.gravity.at(pair.colour.stamp_s),
+                readout_s=camera.readout_s,
             )
             buffer.put(frame)
         index += 1

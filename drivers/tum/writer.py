@@ -8,8 +8,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.camera_file import FILE_NAME, CameraFile, camera_file_text
+from drivers.camera import RgbdFrame
+from drivers.camera_file import FILE_NAME, NO_DISTORTION, CameraFile, camera_file_text
 from drivers.errors import InputError, UserFacingError
 from drivers.full_disk import is_full
 from drivers.trajectory import StampedPoses, pose_line
@@ -43,15 +43,14 @@ class TumWriter:
         self,
         folder: Path,
         *,
-        readout_s: float = 0.0,
         ground_truth: StampedPoses | None = None,
         colour: ColourFormat = ColourFormat.PNG,
     ) -> None:
         """Create the folder. Raises InputError if it cannot be created or is not empty."""
         self.folder = folder
         self.written = self.skipped = 0
-        self._readout_s, self._format = readout_s, colour
-        self._cameras: list[tuple[PinholeCamera, float]] = []
+        self._format = colour
+        self._cameras: list[CameraFile] = []
         self._last = BEFORE_ALL
         self._failure: UserFacingError | None = None
         self._lists = _create(folder, ground_truth)
@@ -103,15 +102,15 @@ class TumWriter:
 
     def _write_camera(self, frame: RgbdFrame) -> None:
         """Write the camera file with the first frame; from then on the camera must stay."""
-        found = (frame.camera, frame.depth_factor)
+        found = _camera_file(frame)
         if not self._cameras:
-            camera = _camera_file(frame, self._readout_s)
-            self._store([(self.folder / FILE_NAME, camera_file_text(camera).encode())])
+            self._store([(self.folder / FILE_NAME, camera_file_text(found).encode())])
             self._cameras.append(found)
         if found != self._cameras[0]:
             raise UserFacingError(
                 f"{self.folder}: the camera changed while it was recorded (now {frame.camera}, "
-                f"depth factor {frame.depth_factor}); record it into another folder"
+                f"depth factor {frame.depth_factor}, readout {frame.readout_s} s); record it into "
+                "another folder"
             )
 
     def _commit(self, frame: EncodedFrame) -> None:
@@ -174,10 +173,11 @@ def _create(folder: Path, ground_truth: StampedPoses | None) -> list[GrowingList
         ) from error
 
 
-def _camera_file(frame: RgbdFrame, readout_s: float) -> CameraFile:
-    """The camera of a frame, which is undistorted already."""
-    c = frame.camera
-    none = (0.0, 0.0, 0.0, 0.0, 0.0)
-    return CameraFile(
-        c.width, c.height, c.fx, c.fy, c.cx, c.cy, none, frame.depth_factor, readout_s
-    )
+def _camera_file(frame: RgbdFrame) -> CameraFile:
+    """The camera of a frame, which is undistorted already.
+
+    Its stamps are written with the whole skew, so depth is where they say: no offset is left.
+    """
+    c, timing = frame.camera, (frame.readout_s, 0.0)
+    intrinsics = (c.width, c.height, c.fx, c.fy, c.cx, c.cy)
+    return CameraFile(*intrinsics, NO_DISTORTION, frame.depth_factor, *timing)

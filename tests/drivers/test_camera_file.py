@@ -70,6 +70,7 @@ depth_tables = st.builds(
         distortions,
         st.floats(1.0, 1e6),
         st.floats(0.0, 1.0),
+        st.floats(-0.1, 0.1),
         st.none() | depth_tables,
     )
 )
@@ -110,12 +111,12 @@ DEPTH_TEXT = camera_file_text(
 @pytest.mark.parametrize(
     ("old", "new", "line"),
     [
-        ("fx = 580.0", 'fx = "580"', 'camera.toml:15: key `depth.fx`: "580" is the wrong type'),
-        ("scale = 1.0", "scale = 3.0", "camera.toml:20: key `depth.scale`: 3.0 is out of range"),
+        ("fx = 580.0", 'fx = "580"', 'camera.toml:16: key `depth.fx`: "580" is the wrong type'),
+        ("scale = 1.0", "scale = 3.0", "camera.toml:21: key `depth.scale`: 3.0 is out of range"),
         ("fy = 579.0", "", "camera.toml: key `depth.fy`: is missing; add `fy = ...`"),
-        ("scale", "scales", "camera.toml:20: key `depth.scales`: is unknown; did you mean `scale`"),
-        ("[-0.025,", "[-25.0,", "camera.toml:23: key `depth.T_color_depth.translation_m`: -25"),
-        ("0.0, 1.0]", "0.0, 2.0]", "camera.toml:22: key `depth.T_color_depth`: quaternion_xyzw mu"),
+        ("scale", "scales", "camera.toml:21: key `depth.scales`: is unknown; did you mean `scale`"),
+        ("[-0.025,", "[-25.0,", "camera.toml:24: key `depth.T_color_depth.translation_m`: -25"),
+        ("0.0, 1.0]", "0.0, 2.0]", "camera.toml:23: key `depth.T_color_depth`: quaternion_xyzw mu"),
     ],
 )
 def test_a_mistake_in_the_depth_table_is_named_by_its_line(old: str, new: str, line: str) -> None:

@@ -31,7 +31,8 @@ class DepthUnits:
     """What a recording's camera file knows that a board cannot tell."""
 
     depth_factor: float
-    readout_s: float
+    readout_s: float = 0.0
+    depth_offset_s: float = 0.0
 
 
 def image_files(folder: Path, with_depth: bool) -> list[ImageFiles]:
@@ -107,5 +108,5 @@ def depth_units(folder: Path, given: Path | None) -> DepthUnits:
     except InputError:
         if given is not None or (folder / FILE_NAME).exists():
             raise
-        return DepthUnits(MILLIMETRES, 0.0)
-    return DepthUnits(camera.depth_factor, camera.readout_s)
+        return DepthUnits(MILLIMETRES)
+    return DepthUnits(camera.depth_factor, camera.readout_s, camera.depth_offset_s)

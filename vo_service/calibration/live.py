@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -27,7 +28,7 @@ PATIENCE_S = 15.0
 SAME_PLACE = RigidPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 RAW_DEPTH = DepthTable(525.0, 525.0, 319.5, 239.5, SAME_PLACE)
 RAW_COLOUR = CameraFile(640, 480, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, 1000.0)
-RAW = CameraFile(640, 480, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, 1000.0, 0.0, RAW_DEPTH)
+RAW = replace(RAW_COLOUR, depth=RAW_DEPTH)
 
 
 @contextmanager

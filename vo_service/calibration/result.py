@@ -48,6 +48,7 @@ class Calibration:
             (k1, k2, p1, p2, k3),
             self.units.depth_factor,
             self.units.readout_s,
+            self.units.depth_offset_s,
             tables[0] if tables else None,
         )
 

@@ -48,7 +48,7 @@ def taken_live(
         _raw_camera(request) as camera,
         _keeper(request.keep) as keep,
     ):
-        units = DepthUnits(MILLIMETRES, camera.readout_s)
+        units = DepthUnits(MILLIMETRES)
         for frame in frames(camera, stop):
             if frame is None:
                 terminal.show(_waiting(camera.condition))

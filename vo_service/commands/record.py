@@ -84,9 +84,7 @@ def _write(
 ) -> int:
     """Make the folder; how many frames there are in it at the end."""
     colour = ColourFormat.JPEG if args.jpeg else ColourFormat.PNG
-    with TumWriter(
-        args.folder, readout_s=camera.readout_s, ground_truth=camera.ground_truth, colour=colour
-    ) as writer:
+    with TumWriter(args.folder, ground_truth=camera.ground_truth, colour=colour) as writer:
         for frame in chain([first], rest):
             if frame.stamp_s - first.stamp_s >= args.seconds:
                 break

@@ -109,7 +109,7 @@ def _serve(
         zenoh=None if args.no_publish else config.zenoh,
         way_to_open=KeepTrying,
         extras=Extras(commands, config.ros2),
-        recorder=partial(open_recorder, config.recorder, asdict(config), lambda: camera.readout_s),
+        recorder=partial(open_recorder, config.recorder, asdict(config)),
         mapper=partial(open_mapper, config.map, config.T_base_camera.T_base_camera),
         rerun=config.rerun,
         trajectory=args.trajectory,

@@ -60,7 +60,7 @@ class FrameNote:
         return self.said.stamp_s - self.stamp_s
 
 
-def put_frame(ring: RingWriter, update: PoseUpdate, readout_s: float, pack: PackDepth) -> None:
+def put_frame(ring: RingWriter, update: PoseUpdate, pack: PackDepth) -> None:
     """Copy a frame into the ring. Raises OSError if there is no memory for it."""
     frame = update.frame
     bound = 2 * frame.depth_raw.size + frame.colour_bgr.nbytes + NOTE_BOUND
@@ -68,7 +68,7 @@ def put_frame(ring: RingWriter, update: PoseUpdate, readout_s: float, pack: Pack
     depth_bytes = pack(frame.depth_raw, room)
     length = depth_bytes + frame.colour_bgr.nbytes
     room[depth_bytes:length].reshape(frame.colour_bgr.shape)[:] = frame.colour_bgr
-    note = pickle.dumps(_note(update, readout_s, depth_bytes))
+    note = pickle.dumps(_note(update, depth_bytes))
     ring.commit(length, note, bound, frame.stamp_s)
 
 
@@ -97,10 +97,11 @@ def frame_of(record: Record, offset_s: float) -> RgbdFrame:
         skew_s=note.skew_s,
         lost_packets=note.lost_packets,
         gravity_m_s2=note.gravity_m_s2,
+        readout_s=note.readout_s,
     )
 
 
-def _note(update: PoseUpdate, readout_s: float, depth_bytes: int) -> FrameNote:
+def _note(update: PoseUpdate, depth_bytes: int) -> FrameNote:
     frame = update.frame
     said = Said(
         seq=update.seq,
@@ -121,7 +122,7 @@ def _note(update: PoseUpdate, readout_s: float, depth_bytes: int) -> FrameNote:
         skew_s=frame.skew_s,
         lost_packets=frame.lost_packets,
         gravity_m_s2=frame.gravity_m_s2,
-        readout_s=readout_s,
+        readout_s=frame.readout_s,
         said=said,
         depth_bytes=depth_bytes,
     )

@@ -41,7 +41,7 @@ def last_frames(ring: RingReader, seconds: float) -> range:
 
 
 def _leads_to(earlier: FrameNote, later: FrameNote) -> bool:
-    cameras = {(note.camera, note.depth_factor) for note in (earlier, later)}
+    cameras = {(note.camera, note.depth_factor, note.readout_s) for note in (earlier, later)}
     return len(cameras) == 1 and earlier.stamp_s < later.stamp_s
 
 
@@ -87,9 +87,8 @@ class Incident:
         first = next(records, None)
         if first is None:
             raise UserFacingError("there was no time to write a single frame")
-        beginning = note_of(first.note)
-        offset_s = beginning.offset_s
-        with TumWriter(folder, readout_s=beginning.readout_s) as writer:
+        offset_s = note_of(first.note).offset_s
+        with TumWriter(folder) as writer:
             for record in chain([first], records):
                 writer.write(frame_of(record, offset_s))
                 self._notes.append(note_of(record.note))

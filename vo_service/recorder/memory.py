@@ -2,7 +2,6 @@
 
 import json
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -36,21 +35,20 @@ class TimedStatus:
 class Memory:
     """Fills both rings, from one thread."""
 
-    def __init__(self, seconds: float, max_mb: int, readout_s: Callable[[], float]) -> None:
-        """`readout_s` tells the camera's rolling shutter. Raises OSError if there is no memory."""
+    def __init__(self, seconds: float, max_mb: int) -> None:
+        """Raises OSError if there is no memory."""
         self.frames = RingWriter("recorder-frames", seconds, max_mb * MEGABYTE)
         try:
             self.statuses = RingWriter("recorder-statuses", STATUS_LOG_S, STATUS_LOG_BYTES)
         except OSError:
             self.frames.close()
             raise
-        self._readout_s = readout_s
         compile_packing()
 
     def put(self, item: PoseUpdate | TimedStatus, missed: int) -> None:
         """Remember it. `missed` counts what never got here. Raises OSError without memory."""
         if isinstance(item, PoseUpdate):
-            put_frame(self.frames, item, self._readout_s(), pack_depth)
+            put_frame(self.frames, item, pack_depth)
         else:
             self._put_status(item, missed)
 

@@ -1,7 +1,7 @@
 """Opening the flight recorder, or what stands in for it where there is none."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from drivers.errors import UserFacingError
 from vo_service.folders import state_folder
@@ -12,15 +12,10 @@ from vo_service.settings import RecorderSettings
 logger = logging.getLogger(__name__)
 
 
-def open_recorder(
-    settings: RecorderSettings,
-    config: Mapping[str, object],
-    readout_s: Callable[[], float] = lambda: 0.0,
-) -> Recorder:
+def open_recorder(settings: RecorderSettings, config: Mapping[str, object]) -> Recorder:
     """The recorder that the settings ask for. The service goes on without where it cannot be had.
 
-    config     of the service: goes into each incident as JSON, beside the versions
-    readout_s  tells the camera's rolling shutter: seconds from the first row to the last
+    `config` of the service goes into each incident as JSON, beside the versions.
     """
     if not settings.enabled:
         return NoRecorder("the recorder is switched off (recorder.enabled)")
@@ -29,7 +24,7 @@ def open_recorder(
 
     about = {"versions": versions(), "config": config}
     try:
-        return FlightRecorder(settings, state_folder(), about, readout_s)
+        return FlightRecorder(settings, state_folder(), about)
     except UserFacingError as error:
         reason = f"recorder: switched off: {error}"
     except OSError as error:

@@ -3,7 +3,7 @@
 import json
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from vo_service.control.errors import CommandError, ErrorCode
@@ -29,19 +29,14 @@ class FlightRecorder:
     """
 
     def __init__(
-        self,
-        settings: RecorderSettings,
-        state: Path,
-        about: Mapping[str, object],
-        readout_s: Callable[[], float],
+        self, settings: RecorderSettings, state: Path, about: Mapping[str, object]
     ) -> None:
         """Start. Raises OSError if the memory cannot be had.
 
-        state      folder in which incidents and recordings have theirs
-        about      of the service: goes into each incident as JSON
-        readout_s  tells the camera's rolling shutter
+        state  folder in which incidents and recordings have theirs
+        about  of the service: goes into each incident as JSON
         """
-        self._memory = Memory(settings.seconds, settings.max_mb, readout_s)
+        self._memory = Memory(settings.seconds, settings.max_mb)
         self._no_memory = ""
         self._saves_losses = settings.save_on_loss
         self._loss = _loss_watch(self._saves_losses)

@@ -89,8 +89,6 @@ class Recording:
                 "free some space and record into a new folder"
             )
         if self._writer is None:
-            first = note_of(record.note)
-            self._offset_s = first.offset_s
-            writer = TumWriter(self.folder, readout_s=first.readout_s, colour=COLOUR)
-            self._writer = stack.enter_context(writer)
+            self._offset_s = note_of(record.note).offset_s
+            self._writer = stack.enter_context(TumWriter(self.folder, colour=COLOUR))
         self._writer.write(frame_of(record, self._offset_s))

@@ -123,6 +123,19 @@ def test_the_camera_file_gives_the_lens_the_intrinsics_and_the_scale(
     expected = [lens.depth(quantised_mm(pattern(seq)[1])) for seq in range(FILM_FRAMES)]
     assert any(np.array_equal(frame.depth_raw, depth) for depth in expected)
     assert (frame.camera.fx, frame.depth_factor) == (520.0, 1010.0)
+
+
+def test_the_camera_file_gives_the_timing(
+    kinect: PlayedKinect, make_camera: MakeCamera, tmp_path: Path
+) -> None:
+    with make_camera() as camera:
+        unknown = camera.read(3.0)
+    file = tmp_path / "camera.toml"
+    file.write_text(camera_file_text(replace(USUAL, readout_s=0.019, depth_offset_s=0.004)))
+    with make_camera(camera_file=file) as camera:
+        frame = camera.read(3.0)
+    assert (unknown.readout_s, frame.readout_s) == (0.0, 0.019)
+    assert frame.skew_s - unknown.skew_s == pytest.approx(0.004, abs=2e-6)
     assert camera.intrinsics_source == f"camera file {file}"
 
 

@@ -63,6 +63,7 @@ def test_every_field_comes_out_as_it_went_in() -> None:
         skew_s=-0.012,
         lost_packets=17,
         gravity_m_s2=(0.1, 9.7, -1.2),
+        readout_s=0.019,
     )
     with ring(Pace.LOCKSTEP) as (reader, writer):
         assert writer.acquire(0.0)

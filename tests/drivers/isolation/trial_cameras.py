@@ -136,11 +136,6 @@ class Film(Puppet):
         return self._count
 
     @property
-    def readout_s(self) -> float:
-        """Some."""
-        return 0.02
-
-    @property
     def intrinsics_source(self) -> str:
         """Some."""
         return "factory"

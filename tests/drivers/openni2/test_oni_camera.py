@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drivers.camera import EndOfStream, Pace, RgbdFrame
+from drivers.camera_file import camera_file_text, read_camera_file
 from drivers.errors import CameraError, InputError
 from drivers.openni2.oni_camera import OniCamera
 from drivers.sensor_settings import SensorSettings
@@ -104,6 +106,16 @@ def test_stamps_are_exact_and_skew_is_depth_minus_colour(
     assert [frame.stamp_s for frame in frames] == [seq * 33_333 / 1e6 for seq in range(8)]
     assert {frame.skew_s for frame in frames} == {0.002}
     assert [frame.seq for frame in frames] == list(range(8))
+
+
+def test_the_camera_file_gives_the_timing(
+    small_oni: Path, camera_file: Path, tmp_path: Path
+) -> None:
+    known, file = read_camera_file(camera_file), tmp_path / "timed.toml"
+    file.write_text(camera_file_text(replace(known, readout_s=0.019, depth_offset_s=0.004)))
+    frames = list(all_frames(OniCamera(small_oni, file)))
+    assert {frame.readout_s for frame in frames} == {0.019}
+    assert [frame.skew_s for frame in frames] == pytest.approx([0.006] * 8)
 
 
 def test_images_without_a_partner_are_counted(tmp_path: Path, camera_file: Path) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import CameraState, Clock, NoFrameYet
+from drivers.camera_file import camera_file_text, read_camera_file
 from drivers.errors import (
     CameraError,
     CameraLostError,
@@ -68,6 +69,16 @@ def test_frames_are_those_of_the_sensor(tmp_path: Path, depth_camera_file: Path)
         np.testing.assert_array_equal(frame.depth_raw, by_stamp[Sensor.DEPTH, stamp_us + 2_000])
         assert frame.skew_s == pytest.approx(0.002)
         assert frame.depth_factor == 1000.0
+
+
+def test_the_camera_file_gives_the_timing(tmp_path: Path, depth_camera_file: Path) -> None:
+    file = tmp_path / "timed.toml"
+    known = read_camera_file(depth_camera_file)
+    file.write_text(camera_file_text(replace(known, readout_s=0.019, depth_offset_s=0.004)))
+    with OpenNI2Camera(sensor(tmp_path / "a.oni", steady(60)), file) as camera:
+        frame = camera.read(2.0)
+    assert frame.readout_s == 0.019
+    assert frame.skew_s == pytest.approx(0.006)
 
 
 def test_stamps_rise_on_the_hosts_clock(tmp_path: Path, depth_camera_file: Path) -> None:

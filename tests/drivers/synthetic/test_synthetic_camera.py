@@ -21,6 +21,7 @@ def test_lockstep_delivers_every_frame_under_fixed_stamps(
     assert [frame.seq for frame in frames] == list(range(6))
     assert [frame.stamp_s for frame in frames[:3]] == [1000.0, 1000.033333, 1000.066667]
     assert frames[0].skew_s == faulty.timing.skew_s
+    assert frames[0].readout_s == faulty.timing.readout_s > 0
     assert frames[0].depth_factor == faulty.depth_factor
 
 

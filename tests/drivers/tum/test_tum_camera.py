@@ -2,6 +2,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, NoFrameYet, Pace, RgbdFrame
-from drivers.camera_file import read_camera_file
+from drivers.camera_file import camera_file_text, read_camera_file
 from drivers.errors import CameraError, InputError
 from drivers.tum import camera as tum_camera
 from drivers.tum.camera import TumCamera
@@ -53,7 +54,17 @@ def test_it_says_what_it_is(make_folder: FolderMaker) -> None:
     assert camera.clock is Clock.RECORDED
     assert (camera.frame_count, camera.unpaired, camera.ground_truth) == (None, None, None)
     with camera:
-        assert (camera.frame_count, camera.unpaired, camera.readout_s) == (5, 0, 0.02)
+        assert (camera.frame_count, camera.unpaired) == (5, 0)
+
+
+def test_the_camera_file_tells_the_sensors_timing(make_folder: FolderMaker) -> None:
+    folder = make_folder(count=3, skew_s=0.005)
+    late = replace(read_camera_file(folder / "camera.toml"), depth_offset_s=-0.012)
+    (folder / "camera.toml").write_text(camera_file_text(late))
+    with TumCamera(folder) as camera:
+        read = list(frames(camera))
+    assert {frame.readout_s for frame in read} == {0.02}
+    assert [frame.skew_s for frame in read] == pytest.approx([0.005 - 0.012] * 3)
 
 
 def test_every_nth_frame_alone_can_be_used(make_folder: FolderMaker) -> None:

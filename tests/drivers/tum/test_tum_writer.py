@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.camera_file import read_camera_file
+from drivers.camera_file import camera_file_text, read_camera_file
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import StampedPoses
 from drivers.tum.camera import TumCamera
@@ -25,7 +25,8 @@ FrameMaker = Callable[..., RgbdFrame]
 def assert_same(ours: list[RgbdFrame], theirs: list[RgbdFrame]) -> None:
     assert len(ours) == len(theirs) > 0
     for a, b in zip(ours, theirs, strict=True):
-        assert (a.stamp_s, a.skew_s, a.camera) == (b.stamp_s, b.skew_s, b.camera)
+        assert (a.stamp_s, a.skew_s, a.readout_s) == (b.stamp_s, b.skew_s, b.readout_s)
+        assert a.camera == b.camera
         assert a.depth_factor == b.depth_factor
         np.testing.assert_array_equal(a.colour_bgr, b.colour_bgr)
         np.testing.assert_array_equal(a.depth_raw, b.depth_raw)
@@ -52,6 +53,21 @@ def test_live_stamps_survive_to_the_last_bit(make_frame: FrameMaker, tmp_path: P
     assert_same(replayed(tmp_path / "live"), frames)
 
 
+def test_an_offset_of_depth_is_in_the_stamps_and_is_not_counted_twice(
+    make_folder: FolderMaker, tmp_path: Path
+) -> None:
+    folder = make_folder(skew_s=0.005)
+    late = dataclasses.replace(read_camera_file(folder / "camera.toml"), depth_offset_s=0.0071)
+    (folder / "camera.toml").write_text(camera_file_text(late))
+    first = replayed(folder)
+    with TumWriter(tmp_path / "copy") as writer:
+        for frame in first:
+            writer.write(frame)
+    assert first[0].skew_s == pytest.approx(0.0121)
+    assert read_camera_file(tmp_path / "copy/camera.toml").depth_offset_s == 0.0
+    assert_same(replayed(tmp_path / "copy"), first)
+
+
 @given(st.floats(0, 4e9), st.floats(-0.05, 0.05))
 def test_any_stamp_and_skew_can_be_written_exactly(stamp_s: float, skew_s: float) -> None:
     frame = RgbdFrame(
@@ -65,9 +81,9 @@ def test_any_stamp_and_skew_can_be_written_exactly(stamp_s: float, skew_s: float
 
 
 def test_the_layout_is_the_benchmark_s(make_frame: FrameMaker, tmp_path: Path) -> None:
-    with TumWriter(tmp_path / "new/place", readout_s=0.02) as writer:
-        writer.write(make_frame(0))
-        writer.write(make_frame(1, stamp_s=1000.5))
+    with TumWriter(tmp_path / "new/place") as writer:
+        writer.write(make_frame(0, readout_s=0.02))
+        writer.write(make_frame(1, readout_s=0.02, stamp_s=1000.5))
     folder = tmp_path / "new/place"
     assert (folder / "associations.txt").read_text() == (
         "# timestamp rgb timestamp depth\n"
@@ -135,6 +151,8 @@ def test_another_camera_in_the_middle_is_refused(make_frame: FrameMaker, tmp_pat
         writer.write(make_frame(0))
         with pytest.raises(UserFacingError, match="the camera changed while it was recorded"):
             writer.write(dataclasses.replace(make_frame(1), depth_factor=1000.0))
+        with pytest.raises(UserFacingError, match=r"readout 0\.03 s"):
+            writer.write(make_frame(2, readout_s=0.03))
     assert len(replayed(tmp_path / "r")) == 1
 
 

@@ -38,6 +38,7 @@ def frame(seq: int, camera: PinholeCamera = CAMERA) -> RgbdFrame:
         camera=camera,
         skew_s=0.004,
         gravity_m_s2=(0.1, 9.7, 0.2),
+        readout_s=0.019,
     )
 
 
@@ -78,7 +79,7 @@ def status(frames: int = 0) -> Status:
 @contextmanager
 def recorder(state: Path, settings: RecorderSettings | None = None) -> Iterator[FlightRecorder]:
     """A flight recorder that is up; closed at the end."""
-    opened = FlightRecorder(settings or RecorderSettings(max_mb=20), state, ABOUT, lambda: 0.01)
+    opened = FlightRecorder(settings or RecorderSettings(max_mb=20), state, ABOUT)
     try:
         wait_for(lambda: opened.is_up, "for the recorder's process")
         yield opened

@@ -39,6 +39,7 @@ def test_on_command_the_last_frames_become_a_folder_that_replays_bit_for_bit(
     for seq, found in enumerate(replayed(folder)):
         assert found.stamp_s == frame(seq).stamp_s
         assert found.skew_s == pytest.approx(frame(seq).skew_s)
+        assert found.readout_s == frame(seq).readout_s
         assert found.gravity_m_s2 == pytest.approx(frame(seq).gravity_m_s2)
         assert found.camera == frame(seq).camera
         np.testing.assert_array_equal(found.colour_bgr, frame(seq).colour_bgr)

@@ -25,7 +25,7 @@ def frames() -> Iterator[RingWriter]:
     """A ring of twenty frames."""
     writer = RingWriter("trial", 5.0, 1 << 22)
     for seq in range(FRAMES):
-        put_frame(writer, update(seq), 0.0, pack_depth)
+        put_frame(writer, update(seq), pack_depth)
     yield writer
     writer.close()
 

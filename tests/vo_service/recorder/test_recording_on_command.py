@@ -115,7 +115,7 @@ class _Ring:
     def record(self, frames: int) -> RecordingEnded:
         """What came of a recording that begins when all the frames have been put."""
         for seq in range(frames):
-            put_frame(self.writer, update(seq), 0.0, pack_depth)
+            put_frame(self.writer, update(seq), pack_depth)
         Recording(self.reader, 0, self.folder, self.ends.append).stop(frames)
         return self.ends[-1]
 

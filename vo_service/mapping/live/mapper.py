@@ -88,7 +88,7 @@ class LiveMapper:
         """Body of the worker's thread. The map's world is `odom`, as the poses that go out."""
         T_odom_camera = np.asarray(update.T_odom_base @ self._T_base_camera)
         try:
-            put_frame(self._ring, replace(update, T_world_camera=T_odom_camera), 0.0, pack_depth)
+            put_frame(self._ring, replace(update, T_world_camera=T_odom_camera), pack_depth)
             self._no_memory = ""
         except OSError as error:
             self._no_memory = f"map: no memory for a keyframe: {error.strerror}"

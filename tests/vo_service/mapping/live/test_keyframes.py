@@ -41,7 +41,7 @@ def test_depth_stays_exact_and_colour_nearly(ring: RingWriter) -> None:
     update = moments.update(3)
     smooth = np.full_like(update.frame.colour_bgr, (40, 80, 160))
     update = replace(update, frame=replace(update.frame, colour_bgr=smooth))
-    put_frame(ring, update, 0.0, pack_depth)
+    put_frame(ring, update, pack_depth)
     record = RingReader(ring.memory).record(0)
     assert record is not None
     keyframe = Keyframe.of(record)

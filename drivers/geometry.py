@@ -26,6 +26,15 @@ def inverse(T: Array) -> Array:
     return rigid_transform(R.T, -R.T @ t)
 
 
+def orthonormal(T: Array) -> Array:
+    """The same rigid 4x4 transform without the rounding of its many products.
+
+    Whoever inverts by transposing and multiplies again must use it: the rounding grows with each
+    round, at first unseen.
+    """
+    return rigid_transform(rotation_from_quaternion(quaternion_from_rotation(T[:3, :3])), T[:3, 3])
+
+
 def transform_points(T: Array, points: Array) -> Array:
     """Map (N, 3) points through a 4x4 transform."""
     return points @ T[:3, :3].T + T[:3, 3]

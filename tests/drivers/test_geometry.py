@@ -12,6 +12,7 @@ from drivers.geometry import (
     adjoint,
     inverse,
     is_rigid,
+    orthonormal,
     quaternion_from_rotation,
     rigid_transform,
     rotation_angle_rad,
@@ -115,6 +116,15 @@ def test_points_are_rows_and_each_is_turned_then_moved() -> None:
     T = rigid_transform(quarter_turn_about_z, [10, 20, 30])
     moved = transform_points(T, np.array([[1.0, 0, 0], [0, 2.0, 0], [0, 0, 3.0]]))
     assert np.allclose(moved, [[10, 21, 30], [8, 20, 30], [10, 20, 33]])
+
+
+def test_orthonormal_takes_away_what_rounding_has_added() -> None:
+    T = rigid_transform(rotation_from_vector([0.4, -0.2, 0.1]), [1.0, 2.0, 3.0])
+    rounded = T.copy()
+    rounded[:3, :3] += 1e-6 * np.arange(9.0).reshape(3, 3)
+    cleaned = orthonormal(rounded)
+    assert is_rigid(cleaned, tolerance=1e-14)
+    np.testing.assert_allclose(cleaned, T, atol=1e-5)
 
 
 @given(transforms, arrays(np.float64, 6, elements=st.floats(-1.0, 1.0)))

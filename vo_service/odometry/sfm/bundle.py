@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from drivers.geometry import Array, orthonormal, rigid_transform, rotation_from_vector
 from vo_service.odometry.sfm.bundle_kernels import Indices, accumulate, move_points
 
 ROUNDS = 6
@@ -113,5 +113,5 @@ def _step(now: _System, sightings: Sightings, damping: float) -> _System:
     moves = [
         rigid_transform(rotation_from_vector(each[3:]), each[:3]) for each in step.reshape(-1, 6)
     ]
-    T = np.array([move @ pose for move, pose in zip(moves, now.T, strict=True)])
+    T = np.array([orthonormal(move @ pose) for move, pose in zip(moves, now.T, strict=True)])
     return _linearise(T, position_m, sightings, 0.1 * damping)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array, inverse
+from drivers.geometry import Array, inverse, orthonormal
 from vo_service.odometry.estimate import Evidence
 from vo_service.odometry.sfm.colour_view import ColourView, RayPairs
 from vo_service.odometry.sfm.essential import Direction
@@ -49,8 +49,7 @@ class Placed:
     def T_world_camera(self) -> Array:
         """4x4, by where the keyframe is."""
         T_keyframe_camera = inverse(self.refined.T_camera_reference)
-        T: Array = self.sight.keyframe.T_world_camera @ T_keyframe_camera
-        return T
+        return orthonormal(self.sight.keyframe.T_world_camera @ T_keyframe_camera)
 
     @property
     def known_inliers(self) -> int:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from drivers.geometry import Array, orthonormal, rigid_transform, rotation_from_vector
 from vo_service.odometry.sfm.colour_view import RayPairs
 from vo_service.odometry.sfm.triangulation import triangulate
 
@@ -99,7 +99,7 @@ def refine_motion(T_camera_reference: Array, pairs: RayPairs) -> Refined:
         by_depth = normal.depth_gradient - normal.mixed @ step
         inverse_depth = fit.inverse_depth + by_depth / normal.depth_curvature
         R_step = rotation_from_vector(step[3:])
-        T = rigid_transform(R_step.T @ T[:3, :3], R_step.T @ (T[:3, 3] - step[:3]))
+        T = orthonormal(rigid_transform(R_step.T @ T[:3, :3], R_step.T @ (T[:3, 3] - step[:3])))
         fit = _fit(T, pairs, np.maximum(inverse_depth, SMALLEST_INVERSE_DEPTH))
         if np.abs(step).max() < SMALLEST_STEP:
             break

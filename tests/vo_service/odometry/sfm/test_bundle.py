@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector
+from drivers.geometry import Array, inverse, is_rigid, rigid_transform, rotation_from_vector
 from tests.vo_service.odometry.sfm.ray_views import SIGMA, cloud, rays
 from vo_service.odometry.sfm.bundle import Adjusted, Sightings, adjust
 
@@ -63,6 +63,13 @@ def test_a_sighting_of_something_else_stands_out_and_does_no_harm() -> None:
     is_wrong[::40] = True
     assert adjusted.squared[is_wrong].min() > 9.0
     assert np.median(adjusted.squared[~is_wrong]) < 0.5
+
+
+def test_rounding_in_the_poses_does_not_live_on() -> None:
+    T = np.array([inverse(pose) for pose in POSES])
+    T[1:, :3, :3] += 1e-6
+    adjusted = adjust(T, cloud(POINTS), sightings())
+    assert all(is_rigid(each, tolerance=1e-14) for each in adjusted.T_view_world)
 
 
 def test_a_point_behind_a_camera_is_no_error() -> None:

@@ -28,6 +28,14 @@ def _surf(features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
     return SurfOdometry(SurfExtractor(features.count, features.upright), stopwatch=stopwatch)
 
 
+def _keyframe(features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
+    """Brightness and depth against keyframes; features where that fails."""
+    from vo_service.odometry.keyframe_odometry import KeyframeOdometry
+    from vo_service.odometry.surf import SurfExtractor
+
+    return KeyframeOdometry(SurfExtractor(features.count, features.upright), stopwatch=stopwatch)
+
+
 def _icp(_features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
     """Depth alone, point to plane."""
     from vo_service.odometry.icp_odometry import IcpOdometry
@@ -44,6 +52,7 @@ def _sfm(features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
 
 
 METHODS: Mapping[str, Callable[[FeatureSettings, Stopwatch], Odometry]] = {
+    "keyframe": _keyframe,
     "surf": _surf,
     "icp": _icp,
     "sfm": _sfm,

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, adjoint, carried, inverse, rigid_transform, rotation_vector
+from drivers.geometry import Array, adjoint, inverse, rigid_transform, rotation_vector
 from vo_service.levelling import level_by
 from vo_service.odometry.estimate import Estimate
 from vo_service.outputs.output import Level, PoseUpdate, TrackingState
+from vo_service.pose_covariance import PoseCovariance, diagonal
 
 # Optical axes (x right, y down, z forward) in REP 103's (x forward, y left, z up).
 R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -23,8 +24,6 @@ FEW_INLIERS = 30
 LOST_SIGMA_M, LOST_SIGMA_RAD = 0.5, 1.0
 # Two frames closer in time than this say nothing of the speed.
 SHORTEST_STEP_S = 1e-3
-# A pose is never surer than this: sigma of the first pose of an epoch.
-FLOOR_SIGMA_M, FLOOR_SIGMA_RAD = 1e-4, 1e-4
 
 
 @dataclass(frozen=True)
@@ -57,14 +56,15 @@ class PoseTracker:
         self._epoch_reason = ""
         self._last_good_s: float | None = None
         self._sure_s: float | None = None  # until then, the covariance covers the motion
-        self._covariance = _diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
+        self._covariance = PoseCovariance()
+        self._T_world_last = np.eye(4)  # pose of the last good frame
 
     def begin_epoch(self, reason: str) -> None:
         """The next pose is not continuous with the last; it carries the reason."""
         self.epoch += 1
         self._epoch_reason = reason
         self._last_good_s = self._sure_s = None
-        self._covariance = _diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
+        self._covariance.begin()
 
     def reset(self, T_odom_base: Array | None) -> None:
         """Begin an epoch with the base at `T_odom_base`; None: level, at the origin.
@@ -85,8 +85,8 @@ class PoseTracker:
         if estimate.restarted:
             self.begin_epoch("tracking began anew after a loss")
         frame = stamped.frame
-        twist, twist_covariance = self._twist(estimate, frame.stamp_s)
-        covariance = self._accumulated(estimate, frame.stamp_s)
+        twist, twist_covariance = self._follow(estimate, frame.stamp_s)
+        covariance = self._pose_covariance(frame.stamp_s)
         state, reason = _judge(estimate)
         T_odom_base = self._T_odom_base(frame, estimate)
         update = PoseUpdate(
@@ -126,16 +126,28 @@ class PoseTracker:
             self._begin = None
         return T_odom_base
 
-    def _accumulated(self, estimate: Estimate, stamp_s: float) -> Array:
+    def _follow(self, estimate: Estimate, stamp_s: float) -> tuple[Array, Array]:
+        """Velocity (m/s, rad/s) of the base in its own axes, and its covariance."""
+        last_s = self._last_good_s
+        if not estimate.ok:
+            return _no_twist()
+        T_last_camera = inverse(self._T_world_last) @ estimate.T_world_camera
+        self._covariance.add(estimate, T_last_camera)
+        self._T_world_last = estimate.T_world_camera
+        self._last_good_s = self._sure_s = stamp_s
+        if last_s is None or stamp_s - last_s < SHORTEST_STEP_S:
+            return _no_twist()
+        step = np.concatenate(
+            [-inverse(T_last_camera)[:3, 3], rotation_vector(T_last_camera[:3, :3])]
+        )
+        Ad = self._Ad_base_camera / (stamp_s - last_s)
+        return Ad @ step, Ad @ self._covariance.step @ Ad.T
+
+    def _pose_covariance(self, stamp_s: float) -> Array:
         """Covariance of the pose since the epoch began, in the camera's axes."""
-        if estimate.ok:
-            before = carried(self._covariance, estimate.T_reference_camera)
-            self._covariance = before + estimate.covariance
-            self._last_good_s = self._sure_s = stamp_s
-            return self._covariance
         self._sure_s = stamp_s if self._sure_s is None else self._sure_s
         lost_s = stamp_s - self._sure_s
-        return self._covariance + _diagonal(LOST_SIGMA_M * lost_s, LOST_SIGMA_RAD * lost_s)
+        return self._covariance.pose + diagonal(LOST_SIGMA_M * lost_s, LOST_SIGMA_RAD * lost_s)
 
     def _in_odom_axes(self, covariance: Array, T_odom_base: Array) -> Array:
         in_base = self._Ad_base_camera @ covariance @ self._Ad_base_camera.T
@@ -143,17 +155,9 @@ class PoseTracker:
         turned = turn @ in_base @ turn.T
         return 0.5 * (turned + turned.T)
 
-    def _twist(self, estimate: Estimate, stamp_s: float) -> tuple[Array, Array]:
-        """Velocity (m/s, rad/s) of the base in its own axes, and its covariance."""
-        duration_s = 0.0 if self._last_good_s is None else stamp_s - self._last_good_s
-        if not estimate.ok or duration_s < SHORTEST_STEP_S:
-            return np.zeros(6), _diagonal(LOST_SIGMA_M, LOST_SIGMA_RAD)
-        T_camera_reference = inverse(estimate.T_reference_camera)
-        step = np.concatenate(
-            [-T_camera_reference[:3, 3], rotation_vector(estimate.T_reference_camera[:3, :3])]
-        )
-        Ad = self._Ad_base_camera / duration_s
-        return Ad @ step, Ad @ estimate.covariance @ Ad.T
+
+def _no_twist() -> tuple[Array, Array]:
+    return np.zeros(6), diagonal(LOST_SIGMA_M, LOST_SIGMA_RAD)
 
 
 def _judge(estimate: Estimate) -> tuple[TrackingState, str]:
@@ -162,8 +166,6 @@ def _judge(estimate: Estimate) -> tuple[TrackingState, str]:
     if 0 < estimate.inliers < FEW_INLIERS:
         reason = f"only {estimate.inliers} of {estimate.matches} matches agree"
         return TrackingState.DEGRADED, reason
+    if estimate.reason:
+        return TrackingState.DEGRADED, estimate.reason
     return TrackingState.TRACKING, ""
-
-
-def _diagonal(sigma_m: float, sigma_rad: float) -> Array:
-    return np.diag([sigma_m**2] * 3 + [sigma_rad**2] * 3)

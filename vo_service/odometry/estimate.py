@@ -36,15 +36,19 @@ class Estimate:
     """Result of one frame.
 
     ok                     False: no motion could be found; `reason` says why
-    reason                 one short clause for people, "" when ok
+    reason                 one short clause for people. With ok: what the motion had to do without,
+                           "" where nothing was amiss
     T_world_camera         4x4 pose; world is the first camera. Not ok: the last good pose
-    T_reference_camera     4x4 motion since the reference frame (the last good one)
+    T_reference_camera     4x4 motion since the reference: the last good frame, unless that said
+                           that it is not the next reference
     covariance             6x6 of T_reference_camera: (translation m, rotation rad), as a small
                            motion in this camera's own axes; zero for the first frame. Found by an
                            older frame: of the way back to that one and on to this one
     inliers                matches that agree with the motion
     matches, features      how many matches and features there were
     restarted              True when the pose is not continuous with the one before
+    is_next_reference      True where the next motion is counted from this frame on; else it is
+                           counted from the reference of this one, and so is its covariance
     evidence               what a viewer can draw
     """
 
@@ -57,6 +61,7 @@ class Estimate:
     matches: int = 0
     inliers: int = 0
     restarted: bool = False
+    is_next_reference: bool = True
     evidence: Evidence = field(default_factory=Evidence)
 
 

@@ -14,7 +14,7 @@ from drivers.geometry import (
     rotation_from_quaternion,
     rotation_from_vector,
 )
-from vo_service.odometry.icp.directions import Directions, directions, point_information
+from vo_service.odometry.directions import Directions, directions, point_information
 from vo_service.odometry.icp.pyramid import DepthPyramid
 from vo_service.odometry.icp.residuals import robust_cost, sum_system
 

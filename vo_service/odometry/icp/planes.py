@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import Array
-from drivers.jit import inline_kernel, kernel
+from drivers.jit import kernel
 from vo_service.odometry.icp.pyramid import Level
+from vo_service.odometry.plane_fit import fit_plane
 
 # A plane is fitted over a square of (2 RADIUS + 1)^2 pixels, ...
 RADIUS = 3
@@ -80,8 +81,10 @@ def fit_planes(
     found = 0
     for v in range(RADIUS, height - RADIUS, GRID_STEP):
         for u in range(RADIUS, width - RADIUS, GRID_STEP):
-            w, wu, wv = _fit(inverse_depth, u, v, max_rms_per_m)
-            if w <= 0.0:
+            w, wu, wv, squared = fit_plane(
+                inverse_depth, u, v, RADIUS, 1, MAX_STEP_PER_M, MIN_SUPPORT
+            )
+            if w <= 0.0 or squared > max_rms_per_m**2:
                 continue
             # On the plane, 1/z = a x/z + b y/z + c, that is (a, b, c) . p = 1.
             a, b = wu * fx, wv * fy
@@ -93,46 +96,3 @@ def fit_planes(
             planes[found] = (x, y, z, a * distance, b * distance, c * distance, distance)
             found += 1
     return planes[:found]
-
-
-@inline_kernel
-def _fit(
-    inverse_depth: NDArray[np.float32], column: int, row: int, max_rms_per_m: float
-) -> tuple[float, float, float]:
-    """1/z at a pixel of the plane 1/z = w + wu du + wv dv around it, wu and wv; zeros if none."""
-    none = (0.0, 0.0, 0.0)
-    middle = float(inverse_depth[row, column])
-    if middle <= 0.0:
-        return none
-    n = su = sv = suu = suv = svv = sw = suw = svw = sww = 0.0
-    for dv in range(-RADIUS, RADIUS + 1):
-        for du in range(-RADIUS, RADIUS + 1):
-            reading = float(inverse_depth[row + dv, column + du])
-            w = reading - middle
-            if reading <= 0.0 or abs(w) > MAX_STEP_PER_M:
-                continue
-            n += 1.0
-            su += du
-            sv += dv
-            suu += du * du
-            suv += du * dv
-            svv += dv * dv
-            sw += w
-            suw += du * w
-            svw += dv * w
-            sww += w * w
-    if n < MIN_SUPPORT * (2 * RADIUS + 1) ** 2:
-        return none
-    # Normal equations about the centroid, a 2x2 system for the two slopes.
-    mu, mv, mw = su / n, sv / n, sw / n
-    cuu, cuv, cvv = suu - n * mu * mu, suv - n * mu * mv, svv - n * mv * mv
-    cuw, cvw = suw - n * mu * mw, svw - n * mv * mw
-    det = cuu * cvv - cuv * cuv
-    if det <= 1e-9:
-        return none
-    wu = (cuw * cvv - cvw * cuv) / det
-    wv = (cvw * cuu - cuw * cuv) / det
-    squared = sww - n * mw * mw - wu * cuw - wv * cvw
-    if squared > n * max_rms_per_m**2:
-        return none
-    return middle + mw - wu * mu - wv * mv, wu, wv

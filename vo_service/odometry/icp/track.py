@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.geometry import Array, carried, inverse
+from vo_service.odometry.directions import KNOWN
 from vo_service.odometry.icp.alignment import Alignment, Planes
 from vo_service.odometry.icp.confidence import covariance
-from vo_service.odometry.icp.directions import KNOWN
 from vo_service.odometry.icp.planes import find_planes
 from vo_service.odometry.icp.pyramid import DepthPyramid
 

@@ -1,0 +1,198 @@
+"""The motion that lays a keyframe on a frame, from coarse to fine."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivers.geometry import (
+    Array,
+    quaternion_from_rotation,
+    rigid_transform,
+    rotation_from_quaternion,
+)
+from vo_service.odometry.keyframe import measure
+from vo_service.odometry.keyframe.descent import body_velocity, descend
+from vo_service.odometry.keyframe.images import Images
+from vo_service.odometry.keyframe.measure import look
+from vo_service.odometry.keyframe.parameters import LAST_STEP, STEPS
+from vo_service.odometry.keyframe.readings import CELLS
+from vo_service.odometry.keyframe.system import (
+    GAIN,
+    OFFSET,
+    SIGMA_BRIGHTNESS,
+    SIGMA_DEPTH,
+    sum_system,
+)
+
+Points = Sequence[Array]
+
+# How much less sure the velocity is where the last frame does not tell it.
+UNSURE = 10.0
+
+# Spreads at the start, and where two motions are compared.
+START_BRIGHTNESS, START_DEPTH = 10.0, 3e-3
+
+
+@dataclass(frozen=True)
+class Tie:
+    """What is known of the velocity before a frame is looked at.
+
+    T_keyframe_last  4x4, camera to keyframe, of the frame before
+    rate_hz          1 / the time since that frame; 0 without one
+    velocity         (6,) expected, of the motion in the keyframe's axes, m/s and rad/s
+    information      (6,) how well it is known by the mean since the frame before
+    """
+
+    T_keyframe_last: Array
+    rate_hz: float
+    velocity: Array
+    information: Array
+
+    def loosened(self) -> "Tie":
+        """Where the way since the last frame is not known: a velocity that may have changed."""
+        return replace(self, rate_hz=0.0, information=self.information / UNSURE**2)
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Where a keyframe's points came to lie.
+
+    T_camera_keyframe  4x4
+    velocity           (6,) twist of the motion in the keyframe's axes, m/s and rad/s
+    fit                (4,) gain, offset and the two spreads, see `system`
+    counts             (6,) see `measure`, of the finest level
+    readings           (N, 7) of the finest level's points
+    weights            (2, CELLS) that the cells had
+    """
+
+    T_camera_keyframe: Array
+    velocity: Array
+    fit: Array
+    counts: Array
+    readings: Array
+    weights: Array
+
+    @property
+    def camera_velocity(self) -> Array:
+        """(6,) twist of the camera in its own axes, m/s and rad/s."""
+        return body_velocity(self.T_camera_keyframe, self.velocity)
+
+    @property
+    def light(self) -> tuple[float, float]:
+        """Gain and offset of the frame's brightness against the keyframe's."""
+        return float(self.fit[GAIN]), float(self.fit[OFFSET])
+
+    @property
+    def by_brightness(self) -> bool:
+        """Whether brightness counted at all."""
+        return bool(self.weights[0].any())
+
+
+def all_alike() -> Array:
+    """(2, CELLS): every cell counts, by brightness and by depth."""
+    return np.ones((2, CELLS))
+
+
+def depth_alone() -> Array:
+    """(2, CELLS): brightness does not count."""
+    weights = np.ones((2, CELLS))
+    weights[0] = 0.0
+    return weights
+
+
+def start_fit(light: tuple[float, float] = (1.0, 0.0)) -> Array:
+    """A fit to begin with."""
+    fit = np.empty(4)
+    fit[GAIN], fit[OFFSET] = light
+    fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = START_BRIGHTNESS, START_DEPTH
+    return fit
+
+
+def align(
+    points: Points,
+    images: Images,
+    starts: Sequence[Array],
+    tie: Tie,
+    light: tuple[float, float],
+    weights: Array,
+    patience: int = 1,
+) -> Alignment:
+    """Lay a keyframe's points, an array for each level, on a frame.
+
+    starts    4x4 motions T_camera_keyframe; it begins at the one that fits best
+    light     gain and offset of the frame before
+    weights   (2, CELLS) of brightness and of depth, by the cell of the image
+    patience  so many times the usual steps
+    """
+    coarsest = len(images.grey) - 1
+    fit = start_fit(light)
+    costs = [_cost(points, images, T, tie.velocity, fit, coarsest) for T in starts]
+    T, velocity = starts[int(np.argmin(costs))], tie.velocity
+    for level in range(coarsest, -1, -1):
+        T, velocity, _ = descend(
+            points[level],
+            images.grey[level],
+            images.intrinsics[level + 1],
+            images.inverse_depth,
+            images.intrinsics[0],
+            images.shutter.readout_s,
+            images.shutter.skew_s,
+            T,
+            velocity,
+            tie.T_keyframe_last,
+            tie.rate_hz,
+            tie.information,
+            weights,
+            fit,
+            STEPS[level] * patience,
+            LAST_STEP,
+        )
+    T = orthonormal(T)
+    readings, counts = look_at(points, images, T, velocity, fit, 0)
+    return Alignment(T, velocity, fit, counts, readings, weights)
+
+
+def look_at(
+    points: Points, images: Images, T: Array, velocity: Array, fit: Array, level: int
+) -> tuple[Array, Array]:
+    """Readings and counts of a level's points at a motion that is given."""
+    return look(
+        points[level],
+        images.grey[level],
+        images.intrinsics[level + 1],
+        images.inverse_depth,
+        images.intrinsics[0],
+        images.shutter.readout_s,
+        images.shutter.skew_s,
+        T,
+        body_velocity(T, velocity),
+        fit,
+    )
+
+
+def information(points: Points, images: Images, found: Alignment) -> tuple[Array, Array]:
+    """(12, 12) and (12,) of an alignment, see `sum_system`."""
+    return sum_system(
+        points[0],
+        found.readings,
+        found.weights,
+        found.fit,
+        images.shutter.readout_s,
+        images.shutter.skew_s,
+    )
+
+
+def _cost(
+    points: Points, images: Images, T: Array, velocity: Array, fit: Array, level: int
+) -> float:
+    """Mean robust cost of all points; those out of view cost as much as the worst."""
+    _, counts = look_at(points, images, T, velocity, fit, level)
+    missing = len(points[level]) - counts[measure.IN_IMAGE]
+    return float(counts[measure.COST] + missing) / max(len(points[level]), 1)
+
+
+def orthonormal(T: Array) -> Array:
+    """4x4: the same motion without the rounding of its many products, which would feed back."""
+    R = rotation_from_quaternion(quaternion_from_rotation(T[:3, :3]))
+    return rigid_transform(R, T[:3, 3])

@@ -1,0 +1,68 @@
+"""How sure an alignment is: its covariance, and which directions of motion it settles.
+
+Neighbouring readings share errors: of the keyframe's depth, of interpolation, of calibration. How
+far cells of the image pull in different directions tells how much (the "sandwich" estimator for
+clustered observations: Liang and Zeger, Biometrika 73, 1986).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.geometry import Array, carried, inverse
+from vo_service.odometry.directions import Directions, directions, point_information
+from vo_service.odometry.keyframe.alignment import Alignment, Tie, information
+from vo_service.odometry.keyframe.images import Images
+from vo_service.odometry.keyframe.local_map import Keyframe
+from vo_service.odometry.keyframe.noise import weigh
+
+# Nothing is surer than this: what calibration and timing leave over, in metres and radians.
+FLOOR_M, FLOOR_RAD = 1e-4, 1e-4
+
+
+@dataclass(frozen=True)
+class Certainty:
+    """How sure a motion is.
+
+    covariance  6x6 of T_keyframe_camera: (translation m, rotation rad), as a small motion in the
+                camera's axes
+    directions  which directions of a small motion of the keyframe's points the readings settle
+    """
+
+    covariance: Array
+    directions: Directions
+
+
+def certainty(keyframe: Keyframe, images: Images, found: Alignment, tie: Tie) -> Certainty:
+    """Of an alignment and what its velocity was tied to."""
+    H, _ = information(keyframe.points, images, found)
+    whole, finest = images.intrinsics[0], images.intrinsics[1]
+    pulls, moments = weigh(
+        keyframe.points[0],
+        found.readings,
+        found.weights,
+        found.fit,
+        images.shutter.readout_s,
+        images.shutter.skew_s,
+        finest[0],
+        whole[0],
+    )
+    settled = directions(H[:6, :6], point_information(moments))
+    tied = _tied(H, tie)
+    bread = np.linalg.inv(tied)
+    spread = pulls.T @ pulls
+    in_keyframe = (bread @ spread @ bread)[:6, :6]
+    in_camera = carried(in_keyframe, inverse(found.T_camera_keyframe))
+    floor = np.diag(np.repeat([FLOOR_M**2, FLOOR_RAD**2], 3))
+    return Certainty(0.5 * (in_camera + in_camera.T) + floor, settled)
+
+
+def _tied(H: Array, tie: Tie) -> Array:
+    """The information with that of the velocity's tie to the motion."""
+    tied: Array = H + 1e-9 * np.trace(H) * np.eye(12)
+    P, rate_hz = np.diag(tie.information), tie.rate_hz
+    tied[6:, 6:] += P
+    tied[6:, :6] -= rate_hz * P
+    tied[:6, 6:] -= rate_hz * P
+    tied[:6, :6] += rate_hz**2 * P
+    return tied

@@ -1,0 +1,135 @@
+"""Gauss-Newton on one level: the motion that lays a keyframe on a frame, and its velocity."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array
+from drivers.jit import kernel
+from vo_service.odometry.keyframe import readings as reading_columns
+from vo_service.odometry.keyframe.readings import read_points
+from vo_service.odometry.keyframe.system import fit_light, sum_system
+from vo_service.odometry.keyframe.twists import exponential, logarithm, product
+
+# Directions that nothing in view settles are left alone: steps along them cost as if they were
+# known to this, in metres and radians.
+LOOSE_M, LOOSE_RAD = 0.05, 0.1
+# The spreads are found with the first step, in so many sweeps; then once a step.
+FIRST_SWEEPS = 3
+
+
+@kernel
+def descend(
+    points: Array,
+    grey: NDArray[np.uint8],
+    intrinsics: Array,
+    inverse_depth: NDArray[np.float32],
+    depth_intrinsics: Array,
+    readout_s: float,
+    skew_s: float,
+    T_camera_keyframe: Array,
+    velocity: Array,
+    T_keyframe_last: Array,
+    rate_hz: float,
+    velocity_information: Array,
+    cell_weights: Array,
+    fit: Array,
+    steps: int,
+    last_step: float,
+) -> tuple[Array, Array, int]:
+    """T_camera_keyframe and the velocity after some steps, and how many there were.
+
+    velocity              (6,) expected, twist of the motion in the keyframe's axes, m/s and rad/s
+    T_keyframe_last       4x4, camera to keyframe, of the frame before
+    rate_hz               frames a second since that; 0 ties the velocity to nothing but itself
+    velocity_information  (6,) how well the velocity is known by the way since the frame before
+    fit                   see `system`; in and out
+    last_step             a step as small as this, in m and rad, is the last
+    """
+    T, expected, velocity = T_camera_keyframe.copy(), velocity, velocity.copy()
+    readings = np.empty((len(points), reading_columns.COLUMNS))
+    done = 0
+    for step in range(steps):
+        done += 1
+        read_points(
+            points,
+            T,
+            body_velocity(T, velocity),
+            grey,
+            intrinsics,
+            inverse_depth,
+            depth_intrinsics,
+            readout_s,
+            skew_s,
+            readings,
+        )
+        for _ in range(FIRST_SWEEPS if step == 0 else 1):
+            fit_light(points, readings, cell_weights, fit)
+        H, g = sum_system(points, readings, cell_weights, fit, readout_s, skew_s)
+        mean = expected if rate_hz == 0.0 else logarithm(product(T_keyframe_last, T)) * rate_hz
+        tie_velocity(H, g, velocity - mean, rate_hz, velocity_information)
+        for i in range(3):
+            H[i, i] += 1.0 / LOOSE_M**2
+            H[3 + i, 3 + i] += 1.0 / LOOSE_RAD**2
+        x = solve(H, g)
+        T = product(T, exponential(-x[:6]))
+        velocity -= x[6:]
+        if np.max(np.abs(x[:6])) < last_step:
+            break
+    return T, velocity, done
+
+
+@kernel
+def body_velocity(T_camera_keyframe: Array, velocity: Array) -> Array:
+    """The camera's velocity in its own axes (6,), of that of the motion in the keyframe's axes.
+
+    The points move through the camera's axes as the camera does not: minus the adjoint.
+    """
+    T = T_camera_keyframe
+    own = np.empty(6)
+    for i in range(3):
+        own[i] = -(T[i, 0] * velocity[0] + T[i, 1] * velocity[1] + T[i, 2] * velocity[2])
+        own[3 + i] = -(T[i, 0] * velocity[3] + T[i, 1] * velocity[4] + T[i, 2] * velocity[5])
+    tx, ty, tz = T[0, 3], T[1, 3], T[2, 3]
+    own[0] += ty * own[5] - tz * own[4]
+    own[1] += tz * own[3] - tx * own[5]
+    own[2] += tx * own[4] - ty * own[3]
+    return own
+
+
+@kernel
+def tie_velocity(H: Array, g: Array, off: Array, rate_hz: float, information: Array) -> None:
+    """Add what is known of the velocity: it is about the mean since the frame before.
+
+    off  (6,) how far it is from that now
+    """
+    for i in range(6):
+        P = information[i]
+        H[6 + i, 6 + i] += P
+        H[6 + i, i] -= P * rate_hz
+        H[i, 6 + i] -= P * rate_hz
+        H[i, i] += P * rate_hz * rate_hz
+        g[6 + i] += P * off[i]
+        g[i] -= P * rate_hz * off[i]
+
+
+@kernel
+def solve(A: Array, b: Array) -> Array:
+    """Solve A x = b by Cholesky's factors; A is symmetric and positive definite."""
+    n = len(b)
+    L = np.zeros((n, n))
+    x = b.copy()
+    for j in range(n):
+        for i in range(j, n):
+            total = A[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            L[i, j] = np.sqrt(max(total, 1e-12)) if i == j else total / L[j, j]
+    for i in range(n):
+        for k in range(i):
+            x[i] -= L[i, k] * x[k]
+        x[i] /= L[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= L[k, i] * x[k]
+        x[i] /= L[i, i]
+    return x

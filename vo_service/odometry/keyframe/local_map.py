@@ -1,0 +1,109 @@
+"""The keyframes around the camera: which of them are in view, and how far they have moved in it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array, inverse
+from drivers.jit import kernel
+from vo_service.odometry.keyframe.images import Images
+from vo_service.odometry.keyframe.parameters import KEYFRAMES
+from vo_service.odometry.keyframe.points import find_points
+from vo_service.odometry.keyframe.readings import NEAREST_M
+
+# Overlap is judged by the points of this level, coarse and few.
+LEVEL = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe:
+    """A frame that others are laid on.
+
+    points            (N, COLUMNS) of each level, in its camera's axes at its stamp
+    T_world_keyframe  4x4
+    velocity          (6,) twist of its camera in its own axes, m/s and rad/s
+    frame             for features, where those are needed
+    """
+
+    points: tuple[Array, ...]
+    images: Images
+    T_world_keyframe: Array
+    velocity: Array
+    frame: RgbdFrame
+
+
+def make_keyframe(
+    frame: RgbdFrame, images: Images, T_world_keyframe: Array, velocity: Array
+) -> Keyframe:
+    """A keyframe of a frame whose pose and velocity are known."""
+    points = find_points(images, velocity)
+    return Keyframe(points, images, T_world_keyframe, velocity, frame)
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """How much of a keyframe a camera sees.
+
+    share    of its points that lie in the image, 0 to 1
+    flow_px  root mean square of how far these have moved, in pixels of the whole image
+    """
+
+    share: float
+    flow_px: float
+
+
+class LocalMap:
+    """The last keyframes of one world."""
+
+    def __init__(self) -> None:
+        self.keyframes: list[Keyframe] = []
+
+    def begin(self, keyframe: Keyframe) -> None:
+        """The first one; those of another world are forgotten."""
+        self.keyframes = [keyframe]
+
+    def add(self, keyframe: Keyframe) -> None:
+        """The next one; the one that was longest out of use goes."""
+        self.keyframes = [*self.keyframes, keyframe][-KEYFRAMES:]
+
+    def use(self, keyframe: Keyframe) -> None:
+        """It is in use again."""
+        self.keyframes = [each for each in self.keyframes if each is not keyframe]
+        self.add(keyframe)
+
+    def in_view(self, T_world_camera: Array) -> list[tuple[Keyframe, Overlap]]:
+        """All of them, the one that the camera sees most of first."""
+        T_camera_world = inverse(T_world_camera)
+        found = [(k, overlap(k, T_camera_world @ k.T_world_keyframe)) for k in self.keyframes]
+        return sorted(found, key=lambda pair: -pair[1].share)
+
+
+def overlap(keyframe: Keyframe, T_camera_keyframe: Array) -> Overlap:
+    """How much of a keyframe the same camera sees from elsewhere."""
+    level = min(LEVEL, len(keyframe.points) - 1)
+    camera = keyframe.images.camera
+    size = np.array([camera.width, camera.height], np.float64)
+    seen, squared = _project(
+        keyframe.points[level], T_camera_keyframe, keyframe.images.intrinsics[0], size
+    )
+    return Overlap(seen / max(len(keyframe.points[level]), 1), float(np.sqrt(squared)))
+
+
+@kernel
+def _project(points: Array, T: Array, intrinsics: Array, size: Array) -> tuple[int, float]:
+    """How many points lie in the image, and the mean square of how far they have moved."""
+    fx, fy, cx, cy = intrinsics
+    seen, total = 0, 0.0
+    for n in range(len(points)):
+        px, py, pz = points[n, 0], points[n, 1], points[n, 2]
+        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+        if z < NEAREST_M:
+            continue
+        u = fx * (T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / z + cx
+        v = fy * (T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / z + cy
+        if not (0.0 <= u < size[0] and 0.0 <= v < size[1]):
+            continue
+        seen += 1
+        total += (u - fx * px / pz - cx) ** 2 + (v - fy * py / pz - cy) ** 2
+    return seen, total / max(seen, 1)

@@ -1,0 +1,195 @@
+"""The points of a keyframe that later frames are laid on: the best of each small block.
+
+Where a block has texture it is the pixel of the steepest brightness; else its middle, for its shape
+alone. Every point has a depth of its own: that of a plane fitted around it, which averages the
+sensor's noise.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array
+from drivers.jit import inline_kernel, kernel
+from vo_service.odometry.keyframe.images import Images
+from vo_service.odometry.keyframe.parameters import (
+    BLOCKS_PX,
+    INTERPOLATION_PX,
+    LEAST_GRADIENT,
+    LEAST_SUPPORT,
+    MOST_RMS_PER_M,
+    PLANE_RADIUS,
+    SURFACE_STEP_PER_M,
+)
+from vo_service.odometry.plane_fit import fit_plane
+
+# Pixels from one reading of a plane to the next.
+STEP_PX = 2
+# Columns of a point: where it is (x, y, z in m), its brightness, the variance of that for the
+# interpolation, how brightness changes with its place (3, grey / m), how the depth reading there
+# differs from its own with its place (3, 1/m / m), and whether brightness and depth count (0 or 1).
+X, BRIGHTNESS, VARIANCE, TO_BRIGHTNESS, TO_DEPTH, HAS_TEXTURE, HAS_SHAPE = 0, 3, 4, 5, 8, 11, 12
+COLUMNS = 13
+
+
+def find_points(images: Images, velocity: Array) -> tuple[Array, ...]:
+    """(N, COLUMNS) points of each level, in the axes of the camera at the frame's stamp.
+
+    velocity  (6,) twist of the camera in its own axes, m/s and rad/s: rows that were taken earlier
+              or later are brought to the stamp
+    """
+    whole, *halved = images.intrinsics
+    readout_s, skew_s = images.shutter.readout_s, images.shutter.skew_s
+    return tuple(
+        _find(
+            grey,
+            level_intrinsics,
+            BLOCKS_PX[level],
+            images.inverse_depth,
+            whole,
+            readout_s,
+            skew_s,
+            velocity,
+        )
+        for level, (grey, level_intrinsics) in enumerate(zip(images.grey, halved, strict=True))
+    )
+
+
+@kernel
+def _find(
+    grey: NDArray[np.uint8],
+    intrinsics: Array,
+    block: int,
+    inverse_depth: NDArray[np.float32],
+    depth_intrinsics: Array,
+    readout_s: float,
+    skew_s: float,
+    velocity: Array,
+) -> Array:
+    height, width = grey.shape
+    rows, columns = height // block, width // block
+    points = np.empty((rows * columns, COLUMNS))
+    scale = depth_intrinsics[0] / intrinsics[0]
+    found = 0
+    for i in range(rows):
+        for j in range(columns):
+            u, v, gu, gv = _steepest(grey, j * block, i * block, block)
+            if u < 0:
+                continue
+            point = points[found]
+            if not _locate(
+                u,
+                v,
+                intrinsics,
+                inverse_depth,
+                depth_intrinsics,
+                readout_s,
+                skew_s,
+                velocity,
+                point,
+            ):
+                continue
+            point[BRIGHTNESS] = grey[v, u]
+            squared = gu * gu + gv * gv
+            has_texture = squared >= LEAST_GRADIENT * LEAST_GRADIENT
+            point[HAS_TEXTURE] = 1.0 if has_texture else 0.0
+            point[VARIANCE] = squared * (INTERPOLATION_PX / scale) ** 2
+            x, y, z = point[X], point[X + 1], point[X + 2]
+            fx, fy = intrinsics[0] / z, intrinsics[1] / z
+            point[TO_BRIGHTNESS] = gu * fx
+            point[TO_BRIGHTNESS + 1] = gv * fy
+            point[TO_BRIGHTNESS + 2] = -(gu * fx * x + gv * fy * y) / z
+            if has_texture or point[HAS_SHAPE] > 0:
+                found += 1
+    return points[:found]
+
+
+@inline_kernel
+def _steepest(
+    grey: NDArray[np.uint8], left: int, top: int, block: int
+) -> tuple[int, int, float, float]:
+    """Pixel u, v of a block, and its gradient; the middle without texture, -1 at the border."""
+    height, width = grey.shape
+    middle = block // 2
+    best_u, best_v, best_gu, best_gv = left + middle, top + middle, 0.0, 0.0
+    if best_u < 1 or best_v < 1 or best_u >= width - 1 or best_v >= height - 1:
+        return -1, -1, 0.0, 0.0
+    most = LEAST_GRADIENT * LEAST_GRADIENT
+    for v in range(max(top, 1), min(top + block, height - 1)):
+        for u in range(max(left, 1), min(left + block, width - 1)):
+            gu = 0.5 * (float(grey[v, u + 1]) - float(grey[v, u - 1]))
+            gv = 0.5 * (float(grey[v + 1, u]) - float(grey[v - 1, u]))
+            squared = gu * gu + gv * gv
+            if squared >= most:
+                most = squared
+                best_u, best_v, best_gu, best_gv = u, v, gu, gv
+    return best_u, best_v, best_gu, best_gv
+
+
+@inline_kernel
+def _locate(
+    u: int,
+    v: int,
+    intrinsics: Array,
+    inverse_depth: NDArray[np.float32],
+    depth_intrinsics: Array,
+    readout_s: float,
+    skew_s: float,
+    velocity: Array,
+    point: Array,
+) -> bool:
+    """Fill in the place of a pixel and how its depth changes; False where there is no depth."""
+    height, width = inverse_depth.shape
+    fx, fy, cx, cy = depth_intrinsics
+    ray_x = (u - intrinsics[2]) / intrinsics[0]
+    ray_y = (v - intrinsics[3]) / intrinsics[1]
+    vx, vy, vz, wx, wy, wz = velocity
+    # Where the ray is in the depth image, which was taken `delay` later.
+    u_depth, v_depth = fx * ray_x + cx, fy * ray_y + cy
+    row_s = readout_s / height
+    tau = (v_depth - 0.5 * (height - 1)) * row_s
+    delay = skew_s
+    shift_x = shift_y = shift_z = 0.0
+    for _ in range(2 if readout_s != 0.0 or skew_s != 0.0 else 0):
+        column, row = int(u_depth + 0.5), int(v_depth + 0.5)
+        if not (0 <= column < width and 0 <= row < height) or inverse_depth[row, column] <= 0:
+            return False
+        z = 1.0 / inverse_depth[row, column]
+        x, y = ray_x * z, ray_y * z
+        delay = skew_s + (v_depth - 0.5 * (height - 1)) * row_s - tau
+        shift_x = -delay * (vx + wy * z - wz * y)
+        shift_y = -delay * (vy + wz * x - wx * z)
+        shift_z = -delay * (vz + wx * y - wy * x)
+        u_depth = fx * (x + shift_x) / (z + shift_z) + cx
+        v_depth = fy * (y + shift_y) / (z + shift_z) + cy
+    column, row = int(u_depth + 0.5), int(v_depth + 0.5)
+    reach = PLANE_RADIUS * STEP_PX
+    if not (reach <= column < width - reach and reach <= row < height - reach):
+        return False
+    middle = inverse_depth[row, column]
+    if middle <= 0:
+        return False
+    for dv in range(-STEP_PX, STEP_PX + 1, STEP_PX):
+        for du in range(-STEP_PX, STEP_PX + 1, STEP_PX):
+            if not abs(inverse_depth[row + dv, column + du] - middle) <= SURFACE_STEP_PER_M:
+                return False
+    w, wu, wv, squared = fit_plane(
+        inverse_depth, column, row, PLANE_RADIUS, STEP_PX, SURFACE_STEP_PER_M, LEAST_SUPPORT
+    )
+    point[HAS_SHAPE] = 1.0 if w > 0 and squared <= MOST_RMS_PER_M**2 else 0.0
+    if w <= 0.0:
+        w, wu, wv = float(middle), 0.0, 0.0
+    w += wu * (u_depth - column) + wv * (v_depth - row)
+    if w <= 0.0:
+        return False
+    # Back to the instant of the colour, on its ray; then to the frame's stamp.
+    z = 1.0 / w - shift_z
+    x, y = ray_x * z, ray_y * z
+    ax, ay, az = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+    half = 0.5 * tau * tau
+    point[X] = x + tau * ax + half * (wy * az - wz * ay)
+    point[X + 1] = y + tau * ay + half * (wz * ax - wx * az)
+    point[X + 2] = z = z + tau * az + half * (wx * ay - wy * ax)
+    point[TO_DEPTH] = wu * fx / z
+    point[TO_DEPTH + 1] = wv * fy / z
+    point[TO_DEPTH + 2] = -(wu * fx * point[X] + wv * fy * point[X + 1]) / (z * z) + 1.0 / (z * z)
+    return True

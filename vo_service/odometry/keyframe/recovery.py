@@ -1,0 +1,108 @@
+"""What else is tried with a frame that does not fit the keyframe from where it was expected."""
+
+from dataclasses import dataclass
+
+from drivers.camera import RgbdFrame
+from vo_service.odometry.keyframe.alignment import Alignment, Tie, align, all_alike, depth_alone
+from vo_service.odometry.keyframe.confidence import doubt, oddness
+from vo_service.odometry.keyframe.features import FeatureSearch
+from vo_service.odometry.keyframe.images import Images
+from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap
+from vo_service.odometry.keyframe.way import Way
+from vo_service.odometry.surf import SurfExtractor
+
+# More steps, where the usual ones may not have been enough.
+PATIENCE = 3
+# Another motion is better if the keyframe fits this much better, found by the same points ...
+CLEARLY = 0.97
+# ... or found by features, which may be on quite another place.
+CLEARLY_BY_FEATURES = 0.9
+# After a try that changed nothing, so many odd frames are taken as they are: blur lasts.
+REST_FRAMES = 3
+# So many keyframes are searched for features that match.
+MOST_KEYFRAMES = 8
+
+
+@dataclass(frozen=True)
+class Found:
+    """An alignment, of which keyframe, and what it had to do without ("" = nothing)."""
+
+    keyframe: Keyframe
+    alignment: Alignment
+    tie: Tie
+    lack: str = ""
+
+    @property
+    def is_better_tried_again(self) -> bool:
+        """Whether it is odd or not to be believed."""
+        return oddness(self.alignment) > 1.0 or bool(doubt(self.alignment))
+
+
+class Recovery:
+    """Three more ways: more steps from several starts, features, and depth alone."""
+
+    def __init__(self, extractor: SurfExtractor) -> None:
+        self.features = FeatureSearch(extractor)
+        self._rest = 0
+
+    def find(
+        self, frame: RgbdFrame, images: Images, first: Found, way: Way, local_map: LocalMap
+    ) -> Found:
+        """The first try, or what is clearly better."""
+        is_bad = bool(doubt(first.alignment))
+        if self._rest > 0 and not is_bad:
+            self._rest -= 1
+            return first
+        found = self._patiently(images, first, way)
+        if found.is_better_tried_again:
+            found = self._by_features(frame, images, found, way, local_map)
+        if doubt(found.alignment):
+            found = self._by_depth(images, found, way)
+        self._rest = REST_FRAMES if found is first else 0
+        return found
+
+    def _patiently(self, images: Images, first: Found, way: Way) -> Found:
+        keyframe, tie = first.keyframe, first.tie
+        best = first
+        starts = way.starts(keyframe.T_world_keyframe, images.stamp_s)
+        for start in [first.alignment.T_camera_keyframe, *starts]:
+            light = way.light_at(images)
+            again = align(
+                keyframe.points, images, [start], tie, light, all_alike(), patience=PATIENCE
+            )
+            if _is_better(again, best.alignment, CLEARLY):
+                best = Found(keyframe, again, tie)
+        return best
+
+    def _by_features(
+        self, frame: RgbdFrame, images: Images, best: Found, way: Way, local_map: LocalMap
+    ) -> Found:
+        """The keyframe in use first, then those that were in use last."""
+        others = [k for k in reversed(local_map.keyframes) if k is not best.keyframe]
+        sighting = self.features.find(frame, [best.keyframe, *others][:MOST_KEYFRAMES])
+        if sighting is None:
+            return best
+        keyframe = sighting.keyframe
+        tie = way.tie(keyframe.T_world_keyframe, images.stamp_s).loosened()
+        light = way.light_at(images) if keyframe is best.keyframe else (1.0, 0.0)
+        again = align(
+            keyframe.points, images, [sighting.T_camera_keyframe], tie, light, all_alike()
+        )
+        if _is_better(again, best.alignment, CLEARLY_BY_FEATURES):
+            return Found(keyframe, again, tie)
+        return best
+
+    def _by_depth(self, images: Images, best: Found, way: Way) -> Found:
+        """Without brightness: it may be dark, or the light quite another."""
+        keyframe, tie = best.keyframe, best.tie
+        starts = way.starts(keyframe.T_world_keyframe, images.stamp_s)
+        again = align(keyframe.points, images, starts, tie, (1.0, 0.0), depth_alone(), PATIENCE)
+        if doubt(again):
+            return best
+        return Found(keyframe, again, tie, lack=f"by depth alone: {doubt(best.alignment)}")
+
+
+def _is_better(another: Alignment, best: Alignment, clearly: float) -> bool:
+    if bool(doubt(another)) != bool(doubt(best)):
+        return not doubt(another)
+    return oddness(another) < clearly * oddness(best)

@@ -1,0 +1,164 @@
+"""The weighted least squares of one step, from a keyframe's points and what a frame shows of them.
+
+Brightness and depth both follow Student's t: many readings are of something else. Their spread is
+found with the motion, and so are a gain and an offset between the two images' brightness. Kerl,
+Sturm and Cremers, "Robust Odometry Estimation for RGB-D Cameras" (ICRA 2013); Klose, Heise and
+Knoll, "Efficient Compositional Approaches for Real-Time Robust Direct Visual Odometry" (IROS 2013).
+"""
+
+import numpy as np
+
+from drivers.geometry import Array
+from drivers.jit import inline_kernel, kernel
+from vo_service.odometry.keyframe import readings as reading_columns
+from vo_service.odometry.keyframe.parameters import (
+    BRIGHTNESS_SHARE,
+    BRIGHTNESS_SPREAD,
+    DEPTH_SPREAD_PER_M,
+    FREEDOM,
+)
+from vo_service.odometry.keyframe.points import (
+    BRIGHTNESS,
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    TO_BRIGHTNESS,
+    TO_DEPTH,
+    VARIANCE,
+)
+from vo_service.odometry.keyframe.readings import BANDS
+
+# Gains that are believed, and fewer readings than this tell nothing of it.
+LEAST_GAIN, MOST_GAIN, FEWEST_READINGS = 0.4, 2.5, 50
+# The fit: what a keyframe's brightness is multiplied by and what is added, then the two spreads.
+GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH = 0, 1, 2, 3
+# Rows of the cells' weights.
+_OF_BRIGHTNESS, _OF_DEPTH = 0, 1
+_R_BRIGHTNESS, _R_DEPTH = reading_columns.BRIGHTNESS, reading_columns.DEPTH
+_R_CELL = reading_columns.CELL
+_R_COLOUR_BAND, _R_DEPTH_BAND = reading_columns.COLOUR_BAND, reading_columns.DEPTH_BAND
+
+
+@kernel
+def fit_light(points: Array, readings: Array, cell_weights: Array, fit: Array) -> None:
+    """One sweep towards gain, offset and spreads, in place, with weights by what they were."""
+    n = chi = s = sk = sc = skk = skc = 0.0
+    n_depth = chi_depth = 0.0
+    gain, offset = fit[GAIN], fit[OFFSET]
+    variance, variance_depth = fit[SIGMA_BRIGHTNESS] ** 2, fit[SIGMA_DEPTH] ** 2
+    for i in range(len(points)):
+        brightness, depth = readings[i, _R_BRIGHTNESS], readings[i, _R_DEPTH]
+        if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
+            cell_weight = cell_weights[_OF_BRIGHTNESS, int(readings[i, _R_CELL])]
+            mine = points[i, BRIGHTNESS]
+            of_this = variance + points[i, VARIANCE]
+            squared = (brightness - gain * mine - offset) ** 2 / of_this
+            w = cell_weight * (FREEDOM + 1.0) / (FREEDOM + squared)
+            n += cell_weight
+            chi += w * squared
+            w /= of_this
+            s += w
+            sk += w * mine
+            sc += w * brightness
+            skk += w * mine * mine
+            skc += w * mine * brightness
+        if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
+            cell_weight = cell_weights[_OF_DEPTH, int(readings[i, _R_CELL])]
+            squared = depth * depth / variance_depth
+            n_depth += cell_weight
+            chi_depth += cell_weight * squared * (FREEDOM + 1.0) / (FREEDOM + squared)
+    if n >= FEWEST_READINGS:
+        sigma = fit[SIGMA_BRIGHTNESS] * np.sqrt(chi / n)
+        fit[SIGMA_BRIGHTNESS] = min(max(sigma, BRIGHTNESS_SPREAD[0]), BRIGHTNESS_SPREAD[1])
+        spread = skk - sk * sk / s
+        if spread > 1e-9 * skk:
+            fit[GAIN] = min(max((skc - sk * sc / s) / spread, LEAST_GAIN), MOST_GAIN)
+        fit[OFFSET] = (sc - fit[GAIN] * sk) / s
+    if n_depth >= FEWEST_READINGS:
+        sigma = fit[SIGMA_DEPTH] * np.sqrt(chi_depth / n_depth)
+        fit[SIGMA_DEPTH] = min(max(sigma, DEPTH_SPREAD_PER_M[0]), DEPTH_SPREAD_PER_M[1])
+
+
+@kernel
+def sum_system(
+    points: Array,
+    readings: Array,
+    cell_weights: Array,
+    fit: Array,
+    readout_s: float,
+    skew_s: float,
+) -> tuple[Array, Array]:
+    """Information (12, 12) and vector (12,) of the motion and of the velocity.
+
+    With r = J (d + tau e), d a small motion of the keyframe's points and e one of the velocity,
+    both twists (translation m, rotation rad) in the keyframe's axes, and tau when the reading was
+    taken: sum w [J, tau J]^T [J, tau J] and sum w [J, tau J]^T r.
+    """
+    # Rows of a band are taken at one time: so little is lost, and so much less is summed.
+    sums = np.zeros((2 * BANDS, 27))
+    J = np.empty(6)
+    gain, offset = fit[GAIN], fit[OFFSET]
+    variance, variance_depth = fit[SIGMA_BRIGHTNESS] ** 2, fit[SIGMA_DEPTH] ** 2
+    for i in range(len(points)):
+        brightness, depth = readings[i, _R_BRIGHTNESS], readings[i, _R_DEPTH]
+        if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
+            residual = brightness - gain * points[i, BRIGHTNESS] - offset
+            of_this = variance + points[i, VARIANCE]
+            w = (FREEDOM + 1.0) / (FREEDOM + residual * residual / of_this) / of_this
+            w *= BRIGHTNESS_SHARE * cell_weights[_OF_BRIGHTNESS, int(readings[i, _R_CELL])]
+            jacobian(points[i], TO_BRIGHTNESS, gain, J)
+            _add(sums[int(readings[i, _R_COLOUR_BAND])], J, w, residual)
+        if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
+            w = (FREEDOM + 1.0) / (FREEDOM + depth * depth / variance_depth) / variance_depth
+            w *= cell_weights[_OF_DEPTH, int(readings[i, _R_CELL])]
+            jacobian(points[i], TO_DEPTH, 1.0, J)
+            _add(sums[BANDS + int(readings[i, _R_DEPTH_BAND])], J, w, depth)
+    return _with_times(sums, readout_s, skew_s)
+
+
+@inline_kernel
+def jacobian(point: Array, first: int, scale: float, J: Array) -> None:
+    """Fill J (6,): scale times (p, x cross p) of the derivative p by the point's place x."""
+    x, y, z = point[0], point[1], point[2]
+    px, py, pz = scale * point[first], scale * point[first + 1], scale * point[first + 2]
+    J[0], J[1], J[2] = px, py, pz
+    J[3], J[4], J[5] = y * pz - z * py, z * px - x * pz, x * py - y * px
+
+
+@inline_kernel
+def _add(sums: Array, J: Array, w: float, residual: float) -> None:
+    """Upper triangle of w J J^T, row by row, then w J r."""
+    k = 0
+    for i in range(6):
+        weighted = w * J[i]
+        for j in range(i, 6):
+            sums[k] += weighted * J[j]
+            k += 1
+        sums[21 + i] += weighted * residual
+
+
+@kernel
+def _with_times(sums: Array, readout_s: float, skew_s: float) -> tuple[Array, Array]:
+    H, g = np.zeros((12, 12)), np.zeros(12)
+    for n in range(2 * BANDS):
+        is_depth = n >= BANDS
+        row = ((n - BANDS if is_depth else n) + 0.5) / BANDS - 0.5
+        tau = row * readout_s + (skew_s if is_depth else 0.0)
+        k = 0
+        for i in range(6):
+            for j in range(i, 6):
+                value = sums[n, k]
+                k += 1
+                H[i, j] += value
+                H[i, 6 + j] += tau * value
+                H[6 + i, 6 + j] += tau * tau * value
+            g[i] += sums[n, 21 + i]
+            g[6 + i] += tau * sums[n, 21 + i]
+    for i in range(6):
+        for j in range(i):
+            H[i, j] = H[j, i]
+            H[i, 6 + j] = H[j, 6 + i]
+            H[6 + i, 6 + j] = H[6 + j, 6 + i]
+    for i in range(6):
+        for j in range(6):
+            H[6 + i, j] = H[j, 6 + i]
+    return H, g

@@ -1,0 +1,61 @@
+"""Where the camera was last, how it moved then, and so where it may be now."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.geometry import Array, adjoint, inverse
+from vo_service.odometry.keyframe.alignment import Tie
+from vo_service.odometry.keyframe.images import Images
+from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
+from vo_service.odometry.keyframe.twists import exponential
+
+# A longer time between two frames says little of the velocity at its end.
+LONGEST_STEP_S = 0.4
+# A mean brightness that is off by more than this share has changed at once.
+LIGHT_JUMP = 0.08
+
+
+@dataclass(frozen=True)
+class Way:
+    """The last good frame.
+
+    T_world_camera   4x4
+    velocity         (6,) twist of the camera in its own axes, m/s and rad/s
+    stamp_s          of that frame
+    light            gain and offset of its brightness against the keyframe's
+    mean_brightness  of the whole image, grey levels
+    """
+
+    T_world_camera: Array
+    velocity: Array
+    stamp_s: float
+    light: tuple[float, float]
+    mean_brightness: float
+
+    def starts(self, T_world_keyframe: Array, stamp_s: float) -> list[Array]:
+        """4x4 motions T_camera_keyframe to begin with: as it moves on, and as it stands still."""
+        T_last_keyframe = inverse(self.T_world_camera) @ T_world_keyframe
+        if not self._is_soon(stamp_s):
+            return [T_last_keyframe]
+        T_camera_last = exponential((self.stamp_s - stamp_s) * self.velocity)
+        return [T_camera_last @ T_last_keyframe, T_last_keyframe]
+
+    def tie(self, T_world_keyframe: Array, stamp_s: float) -> Tie:
+        """What is known of the velocity at a stamp."""
+        T_keyframe_last = inverse(T_world_keyframe) @ self.T_world_camera
+        information = np.repeat(np.array(VELOCITY_SIGMA) ** -2, 3)
+        velocity = -adjoint(T_keyframe_last) @ self.velocity
+        duration_s = stamp_s - self.stamp_s
+        tie = Tie(T_keyframe_last, 1.0 / max(duration_s, 1e-3), velocity, information)
+        return tie if self._is_soon(stamp_s) else tie.loosened()
+
+    def light_at(self, images: Images) -> tuple[float, float]:
+        """Gain and offset to begin with: as they were, or changed as the mean brightness."""
+        change = (images.mean_brightness + 1.0) / (self.mean_brightness + 1.0)
+        if abs(change - 1.0) <= LIGHT_JUMP:
+            return self.light
+        return change * self.light[0], change * self.light[1]
+
+    def _is_soon(self, stamp_s: float) -> bool:
+        return 0.0 < stamp_s - self.stamp_s <= LONGEST_STEP_S

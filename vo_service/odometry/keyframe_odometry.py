@@ -1,0 +1,176 @@
+"""Dense odometry against keyframes: the brightness and depth of a frame, laid on those of another.
+
+Kerl, Sturm and Cremers, "Dense Visual SLAM for RGB-D Cameras" (IROS 2013) for the keyframes; Kerl,
+Stueckler and Cremers, "Dense Continuous-Time Tracking and Mapping with Rolling Shutter RGB-D
+Cameras" (ICCV 2015) for the time of each row. SURF finds the camera again where that fails.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array, inverse
+from vo_service.odometry.estimate import Estimate, Evidence
+from vo_service.odometry.keyframe.alignment import align, all_alike
+from vo_service.odometry.keyframe.certainty import certainty
+from vo_service.odometry.keyframe.confidence import doubt
+from vo_service.odometry.keyframe.drawing import draw, draw_points
+from vo_service.odometry.keyframe.first_keyframe import made_anew
+from vo_service.odometry.keyframe.images import Images, make_images
+from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
+from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
+from vo_service.odometry.keyframe.recovery import Found, Recovery
+from vo_service.odometry.keyframe.way import Way
+from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
+from vo_service.odometry.surf import SurfExtractor
+
+# A first keyframe has so many points at least.
+FEWEST_POINTS = 300
+# After so many frames without a pose, tracking begins anew.
+MOST_FAILURES = 30
+
+
+@dataclass(frozen=True)
+class Track:
+    """What is followed: a keyframe, and the way of the camera up to the last good frame.
+
+    T_world_reference  4x4 pose of the frame from which on the keyframe has been in use
+    is_first           the keyframe is the very first frame, and the camera's velocity not known
+    """
+
+    keyframe: Keyframe
+    way: Way
+    T_world_reference: Array
+    is_first: bool = False
+
+
+class KeyframeOdometry:
+    """Frames are laid on a keyframe, which stays as long as most of it is in view.
+
+    World is the first good camera. A frame that fails is left out.
+    """
+
+    def __init__(
+        self, extractor: SurfExtractor | None = None, stopwatch: Stopwatch | None = None
+    ) -> None:
+        self._stopwatch = stopwatch or NullStopwatch()
+        self._recovery = Recovery(extractor or SurfExtractor())
+        self._map = LocalMap()
+        self._track: Track | None = None
+        self._T_world_camera = np.eye(4)
+        self._failures = 0
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        """Where the camera is, from this frame and the keyframe."""
+        # Brightness in four sizes, and inverse depth.
+        with self._stopwatch.stage("images"):
+            images = make_images(frame)
+        if self._track is None:
+            return self._start(frame, images, restarted=False)
+        # The keyframe's points, laid on this frame from where they are expected.
+        with self._stopwatch.stage("align"):
+            found = self._align(images, self._track)
+        # Does it fit? Else more steps, features, depth alone.
+        if found.is_better_tried_again:
+            with self._stopwatch.stage("recovery"):
+                found = self._recovery.find(frame, images, found, self._track.way, self._map)
+        if reason := doubt(found.alignment):
+            return self._fail(frame, images, found, reason)
+        # When the keyframe goes out of view, the pose is settled with others, and the next begins.
+        if is_due(found):
+            with self._stopwatch.stage("settle"):
+                found = settle(found, images, self._map)
+        return self._advance(frame, images, self._track, found)
+
+    def _align(self, images: Images, track: Track) -> Found:
+        keyframe, way = track.keyframe, track.way
+        starts = way.starts(keyframe.T_world_keyframe, images.stamp_s)
+        tie = way.tie(keyframe.T_world_keyframe, images.stamp_s)
+        light = way.light_at(images)
+        found = Found(
+            keyframe, align(keyframe.points, images, starts, tie, light, all_alike()), tie
+        )
+        if track.is_first and not (images.shutter.is_instant or doubt(found.alignment)):
+            found = made_anew(found, images, way)
+            self._map.begin(found.keyframe)
+        return found
+
+    def _start(self, frame: RgbdFrame, images: Images, restarted: bool) -> Estimate:
+        """Make this frame the first keyframe, if it has enough points to be laid on others."""
+        keyframe = make_keyframe(frame, images, self._T_world_camera, np.zeros(6))
+        evidence = Evidence(keypoints_px=draw_points(keyframe))
+        if len(keyframe.points[0]) < FEWEST_POINTS:
+            reason = f"too few points with depth to start: {len(keyframe.points[0])}"
+            return self._estimate(False, reason, evidence)
+        self._map.begin(keyframe)
+        way = Way(
+            self._T_world_camera, np.zeros(6), images.stamp_s, (1.0, 0.0), images.mean_brightness
+        )
+        self._track = Track(keyframe, way, self._T_world_camera, is_first=True)
+        self._failures = 0
+        return self._estimate(True, "", evidence, restarted=restarted)
+
+    def _fail(self, frame: RgbdFrame, images: Images, found: Found, reason: str) -> Estimate:
+        """Hold the pose; after too many failures give the keyframes up."""
+        self._failures += 1
+        if self._failures > MOST_FAILURES:
+            return self._start(frame, images, restarted=True)
+        return self._estimate(False, reason, draw(found.keyframe, found.alignment))
+
+    def _advance(self, frame: RgbdFrame, images: Images, track: Track, found: Found) -> Estimate:
+        """Go on from here."""
+        alignment = found.alignment
+        sure = certainty(found.keyframe, images, alignment, found.tie)
+        T_world_camera = found.keyframe.T_world_keyframe @ inverse(alignment.T_camera_keyframe)
+        T_reference_camera = inverse(track.T_world_reference) @ T_world_camera
+        keyframe, light = found.keyframe, alignment.light
+        if is_due(found):
+            with self._stopwatch.stage("keyframe"):
+                keyframe = choose(frame, images, found, T_world_camera, self._map)
+        if keyframe is not found.keyframe:
+            light = (1.0, 0.0)
+        is_new = keyframe is not track.keyframe
+        self._T_world_camera = T_world_camera
+        self._failures = 0
+        way = Way(
+            T_world_camera,
+            alignment.camera_velocity,
+            images.stamp_s,
+            light,
+            images.mean_brightness,
+        )
+        T_world_reference = T_world_camera if is_new else track.T_world_reference
+        self._track = Track(keyframe, way, T_world_reference)
+        return self._estimate(
+            True,
+            found.lack,
+            draw(found.keyframe, alignment),
+            T_reference_camera,
+            sure.covariance,
+            is_next_reference=is_new,
+        )
+
+    def _estimate(
+        self,
+        ok: bool,
+        reason: str,
+        evidence: Evidence,
+        T_reference_camera: Array | None = None,
+        covariance: Array | None = None,
+        restarted: bool = False,
+        is_next_reference: bool = True,
+    ) -> Estimate:
+        return Estimate(
+            ok=ok,
+            reason=reason,
+            T_world_camera=self._T_world_camera.copy(),
+            T_reference_camera=np.eye(4) if T_reference_camera is None else T_reference_camera,
+            covariance=np.zeros((6, 6)) if covariance is None else covariance,
+            features=len(evidence.keypoints_px),
+            matches=len(evidence.matches_px),
+            inliers=int(evidence.inlier.sum()),
+            restarted=restarted,
+            is_next_reference=is_next_reference,
+            evidence=evidence,
+        )

@@ -1,0 +1,60 @@
+"""A plane through the readings around a pixel: over it, 1/z is linear in the pixel."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.jit import inline_kernel
+
+
+@inline_kernel
+def fit_plane(
+    inverse_depth: NDArray[np.float32],
+    column: int,
+    row: int,
+    radius: int,
+    step: int,
+    max_step_per_m: float,
+    min_support: float,
+) -> tuple[float, float, float, float]:
+    """Fit 1/z = w + wu du + wv dv around a pixel: w, wu, wv (1/m) and the mean square left over.
+
+    Over (2 radius + 1)^2 readings, every `step` pixels, all of which are inside of the image. Those
+    further than `max_step_per_m` from the middle's are of another surface; the others are at least
+    the share `min_support`. All is zero where there is no plane.
+    """
+    none = (0.0, 0.0, 0.0, 0.0)
+    middle = float(inverse_depth[row, column])
+    if middle <= 0.0:
+        return none
+    n = su = sv = suu = suv = svv = sw = suw = svw = sww = 0.0
+    for j in range(-radius, radius + 1):
+        dv = j * step
+        for i in range(-radius, radius + 1):
+            du = i * step
+            reading = float(inverse_depth[row + dv, column + du])
+            w = reading - middle
+            if reading <= 0.0 or abs(w) > max_step_per_m:
+                continue
+            n += 1.0
+            su += du
+            sv += dv
+            suu += du * du
+            suv += du * dv
+            svv += dv * dv
+            sw += w
+            suw += du * w
+            svw += dv * w
+            sww += w * w
+    if n < min_support * (2 * radius + 1) ** 2:
+        return none
+    # Normal equations about the centroid, a 2x2 system for the two slopes.
+    mu, mv, mw = su / n, sv / n, sw / n
+    cuu, cuv, cvv = suu - n * mu * mu, suv - n * mu * mv, svv - n * mv * mv
+    cuw, cvw = suw - n * mu * mw, svw - n * mv * mw
+    det = cuu * cvv - cuv * cuv
+    if det <= 1e-9:
+        return none
+    wu = (cuw * cvv - cvw * cuv) / det
+    wv = (cvw * cuu - cuw * cuv) / det
+    squared = sww - n * mw * mw - wu * cuw - wv * cvw
+    return middle + mw - wu * mu - wv * mv, wu, wv, squared / n

@@ -54,24 +54,25 @@ def motion_blur(
     image: Floats,
     rays: Array,
     depth_m: Floats,
+    body: NDArray[np.int64],
     T_opening_now: Array,
     T_closing_now: Array,
     focal_px: float,
 ) -> Floats:
     """Mean of `image` along each pixel's way from the shutter's opening to its closing.
 
-    `T_opening_now`, `T_closing_now` (H, 4, 4) map a row's camera coordinates at its own instant
-    to those when its exposure begins and ends.
+    `body` (H, W) is what each pixel sees. `T_opening_now`, `T_closing_now` (B, H, 4, 4) map a
+    body's points, in a row's camera coordinates at its own instant, to those when its exposure
+    begins and ends.
     """
     height, width = depth_m.shape
     blurred = np.empty_like(image)
     total = np.empty(3)
     for v in range(height):
-        A, B = T_opening_now[v], T_closing_now[v]
         for u in range(width):
             x, y, z = rays[v, u, 0], rays[v, u, 1], depth_m[v, u]
-            ax, ay = seen_from(A, x, y, z)
-            bx, by = seen_from(B, x, y, z)
+            ax, ay = seen_from(T_opening_now, body[v, u], v, x, y, z)
+            bx, by = seen_from(T_closing_now, body[v, u], v, x, y, z)
             du, dv = focal_px * (bx - ax), focal_px * (by - ay)
             taps = 1 + min(MOST_TAPS - 1, int(math.sqrt(du * du + dv * dv) + 0.5))
             total[:] = 0.0
@@ -97,10 +98,10 @@ def motion_blur(
 
 
 @kernel
-def seen_from(T: Array, x: float, y: float, z: float) -> tuple[float, float]:
-    """Where on the plane z = 1 the point (x, y, 1) z is seen after the rigid motion T."""
-    depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] / z
+def seen_from(T: Array, b: int, v: int, x: float, y: float, z: float) -> tuple[float, float]:
+    """Where on the plane z = 1 the point (x, y, 1) z is seen after the rigid motion T[b, v]."""
+    depth = T[b, v, 2, 0] * x + T[b, v, 2, 1] * y + T[b, v, 2, 2] + T[b, v, 2, 3] / z
     return (
-        (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] / z) / depth,
-        (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] / z) / depth,
+        (T[b, v, 0, 0] * x + T[b, v, 0, 1] * y + T[b, v, 0, 2] + T[b, v, 0, 3] / z) / depth,
+        (T[b, v, 1, 0] * x + T[b, v, 1, 1] * y + T[b, v, 1, 2] + T[b, v, 1, 3] / z) / depth,
     )

@@ -7,7 +7,7 @@ from typing import Self
 
 from drivers.camera import PinholeCamera
 from drivers.errors import InputError
-from drivers.strict_toml import setting
+from drivers.strict_toml import required, setting
 from drivers.synthetic.faults import Fault
 
 KINECT_COLOUR = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
@@ -22,6 +22,9 @@ class Motion(StrEnum):
     STILL = "still"
     FLOOR = "floor"  # a hand over the bare floor: one plane is all that is mostly seen
     ORBIT = "orbit"  # a walk around what stands in the middle, with fast turns
+    WALL = "wall"  # looks aside, then straight at the wall that `bare_wall` means, and back
+    FAST_TURN = "fast-turn"  # a hand that turns away and back, each in half a second
+    CREEP = "creep"  # straight on by a millimetre a second
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,37 @@ class Timing:
     skew_s: float = setting(0.010, "depth after colour, seconds; at most half a frame")
 
 
+class MoverKind(StrEnum):
+    """What it is that moves."""
+
+    PARCEL = "parcel"  # a printed box that hangs in the air
+    PERSON = "person"  # stands on the floor, whatever the height that is given
+
+
+@dataclass(frozen=True)
+class Mover:
+    """Something that goes by itself through the view, evenly as the camera sees it.
+
+    It is there from `begin_s` to `end_s`.
+    """
+
+    kind: MoverKind = required("what moves")
+    begin_s: float = required("when it comes, seconds from the first frame", low=0.0)
+    end_s: float = required("when it has gone", above=0.0)
+    size_m: tuple[float, float, float] = setting(
+        (0.5, 1.75, 0.3), "width, height and depth, metres", low=0.01, high=3.0
+    )
+    distance_m: float = setting(1.0, "how far along the view, metres", low=0.2)
+    begin_view: tuple[float, float] = setting(
+        (-1.8, 0.0), "where the camera then sees it: right and down, in half images from the middle"
+    )
+    end_view: tuple[float, float] = setting((1.8, 0.0), "where the camera sees it in the end")
+
+    def __post_init__(self) -> None:
+        if self.begin_s >= self.end_s:
+            raise InputError(f"mover {self.kind}: end_s must be after begin_s")
+
+
 @dataclass(frozen=True)
 class SyntheticConfig:
     """A virtual Kinect in a room of its own. Raises InputError if a value makes no sense."""
@@ -89,6 +123,7 @@ class SyntheticConfig:
     colour: ColourEye = field(default_factory=ColourEye)
     depth: DepthEye = field(default_factory=DepthEye)
     timing: Timing = field(default_factory=Timing)
+    movers: tuple[Mover, ...] = setting((), "what moves by itself")
     faults: tuple[Fault, ...] = setting((), "what goes wrong with which frames")
 
     def __post_init__(self) -> None:

@@ -22,6 +22,7 @@ class FaultKind(StrEnum):
     BLACK = "black"  # the colour image is black
     TORN = "torn"  # upper half new, lower half of the frame before
     DARK = "dark"  # the lights are off: hardly more than noise; depth needs no light
+    COVERED = "covered"  # something lies on the camera: colour is black, and no depth is read
     NOISE = "noise"  # nothing but noise, in colour and in depth
     STAMP_JUMP = "stamp-jump"  # stamps are off by `seconds`
     STAMP_REPEAT = "stamp-repeat"  # the stamp of the frame before
@@ -85,6 +86,8 @@ class FaultySource:
             images = _dark(images, np.random.default_rng([self.seed, 6, index]))
         if self.strikes(FaultKind.BLACK, index):
             images = Images(np.zeros_like(images.colour), images.depth)
+        if self.strikes(FaultKind.COVERED, index):
+            images = Images(np.zeros_like(images.colour), np.zeros_like(images.depth))
         if self.strikes(FaultKind.NOISE, index):
             images = _noise(images, np.random.default_rng([self.seed, 7, index]))
         return images

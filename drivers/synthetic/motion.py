@@ -1,4 +1,4 @@
-"""How the camera moves: the paths by name. All built-in ones end where they began, to be looped."""
+"""How the camera moves: the paths by name. All built-in ones can be looped."""
 
 import numpy as np
 
@@ -6,6 +6,7 @@ from drivers.synthetic.config import Motion, SyntheticConfig
 from drivers.synthetic.hand import THROUGH_ROOM, FloorPath, HandPath
 from drivers.synthetic.orbit import OrbitPath
 from drivers.synthetic.path import Path
+from drivers.synthetic.staged import CreepPath, FastTurnPath, WallPath
 from drivers.synthetic.track import TrackPath
 
 
@@ -25,3 +26,9 @@ def make_path(config: SyntheticConfig, room_height_m: float) -> Path:
             return FloorPath(rng, duration_s)
         case Motion.ORBIT:
             return OrbitPath(rng, duration_s)
+        case Motion.WALL:
+            return WallPath(rng, duration_s)
+        case Motion.FAST_TURN:
+            return FastTurnPath(rng, duration_s)
+        case Motion.CREEP:
+            return CreepPath(rng, duration_s if config.loop else np.inf)

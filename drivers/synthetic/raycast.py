@@ -60,24 +60,27 @@ class RayGrid:
         return cls(rays, np.stack(bounds, axis=-1))
 
 
-def look(solids: SolidArrays, grid: RayGrid, T_world_camera: Array) -> View:
-    """Prepare to cast the rays of `grid` from the poses of its rows (H, 4, 4)."""
-    frames = unit_frames(solids.to_unit, solids.centre_m, T_world_camera)
+def look(solids: SolidArrays, grid: RayGrid, T_body_camera: Array) -> View:
+    """Prepare to cast the rays of `grid` from the poses of its rows in each body (B, H, 4, 4)."""
+    frames = unit_frames(solids.to_unit, solids.centre_m, solids.body, T_body_camera)
     rows = np.array([0, len(grid.rays) // 2, len(grid.rays) - 1])
-    outlines = project_outlines(solids.corners_m, np.linalg.inv(T_world_camera[rows]))
+    T_camera_body = np.asarray(np.linalg.inv(T_body_camera[:, rows]), np.float64)
+    outlines = project_outlines(solids.corners_m, solids.body, T_camera_body)
     order = np.argsort(outlines[:, 0], kind="stable")
     candidates = list_candidates(outlines, order, grid.bounds)
     return View(solids.kind, frames, candidates, outlines[:, 0].copy())
 
 
 @kernel
-def unit_frames(to_unit: Array, centre_m: Array, T_world_camera: Array) -> Array:
+def unit_frames(
+    to_unit: Array, centre_m: Array, body: NDArray[np.int64], T_body_camera: Array
+) -> Array:
     """(H, S, 3, 4): camera coordinates of a row to each solid's unit cube."""
-    frames = np.empty((len(T_world_camera), len(to_unit), 3, 4))
-    for row in range(len(T_world_camera)):
-        T = T_world_camera[row]
+    height = T_body_camera.shape[1]
+    frames = np.empty((height, len(to_unit), 3, 4))
+    for row in range(height):
         for s in range(len(to_unit)):
-            M = to_unit[s]
+            M, T = to_unit[s], T_body_camera[body[s], row]
             for i in range(3):
                 for j in range(3):
                     frames[row, s, i, j] = M[i, 0] * T[0, j] + M[i, 1] * T[1, j] + M[i, 2] * T[2, j]
@@ -90,7 +93,7 @@ def unit_frames(to_unit: Array, centre_m: Array, T_world_camera: Array) -> Array
 
 
 @kernel
-def project_outlines(corners_m: Array, T_camera_world: Array) -> Array:
+def project_outlines(corners_m: Array, body: NDArray[np.int64], T_camera_body: Array) -> Array:
     """(S, 5): nearest depth, then least and greatest x and y on the plane z = 1.
 
     The union over the poses given. A solid wholly behind the camera has an empty range.
@@ -102,7 +105,7 @@ def project_outlines(corners_m: Array, T_camera_world: Array) -> Array:
     p = np.empty((8, 3))
     for s in range(len(corners_m)):
         outline = outlines[s]
-        for T in T_camera_world:
+        for T in T_camera_body[body[s]]:
             for i in range(8):
                 for j in range(3):
                     c = corners_m[s, i]

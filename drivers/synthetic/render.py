@@ -1,5 +1,6 @@
 """One frame of the virtual Kinect, from the exact motion to the images that leave the driver."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -14,6 +15,7 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Images
 from drivers.synthetic.lighting import bulbs
 from drivers.synthetic.motion import make_path
+from drivers.synthetic.movers import MovingBody, moving_bodies
 from drivers.synthetic.path import Path
 from drivers.synthetic.raycast import RayGrid, View, cast, look
 from drivers.synthetic.scene import ROOM_HEIGHT_M, furnish
@@ -26,22 +28,33 @@ PATH_CHECKS_PER_S = 10
 
 @dataclass(frozen=True)
 class Room:
-    """What there is to see: solids and their painted skins."""
+    """What there is to see: solids and their painted skins, and what of them moves by itself."""
 
     solids: SolidArrays
     atlas: Atlas
+    movers: Sequence[MovingBody]
 
     @classmethod
     def build(cls, config: SyntheticConfig, path: Path, threads: int) -> "Room":
-        """The room of `config`, free of furniture where `path` wants it."""
+        """The room of `config`, free of furniture where `path` and what moves want it.
+
+        What moves is lit as it is halfway, and throws no shadow.
+        """
         checks = max(2, int(config.duration_s * PATH_CHECKS_PER_S))
-        free_m = path.free_m(np.linspace(0.0, config.duration_s, checks))
-        solids = furnish(config.seed, free_m, config.bare_wall)
-        arrays = SolidArrays.pack(solids)
+        times_s = np.linspace(0.0, config.duration_s, checks)
+        movers = moving_bodies(config, path)
+        kept_free_m = [path.free_m(times_s), *(mover.free_m(times_s) for mover in movers)]
+        solids = furnish(config.seed, np.concatenate(kept_free_m), config.bare_wall)
         lights = bulbs(np.random.default_rng([config.seed, 4]), solids[0].half_m)
-        return cls(
-            arrays, paint_atlas(solids, arrays, lights, config.texel_m, config.seed, threads)
-        )
+        all_solids = [*solids, *(solid for mover in movers for solid in mover.halfway)]
+        hiding = SolidArrays.pack(solids)
+        atlas = paint_atlas(all_solids, hiding, lights, config.texel_m, config.seed, threads)
+        return cls(SolidArrays.pack(solids, *(mover.solids for mover in movers)), atlas, movers)
+
+    def poses_in_bodies(self, times_s: Array, T_world_camera: Array) -> Array:
+        """T_body_camera (B, N, 4, 4) of a camera (N, 4, 4): in the room, then in what moves."""
+        moved = [np.linalg.inv(mover.poses(times_s)) @ T_world_camera for mover in self.movers]
+        return np.stack([T_world_camera, *moved])
 
 
 def make_renderer(config: SyntheticConfig, threads: int) -> "Renderer":
@@ -50,8 +63,22 @@ def make_renderer(config: SyntheticConfig, threads: int) -> "Renderer":
     return Renderer(config, path, Room.build(config, path, threads))
 
 
+@dataclass(frozen=True)
+class Sight:
+    """What reaches the sensor of one frame, before it measures with its noise.
+
+    light   (H, W, 3) float32 BGR on the colour sensor, the lens's distortion in it
+    true_m  (H, W) float32 distance before the depth sensor
+    gain    exposure of the colour image
+    """
+
+    light: NDArray[np.float32]
+    true_m: NDArray[np.float32]
+    gain: float
+
+
 class Renderer:
-    """A sensor moving through a room. `render` may run on many threads."""
+    """A sensor moving through a room. It may be used on many threads."""
 
     def __init__(self, config: SyntheticConfig, path: Path, room: Room) -> None:
         self._config = config
@@ -62,36 +89,56 @@ class Renderer:
         self._undistort = undistorter(camera, config.colour.distortion)
         self._colour_grid = RayGrid.of(pixel_rays(camera, self._distortion))
         self._infrared = depth_sensor.infrared_camera(eye, camera)
-        self._infrared_grid = RayGrid.of(pixel_rays(self._infrared, np.zeros(5)))
+        self._depth_grid, eye_offset_m = self._colour_grid, 0.0
+        if eye.registration:
+            self._depth_grid = RayGrid.of(pixel_rays(self._infrared, np.zeros(5)))
+            eye_offset_m = eye.eye_offset_m
+        self._T_colour_depth = rigid_transform(np.eye(3), (-eye_offset_m, 0.0, 0.0))
         self._vignette = colour_sensor.vignette(camera, config.colour.vignetting)
 
     def render(self, index: int) -> Images:
         """Frame `index`: the same bytes whenever and wherever it is rendered."""
-        stamp_s = index / self._config.rate_hz
         rng = np.random.default_rng([self._config.seed, 5, index])
-        colour = self._colour(stamp_s, rng)
-        depth = self._depth(stamp_s + self._config.timing.skew_s, rng)
+        return self.sense(self.see(index), rng)
+
+    def see(self, index: int) -> Sight:
+        """What frame `index` would show to a sensor without noise."""
+        stamp_s, config = index / self._config.rate_hz, self._config
+        return Sight(
+            light=self._light(stamp_s),
+            true_m=self._distances(stamp_s + config.timing.skew_s),
+            gain=colour_sensor.gain_at(config.colour, stamp_s, config.duration_s),
+        )
+
+    def sense(self, sight: Sight, rng: np.random.Generator) -> Images:
+        """What the sensor makes of it: other noise each time, if `rng` goes on."""
+        eye = self._config.colour
+        colour = colour_sensor.expose(sight.light, sight.gain, self._vignette, eye, rng)
+        depth = self._measured(sight.true_m, rng)
         return Images(self._undistort.colour(colour), self._undistort.depth(depth))
 
     def _row_times(self, middle_s: float) -> Array:
         height = self._config.camera.height
         return middle_s + self._config.timing.readout_s * (np.arange(height) / (height - 1) - 0.5)
 
-    def _colour(self, stamp_s: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    def _light(self, stamp_s: float) -> NDArray[np.float32]:
         config, rays, times_s = self._config, self._colour_grid.rays, self._row_times(stamp_s)
-        T_world_row = self._path.poses(times_s)
-        view = look(self._room.solids, self._colour_grid, T_world_row)
+        T_body_row = self._in_bodies(times_s)
+        view = look(self._room.solids, self._colour_grid, T_body_row)
         depth_m, solid = cast(rays, view.kind, view.frames, view.candidates, view.near_m)
         image = self._shade(view, depth_m, solid)
-        if config.colour.exposure_s > 0:
-            half_s = config.colour.exposure_s / 2
-            T_opening_now = np.linalg.inv(self._path.poses(times_s - half_s)) @ T_world_row
-            T_closing_now = np.linalg.inv(self._path.poses(times_s + half_s)) @ T_world_row
-            image = colour_sensor.motion_blur(
-                image, rays, depth_m, T_opening_now, T_closing_now, config.camera.fx
-            )
-        gain = colour_sensor.gain_at(config.colour, stamp_s, config.duration_s)
-        return colour_sensor.expose(image, gain, self._vignette, config.colour, rng)
+        if config.colour.exposure_s == 0:
+            return image
+        half_s, body = config.colour.exposure_s / 2, self._room.solids.body[solid]
+        T_opening_now = np.linalg.inv(self._in_bodies(times_s - half_s)) @ T_body_row
+        T_closing_now = np.linalg.inv(self._in_bodies(times_s + half_s)) @ T_body_row
+        return colour_sensor.motion_blur(
+            image, rays, depth_m, body, T_opening_now, T_closing_now, config.camera.fx
+        )
+
+    def _in_bodies(self, times_s: Array) -> Array:
+        """T_body_camera (B, N, 4, 4) at `times_s` (N,)."""
+        return self._room.poses_in_bodies(times_s, self._path.poses(times_s))
 
     def _shade(
         self, view: View, depth_m: NDArray[np.float32], solid: NDArray[np.int32]
@@ -115,29 +162,30 @@ class Renderer:
             )
         return image
 
-    def _depth(self, middle_s: float, rng: np.random.Generator) -> NDArray[np.uint16]:
+    def _distances(self, middle_s: float) -> NDArray[np.float32]:
+        """(H, W) from the infrared camera; without registration, from the colour camera."""
+        T_body_row = self._in_bodies(self._row_times(middle_s)) @ self._T_colour_depth
+        grid = self._depth_grid
+        view = look(self._room.solids, grid, T_body_row)
+        return cast(grid.rays, view.kind, view.frames, view.candidates, view.near_m)[0]
+
+    def _measured(
+        self, true_m: NDArray[np.float32], rng: np.random.Generator
+    ) -> NDArray[np.uint16]:
         config, eye, camera = self._config, self._config.depth, self._config.camera
-        T_world_row = self._path.poses(self._row_times(middle_s))
+        measured_m = depth_sensor.measure(true_m, eye, rng)
         if not eye.registration:
-            true_m = self._distances(self._colour_grid, T_world_row)
-            measured_m = depth_sensor.measure(true_m, eye, rng)
             readings = np.minimum(measured_m * np.float32(config.depth_factor), 65535)
             depth: NDArray[np.uint16] = np.rint(readings).astype(np.uint16)
             return depth
-        T_colour_infrared = rigid_transform(np.eye(3), (-eye.eye_offset_m, 0.0, 0.0))
-        true_m = self._distances(self._infrared_grid, T_world_row @ T_colour_infrared)
         return depth_sensor.register(
-            depth_sensor.measure(true_m, eye, rng),
+            measured_m,
             (self._infrared.fx, self._infrared.cx, self._infrared.cy),
             (camera.fx, camera.fy, camera.cx, camera.cy),
             self._distortion,
             eye.eye_offset_m,
             config.depth_factor,
         )
-
-    def _distances(self, grid: RayGrid, T_world_row: Array) -> NDArray[np.float32]:
-        view = look(self._room.solids, grid, T_world_row)
-        return cast(grid.rays, view.kind, view.frames, view.candidates, view.near_m)[0]
 
 
 def pixel_rays(camera: PinholeCamera, distortion: Array) -> Array:

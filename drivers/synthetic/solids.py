@@ -64,9 +64,10 @@ def box(
 
 @dataclass(frozen=True)
 class SolidArrays:
-    """Solids as the kernels read them.
+    """Solids as the kernels read them, each in the frame of its body: what moves as one.
 
-    `to_unit` (S, 3, 3) turns and scales a world vector into a solid's unit cube, `centre_m` (S, 3),
+    `body` (S,): 0 is the room, which rests in the world; the others are what moves by itself.
+    `to_unit` (S, 3, 3) turns and scales a vector into a solid's unit cube, `centre_m` (S, 3),
     `corners_m` (S, 8, 3): corner i and corner i ^ (1, 2 or 4) share an edge.
     """
 
@@ -74,10 +75,12 @@ class SolidArrays:
     to_unit: Array
     centre_m: Array
     corners_m: Array
+    body: NDArray[np.int64]
 
     @classmethod
-    def pack(cls, solids: Sequence[Solid]) -> "SolidArrays":
-        """Arrays of `solids`, in their order."""
+    def pack(cls, *bodies: Sequence[Solid]) -> "SolidArrays":
+        """Arrays of the solids of all bodies, in their order, the room's first."""
+        solids = [solid for body in bodies for solid in body]
         unit = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)]) * 2.0 - 1.0
         R = np.array([s.T_world_solid[:3, :3] for s in solids])
         centre = np.array([s.T_world_solid[:3, 3] for s in solids])
@@ -87,4 +90,5 @@ class SolidArrays:
             to_unit=np.ascontiguousarray(R.transpose(0, 2, 1) / half[:, :, None]),
             centre_m=centre,
             corners_m=(unit * half[:, None, :]) @ R.transpose(0, 2, 1) + centre[:, None, :],
+            body=np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]),
         )

@@ -44,8 +44,8 @@ def test_the_page_is_what_the_code_says() -> None:
 
 
 def test_every_key_is_there() -> None:
-    assert keys(Config()) - {"synthetic.faults"} <= rows().keys()
-    assert {"synthetic.faults.kind", "synthetic.faults.first"} <= rows().keys()
+    assert keys(Config()) - {"synthetic.faults", "synthetic.movers"} <= rows().keys()
+    assert {"synthetic.faults.kind", "synthetic.movers.begin_s"} <= rows().keys()
 
 
 @pytest.mark.parametrize("key", sorted(rows()))

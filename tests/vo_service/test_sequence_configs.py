@@ -12,6 +12,7 @@ from vo_service.config import read_config
 
 FOLDER = Path(__file__).parents[2] / "config" / "sequences"
 MOTIONS = [Motion.HAND_HELD, Motion.FLOOR, Motion.ORBIT]
+PAGE = FOLDER.parents[1] / "docs" / "download.md"
 TINY = """
 [synthetic.camera]
 width = 64
@@ -28,6 +29,24 @@ def test_each_is_a_whole_kinect_with_its_motion(motion: Motion) -> None:
     config = read_config(FOLDER / f"{motion}.toml")
     assert config.camera.source == "synthetic"
     assert config.synthetic == SyntheticConfig(motion=motion, duration_s=20.0)
+
+
+@pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda file: file.stem)
+def test_all_are_virtual_kinects_that_end_and_are_told_of(file: Path) -> None:
+    config = read_config(file)
+    assert config.camera.source == "synthetic"
+    assert not config.synthetic.loop
+    assert config.synthetic.colour == SyntheticConfig().colour
+    assert f"--config config/sequences/{file.name} recordings/synthetic-" in file.read_text()
+    assert file.stem in PAGE.read_text()
+
+
+@pytest.mark.parametrize(("name", "begin_s", "end_s"), [("dark", 8, 11), ("gap", 10, 11)])
+def test_what_goes_wrong_does_so_in_the_middle(name: str, begin_s: float, end_s: float) -> None:
+    config = read_config(FOLDER / f"{name}.toml").synthetic
+    (fault,) = config.faults
+    assert fault.first == begin_s * config.rate_hz
+    assert fault.first + fault.count == end_s * config.rate_hz
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

@@ -10,6 +10,7 @@ from drivers.synthetic.render import pixel_rays
 CAMERA = PinholeCamera(128, 96, 100.0, 100.0, 63.5, 47.5)
 RAYS = pixel_rays(CAMERA, np.zeros(5))
 EVEN = np.ones((96, 128), dtype=np.float32)
+ROOM = np.zeros((96, 128), dtype=np.int64)
 CLEAN = SyntheticConfig.ideal().colour
 
 
@@ -18,7 +19,7 @@ def blurred_edge(shift_m: float) -> np.ndarray[tuple[int, ...], np.dtype[np.floa
     image = np.zeros((96, 128, 3), dtype=np.float32)
     image[:, 64:] = 200.0
     opening, closing = slide(shift_m / 2), slide(-shift_m / 2)
-    return motion_blur(image, RAYS, 2 * EVEN, opening, closing, CAMERA.fx)
+    return motion_blur(image, RAYS, 2 * EVEN, ROOM, opening[None], closing[None], CAMERA.fx)
 
 
 def slide(shift_m: float) -> Array:

@@ -37,6 +37,12 @@ def test_black_and_dark_spare_the_depth(studio: Studio, ideal: SyntheticConfig) 
         np.testing.assert_array_equal(frames[seq].depth_raw, clean[seq].depth_raw)
 
 
+def test_a_covered_camera_sees_nothing_at_all(studio: Studio, ideal: SyntheticConfig) -> None:
+    frames = studio.play(ideal, Fault(FaultKind.COVERED, 2, 2))
+    covered = [not frame.colour_bgr.any() and not frame.depth_raw.any() for frame in frames]
+    assert covered == [False, False, True, True, False, False]
+
+
 def test_noise_leaves_nothing_of_either_image_and_is_the_same_every_time(
     studio: Studio, ideal: SyntheticConfig
 ) -> None:

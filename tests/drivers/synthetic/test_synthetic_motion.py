@@ -46,7 +46,7 @@ def track(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("motion", list(Motion))
 def test_built_in_motions_are_rigid_and_end_where_they_began(motion: Motion) -> None:
-    poses = make_path(replace(CONFIG, motion=motion), 2.7).poses(TIMES)
+    poses = make_path(replace(CONFIG, motion=motion, loop=True), 2.7).poses(TIMES)
     assert all(is_rigid(T, 1e-9) for T in poses[::100])
     np.testing.assert_allclose(poses[0], poses[-1], atol=1e-9)
 

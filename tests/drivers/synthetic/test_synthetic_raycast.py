@@ -24,7 +24,7 @@ ANGLES = st.floats(-1.2, 1.2)
 
 
 def see(solids: list[Solid], T: Array) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    view = look(SolidArrays.pack(solids), GRID, np.repeat(T[None], CAMERA.height, axis=0))
+    view = look(SolidArrays.pack(solids), GRID, np.repeat(T[None], CAMERA.height, axis=0)[None])
     return cast_view(view)
 
 
@@ -108,7 +108,7 @@ def test_looking_only_at_candidates_changes_nothing(a: float, b: float, c: float
             for t in turns
         ]
     )
-    view = look(SolidArrays.pack(solids), GRID, T)
+    view = look(SolidArrays.pack(solids), GRID, T[None])
     every = np.argsort(view.near_m, kind="stable").astype(np.int32)
     lists = np.tile(np.append(every, np.int32(-1)), (*view.candidates.shape[:2], 1))
     for culled, complete in zip(

@@ -1,73 +1,20 @@
-"""OpenCV's SIFT and ORB in the place of SURF: what SurfOdometry is given to be compared."""
+"""SURF, SIFT and ORB: what the same odometry is fed with to compare them."""
 
-from collections.abc import Callable
-from math import sqrt
-
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
+from vo_service.bench.peers.features import RATIO, orb_odometry, sift_odometry
 from vo_service.odometry.parameters import SurfParameters
 from vo_service.odometry.stopwatch import Stopwatch
-from vo_service.odometry.surf import Features, SurfExtractor
-from vo_service.odometry.surf_odometry import FeatureExtractor, SurfOdometry
+from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.surf_odometry import SurfOdometry
 
 METHODS = ("SURF", "SIFT", "ORB")
 COUNT = 1000
-# Lowe's ratio, on the distance that is each method's own: ORB's is the number of bits that
-# differ, which is the square of the distance between vectors of 0 and 1.
-RATIO = 0.8
-
-
-class OpenCvExtractor:
-    """Descriptors of OpenCV as whole numbers in float32; bits become one number each."""
-
-    def __init__(self, create: Callable[[int], cv2.Feature2D], binary: bool = False) -> None:
-        self._create = create
-        self._binary = binary
-        self.count = COUNT
-
-    @property
-    def count(self) -> int:
-        """Features to find at most."""
-        return self._count
-
-    @count.setter
-    def count(self, count: int) -> None:
-        self._count = count
-        self._detector = self._create(count)
-
-    def extract(self, grey: NDArray[np.uint8]) -> Features:
-        """Features of a (H, W) image, in OpenCV's order. All signs are +1: nothing is left out."""
-        keypoints, found = self._detector.detectAndCompute(grey, None)
-        n = len(keypoints)
-        size = self._detector.descriptorSize()
-        table = np.asarray(found) if n else np.empty((0, size))
-        angle_rad = np.radians([k.angle for k in keypoints])
-        return Features(
-            position_px=np.array([k.pt for k in keypoints], np.float32).reshape(-1, 2),
-            scale_px=np.array([k.size for k in keypoints], np.float32),
-            direction=np.column_stack([np.cos(angle_rad), np.sin(angle_rad)]).astype(np.float32),
-            response=np.array([k.response for k in keypoints], np.float32),
-            sign=np.ones(n, np.float32),
-            descriptor=self._as_vectors(table),
-        )
-
-    def _as_vectors(self, table: NDArray[np.generic]) -> NDArray[np.float32]:
-        if self._binary:
-            return np.unpackbits(table.astype(np.uint8), axis=1).astype(np.float32)
-        return table.astype(np.float32)
 
 
 def make_odometry(method: str, stopwatch: Stopwatch) -> SurfOdometry:
     """The service's odometry, fed by one of METHODS."""
-    extractor: FeatureExtractor
-    match_ratio = RATIO
-    if method == "SURF":
-        extractor = SurfExtractor(COUNT)
-    elif method == "SIFT":
-        extractor = OpenCvExtractor(cv2.SIFT_create)  # type: ignore[attr-defined]
-    else:
-        extractor = OpenCvExtractor(cv2.ORB_create, binary=True)  # type: ignore[attr-defined]
-        match_ratio = sqrt(RATIO)
-    return SurfOdometry(extractor, SurfParameters(match_ratio=match_ratio), stopwatch)
+    if method == "SIFT":
+        return sift_odometry(COUNT, stopwatch)
+    if method == "ORB":
+        return orb_odometry(COUNT, stopwatch)
+    parameters = SurfParameters(match_ratio=RATIO)
+    return SurfOdometry(SurfExtractor(COUNT), parameters, stopwatch=stopwatch)

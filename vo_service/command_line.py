@@ -29,6 +29,7 @@ COMMANDS = (
     "evaluate",
     "reconstruct",
     "compare",
+    "bench",
     "download",
     "warm-up",
     "config",

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from vo_service.methods import METHODS, FeatureSettings
+from vo_service.odometry.estimate import Odometry
 
 # Large enough for every filter and every octave to have work to do.
 SIZE = 256
@@ -33,10 +34,14 @@ def warm_up(method: str, tell: Callable[[str], None]) -> float:
     `tell` gets the name of each stage as it begins. Compiled for any image size at once.
     """
     begin_s = time.monotonic()
-    odometry = METHODS[method](FeatureSettings(), StageNames(tell))
+    try_out(METHODS[method](FeatureSettings(), StageNames(tell)))
+    return time.monotonic() - begin_s
+
+
+def try_out(odometry: Odometry) -> None:
+    """Let an odometry that is not used otherwise see the made-up frames."""
     for frame in _made_up_frames():
         odometry.estimate(frame)
-    return time.monotonic() - begin_s
 
 
 def _made_up_frames() -> Iterator[RgbdFrame]:

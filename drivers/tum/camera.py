@@ -2,14 +2,13 @@
 
 import logging
 import threading
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, Pace, RgbdCamera, RgbdFrame
 from drivers.errors import InputError
 from drivers.trajectory import StampedPoses
-from drivers.tum.decode import UnreadableFrameError, load_pair
+from drivers.tum.decode import UnreadableFrameError
 from drivers.tum.folder import TumFolder, open_folder
 from drivers.tum.frame_buffer import (
     BufferClosedError,
@@ -17,8 +16,8 @@ from drivers.tum.frame_buffer import (
     LockstepBuffer,
     RealtimeBuffer,
 )
+from drivers.tum.frame_reader import FrameReader
 from drivers.tum.lists import FramePair
-from drivers.undistort import undistorter
 
 JOIN_TIMEOUT_S = 5.0
 _log = logging.getLogger(__name__)
@@ -117,29 +116,14 @@ def _decode_ahead(pairs: Sequence[FramePair], folder: TumFolder, buffer: FrameBu
 
 
 def _fill(buffer: FrameBuffer, pairs: Sequence[FramePair], folder: TumFolder) -> None:
-    camera = folder.camera_file
-    pinhole = camera.pinhole
-    lens = undistorter(pinhole, camera.distortion)
+    reader = FrameReader(folder)
     index = 0
     while (index := buffer.next_wanted(index)) < len(pairs):
-        pair = pairs[index]
         try:
-            colour, depth = load_pair(pair, (camera.width, camera.height))
+            frame = reader.read(pairs[index], seq=index)
         except UnreadableFrameError as error:
             _log.warning("frame %d is skipped: %s", index, error)
             buffer.skip()
         else:
-            frame = RgbdFrame(
-                seq=index,
-                stamp_s=pair.colour.stamp_s,
-                arrival_s=time.monotonic(),
-                colour_bgr=lens.colour(colour),
-                depth_raw=lens.depth(depth),
-                depth_factor=camera.depth_factor,
-                camera=pinhole,
-                skew_s=pair.skew_s + camera.depth_offset_s,
-                gravity_m_s2=folder.gravity.at(pair.colour.stamp_s),
-                readout_s=camera.readout_s,
-            )
             buffer.put(frame)
         index += 1

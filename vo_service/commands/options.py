@@ -108,3 +108,10 @@ def seconds(text: str) -> float:
     if not 0 < value < 1e9:
         raise argparse.ArgumentTypeError(f"{text} is not a time: give seconds, more than 0")
     return value
+
+
+def count(text: str) -> int:
+    """Parse a whole number, 1 or more."""
+    if not (text.isascii() and text.isdigit() and int(text[:9]) > 0):
+        raise argparse.ArgumentTypeError(f"{text} is not a count: give a whole number, 1 or more")
+    return int(text)

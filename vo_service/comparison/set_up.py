@@ -1,6 +1,5 @@
 """What a comparison was made with, as the report tells it."""
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -8,8 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from drivers.strict_toml import SCHEMA
 from vo_service.config import Config
+from vo_service.runs.effective_config import effective_config
 from vo_service.runs.recipe import SfmScale
 from vo_service.runs.versions import versions
 
@@ -31,15 +30,12 @@ class SetUp:
     @property
     def config_text(self) -> str:
         """The effective configuration, as `--config` takes it again."""
-        camera = [] if self.camera_file is None else _table("camera", {"file": self.camera_file})
-        odometry = asdict(self.config.odometry)
-        comment = [
-            "# What the comparison ran with; everything else was at its default, or is not used.",
-            f"# Methods: {', '.join(self.methods)}; `method` below counts where one is to be run.",
-            f"# First scale of sfm: --sfm-scale {self.sfm_scale}",
-        ]
-        lines = [*comment, f"schema = {SCHEMA}", *camera, *_table("odometry", odometry)]
-        return "\n".join(lines) + "\n"
+        return effective_config(
+            self.config.odometry,
+            self.camera_file,
+            f"Methods: {', '.join(self.methods)}; `method` below counts where one is to be run.",
+            f"First scale of sfm: --sfm-scale {self.sfm_scale}",
+        )
 
     def as_json(self) -> dict[str, Any]:
         """For report.json."""
@@ -53,13 +49,3 @@ class SetUp:
             "versions": versions(),
             "processors": os.cpu_count(),
         }
-
-
-def _table(name: str, values: dict[str, Any]) -> list[str]:
-    """A table of TOML; JSON's texts, numbers and lists are TOML's too."""
-    keys = [
-        f"{key} = {json.dumps(value, default=str, ensure_ascii=False)}"
-        for key, value in values.items()
-        if value is not None
-    ]
-    return ["", f"[{name}]", *keys]

@@ -1,55 +1,34 @@
 """The tables of a comparison: the paper's two, and all other figures."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from vo_service.comparison.paper import PaperFigures, about, paper_figures
 from vo_service.runs.judging import Judgement
+from vo_service.runs.metric import Metric, evaluated, of_run
 from vo_service.runs.results import SequenceResults
 from vo_service.runs.table import Cell, Table, number, words
 
-Judged = Callable[[Judgement], float | None]
-
-
-@dataclass(frozen=True)
-class _Metric:
-    """A column: its name in files, its heading for people, how it is got and shown."""
-
-    key: str
-    heading: str
-    value: Judged
-    digits: int
-    factor: float = 1.0
-
-
-def _evaluated(key: str) -> Judged:
-    return lambda judged: getattr(judged.evaluation, key) if judged.evaluation else None
-
-
-def _of_run(value: Callable[[Judgement], float]) -> Judged:
-    return lambda judged: value(judged) if judged.is_done else None
-
-
-ERROR = _Metric("mean_global_error_m", "m", _evaluated("mean_global_error_m"), 3)
-CPU = _Metric("cpu_s", "CPU s", _of_run(lambda judged: judged.outcome.run.cpu_s), 1)
-WALL = _Metric("wall_s", "wall s", _of_run(lambda judged: judged.outcome.run.wall_s), 1)
+ERROR = Metric("mean_global_error_m", "m", evaluated("mean_global_error_m"), 3)
+CPU = Metric("cpu_s", "CPU s", of_run(lambda run: run.cpu_s), 1)
+WALL = Metric("wall_s", "wall s", of_run(lambda run: run.wall_s), 1)
 METRICS = (
-    _Metric("coverage", "coverage %", lambda judged: judged.coverage, 1, 100.0),
-    _Metric("failed", "lost frames", _of_run(lambda judged: judged.outcome.run.failed), 0),
-    _Metric("new_epochs", "new epochs", _of_run(lambda judged: judged.outcome.run.new_epochs), 0),
+    Metric("coverage", "coverage %", lambda judged: judged.coverage, 1, 100.0),
+    Metric("failed", "lost frames", of_run(lambda run: run.failed), 0),
+    Metric("new_epochs", "new epochs", of_run(lambda run: run.new_epochs), 0),
     ERROR,
-    _Metric("ate_rmse_m", "ATE m", _evaluated("ate_rmse_m"), 3),
-    _Metric("rpe_frame_m", "RPE frame mm", _evaluated("rpe_frame_m"), 1, 1e3),
-    _Metric("rpe_frame_deg", "RPE frame °", _evaluated("rpe_frame_deg"), 2),
-    _Metric("rpe_1s_m", "RPE 1 s mm", _evaluated("rpe_1s_m"), 1, 1e3),
-    _Metric("rpe_1s_deg", "RPE 1 s °", _evaluated("rpe_1s_deg"), 2),
-    _Metric(
+    Metric("ate_rmse_m", "ATE m", evaluated("ate_rmse_m"), 3),
+    Metric("rpe_frame_m", "RPE frame mm", evaluated("rpe_frame_m"), 1, 1e3),
+    Metric("rpe_frame_deg", "RPE frame °", evaluated("rpe_frame_deg"), 2),
+    Metric("rpe_1s_m", "RPE 1 s mm", evaluated("rpe_1s_m"), 1, 1e3),
+    Metric("rpe_1s_deg", "RPE 1 s °", evaluated("rpe_1s_deg"), 2),
+    Metric(
         "cpu_ms_per_frame", "CPU ms a frame",
-        _of_run(lambda judged: judged.outcome.run.cpu_ms_per_frame), 1,
+        of_run(lambda run: run.cpu_ms_per_frame), 1,
     ),
     CPU,
     WALL,
-    _Metric("memory_mb", "memory MB", _of_run(lambda judged: judged.outcome.run.memory_mb), 0),
+    Metric("memory_mb", "memory MB", of_run(lambda run: run.memory_mb), 0),
 )  # fmt: skip
 # Of the frames: where fewer have a pose, the share stands beside the figure.
 WHOLE = 0.99
@@ -124,7 +103,7 @@ def gap_rows(result: SequenceResults) -> list[list[Cell]]:
 
 def _by_method(
     results: Sequence[SequenceResults],
-    metrics: Sequence[_Metric],
+    metrics: Sequence[Metric],
     papers: Callable[[PaperFigures], float],
 ) -> tuple[list[str], list[str], list[list[Cell]]]:
     """Keys, headings and rows: one row a recording, the methods beside each other."""
@@ -148,12 +127,12 @@ def _by_method(
     return keys, head + [f"paper: {about(method).name}" for method in known], rows
 
 
-def _heading(method: str, metric: _Metric, metrics: Sequence[_Metric]) -> str:
+def _heading(method: str, metric: Metric, metrics: Sequence[Metric]) -> str:
     name = about(method).name
     return name if len(metrics) == 1 else f"{name}, {metric.heading}"
 
 
-def _cell_or_state(judged: Judgement, metric: _Metric, is_best: bool) -> Cell:
+def _cell_or_state(judged: Judgement, metric: Metric, is_best: bool) -> Cell:
     """In the paper's tables a run without a result says so, and an error of how many frames."""
     if not judged.is_done:
         return Cell(None, judged.outcome.state)
@@ -164,5 +143,5 @@ def _cell_or_state(judged: Judgement, metric: _Metric, is_best: bool) -> Cell:
     return replace(cell, text=f"{cell.text} ({100 * share:.0f} %)")
 
 
-def _cell(judged: Judgement, metric: _Metric, is_best: bool = False) -> Cell:
+def _cell(judged: Judgement, metric: Metric, is_best: bool = False) -> Cell:
     return number(metric.value(judged), metric.digits, metric.factor, is_best)

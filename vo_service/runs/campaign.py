@@ -93,12 +93,15 @@ class _Run:
 
     def _job(self) -> Job:
         level = logging.getLogger().getEffectiveLevel()
-        return Job(self.recording.folder, self.recording.camera_file, self.recipe, level)
+        recording = self.recording
+        return Job(recording.folder, recording.camera_file, self.recipe, level, recording.excerpt)
 
     def _about(self) -> dict[str, object]:
         return {
             "recording": self.recording.name,
             "folder": str(self.recording.folder.resolve()),
+            "every": self.recording.excerpt.every,
+            "first": self.recording.excerpt.first,
             "method": self.method,
             "settings": dict(self.recipe.settings),
             "versions": versions(),

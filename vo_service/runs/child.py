@@ -4,6 +4,10 @@ It ends with the program that started it, whatever happens: in order where that 
 force where not.
 """
 
+import vo_service.runs.one_thread  # noqa: F401
+
+# isort: split
+
 import os
 import signal
 import sys
@@ -33,6 +37,7 @@ def main(connection: "Connection[Any, Any]") -> None:
     job: Job = connection.recv()
     outbox = Outbox(connection)
     log_to_service(outbox, job.log_level)
+    stay_on_one_processor()
     cv2.setNumThreads(1)
     watching = threading.Thread(target=_end_with_the_program, args=(connection,), daemon=True)
     watching.start()
@@ -41,6 +46,12 @@ def main(connection: "Connection[Any, Any]") -> None:
         outbox.tell(word)
 
     tell(outcome_of(job, tell))
+
+
+def stay_on_one_processor() -> None:
+    """Libraries that ask nobody how many threads to make then make one."""
+    allowed = sorted(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {allowed[os.getpid() % len(allowed)]})
 
 
 def outcome_of(job: Job, tell: Callable[[Word], None]) -> Outcome:

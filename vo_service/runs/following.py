@@ -1,88 +1,81 @@
-"""One method over one recording, frame by frame, with its times."""
+"""One method over one recording, frame by frame, with its times.
 
-import resource
+Frames are read one at a time, between two estimates: nothing is decoded while a method works, so
+all processor time meanwhile is the method's, whatever threads it has, and no frames but the newest
+take memory.
+"""
+
+import logging
 import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator
-from statistics import median
+from collections.abc import Callable, Iterator, Sequence
 
-import numpy as np
-
-from drivers.camera import EndOfStream, Pace, RgbdFrame
-from drivers.errors import UserFacingError
-from drivers.trajectory import StampedPoses
-from drivers.tum.camera import TumCamera
-from vo_service.odometry.estimate import Estimate
+from drivers.camera import RgbdFrame
+from drivers.tum.decode import UnreadableFrameError
+from drivers.tum.folder import TumFolder, open_folder
+from drivers.tum.frame_reader import FrameReader
+from drivers.tum.lists import FramePair
+from vo_service.odometry.estimate import Odometry
+from vo_service.runs.diary import Diary
 from vo_service.runs.messages import Job, Preparing, Progress
-from vo_service.runs.run import FrameLog, Run
+from vo_service.runs.recipe import Recipe
+from vo_service.runs.run import Run
 from vo_service.stage_clock import StageClock
 
-# A disk that does not answer for this long will not answer at all.
-READ_LIMIT_S = 60.0
 PROGRESS_S = 0.1
+# A method is first tried on so many frames and then made anew: what it loads, compiles and sets up
+# the first time is not counted.
+WARM_UP_FRAMES = 3
+
+logger = logging.getLogger(__name__)
 
 
 def follow(job: Job, tell: Callable[[Preparing | Progress], None]) -> Run:
-    """The whole folder, as fast as it goes; raises UserFacingError if it cannot be read on."""
-    job.recipe.prepare(lambda stage: tell(Preparing(stage)))
-    diary = _Diary()
-    with TumCamera(job.folder, job.camera_file, Pace.LOCKSTEP) as camera:
-        total = camera.frame_count or 0
-        stages = StageClock()
-        odometry = job.recipe.make(stages, camera.ground_truth)
-        told_s = 0.0
-        for frame in _frames(camera):
-            begin_s, begin_cpu_s = time.monotonic(), time.thread_time()
-            estimate = odometry.estimate(frame)
-            cpu_s, wall_s = time.thread_time() - begin_cpu_s, time.monotonic() - begin_s
-            diary.add(frame, estimate, cpu_s, wall_s)
-            diary.add_stages(stages)
-            if time.monotonic() - told_s > PROGRESS_S:
-                told_s = time.monotonic()
-                tell(Progress(frame.seq + 1, total))
-        skipped = camera.counters.skipped
-    return diary.run(skipped)
+    """All frames of the excerpt. Raises UserFacingError if the folder or a pose is without use."""
+    folder = open_folder(job.folder, job.camera_file)
+    pairs = job.excerpt.of(folder.frames.pairs)
+    warm_up(job.recipe, folder, pairs, lambda stage: tell(Preparing(stage)))
+    stages, diary = StageClock(), Diary()
+    odometry = job.recipe.make(stages, folder.ground_truth)
+    told_s = 0.0
+    for frame in _frames(folder, pairs):
+        _add(diary, odometry, frame, stages)
+        if time.monotonic() - told_s > PROGRESS_S:
+            told_s = time.monotonic()
+            tell(Progress(frame.seq + 1, len(pairs)))
+    return diary.run(skipped=len(pairs) - len(diary))
 
 
-def _frames(camera: TumCamera) -> Iterator[RgbdFrame]:
-    while True:
+def warm_up(
+    recipe: Recipe, folder: TumFolder, pairs: Sequence[FramePair], tell: Callable[[str], None]
+) -> None:
+    """Compile or load what there is, and let the method see the first frames once."""
+    recipe.prepare(tell)
+    tell("first frames")
+    odometry = recipe.make(StageClock(), folder.ground_truth)
+    reader = FrameReader(folder)
+    for seq, pair in enumerate(pairs[:WARM_UP_FRAMES]):
         try:
-            yield camera.read(READ_LIMIT_S)
-        except EndOfStream:
-            return
+            odometry.estimate(reader.read(pair, seq))
+        except UnreadableFrameError:  # to be told when its turn comes
+            continue
 
 
-class _Diary:
-    """Takes down what becomes of each frame."""
+def _add(diary: Diary, odometry: Odometry, frame: RgbdFrame, stages: StageClock) -> None:
+    """Let the method see a frame, and take down what it says and takes."""
+    begin_s, begin_cpu_s = time.monotonic(), time.process_time()
+    estimate = odometry.estimate(frame)
+    cpu_s, wall_s = time.process_time() - begin_cpu_s, time.monotonic() - begin_s
+    diary.add(frame, estimate, cpu_s, wall_s)
+    diary.add_stages(stages.take())
 
-    def __init__(self) -> None:
-        self._rows: list[tuple[float, bool, int, int, float, float, str]] = []
-        self._stamps_s: list[float] = []
-        self._poses: list[np.ndarray] = []
-        self._epoch = 0
-        self._stages_ms: defaultdict[str, list[float]] = defaultdict(list)
 
-    def add(self, frame: RgbdFrame, estimate: Estimate, cpu_s: float, wall_s: float) -> None:
-        self._epoch += estimate.restarted
-        times_ms = 1e3 * cpu_s, 1e3 * wall_s
-        state = frame.stamp_s, estimate.ok, self._epoch, estimate.inliers
-        self._rows.append((*state, *times_ms, estimate.reason))
-        if estimate.ok:
-            self._stamps_s.append(frame.stamp_s)
-            self._poses.append(estimate.T_world_camera)
-
-    def add_stages(self, stages: StageClock) -> None:
-        for stage, spent_ms in stages.take().items():
-            self._stages_ms[stage].append(spent_ms)
-
-    def run(self, skipped: int) -> Run:
-        poses = np.array(self._poses, np.float64).reshape(-1, 4, 4)
-        if not np.isfinite(poses).all():
-            raise UserFacingError("a pose is not finite: the method has a fault")
-        return Run(
-            frames=FrameLog.of(self._rows),
-            trajectory=StampedPoses(np.array(self._stamps_s), poses),
-            skipped=skipped,
-            stage_ms={stage: median(spent) for stage, spent in self._stages_ms.items()},
-            memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
-        )
+def _frames(folder: TumFolder, pairs: Sequence[FramePair]) -> Iterator[RgbdFrame]:
+    """Those that can be read; the others are named in the log."""
+    reader = FrameReader(folder)
+    for seq, pair in enumerate(pairs):
+        try:
+            frame = reader.read(pair, seq)
+        except UnreadableFrameError as error:
+            logger.warning("frame %d is skipped: %s", seq, error)
+            continue
+        yield frame

@@ -9,6 +9,7 @@ from drivers.errors import InputError
 from vo_service.evaluation import Evaluation, evaluate
 from vo_service.evaluation.association import MatchedPoses, associate
 from vo_service.evaluation.gaps import Crossing, cross, error_across, within_gaps
+from vo_service.evaluation.gross_errors import gross_errors, tracked_steps
 from vo_service.evaluation.metrics import RelativeErrors, consecutive_pairs, relative_errors, rms
 from vo_service.runs.campaign import Entry
 from vo_service.runs.keeping import run_as_json
@@ -28,6 +29,8 @@ class Judgement:
     crossings      one a pause of the recording; none where there is no run
     jumps          error of the motion across each pause, (1,) each
     rpe_frame_without_gaps_m  RPE of one frame without the steps across the pauses
+    steps          from a pose to the next one in the same epoch, where both have ground truth
+    gross_errors   of these, how many are off by more than 5 cm or 3 degrees
     """
 
     entry: Entry
@@ -38,6 +41,8 @@ class Judgement:
     crossings: tuple[Crossing, ...] = ()
     jumps: tuple[RelativeErrors | None, ...] = ()
     rpe_frame_without_gaps_m: float | None = None
+    steps: int | None = None
+    gross_errors: int | None = None
 
     @property
     def outcome(self) -> Outcome:
@@ -68,6 +73,8 @@ class Judgement:
             **evaluated,
             "coverage": self.coverage,
             "rpe_frame_without_gaps_m": self.rpe_frame_without_gaps_m,
+            "steps": self.steps,
+            "gross_errors": self.gross_errors,
             "gaps": [
                 {"across": str(crossing), **_jump_as_json(jump)}
                 for crossing, jump in zip(self.crossings, self.jumps, strict=True)
@@ -107,12 +114,16 @@ def _evaluated(judgement: Judgement, run: Run, recording: Recording) -> Judgemen
     matched = associate(run.trajectory, recording.truth)
     pairs = consecutive_pairs(matched)
     steps_m = relative_errors(matched, pairs).translation_m
+    good = run.frames.is_good
+    steps = tracked_steps(matched, run.trajectory.stamps_s, run.frames.epochs[good])
     return replace(
         judgement,
         evaluation=evaluation,
         matched=matched,
         coverage=evaluation.coverage,
         jumps=tuple(error_across(matched, gap) for gap in recording.gaps),
+        steps=len(steps),
+        gross_errors=gross_errors(matched, steps),
         rpe_frame_without_gaps_m=rms(steps_m[~within_gaps(matched, pairs, recording.gaps)]),
     )
 

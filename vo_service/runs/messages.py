@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.isolation.messages import LogLine
+from vo_service.runs.excerpt import WHOLE, Excerpt
 from vo_service.runs.recipe import Recipe
 from vo_service.runs.run import Outcome
 
@@ -16,6 +17,7 @@ class Job:
     camera_file: Path | None
     recipe: Recipe
     log_level: int
+    excerpt: Excerpt = WHOLE
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -14,16 +14,29 @@ from drivers.trajectory import StampedPoses
 from drivers.tum.folder import TumFolder, open_folder
 from vo_service.evaluation.association import has_partner, nearest
 from vo_service.evaluation.gaps import Gap, find_gaps
+from vo_service.runs.excerpt import WHOLE, Excerpt
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A folder that has been checked; `camera_file` is what it was opened with."""
+    """A folder that has been checked, or an excerpt of it, with a name of its own.
+
+    camera_file  what it was opened with
+    opened       its frames are those of the excerpt
+    """
 
     name: str
     folder: Path
     camera_file: Path | None
     opened: TumFolder
+    excerpt: Excerpt = WHOLE
+
+    def only(self, excerpt: Excerpt) -> "Recording":
+        """An excerpt of the whole recording."""
+        frames = self.opened.frames
+        part = replace(frames, pairs=excerpt.of(frames.pairs))
+        opened = replace(self.opened, frames=part)
+        return replace(self, name=f"{self.name}{excerpt.suffix}", excerpt=excerpt, opened=opened)
 
     @cached_property
     def frames_s(self) -> Array:

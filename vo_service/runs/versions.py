@@ -12,6 +12,8 @@ SOURCES = (
     "drivers",
     "vo_service/odometry",
     "vo_service/methods.py",
+    "vo_service/bench/peers",
+    "vo_service/runs/diary.py",
     "vo_service/runs/following.py",
     "vo_service/runs/method_recipe.py",
     "vo_service/runs/true_scale.py",

@@ -20,6 +20,13 @@ def test_a_run_is_judged_by_the_truth_of_its_recording() -> None:
     assert (figures["state"], figures["gaps"], figures["no_evaluation"]) == ("done", [], "")
 
 
+def test_steps_that_are_grossly_wrong_are_counted_but_not_into_a_new_epoch() -> None:
+    assert judged(recording()).gross_errors == 0
+    wild = judged(recording(), step_m=STEP_M + 0.06, lost=range(20, 24), epoch_from=24)
+    assert (wild.gross_errors, wild.steps) == (FRAMES - 4 - 2, FRAMES - 4 - 2)
+    assert wild.as_json()["gross_errors"] == wild.gross_errors
+
+
 def test_a_pause_is_listed_with_what_the_method_did_across_it() -> None:
     lost = judged(recording(gap_s=1.0), lost=range(20, 24)).as_json()
     assert lost["gaps"][0]["across"] == "lost 4 frames, then found again"

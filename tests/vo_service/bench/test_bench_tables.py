@@ -1,0 +1,64 @@
+"""The tables of the bench, from made-up runs whose figures are known."""
+
+import csv
+import io
+
+import pytest
+
+from tests.vo_service.runs.made_up import CRASH, FRAMES, STEP_M, done, recording, results
+from vo_service.bench.metrics import COMPARED, METRICS, figures, ratios
+from vo_service.bench.tables import Ranking, bench_table
+from vo_service.runs.excerpt import Excerpt
+
+WALK = recording("walk")
+RANKING = Ranking(
+    results(
+        WALK,
+        surf=done(WALK, step_m=STEP_M + 0.001),
+        icp=done(WALK, step_m=STEP_M + 0.002, lost=range(36, FRAMES)),
+        sfm=CRASH,
+    ),
+    "surf",
+)
+
+
+def test_every_figure_of_a_run_has_a_key_and_those_of_a_crash_are_unknown() -> None:
+    surf, crashed = (figures(RANKING.result.judged[name]) for name in ("surf", "sfm"))
+    assert list(surf) == [metric.key for metric in METRICS]
+    assert (surf["cpu_ms_mean"], surf["cpu_ms_p99"], surf["wall_ms_median"]) == (8.0, 8.0, 10.0)
+    assert (surf["gross_errors"], surf["steps"]) == (0, FRAMES - 1)
+    assert set(crashed.values()) == {None}
+
+
+def test_ratios_are_to_the_method_that_is_named() -> None:
+    judged = RANKING.result.judged
+    found = ratios(judged["icp"], judged["surf"])
+    assert found["rpe_frame_m"] == pytest.approx(2.0)
+    assert found["cpu_ms_mean"] == 1.0
+    assert found["rpe_frame_deg"] is None  # of an error of zero there is no share
+    assert set(ratios(judged["icp"], judged["sfm"]).values()) == {None}
+
+
+def test_for_people_there_is_a_row_a_method_and_ratios_beside_the_figures() -> None:
+    title, head, surf, icp, sfm = RANKING.error_table().as_text().splitlines()
+    assert title == "walk, every frame: 40 frames in 1.3 s; in () times that of surf"
+    assert head.split()[:3] == ["method", "ATE", "mm"]
+    assert "19.5 (1.00)" in surf
+    assert "35.0 (1.79)" in icp
+    assert icp.split()[-5:] == ["90.0", "4", "0", "0", "35"]
+    assert sfm.split()[:3] == ["sfm:", "crashed", "-"]
+    assert RANKING.cost_table().as_text().splitlines()[2].split()[:3] == ["surf", "8.0", "(1.00)"]
+
+
+def test_for_scripts_there_is_one_table_with_every_figure_and_ratio() -> None:
+    tenth = WALK.only(Excerpt(every=10))
+    slow = Ranking(results(tenth, surf=CRASH), "surf")
+    rows = list(csv.DictReader(io.StringIO(bench_table([RANKING, slow]).as_csv())))
+    assert [(row["sequence"], row["every"], row["frames"]) for row in rows] == [
+        *[("walk", "1", "40")] * 3,
+        ("walk", "10", "4"),
+    ]
+    assert float(rows[1]["rpe_frame_m"]) == pytest.approx(0.002)
+    assert float(rows[1]["mean_global_error_m_ratio"]) == pytest.approx(35.0 / 19.5)
+    assert rows[2]["state"] == "crashed"
+    assert all(rows[2][f"{metric.key}_ratio"] == "" for metric in COMPARED)

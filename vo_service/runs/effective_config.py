@@ -1,0 +1,28 @@
+"""The configuration that runs were made with, as a file."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from drivers.strict_toml import SCHEMA
+from vo_service.config import OdometrySettings
+
+
+def effective_config(odometry: OdometrySettings, camera_file: Path | None, *notes: str) -> str:
+    """Text that `--config` takes again; the notes stand above as comments."""
+    camera = [] if camera_file is None else _table("camera", {"file": camera_file})
+    about = "What the methods ran with; everything else was at its default, or is not used."
+    comments = [f"# {note}" for note in (about, *notes)]
+    lines = [*comments, f"schema = {SCHEMA}", *camera, *_table("odometry", asdict(odometry))]
+    return "\n".join(lines) + "\n"
+
+
+def _table(name: str, values: dict[str, Any]) -> list[str]:
+    """A table of TOML; JSON's texts, numbers and lists are TOML's too."""
+    keys = [
+        f"{key} = {json.dumps(value, default=str, ensure_ascii=False)}"
+        for key, value in values.items()
+        if value is not None
+    ]
+    return ["", f"[{name}]", *keys]

@@ -1,0 +1,14 @@
+"""Import this before numpy: numeric libraries then run on one thread, whatever the user has set.
+
+They read these variables when they are loaded.
+"""
+
+import os
+
+for variable in (
+    "OPENBLAS_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+):
+    os.environ[variable] = "1"

@@ -1,0 +1,147 @@
+"""What becomes of a method where it is hard: a table, one row for each thing that goes wrong.
+
+    python -m benchmarks.hard_cases FOLDER [--method keyframe] [--only dark wall] [--json]
+
+FOLDER keeps the sequences of config/sequences, which are rendered the first time (half an hour of
+one core). A gross error is a step off by more than 5 cm or 3 degrees; in brackets those at a frame
+that is called tracking. "longest" is the longest time without a pose; "recovery" the longest time
+from the end of what is hard until a frame is called tracking. ATE and largest error are those of
+all poses that there are, in millimetres. "slow" creeps by a millimetre a second for a minute,
+"still" stands still for --still-frames frames with fresh noise in each (an hour is 108000).
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import cv2
+
+from benchmarks.hard_cases_measure import HardCase, measure
+from benchmarks.rendered import render_all
+from benchmarks.slow_cases_measure import Creeping, StandingStill, creep, stand_still
+from benchmarks.still_views import StillView
+from drivers.errors import UserFacingError
+from drivers.synthetic.config import SyntheticConfig
+from vo_service.config import read_config
+from vo_service.methods import DEFAULT_METHOD, METHODS
+from vo_service.warm_up import warm_up
+
+SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"
+SLOW, STILL = "slow", "still"
+HARD = ("object-8", "object-20", "person", "wall", "dark", "covered", "gap", "fast-turn", "floor")
+CASES = (*HARD, SLOW, STILL)
+FIVE_MINUTES = 9000
+HEAD = (
+    f"{'':12}{'frames':>8}{'degraded':>10}{'lost':>6}{'epochs':>8}{'gross':>9}{'longest s':>11}"
+    f"{'recovery s':>12}{'ATE':>8}{'largest':>9}"
+)
+
+Figures = HardCase | Creeping | StandingStill
+
+
+def main() -> int:
+    """Render, measure and print."""
+    args = _parser().parse_args()
+    cv2.setNumThreads(1)
+    silent = args.json
+    tell: Callable[[str], None] = (lambda line: None) if silent else _print_now
+    try:
+        results = run(args.folder, args.method, args.only, args.still_frames, tell)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    if silent:
+        print(json.dumps(results, default=asdict))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.hard_cases",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", type=Path, help="where the sequences are kept")
+    parser.add_argument("--method", choices=METHODS, default=DEFAULT_METHOD)
+    parser.add_argument("--only", nargs="+", choices=CASES, default=CASES, metavar="CASE")
+    parser.add_argument("--still-frames", type=int, default=FIVE_MINUTES)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    return parser
+
+
+def _print_now(line: str) -> None:
+    print(line, flush=True)
+
+
+def run(
+    folder: Path, method: str, names: list[str], still_frames: int, tell: Callable[[str], None]
+) -> Mapping[str, Figures]:
+    """The figures of each case, told as they come. Raises as `render_all`."""
+    configs = {name: case_config(name) for name in names}
+    folder.mkdir(parents=True, exist_ok=True)
+    longest_first = sorted(names, key=lambda name: -configs[name].frame_count)
+    wanted = {folder / name: configs[name] for name in longest_first if name != STILL}
+    render_all(wanted, tell, os.cpu_count() or 1)
+    warm_up(method, lambda stage: None)
+    results: dict[str, Figures] = {}
+    for name in (name for name in CASES if name in names):
+        if not results:
+            tell(f"{method}\n{HEAD}")
+        results[name] = _figures(name, folder / name, configs[name], method, still_frames)
+        tell(f"{name:12}{as_text(results[name])}")
+    return results
+
+
+def case_config(name: str) -> SyntheticConfig:
+    """What a case is rendered from."""
+    return replace(read_config(SEQUENCES / f"{name}.toml").synthetic, loop=False)
+
+
+def _figures(
+    name: str, folder: Path, config: SyntheticConfig, method: str, still_frames: int
+) -> Figures:
+    if name == STILL:
+        return stand_still(method, StillView.of(config).frames(still_frames))
+    if name == SLOW:
+        return creep(method, folder)
+    return measure(method, folder, config)
+
+
+def as_text(figures: Figures) -> str:
+    """One row of the table, behind the name."""
+    match figures:
+        case HardCase():
+            gross = f"{figures.gross} ({figures.gross_tracking})"
+            return (
+                f"{figures.frames:8}{figures.degraded:10}{figures.lost:6}{figures.epochs:8}"
+                f"{gross:>9}{figures.longest_s:11.2f}{_number(figures.recovery_s, 1.0, 12, 2)}"
+                f"{_number(figures.ate_m, 1e3, 8, 1)}{_number(figures.largest_m, 1e3, 9, 1)}"
+            )
+        case Creeping():
+            share = 100.0 * figures.followed_m / figures.way_m
+            return (
+                f"{figures.frames:8}{'':10}{figures.lost:6}    "
+                f"{1e3 * figures.followed_m:.2f} of {1e3 * figures.way_m:.2f} mm: {share:.1f} %"
+            )
+        case StandingStill():
+            return (
+                f"{figures.frames:8}{'':10}{figures.lost:6}    "
+                f"at most {1e3 * figures.farthest_m:.3f} mm and {figures.farthest_deg:.4f} degrees "
+                f"away, in the end {1e3 * figures.end_m:.3f} mm and {figures.end_deg:.4f} degrees"
+            )
+
+
+def _number(value: float | None, scale: float, width: int, digits: int) -> str:
+    return f"{'-':>{width}}" if value is None else f"{scale * value:{width}.{digits}f}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,80 @@
+"""Virtual rooms seen along recorded hand motions, as TUM folders with the exact ground truth.
+
+    python -m benchmarks.mocap_rooms TRACKS OUTPUT [--seeds 11 12 13] [--timing ideal rolling-12]
+
+TRACKS is a folder of trajectories in TUM format, NAME-groundtruth.txt, such as those of the TUM
+RGB-D benchmark. Each becomes OUTPUT/NAME-roomSEED-TIMING, another room for each seed. "ideal" takes
+all of a frame in one instant; "rolling-12" reads out for 20 ms and takes depth 12 ms after colour.
+What is there and whole is kept. All else of the sensor is as a Kinect's.
+"""
+
+import argparse
+import os
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from benchmarks.rendered import render_all
+from drivers.errors import InputError, UserFacingError
+from drivers.synthetic.config import SyntheticConfig, Timing
+
+SUFFIX = "-groundtruth.txt"
+SEEDS = (11, 12, 13)
+TIMINGS = {
+    "ideal": Timing(0.0, 0.0),
+    "rolling--12": Timing(0.020, -0.012),
+    "rolling-0": Timing(0.020, 0.0),
+    "rolling-12": Timing(0.020, 0.012),
+}
+# All of freiburg1's xyz, rpy and desk are brisk there.
+START_S, DURATION_S = 12.0, 10.0
+
+
+def main() -> int:
+    """Render."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.mocap_rooms",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("tracks", type=Path, help="folder of trajectories")
+    parser.add_argument("output", type=Path, help="folder to put the sequences into")
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="of the rooms")
+    parser.add_argument("--timing", nargs="+", choices=TIMINGS, default=list(TIMINGS))
+    parser.add_argument("--start", type=float, default=START_S, help="where in the track, seconds")
+    parser.add_argument("--seconds", type=float, default=DURATION_S, help="length of each")
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    args = parser.parse_args()
+    begin_s = time.monotonic()
+    try:
+        wanted = {
+            args.output / name: replace(config, track_start_s=args.start, duration_s=args.seconds)
+            for name, config in rooms(args.tracks, args.seeds, args.timing).items()
+        }
+        args.output.mkdir(parents=True, exist_ok=True)
+        render_all(wanted, lambda line: print(line, flush=True), args.processes)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    print(f"{len(wanted)} sequences in {args.output}, after {time.monotonic() - begin_s:.0f} s")
+    return 0
+
+
+def rooms(tracks: Path, seeds: list[int], timings: list[str]) -> dict[str, SyntheticConfig]:
+    """What to render, by name. Raises InputError if there are no tracks."""
+    files = sorted(tracks.glob(f"*{SUFFIX}"))
+    if not files:
+        raise InputError(f"{tracks}: holds no *{SUFFIX}; name a folder of TUM trajectories")
+    return {
+        f"{file.name.removesuffix(SUFFIX)}-room{seed}-{timing}": SyntheticConfig(
+            seed=seed, track=file.resolve(), timing=TIMINGS[timing]
+        )
+        for file in files
+        for seed in seeds
+        for timing in timings
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

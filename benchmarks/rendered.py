@@ -1,0 +1,74 @@
+"""Sequences of the virtual Kinect as TUM folders: rendered once, several at a time."""
+
+import shutil
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import cv2
+
+from drivers.camera import EndOfStream, Pace
+from drivers.errors import InputError
+from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
+from drivers.tum.writer import TumWriter
+
+# Says what a folder was rendered from: one without it is not whole, or somebody else's.
+NOTE = "synthetic.txt"
+READ_TIMEOUT_S = 60.0
+
+
+def render_all(
+    wanted: Mapping[Path, SyntheticConfig], tell: Callable[[str], None], processes: int
+) -> None:
+    """Render what is not there yet, and what was rendered from another configuration.
+
+    The one cut off is begun again the next time. Raises InputError for a folder that holds anything
+    else, or a track that cannot be used, and UserFacingError if the disk is full.
+    """
+    missing = {folder: config for folder, config in wanted.items() if not is_whole(folder, config)}
+    if not missing:
+        return
+    spawn = get_context("spawn")
+    with ProcessPoolExecutor(
+        processes, spawn, initializer=cv2.setNumThreads, initargs=(1,)
+    ) as pool:
+        begun = {pool.submit(render, folder, config): folder for folder, config in missing.items()}
+        try:
+            for done, ended in enumerate(as_completed(begun), 1):
+                ended.result()
+                tell(f"rendered {done} of {len(missing)}: {begun[ended]}")
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def is_whole(folder: Path, config: SyntheticConfig) -> bool:
+    """Whether a folder holds all of this very sequence."""
+    note = folder / NOTE
+    return note.is_file() and note.read_text() == f"{config}\n"
+
+
+def render(folder: Path, config: SyntheticConfig) -> None:
+    """One sequence, once from its begin to its end. Raises as `render_all`."""
+    if folder.exists():
+        if not (folder / NOTE).is_file():
+            raise InputError(f"{folder}: was not rendered here; name another folder")
+        shutil.rmtree(folder)
+    part = folder.with_name(f"{folder.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    once = replace(config, loop=False)
+    with SyntheticCamera(once, Pace.LOCKSTEP, Preparation(preload=False, threads=1)) as camera:
+        _write(camera, part)
+    (part / NOTE).write_text(f"{config}\n")
+    part.rename(folder)
+
+
+def _write(camera: SyntheticCamera, folder: Path) -> None:
+    with TumWriter(folder, ground_truth=camera.ground_truth) as writer:
+        while True:
+            try:
+                writer.write(camera.read(READ_TIMEOUT_S))
+            except EndOfStream:
+                return

@@ -1,0 +1,77 @@
+"""Sequences that benchmarks render once and keep."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.mocap_rooms import TIMINGS, rooms
+from benchmarks.rendered import is_whole, render, render_all
+from benchmarks.still_views import StillView
+from drivers.camera import PinholeCamera
+from drivers.errors import InputError
+from drivers.synthetic.config import Motion, SyntheticConfig
+from drivers.synthetic.faults import Fault, FaultKind
+from drivers.tum.folder import open_folder
+
+TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
+CONFIG = SyntheticConfig(camera=TINY, duration_s=0.2, texel_m=0.05, motion=Motion.STILL)
+
+
+def told_nothing(line: str) -> None:
+    raise AssertionError(line)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sequence that a killed program had begun, and then was rendered."""
+    folder = tmp_path_factory.mktemp("rendered") / "room"
+    (folder.with_name("room.part") / "rgb").mkdir(parents=True)
+    render(folder, replace(CONFIG, faults=(Fault(FaultKind.DROPPED, 2, 1),)))
+    return folder
+
+
+def test_a_sequence_is_whole_with_its_truth_and_its_faults(kept: Path) -> None:
+    opened = open_folder(kept, None)
+    assert len(opened.frames.pairs) == 5
+    assert opened.ground_truth is not None
+    assert len(opened.ground_truth) == 6
+    assert opened.camera_file.readout_s == CONFIG.timing.readout_s
+    assert not kept.with_name("room.part").exists()
+
+
+def test_what_is_there_is_not_rendered_again_but_what_has_changed_is(kept: Path) -> None:
+    config = replace(CONFIG, faults=(Fault(FaultKind.DROPPED, 2, 1),))
+    render_all({kept: config}, told_nothing, 1)
+    assert is_whole(kept, config)
+    assert not is_whole(kept, CONFIG)
+
+
+def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("years of work")
+    with pytest.raises(InputError, match="was not rendered here; name another folder"):
+        render(tmp_path, CONFIG)
+    assert (tmp_path / "thesis.txt").exists()
+
+
+def test_each_track_is_seen_in_each_room_with_each_timing(tmp_path: Path) -> None:
+    (tmp_path / "fr1_xyz-groundtruth.txt").write_text("")
+    wanted = rooms(tmp_path, [11, 12], list(TIMINGS))
+    assert len(wanted) == 8
+    config = wanted["fr1_xyz-room12-rolling--12"]
+    assert (config.seed, config.timing.readout_s, config.timing.skew_s) == (12, 0.02, -0.012)
+    with pytest.raises(InputError, match="name a folder of TUM trajectories"):
+        rooms(tmp_path / "fr1", [11], ["ideal"])
+
+
+def test_a_still_view_has_other_noise_in_each_frame_and_nothing_else_that_differs() -> None:
+    view = StillView.of(CONFIG)
+    frames = list(view.frames(8))
+    assert [frame.seq for frame in frames] == list(range(8))
+    np.testing.assert_array_equal(frames[5].colour_bgr, view.frame(5).colour_bgr)
+    np.testing.assert_array_equal(frames[5].depth_raw, view.frame(5).depth_raw)
+    assert np.any(frames[0].colour_bgr != frames[1].colour_bgr)
+    assert np.any(frames[0].depth_raw != frames[1].depth_raw)
+    both = (frames[0].depth_raw > 0) & (frames[1].depth_raw > 0)
+    assert np.median(np.abs(frames[0].depth_m - frames[1].depth_m)[both]) < 0.03

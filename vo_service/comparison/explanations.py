@@ -46,6 +46,11 @@ METRICS = (
         "from there on.",
     ),
     (
+        "gross errors",
+        "Steps from one pose to the next that are off by more than 5 cm or 3 degrees while the "
+        "method called itself tracking: errors that nobody is warned of.",
+    ),
+    (
         "ATE",
         "Absolute trajectory error: root mean square distance from the truth after the whole "
         "trajectory has been turned and shifted (never scaled) to fit best. It judges the shape.",

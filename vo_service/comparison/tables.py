@@ -16,6 +16,7 @@ METRICS = (
     Metric("coverage", "coverage %", lambda judged: judged.coverage, 1, 100.0),
     Metric("failed", "lost frames", of_run(lambda run: run.failed), 0),
     Metric("new_epochs", "new epochs", of_run(lambda run: run.new_epochs), 0),
+    Metric("gross_errors", "gross errors", lambda judged: judged.gross_errors, 0),
     ERROR,
     Metric("ate_rmse_m", "ATE m", evaluated("ate_rmse_m"), 3),
     Metric("rpe_frame_m", "RPE frame mm", evaluated("rpe_frame_m"), 1, 1e3),

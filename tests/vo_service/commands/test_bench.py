@@ -91,6 +91,8 @@ def test_with_an_output_it_goes_on_where_it_was(
         wait_for((runs / "surf" / "result.json").exists)
         os.kill(os.getpid(), signal.SIGINT)
 
+    # The source may be edited while the tests run, and what is kept is kept for one source.
+    monkeypatch.setattr("vo_service.runs.campaign.versions", dict)
     monkeypatch.setattr(bench, "recipes_of", trials(surf="go on", icp="hang"))
     threading.Thread(target=interrupt).start()
     stopped = call(capfd, "bench", *options)
@@ -99,11 +101,9 @@ def test_with_an_output_it_goes_on_where_it_was(
     assert (methods["surf"]["state"], methods["icp"]["state"]) == ("done", "not run")
     kept = (runs / "surf" / "result.json").stat().st_mtime_ns
     monkeypatch.setattr(bench, "recipes_of", trials(surf="go on", icp="go on"))
-    monkeypatch.setattr("vo_service.runs.campaign.versions", dict)
     assert call(capfd, "bench", *options).code == 0
-    assert call(capfd, "bench", *options).code == 0
+    assert (runs / "surf" / "result.json").stat().st_mtime_ns == kept
     assert (runs / "icp" / "result.json").exists()
-    assert kept <= (runs / "surf" / "result.json").stat().st_mtime_ns
 
 
 @pytest.mark.parametrize(

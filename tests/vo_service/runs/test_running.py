@@ -13,6 +13,7 @@ from drivers.trajectory import read_trajectory
 from tests.belongings import belongings
 from tests.conftest import FRAMES
 from tests.vo_service.runs.trial_methods import Trial
+from vo_service.runs.child import stay_on_one_processor
 from vo_service.runs.messages import Job, Preparing, Progress
 from vo_service.runs.run import Outcome, RunState
 from vo_service.runs.running import run_in_child
@@ -63,6 +64,15 @@ def test_what_goes_wrong_is_told_in_one_line(
     assert outcome.trouble.startswith(trouble)
     assert "\n" not in outcome.trouble
     assert ("_divide" in outcome.details) == (act == "raise")
+
+
+def test_a_run_stays_on_one_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen: list[set[int]] = []
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {2, 5, 7})
+    monkeypatch.setattr(os, "sched_setaffinity", lambda _, processors: chosen.append(processors))
+    stay_on_one_processor()
+    assert len(chosen) == len(chosen[0]) == 1
+    assert chosen[0] <= {2, 5, 7}
 
 
 def test_a_run_that_takes_too_long_is_ended(recording: Path) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
+from platform import machine
 from types import ModuleType
 
 from vo_service.methods import FeatureSettings
@@ -45,7 +46,8 @@ class Package:
 
 
 OPENCV = Package("cv2", ("opencv-python-headless",))
-OPEN3D = Package("open3d", ("open3d-cpu", "open3d"))
+# Only for x86_64 there is one without CUDA's libraries.
+OPEN3D = Package("open3d", ("open3d-cpu", "open3d") if machine() == "x86_64" else ("open3d",))
 SMALL_GICP = Package("small_gicp", ("small-gicp",))
 
 

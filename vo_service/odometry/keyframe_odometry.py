@@ -13,6 +13,7 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from vo_service.odometry.estimate import Estimate, Evidence
 from vo_service.odometry.keyframe.alignment import align, all_alike
+from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.certainty import certainty
 from vo_service.odometry.keyframe.confidence import doubt
 from vo_service.odometry.keyframe.drawing import draw, draw_points
@@ -98,7 +99,7 @@ class KeyframeOdometry:
 
     def _start(self, frame: RgbdFrame, images: Images, restarted: bool) -> Estimate:
         """Make this frame the first keyframe, if it has enough points to be laid on others."""
-        keyframe = make_keyframe(frame, images, self._T_world_camera, np.zeros(6))
+        keyframe = make_keyframe(frame, images, self._T_world_camera, np.zeros(6), ALL_STILL)
         evidence = Evidence(keypoints_px=draw_points(keyframe))
         if len(keyframe.points[0]) < FEWEST_POINTS:
             reason = f"too few points with depth to start: {len(keyframe.points[0])}"

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.geometry import (
     Array,
@@ -12,11 +13,13 @@ from drivers.geometry import (
     rotation_from_quaternion,
 )
 from vo_service.odometry.keyframe import measure
+from vo_service.odometry.keyframe import readings as reading_columns
+from vo_service.odometry.keyframe.cells import CELLS
 from vo_service.odometry.keyframe.descent import body_velocity, descend
 from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.measure import look
 from vo_service.odometry.keyframe.parameters import LAST_STEP, STEPS
-from vo_service.odometry.keyframe.readings import CELLS
+from vo_service.odometry.keyframe.readings import read_points
+from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import (
     GAIN,
     OFFSET,
@@ -61,8 +64,8 @@ class Alignment:
     T_camera_keyframe  4x4
     velocity           (6,) twist of the motion in the keyframe's axes, m/s and rad/s
     fit                (4,) gain, offset and the two spreads, see `system`
-    counts             (6,) see `measure`, of the finest level
-    readings           (N, 7) of the finest level's points
+    counts             (7,) see `measure`, of the finest level
+    readings           (N, COLUMNS), see `readings`, of the finest level's points
     weights            (2, CELLS) that the cells had
     """
 
@@ -77,6 +80,12 @@ class Alignment:
     def camera_velocity(self) -> Array:
         """(6,) twist of the camera in its own axes, m/s and rad/s."""
         return body_velocity(self.T_camera_keyframe, self.velocity)
+
+    @property
+    def is_still(self) -> NDArray[np.bool_]:
+        """(CELLS,) which cells of the image fit as well as most do."""
+        still: NDArray[np.bool_] = self.weights.max(axis=0) >= measure.LEAST_WEIGHT
+        return still
 
     @property
     def light(self) -> tuple[float, float]:
@@ -149,26 +158,28 @@ def align(
             LAST_STEP,
         )
     T = orthonormal(T)
-    readings, counts = look_at(points, images, T, velocity, fit, 0)
-    return Alignment(T, velocity, fit, counts, readings, weights)
+    readings = look_at(points, images, T, velocity, 0)
+    by_region = weigh_regions(points[0], readings, fit, weights)
+    counts = measure.count(points[0], readings, fit, by_region)
+    return Alignment(T, velocity, fit, counts, readings, by_region)
 
 
-def look_at(
-    points: Points, images: Images, T: Array, velocity: Array, fit: Array, level: int
-) -> tuple[Array, Array]:
-    """Readings and counts of a level's points at a motion that is given."""
-    return look(
+def look_at(points: Points, images: Images, T: Array, velocity: Array, level: int) -> Array:
+    """(N, COLUMNS) readings of a level's points at a motion that is given."""
+    readings = np.empty((len(points[level]), reading_columns.COLUMNS))
+    read_points(
         points[level],
+        T,
+        body_velocity(T, velocity),
         images.grey[level],
         images.intrinsics[level + 1],
         images.inverse_depth,
         images.intrinsics[0],
         images.shutter.readout_s,
         images.shutter.skew_s,
-        T,
-        body_velocity(T, velocity),
-        fit,
+        readings,
     )
+    return readings
 
 
 def information(points: Points, images: Images, found: Alignment) -> tuple[Array, Array]:
@@ -187,7 +198,8 @@ def _cost(
     points: Points, images: Images, T: Array, velocity: Array, fit: Array, level: int
 ) -> float:
     """Mean robust cost of all points; those out of view cost as much as the worst."""
-    _, counts = look_at(points, images, T, velocity, fit, level)
+    readings = look_at(points, images, T, velocity, level)
+    counts = measure.count(points[level], readings, fit, all_alike())
     missing = len(points[level]) - counts[measure.IN_IMAGE]
     return float(counts[measure.COST] + missing) / max(len(points[level]), 1)
 

@@ -48,21 +48,21 @@ def certainty(keyframe: Keyframe, images: Images, found: Alignment, tie: Tie) ->
         whole[0],
     )
     settled = directions(H[:6, :6], point_information(moments))
-    tied = _tied(H, tie)
-    bread = np.linalg.inv(tied)
-    spread = pulls.T @ pulls
-    in_keyframe = (bread @ spread @ bread)[:6, :6]
+    of_tie = _information(tie)
+    bread = np.linalg.inv(H + of_tie + 1e-9 * np.trace(H) * np.eye(12))
+    spread = pulls.T @ pulls + of_tie
+    whole_cov = bread @ spread @ bread
+    in_keyframe = whole_cov[:6, :6]
+    A = np.linalg.solve(H[:6, :6] + 1e-9 * np.trace(H) * np.eye(6), H[:6, 6:])
+    in_keyframe = in_keyframe + A @ whole_cov[6:, 6:] @ A.T
     in_camera = carried(in_keyframe, inverse(found.T_camera_keyframe))
     floor = np.diag(np.repeat([FLOOR_M**2, FLOOR_RAD**2], 3))
     return Certainty(0.5 * (in_camera + in_camera.T) + floor, settled)
 
 
-def _tied(H: Array, tie: Tie) -> Array:
-    """The information with that of the velocity's tie to the motion."""
-    tied: Array = H + 1e-9 * np.trace(H) * np.eye(12)
-    P, rate_hz = np.diag(tie.information), tie.rate_hz
-    tied[6:, 6:] += P
-    tied[6:, :6] -= rate_hz * P
-    tied[:6, 6:] -= rate_hz * P
-    tied[:6, :6] += rate_hz**2 * P
-    return tied
+def _information(tie: Tie) -> Array:
+    """(12, 12) of the tie between motion and velocity."""
+    rate_hz = tie.rate_hz
+    ends = np.array([[rate_hz**2, -rate_hz], [-rate_hz, 1.0]])
+    information_of_tie: Array = np.kron(ends, np.diag(tie.information))
+    return information_of_tie

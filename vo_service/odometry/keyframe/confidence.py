@@ -3,22 +3,27 @@
 from drivers.geometry import Array
 from vo_service.odometry.keyframe import measure
 from vo_service.odometry.keyframe.alignment import Alignment
-from vo_service.odometry.keyframe.parameters import LEAST_AGREEING, ODD_SPREADS, WRONG_SPREADS
+from vo_service.odometry.keyframe.parameters import (
+    GAINS,
+    LEAST_AGREEING,
+    ODD_SPREADS,
+    WRONG_SPREADS,
+)
 from vo_service.odometry.keyframe.system import GAIN, SIGMA_BRIGHTNESS, SIGMA_DEPTH
 
 # Of a keyframe's points, this share at least is in the image, and not fewer than this.
 LEAST_IN_IMAGE, FEWEST_POINTS = 0.2, 100
-# Gains further from one than this are no change of light.
-LEAST_GAIN, MOST_GAIN = 0.45, 2.2
+# Regions that do not fit are at most this share of the view.
+MOST_MOVING = 0.45
 
 
-def agrees(counts: Array, by_brightness: bool = True) -> bool:
+def agrees(counts: Array) -> bool:
     """Whether most of what is seen of a keyframe agrees with it."""
-    depth_agrees = counts[measure.DEPTH_AGREES] >= LEAST_AGREEING[0] * counts[measure.WITH_DEPTH]
-    if not by_brightness:
-        return bool(depth_agrees)
-    agreeing, read = counts[measure.BRIGHTNESS_AGREES], counts[measure.WITH_BRIGHTNESS]
-    return bool(depth_agrees and agreeing >= LEAST_AGREEING[1] * read)
+    by_depth, by_brightness = LEAST_AGREEING
+    return bool(
+        counts[measure.DEPTH_AGREES] >= by_depth * counts[measure.WITH_DEPTH]
+        and counts[measure.BRIGHTNESS_AGREES] >= by_brightness * counts[measure.WITH_BRIGHTNESS]
+    )
 
 
 def oddness(found: Alignment) -> float:
@@ -35,7 +40,9 @@ def doubt(found: Alignment) -> str:
     seen = int(counts[measure.IN_IMAGE])
     if seen < max(LEAST_IN_IMAGE * points, FEWEST_POINTS):
         return f"{seen} of {points} points of the keyframe are in view"
-    if not agrees(counts, found.by_brightness):
+    if counts[measure.DISREGARDED] > MOST_MOVING * seen:
+        return f"{100 * counts[measure.DISREGARDED] / seen:.0f} % of the view does not fit"
+    if not agrees(counts):
         agreeing = int(counts[measure.DEPTH_AGREES] + counts[measure.BRIGHTNESS_AGREES])
         read = int(counts[measure.WITH_DEPTH] + counts[measure.WITH_BRIGHTNESS])
         return f"{agreeing} of {read} readings agree with the keyframe"
@@ -43,6 +50,6 @@ def doubt(found: Alignment) -> str:
         return "the depth does not fit the keyframe's"
     if found.by_brightness and fit[SIGMA_BRIGHTNESS] > WRONG_SPREADS[0]:
         return "the brightness does not fit the keyframe's"
-    if found.by_brightness and not LEAST_GAIN <= fit[GAIN] <= MOST_GAIN:
+    if found.by_brightness and not GAINS[0] < fit[GAIN] < GAINS[1]:
         return f"the light has changed by a factor of {fit[GAIN]:.1f}"
     return ""

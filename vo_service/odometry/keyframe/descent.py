@@ -7,6 +7,7 @@ from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.readings import read_points
+from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import fit_light, sum_system
 from vo_service.odometry.keyframe.twists import exponential, logarithm, product
 
@@ -31,7 +32,7 @@ def descend(
     T_keyframe_last: Array,
     rate_hz: float,
     velocity_information: Array,
-    cell_weights: Array,
+    basic_weights: Array,
     fit: Array,
     steps: int,
     last_step: float,
@@ -62,6 +63,7 @@ def descend(
             skew_s,
             readings,
         )
+        cell_weights = weigh_regions(points, readings, fit, basic_weights)
         for _ in range(FIRST_SWEEPS if step == 0 else 1):
             fit_light(points, readings, cell_weights, fit)
         H, g = sum_system(points, readings, cell_weights, fit, readout_s, skew_s)

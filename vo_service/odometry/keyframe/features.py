@@ -1,6 +1,6 @@
 """Finding the camera by features, where it is not where it was expected."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -33,16 +33,15 @@ class FeatureSearch:
         self._parameters = SurfParameters()
         self._views: WeakKeyDictionary[Keyframe, View] = WeakKeyDictionary()
 
-    def find(self, frame: RgbdFrame, keyframes: Sequence[Keyframe]) -> Sighting | None:
-        """The first keyframe that enough features of a frame agree with."""
+    def find(self, frame: RgbdFrame, keyframes: Sequence[Keyframe]) -> Iterator[Sighting]:
+        """The keyframes that enough features of a frame agree with, in their order."""
         view = self._view(frame)
         for keyframe in keyframes:
             if keyframe not in self._views:
                 self._views[keyframe] = self._view(keyframe.frame)
             T_keyframe_camera = self._motion(view, self._views[keyframe])
             if T_keyframe_camera is not None:
-                return Sighting(keyframe, inverse(T_keyframe_camera))
-        return None
+                yield Sighting(keyframe, inverse(T_keyframe_camera))
 
     def _view(self, frame: RgbdFrame) -> View:
         features = self.extractor.extract(frame.grey)

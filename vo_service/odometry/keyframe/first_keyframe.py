@@ -2,6 +2,7 @@
 
 from drivers.geometry import inverse
 from vo_service.odometry.keyframe.alignment import align, all_alike
+from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import make_keyframe
 from vo_service.odometry.keyframe.recovery import Found
@@ -18,7 +19,9 @@ def made_anew(found: Found, images: Images, way: Way) -> Found:
         before = found.keyframe
         T_first_second = inverse(found.alignment.T_camera_keyframe)
         velocity = logarithm(T_first_second) / (images.stamp_s - before.images.stamp_s)
-        keyframe = make_keyframe(before.frame, before.images, before.T_world_keyframe, velocity)
+        keyframe = make_keyframe(
+            before.frame, before.images, before.T_world_keyframe, velocity, ALL_STILL
+        )
         start = found.alignment.T_camera_keyframe
         again = align(keyframe.points, images, [start], found.tie, way.light, all_alike())
         found = Found(keyframe, again, found.tie)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import Array
 from drivers.jit import kernel
+from vo_service.odometry.keyframe.parameters import GAINS
 
 # Brightness in a half, a quarter, an eighth and a sixteenth of the frame's size. The whole size
 # gains nothing: a Kinect's colours are interpolated, and edges in it are 2 pixels wide.
@@ -56,6 +57,11 @@ class Images:
         camera = self.camera
         whole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         return tuple(at_level(whole, level) for level in range(len(self.grey) + 1))
+
+    def light_against(self, other: "Images") -> float:
+        """How many times as bright as another view, within what is believed of a gain."""
+        ratio = (self.mean_brightness + 1.0) / (other.mean_brightness + 1.0)
+        return float(min(max(ratio, GAINS[0]), GAINS[1]))
 
     @cached_property
     def mean_brightness(self) -> float:

@@ -6,12 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.geometry import Array, adjoint, inverse
-from vo_service.odometry.keyframe.alignment import Alignment, look_at, orthonormal, start_fit
+from vo_service.odometry.keyframe.alignment import (
+    Alignment,
+    all_alike,
+    look_at,
+    orthonormal,
+    start_fit,
+)
 from vo_service.odometry.keyframe.confidence import agrees
 from vo_service.odometry.keyframe.descent import solve
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import Keyframe
-from vo_service.odometry.keyframe.readings import CELLS
+from vo_service.odometry.keyframe.measure import count
+from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import fit_light, sum_system
 from vo_service.odometry.keyframe.twists import exponential
 
@@ -46,14 +53,16 @@ def align_jointly(
         for pair in list(pairs):
             Ad = adjoint(pair.T_keyframe_active)
             T_camera_keyframe = T @ inverse(pair.T_keyframe_active)
-            readings, counts = look_at(
-                pair.keyframe.points, images, T_camera_keyframe, Ad @ velocity, pair.fit, 0
-            )
-            cells = np.ones((2, CELLS))
             points = pair.keyframe.points[0]
+            readings = look_at(pair.keyframe.points, images, T_camera_keyframe, Ad @ velocity, 0)
+            cells = weigh_regions(points, readings, pair.fit, all_alike())
             for _ in range(3 if step == 0 else 1):
                 fit_light(points, readings, cells, pair.fit)
-            if step == 1 and pair.keyframe is not active and not agrees(counts):
+            if (
+                step == 1
+                and pair.keyframe is not active
+                and not agrees(count(points, readings, pair.fit, cells))
+            ):
                 pairs.remove(pair)
                 continue
             shutter = images.shutter

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
@@ -34,10 +35,14 @@ class Keyframe:
 
 
 def make_keyframe(
-    frame: RgbdFrame, images: Images, T_world_keyframe: Array, velocity: Array
+    frame: RgbdFrame,
+    images: Images,
+    T_world_keyframe: Array,
+    velocity: Array,
+    is_still: NDArray[np.bool_],
 ) -> Keyframe:
-    """A keyframe of a frame whose pose and velocity are known."""
-    points = find_points(images, velocity)
+    """A keyframe of a frame whose pose and velocity are known; see `find_points`."""
+    points = find_points(images, velocity, is_still)
     return Keyframe(points, images, T_world_keyframe, velocity, frame)
 
 

@@ -53,7 +53,9 @@ def choose(
         if other is not found.keyframe and _is_near(seen, KEYFRAME_OVERLAP, REUSE_FLOW_PX):
             local_map.use(other)
             return other
-    keyframe = make_keyframe(frame, images, T_world_camera, found.alignment.camera_velocity)
+    keyframe = make_keyframe(
+        frame, images, T_world_camera, found.alignment.camera_velocity, found.alignment.is_still
+    )
     if len(keyframe.points[0]) < LEAST_DEPTH * len(found.keyframe.points[0]):
         return found.keyframe
     local_map.add(keyframe)

@@ -5,6 +5,7 @@ import numpy as np
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
+from vo_service.odometry.keyframe.cells import CELLS
 from vo_service.odometry.keyframe.parameters import BRIGHTNESS_SHARE, FREEDOM
 from vo_service.odometry.keyframe.points import (
     BRIGHTNESS,
@@ -14,7 +15,7 @@ from vo_service.odometry.keyframe.points import (
     TO_DEPTH,
     VARIANCE,
 )
-from vo_service.odometry.keyframe.readings import BANDS, CELLS
+from vo_service.odometry.keyframe.readings import BANDS
 from vo_service.odometry.keyframe.system import (
     GAIN,
     OFFSET,
@@ -24,7 +25,7 @@ from vo_service.odometry.keyframe.system import (
 )
 
 # Noise of a point's slopes, a pixel of its level or of the depth image: grey levels, 1/m.
-SLOPE_BRIGHTNESS, SLOPE_DEPTH_PER_M = 1.0, 5e-5
+SLOPE_BRIGHTNESS, SLOPE_DEPTH_PER_M = 0.7, 5e-5
 
 
 @kernel

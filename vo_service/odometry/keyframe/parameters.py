@@ -25,6 +25,8 @@ BRIGHTNESS_SHARE = 0.5
 # Spreads are sought between these, of brightness (grey levels) and of depth (1/m).
 BRIGHTNESS_SPREAD = (1.0, 30.0)
 DEPTH_SPREAD_PER_M = (6e-4, 1e-2)
+# Gains of brightness are sought between these; beyond, the light is another.
+GAINS = (0.4, 2.5)
 # Gauss-Newton: steps at most, by level; one of so few metres and radians is the last.
 STEPS = (8, 8, 5, 4)
 LAST_STEP = 1e-4
@@ -46,4 +48,6 @@ ODD_SPREADS = (12.0, 2.4e-3)
 WRONG_SPREADS = (22.0, 4e-3)
 LEAST_AGREEING = (0.8, 0.7)
 # A direction of motion is known if the readings say so many times more of it than their noise.
-KNOWN = 12.0
+KNOWN = 4.0
+# A cell of the image is a region that moves by itself if it fits so many times worse than others.
+ODD_REGION = 1.8

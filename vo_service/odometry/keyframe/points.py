@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
+from vo_service.odometry.keyframe.cells import cell_of
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.parameters import (
     BLOCKS_PX,
@@ -31,11 +32,12 @@ X, BRIGHTNESS, VARIANCE, TO_BRIGHTNESS, TO_DEPTH, HAS_TEXTURE, HAS_SHAPE = 0, 3,
 COLUMNS = 13
 
 
-def find_points(images: Images, velocity: Array) -> tuple[Array, ...]:
+def find_points(images: Images, velocity: Array, is_still: NDArray[np.bool_]) -> tuple[Array, ...]:
     """(N, COLUMNS) points of each level, in the axes of the camera at the frame's stamp.
 
     velocity  (6,) twist of the camera in its own axes, m/s and rad/s: rows that were taken earlier
               or later are brought to the stamp
+    is_still  (CELLS,) which cells of the image to take points from: things that move are none
     """
     whole, *halved = images.intrinsics
     readout_s, skew_s = images.shutter.readout_s, images.shutter.skew_s
@@ -49,6 +51,7 @@ def find_points(images: Images, velocity: Array) -> tuple[Array, ...]:
             readout_s,
             skew_s,
             velocity,
+            is_still,
         )
         for level, (grey, level_intrinsics) in enumerate(zip(images.grey, halved, strict=True))
     )
@@ -64,6 +67,7 @@ def _find(
     readout_s: float,
     skew_s: float,
     velocity: Array,
+    is_still: NDArray[np.bool_],
 ) -> Array:
     height, width = grey.shape
     rows, columns = height // block, width // block
@@ -73,7 +77,7 @@ def _find(
     for i in range(rows):
         for j in range(columns):
             u, v, gu, gv = _steepest(grey, j * block, i * block, block)
-            if u < 0:
+            if u < 0 or not is_still[cell_of(u / width, v / height)]:
                 continue
             point = points[found]
             if not _locate(

@@ -5,18 +5,20 @@ from numpy.typing import NDArray
 
 from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
+from vo_service.odometry.keyframe.cells import cell_of
 from vo_service.odometry.keyframe.parameters import OTHER_SURFACE_PER_M, SURFACE_STEP_PER_M
 
 NEAREST_M = 0.05
-# The image is divided into so many cells, to tell regions that move by themselves, and into so many
-# bands of rows, each taken as of one instant where times are weighed.
-CELL_ROWS, CELL_COLUMNS, BANDS = 6, 8, 16
-CELLS = CELL_ROWS * CELL_COLUMNS
+# The image is divided into so many bands of rows, each taken as of one instant where times are
+# weighed.
+BANDS = 16
 # Columns of a reading: brightness, 1/z of the surface less that of the point (1/m, as seen from the
 # keyframe), the cell, the bands of the colour and of the depth image, and the pixel in the whole
-# colour image; NaN or -1 where none.
-BRIGHTNESS, DEPTH, CELL, COLOUR_BAND, DEPTH_BAND, U, V = range(7)
-COLUMNS = 7
+# colour image; NaN or -1 where none. Then whether another surface hides the point (1), or is seen
+# through it (-1): that tells neither brightness nor depth.
+BRIGHTNESS, DEPTH, CELL, COLOUR_BAND, DEPTH_BAND, U, V, OTHER = range(8)
+COLUMNS = 8
+HIDDEN = 1.0
 
 
 @kernel
@@ -31,8 +33,8 @@ def read_points(
     readout_s: float,
     skew_s: float,
     readings: Array,
-) -> int:
-    """Fill in the readings (N, COLUMNS) of points; how many of them lie in the image.
+) -> None:
+    """Fill in the readings (N, COLUMNS) of points.
 
     velocity  (6,) twist of the camera in its own axes at the frame's stamp, m/s and rad/s
     """
@@ -42,12 +44,12 @@ def read_points(
     scale = intrinsics[0] / fx
     is_instant = readout_s == 0.0 and skew_s == 0.0
     row_s, middle = readout_s / height, 0.5 * (height - 1)
-    seen = 0
     for n in range(len(points)):
         reading = readings[n]
         reading[BRIGHTNESS] = reading[DEPTH] = np.nan
         reading[CELL] = reading[COLOUR_BAND] = reading[DEPTH_BAND] = -1.0
         reading[U] = reading[V] = -1.0
+        reading[OTHER] = 0.0
         px, py, pz = points[n, 0], points[n, 1], points[n, 2]
         x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
         y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
@@ -76,20 +78,18 @@ def read_points(
         brightness = _brightness(grey, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
         if brightness < 0.0 or z_depth < NEAREST_M:
             continue
-        seen += 1
         reading[U], reading[V] = u, v
-        row, column = int(v * CELL_ROWS / height), int(u * CELL_COLUMNS / width)
-        reading[CELL] = row * CELL_COLUMNS + column
+        reading[CELL] = cell_of(u / width, v / height)
         w = _depth(inverse_depth, u_depth, v_depth)
         if w > 0.0:
             difference = w - 1.0 / z_depth
             if abs(difference) > OTHER_SURFACE_PER_M:
-                continue  # neither its depth nor its brightness says anything of the point
+                reading[OTHER] = np.sign(difference)
+                continue
             reading[DEPTH] = difference * (z_depth / pz) ** 2
             reading[DEPTH_BAND] = min(max(int(v_depth * BANDS / height), 0), BANDS - 1)
         reading[BRIGHTNESS] = brightness
         reading[COLOUR_BAND] = min(max(int(v * BANDS / height), 0), BANDS - 1)
-    return seen
 
 
 @inline_kernel

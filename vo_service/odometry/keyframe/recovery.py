@@ -1,6 +1,7 @@
 """What else is tried with a frame that does not fit the keyframe from where it was expected."""
 
 from dataclasses import dataclass
+from itertools import islice
 
 from drivers.camera import RgbdFrame
 from vo_service.odometry.keyframe.alignment import Alignment, Tie, align, all_alike, depth_alone
@@ -21,6 +22,8 @@ CLEARLY_BY_FEATURES = 0.9
 REST_FRAMES = 3
 # So many keyframes are searched for features that match.
 MOST_KEYFRAMES = 8
+# So many sightings are followed up: a thing that moves may be seen in the best of them.
+MOST_SIGHTINGS = 3
 
 
 @dataclass(frozen=True)
@@ -79,17 +82,14 @@ class Recovery:
     ) -> Found:
         """The keyframe in use first, then those that were in use last."""
         others = [k for k in reversed(local_map.keyframes) if k is not best.keyframe]
-        sighting = self.features.find(frame, [best.keyframe, *others][:MOST_KEYFRAMES])
-        if sighting is None:
-            return best
-        keyframe = sighting.keyframe
-        tie = way.tie(keyframe.T_world_keyframe, images.stamp_s).loosened()
-        light = way.light_at(images) if keyframe is best.keyframe else (1.0, 0.0)
-        again = align(
-            keyframe.points, images, [sighting.T_camera_keyframe], tie, light, all_alike()
-        )
-        if _is_better(again, best.alignment, CLEARLY_BY_FEATURES):
-            return Found(keyframe, again, tie)
+        keyframes = [best.keyframe, *others][:MOST_KEYFRAMES]
+        for sighting in islice(self.features.find(frame, keyframes), MOST_SIGHTINGS):
+            keyframe = sighting.keyframe
+            tie = way.tie(keyframe.T_world_keyframe, images.stamp_s).loosened()
+            start, light = sighting.T_camera_keyframe, (images.light_against(keyframe.images), 0.0)
+            again = align(keyframe.points, images, [start], tie, light, all_alike())
+            if _is_better(again, best.alignment, CLEARLY_BY_FEATURES):
+                return Found(keyframe, again, tie)
         return best
 
     def _by_depth(self, images: Images, best: Found, way: Way) -> Found:

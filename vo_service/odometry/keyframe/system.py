@@ -16,6 +16,7 @@ from vo_service.odometry.keyframe.parameters import (
     BRIGHTNESS_SPREAD,
     DEPTH_SPREAD_PER_M,
     FREEDOM,
+    GAINS,
 )
 from vo_service.odometry.keyframe.points import (
     BRIGHTNESS,
@@ -27,8 +28,8 @@ from vo_service.odometry.keyframe.points import (
 )
 from vo_service.odometry.keyframe.readings import BANDS
 
-# Gains that are believed, and fewer readings than this tell nothing of it.
-LEAST_GAIN, MOST_GAIN, FEWEST_READINGS = 0.4, 2.5, 50
+# Fewer readings than this tell nothing of the light or of a spread.
+FEWEST_READINGS = 50
 # The fit: what a keyframe's brightness is multiplied by and what is added, then the two spreads.
 GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH = 0, 1, 2, 3
 # Rows of the cells' weights.
@@ -71,7 +72,7 @@ def fit_light(points: Array, readings: Array, cell_weights: Array, fit: Array) -
         fit[SIGMA_BRIGHTNESS] = min(max(sigma, BRIGHTNESS_SPREAD[0]), BRIGHTNESS_SPREAD[1])
         spread = skk - sk * sk / s
         if spread > 1e-9 * skk:
-            fit[GAIN] = min(max((skc - sk * sc / s) / spread, LEAST_GAIN), MOST_GAIN)
+            fit[GAIN] = min(max((skc - sk * sc / s) / spread, GAINS[0]), GAINS[1])
         fit[OFFSET] = (sc - fit[GAIN] * sk) / s
     if n_depth >= FEWEST_READINGS:
         sigma = fit[SIGMA_DEPTH] * np.sqrt(chi_depth / n_depth)

@@ -41,7 +41,8 @@ class Ranking:
         every = recording.excerpt.every
         frames = f"{len(recording.frames_s)} frames in {recording.duration_s:.1f} s"
         used = "every frame" if every == 1 else f"1 frame in {every}"
-        return f"{recording.folder.resolve().name}, {used}: {frames}"
+        truth = "" if recording.truth is not None else ", no groundtruth.txt: errors are not known"
+        return f"{recording.folder.resolve().name}, {used}: {frames}{truth}"
 
     def error_table(self) -> Table:
         """How far off, how often lost."""

@@ -3,6 +3,7 @@
 import argparse
 import json
 import tempfile
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import groupby
@@ -25,7 +26,7 @@ from vo_service.terminal import Terminal
 NAME = "bench"
 HELP = "our methods and other people's on recordings: accuracy, gross errors, time, memory"
 EPILOG = f"""\
-methods: {", ".join(NAMES)}
+{textwrap.fill("methods: " + ", ".join(NAMES), 98, break_on_hyphens=False)}
 
 examples:
   kinect-vo bench recordings/desk recordings/kitchen

@@ -113,6 +113,6 @@ def _teller(terminal: Terminal, label: str) -> Callable[[Preparing | Progress], 
         if isinstance(word, Progress):
             terminal.progress(f"{label}: frame", word.done, word.total)
         else:
-            terminal.show(f"{label}: preparing the numeric kernels: {word.stage}")
+            terminal.show(f"{label}: preparing, {word.stage}")
 
     return tell

@@ -22,7 +22,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Preparing:
-    """From the process: a stage of the kernels is being compiled or loaded."""
+    """From the process: what is being compiled, loaded or tried out beforehand."""
 
     stage: str
 

@@ -50,6 +50,14 @@ def test_for_people_there_is_a_row_a_method_and_ratios_beside_the_figures() -> N
     assert RANKING.cost_table().as_text().splitlines()[2].split()[:3] == ["surf", "8.0", "(1.00)"]
 
 
+def test_the_title_says_which_frames_and_whether_there_is_a_truth() -> None:
+    bare = recording("bare", has_truth=False).only(Excerpt(every=5))
+    title = Ranking(results(bare, surf=CRASH), "surf").title
+    assert title == (
+        "bare, 1 frame in 5: 8 frames in 1.2 s, no groundtruth.txt: errors are not known"
+    )
+
+
 def test_for_scripts_there_is_one_table_with_every_figure_and_ratio() -> None:
     tenth = WALK.only(Excerpt(every=10))
     slow = Ranking(results(tenth, surf=CRASH), "surf")

@@ -2,7 +2,7 @@
 
     python -m benchmarks.hard_cases FOLDER [--method keyframe] [--only dark wall] [--json]
 
-FOLDER keeps the sequences of config/sequences, which are rendered the first time (half an hour of
+FOLDER keeps the sequences of config/sequences, which are rendered the first time (twenty minutes of
 one core). A gross error is a step off by more than 5 cm or 3 degrees; in brackets those at a frame
 that is called tracking. "longest" is the longest time without a pose; "recovery" the longest time
 from the end of what is hard until a frame is called tracking. ATE and largest error are those of
@@ -31,7 +31,7 @@ from benchmarks.still_views import StillView
 from drivers.errors import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.config import read_config
-from vo_service.methods import DEFAULT_METHOD, METHODS
+from vo_service.methods import METHODS
 from vo_service.warm_up import warm_up
 
 SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"
@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("folder", type=Path, help="where the sequences are kept")
-    parser.add_argument("--method", choices=METHODS, default=DEFAULT_METHOD)
+    parser.add_argument("--method", choices=METHODS, default="keyframe")
     parser.add_argument("--only", nargs="+", choices=CASES, default=CASES, metavar="CASE")
     parser.add_argument("--still-frames", type=int, default=FIVE_MINUTES)
     parser.add_argument("--json", action="store_true", help="print one JSON object")

@@ -12,10 +12,10 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from vo_service.odometry.estimate import Estimate, Evidence
-from vo_service.odometry.keyframe.alignment import align, all_alike
+from vo_service.odometry.keyframe.alignment import STANDING, align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL
-from vo_service.odometry.keyframe.certainty import certainty
-from vo_service.odometry.keyframe.confidence import doubt
+from vo_service.odometry.keyframe.certainty import Certainty, certainty
+from vo_service.odometry.keyframe.confidence import doubt, lack
 from vo_service.odometry.keyframe.drawing import draw, draw_points
 from vo_service.odometry.keyframe.first_keyframe import made_anew
 from vo_service.odometry.keyframe.images import Images, make_images
@@ -78,11 +78,16 @@ class KeyframeOdometry:
                 found = self._recovery.find(frame, images, found, self._track.way, self._map)
         if reason := doubt(found.alignment):
             return self._fail(frame, images, found, reason)
+        # Does what is in view hold the camera in all six directions?
+        with self._stopwatch.stage("certainty"):
+            sure = certainty(found.keyframe, images, found.alignment, found.tie)
+        if sure.doubt:
+            return self._fail(frame, images, found, sure.doubt)
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
-        if is_due(found):
+        if is_due(found, images):
             with self._stopwatch.stage("settle"):
                 found = settle(found, images, self._map)
-        return self._advance(frame, images, self._track, found)
+        return self._advance(frame, images, self._track, found, sure)
 
     def _align(self, images: Images, track: Track) -> Found:
         keyframe, way = track.keyframe, track.way
@@ -101,9 +106,8 @@ class KeyframeOdometry:
         """Make this frame the first keyframe, if it has enough points to be laid on others."""
         keyframe = make_keyframe(frame, images, self._T_world_camera, np.zeros(6), ALL_STILL)
         evidence = Evidence(keypoints_px=draw_points(keyframe))
-        if len(keyframe.points[0]) < FEWEST_POINTS:
-            reason = f"too few points with depth to start: {len(keyframe.points[0])}"
-            return self._estimate(False, reason, evidence)
+        if reason := self._why_no_start(keyframe, images):
+            return self._estimate(False, f"cannot start: {reason}", evidence)
         self._map.begin(keyframe)
         way = Way(
             self._T_world_camera, np.zeros(6), images.stamp_s, (1.0, 0.0), images.mean_brightness
@@ -112,6 +116,13 @@ class KeyframeOdometry:
         self._failures = 0
         return self._estimate(True, "", evidence, restarted=restarted)
 
+    def _why_no_start(self, keyframe: Keyframe, images: Images) -> str:
+        """Why a frame is no good first keyframe: the next ones could not be laid on it."""
+        if len(keyframe.points[0]) < FEWEST_POINTS:
+            return f"only {len(keyframe.points[0])} points with depth"
+        itself = align(keyframe.points, images, [np.eye(4)], STANDING, (1.0, 0.0), all_alike())
+        return doubt(itself) or certainty(keyframe, images, itself, STANDING).doubt
+
     def _fail(self, frame: RgbdFrame, images: Images, found: Found, reason: str) -> Estimate:
         """Hold the pose; after too many failures give the keyframes up."""
         self._failures += 1
@@ -119,14 +130,15 @@ class KeyframeOdometry:
             return self._start(frame, images, restarted=True)
         return self._estimate(False, reason, draw(found.keyframe, found.alignment))
 
-    def _advance(self, frame: RgbdFrame, images: Images, track: Track, found: Found) -> Estimate:
+    def _advance(
+        self, frame: RgbdFrame, images: Images, track: Track, found: Found, sure: Certainty
+    ) -> Estimate:
         """Go on from here."""
         alignment = found.alignment
-        sure = certainty(found.keyframe, images, alignment, found.tie)
         T_world_camera = found.keyframe.T_world_keyframe @ inverse(alignment.T_camera_keyframe)
         T_reference_camera = inverse(track.T_world_reference) @ T_world_camera
         keyframe, light = found.keyframe, alignment.light
-        if is_due(found):
+        if is_due(found, images):
             with self._stopwatch.stage("keyframe"):
                 keyframe = choose(frame, images, found, T_world_camera, self._map)
         if keyframe is not found.keyframe:
@@ -145,7 +157,7 @@ class KeyframeOdometry:
         self._track = Track(keyframe, way, T_world_reference)
         return self._estimate(
             True,
-            found.lack,
+            found.lack or lack(alignment),
             draw(found.keyframe, alignment),
             T_reference_camera,
             sure.covariance,

@@ -6,12 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import (
-    Array,
-    quaternion_from_rotation,
-    rigid_transform,
-    rotation_from_quaternion,
-)
+from drivers.geometry import Array
 from vo_service.odometry.keyframe import measure
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
@@ -27,6 +22,7 @@ from vo_service.odometry.keyframe.system import (
     SIGMA_DEPTH,
     sum_system,
 )
+from vo_service.odometry.keyframe.twists import orthonormal
 
 Points = Sequence[Array]
 
@@ -55,6 +51,10 @@ class Tie:
     def loosened(self) -> "Tie":
         """Where the way since the last frame is not known: a velocity that may have changed."""
         return replace(self, rate_hz=0.0, information=self.information / UNSURE**2)
+
+
+# Of a frame laid on itself.
+STANDING = Tie(np.eye(4), 0.0, np.zeros(6), np.full(6, 1e6))
 
 
 @dataclass(frozen=True)
@@ -202,9 +202,3 @@ def _cost(
     counts = measure.count(points[level], readings, fit, all_alike())
     missing = len(points[level]) - counts[measure.IN_IMAGE]
     return float(counts[measure.COST] + missing) / max(len(points[level]), 1)
-
-
-def orthonormal(T: Array) -> Array:
-    """4x4: the same motion without the rounding of its many products, which would feed back."""
-    R = rotation_from_quaternion(quaternion_from_rotation(T[:3, :3]))
-    return rigid_transform(R, T[:3, 3])

@@ -15,6 +15,7 @@ from vo_service.odometry.keyframe.alignment import Alignment, Tie, information
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import Keyframe
 from vo_service.odometry.keyframe.noise import weigh
+from vo_service.odometry.keyframe.parameters import KNOWN
 
 # Nothing is surer than this: what calibration and timing leave over, in metres and radians.
 FLOOR_M, FLOOR_RAD = 1e-4, 1e-4
@@ -31,6 +32,12 @@ class Certainty:
 
     covariance: Array
     directions: Directions
+
+    @property
+    def doubt(self) -> str:
+        """Why the motion is not to be believed, though the keyframe fits; "" if it is."""
+        unknown = np.count_nonzero(self.directions.clarity < KNOWN)
+        return f"too plain a view: {unknown} of 6 directions of motion are open" if unknown else ""
 
 
 def certainty(keyframe: Keyframe, images: Images, found: Alignment, tie: Tie) -> Certainty:
@@ -62,7 +69,9 @@ def certainty(keyframe: Keyframe, images: Images, found: Alignment, tie: Tie) ->
 
 def _information(tie: Tie) -> Array:
     """(12, 12) of the tie between motion and velocity."""
-    rate_hz = tie.rate_hz
-    ends = np.array([[rate_hz**2, -rate_hz], [-rate_hz, 1.0]])
-    information_of_tie: Array = np.kron(ends, np.diag(tie.information))
-    return information_of_tie
+    both, rate_hz = np.zeros((12, 12)), tie.rate_hz
+    motion, velocity = np.arange(6), np.arange(6, 12)
+    both[motion, motion] = rate_hz**2 * tie.information
+    both[motion, velocity] = both[velocity, motion] = -rate_hz * tie.information
+    both[velocity, velocity] = tie.information
+    return both

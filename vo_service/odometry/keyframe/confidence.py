@@ -13,6 +13,8 @@ from vo_service.odometry.keyframe.system import GAIN, SIGMA_BRIGHTNESS, SIGMA_DE
 
 # Of a keyframe's points, this share at least is in the image, and not fewer than this.
 LEAST_IN_IMAGE, FEWEST_POINTS = 0.2, 100
+# Readings of fewer than this share of the points in view have no say.
+LEAST_SAY = 0.05
 # Regions that do not fit are at most this share of the view.
 MOST_MOVING = 0.45
 
@@ -52,4 +54,15 @@ def doubt(found: Alignment) -> str:
         return "the brightness does not fit the keyframe's"
     if found.by_brightness and not GAINS[0] < fit[GAIN] < GAINS[1]:
         return f"the light has changed by a factor of {fit[GAIN]:.1f}"
+    return ""
+
+
+def lack(found: Alignment) -> str:
+    """What an alignment has to do without; "" if both brightness and depth have a say."""
+    counts = found.counts
+    enough = LEAST_SAY * counts[measure.IN_IMAGE]
+    if counts[measure.WITH_BRIGHTNESS] < enough:
+        return "by depth alone: no texture in view"
+    if counts[measure.WITH_DEPTH] < enough:
+        return "by brightness alone: no depth in view"
     return ""

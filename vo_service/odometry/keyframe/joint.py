@@ -10,7 +10,6 @@ from vo_service.odometry.keyframe.alignment import (
     Alignment,
     all_alike,
     look_at,
-    orthonormal,
     start_fit,
 )
 from vo_service.odometry.keyframe.confidence import agrees
@@ -20,7 +19,7 @@ from vo_service.odometry.keyframe.local_map import Keyframe
 from vo_service.odometry.keyframe.measure import count
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import fit_light, sum_system
-from vo_service.odometry.keyframe.twists import exponential
+from vo_service.odometry.keyframe.twists import exponential, orthonormal, product
 
 STEPS = 4
 LAST_STEP = 1e-5
@@ -72,7 +71,7 @@ def align_jointly(
             H += Ad.T @ H_i[:6, :6] @ Ad
             g += Ad.T @ g_i[:6]
         x = solve(H + 1e-6 * np.trace(H) * np.eye(6), g)
-        T = T @ exponential(-x)
+        T = product(T, exponential(-x))
         if np.max(np.abs(x)) < LAST_STEP:
             break
     return orthonormal(T)

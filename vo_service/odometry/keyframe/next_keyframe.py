@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
+from vo_service.odometry.keyframe.confidence import lack
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.joint import align_jointly
 from vo_service.odometry.keyframe.local_map import (
@@ -22,12 +23,16 @@ from vo_service.odometry.keyframe.parameters import (
 )
 from vo_service.odometry.keyframe.recovery import Found
 
+# A view so many times as bright has texture that a keyframe without it does not know of.
+LIGHT_IS_BACK = 1.5
 # A frame with less depth than this share of its points is no good keyframe.
 LEAST_DEPTH = 0.3
 
 
-def is_due(found: Found) -> bool:
-    """Whether the keyframe in use is going out of view."""
+def is_due(found: Found, images: Images) -> bool:
+    """Whether the keyframe in use is going out of view, or is of the dark and there is light."""
+    if lack(found.alignment) and images.light_against(found.keyframe.images) > LIGHT_IS_BACK:
+        return True
     seen = overlap(found.keyframe, found.alignment.T_camera_keyframe)
     return not _is_near(seen, KEYFRAME_OVERLAP, KEYFRAME_FLOW_PX)
 

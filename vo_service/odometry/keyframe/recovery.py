@@ -18,7 +18,8 @@ PATIENCE = 3
 CLEARLY = 0.97
 # ... or found by features, which may be on quite another place.
 CLEARLY_BY_FEATURES = 0.9
-# After a try that changed nothing, so many odd frames are taken as they are: blur lasts.
+# After a try that changed nothing, so many odd frames are taken as they are: blur lasts, and so
+# does the dark.
 REST_FRAMES = 3
 # So many keyframes are searched for features that match.
 MOST_KEYFRAMES = 8
@@ -52,16 +53,17 @@ class Recovery:
         self, frame: RgbdFrame, images: Images, first: Found, way: Way, local_map: LocalMap
     ) -> Found:
         """The first try, or what is clearly better."""
-        is_bad = bool(doubt(first.alignment))
-        if self._rest > 0 and not is_bad:
+        if self._rest > 0:
             self._rest -= 1
-            return first
+            found = self._by_depth(images, first, way) if doubt(first.alignment) else first
+            if not doubt(found.alignment):
+                return found
         found = self._patiently(images, first, way)
         if found.is_better_tried_again:
             found = self._by_features(frame, images, found, way, local_map)
         if doubt(found.alignment):
             found = self._by_depth(images, found, way)
-        self._rest = REST_FRAMES if found is first else 0
+        self._rest = REST_FRAMES if found is first or found.lack else 0
         return found
 
     def _patiently(self, images: Images, first: Found, way: Way) -> Found:

@@ -1,0 +1,95 @@
+"""A method over a recording, within this process."""
+
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.trajectory import StampedPoses
+from tests.conftest import FRAMES
+from vo_service.odometry.estimate import Estimate
+from vo_service.odometry.stopwatch import Stopwatch
+from vo_service.runs.excerpt import Excerpt
+from vo_service.runs.following import WARM_UP_FRAMES, follow
+from vo_service.runs.messages import Job, Preparing
+from vo_service.runs.run import Run
+
+BURNT_S = 0.02
+
+
+@dataclass
+class Watched:
+    """A recipe that remembers which frames each odometry that it made has seen."""
+
+    act: Callable[[], None] = lambda: None
+    seen: list[list[int]] = field(default_factory=list)
+    uses_truth = False
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        return {}
+
+    def prepare(self, tell: Callable[[str], None]) -> None:
+        tell("nothing")
+
+    def make(self, stopwatch: Stopwatch, truth: StampedPoses | None) -> "Watching":
+        self.seen.append([])
+        return Watching(self.seen[-1], self.act)
+
+
+@dataclass
+class Watching:
+    """Stands still."""
+
+    seen: list[int]
+    act: Callable[[], None]
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        self.seen.append(frame.seq)
+        self.act()
+        return Estimate(True, "", np.eye(4), np.eye(4), np.zeros((6, 6)))
+
+
+def followed(folder: Path, recipe: Watched, first: int | None = None) -> Run:
+    words: list[object] = []
+    run = follow(Job(folder, None, recipe, logging.WARNING, Excerpt(first=first)), words.append)
+    assert words[:2] == [Preparing("nothing"), Preparing("first frames")]
+    return run
+
+
+def test_a_method_warms_up_on_the_first_frames_and_is_then_made_anew(recording: Path) -> None:
+    recipe = Watched()
+    run = followed(recording, recipe)
+    assert recipe.seen == [list(range(WARM_UP_FRAMES)), list(range(FRAMES))]
+    assert (len(run.frames), run.skipped) == (FRAMES, 0)
+
+
+def test_a_broken_frame_at_the_start_is_skipped_once(copy_recording: Callable[..., Path]) -> None:
+    folder = copy_recording()
+    second = sorted((folder / "depth").iterdir())[1]
+    os.truncate(second, 500)
+    recipe = Watched()
+    run = followed(folder, recipe)
+    assert recipe.seen == [[0, 2], [0, *range(2, FRAMES)]]
+    assert (len(run.frames), run.skipped) == (FRAMES - 1, 1)
+
+
+def _burn_in_a_thread() -> None:
+    def burn() -> None:
+        while time.thread_time() < BURNT_S:
+            pass
+
+    thread = threading.Thread(target=burn)
+    thread.start()
+    thread.join()
+
+
+def test_the_time_of_a_methods_own_threads_counts(recording: Path) -> None:
+    run = followed(recording, Watched(_burn_in_a_thread), first=2)
+    assert run.frames.cpu_ms.min() >= 1e3 * BURNT_S

@@ -11,7 +11,8 @@ from vo_service.odometry.keyframe.parameters import (
 )
 from vo_service.odometry.keyframe.system import GAIN, SIGMA_BRIGHTNESS, SIGMA_DEPTH
 
-# Of a keyframe's points, this share at least is in the image, and not fewer than this.
+# Of a keyframe's points, this share at least is in the image, and not fewer than this; and there
+# are so many readings at least.
 LEAST_IN_IMAGE, FEWEST_POINTS = 0.2, 100
 # Readings of fewer than this share of the points in view have no say.
 LEAST_SAY = 0.05
@@ -44,9 +45,11 @@ def doubt(found: Alignment) -> str:
         return f"{seen} of {points} points of the keyframe are in view"
     if counts[measure.DISREGARDED] > MOST_MOVING * seen:
         return f"{100 * counts[measure.DISREGARDED] / seen:.0f} % of the view does not fit"
+    read = int(counts[measure.WITH_DEPTH] + counts[measure.WITH_BRIGHTNESS])
+    if read < FEWEST_POINTS:
+        return f"only {read} readings of what is in view"
     if not agrees(counts):
         agreeing = int(counts[measure.DEPTH_AGREES] + counts[measure.BRIGHTNESS_AGREES])
-        read = int(counts[measure.WITH_DEPTH] + counts[measure.WITH_BRIGHTNESS])
         return f"{agreeing} of {read} readings agree with the keyframe"
     if fit[SIGMA_DEPTH] > WRONG_SPREADS[1]:
         return "the depth does not fit the keyframe's"

@@ -9,7 +9,8 @@ from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.twists import logarithm
 from vo_service.odometry.keyframe.way import Way
 
-# Each time the keyframe's rows are brought to its stamp by the velocity that was found before.
+# Each time the keyframe's rows are brought to its stamp by the velocity that was found before: none
+# where the second frame comes too late to tell.
 ROUNDS = 2
 
 
@@ -18,7 +19,7 @@ def made_anew(found: Found, images: Images, way: Way) -> Found:
     for _ in range(ROUNDS):
         before = found.keyframe
         T_first_second = inverse(found.alignment.T_camera_keyframe)
-        velocity = logarithm(T_first_second) / (images.stamp_s - before.images.stamp_s)
+        velocity = logarithm(T_first_second) * found.tie.rate_hz
         keyframe = make_keyframe(
             before.frame, before.images, before.T_world_keyframe, velocity, ALL_STILL
         )

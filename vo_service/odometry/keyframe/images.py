@@ -15,7 +15,7 @@ from vo_service.odometry.keyframe.parameters import GAINS
 # Brightness in a half, a quarter, an eighth and a sixteenth of the frame's size. The whole size
 # gains nothing: a Kinect's colours are interpolated, and edges in it are 2 pixels wide.
 LEVELS = 4
-# Smaller images than this are left out.
+# Smaller images than this are left out, but for the largest.
 SMALLEST_PX = 12
 
 
@@ -91,8 +91,8 @@ def _pyramid(grey: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
     levels: list[NDArray[np.uint8]] = []
     height, width = grey.shape
     for _ in range(LEVELS):
-        height, width = height // 2, width // 2
-        if min(height, width) < SMALLEST_PX:
+        height, width = max(height // 2, 1), max(width // 2, 1)
+        if levels and min(height, width) < SMALLEST_PX:
             break
         last = levels[-1] if levels else grey
         cut = last[: 2 * height, : 2 * width]

@@ -31,12 +31,12 @@ def _times(key: str, heading: str, of: Callable[[FrameLog], Array]) -> tuple[Met
 
 
 ERRORS = (
-    Metric("ate_rmse_m", "ATE mm", evaluated("ate_rmse_m"), 1, 1e3),
-    Metric("mean_global_error_m", "global mm", evaluated("mean_global_error_m"), 1, 1e3),
+    Metric("ate_rmse_m", "ATE mm", evaluated("ate_rmse_m"), 2, 1e3),
+    Metric("mean_global_error_m", "global mm", evaluated("mean_global_error_m"), 2, 1e3),
     Metric("rpe_frame_m", "RPE mm", evaluated("rpe_frame_m"), 2, 1e3),
     Metric("rpe_frame_deg", "RPE °", evaluated("rpe_frame_deg"), 3),
-    Metric("rpe_1s_m", "RPE 1 s mm", evaluated("rpe_1s_m"), 1, 1e3),
-    Metric("rpe_1s_deg", "RPE 1 s °", evaluated("rpe_1s_deg"), 2),
+    Metric("rpe_1s_m", "RPE 1 s mm", evaluated("rpe_1s_m"), 2, 1e3),
+    Metric("rpe_1s_deg", "RPE 1 s °", evaluated("rpe_1s_deg"), 3),
 )
 HONESTY = (
     Metric("coverage", "cover %", lambda judged: judged.coverage, 1, 100.0),

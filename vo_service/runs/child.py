@@ -22,8 +22,8 @@ import cv2
 
 from drivers.errors import UserFacingError
 from drivers.isolation.outbox import Outbox, leave_signals_to_service, log_to_service
-from vo_service.runs.following import follow
-from vo_service.runs.messages import Job, Word
+from vo_service.runs.following import CompiledFirst, follow
+from vo_service.runs.messages import Compiled, Job, Word
 from vo_service.runs.run import Outcome, RunState
 
 # Native code that holds Python's lock stops every thread; after so long the kernel steps in.
@@ -54,10 +54,12 @@ def stay_on_one_processor() -> None:
     os.sched_setaffinity(0, {allowed[os.getpid() % len(allowed)]})
 
 
-def outcome_of(job: Job, tell: Callable[[Word], None]) -> Outcome:
+def outcome_of(job: Job, tell: Callable[[Word], None]) -> Outcome | Compiled:
     """Whatever a method raises is an outcome."""
     try:
         return Outcome(RunState.DONE, follow(job, tell))
+    except CompiledFirst:
+        return Compiled()
     except UserFacingError as error:
         return Outcome(RunState.REFUSED, trouble=str(error))
     except Exception as error:

@@ -6,8 +6,10 @@ take memory.
 """
 
 import logging
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 from drivers.camera import RgbdFrame
 from drivers.tum.decode import UnreadableFrameError
@@ -29,11 +31,21 @@ WARM_UP_FRAMES = 3
 logger = logging.getLogger(__name__)
 
 
+class CompiledFirst(Exception):  # noqa: N818 (no error: all is well, but for the memory)
+    """Kernels had to be compiled in this process, and no frame has been counted yet."""
+
+
 def follow(job: Job, tell: Callable[[Preparing | Progress], None]) -> Run:
-    """All frames of the excerpt. Raises UserFacingError if the folder or a pose is without use."""
+    """All frames of the excerpt. Raises UserFacingError if the folder or a pose is without use.
+
+    Raises CompiledFirst where the job allows it, and kernels had to be compiled.
+    """
+    kernels = _kernels_kept()
     folder = open_folder(job.folder, job.camera_file)
     pairs = job.excerpt.of(folder.frames.pairs)
     warm_up(job.recipe, folder, pairs, lambda stage: tell(Preparing(stage)))
+    if job.may_end_compiled and _kernels_kept() > kernels:
+        raise CompiledFirst
     stages, diary = StageClock(), Diary()
     odometry = job.recipe.make(stages, folder.ground_truth)
     told_s = 0.0
@@ -58,6 +70,12 @@ def warm_up(
             odometry.estimate(reader.read(pair, seq))
         except UnreadableFrameError:  # to be told when its turn comes
             continue
+
+
+def _kernels_kept() -> int:
+    """How many compiled kernels there are in the folder where Numba keeps them."""
+    folder = os.environ.get("NUMBA_CACHE_DIR")
+    return sum(1 for _ in Path(folder).rglob("*.nbc")) if folder else 0
 
 
 def _add(diary: Diary, odometry: Odometry, frame: RgbdFrame, stages: StageClock) -> None:

@@ -11,13 +11,17 @@ from vo_service.runs.run import Outcome
 
 @dataclass(frozen=True)
 class Job:
-    """To the process, once: follow this folder. `camera_file` as for `open_folder`."""
+    """To the process, once: follow this folder. `camera_file` as for `open_folder`.
+
+    may_end_compiled  where kernels had to be compiled first, the last word is `Compiled`
+    """
 
     folder: Path
     camera_file: Path | None
     recipe: Recipe
     log_level: int
     excerpt: Excerpt = WHOLE
+    may_end_compiled: bool = True
 
 
 @dataclass(frozen=True)
@@ -35,5 +39,13 @@ class Progress:
     total: int
 
 
-# The last word is the outcome.
-Word = Preparing | Progress | LogLine | Outcome
+@dataclass(frozen=True)
+class Compiled:
+    """From the process: kernels had to be compiled, so its memory is not what the method takes.
+
+    They are kept: another process will find them.
+    """
+
+
+# The last word is one of the last two.
+Word = Preparing | Progress | LogLine | Compiled | Outcome

@@ -43,8 +43,8 @@ def test_for_people_there_is_a_row_a_method_and_ratios_beside_the_figures() -> N
     title, head, surf, icp, sfm = RANKING.error_table().as_text().splitlines()
     assert title == "walk, every frame: 40 frames in 1.3 s; in () times that of surf"
     assert head.split()[:3] == ["method", "ATE", "mm"]
-    assert "19.5 (1.00)" in surf
-    assert "35.0 (1.79)" in icp
+    assert "19.50 (1.00)" in surf
+    assert "35.00 (1.79)" in icp
     assert icp.split()[-5:] == ["90.0", "4", "0", "0", "35"]
     assert sfm.split()[:3] == ["sfm:", "crashed", "-"]
     assert RANKING.cost_table().as_text().splitlines()[2].split()[:3] == ["surf", "8.0", "(1.00)"]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from drivers.camera import RgbdFrame
 from drivers.trajectory import StampedPoses
@@ -16,7 +17,7 @@ from tests.conftest import FRAMES
 from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.stopwatch import Stopwatch
 from vo_service.runs.excerpt import Excerpt
-from vo_service.runs.following import WARM_UP_FRAMES, follow
+from vo_service.runs.following import WARM_UP_FRAMES, CompiledFirst, follow
 from vo_service.runs.messages import Job, Preparing
 from vo_service.runs.run import Run
 
@@ -78,6 +79,24 @@ def test_a_broken_frame_at_the_start_is_skipped_once(copy_recording: Callable[..
     run = followed(folder, recipe)
     assert recipe.seen == [[0, 2], [0, *range(2, FRAMES)]]
     assert (len(run.frames), run.skipped) == (FRAMES - 1, 1)
+
+
+@pytest.fixture
+def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where Numba keeps what it compiled."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    return tmp_path
+
+
+def test_where_kernels_had_to_be_compiled_no_frame_is_counted_unless_it_has_to(
+    recording: Path, kernels: Path
+) -> None:
+    recipe = Watched(lambda: (kernels / f"kernel-{time.monotonic_ns()}.nbc").touch())
+    with pytest.raises(CompiledFirst):
+        followed(recording, recipe)
+    assert recipe.seen == [list(range(WARM_UP_FRAMES))]
+    job = Job(recording, None, recipe, logging.WARNING, may_end_compiled=False)
+    assert len(follow(job, lambda word: None).frames) == FRAMES
 
 
 def _burn_in_a_thread() -> None:

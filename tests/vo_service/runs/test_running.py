@@ -66,6 +66,17 @@ def test_what_goes_wrong_is_told_in_one_line(
     assert ("_divide" in outcome.details) == (act == "raise")
 
 
+def test_kernels_are_compiled_in_a_process_of_their_own(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    words: list[Preparing | Progress] = []
+    job = Job(recording, None, Trial("compile"), logging.WARNING)
+    outcome = run_in_child(job, PATIENCE_S, words.append, threading.Event())
+    assert (outcome.state, len(outcome.run.frames)) == (RunState.DONE, FRAMES)
+    assert words.count(Preparing("nothing")) == 2
+
+
 def test_a_run_stays_on_one_processor(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen: list[set[int]] = []
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {2, 5, 7})

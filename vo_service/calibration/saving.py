@@ -20,7 +20,12 @@ def check_writable(path: Path) -> None:
 
 
 def save_camera_file(path: Path, camera: CameraFile, heading: str) -> Path | None:
-    """Write it; a file that was there is kept beside it, and its new name returned.
+    """Write it; as `save_keeping`."""
+    return save_keeping(path, f"# {heading}\n{camera_file_text(camera)}".encode())
+
+
+def save_keeping(path: Path, data: bytes) -> Path | None:
+    """Write a file; one that was there is kept beside it, and its new name returned.
 
     Raises UserFacingError if the disk refuses; the old file is then still in place.
     """
@@ -30,7 +35,7 @@ def save_camera_file(path: Path, camera: CameraFile, heading: str) -> Path | Non
         if path.exists():
             kept = path.with_name(f"{path.name}.bak")
             write_whole(kept, path.read_bytes())
-        write_whole(path, f"# {heading}\n{camera_file_text(camera)}".encode())
+        write_whole(path, data)
     except OSError as error:
         raise _refused(path, error) from error
     return kept

@@ -1,4 +1,4 @@
-"""``kinect-vo calibrate``: a camera file from views of a printed board."""
+"""``kinect-vo calibrate``: a camera file from views of a printed board, and a sensor's timing."""
 
 import argparse
 import json
@@ -22,17 +22,22 @@ from vo_service.interrupts import stop_on_signals
 from vo_service.terminal import Terminal
 
 NAME = "calibrate"
-HELP = "make a camera file from views of a printed chessboard"
+HELP = "make a camera file from views of a printed chessboard, or measure a sensor's timing"
 EPILOG = """\
 examples:
   kinect-vo calibrate --board chessboard:9x6 --square 0.025 --print-board board.pdf
   kinect-vo calibrate --board chessboard:9x6 --square 0.025 --camera freenect
   kinect-vo calibrate --board chessboard:9x6 --square 0.035 --camera openni2 --depth --keep views
   kinect-vo calibrate --board chessboard:9x6 --square 0.035 views --depth --picture coverage.png
+  kinect-vo calibrate --timing --camera freenect --camera-file camera.toml
+  kinect-vo calibrate --timing recordings/shaken
 
 Print the board, glue it to something flat, measure a square, and show it to the camera: near and
 far, in every corner of the image, tilted each way, and still for a moment each time. With a camera
 it ends by itself once the views are enough; Ctrl-C uses what there is.
+
+--timing needs no board: shake the camera briskly to and fro, for a minute, near things with a
+pattern. It puts readout_s and depth_offset_s into the camera file and leaves all else as it is.
 
 The camera file goes where --output says, else where the configuration's camera.file says, else to
 camera.toml here; one that is there already is kept as camera.toml.bak.
@@ -57,9 +62,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "scale; depth must not be registered to colour",
     )  # fmt: skip
     parser.add_argument(
+        "--timing", action="store_true",
+        help="find readout_s (rolling shutter) and depth_offset_s (depth later than its stamps) "
+        "from a minute of brisk motion, without a board",
+    )  # fmt: skip
+    parser.add_argument(
         "--camera-file", metavar="FILE", type=Path,
         help="camera file of a recording, for its depth factor (default: FOLDER/camera.toml, else "
-        "millimetres)",
+        "millimetres); with --timing of a camera too",
     )  # fmt: skip
     _add_board_arguments(parser)
     parser.add_argument(
@@ -122,6 +132,11 @@ def length_m(text: str) -> float:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate and save. Raises InputError or UserFacingError, each with one line."""
+    if args.timing:
+        # Loads the kernels of an odometry, which boards do without.
+        from vo_service.commands.calibrate_timing import run_timing
+
+        return run_timing(args)
     board = board_of(BoardOptions(args.board, args.square, args.marker, args.dictionary))
     if args.print_board is not None:
         paper = print_board(board, args.print_board)

@@ -1,0 +1,100 @@
+"""How badly a sensor's timing explains a piece of film.
+
+The keyframe odometry says where the camera was at each stamp, and so how fast it moved there. That
+depends little on the timing. How well images then fit one another, row by row, depends on it much.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array, inverse
+from vo_service.odometry.keyframe.known_motion import Moment, brightness_spreads, moment
+from vo_service.odometry.keyframe.twists import logarithm
+from vo_service.odometry.keyframe_odometry import KeyframeOdometry
+
+# A velocity is that of a curve through so many poses on either side.
+NEIGHBOURS = 2
+# Every so often a frame is one that others are laid on: so many before and after it.
+STRIDE, REACH = 8, 6
+# Fewer frames that are laid on others say too little of a piece.
+FEWEST_FITS = 12
+
+
+@dataclass(frozen=True)
+class Timing:
+    """When rows are taken.
+
+    readout_s       from the first row to the last, of both images
+    depth_offset_s  instant of a depth image minus what its stamp says, relative to colour
+    """
+
+    readout_s: float
+    depth_offset_s: float
+
+
+def costs(piece: Sequence[RgbdFrame], known: Timing, timings: Sequence[Timing]) -> Array:
+    """(N,) mean logarithm of the brightness' spread, for each of the timings.
+
+    piece  frames whose skew is the difference of their stamps
+    known  what the timing is thought to be, to follow the camera with
+
+    NaN where the camera cannot be followed.
+    """
+    moments = follow(piece, known)
+    spreads = [_spreads(moments, timing) for timing in timings]
+    if min(map(len, spreads)) < FEWEST_FITS:
+        return np.full(len(timings), np.nan)
+    means: Array = np.log(spreads).mean(axis=1)
+    return means
+
+
+def follow(piece: Sequence[RgbdFrame], timing: Timing) -> dict[int, Moment]:
+    """Where the camera was and how fast, by the frame's place in the piece; not where lost."""
+    odometry = KeyframeOdometry()
+    poses: dict[int, Array] = {}
+    for n, frame in enumerate(piece):
+        estimate = odometry.estimate(
+            replace(
+                frame,
+                readout_s=timing.readout_s,
+                skew_s=frame.skew_s + timing.depth_offset_s,
+            )
+        )
+        if estimate.restarted:
+            poses.clear()
+        if estimate.ok:
+            poses[n] = estimate.T_world_camera
+    moments = {}
+    for n in poses:
+        around = range(n - NEIGHBOURS, n + NEIGHBOURS + 1)
+        if all(m in poses for m in around):
+            stamps_s = np.array([piece[m].stamp_s for m in around])
+            velocity = velocity_between([poses[m] for m in around], stamps_s)
+            moments[n] = moment(piece[n], poses[n], velocity)
+    return moments
+
+
+def velocity_between(T_world_camera: Sequence[Array], stamps_s: Array) -> Array:
+    """(6,) twist of the camera in its own axes at the middle of an odd number of poses.
+
+    It is the slope of the polynomial through their twists as seen from the middle one.
+    """
+    middle = len(stamps_s) // 2
+    T_middle_world = inverse(T_world_camera[middle])
+    twists = np.array([logarithm(T_middle_world @ T) for T in T_world_camera])
+    powers = np.vander(stamps_s - stamps_s[middle], increasing=True)
+    slopes: Array = np.linalg.solve(powers, twists)[1]
+    return slopes
+
+
+def _spreads(moments: dict[int, Moment], timing: Timing) -> list[float]:
+    timed = {n: m.timed(timing.readout_s, timing.depth_offset_s) for n, m in moments.items()}
+    spreads: list[float] = []
+    for n in range(NEIGHBOURS + STRIDE // 2, max(timed, default=0) + 1, STRIDE):
+        if n in timed:
+            near = [timed[m] for m in range(n - REACH, n + REACH + 1) if m != n and m in timed]
+            spreads += brightness_spreads(timed[n], near)
+    return spreads

@@ -1,0 +1,104 @@
+"""The least of costs over readout and depth offset, and how sure it is."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.errors import UserFacingError
+from drivers.geometry import Array
+
+# Where the search begins: a Kinect as it usually is.
+START_S = np.array([0.020, 0.0])
+# Costs are asked for on a grid of three by three: far apart at first, then for the result.
+COARSE_S, FINE_S = 0.010, 0.005
+# Timings beyond these are not looked for; a readout below zero goes from bottom to top.
+LOW_S, HIGH_S = np.array([-0.015, -0.060]), np.array([0.060, 0.060])
+# The search moves by at most so many steps at once, and so often.
+LONGEST_MOVE = 1.5
+MOST_GRIDS = 10
+NOTHING_SAVED = "nothing is saved: "
+_GRID = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
+
+# (2,) readout and depth offset that are thought to be true, in seconds, and (N, 2) to be tried:
+# (pieces, N) costs, NaN in the row of a piece of film that tells nothing.
+Costs = Callable[[Array, Array], Array]
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Readout and depth offset (2,) and their standard deviations (2,), in seconds.
+
+    pieces  pieces of film that told it
+    """
+
+    timing_s: Array
+    sigma_s: Array
+    pieces: int
+
+
+def search(coarse: Costs, fine: Costs) -> Minimum:
+    """Follow the coarse costs down, then the fine ones.
+
+    Raises UserFacingError where that leads nowhere.
+    """
+    stages = [(coarse, COARSE_S), (fine, FINE_S)]
+    centre_s = START_S
+    for _ in range(MOST_GRIDS):
+        costs, step_s = stages[0]
+        table = _of_telling_pieces(costs(centre_s, centre_s + step_s * _GRID))
+        move = _way_down(table.mean(axis=0))
+        is_inside = bool(np.abs(move).max() <= 1.0)
+        found_s = centre_s + step_s * move
+        if is_inside and len(stages) == 1:
+            return Minimum(found_s, step_s * _sigma(table), len(table))
+        if is_inside:
+            stages.pop(0)
+        centre_s = np.clip(found_s, LOW_S, HIGH_S)
+    raise UserFacingError(
+        f"{NOTHING_SAVED}no timing explains the images better than others; move the camera "
+        "briskly, to and fro, before things with a pattern"
+    )
+
+
+def lowest(values: Array) -> Array:
+    """(2,) place of the lowest point of the paraboloid through nine values, in steps; NaN: none."""
+    x, y = _GRID.T
+    powers = np.column_stack([np.ones(9), x, y, x * x, x * y, y * y])
+    _, a, b, xx, xy, yy = np.linalg.lstsq(powers, values, rcond=None)[0]
+    H = np.array([[2 * xx, xy], [xy, 2 * yy]])
+    if np.linalg.eigvalsh(H)[0] <= 0:
+        return np.full(2, np.nan)
+    place: Array = np.linalg.solve(H, [-a, -b])
+    return place
+
+
+def _of_telling_pieces(table: Array) -> Array:
+    telling: Array = table[np.isfinite(table).all(axis=1)]
+    if len(telling) == 0:
+        raise UserFacingError(
+            f"{NOTHING_SAVED}the camera could not be followed while it moved briskly; keep half a "
+            "metre to four from things with a pattern, in good light, and move less wildly"
+        )
+    return telling
+
+
+def _way_down(values: Array) -> Array:
+    """(2,) steps to the lowest point, or towards it."""
+    place = lowest(values)
+    if np.isfinite(place).all():
+        return np.clip(place, -LONGEST_MOVE, LONGEST_MOVE)
+    best: Array = LONGEST_MOVE * _GRID[int(np.argmin(values))]
+    return best
+
+
+def _sigma(table: Array) -> Array:
+    """(2,) standard deviation in steps, by leaving out each piece (jackknife); inf if unknown."""
+    n = len(table)
+    if n < 2:
+        return np.full(2, np.inf)
+    others = np.array([lowest(np.delete(table, k, axis=0).mean(axis=0)) for k in range(n)])
+    if not np.isfinite(others).all():
+        return np.full(2, np.inf)
+    spread: Array = np.sqrt((n - 1) * np.mean((others - others.mean(axis=0)) ** 2, axis=0))
+    return spread

@@ -80,7 +80,8 @@ class KeyframeOdometry:
             return self._fail(frame, images, found, reason)
         # Does what is in view hold the camera in all six directions?
         with self._stopwatch.stage("certainty"):
-            sure = certainty(found.keyframe, images, found.alignment, found.tie)
+            agitation = self._track.way.agitation_with(found.alignment.camera_velocity)
+            sure = certainty(found.keyframe, images, found.alignment, found.tie, agitation)
         if sure.doubt:
             return self._fail(frame, images, found, sure.doubt)
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
@@ -121,7 +122,7 @@ class KeyframeOdometry:
         if len(keyframe.points[0]) < FEWEST_POINTS:
             return f"only {len(keyframe.points[0])} points with depth"
         itself = align(keyframe.points, images, [np.eye(4)], STANDING, (1.0, 0.0), all_alike())
-        return doubt(itself) or certainty(keyframe, images, itself, STANDING).doubt
+        return doubt(itself) or certainty(keyframe, images, itself, STANDING, np.zeros(2)).doubt
 
     def _fail(self, frame: RgbdFrame, images: Images, found: Found, reason: str) -> Estimate:
         """Hold the pose; after too many failures give the keyframes up."""
@@ -152,6 +153,7 @@ class KeyframeOdometry:
             images.stamp_s,
             light,
             images.mean_brightness,
+            track.way.agitation_with(alignment.camera_velocity),
         )
         T_world_reference = T_world_camera if is_new else track.T_world_reference
         self._track = Track(keyframe, way, T_world_reference)

@@ -20,7 +20,6 @@ from vo_service.odometry.keyframe.system import (
     OFFSET,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
-    sum_system,
 )
 from vo_service.odometry.keyframe.twists import orthonormal
 
@@ -134,7 +133,8 @@ def align(
     weights   (2, CELLS) of brightness and of depth, by the cell of the image
     patience  so many times the usual steps
     """
-    coarsest = len(images.grey) - 1
+    # A camera that comes back may have images of another size.
+    coarsest = min(len(images.grey), len(points)) - 1
     fit = start_fit(light)
     costs = [_cost(points, images, T, tie.velocity, fit, coarsest) for T in starts]
     T, velocity = starts[int(np.argmin(costs))], tie.velocity
@@ -180,18 +180,6 @@ def look_at(points: Points, images: Images, T: Array, velocity: Array, level: in
         readings,
     )
     return readings
-
-
-def information(points: Points, images: Images, found: Alignment) -> tuple[Array, Array]:
-    """(12, 12) and (12,) of an alignment, see `sum_system`."""
-    return sum_system(
-        points[0],
-        found.readings,
-        found.weights,
-        found.fit,
-        images.shutter.readout_s,
-        images.shutter.skew_s,
-    )
 
 
 def _cost(

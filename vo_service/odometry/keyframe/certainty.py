@@ -11,12 +11,17 @@ import numpy as np
 
 from drivers.geometry import Array, carried, inverse
 from vo_service.odometry.directions import Directions, directions, point_information
-from vo_service.odometry.keyframe.alignment import Alignment, Tie, information
-from vo_service.odometry.keyframe.images import Images
+from vo_service.odometry.keyframe.alignment import Alignment, Tie
+from vo_service.odometry.keyframe.images import Images, Shutter
 from vo_service.odometry.keyframe.local_map import Keyframe
 from vo_service.odometry.keyframe.noise import weigh
 from vo_service.odometry.keyframe.parameters import KNOWN
+from vo_service.odometry.keyframe.system import UPPER, band_times, sum_bands, with_times
 
+# What all of the image is wrong about alike does not show: so many times what shows.
+SHARED = 2.5
+# How far the camera strays between rows, times the time between them and its agitation.
+STRAY = 0.2
 # Nothing is surer than this: what calibration and timing leave over, in metres and radians.
 FLOOR_M, FLOOR_RAD = 1e-4, 1e-4
 
@@ -40,31 +45,65 @@ class Certainty:
         return f"too plain a view: {unknown} of 6 directions of motion are open" if unknown else ""
 
 
-def certainty(keyframe: Keyframe, images: Images, found: Alignment, tie: Tie) -> Certainty:
-    """Of an alignment and what its velocity was tied to."""
-    H, _ = information(keyframe.points, images, found)
-    whole, finest = images.intrinsics[0], images.intrinsics[1]
+def certainty(
+    keyframe: Keyframe, images: Images, found: Alignment, tie: Tie, agitation: Array
+) -> Certainty:
+    """Of an alignment and what its velocity was tied to.
+
+    agitation  (2,) how much the velocity changes from frame to frame, m/s and rad/s
+    """
+    shutter, points = images.shutter, keyframe.points[0]
+    bands = sum_bands(points, found.readings, found.weights, found.fit)
+    H, _ = with_times(bands, shutter.readout_s, shutter.skew_s)
     pulls, moments = weigh(
-        keyframe.points[0],
+        points,
         found.readings,
         found.weights,
         found.fit,
-        images.shutter.readout_s,
-        images.shutter.skew_s,
-        finest[0],
-        whole[0],
+        shutter.readout_s,
+        shutter.skew_s,
+        images.intrinsics[1][0],
+        images.intrinsics[0][0],
     )
-    settled = directions(H[:6, :6], point_information(moments))
-    of_tie = _information(tie)
-    bread = np.linalg.inv(H + of_tie + 1e-9 * np.trace(H) * np.eye(12))
-    spread = pulls.T @ pulls + of_tie
-    whole_cov = bread @ spread @ bread
-    in_keyframe = whole_cov[:6, :6]
-    A = np.linalg.solve(H[:6, :6] + 1e-9 * np.trace(H) * np.eye(6), H[:6, 6:])
-    in_keyframe = in_keyframe + A @ whole_cov[6:, 6:] @ A.T
+    pulls = np.vstack([pulls, _pulls_of_bands(bands, shutter)])
+    in_keyframe = SHARED * _of_readings(H, pulls, tie)
+    in_keyframe += _of_strays(H, bands, shutter, agitation)
     in_camera = carried(in_keyframe, inverse(found.T_camera_keyframe))
     floor = np.diag(np.repeat([FLOOR_M**2, FLOOR_RAD**2], 3))
-    return Certainty(0.5 * (in_camera + in_camera.T) + floor, settled)
+    return Certainty(
+        covariance=0.5 * (in_camera + in_camera.T) + floor,
+        directions=directions(H[:6, :6], point_information(moments)),
+    )
+
+
+def _of_readings(H: Array, pulls: Array, tie: Tie) -> Array:
+    """6x6 for what the readings disagree about, and for the velocities of frame and keyframe."""
+    of_tie = _information(tie)
+    bread = np.linalg.inv(_regular(H + of_tie))
+    both = bread @ (pulls.T @ pulls + of_tie) @ bread
+    # The keyframe's rows were brought to one instant by a velocity that is no better known.
+    moves = np.linalg.solve(_regular(H[:6, :6]), H[:6, 6:])
+    covariance: Array = both[:6, :6] + moves @ both[6:, 6:] @ moves.T
+    return covariance
+
+
+def _pulls_of_bands(bands: Array, shutter: Shutter) -> Array:
+    """(2 BANDS, 12) what each band of rows pulls the motion and the velocity by."""
+    pulls = bands[:, 21:]
+    return np.hstack([pulls, band_times(shutter.readout_s, shutter.skew_s)[:, None] * pulls])
+
+
+def _of_strays(H: Array, bands: Array, shutter: Shutter, agitation: Array) -> Array:
+    """6x6 for how the camera strays from a constant velocity while it takes the rows of an image.
+
+    Each band of rows, of the frame and of the keyframe, is off by a motion of its own.
+    """
+    span_s = shutter.readout_s + abs(shutter.skew_s)
+    stray = np.repeat((STRAY * span_s * agitation) ** 2, 3)
+    of_band = bands[:, UPPER]
+    spread = 2.0 * np.einsum("kij,j,klj->il", of_band, stray, of_band)
+    bread = np.linalg.inv(_regular(H[:6, :6]))
+    return np.asarray(bread @ spread @ bread, np.float64)
 
 
 def _information(tie: Tie) -> Array:
@@ -75,3 +114,7 @@ def _information(tie: Tie) -> Array:
     both[motion, velocity] = both[velocity, motion] = -rate_hz * tie.information
     both[velocity, velocity] = tie.information
     return both
+
+
+def _regular(H: Array) -> Array:
+    return np.asarray(H + 1e-9 * np.trace(H) * np.eye(len(H)), np.float64)

@@ -8,7 +8,7 @@ from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.readings import read_points
 from vo_service.odometry.keyframe.regions import weigh_regions
-from vo_service.odometry.keyframe.system import fit_light, sum_system
+from vo_service.odometry.keyframe.system import fit_light, sum_bands, with_times
 from vo_service.odometry.keyframe.twists import exponential, logarithm, product
 
 # Directions that nothing in view settles are left alone: steps along them cost as if they were
@@ -66,7 +66,8 @@ def descend(
         cell_weights = weigh_regions(points, readings, fit, basic_weights)
         for _ in range(FIRST_SWEEPS if step == 0 else 1):
             fit_light(points, readings, cell_weights, fit)
-        H, g = sum_system(points, readings, cell_weights, fit, readout_s, skew_s)
+        bands = sum_bands(points, readings, cell_weights, fit)
+        H, g = with_times(bands, readout_s, skew_s)
         mean = expected if rate_hz == 0.0 else logarithm(product(T_keyframe_last, T)) * rate_hz
         tie_velocity(H, g, velocity - mean, rate_hz, velocity_information)
         for i in range(3):

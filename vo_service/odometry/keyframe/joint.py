@@ -18,7 +18,7 @@ from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import Keyframe
 from vo_service.odometry.keyframe.measure import count
 from vo_service.odometry.keyframe.regions import weigh_regions
-from vo_service.odometry.keyframe.system import fit_light, sum_system
+from vo_service.odometry.keyframe.system import UPPER, fit_light, sum_bands
 from vo_service.odometry.keyframe.twists import exponential, orthonormal, product
 
 STEPS = 4
@@ -64,12 +64,9 @@ def align_jointly(
             ):
                 pairs.remove(pair)
                 continue
-            shutter = images.shutter
-            H_i, g_i = sum_system(
-                points, readings, cells, pair.fit, shutter.readout_s, shutter.skew_s
-            )
-            H += Ad.T @ H_i[:6, :6] @ Ad
-            g += Ad.T @ g_i[:6]
+            sums = sum_bands(points, readings, cells, pair.fit).sum(axis=0)
+            H += Ad.T @ sums[UPPER] @ Ad
+            g += Ad.T @ sums[21:]
         x = solve(H + 1e-6 * np.trace(H) * np.eye(6), g)
         T = product(T, exponential(-x))
         if np.max(np.abs(x)) < LAST_STEP:

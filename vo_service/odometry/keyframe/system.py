@@ -32,6 +32,9 @@ from vo_service.odometry.keyframe.readings import BANDS
 FEWEST_READINGS = 50
 # The fit: what a keyframe's brightness is multiplied by and what is added, then the two spreads.
 GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH = 0, 1, 2, 3
+# Where the elements of a symmetric 6x6 matrix are in its upper triangle, row by row.
+UPPER = np.empty((6, 6), np.intp)
+UPPER[np.triu_indices(6)] = UPPER.T[np.triu_indices(6)] = np.arange(21)
 # Rows of the cells' weights.
 _OF_BRIGHTNESS, _OF_DEPTH = 0, 1
 _R_BRIGHTNESS, _R_DEPTH = reading_columns.BRIGHTNESS, reading_columns.DEPTH
@@ -80,21 +83,13 @@ def fit_light(points: Array, readings: Array, cell_weights: Array, fit: Array) -
 
 
 @kernel
-def sum_system(
-    points: Array,
-    readings: Array,
-    cell_weights: Array,
-    fit: Array,
-    readout_s: float,
-    skew_s: float,
-) -> tuple[Array, Array]:
-    """Information (12, 12) and vector (12,) of the motion and of the velocity.
+def sum_bands(points: Array, readings: Array, cell_weights: Array, fit: Array) -> Array:
+    """(2 BANDS, 27) sums over the bands of the colour image, then over those of the depth image.
 
-    With r = J (d + tau e), d a small motion of the keyframe's points and e one of the velocity,
-    both twists (translation m, rotation rad) in the keyframe's axes, and tau when the reading was
-    taken: sum w [J, tau J]^T [J, tau J] and sum w [J, tau J]^T r.
+    With r = J d, d a small motion of the keyframe's points as a twist (translation m, rotation rad)
+    in the keyframe's axes: the upper triangle of sum w J^T J, row by row, then sum w J^T r. Rows of
+    a band are taken at one time: so little is lost, and so much less is summed.
     """
-    # Rows of a band are taken at one time: so little is lost, and so much less is summed.
     sums = np.zeros((2 * BANDS, 27))
     J = np.empty(6)
     gain, offset = fit[GAIN], fit[OFFSET]
@@ -113,7 +108,7 @@ def sum_system(
             w *= cell_weights[_OF_DEPTH, int(readings[i, _R_CELL])]
             jacobian(points[i], TO_DEPTH, 1.0, J)
             _add(sums[BANDS + int(readings[i, _R_DEPTH_BAND])], J, w, depth)
-    return _with_times(sums, readout_s, skew_s)
+    return sums
 
 
 @inline_kernel
@@ -138,12 +133,26 @@ def _add(sums: Array, J: Array, w: float, residual: float) -> None:
 
 
 @kernel
-def _with_times(sums: Array, readout_s: float, skew_s: float) -> tuple[Array, Array]:
+def band_times(readout_s: float, skew_s: float) -> Array:
+    """(2 BANDS,) when the middle of each band was taken, after the frame's stamp."""
+    times = np.empty(2 * BANDS)
+    for n in range(BANDS):
+        times[n] = ((n + 0.5) / BANDS - 0.5) * readout_s
+        times[BANDS + n] = times[n] + skew_s
+    return times
+
+
+@kernel
+def with_times(sums: Array, readout_s: float, skew_s: float) -> tuple[Array, Array]:
+    """Information (12, 12) and vector (12,) of the motion and of the velocity.
+
+    With r = J (d + tau e), e a small change of the velocity, and tau when the reading was taken:
+    sum w [J, tau J]^T [J, tau J] and sum w [J, tau J]^T r.
+    """
     H, g = np.zeros((12, 12)), np.zeros(12)
+    times = band_times(readout_s, skew_s)
     for n in range(2 * BANDS):
-        is_depth = n >= BANDS
-        row = ((n - BANDS if is_depth else n) + 0.5) / BANDS - 0.5
-        tau = row * readout_s + (skew_s if is_depth else 0.0)
+        tau = times[n]
         k = 0
         for i in range(6):
             for j in range(i, 6):

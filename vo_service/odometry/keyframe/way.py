@@ -1,6 +1,6 @@
 """Where the camera was last, how it moved then, and so where it may be now."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from vo_service.odometry.keyframe.twists import exponential
 
 # A longer time between two frames says little of the velocity at its end.
 LONGEST_STEP_S = 0.4
+# Of the agitation, this share is that of the frames before.
+FADING = 0.9
 # A mean brightness that is off by more than this share has changed at once.
 LIGHT_JUMP = 0.08
 
@@ -25,6 +27,8 @@ class Way:
     stamp_s          of that frame
     light            gain and offset of its brightness against the keyframe's
     mean_brightness  of the whole image, grey levels
+    agitation        (2,) how much the velocity changes from frame to frame, m/s and rad/s: root of
+                     a fading mean of squares over its three components
     """
 
     T_world_camera: Array
@@ -32,6 +36,7 @@ class Way:
     stamp_s: float
     light: tuple[float, float]
     mean_brightness: float
+    agitation: Array = field(default_factory=lambda: np.array(VELOCITY_SIGMA))
 
     def starts(self, T_world_keyframe: Array, stamp_s: float) -> list[Array]:
         """4x4 motions T_camera_keyframe to begin with: as it moves on, and as it stands still."""
@@ -49,6 +54,11 @@ class Way:
         duration_s = stamp_s - self.stamp_s
         tie = Tie(T_keyframe_last, 1.0 / max(duration_s, 1e-3), velocity, information)
         return tie if self._is_soon(stamp_s) else tie.loosened()
+
+    def agitation_with(self, velocity: Array) -> Array:
+        """The agitation, the next frame's velocity (6,) included."""
+        change = ((velocity - self.velocity) ** 2).reshape(2, 3).mean(axis=1)
+        return np.asarray(np.sqrt(FADING * self.agitation**2 + (1.0 - FADING) * change), np.float64)
 
     def light_at(self, images: Images) -> tuple[float, float]:
         """Gain and offset to begin with: as they were, or changed as the mean brightness."""

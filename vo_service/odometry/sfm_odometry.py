@@ -4,6 +4,8 @@ Nistér, Naroditsky and Bergen, "Visual odometry", CVPR 2004; Scaramuzza and Fra
 odometry, part I", IEEE Robotics and Automation Magazine 18 (2011), whose steps these are.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from drivers.camera import RgbdFrame
@@ -17,7 +19,7 @@ from vo_service.odometry.sfm.first_pair import FirstView
 from vo_service.odometry.sfm.keyframe import Keyframe
 from vo_service.odometry.sfm.parameters import SfmParameters
 from vo_service.odometry.sfm.placed import NotPlaced, Placed, Sight
-from vo_service.odometry.sfm.refinement import refine_best
+from vo_service.odometry.sfm.refinement import refine_best, refine_motion
 from vo_service.odometry.sfm.scale import motions_to_scale
 from vo_service.odometry.sfm.scale_source import FirstDepth, ScaleSource
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
@@ -64,6 +66,7 @@ class SfmOdometry:
         # Features.
         with self._stopwatch.stage("surf"):
             view = ColourView.of(self._extractor.extract(frame.grey), frame)
+            view = self._chain.expected(view)
         keyframes = self._chain.window.keyframes
         if not keyframes:
             return self._start(view, frame, restarted=False)
@@ -75,6 +78,9 @@ class SfmOdometry:
             placed = self._recover(placed)
         if isinstance(placed, NotPlaced):
             return self._fail(placed, frame)
+        # Once more with the velocity that is known now, if the shutter rolls.
+        with self._stopwatch.stage("refine"):
+            placed = self._steadied(placed)
         # Concatenation.
         with self._stopwatch.stage("points"):
             link = self._chain.add(placed)
@@ -107,7 +113,20 @@ class SfmOdometry:
         agree = placed.known_inliers
         if agree < self._parameters.min_inliers or not BY_KNOWN_POINTS.is_passed(agree, common):
             return NotPlaced(sight, f"{agree} of {common} known points agree")
+        if placed.doubt_rad > self._parameters.max_doubt_rad:
+            return NotPlaced(sight, f"the {agree} points that agree leave the motion open")
         return placed
+
+    def _steadied(self, placed: Placed) -> Placed:
+        """The view placed again, each row at its own instant."""
+        sight = placed.sight
+        if not sight.view.rolls:
+            return placed
+        view = sight.view.sweeping(self._chain.sweep_to(placed))
+        pairs = self._chain.window.pairs(view, sight.keyframe, sight.matches)
+        refined = refine_motion(placed.refined.T_camera_reference, pairs)
+        again = Placed(replace(sight, view=view, pairs=pairs), refined)
+        return min(placed, again, key=lambda each: each.refined.cost)
 
     def _place_second(self, sight: Sight, frame: RgbdFrame) -> Estimate:
         """The second view with parallax to the first: triangulation, and the first scale."""

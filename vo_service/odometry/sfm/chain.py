@@ -9,6 +9,7 @@ from vo_service.odometry.sfm.colour_view import ColourView
 from vo_service.odometry.sfm.keyframe import Keyframe
 from vo_service.odometry.sfm.parameters import SfmParameters
 from vo_service.odometry.sfm.placed import Placed
+from vo_service.odometry.sfm.sweep import Sweep
 from vo_service.odometry.sfm.window import Window, step_of
 
 # Settings in pixels are for an image whose focal length is this: 640 pixels wide, of a Kinect.
@@ -35,14 +36,17 @@ class Chain:
         self._window = Window(parameters)
         self.T_world_last = np.eye(4)
         self._last: Placed | None = None  # since the newest keyframe
+        self._covariance = np.zeros((6, 6))  # of the last good frame, as its keyframe saw it
         self._first_inliers = 0  # of the first frame after the newest keyframe
         self._scale_sigma = 0.0
+        self._sweep, self._stamp_s = Sweep(), 0.0  # at the last good frame
         self.has_scale = False
 
     def begin(self, view: ColourView) -> None:
         """Begin anew with a view where the last good one was: no points, and no scale."""
         self._window.begin(view, self.T_world_last)
-        self._last = None
+        self._last, self._covariance = None, np.zeros((6, 6))
+        self._sweep, self._stamp_s = Sweep(), view.stamp_s
         self.has_scale = False
 
     @property
@@ -54,8 +58,19 @@ class Chain:
         """4x4 T_camera_keyframe of a camera that has not moved since the last good frame."""
         return inverse(self.T_world_last) @ keyframe.T_world_camera
 
+    def expected(self, view: ColourView) -> ColourView:
+        """The view, of a camera that goes on as it did at the last good frame."""
+        return view.sweeping(self._sweep)
+
+    def sweep_to(self, placed: Placed) -> Sweep:
+        """How the camera moved from the last good frame to a view."""
+        T_last_camera = inverse(self.T_world_last) @ placed.T_world_camera
+        duration_s = placed.sight.view.stamp_s - self._stamp_s
+        return Sweep.over(T_last_camera, duration_s, placed.inverse_depth)
+
     def set_scale(self, first: Placed, sigma: float) -> Link:
         """The first view that was placed in metres; sigma of the scale's logarithm."""
+        self._window.begin(first.sight.keyframe.view, self.T_world_last)
         self.has_scale = True
         self._scale_sigma = sigma
         return self._add(first, is_keyframe=True)
@@ -77,8 +92,8 @@ class Chain:
         return True
 
     def _add(self, placed: Placed, is_keyframe: bool) -> Link:
-        way_back = self._way_back
         T_world_before = self.T_world_last
+        self._sweep, self._stamp_s = self.sweep_to(placed), placed.sight.view.stamp_s
         self.T_world_last, self._last = placed.T_world_camera, placed
         if is_keyframe:
             self._keep(placed)
@@ -86,14 +101,10 @@ class Chain:
         T_last_camera = inverse(T_world_before) @ self.T_world_last
         # The step is as long as the scale says it is.
         along = inverse(T_last_camera)[:3, 3]
-        covariance = carried(way_back, T_last_camera) + placed.refined.covariance
+        covariance = carried(self._covariance, T_last_camera) + placed.covariance
         covariance[:3, :3] += self._scale_sigma**2 * np.outer(along, along)
+        self._covariance = placed.covariance
         return Link(T_last_camera, covariance)
-
-    @property
-    def _way_back(self) -> Array:
-        """Covariance of the last good frame's motion from the keyframe it was placed by."""
-        return np.zeros((6, 6)) if self._last is None else self._last.refined.covariance
 
     def _keep(self, placed: Placed) -> None:
         step = step_of(

@@ -1,6 +1,6 @@
 """A frame as structure from motion knows it: colour alone."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
+from vo_service.odometry.sfm.sweep import Sweep
 from vo_service.odometry.surf import Features
 
 # A point is known, and may carry the scale, if its depth is as sure as this, relative.
@@ -21,24 +22,39 @@ class ColourView:
     """What is kept of a frame.
 
     features  where they are in the image, and what they look like
-    ray       (N, 3) the direction of each, in the camera's axes, scaled to z = 1
+    ray       (N, 3) the direction of each at the frame's instant, in the camera's axes, scaled to
+              z = 1
     focal_px  of the camera, the mean of both directions
     stamp_s   of the frame
+    seen      (N, 3) the direction of each when its row was read
+    delay_s   (N,) how long after the frame's instant that was: all 0 with a global shutter
     """
 
     features: Features
     ray: Array
     focal_px: float
     stamp_s: float
+    seen: Array
+    delay_s: Array
 
     @classmethod
     def of(cls, features: Features, frame: RgbdFrame) -> Self:
-        """The features of a frame, whose depth is not looked at."""
+        """The features of a frame, whose depth is not looked at, as of a camera at rest."""
         camera = frame.camera
         u, v = features.position_px.astype(np.float64).T
         x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
         ray = np.column_stack([x, y, np.ones(len(features))])
-        return cls(features, ray, (camera.fx + camera.fy) / 2.0, frame.stamp_s)
+        delay_s = frame.readout_s * (v / max(camera.height - 1, 1) - 0.5)
+        return cls(features, ray, (camera.fx + camera.fy) / 2.0, frame.stamp_s, ray, delay_s)
+
+    @property
+    def rolls(self) -> bool:
+        """Whether the rows are of different instants."""
+        return bool(self.delay_s.any())
+
+    def sweeping(self, sweep: Sweep) -> "ColourView":
+        """The same features, of a camera that moves like this."""
+        return replace(self, ray=sweep.undone(self.seen, self.delay_s)) if self.rolls else self
 
 
 @dataclass(frozen=True)

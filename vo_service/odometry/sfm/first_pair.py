@@ -5,13 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, rigid_transform
+from drivers.geometry import Array, inverse, rigid_transform
 from vo_service.odometry.sfm.colour_view import RayPairs
 from vo_service.odometry.sfm.essential import Direction
+from vo_service.odometry.sfm.keyframe import Points, pair_rays
 from vo_service.odometry.sfm.parameters import SfmParameters
 from vo_service.odometry.sfm.placed import NotPlaced, Placed, Sight
 from vo_service.odometry.sfm.refinement import Refined, refine_motion
 from vo_service.odometry.sfm.scale_source import FirstPair, ScaleSource
+from vo_service.odometry.sfm.sweep import Sweep
 from vo_service.odometry.sfm.triangulation import triangulate
 
 
@@ -44,6 +46,7 @@ class FirstView:
         parallax = parallax_rad(direction, sight.pairs)
         if parallax < self._parameters.first_parallax_rad:
             return NotPlaced(sight, self._not_yet(parallax), waiting=True)
+        sight = each_row_at_its_instant(sight, refine_direction(direction, sight.pairs))
         refined = refine_direction(direction, sight.pairs)
         if refined.inlier.sum() < fewest:
             return NotPlaced(sight, f"{refined.inlier.sum()} of {len(sight.matches)} points agree")
@@ -66,6 +69,19 @@ def _pair(frame: RgbdFrame, sight: Sight, refined: Refined) -> FirstPair:
         index=sight.matches[refined.inlier, 1],
         inverse_depth=refined.inverse_depth[refined.inlier],
     )
+
+
+def each_row_at_its_instant(sight: Sight, refined: Refined) -> Sight:
+    """The same sight, of a shutter that rolls, if the camera went steadily from view to view."""
+    T_first_second = inverse(refined.T_camera_reference)
+    first = sight.keyframe.view
+    duration_s = sight.view.stamp_s - first.stamp_s
+    inverse_depth = float(np.median(refined.inverse_depth))
+    view = sight.view.sweeping(Sweep.over(T_first_second, duration_s, inverse_depth))
+    backwards = Sweep.over(inverse(T_first_second), -duration_s, inverse_depth)
+    keyframe = replace(sight.keyframe, view=first.sweeping(backwards))
+    pairs = pair_rays(view, keyframe, Points.none(), sight.matches)
+    return replace(sight, view=view, keyframe=keyframe, pairs=pairs)
 
 
 def parallax_rad(direction: Direction, pairs: RayPairs) -> float:

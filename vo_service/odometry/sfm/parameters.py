@@ -12,6 +12,7 @@ class SfmParameters:
     match_ratio: float = 0.8
     seed: int = 1  # of RANSAC, the same for every try
     min_inliers: int = 15  # known points that must agree; fewer do so by chance
+    max_doubt_rad: float = 0.03  # standard deviation of a motion that is still told, as an angle
     max_failures: int = 30  # frames in a row; then the pose is held and tracking starts afresh
     first_inliers: int = 50  # pairs that must agree in the first two views
     first_parallax_rad: float = float(np.radians(3.0))  # median over the first points

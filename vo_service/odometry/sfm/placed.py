@@ -12,6 +12,11 @@ from vo_service.odometry.sfm.essential import Direction
 from vo_service.odometry.sfm.keyframe import Indices, Keyframe
 from vo_service.odometry.sfm.refinement import Refined
 
+# Points share the errors of the views that they were found by, so that together they are less
+# sure than so many points of their own; measured, as is how far a whole image is off in any case.
+SHARED = 1.2
+SHIFT_PX = 0.1
+
 
 @dataclass(frozen=True)
 class Sight:
@@ -60,6 +65,28 @@ class Placed:
     def inliers(self) -> int:
         """How many matches agree."""
         return int(self.refined.inlier.sum())
+
+    @property
+    def inverse_depth(self) -> float:
+        """Of what is seen, 1/m: the median over the matches that agree."""
+        return float(np.median(self.refined.inverse_depth[self.refined.inlier]))
+
+    @property
+    def covariance(self) -> Array:
+        """6x6 of the motion, as that of an `Estimate`; larger where fewer of the matches agree."""
+        less_sure = SHARED * len(self.sight.matches) / self.inliers
+        shift_rad = SHIFT_PX / self.sight.view.focal_px
+        floor = shift_rad * np.array([1.0 / self.inverse_depth] * 3 + [1.0] * 3)
+        covariance: Array = less_sure**2 * self.refined.covariance + np.diag(floor**2)
+        return covariance
+
+    @property
+    def doubt_rad(self) -> float:
+        """How far off the motion may leave what is seen: the largest standard deviation."""
+        to_angle = np.array([self.inverse_depth] * 3 + [1.0] * 3)
+        return float(
+            np.sqrt(np.linalg.eigvalsh(self.covariance * np.outer(to_angle, to_angle))[-1])
+        )
 
     @property
     def flow(self) -> float:

@@ -34,6 +34,16 @@ def test_a_failed_frame_holds_the_pose_and_is_left_out_of_the_chain() -> None:
     assert_close(after.T_world_camera, pose(8), 0.03, 0.5)
 
 
+def test_a_motion_that_the_points_leave_open_is_not_told() -> None:
+    odometry = SfmOdometry(parameters=SfmParameters(max_doubt_rad=1e-5))
+    estimates = follow(odometry, views(8))
+    unsure = estimates[-1]
+    assert sum(estimate.ok for estimate in estimates) == 2
+    assert not unsure.ok
+    assert unsure.reason.endswith("points that agree leave the motion open")
+    assert not unsure.covariance.any()
+
+
 def test_a_frozen_picture_waits_for_parallax_and_never_gives_up() -> None:
     odometry = SfmOdometry(parameters=SfmParameters(max_failures=1))
     first, *frozen = follow(odometry, [view(0)] * 5)

@@ -1,0 +1,155 @@
+"""Views whose truth is known to the last digit, each row at its own time, for the dense odometry.
+
+Planes painted with waves in space: brightness is a smooth function of the place, so that nothing is
+interpolated and nothing is aliased.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.geometry import Array
+
+CAMERA = PinholeCamera(320, 240, 290.0, 290.0, 159.5, 119.5)
+# Fine steps, that truth may be exact.
+DEPTH_FACTOR = 15000.0
+# Noise as of a Kinect: grey levels, and 1/m of disparity.
+GREY_NOISE, DISPARITY_NOISE_PER_M = 1.5, 8e-4
+
+# A plane is n . X = d in the world.
+Plane = tuple[tuple[float, float, float], float]
+WALL: Plane = ((0.1, 0.05, 1.0), 2.2)
+FLOOR: Plane = ((0.0, 1.0, 0.15), 0.7)
+SIDE: Plane = ((1.0, 0.05, 0.2), 1.1)
+CORNER = (WALL, FLOOR, SIDE)
+
+
+def series_exponential(twist: Array) -> Array:
+    """4x4 exponential of a twist, by the series of the matrix alone."""
+    vx, vy, vz, x, y, z = np.asarray(twist, np.float64) / 64
+    A = np.array([[0, -z, y, vx], [z, 0, -x, vy], [-y, x, 0, vz], [0, 0, 0, 0]])
+    total, term = np.eye(4), np.eye(4)
+    for n in range(1, 16):
+        term = term @ A / n
+        total = total + term
+    return np.linalg.matrix_power(total, 64)
+
+
+@dataclass(frozen=True, eq=False)
+class Hand:
+    """A camera that moves by a constant twist (6,) in its own axes, m/s and rad/s."""
+
+    velocity: Array = field(default_factory=lambda: np.zeros(6))
+    T_world_start: Array = field(default_factory=lambda: np.eye(4))
+
+    def at(self, time_s: float) -> Array:
+        """4x4 T_world_camera."""
+        return self.T_world_start @ series_exponential(time_s * self.velocity)
+
+
+STILL = Hand()
+# 0.3 m/s and 20 degrees/s, in no special direction.
+BRISK = Hand(np.array([0.2, -0.12, 0.18, -0.15, 0.25, 0.2]))
+
+
+def seen(
+    hand: Hand = STILL,
+    stamp_s: float = 0.0,
+    planes: Sequence[Plane] = CORNER,
+    readout_s: float = 0.0,
+    skew_s: float = 0.0,
+    camera: PinholeCamera = CAMERA,
+    paint: float = 1.0,
+) -> RgbdFrame:
+    """A frame without noise. Paint 0: all is of one grey."""
+    rows_s = readout_s * (np.arange(camera.height) / (camera.height - 1) - 0.5)
+    colour = _cast(planes, hand, stamp_s + rows_s, camera)
+    depth = _cast(planes, hand, stamp_s + skew_s + rows_s, camera) if skew_s else colour
+    grey = 128.0 + paint * (painted(colour.points) - 128.0)
+    return RgbdFrame(
+        seq=round(stamp_s * 30),
+        stamp_s=stamp_s,
+        arrival_s=stamp_s,
+        colour_bgr=_colour(grey),
+        depth_raw=np.rint(depth.z_m * DEPTH_FACTOR).astype(np.uint16),
+        depth_factor=DEPTH_FACTOR,
+        camera=camera,
+        skew_s=skew_s,
+        readout_s=readout_s,
+    )
+
+
+def film(hand: Hand, frames: int, readout_s: float = 0.0, skew_s: float = 0.0) -> list[RgbdFrame]:
+    """So many frames of the corner, 30 a second."""
+    return [seen(hand, k / 30, readout_s=readout_s, skew_s=skew_s) for k in range(frames)]
+
+
+def noisy(frame: RgbdFrame, seed: int, times: float = 1.0) -> RgbdFrame:
+    """The same frame with a Kinect's noise."""
+    random = np.random.default_rng(seed)
+    shape = frame.depth_raw.shape
+    grey = frame.grey + random.normal(0.0, times * GREY_NOISE, shape)
+    w = frame.depth_factor / np.maximum(frame.depth_raw, 1)
+    w += random.normal(0.0, times * DISPARITY_NOISE_PER_M, shape)
+    depth_raw = np.clip(np.rint(frame.depth_factor / np.maximum(w, 0.1)), 0, 65535)
+    depth_raw[frame.depth_raw == 0] = 0
+    return replace(frame, colour_bgr=_colour(grey), depth_raw=depth_raw.astype(np.uint16))
+
+
+def lit(frame: RgbdFrame, gain: float, offset: float = 0.0) -> RgbdFrame:
+    """The same frame in another light."""
+    return replace(frame, colour_bgr=_colour(gain * frame.grey + offset))
+
+
+def dark(frame: RgbdFrame) -> RgbdFrame:
+    """The same frame, with depth alone."""
+    return replace(frame, colour_bgr=np.zeros_like(frame.colour_bgr))
+
+
+def without_depth(frame: RgbdFrame) -> RgbdFrame:
+    """The same frame, with colour alone."""
+    return replace(frame, depth_raw=np.zeros_like(frame.depth_raw))
+
+
+@dataclass(frozen=True, eq=False)
+class _Cast:
+    z_m: Array
+    points: Array
+
+
+def _cast(planes: Sequence[Plane], hand: Hand, rows_s: Array, camera: PinholeCamera) -> _Cast:
+    """What each pixel sees (H, W) and where that is (H, W, 3), each row at its own time."""
+    T_world_times = {time_s: hand.at(time_s) for time_s in set(rows_s.tolist())}
+    T_world_rows = np.array([T_world_times[time_s] for time_s in rows_s.tolist()])
+    v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
+    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], -1)
+    rays = np.einsum("hij,hwj->hwi", T_world_rows[:, :3, :3], rays)
+    origins = T_world_rows[:, None, :3, 3]
+    z_m = np.full(u.shape, np.inf)
+    for normal, distance in planes:
+        with np.errstate(divide="ignore"):
+            z = (distance - origins @ np.array(normal)) / (rays @ np.array(normal))
+        z_m = np.where((z > 0) & (z < z_m), z, z_m)
+    z_m = np.where(z_m < 4.0, z_m, 0.0)
+    return _Cast(z_m, origins + rays * z_m[..., None])
+
+
+def painted(places: Array) -> Array:
+    """(...) brightness of places (..., 3) in the world."""
+    random = np.random.default_rng(5)
+    grey = np.full(places.shape[:-1], 128.0)
+    for wavelength_m in (0.09, 0.1, 0.13, 0.16, 0.2, 0.3, 0.5, 0.9):
+        direction = random.normal(size=3)
+        k = 2 * np.pi / wavelength_m * direction / np.linalg.norm(direction)
+        phase = places @ k + random.uniform(0.0, 2 * np.pi)
+        grey += 17.0 * np.sin(phase.astype(np.float32))
+    return grey
+
+
+def _colour(grey: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+    whole = np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+    return np.repeat(whole[:, :, None], 3, axis=2)

@@ -1,0 +1,151 @@
+"""The points of a keyframe: where they are, and when."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.geometry import Array, transform_points
+from tests.vo_service.odometry.keyframe.rolling_views import (
+    BRISK,
+    CAMERA,
+    CORNER,
+    WALL,
+    noisy,
+    painted,
+    seen,
+)
+from vo_service.odometry.keyframe.cells import ALL_STILL, CELL_COLUMNS, CELL_ROWS, CELLS
+from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.points import (
+    BRIGHTNESS,
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    TO_BRIGHTNESS,
+    TO_DEPTH,
+    find_points,
+)
+
+STANDING = np.zeros(6)
+
+
+def off_planes_m(places: Array) -> Array:
+    """(N,) how far places in the world are from the nearest of the corner's planes."""
+    off = [np.abs(places @ n - d) / np.linalg.norm(n) for n, d in CORNER]
+    return np.asarray(np.min(off, axis=0))
+
+
+def off_wall_m(places: Array) -> Array:
+    """(N,) how far places in the world are from the wall."""
+    off: Array = np.abs(places @ WALL[0] - WALL[1]) / np.linalg.norm(WALL[0])
+    return off
+
+
+def off_paint(points: Array) -> float:
+    """How far brightness is from that of the paint where the points are, grey levels."""
+    return float(np.abs(points[:, BRIGHTNESS] - painted(points[:, :3])).mean())
+
+
+def test_every_level_has_points_over_all_of_the_view() -> None:
+    for points in find_points(make_images(seen()), STANDING, ALL_STILL):
+        u = CAMERA.fx * points[:, 0] / points[:, 2] + CAMERA.cx
+        v = CAMERA.fy * points[:, 1] / points[:, 2] + CAMERA.cy
+        assert u.min() < 60 < 260 < u.max()
+        assert v.min() < 60 < 180 < v.max()
+
+
+def test_points_lie_on_the_surfaces_and_noise_is_averaged() -> None:
+    for points in find_points(make_images(seen()), STANDING, ALL_STILL):
+        has_shape = points[points[:, HAS_SHAPE] > 0]
+        # Where two of the planes meet, the one that is fitted lies between them.
+        assert np.median(off_planes_m(has_shape[:, :3])) < 1e-4
+    points = find_points(make_images(noisy(seen(), 1)), STANDING, ALL_STILL)[0]
+    z = points[:, 2]
+    of_one_reading_m = 8e-4 * z * z
+    errors = off_planes_m(points[:, :3]) / of_one_reading_m
+    assert np.median(errors[points[:, HAS_SHAPE] > 0]) < 0.25
+
+
+def test_brightness_and_its_change_with_the_place_are_those_of_the_paint() -> None:
+    points = find_points(make_images(seen()), STANDING, ALL_STILL)[0]
+    places = points[:, :3]
+    assert np.abs(points[:, BRIGHTNESS] - painted(places)).mean() < 2.0
+    # Sideways, along a wall that faces the camera, brightness changes as it is painted.
+    step = np.array([2e-3, 0.0, -2e-4])
+    on_wall = np.abs(places @ WALL[0] - WALL[1]) < 1e-3
+    told = points[:, TO_BRIGHTNESS : TO_BRIGHTNESS + 3] @ step
+    true = painted(places) - painted(places - step)
+    strong = on_wall & (points[:, HAS_TEXTURE] > 0)
+    # The camera's pixel goes with the point: what it meets is the paint further on.
+    assert np.corrcoef(told[strong], true[strong])[0, 1] > 0.95
+
+
+def test_depth_changes_with_the_place_as_the_plane_lies() -> None:
+    points = find_points(make_images(seen(planes=(WALL,))), STANDING, ALL_STILL)[0]
+    normal, distance = np.array(WALL[0]), WALL[1]
+    step = np.array([1e-3, -2e-3, 1.5e-3])
+    moved = points[:, :3] + step
+    # 1/z of the wall where the moved point is seen, less that of the moved point.
+    rays = moved / moved[:, 2:]
+    difference = rays @ normal / distance - 1.0 / moved[:, 2]
+    told = points[:, TO_DEPTH : TO_DEPTH + 3] @ step
+    np.testing.assert_allclose(told, difference, atol=1e-5)
+
+
+def test_a_pixel_beside_a_depth_edge_is_no_point() -> None:
+    frame = seen(planes=(WALL,))
+    depth_raw = frame.depth_raw.copy()
+    depth_raw[:, 160:] = 6000
+    points = find_points(make_images(replace(frame, depth_raw=depth_raw)), STANDING, ALL_STILL)[0]
+    u = CAMERA.fx * points[:, 0] / points[:, 2] + CAMERA.cx
+    assert not np.any(np.abs(u - 159.5) < 1.5)
+    assert np.any(u < 155)
+    assert np.any(u > 165)
+
+
+def test_no_points_are_taken_from_cells_that_move() -> None:
+    is_still = np.ones(CELLS, np.bool_).reshape(CELL_ROWS, CELL_COLUMNS)
+    is_still[:, : CELL_COLUMNS // 2] = False
+    for points in find_points(make_images(seen()), STANDING, is_still.ravel()):
+        assert np.all(points[:, 0] > -0.02 * points[:, 2])
+
+
+def test_without_texture_points_are_there_for_their_shape_alone() -> None:
+    for points in find_points(make_images(seen(paint=0.0)), STANDING, ALL_STILL):
+        assert len(points) > 50
+        assert not points[:, HAS_TEXTURE].any()
+        assert points[:, HAS_SHAPE].all()
+
+
+@pytest.mark.parametrize("level", [0, 1])
+@pytest.mark.parametrize(("readout_s", "skew_s"), [(0.03, 0.0), (0.0, 0.015), (0.025, -0.012)])
+def test_rows_taken_at_other_times_are_brought_to_the_stamp(
+    level: int, readout_s: float, skew_s: float
+) -> None:
+    frame = seen(BRISK, planes=(WALL,), readout_s=readout_s, skew_s=skew_s)
+    images, instant = make_images(frame), make_images(seen(planes=(WALL,)))
+    points = find_points(images, BRISK.velocity, ALL_STILL)[level]
+    left = find_points(images, STANDING, ALL_STILL)[level]
+    assert off_wall_m(points[:, :3]).max() < 3e-4
+    assert off_paint(points) < 1.1 * off_paint(find_points(instant, STANDING, ALL_STILL)[level])
+    # Left as they are they are off by as much as the camera moved meanwhile.
+    assert off_wall_m(left[:, :3]).max() > 2e-3
+    assert off_paint(left) > off_paint(points)
+
+
+def test_the_points_of_a_rolled_image_are_in_the_axes_of_the_camera_at_its_stamp() -> None:
+    stamp_s = 0.4
+    frame = seen(BRISK, stamp_s, readout_s=0.03, skew_s=0.01)
+    points = find_points(make_images(frame), BRISK.velocity, ALL_STILL)[0]
+    places = transform_points(BRISK.at(stamp_s), points[:, :3])
+    assert np.percentile(off_planes_m(places), 80) < 3e-4
+
+
+def test_for_an_instant_shutter_the_velocity_does_not_matter() -> None:
+    images = make_images(seen())
+    for standing, moving in zip(
+        find_points(images, STANDING, ALL_STILL),
+        find_points(images, BRISK.velocity, ALL_STILL),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(standing, moving)

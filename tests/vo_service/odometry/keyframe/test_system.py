@@ -1,0 +1,160 @@
+"""The least squares of one step, against differences that are taken by moving the camera."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.geometry import Array
+from tests.vo_service.odometry.keyframe.rolling_views import (
+    BRISK,
+    seen,
+    series_exponential,
+)
+from vo_service.odometry.keyframe.alignment import Points, all_alike, look_at, start_fit
+from vo_service.odometry.keyframe.cells import ALL_STILL
+from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    TO_BRIGHTNESS,
+    TO_DEPTH,
+    find_points,
+)
+from vo_service.odometry.keyframe.readings import BRIGHTNESS, DEPTH
+from vo_service.odometry.keyframe.system import (
+    GAIN,
+    OFFSET,
+    SIGMA_BRIGHTNESS,
+    SIGMA_DEPTH,
+    fit_light,
+    jacobian,
+    sum_bands,
+    with_times,
+)
+
+READOUT_S, SKEW_S = 0.03, 0.012
+IMAGES = make_images(seen(readout_s=READOUT_S, skew_s=SKEW_S))
+POINTS: Points = find_points(IMAGES, np.zeros(6), ALL_STILL)
+SMALL = 1e-4
+EVERY_DIRECTION = list(np.eye(6))
+
+
+def jacobians(first: int, has: int) -> tuple[Array, NDArray[np.bool_]]:
+    """(N, 6) rows, and which points have them."""
+    rows, counts = np.empty((len(POINTS[0]), 6)), POINTS[0][:, has] > 0
+    for point, row in zip(POINTS[0], rows, strict=True):
+        jacobian(point, first, 1.0, row)
+    return rows, counts
+
+
+def change(column: int, direction: Array) -> Array:
+    """(N,) how readings change as the keyframe's points move a little, by differences."""
+    there, back = (
+        look_at(POINTS, IMAGES, series_exponential(s * SMALL * direction), np.zeros(6), 0)
+        for s in (1, -1)
+    )
+    return np.asarray((there[:, column] - back[:, column]) / (2 * SMALL))
+
+
+@pytest.mark.parametrize("direction", EVERY_DIRECTION)
+def test_depth_changes_as_its_jacobian_says(direction: Array) -> None:
+    rows, counts = jacobians(TO_DEPTH, HAS_SHAPE)
+    told, true = rows @ direction, change(DEPTH, direction)
+    counts = counts & np.isfinite(true)
+    off = np.abs(told - true)[counts]
+    assert np.median(off) < 0.03 * np.abs(true[counts]).max()
+
+
+@pytest.mark.parametrize("direction", EVERY_DIRECTION)
+def test_brightness_changes_as_its_jacobian_says(direction: Array) -> None:
+    rows, counts = jacobians(TO_BRIGHTNESS, HAS_TEXTURE)
+    told, true = rows @ direction, change(BRIGHTNESS, direction)
+    counts = counts & np.isfinite(true)
+    # The one is a slope over two pixels, the other one between two.
+    assert np.corrcoef(told[counts], true[counts])[0, 1] > 0.9
+    assert np.polyfit(told[counts], true[counts], 1)[0] == pytest.approx(1.0, abs=0.2)
+
+
+def system(T: Array, velocity: Array) -> tuple[Array, Array]:
+    readings = look_at(POINTS, IMAGES, T, velocity, 0)
+    bands = sum_bands(POINTS[0], readings, all_alike(), start_fit())
+    return with_times(bands, READOUT_S, SKEW_S)
+
+
+def test_information_is_symmetric_and_positive() -> None:
+    H, g = system(series_exponential(np.full(6, 2e-3)), BRISK.velocity)
+    np.testing.assert_array_equal(H, H.T)
+    assert np.linalg.eigvalsh(H).min() > -1e-9 * np.trace(H)
+    assert np.linalg.eigvalsh(H[:6, :6]).min() > 0
+    assert np.all(np.isfinite(g))
+
+
+@pytest.mark.parametrize("direction", EVERY_DIRECTION)
+def test_the_vector_changes_by_the_information_as_the_motion_does(direction: Array) -> None:
+    H, _ = system(np.eye(4), np.zeros(6))
+    (_, there), (_, back) = (
+        system(series_exponential(s * SMALL * direction), np.zeros(6)) for s in (1, -1)
+    )
+    assert_alike(H[:, :6] @ direction, (there - back) / (2 * SMALL), H)
+
+
+@pytest.mark.parametrize("direction", EVERY_DIRECTION)
+def test_the_vector_changes_by_the_information_as_the_velocity_does(direction: Array) -> None:
+    H, _ = system(np.eye(4), np.zeros(6))
+    (_, there), (_, back) = (system(np.eye(4), s * 100 * SMALL * direction) for s in (1, -1))
+    assert_alike(H[:, 6:] @ direction, (there - back) / (200 * SMALL), H)
+
+
+def assert_alike(told: Array, true: Array, H: Array) -> None:
+    """In units of what each direction is known by; measured slopes are off by some per cent."""
+    known = np.sqrt(np.maximum(np.diag(H), 1e-9 * np.trace(H)))
+    off = np.linalg.norm((told - true) / known)
+    assert off < 0.25 * np.linalg.norm(told / known)
+
+
+def test_with_an_instant_shutter_the_velocity_has_no_say() -> None:
+    readings = look_at(POINTS, IMAGES, np.eye(4), np.zeros(6), 0)
+    H, g = with_times(sum_bands(POINTS[0], readings, all_alike(), start_fit()), 0.0, 0.0)
+    assert H[:6, :6].any()
+    assert not H[:, 6:].any()
+    assert not g[6:].any()
+
+
+def test_cells_of_no_weight_have_no_say() -> None:
+    readings = look_at(POINTS, IMAGES, np.eye(4), np.zeros(6), 0)
+    nothing = sum_bands(POINTS[0], readings, 0.0 * all_alike(), start_fit())
+    by_depth, by_brightness = all_alike(), all_alike()
+    by_depth[0] = by_brightness[1] = 0.0
+    either = [
+        sum_bands(POINTS[0], readings, weights, start_fit()).sum(axis=0)
+        for weights in (by_depth, by_brightness)
+    ]
+    both = sum_bands(POINTS[0], readings, all_alike(), start_fit()).sum(axis=0)
+    assert not nothing.any()
+    np.testing.assert_allclose(either[0] + either[1], both, rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_light_and_spreads_are_found(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    readings = look_at(POINTS, IMAGES, np.eye(4), np.zeros(6), 0)
+    n = len(readings)
+    readings[:, BRIGHTNESS] = 1.3 * POINTS[0][:, 3] - 12.0 + random.normal(0.0, 5.0, n)
+    readings[:, DEPTH] = random.normal(0.0, 2e-3, n)
+    wrong = random.uniform(size=n) < 0.05
+    readings[wrong, BRIGHTNESS] = 255.0
+    fit = start_fit()
+    for _ in range(20):
+        fit_light(POINTS[0], readings, all_alike(), fit)
+    assert fit[GAIN] == pytest.approx(1.3, abs=0.04)
+    assert fit[OFFSET] == pytest.approx(-12.0, abs=5.0)
+    # Of Student's t, whose variance is greater than the square of its spread.
+    assert 3.0 < fit[SIGMA_BRIGHTNESS] < 6.5
+    assert 1.2e-3 < fit[SIGMA_DEPTH] < 2.3e-3
+
+
+def test_too_few_readings_change_nothing() -> None:
+    readings = look_at(POINTS, IMAGES, np.eye(4), np.zeros(6), 0)
+    fit = start_fit()
+    fit_light(POINTS[0][:10], readings[:10], all_alike(), fit)
+    np.testing.assert_array_equal(fit, start_fit())

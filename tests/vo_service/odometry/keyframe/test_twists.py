@@ -1,0 +1,109 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from drivers.geometry import (
+    Array,
+    is_rigid,
+    rigid_transform,
+    rotation_from_vector,
+    skew_matrix,
+)
+from drivers.geometry import orthonormal as exactly_orthonormal
+from tests.vo_service.odometry.keyframe.rolling_views import series_exponential
+from vo_service.odometry.keyframe.twists import exponential, logarithm, orthonormal, product
+
+FEW = settings(max_examples=30)
+NUMBERS = st.floats(-3.0, 3.0, allow_subnormal=False)
+VECTORS = arrays(np.float64, 3, elements=NUMBERS)
+DIRECTIONS = VECTORS.filter(lambda v: np.linalg.norm(v) > 1e-3)
+# From nothing over where the series take over up to nearly half a turn.
+ANGLES_RAD = st.one_of(
+    st.just(0.0),
+    st.floats(1e-12, 1e-2),
+    st.floats(9.9e-4, 1.01e-3),
+    st.floats(1e-2, np.pi - 1e-4),
+)
+
+
+@st.composite
+def twists(draw: st.DrawFn) -> Array:
+    axis = draw(DIRECTIONS)
+    return np.concatenate([draw(VECTORS), draw(ANGLES_RAD) * axis / np.linalg.norm(axis)])
+
+
+@FEW
+@given(twists())
+def test_the_exponential_is_that_of_the_matrix(twist: Array) -> None:
+    T = exponential(twist)
+    assert is_rigid(T)
+    np.testing.assert_allclose(T, series_exponential(twist), atol=1e-12)
+
+
+@FEW
+@given(twists())
+def test_a_twist_turns_as_its_rotation_vector_does(twist: Array) -> None:
+    R = rotation_from_vector(twist[3:])
+    np.testing.assert_allclose(exponential(twist)[:3, :3], R, atol=1e-14)
+
+
+@FEW
+@given(twists())
+def test_the_logarithm_undoes_the_exponential(twist: Array) -> None:
+    # Near half a turn the axis is known from a difference that vanishes.
+    left_rad = np.pi - float(np.linalg.norm(twist[3:]))
+    np.testing.assert_allclose(logarithm(exponential(twist)), twist, atol=1e-9 / left_rad)
+
+
+@FEW
+@given(VECTORS)
+def test_without_a_turn_a_twist_is_the_way(way_m: Array) -> None:
+    T = rigid_transform(np.eye(3), way_m)
+    np.testing.assert_array_equal(exponential(np.concatenate([way_m, np.zeros(3)])), T)
+    np.testing.assert_array_equal(logarithm(T), np.concatenate([way_m, np.zeros(3)]))
+
+
+@pytest.mark.parametrize("angle_rad", [np.pi - 1e-6, np.pi - 1e-9])
+def test_nearly_half_a_turn_is_still_one(angle_rad: float) -> None:
+    twist = np.array([0.3, -0.2, 0.5, 0.6 * angle_rad, 0.0, 0.8 * angle_rad])
+    np.testing.assert_allclose(
+        exponential(logarithm(exponential(twist))), exponential(twist), atol=1e-6
+    )
+
+
+@FEW
+@given(twists(), twists())
+def test_the_product_is_that_of_the_matrices(a: Array, b: Array) -> None:
+    A, B = exponential(a), exponential(b)
+    np.testing.assert_allclose(product(A, B), A @ B, atol=1e-13)
+
+
+@FEW
+@given(twists(), arrays(np.float64, (3, 3), elements=st.floats(-1e-5, 1e-5)))
+def test_rounding_is_taken_out_of_a_motion(twist: Array, rounding: Array) -> None:
+    T = exponential(twist)
+    T[:3, :3] += rounding
+    cleaned = orthonormal(T)
+    assert is_rigid(cleaned, 1e-8)
+    np.testing.assert_allclose(cleaned, exactly_orthonormal(T), atol=3e-5)
+    np.testing.assert_array_equal(cleaned[:, 3], T[:, 3])
+
+
+@FEW
+@given(twists())
+def test_a_constant_twist_over_half_the_time_is_half_the_way(twist: Array) -> None:
+    half = exponential(0.5 * twist)
+    np.testing.assert_allclose(product(half, half), exponential(twist), atol=1e-12)
+
+
+@FEW
+@given(VECTORS, VECTORS)
+def test_the_first_instant_of_a_twist_is_its_velocity(
+    velocity_m_s: Array, turn_rad_s: Array
+) -> None:
+    twist, step_s = np.concatenate([velocity_m_s, turn_rad_s]), 1e-7
+    rate = (exponential(step_s * twist) - np.eye(4)) / step_s
+    np.testing.assert_allclose(rate[:3, :3], skew_matrix(turn_rad_s), atol=1e-5)
+    np.testing.assert_allclose(rate[:3, 3], velocity_m_s, atol=1e-5)

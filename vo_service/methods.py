@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.stopwatch import Stopwatch
 
-DEFAULT_METHOD = "surf"
+DEFAULT_METHOD = "keyframe"
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ def _sfm(features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
 
 
 METHODS: Mapping[str, Callable[[FeatureSettings, Stopwatch], Odometry]] = {
-    "keyframe": _keyframe,
     "surf": _surf,
     "icp": _icp,
     "sfm": _sfm,
+    "keyframe": _keyframe,
 }

@@ -21,8 +21,8 @@ if TYPE_CHECKING:  # drawn with rarely, and slow to import
     from matplotlib.figure import Figure
 
 # Told apart by people who see colours differently too (Okabe and Ito).
-COLOURS = {"surf": "#0072B2", "icp": "#D55E00", "sfm": "#009E73"}
-OTHER_COLOURS = ("#CC79A7", "#56B4E9", "#E69F00")
+COLOURS = {"surf": "#0072B2", "icp": "#D55E00", "sfm": "#009E73", "keyframe": "#CC79A7"}
+OTHER_COLOURS = ("#56B4E9", "#E69F00", "#000000")
 # Frames that a thick line's median is taken over.
 SMOOTHED = 15
 # Where the methods differ by more than this, a linear axis would hide the better ones.

@@ -56,6 +56,12 @@ ABOUT = {
         "from them together (structure from motion). Colour alone has no scale: the first "
         "is given from outside, and it may drift from there.",
     ),
+    "keyframe": About(
+        "Keyframes",
+        "colour and depth: brightness and depth of every frame are laid on those of a keyframe, "
+        "which stays as long as most of it is in view; each row of the sensor counts at its own "
+        "time. Not of the paper: what the service uses unless told otherwise.",
+    ),
 }
 _WHOLE_SEQUENCE = re.compile(r"(?<![a-z0-9])(?:freiburg|fr)1[_/-](floor|teddy)$", re.IGNORECASE)
 

@@ -77,15 +77,14 @@ class _Normal:
 
 
 def refine_best(guesses: list[Array], pairs: RayPairs) -> Refined:
-    """The best motion that one of the guesses, 4x4 T_camera_reference, leads to.
+    """The motion that the best of the guesses, 4x4 T_camera_reference, leads to.
 
-    The known points alone decide which: without depth, pairs fit too many motions. Then all pairs
-    count.
+    The known points alone decide which, and lead nearer: without depth, pairs fit too many
+    motions. Then all pairs count.
     """
     common = pairs.only(pairs.known)
-    by_common = [refine_motion(guess, common) for guess in guesses]
-    best = min(by_common, key=lambda refined: refined.cost)
-    return refine_motion(best.T_camera_reference, pairs)
+    start = min(guesses, key=lambda guess: _cost(_fit_depths(guess, common)))
+    return refine_motion(refine_motion(start, common).T_camera_reference, pairs)
 
 
 def refine_motion(T_camera_reference: Array, pairs: RayPairs) -> Refined:

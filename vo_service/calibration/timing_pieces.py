@@ -52,10 +52,10 @@ class BriskestPieces:
         """Look at the next frame."""
         self.seen += 1
         small = _shrunk(frame)
-        if self._frames and frame.stamp_s - self._frames[-1].stamp_s > LONGEST_GAP_S:
+        duration_s = frame.stamp_s - self._frames[-1].stamp_s if self._frames else 0.0
+        if not 0.0 < duration_s <= LONGEST_GAP_S:
             self._begin()
         if self._frames:
-            duration_s = frame.stamp_s - self._frames[-1].stamp_s
             shift, _ = cv2.phaseCorrelate(self._small, small, self._window)
             scale = np.array([frame.camera.width, frame.camera.height]) / SMALL_PX
             self._speeds_rad_s.append(scale * shift / (frame.camera.fx * duration_s))

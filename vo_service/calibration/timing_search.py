@@ -14,11 +14,10 @@ START_S = np.array([0.020, 0.0])
 COARSE_S, FINE_S = 0.010, 0.005
 # Timings beyond these are not looked for; a readout below zero goes from bottom to top.
 LOW_S, HIGH_S = np.array([-0.015, -0.060]), np.array([0.060, 0.060])
-# The search moves by at most so many steps at once, and so often.
-LONGEST_MOVE = 1.5
-MOST_GRIDS = 10
+MOST_GRIDS = 12
 NOTHING_SAVED = "nothing is saved: "
 _GRID = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
+_MIDDLE = 4
 
 # (2,) readout and depth offset that are thought to be true, in seconds, and (N, 2) to be tried:
 # (pieces, N) costs, NaN in the row of a piece of film that tells nothing.
@@ -38,7 +37,7 @@ class Minimum:
 
 
 def search(coarse: Costs, fine: Costs) -> Minimum:
-    """Follow the coarse costs down, then the fine ones.
+    """Follow the coarse costs down from point to point, then the fine ones, to between points.
 
     Raises UserFacingError where that leads nowhere.
     """
@@ -47,14 +46,16 @@ def search(coarse: Costs, fine: Costs) -> Minimum:
     for _ in range(MOST_GRIDS):
         costs, step_s = stages[0]
         table = _of_telling_pieces(costs(centre_s, centre_s + step_s * _GRID))
-        move = _way_down(table.mean(axis=0))
-        is_inside = bool(np.abs(move).max() <= 1.0)
-        found_s = centre_s + step_s * move
-        if is_inside and len(stages) == 1:
-            return Minimum(found_s, step_s * _sigma(table), len(table))
-        if is_inside:
-            stages.pop(0)
-        centre_s = np.clip(found_s, LOW_S, HIGH_S)
+        total = table.mean(axis=0)
+        least = int(np.argmin(total))
+        if least != _MIDDLE:
+            centre_s = np.clip(centre_s + step_s * _GRID[least], LOW_S, HIGH_S)
+            continue
+        place = np.clip(np.nan_to_num(lowest(total)), -1.0, 1.0)
+        centre_s = centre_s + step_s * place
+        stages.pop(0)
+        if not stages:
+            return Minimum(centre_s, step_s * _sigma(table), len(table))
     raise UserFacingError(
         f"{NOTHING_SAVED}no timing explains the images better than others; move the camera "
         "briskly, to and fro, before things with a pattern"
@@ -81,15 +82,6 @@ def _of_telling_pieces(table: Array) -> Array:
             "metre to four from things with a pattern, in good light, and move less wildly"
         )
     return telling
-
-
-def _way_down(values: Array) -> Array:
-    """(2,) steps to the lowest point, or towards it."""
-    place = lowest(values)
-    if np.isfinite(place).all():
-        return np.clip(place, -LONGEST_MOVE, LONGEST_MOVE)
-    best: Array = LONGEST_MOVE * _GRID[int(np.argmin(values))]
-    return best
 
 
 def _sigma(table: Array) -> Array:

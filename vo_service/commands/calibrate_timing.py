@@ -27,6 +27,8 @@ OF_A_BOARD = ("square", "marker", "depth", "keep", "rerun", "picture", "print_bo
 
 def run_timing(args: argparse.Namespace) -> int:
     """Measure and save. Raises InputError or UserFacingError, each with one line."""
+    if (args.folder is None) == (args.camera is None):
+        raise InputError("name a FOLDER that was recorded, or a camera to shake: --camera")
     config = read_config(args.config)
     output = _output(args, config)
     _check(args, output)
@@ -65,8 +67,6 @@ def _output(args: argparse.Namespace, config: Config) -> Path:
 
 def _check(args: argparse.Namespace, output: Path) -> None:
     """Whatever would only fail after the work."""
-    if (args.folder is None) == (args.camera is None):
-        raise InputError("name a FOLDER that was recorded, or a camera to shake: --camera")
     given = [name for name in OF_A_BOARD if getattr(args, name)]
     if given:
         option = f"--{given[0].replace('_', '-')}"

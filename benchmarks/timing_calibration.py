@@ -1,0 +1,122 @@
+"""How well `calibrate --timing` finds timings that are known: virtual rooms along recorded hands.
+
+    python -m benchmarks.timing_calibration TRACKS OUTPUT [--only NAME ...]
+
+TRACKS is a folder of trajectories in TUM format, NAME-groundtruth.txt, of the TUM RGB-D benchmark's
+freiburg1 desk, rpy and xyz. The films are rendered into OUTPUT, where what is there and whole is
+kept. Their stamps claim that depth was taken with colour, so all of the skew is to be found.
+Prints a table; "late" is how much later than colour depth was taken.
+"""
+
+import argparse
+import os
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+
+from benchmarks.rendered import render_all
+from drivers.camera import EndOfStream
+from drivers.errors import UserFacingError
+from drivers.synthetic.config import Motion, SyntheticConfig, Timing
+from drivers.tum.camera import TumCamera
+from vo_service.calibration.timing import measure
+from vo_service.calibration.timing_pieces import BriskestPieces
+
+READ_S = 60.0
+ROW = "| {:<10} | {:>11} | {:>14} | {:>8} | {:>14} | {:>7} |"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A film: along a track, or with a motion of the virtual hand; its seed and length."""
+
+    readout_ms: float
+    late_ms: float
+    seed: int
+    track: str = ""
+    start_s: float = 0.0
+    motion: Motion = Motion.HAND_HELD
+    duration_s: float = 20.0
+
+    def config(self, tracks: Path) -> SyntheticConfig:
+        """The virtual Kinect, with all its faults."""
+        file = (tracks / f"{self.track}-groundtruth.txt").resolve()
+        return SyntheticConfig(
+            seed=self.seed,
+            duration_s=self.duration_s,
+            track=file if self.track else None,
+            track_start_s=self.start_s,
+            motion=self.motion,
+            timing=Timing(self.readout_ms / 1e3, self.late_ms / 1e3),
+        )
+
+
+CASES = {
+    "desk": Case(10.0, -8.0, 21, "fr1_desk", 2.0),
+    "desk-2": Case(15.0, 5.0, 22, "fr1_desk", 2.0),
+    "desk-3": Case(30.0, 12.0, 24, "fr1_desk", 2.0),
+    "rpy": Case(25.0, 0.0, 23, "fr1_rpy", 4.0),
+    "rpy-2": Case(20.0, 10.0, 27, "fr1_rpy", 4.0),
+    "xyz": Case(0.0, 0.0, 25, "fr1_xyz", 4.0),
+    "hand-held": Case(20.0, 10.0, 26),
+    "slow": Case(20.0, 10.0, 28, motion=Motion.SMOOTH, duration_s=8.0),
+    "still": Case(20.0, 10.0, 29, motion=Motion.STILL, duration_s=10.0),
+}
+
+
+def main() -> int:
+    """Render, measure, print."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.timing_calibration",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("tracks", type=Path, help="folder of trajectories")
+    parser.add_argument("output", type=Path, help="folder to put the films into")
+    parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES))
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    try:
+        args.output.mkdir(parents=True, exist_ok=True)
+        wanted = {args.output / name: CASES[name].config(args.tracks) for name in args.only}
+        render_all(wanted, lambda line: print(line, file=sys.stderr), args.processes)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    print(ROW.format("film", "readout, ms", "found", "late, ms", "found", "CPU, s"))
+    print("|---|---|---|---|---|---|")
+    for name in args.only:
+        print(_row(name, CASES[name], args.output / name), flush=True)
+    return 0
+
+
+def _row(name: str, case: Case, folder: Path) -> str:
+    begin_s = time.process_time()
+    film = BriskestPieces()
+    with TumCamera(folder) as camera:
+        while True:
+            try:
+                film.offer(replace(camera.read(READ_S), skew_s=0.0))
+            except EndOfStream:
+                break
+    try:
+        found = measure(film.kept, lambda text: None)
+    except UserFacingError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        readout = late = "refused"
+    else:
+        now, sigma = found.timing, found.sigma
+        readout = f"{1e3 * now.readout_s:.1f} ± {1e3 * sigma.readout_s:.1f}"
+        late = f"{1e3 * now.depth_offset_s:.1f} ± {1e3 * sigma.depth_offset_s:.1f}"
+    spent_s = time.process_time() - begin_s
+    return ROW.format(
+        name, f"{case.readout_ms:g}", readout, f"{case.late_ms:g}", late, f"{spent_s:.0f}"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

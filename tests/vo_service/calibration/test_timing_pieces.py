@@ -29,7 +29,7 @@ def pieces_of(frames: list[RgbdFrame]) -> BriskestPieces:
 
 
 def shaken(n: int) -> float:
-    return 100 + 20 * np.sin(n / 3)
+    return float(100 + 20 * np.sin(n / 3))
 
 
 def test_the_briskest_pieces_are_kept_the_briskest_first() -> None:

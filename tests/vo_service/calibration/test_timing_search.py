@@ -21,7 +21,8 @@ def costs_of(*minima_s: tuple[float, float], depth: float = 1.0) -> Costs:
 
     def costs(known_s: Array, tried_s: Array) -> Array:
         off = (tried_s[None] - np.array(minima_s)[:, None]) / 0.010
-        return np.log1p(depth * (off**2).sum(axis=2) / 2)
+        grown: Array = np.log1p(depth * (off**2).sum(axis=2) / 2)
+        return grown
 
     return costs
 

@@ -1,6 +1,7 @@
 """``calibrate --timing``: from a shaken camera to two keys of its file, and what is refused."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -60,12 +61,13 @@ def test_a_camera_that_is_hardly_shaken_is_refused_and_nothing_is_written(
 def test_of_a_camera_it_sees_a_minute_and_prints_json(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capfd: Capture
 ) -> None:
-    found = MeasuredTiming(Timing(0.0203, -0.0012), Timing(0.0004, 0.0003), 4)
     seen: list[Piece] = []
-    monkeypatch.setattr(
-        "vo_service.commands.calibrate_timing.measure",
-        lambda pieces, tell: seen.extend(pieces) or found,
-    )
+
+    def measure(pieces: list[Piece], tell: Callable[[str], None]) -> MeasuredTiming:
+        seen.extend(pieces)
+        return MeasuredTiming(Timing(0.0203, -0.0012), Timing(0.0004, 0.0003), 4)
+
+    monkeypatch.setattr("vo_service.commands.calibrate_timing.measure", measure)
     file = Path("live.toml")
     file.write_text((recording / FILE_NAME).read_text())
     camera = ("--camera", f"tum:{recording}", "--camera-file", file)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from drivers.camera_file import (
     KNOWN_CAMERAS,
+    CameraFile,
     DepthTable,
     RigidPose,
     camera_file_text,
@@ -17,7 +18,7 @@ from drivers.camera_file import (
 from drivers.errors import InputError, UserFacingError
 from drivers.strict_toml import parse_toml
 from vo_service.calibration.timing_cost import Timing
-from vo_service.calibration.timing_file import CameraFile, save_timing, with_timing
+from vo_service.calibration.timing_file import save_timing, with_timing
 
 CAMERA = replace(
     KNOWN_CAMERAS["1"],

@@ -113,6 +113,8 @@ class SfmOdometry:
         agree = placed.known_inliers
         if agree < self._parameters.min_inliers or not BY_KNOWN_POINTS.is_passed(agree, common):
             return NotPlaced(sight, f"{agree} of {common} known points agree")
+        if self._chain.is_too_far(placed):
+            return NotPlaced(sight, f"{agree} points agree on a step too long for a camera")
         if placed.doubt_rad > self._parameters.max_doubt_rad:
             return NotPlaced(sight, f"the {agree} points that agree leave the motion open")
         return placed

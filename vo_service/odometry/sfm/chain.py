@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.geometry import Array, carried, inverse
+from vo_service.odometry.motion_model import FASTEST_M_S
 from vo_service.odometry.sfm.colour_view import ColourView
 from vo_service.odometry.sfm.keyframe import Keyframe
 from vo_service.odometry.sfm.parameters import SfmParameters
@@ -14,6 +15,8 @@ from vo_service.odometry.sfm.window import Window, step_of
 
 # Settings in pixels are for an image whose focal length is this: 640 pixels wide, of a Kinect.
 FOCAL_PX = 525.0
+# A step may be measured this much too long.
+UNSTEADY_M = 0.03
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,12 @@ class Chain:
         T_last_camera = inverse(self.T_world_last) @ placed.T_world_camera
         duration_s = placed.sight.view.stamp_s - self._stamp_s
         return Sweep.over(T_last_camera, duration_s, placed.inverse_depth)
+
+    def is_too_far(self, placed: Placed) -> bool:
+        """Whether no camera can have come to a view since the last good frame."""
+        way_m = float(np.linalg.norm((inverse(self.T_world_last) @ placed.T_world_camera)[:3, 3]))
+        duration_s = abs(placed.sight.view.stamp_s - self._stamp_s)
+        return way_m > FASTEST_M_S * duration_s + UNSTEADY_M
 
     def set_scale(self, first: Placed, sigma: float) -> Link:
         """The first view that was placed in metres; sigma of the scale's logarithm."""

@@ -44,6 +44,15 @@ def test_a_motion_that_the_points_leave_open_is_not_told() -> None:
     assert not unsure.covariance.any()
 
 
+def test_a_step_too_long_for_a_camera_is_not_told() -> None:
+    odometry = SfmOdometry()
+    before = follow(odometry, views(7))[-1]
+    jump = odometry.estimate(replace(view(11), stamp_s=view(6).stamp_s + 0.01))
+    assert not jump.ok
+    assert jump.reason.endswith("step too long for a camera")
+    assert np.array_equal(jump.T_world_camera, before.T_world_camera)
+
+
 def test_a_frozen_picture_waits_for_parallax_and_never_gives_up() -> None:
     odometry = SfmOdometry(parameters=SfmParameters(max_failures=1))
     first, *frozen = follow(odometry, [view(0)] * 5)

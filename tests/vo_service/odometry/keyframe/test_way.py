@@ -1,0 +1,57 @@
+"""Where the camera may be now, from where it was and how it moved."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.geometry import Array, adjoint, inverse
+from tests.vo_service.odometry.keyframe.rolling_views import BRISK, lit, seen
+from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.way import Way
+
+T_WORLD_KEYFRAME = BRISK.at(-0.3)
+WAY = Way(BRISK.at(1.0), BRISK.velocity, 1.0, (1.1, -5.0), 120.0)
+
+
+def test_it_begins_where_the_motion_goes_on_and_where_it_stops() -> None:
+    moving, standing = WAY.starts(T_WORLD_KEYFRAME, 1.1)
+    np.testing.assert_allclose(moving, inverse(BRISK.at(1.1)) @ T_WORLD_KEYFRAME, atol=1e-12)
+    np.testing.assert_allclose(standing, inverse(BRISK.at(1.0)) @ T_WORLD_KEYFRAME, atol=1e-12)
+
+
+@pytest.mark.parametrize("stamp_s", [5.0, 1.0, 0.2])
+def test_after_a_long_time_or_none_nothing_is_predicted(stamp_s: float) -> None:
+    (only,) = WAY.starts(T_WORLD_KEYFRAME, stamp_s)
+    np.testing.assert_allclose(only, inverse(BRISK.at(1.0)) @ T_WORLD_KEYFRAME, atol=1e-12)
+    tie = WAY.tie(T_WORLD_KEYFRAME, stamp_s)
+    assert tie.rate_hz == 0.0
+    assert np.all(tie.information < WAY.tie(T_WORLD_KEYFRAME, 1.03).information)
+
+
+def test_the_velocity_is_expected_to_stay_in_the_keyframes_axes() -> None:
+    tie = WAY.tie(T_WORLD_KEYFRAME, 1.05)
+    T_keyframe_last = inverse(T_WORLD_KEYFRAME) @ BRISK.at(1.0)
+    np.testing.assert_allclose(tie.T_keyframe_last, T_keyframe_last, atol=1e-12)
+    assert tie.rate_hz == pytest.approx(20.0)
+    np.testing.assert_allclose(tie.velocity, -adjoint(T_keyframe_last) @ BRISK.velocity, atol=1e-12)
+
+
+def test_a_camera_whose_velocity_changes_is_agitated_and_calms_down_again() -> None:
+    calm = replace(WAY, agitation=np.zeros(2))
+    np.testing.assert_array_equal(calm.agitation_with(WAY.velocity), [0.0, 0.0])
+    jolted = calm.agitation_with(WAY.velocity + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert jolted[0] > 0.0 == jolted[1]
+    after = replace(calm, agitation=jolted).agitation_with(WAY.velocity)
+    assert 0.0 < after[0] < jolted[0]
+
+
+def expected_light(gain: float) -> Array:
+    images = make_images(lit(seen(), gain))
+    way = replace(WAY, mean_brightness=make_images(seen()).mean_brightness)
+    return np.array(way.light_at(images))
+
+
+def test_light_stays_as_it_was_unless_it_changed_at_once() -> None:
+    np.testing.assert_array_equal(expected_light(1.02), WAY.light)
+    np.testing.assert_allclose(expected_light(0.5), 0.5 * np.array(WAY.light), rtol=0.05)

@@ -66,7 +66,7 @@ def test_a_good_configuration_is_said_to_be_good(
 def test_warming_up_says_that_it_is_done(capfd: pytest.CaptureFixture[str]) -> None:
     outcome = call(capfd, "warm-up")
     assert (outcome.code, outcome.err) == (0, "")
-    assert outcome.out.startswith("the kernels of surf and of maps are ready (")
+    assert outcome.out.startswith("the kernels of keyframe and of maps are ready (")
 
 
 def test_a_reader_that_has_gone_is_no_error(recording: Path) -> None:

@@ -47,7 +47,7 @@ def test_a_comparison_leaves_a_report_and_the_poses_of_a_replay(
     assert surf["cpu_ms_per_frame"] > 0
     assert (output / "report.html").stat().st_size > 10_000
     replayed = tmp_path / "replayed.txt"
-    call(capfd, "replay", recording, "--no-publish", "--trajectory", replayed)
+    call(capfd, "replay", recording, "--method", "surf", "--no-publish", "--trajectory", replayed)
     kept = output / "runs" / recording.name / "surf" / "trajectory.txt"
     assert kept.read_bytes() == replayed.read_bytes()
 

@@ -102,4 +102,4 @@ def test_the_papers_figures_are_those_of_the_paper() -> None:
 
 
 def test_a_method_that_is_not_known_is_called_by_its_name() -> None:
-    assert about("keyframe").name == "KEYFRAME"
+    assert about("orb").name == "ORB"

@@ -6,11 +6,17 @@ from drivers.geometry import is_rigid
 from vo_service.odometry.estimate import Estimate
 
 
-def assert_is_an_answer(estimate: Estimate) -> None:
+def assert_is_sound(estimate: Estimate) -> None:
     """Whatever was seen: rigid poses, finite numbers, and a reason where there is no motion."""
     assert is_rigid(estimate.T_world_camera)
     assert is_rigid(estimate.T_reference_camera)
     assert np.all(np.isfinite(estimate.covariance))
+    assert estimate.ok or estimate.reason
+
+
+def assert_is_an_answer(estimate: Estimate) -> None:
+    """The same of a method that knows no half-good motion: a reason is there only without one."""
+    assert_is_sound(estimate)
     assert estimate.ok == (estimate.reason == "")
 
 

@@ -1,0 +1,259 @@
+"""Frames that tell little, nothing or nonsense: an answer each time, never an error."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.geometry import inverse, rigid_transform, rotation_from_vector
+from tests.vo_service.odometry.contract import assert_is_sound
+from tests.vo_service.odometry.keyframe.rolling_views import (
+    BRISK,
+    CAMERA,
+    WALL,
+    Hand,
+    dark,
+    film,
+    lit,
+    noisy,
+    seen,
+    without_depth,
+)
+from tests.vo_service.odometry.walk import assert_close, follow
+from vo_service.odometry.keyframe_odometry import MOST_FAILURES, KeyframeOdometry
+
+SHAPE = (CAMERA.height, CAMERA.width)
+
+
+@pytest.fixture(scope="module")
+def views() -> list[RgbdFrame]:
+    return [noisy(frame, k) for k, frame in enumerate(film(BRISK, 6))]
+
+
+def nothing(frame: RgbdFrame) -> RgbdFrame:
+    return dark(without_depth(frame))
+
+
+def noise(frame: RgbdFrame) -> RgbdFrame:
+    random = np.random.default_rng(frame.seq)
+    colour = np.repeat(random.integers(0, 256, (*SHAPE, 1), np.uint8), 3, axis=2)
+    depth = random.integers(0, 2**16, SHAPE, np.uint16)
+    return replace(frame, colour_bgr=colour, depth_raw=depth)
+
+
+Spoil = Callable[[RgbdFrame], RgbdFrame]
+
+
+@pytest.mark.parametrize("spoil", [nothing, noise])
+def test_a_failed_frame_holds_the_pose_and_is_left_out(
+    views: list[RgbdFrame], spoil: Spoil
+) -> None:
+    odometry = KeyframeOdometry()
+    before = follow(odometry, views[:3])[-1]
+    failed = odometry.estimate(spoil(views[3]))
+    assert_is_sound(failed)
+    assert not failed.ok
+    assert not failed.restarted
+    np.testing.assert_array_equal(failed.T_world_camera, before.T_world_camera)
+    np.testing.assert_array_equal(failed.T_reference_camera, np.eye(4))
+    after = odometry.estimate(views[4])
+    assert after.ok
+    assert_close(after.T_world_camera, BRISK.at(4 / 30), 0.0015, 0.05)
+    assert_close(after.T_reference_camera, BRISK.at(4 / 30), 0.0015, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason", "error_m"),
+    [
+        (dark, "by depth alone: ", 0.002),
+        (without_depth, "by brightness alone: no depth in view", 0.006),
+        (lambda frame: lit(frame, 1.8), "", 0.002),
+        (lambda frame: lit(frame, 0.6), "", 0.002),
+    ],
+)
+def test_half_of_what_it_sees_is_enough_and_it_says_so(
+    views: list[RgbdFrame], spoil: Spoil, reason: str, error_m: float
+) -> None:
+    odometry = KeyframeOdometry()
+    follow(odometry, views[:2])
+    for k in (2, 3, 4):
+        estimate = odometry.estimate(spoil(views[k]))
+        assert_is_sound(estimate)
+        assert estimate.ok
+        assert estimate.reason.startswith(reason)
+        assert bool(estimate.reason) == bool(reason)
+        assert_close(estimate.T_world_camera, BRISK.at(k / 30), error_m, 0.1)
+    back = odometry.estimate(views[5])
+    assert back.ok
+    assert back.reason == ""
+
+
+def test_without_texture_the_shape_of_the_room_is_enough() -> None:
+    frames = [noisy(seen(BRISK, k / 30, paint=0.0), k) for k in range(4)]
+    first, *others = follow(KeyframeOdometry(), frames)
+    assert first.ok
+    for k, estimate in enumerate(others, 1):
+        assert estimate.ok
+        assert estimate.reason == "by depth alone: no texture in view"
+        assert_close(estimate.T_world_camera, BRISK.at(k / 30), 0.004, 0.1)
+
+
+def test_it_starts_in_the_dark_and_goes_on_in_the_light(views: list[RgbdFrame]) -> None:
+    odometry = KeyframeOdometry()
+    for k, frame in enumerate([dark(views[0]), dark(views[1]), *views[2:]]):
+        estimate = odometry.estimate(frame)
+        assert estimate.ok
+        assert_close(estimate.T_world_camera, BRISK.at(k / 30), 0.003, 0.1)
+    assert estimate.reason == ""
+
+
+@pytest.mark.parametrize("times", [0.0, 1.0])
+def test_a_bare_wall_is_no_place_to_start_and_it_does_not_slide_along_one(times: float) -> None:
+    odometry = KeyframeOdometry()
+    bare = [noisy(seen(BRISK, k / 30, (WALL,), paint=0.0), k, times) for k in range(4)]
+    first = odometry.estimate(bare[0])
+    assert first.reason == "cannot start: too plain a view: 3 of 6 directions of motion are open"
+    assert not first.ok
+    wall = [noisy(seen(BRISK, k / 30, (WALL,)), k, times) for k in range(6)]
+    before = follow(odometry, wall[:2])[1]
+    lost = follow(odometry, bare[2:])
+    assert not any(e.ok for e in lost)
+    np.testing.assert_array_equal(lost[-1].T_world_camera, before.T_world_camera)
+    assert odometry.estimate(wall[4]).ok
+
+
+@pytest.mark.parametrize("spoil", [nothing, noise, without_depth])
+def test_a_start_without_points_is_an_answer_and_the_next_good_frame_begins(
+    views: list[RgbdFrame], spoil: Spoil
+) -> None:
+    odometry = KeyframeOdometry()
+    failed = odometry.estimate(spoil(views[0]))
+    assert_is_sound(failed)
+    assert not failed.ok
+    assert failed.reason.startswith("cannot start: ")
+    first, second = follow(odometry, views[1:3])
+    assert first.ok
+    np.testing.assert_array_equal(first.T_world_camera, np.eye(4))
+    assert_close(second.T_world_camera, inverse(BRISK.at(1 / 30)) @ BRISK.at(2 / 30), 0.001, 0.03)
+
+
+def elsewhere(k: int) -> RgbdFrame:
+    """A room of which nothing was ever seen."""
+    corner = (((0.3, 0.0, 1.0), 1.6), ((0.0, -1.0, 0.2), 0.6), ((-1.0, 0.1, 0.3), 0.9))
+    start = rigid_transform(rotation_from_vector([0.0, 0.1, 0.4]), np.zeros(3))
+    return noisy(seen(Hand(BRISK.velocity, start), k / 30, corner), k)
+
+
+def test_after_too_many_failures_it_begins_anew(views: list[RgbdFrame]) -> None:
+    odometry = KeyframeOdometry()
+    before = follow(odometry, views[:2])[-1]
+    black = [replace(nothing(views[0]), stamp_s=k / 30) for k in range(2, 2 + MOST_FAILURES)]
+    assert not any(e.ok or e.restarted for e in follow(odometry, black))
+    anew, after = follow(odometry, [elsewhere(40), elsewhere(41)])
+    assert anew.ok
+    assert anew.restarted
+    np.testing.assert_array_equal(anew.T_world_camera, before.T_world_camera)
+    assert after.ok
+    assert not after.restarted
+    assert_close(
+        after.T_reference_camera, inverse(BRISK.at(40 / 30)) @ BRISK.at(41 / 30), 0.001, 0.03
+    )
+
+
+def test_with_nothing_to_begin_anew_from_the_old_keyframes_are_kept(views: list[RgbdFrame]) -> None:
+    odometry = KeyframeOdometry()
+    follow(odometry, views[:2])
+    black = [replace(nothing(views[0]), stamp_s=k / 30) for k in range(2, 5 + MOST_FAILURES)]
+    lost = follow(odometry, black)
+    assert not any(e.ok or e.restarted for e in lost)
+    found = odometry.estimate(replace(views[2], stamp_s=2.0))
+    assert found.ok
+    assert not found.restarted
+    assert_close(found.T_world_camera, BRISK.at(2 / 30), 0.0015, 0.05)
+
+
+def test_one_failure_does_not_count_towards_the_next(views: list[RgbdFrame]) -> None:
+    odometry = KeyframeOdometry()
+    frames = [views[0], *[views[1], nothing(views[2])] * (MOST_FAILURES + 2)]
+    estimates = [odometry.estimate(replace(f, stamp_s=k / 30)) for k, f in enumerate(frames)]
+    assert [e.ok for e in estimates[1:]] == [True, False] * (MOST_FAILURES + 2)
+    assert not any(e.restarted for e in estimates)
+
+
+@pytest.mark.parametrize("stamps_s", [(0.0, 0.0, 0.0), (0.0, -1.0, -2.0), (0.0, 50.0, 1e6)])
+@pytest.mark.parametrize("readout_s", [0.0, 0.02])
+def test_stamps_that_stand_still_go_back_or_jump_are_no_error(
+    stamps_s: tuple[float, ...], readout_s: float
+) -> None:
+    frames = film(BRISK, 3, readout_s)
+    odometry = KeyframeOdometry()
+    for k, (frame, stamp_s) in enumerate(zip(frames, stamps_s, strict=True)):
+        estimate = odometry.estimate(replace(frame, stamp_s=stamp_s))
+        assert_is_sound(estimate)
+        assert estimate.ok
+        assert_close(estimate.T_world_camera, BRISK.at(k / 30), 0.004, 0.2)
+
+
+@pytest.mark.parametrize("size", [(64, 48), (32, 32), (20, 20), (7, 5), (2, 2), (200, 3)])
+def test_an_image_of_a_few_pixels_is_an_answer(size: tuple[int, int]) -> None:
+    width, height = size
+    camera = PinholeCamera(width, height, width, width, width / 2 - 0.5, height / 2 - 0.5)
+    for estimate in follow(
+        KeyframeOdometry(), [seen(BRISK, k / 30, camera=camera) for k in range(3)]
+    ):
+        assert_is_sound(estimate)
+        assert not estimate.ok
+
+
+def test_a_camera_whose_images_change_their_size_is_followed() -> None:
+    smaller = PinholeCamera(240, 180, 217.5, 217.5, 119.5, 89.5)
+    cameras = [smaller, CAMERA, smaller, CAMERA]
+    frames = [seen(BRISK, k / 30, camera=camera) for k, camera in enumerate(cameras)]
+    for k, estimate in enumerate(follow(KeyframeOdometry(), frames)):
+        assert estimate.ok
+        assert_close(estimate.T_world_camera, BRISK.at(k / 30), 0.003, 0.1)
+
+
+KINDS = st.tuples(st.integers(0, 2**32 - 1), st.integers(0, 6))
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.lists(KINDS, min_size=2, max_size=5), st.sampled_from([0.0, 0.02]))
+def test_no_frame_is_an_error_and_every_answer_is_sound(
+    kinds: list[tuple[int, int]], readout_s: float
+) -> None:
+    odometry = KeyframeOdometry()
+    for seed, kind in kinds:
+        estimate = odometry.estimate(replace(garbage(seed, kind), readout_s=readout_s))
+        assert_is_sound(estimate)
+        assert np.linalg.eigvalsh(estimate.covariance).min() >= 0
+
+
+GOOD = film(BRISK, 4)
+
+
+def garbage(seed: int, kind: int) -> RgbdFrame:
+    """Noise, stripes, flat or no depth, a room half covered, and the room itself."""
+    random = np.random.default_rng(seed)
+    frame = replace(GOOD[seed % 4], seq=seed % 50, stamp_s=(seed % 50) / 30)
+    if kind == 0:
+        return noise(frame)
+    if kind == 1:
+        stripes = np.zeros((*SHAPE, 3), np.uint8)
+        stripes[:, :: 5 + seed % 9] = 255 - seed % 256
+        return replace(frame, colour_bgr=stripes)
+    if kind == 2:
+        return replace(frame, depth_raw=np.full(SHAPE, seed % 2**16, np.uint16))
+    if kind == 3:
+        return (nothing, dark, without_depth)[seed % 3](frame)
+    if kind == 4:
+        return noisy(frame, seed, seed % 40)
+    if kind == 5:
+        covered = frame.depth_raw.copy()
+        covered[:, : 10 + seed % 300] = random.integers(0, 3000)
+        return replace(frame, depth_raw=covered)
+    return frame

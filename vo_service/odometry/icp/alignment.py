@@ -8,10 +8,9 @@ import numpy as np
 from drivers.geometry import (
     Array,
     inverse,
-    quaternion_from_rotation,
+    orthonormal,
     rigid_transform,
     rotation_angle_rad,
-    rotation_from_quaternion,
     rotation_from_vector,
 )
 from vo_service.odometry.directions import Directions, directions, point_information
@@ -85,7 +84,7 @@ def align(
         there, sigma, has_settled = _descend(planes, view, T, level)
         T = _likeliest(planes, view, (T, there), level) if level else there
     has_settled = has_settled and _is_near(T, start)
-    return measure(planes, view, _orthonormal(T), sigma, has_settled)
+    return measure(planes, view, orthonormal(T), sigma, has_settled)
 
 
 def measure(
@@ -164,9 +163,3 @@ def _is_near(T: Array, start: Array) -> bool:
     way = inverse(start) @ T
     turn_rad = rotation_angle_rad(way[:3, :3])
     return bool(np.linalg.norm(way[:3, 3]) < FARTHEST_M and turn_rad < FARTHEST_RAD)
-
-
-def _orthonormal(T: Array) -> Array:
-    """The same motion without the rounding of its many products."""
-    R = rotation_from_quaternion(quaternion_from_rotation(T[:3, :3]))
-    return rigid_transform(R, T[:3, 3])

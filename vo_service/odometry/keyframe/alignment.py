@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array
+from drivers.geometry import Array, orthonormal
 from vo_service.odometry.keyframe import measure
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
@@ -21,7 +21,6 @@ from vo_service.odometry.keyframe.system import (
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
 )
-from vo_service.odometry.keyframe.twists import orthonormal
 
 Points = Sequence[Array]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.geometry import Array, adjoint, inverse
+from drivers.geometry import Array, adjoint, inverse, orthonormal
 from vo_service.odometry.keyframe.alignment import (
     Alignment,
     all_alike,
@@ -19,7 +19,7 @@ from vo_service.odometry.keyframe.local_map import Keyframe
 from vo_service.odometry.keyframe.measure import count
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import UPPER, fit_light, sum_bands
-from vo_service.odometry.keyframe.twists import exponential, orthonormal, product
+from vo_service.odometry.keyframe.twists import exponential, product
 
 STEPS = 4
 LAST_STEP = 1e-5

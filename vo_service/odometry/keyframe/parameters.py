@@ -20,7 +20,7 @@ INTERPOLATION_PX = 0.15
 # A surface this much (1/m) nearer or further than a point is another one.
 OTHER_SURFACE_PER_M = 0.06
 # Student's t: degrees of freedom, and what brightness weighs beside depth.
-FREEDOM = 5.0
+FREEDOM = 4.0
 BRIGHTNESS_SHARE = 0.5
 # Spreads are sought between these, of brightness (grey levels) and of depth (1/m).
 BRIGHTNESS_SPREAD = (1.0, 30.0)

@@ -52,24 +52,6 @@ def product(A: Array, B: Array) -> Array:
 
 
 @kernel
-def orthonormal(T: Array) -> Array:
-    """The same motion without the rounding of its many products, which would feed back.
-
-    One step of Newton's iteration towards the nearest rotation: R (3 - R^T R) / 2 (Higham,
-    "Computing the Polar Decomposition", 1986). What is left over is the square of the rounding.
-    """
-    better = T.copy()
-    for i in range(3):
-        for j in range(3):
-            total = 3.0 * T[i, j]
-            for k in range(3):
-                for m in range(3):
-                    total -= T[i, k] * T[m, k] * T[m, j]
-            better[i, j] = 0.5 * total
-    return better
-
-
-@kernel
 def logarithm(T: Array) -> Array:
     """Twist (6,) of a rigid transform 4x4 that turns by less than half a turn."""
     twist = np.empty(6)

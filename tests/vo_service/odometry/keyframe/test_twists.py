@@ -11,9 +11,8 @@ from drivers.geometry import (
     rotation_from_vector,
     skew_matrix,
 )
-from drivers.geometry import orthonormal as exactly_orthonormal
 from tests.vo_service.odometry.keyframe.rolling_views import series_exponential
-from vo_service.odometry.keyframe.twists import exponential, logarithm, orthonormal, product
+from vo_service.odometry.keyframe.twists import exponential, logarithm, product
 
 FEW = settings(max_examples=30)
 NUMBERS = st.floats(-3.0, 3.0, allow_subnormal=False)
@@ -78,17 +77,6 @@ def test_nearly_half_a_turn_is_still_one(angle_rad: float) -> None:
 def test_the_product_is_that_of_the_matrices(a: Array, b: Array) -> None:
     A, B = exponential(a), exponential(b)
     np.testing.assert_allclose(product(A, B), A @ B, atol=1e-13)
-
-
-@FEW
-@given(twists(), arrays(np.float64, (3, 3), elements=st.floats(-1e-5, 1e-5)))
-def test_rounding_is_taken_out_of_a_motion(twist: Array, rounding: Array) -> None:
-    T = exponential(twist)
-    T[:3, :3] += rounding
-    cleaned = orthonormal(T)
-    assert is_rigid(cleaned, 1e-8)
-    np.testing.assert_allclose(cleaned, exactly_orthonormal(T), atol=3e-5)
-    np.testing.assert_array_equal(cleaned[:, 3], T[:, 3])
 
 
 @FEW

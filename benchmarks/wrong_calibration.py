@@ -1,0 +1,100 @@
+"""What a wrong calibration costs: the same recordings, each with one figure of the camera changed.
+
+    python -m benchmarks.wrong_calibration FOLDER... [--method keyframe]
+
+ATE RMSE, mean global error and RPE over a second, in millimetres, and the frames without a pose.
+The recordings are to be such whose calibration is known: rendered ones.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+
+from benchmarks.odometry import all_frames, compare
+from drivers.camera import Pace, RgbdFrame
+from drivers.errors import UserFacingError
+from drivers.tum.camera import TumCamera
+from vo_service.methods import DEFAULT_METHOD, METHODS, FeatureSettings
+from vo_service.odometry.stopwatch import NullStopwatch
+
+Change = Callable[[RgbdFrame], RgbdFrame]
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.wrong_calibration",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
+    parser.add_argument("--method", choices=METHODS, default=DEFAULT_METHOD)
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    try:
+        for folder in args.folder:
+            print(f"{folder}\n{'':28}{'ATE':>10}{'global':>10}{'RPE/1s':>10}{'failed':>10}")
+            for name, change in changes().items():
+                print(f"{name:28}" + row(folder, args.method, change), flush=True)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+def changes() -> Mapping[str, Change]:
+    """By name, what is made wrong."""
+    return {
+        "as it is": lambda frame: frame,
+        "focal length + 1 %": lambda frame: _focal(frame, 1.01),
+        "focal length - 1 %": lambda frame: _focal(frame, 0.99),
+        "centre + 3 px": lambda frame: _centre(frame, 3.0),
+        "depth scale + 1 %": lambda frame: _scale(frame, 1.01),
+        "depth scale - 1 %": lambda frame: _scale(frame, 0.99),
+        "readout + 5 ms": lambda frame: replace(frame, readout_s=frame.readout_s + 0.005),
+        "readout - 5 ms": lambda frame: replace(frame, readout_s=max(frame.readout_s - 0.005, 0.0)),
+        "depth offset + 5 ms": lambda frame: replace(frame, skew_s=frame.skew_s + 0.005),
+        "timing left out": lambda frame: replace(frame, readout_s=0.0, skew_s=0.0),
+    }
+
+
+def row(folder: Path, method: str, change: Change) -> str:
+    """The figures of one run."""
+    odometry = METHODS[method](FeatureSettings(), NullStopwatch())
+    stamps_s, estimates = [], []
+    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
+        for frame in all_frames(camera):
+            stamps_s.append(frame.stamp_s)
+            estimates.append(odometry.estimate(change(frame)))
+        found = compare(estimates, stamps_s, camera.ground_truth)
+    if found is None:
+        return f"{'-':>10}" * 3
+    errors = (found.ate_rmse_m, found.mean_global_error_m, found.rpe_1s_m)
+    cells = ("-" if error is None else f"{1e3 * error:.2f}" for error in errors)
+    failed = sum(not estimate.ok for estimate in estimates)
+    return "".join(f"{cell:>10}" for cell in (*cells, str(failed)))
+
+
+def _focal(frame: RgbdFrame, factor: float) -> RgbdFrame:
+    camera = frame.camera
+    return replace(frame, camera=replace(camera, fx=factor * camera.fx, fy=factor * camera.fy))
+
+
+def _centre(frame: RgbdFrame, shift_px: float) -> RgbdFrame:
+    return replace(frame, camera=replace(frame.camera, cx=frame.camera.cx + shift_px))
+
+
+def _scale(frame: RgbdFrame, factor: float) -> RgbdFrame:
+    return replace(frame, depth_factor=frame.depth_factor / factor)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

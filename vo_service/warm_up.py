@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,33 +35,50 @@ def warm_up(method: str, tell: Callable[[str], None]) -> float:
     `tell` gets the name of each stage as it begins. Compiled for any image size at once.
     """
     begin_s = time.monotonic()
-    try_out(METHODS[method](FeatureSettings(), StageNames(tell)))
+    try_out(lambda: METHODS[method](FeatureSettings(), StageNames(tell)))
     return time.monotonic() - begin_s
 
 
-def try_out(odometry: Odometry) -> None:
-    """Let an odometry that is not used otherwise see the made-up frames."""
-    for frame in _made_up_frames():
-        odometry.estimate(frame)
+def try_out(make: Callable[[], Odometry]) -> None:
+    """Let odometries that are not used otherwise see made-up frames."""
+    for film in (_cloth_over_a_corner(), _wall_passing_by()):
+        odometry = make()
+        for frame in film:
+            odometry.estimate(frame)
 
 
-def _made_up_frames() -> Iterator[RgbdFrame]:
+def _cloth_over_a_corner() -> Iterator[RgbdFrame]:
     """A cloth of blobs over a corner, a little moved from frame to frame; then one quite different.
 
     Before that, most of the cloth has come nearer: that is parallax for those who need it.
     With the last one tracking is lost, so that what is only needed then is run as well.
     """
-    camera = PinholeCamera(SIZE, SIZE, 300.0, 300.0, SIZE / 2, SIZE / 2)
     for number, seed in enumerate((0, 0, 0, 0, 0, 1)):
-        yield RgbdFrame(
-            seq=number,
-            stamp_s=number / 30,
-            arrival_s=0.0,
-            colour_bgr=_moved(_cloth(seed), number),
-            depth_raw=_corner(2000 + 2000 * seed),
-            depth_factor=1000.0,
-            camera=camera,
-        )
+        yield _frame(number, _moved(_cloth(seed), number), _corner(2000 + 2000 * seed))
+
+
+def _wall_passing_by() -> Iterator[RgbdFrame]:
+    """A cloth on a wall, first slowly, then at once by more than a quarter of the view.
+
+    What that needs is run as well: finding the camera again, and what a keyframe that goes out of
+    view asks for. Its rows are of different times, though hardly.
+    """
+    wall = np.full((SIZE, SIZE), 2000, np.uint16)
+    for number, moved_px in enumerate((0, 2, 72)):
+        frame = _frame(number, np.roll(_cloth(0), moved_px, axis=1), wall)
+        yield replace(frame, readout_s=1e-6)
+
+
+def _frame(number: int, colour: NDArray[np.uint8], depth_raw: NDArray[np.uint16]) -> RgbdFrame:
+    return RgbdFrame(
+        seq=number,
+        stamp_s=number / 30,
+        arrival_s=0.0,
+        colour_bgr=colour,
+        depth_raw=depth_raw,
+        depth_factor=1000.0,
+        camera=PinholeCamera(SIZE, SIZE, 300.0, 300.0, SIZE / 2, SIZE / 2),
+    )
 
 
 def _moved(cloth: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:

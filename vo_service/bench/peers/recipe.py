@@ -36,7 +36,7 @@ class PeerRecipe:
     def prepare(self, tell: Callable[[str], None]) -> None:
         """Load its library, and use it once."""
         tell(PEERS[self.name].package.module)
-        try_out(self.make(StageNames(tell), None))
+        try_out(lambda: self.make(StageNames(tell), None))
 
     def make(self, stopwatch: Stopwatch, truth: StampedPoses | None) -> Odometry:
         """The odometry, new."""

@@ -78,9 +78,11 @@ def at_level(intrinsics: Array, level: int) -> Array:
 
 def make_images(frame: RgbdFrame) -> Images:
     """Prepare a frame."""
+    depth_raw = frame.depth_raw.view()
+    depth_raw.flags.writeable = False  # as some cameras' are: one kind of array is compiled
     return Images(
         grey=_pyramid(frame.grey),
-        inverse_depth=invert(frame.depth_raw, float(frame.depth_factor)),
+        inverse_depth=invert(depth_raw, float(frame.depth_factor)),
         camera=frame.camera,
         shutter=Shutter(frame.readout_s, frame.skew_s),
         stamp_s=frame.stamp_s,

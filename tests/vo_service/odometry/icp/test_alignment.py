@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from drivers.geometry import Array, adjoint, inverse, rigid_transform, rotation_from_vector
 from tests.vo_service.odometry.icp.views import FLOOR, ROOM, WALL, noisy, pose, view_of
 from tests.vo_service.odometry.walk import assert_close
-from vo_service.odometry.icp.alignment import COARSE_TO_FINE, align, measure
 from vo_service.odometry.directions import directions, point_information
+from vo_service.odometry.icp.alignment import COARSE_TO_FINE, align, measure
 from vo_service.odometry.icp.pyramid import Level, make_pyramid
 from vo_service.odometry.icp.residuals import locate
 from vo_service.odometry.icp.track import track_from

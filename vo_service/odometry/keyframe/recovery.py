@@ -91,7 +91,9 @@ class Recovery:
             start, light = sighting.T_camera_keyframe, (images.light_against(keyframe.images), 0.0)
             again = align(keyframe.points, images, [start], tie, light, all_alike())
             if _is_better(again, best.alignment, CLEARLY_BY_FEATURES):
-                return Found(keyframe, again, tie)
+                best = Found(keyframe, again, tie)
+                if not doubt(again):
+                    break
         return best
 
     def _by_depth(self, images: Images, best: Found, way: Way) -> Found:

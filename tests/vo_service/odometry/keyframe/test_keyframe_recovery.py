@@ -1,0 +1,154 @@
+"""What is tried with a frame that does not fit from where it was expected."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector
+from tests.vo_service.odometry.keyframe.rolling_views import (
+    BRISK,
+    Hand,
+    dark,
+    film,
+    noisy,
+    seen,
+)
+from tests.vo_service.odometry.walk import assert_close, follow
+from vo_service.odometry.keyframe.alignment import align, all_alike
+from vo_service.odometry.keyframe.cells import ALL_STILL
+from vo_service.odometry.keyframe.confidence import doubt
+from vo_service.odometry.keyframe.drawing import EACH, draw, draw_points
+from vo_service.odometry.keyframe.features import FeatureSearch
+from vo_service.odometry.keyframe.first_keyframe import made_anew
+from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
+from vo_service.odometry.keyframe.recovery import Found, Recovery
+from vo_service.odometry.keyframe.way import Way
+from vo_service.odometry.keyframe_odometry import KeyframeOdometry
+from vo_service.odometry.surf import SurfExtractor
+
+
+def turned(angle_rad: float) -> Array:
+    return rigid_transform(rotation_from_vector([0.0, angle_rad, 0.0]), np.zeros(3))
+
+
+def looking(angle_rad: float, k: int = 0) -> RgbdFrame:
+    return noisy(seen(Hand(T_world_start=turned(angle_rad)), k / 30), k)
+
+
+def keyframe_of(frame: RgbdFrame, T: Array) -> Keyframe:
+    return make_keyframe(frame, make_images(frame), T, np.zeros(6), ALL_STILL)
+
+
+AHEAD, ASIDE = keyframe_of(looking(0.0), np.eye(4)), keyframe_of(looking(0.5), turned(0.5))
+WAY = Way(np.eye(4), np.zeros(6), 0.0, (1.0, 0.0), AHEAD.images.mean_brightness)
+SEARCH = FeatureSearch(SurfExtractor())
+
+
+def first_try(frame: RgbdFrame) -> Found:
+    images, T = make_images(frame), AHEAD.T_world_keyframe
+    tie = WAY.tie(T, frame.stamp_s)
+    starts = WAY.starts(T, frame.stamp_s)
+    return Found(AHEAD, align(AHEAD.points, images, starts, tie, (1.0, 0.0), all_alike()), tie)
+
+
+def recovered(frame: RgbdFrame) -> Found:
+    local_map = LocalMap()
+    local_map.begin(ASIDE)
+    local_map.add(AHEAD)
+    images = make_images(frame)
+    return Recovery(SurfExtractor()).find(frame, images, first_try(frame), WAY, local_map)
+
+
+def T_world_of(found: Found) -> Array:
+    return found.keyframe.T_world_keyframe @ inverse(found.alignment.T_camera_keyframe)
+
+
+def test_features_find_the_keyframes_that_are_in_view() -> None:
+    sightings = list(SEARCH.find(looking(0.1, 1), [ASIDE, AHEAD]))
+    assert AHEAD in [each.keyframe for each in sightings]
+    for each in sightings:
+        T_world_camera = each.keyframe.T_world_keyframe @ inverse(each.T_camera_keyframe)
+        assert_close(T_world_camera, turned(0.1), 0.02, 0.5)
+
+
+def test_features_find_nothing_where_nothing_was_seen() -> None:
+    random = np.random.default_rng(1)
+    frame = looking(0.0)
+    noise = replace(frame, colour_bgr=random.integers(0, 256, frame.colour_bgr.shape, np.uint8))
+    assert list(SEARCH.find(noise, [ASIDE, AHEAD])) == []
+    assert list(SEARCH.find(dark(frame), [ASIDE, AHEAD])) == []
+
+
+@pytest.mark.parametrize(("angle_rad", "keyframe"), [(-0.3, AHEAD), (0.85, ASIDE)])
+def test_a_camera_that_jumped_is_found_again(angle_rad: float, keyframe: Keyframe) -> None:
+    frame = looking(angle_rad, 1)
+    assert first_try(frame).is_better_tried_again
+    found = recovered(frame)
+    assert doubt(found.alignment) == ""
+    assert found.lack == ""
+    assert_close(T_world_of(found), turned(angle_rad), 0.003, 0.08)
+    assert found.keyframe is keyframe
+
+
+def test_of_two_keyframes_that_features_agree_with_the_one_to_believe_is_taken() -> None:
+    frame = looking(0.85, 1)
+    in_use, other = SEARCH.find(frame, [AHEAD, ASIDE])
+    assert (in_use.keyframe, other.keyframe) == (AHEAD, ASIDE)
+    # So little is left of the keyframe in use that no motion against it is believed.
+    assert "points of the keyframe are in view" in doubt(first_try(frame).alignment)
+    assert recovered(frame).keyframe is ASIDE
+
+
+def test_in_the_dark_depth_alone_is_tried() -> None:
+    found = recovered(dark(looking(0.02, 1)))
+    assert found.lack.startswith("by depth alone: ")
+    assert not found.alignment.by_brightness
+    assert_close(T_world_of(found), turned(0.02), 0.003, 0.1)
+
+
+def test_what_is_found_nowhere_stays_in_doubt() -> None:
+    found = recovered(looking(np.pi, 1))
+    assert doubt(found.alignment) != ""
+    assert found.is_better_tried_again
+
+
+def test_a_jump_is_followed_without_a_restart() -> None:
+    angles_rad = [0.0, 0.02, 0.04, 0.4, 0.42, 0.0, 0.02]
+    frames = [looking(a, k) for k, a in enumerate(angles_rad)]
+    for angle_rad, estimate in zip(angles_rad, follow(KeyframeOdometry(), frames), strict=True):
+        assert estimate.ok
+        assert not estimate.restarted
+        assert_close(estimate.T_world_camera, turned(angle_rad), 0.004, 0.1)
+
+
+def test_a_first_keyframe_is_made_anew_once_the_velocity_is_known() -> None:
+    first, second = film(BRISK, 2, readout_s=0.03, skew_s=0.01)
+    images = make_images(first)
+    keyframe = make_keyframe(first, images, np.eye(4), np.zeros(6), ALL_STILL)
+    way = Way(np.eye(4), np.zeros(6), 0.0, (1.0, 0.0), images.mean_brightness)
+    tie = way.tie(np.eye(4), second.stamp_s)
+    starts = way.starts(np.eye(4), second.stamp_s)
+    laid = align(
+        keyframe.points, make_images(second), starts, tie, (1.0, 0.0), all_alike(), patience=3
+    )
+    found = made_anew(Found(keyframe, laid, tie), make_images(second), way)
+    np.testing.assert_allclose(found.keyframe.velocity, BRISK.velocity, atol=0.04)
+    assert found.keyframe.frame is first
+    assert_close(T_world_of(found), BRISK.at(1 / 30), 0.0007, 0.03)
+
+
+def test_what_is_drawn_lies_in_both_images() -> None:
+    found = first_try(looking(0.01, 1))
+    evidence = draw(AHEAD, found.alignment)
+    assert len(draw_points(AHEAD)) == -(-len(AHEAD.points[0]) // EACH)
+    assert evidence.inlier.mean() > 0.8
+    flow_px = evidence.matches_px - evidence.reference_matches_px
+    # A turn to the right: what is seen goes to the left.
+    assert np.median(flow_px[:, 0]) == pytest.approx(-0.01 * 290, rel=0.2)
+    assert abs(np.median(flow_px[:, 1])) < 0.5
+    for pixels in (evidence.keypoints_px, evidence.reference_matches_px):
+        assert pixels.min() > -1
+        assert (pixels.max(axis=0) < (320, 240)).all()

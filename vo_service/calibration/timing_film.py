@@ -67,8 +67,8 @@ def film_live(
 
     def report(seen: BriskestPieces, seconds: float) -> None:
         terminal.show(
-            f"shake the camera briskly: {seconds:.0f} of {MINUTE_S:.0f} s, its speed changed by up "
-            f"to {math.degrees(seen.shake_rad_s):.0f} degrees a second (Ctrl-C: enough)"
+            f"shake it briskly: {seconds:.0f} of {MINUTE_S:.0f} s, so far by up to "
+            f"{math.degrees(seen.shake_rad_s):.0f} deg/s (Ctrl-C: enough)"
         )
 
     with make_camera(request) as camera:

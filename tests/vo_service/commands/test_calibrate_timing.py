@@ -16,7 +16,7 @@ from vo_service.calibration.timing_cost import Timing
 from vo_service.calibration.timing_pieces import Piece
 
 Capture = pytest.CaptureFixture[str]
-READOUT_S, LATE_S = 0.012, -0.007
+READOUT_S, LATE_S = 0.017, -0.004
 
 
 @pytest.fixture(scope="module")

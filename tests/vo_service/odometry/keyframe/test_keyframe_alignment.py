@@ -84,8 +84,8 @@ def test_gain_and_offset_of_the_light_are_found(gain: float, offset: float) -> N
 @pytest.mark.parametrize(("readout_s", "skew_s"), [(0.02, 0.01), (0.03, 0.0), (0.02, -0.012)])
 def test_a_rolling_views_motion_and_velocity_are_found(readout_s: float, skew_s: float) -> None:
     found = laid(seen(BRISK, 0.1, readout_s=readout_s, skew_s=skew_s))
-    assert_close(inverse(found.T_camera_keyframe), BRISK.at(0.1), 0.001, 0.03)
-    np.testing.assert_allclose(found.camera_velocity, BRISK.velocity, atol=0.04)
+    assert_close(inverse(found.T_camera_keyframe), BRISK.at(0.1), 0.0015, 0.05)
+    np.testing.assert_allclose(found.camera_velocity, BRISK.velocity, atol=0.06)
 
 
 def test_depth_that_is_late_tells_no_velocity_but_the_motion_of_the_colour() -> None:

@@ -7,13 +7,20 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, inverse, rotation_vector
+from drivers.geometry import (
+    Array,
+    inverse,
+    rigid_transform,
+    rotation_from_vector,
+    rotation_vector,
+)
 from tests.vo_service.odometry.keyframe.rolling_views import (
     BRISK,
     CORNER,
     FLOOR,
     SIDE,
     WALL,
+    Hand,
     Plane,
     noisy,
     seen,
@@ -98,6 +105,24 @@ def test_a_wall_of_weak_paint_holds_the_camera_worst_along_itself() -> None:
     along = np.cross(across, [0.0, 1.0, 0.0])
     in_metres = sure.covariance[:3, :3]
     assert along @ in_metres @ along > 2 * across @ in_metres @ across
+
+
+def test_it_is_told_in_the_axes_of_the_camera() -> None:
+    """Where two bare planes meet nothing holds a camera along their edge, however it is turned."""
+    planes, turned = (
+        (WALL, FLOOR),
+        rigid_transform(rotation_from_vector([0.0, 0.0, 0.5]), np.zeros(3)),
+    )
+    keyframe = keyframe_of(noisy(seen(planes=planes, paint=0.0), 0))
+    images = make_images(noisy(seen(Hand(T_world_start=turned), planes=planes, paint=0.0), 1))
+    start = inverse(turned)
+    found = align(keyframe.points, images, [start], STANDING, (1.0, 0.0), all_alike())
+    covariance = certainty(keyframe, images, found, STANDING, CALM).covariance[:3, :3]
+    edge = np.cross(WALL[0], FLOOR[0])
+    along, elsewhere = turned[:3, :3].T @ edge, turned[:3, :3] @ edge
+    assert along @ covariance @ along > 1.5 * elsewhere @ covariance @ elsewhere
+    most = np.linalg.eigh(covariance)[1][:, 2]
+    assert abs(most @ along) > 0.95 * np.linalg.norm(edge)
 
 
 @pytest.mark.parametrize("how", ["velocity not known", "agitated"])

@@ -108,7 +108,7 @@ def test_a_cell_that_is_seen_through_counts_less_one_that_is_hidden_a_little_doe
     (in_cell,) = np.nonzero(readings[:, CELL] == 20)
     odd = in_cell[::3]
     readings[odd, OTHER] = sign
-    readings[np.ix_(odd, [BRIGHTNESS, DEPTH])] = np.nan
+    readings[odd, BRIGHTNESS] = readings[odd, DEPTH] = np.nan
     weights = weigh_regions(POINTS[0], readings, fit, all_alike())
     assert (weights[1, 20] < 0.9) == is_lowered
 

@@ -115,6 +115,20 @@ def without_depth(frame: RgbdFrame) -> RgbdFrame:
     return replace(frame, depth_raw=np.zeros_like(frame.depth_raw))
 
 
+def nothing(frame: RgbdFrame) -> RgbdFrame:
+    """Neither colour nor depth."""
+    return dark(without_depth(frame))
+
+
+def noise(frame: RgbdFrame) -> RgbdFrame:
+    """Noise and nothing else, of its number's own."""
+    shape = frame.depth_raw.shape
+    random = np.random.default_rng(frame.seq)
+    colour = np.repeat(random.integers(0, 256, (*shape, 1), np.uint8), 3, axis=2)
+    depth = random.integers(0, 2**16, shape, np.uint16)
+    return replace(frame, colour_bgr=colour, depth_raw=depth)
+
+
 @dataclass(frozen=True, eq=False)
 class _Cast:
     z_m: Array

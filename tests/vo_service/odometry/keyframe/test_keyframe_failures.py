@@ -5,10 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.camera import RgbdFrame
 from drivers.geometry import inverse, rigid_transform, rotation_from_vector
 from tests.vo_service.odometry.contract import assert_is_sound
 from tests.vo_service.odometry.keyframe.rolling_views import (
@@ -19,7 +17,9 @@ from tests.vo_service.odometry.keyframe.rolling_views import (
     dark,
     film,
     lit,
+    noise,
     noisy,
+    nothing,
     seen,
     without_depth,
 )
@@ -32,17 +32,6 @@ SHAPE = (CAMERA.height, CAMERA.width)
 @pytest.fixture(scope="module")
 def views() -> list[RgbdFrame]:
     return [noisy(frame, k) for k, frame in enumerate(film(BRISK, 6))]
-
-
-def nothing(frame: RgbdFrame) -> RgbdFrame:
-    return dark(without_depth(frame))
-
-
-def noise(frame: RgbdFrame) -> RgbdFrame:
-    random = np.random.default_rng(frame.seq)
-    colour = np.repeat(random.integers(0, 256, (*SHAPE, 1), np.uint8), 3, axis=2)
-    depth = random.integers(0, 2**16, SHAPE, np.uint16)
-    return replace(frame, colour_bgr=colour, depth_raw=depth)
 
 
 Spoil = Callable[[RgbdFrame], RgbdFrame]
@@ -182,78 +171,3 @@ def test_one_failure_does_not_count_towards_the_next(views: list[RgbdFrame]) -> 
     estimates = [odometry.estimate(replace(f, stamp_s=k / 30)) for k, f in enumerate(frames)]
     assert [e.ok for e in estimates[1:]] == [True, False] * (MOST_FAILURES + 2)
     assert not any(e.restarted for e in estimates)
-
-
-@pytest.mark.parametrize("stamps_s", [(0.0, 0.0, 0.0), (0.0, -1.0, -2.0), (0.0, 50.0, 1e6)])
-@pytest.mark.parametrize("readout_s", [0.0, 0.02])
-def test_stamps_that_stand_still_go_back_or_jump_are_no_error(
-    stamps_s: tuple[float, ...], readout_s: float
-) -> None:
-    frames = film(BRISK, 3, readout_s)
-    odometry = KeyframeOdometry()
-    for k, (frame, stamp_s) in enumerate(zip(frames, stamps_s, strict=True)):
-        estimate = odometry.estimate(replace(frame, stamp_s=stamp_s))
-        assert_is_sound(estimate)
-        assert estimate.ok
-        assert_close(estimate.T_world_camera, BRISK.at(k / 30), 0.004, 0.2)
-
-
-@pytest.mark.parametrize("size", [(64, 48), (32, 32), (20, 20), (7, 5), (2, 2), (200, 3)])
-def test_an_image_of_a_few_pixels_is_an_answer(size: tuple[int, int]) -> None:
-    width, height = size
-    camera = PinholeCamera(width, height, width, width, width / 2 - 0.5, height / 2 - 0.5)
-    for estimate in follow(
-        KeyframeOdometry(), [seen(BRISK, k / 30, camera=camera) for k in range(3)]
-    ):
-        assert_is_sound(estimate)
-        assert not estimate.ok
-
-
-def test_a_camera_whose_images_change_their_size_is_followed() -> None:
-    smaller = PinholeCamera(240, 180, 217.5, 217.5, 119.5, 89.5)
-    cameras = [smaller, CAMERA, smaller, CAMERA]
-    frames = [seen(BRISK, k / 30, camera=camera) for k, camera in enumerate(cameras)]
-    for k, estimate in enumerate(follow(KeyframeOdometry(), frames)):
-        assert estimate.ok
-        assert_close(estimate.T_world_camera, BRISK.at(k / 30), 0.003, 0.1)
-
-
-KINDS = st.tuples(st.integers(0, 2**32 - 1), st.integers(0, 6))
-
-
-@settings(deadline=None, max_examples=25)
-@given(st.lists(KINDS, min_size=2, max_size=5), st.sampled_from([0.0, 0.02]))
-def test_no_frame_is_an_error_and_every_answer_is_sound(
-    kinds: list[tuple[int, int]], readout_s: float
-) -> None:
-    odometry = KeyframeOdometry()
-    for seed, kind in kinds:
-        estimate = odometry.estimate(replace(garbage(seed, kind), readout_s=readout_s))
-        assert_is_sound(estimate)
-        assert np.linalg.eigvalsh(estimate.covariance).min() >= 0
-
-
-GOOD = film(BRISK, 4)
-
-
-def garbage(seed: int, kind: int) -> RgbdFrame:
-    """Noise, stripes, flat or no depth, a room half covered, and the room itself."""
-    random = np.random.default_rng(seed)
-    frame = replace(GOOD[seed % 4], seq=seed % 50, stamp_s=(seed % 50) / 30)
-    if kind == 0:
-        return noise(frame)
-    if kind == 1:
-        stripes = np.zeros((*SHAPE, 3), np.uint8)
-        stripes[:, :: 5 + seed % 9] = 255 - seed % 256
-        return replace(frame, colour_bgr=stripes)
-    if kind == 2:
-        return replace(frame, depth_raw=np.full(SHAPE, seed % 2**16, np.uint16))
-    if kind == 3:
-        return (nothing, dark, without_depth)[seed % 3](frame)
-    if kind == 4:
-        return noisy(frame, seed, seed % 40)
-    if kind == 5:
-        covered = frame.depth_raw.copy()
-        covered[:, : 10 + seed % 300] = random.integers(0, 3000)
-        return replace(frame, depth_raw=covered)
-    return frame

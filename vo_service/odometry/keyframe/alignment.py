@@ -10,7 +10,7 @@ from drivers.geometry import Array, orthonormal
 from vo_service.odometry.keyframe import measure
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
-from vo_service.odometry.keyframe.descent import body_velocity, descend
+from vo_service.odometry.keyframe.descent import FIRST_SWEEPS, body_velocity, descend
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.parameters import LAST_STEP, STEPS
 from vo_service.odometry.keyframe.readings import read_points
@@ -20,6 +20,7 @@ from vo_service.odometry.keyframe.system import (
     OFFSET,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
+    fit_light,
 )
 
 Points = Sequence[Array]
@@ -27,6 +28,8 @@ Points = Sequence[Array]
 # How much less sure the velocity is where the last frame does not tell it.
 UNSURE = 10.0
 
+# Regions are told on this level and on finer ones.
+REGION_LEVEL = 1
 # Spreads at the start, and where two motions are compared.
 START_BRIGHTNESS, START_DEPTH = 10.0, 3e-3
 
@@ -137,6 +140,8 @@ def align(
     fit = start_fit(light)
     costs = [_cost(points, images, T, tie.velocity, fit, coarsest) for T in starts]
     T, velocity = starts[int(np.argmin(costs))], tie.velocity
+    # Coarse levels have too few points to tell regions by: those of the start are taken there.
+    at_start = _regions(points, images, T, velocity, fit.copy(), weights)
     for level in range(coarsest, -1, -1):
         T, velocity, _ = descend(
             points[level],
@@ -151,7 +156,7 @@ def align(
             tie.T_keyframe_last,
             tie.rate_hz,
             tie.information,
-            weights,
+            at_start if level > REGION_LEVEL else weights,
             fit,
             STEPS[level] * patience,
             LAST_STEP,
@@ -161,6 +166,17 @@ def align(
     by_region = weigh_regions(points[0], readings, fit, weights)
     counts = measure.count(points[0], readings, fit, by_region)
     return Alignment(T, velocity, fit, counts, readings, by_region)
+
+
+def _regions(
+    points: Points, images: Images, T: Array, velocity: Array, fit: Array, weights: Array
+) -> Array:
+    """(2, CELLS) weights by how regions fit where the motion is begun."""
+    level = min(REGION_LEVEL, len(images.grey) - 1)
+    readings = look_at(points, images, T, velocity, level)
+    for _ in range(FIRST_SWEEPS):
+        fit_light(points[level], readings, weights, fit)
+    return weigh_regions(points[level], readings, fit, weights)
 
 
 def look_at(points: Points, images: Images, T: Array, velocity: Array, level: int) -> Array:

@@ -30,9 +30,13 @@ def orthonormal(T: Array) -> Array:
     """The same rigid 4x4 transform without the rounding of its many products.
 
     Whoever inverts by transposing and multiplies again must use it: the rounding grows with each
-    round, at first unseen.
+    round, at first unseen. Two steps of Newton's iteration towards the nearest rotation (Higham,
+    "Computing the Polar Decomposition", 1986); what is left over is the fourth power.
     """
-    return rigid_transform(rotation_from_quaternion(quaternion_from_rotation(T[:3, :3])), T[:3, 3])
+    R = T[:3, :3]
+    for _ in range(2):
+        R = 0.5 * R @ (3.0 * np.eye(3) - R.T @ R)
+    return rigid_transform(R, T[:3, 3])
 
 
 def transform_points(T: Array, points: Array) -> Array:

@@ -21,7 +21,7 @@ from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import UPPER, fit_light, sum_bands
 from vo_service.odometry.keyframe.twists import exponential, product
 
-STEPS = 4
+STEPS = 2
 LAST_STEP = 1e-5
 
 

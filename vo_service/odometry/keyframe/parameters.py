@@ -48,6 +48,6 @@ ODD_SPREADS = (12.0, 2.4e-3)
 WRONG_SPREADS = (22.0, 4e-3)
 LEAST_AGREEING = (0.8, 0.7)
 # A direction of motion is known if the readings say so many times more of it than their noise.
-KNOWN = 4.0
+KNOWN = 3.0
 # A cell of the image is a region that moves by itself if it fits so many times worse than others.
 ODD_REGION = 1.8

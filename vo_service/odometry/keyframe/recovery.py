@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import islice
+from math import log
 
 from drivers.camera import RgbdFrame
 from vo_service.odometry.keyframe.alignment import Alignment, Tie, align, all_alike, depth_alone
@@ -21,6 +22,8 @@ CLEARLY_BY_FEATURES = 0.9
 # After a try that changed nothing, so many odd frames are taken as they are: blur lasts, and so
 # does the dark.
 REST_FRAMES = 3
+# A mean brightness so many times that of the keyframe, or one part in so many, is another light.
+OTHER_LIGHT = 1.5
 # So many keyframes are searched for features that match.
 MOST_KEYFRAMES = 8
 # So many sightings are followed up: a thing that moves may be seen in the best of them.
@@ -97,13 +100,23 @@ class Recovery:
         return best
 
     def _by_depth(self, images: Images, best: Found, way: Way) -> Found:
-        """Without brightness: it may be dark, or the light quite another."""
+        """Without brightness, where the light is quite another: it may be dark.
+
+        In the same light, brightness that does not fit says that the depth is wrong as well.
+        """
         keyframe, tie = best.keyframe, best.tie
+        if not is_other_light(images.light_against(keyframe.images)):
+            return best
         starts = way.starts(keyframe.T_world_keyframe, images.stamp_s)
         again = align(keyframe.points, images, starts, tie, (1.0, 0.0), depth_alone(), PATIENCE)
         if doubt(again):
             return best
         return Found(keyframe, again, tie, lack=f"by depth alone: {doubt(best.alignment)}")
+
+
+def is_other_light(ratio: float) -> bool:
+    """Whether one view is so many times as bright as another that the light must have changed."""
+    return abs(log(ratio)) > log(OTHER_LIGHT)
 
 
 def _is_better(another: Alignment, best: Alignment, clearly: float) -> bool:

@@ -6,6 +6,7 @@ from vo_service.odometry.keyframe.alignment import Alignment
 from vo_service.odometry.keyframe.parameters import (
     GAINS,
     LEAST_AGREEING,
+    ODD_SHARE,
     ODD_SPREADS,
     WRONG_SPREADS,
 )
@@ -31,10 +32,14 @@ def agrees(counts: Array) -> bool:
 
 def oddness(found: Alignment) -> float:
     """How badly a keyframe fits: above 1 there may be a better motion."""
-    odd_depth = found.fit[SIGMA_DEPTH] / ODD_SPREADS[1]
-    if not found.by_brightness:
-        return float(odd_depth)
-    return float(max(odd_depth, found.fit[SIGMA_BRIGHTNESS] / ODD_SPREADS[0]))
+    seen = max(found.counts[measure.IN_IMAGE], 1.0)
+    odd = max(
+        found.fit[SIGMA_DEPTH] / ODD_SPREADS[1],
+        found.counts[measure.DISREGARDED] / seen / ODD_SHARE,
+    )
+    if found.by_brightness:
+        odd = max(odd, found.fit[SIGMA_BRIGHTNESS] / ODD_SPREADS[0])
+    return float(odd)
 
 
 def doubt(found: Alignment) -> str:

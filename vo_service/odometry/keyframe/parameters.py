@@ -6,7 +6,7 @@ Pairs and tuples by level go from fine to coarse; "1/m" is the unit of inverse d
 
 # Points of a keyframe: one a block of so many pixels, by level; where brightness changes by at
 # least so many grey levels a pixel, it is the steepest one.
-BLOCKS_PX = (4, 3, 3, 2)
+BLOCKS_PX = (5, 3, 3, 2)
 LEAST_GRADIENT = 3.0
 # The plane around a point: over (2 RADIUS + 1)^2 readings, every second pixel; readings within so
 # much (1/m) of the middle's are of the same surface; they are at least this share; and the plane
@@ -44,10 +44,12 @@ JOINT_OVERLAP = 0.5
 KEYFRAMES = 30
 # Spreads (grey levels, 1/m) beyond which a better motion is looked for, and beyond which it is
 # wrong; and the shares of depth and brightness readings that agree where it is right.
-ODD_SPREADS = (12.0, 2.4e-3)
-WRONG_SPREADS = (22.0, 4e-3)
+ODD_SPREADS = (8.0, 2.4e-3)
+WRONG_SPREADS = (17.0, 4e-3)
 LEAST_AGREEING = (0.8, 0.7)
 # A direction of motion is known if the readings say so many times more of it than their noise.
 KNOWN = 3.0
+# A better motion is looked for also where regions that do not fit are this share of the view.
+ODD_SHARE = 0.1
 # A cell of the image is a region that moves by itself if it fits so many times worse than others.
 ODD_REGION = 1.8

@@ -12,7 +12,7 @@ from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
 from vo_service.odometry.keyframe.descent import FIRST_SWEEPS, body_velocity, descend
 from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import LAST_STEP, STEPS
+from vo_service.odometry.keyframe.parameters import STEPS
 from vo_service.odometry.keyframe.readings import read_points
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import (
@@ -30,6 +30,8 @@ UNSURE = 10.0
 
 # Regions are told on this level and on finer ones.
 REGION_LEVEL = 1
+# A step of so few metres and radians is the last one of its level.
+LAST_STEP = 1e-4
 # Spreads at the start, and where two motions are compared.
 START_BRIGHTNESS, START_DEPTH = 10.0, 3e-3
 

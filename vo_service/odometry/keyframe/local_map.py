@@ -9,10 +9,11 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from drivers.jit import kernel
 from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import KEYFRAMES
 from vo_service.odometry.keyframe.points import find_points
 from vo_service.odometry.keyframe.readings import NEAREST_M
 
+# So many are kept.
+KEYFRAMES = 30
 # Overlap is judged by the points of this level, coarse and few.
 LEVEL = 2
 

@@ -16,13 +16,14 @@ from vo_service.odometry.keyframe.local_map import (
 )
 from vo_service.odometry.keyframe.parameters import (
     JOINT_KEYFRAMES,
-    JOINT_OVERLAP,
     KEYFRAME_FLOW_PX,
     KEYFRAME_OVERLAP,
     REUSE_FLOW_PX,
 )
 from vo_service.odometry.keyframe.recovery import Found
 
+# Another keyframe has a say if at least this share of it is in view.
+JOINT_OVERLAP = 0.5
 # A view so many times as bright has texture that a keyframe without it does not know of.
 LIGHT_IS_BACK = 1.5
 # A frame with less depth than this share of its points is no good keyframe.

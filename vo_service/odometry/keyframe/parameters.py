@@ -27,9 +27,8 @@ BRIGHTNESS_SPREAD = (1.0, 30.0)
 DEPTH_SPREAD_PER_M = (6e-4, 1e-2)
 # Gains of brightness are sought between these; beyond, the light is another.
 GAINS = (0.4, 2.5)
-# Gauss-Newton: steps at most, by level; one of so few metres and radians is the last.
+# Gauss-Newton: steps at most, by level.
 STEPS = (8, 8, 5, 4)
-LAST_STEP = 1e-4
 # The camera's velocity differs from the mean since the last frame by so much: m/s and rad/s.
 VELOCITY_SIGMA = (0.03, 0.1)
 # The next keyframe is due when less than this share of the last is in view, or it has moved by
@@ -37,11 +36,8 @@ VELOCITY_SIGMA = (0.03, 0.1)
 KEYFRAME_OVERLAP = 0.75
 KEYFRAME_FLOW_PX = 60.0
 REUSE_FLOW_PX = 42.0
-# So many others, of which at least this share is in view, have a say where the next keyframe is;
-# so many are kept.
+# So many others have a say where the next keyframe is.
 JOINT_KEYFRAMES = 2
-JOINT_OVERLAP = 0.5
-KEYFRAMES = 30
 # Spreads (grey levels, 1/m) beyond which a better motion is looked for, and beyond which it is
 # wrong; and the shares of depth and brightness readings that agree where it is right.
 ODD_SPREADS = (8.0, 2.4e-3)

@@ -104,7 +104,7 @@ STAGES = (
     Stage("start-up", CAMERA, starting, goes_on=False),
     Stage("waiting for a camera", CAMERA + FAULT.format("unplugged", 1, 3600.0), waiting),
     Stage("streaming", CAMERA, streaming),
-    Stage("lost", CAMERA + FAULT.format("black", FOR_EVER, 0.0), lost),
+    Stage("lost", CAMERA + FAULT.format("covered", FOR_EVER, 0.0), lost),
     Stage("recording", CAMERA, recording, check=recording_is_whole),
     Stage("closing", CAMERA, closing, goes_on=False),
 )

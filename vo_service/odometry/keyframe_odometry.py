@@ -27,7 +27,7 @@ from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
 from vo_service.odometry.surf import SurfExtractor
 
 # A first keyframe has so many points at least.
-FEWEST_POINTS = 300
+FEWEST_POINTS = 200
 # After so many frames without a pose, tracking begins anew.
 MOST_FAILURES = 30
 

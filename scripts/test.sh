@@ -11,7 +11,7 @@ scripts/setup.sh gcc libc6-dev udev systemd
 export PATH="$PWD/.venv/bin:$PATH"
 # Once, or all tests that run at once would compile them at the same time, each for itself.
 compile_kernels() {
-    kinect-vo warm-up --method icp &
+    kinect-vo warm-up --method keyframe && kinect-vo warm-up --method icp &
     kinect-vo warm-up --method surf && kinect-vo warm-up --method sfm && wait $!
 }
 if [ $# = 0 ]; then

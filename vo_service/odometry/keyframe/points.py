@@ -21,6 +21,7 @@ from vo_service.odometry.keyframe.parameters import (
     PLANE_RADIUS,
     SURFACE_STEP_PER_M,
 )
+from vo_service.odometry.keyframe.rows import ROUNDS, moved, project, row_time
 from vo_service.odometry.plane_fit import fit_plane
 
 # Pixels from one reading of a plane to the next.
@@ -142,58 +143,82 @@ def _locate(
     point: Array,
 ) -> bool:
     """Fill in the place of a pixel and how its depth changes; False where there is no depth."""
-    height, width = inverse_depth.shape
-    fx, fy, cx, cy = depth_intrinsics
+    height = inverse_depth.shape[0]
     ray_x = (u - intrinsics[2]) / intrinsics[0]
     ray_y = (v - intrinsics[3]) / intrinsics[1]
-    vx, vy, vz, wx, wy, wz = velocity
-    # Where the ray is in the depth image, which was taken `delay` later.
-    u_depth, v_depth = fx * ray_x + cx, fy * ray_y + cy
-    row_s = readout_s / height
-    tau = (v_depth - 0.5 * (height - 1)) * row_s
-    delay = skew_s
-    shift_x = shift_y = shift_z = 0.0
-    for _ in range(2 if readout_s != 0.0 or skew_s != 0.0 else 0):
-        column, row = int(u_depth + 0.5), int(v_depth + 0.5)
-        if not (0 <= column < width and 0 <= row < height) or inverse_depth[row, column] <= 0:
-            return False
-        z = 1.0 / inverse_depth[row, column]
-        x, y = ray_x * z, ray_y * z
-        delay = skew_s + (v_depth - 0.5 * (height - 1)) * row_s - tau
-        shift_x = -delay * (vx + wy * z - wz * y)
-        shift_y = -delay * (vy + wz * x - wx * z)
-        shift_z = -delay * (vz + wx * y - wy * x)
-        u_depth = fx * (x + shift_x) / (z + shift_z) + cx
-        v_depth = fy * (y + shift_y) / (z + shift_z) + cy
-    column, row = int(u_depth + 0.5), int(v_depth + 0.5)
-    reach = PLANE_RADIUS * STEP_PX
-    if not (reach <= column < width - reach and reach <= row < height - reach):
-        return False
-    middle = inverse_depth[row, column]
-    if middle <= 0:
-        return False
-    for dv in range(-STEP_PX, STEP_PX + 1, STEP_PX):
-        for du in range(-STEP_PX, STEP_PX + 1, STEP_PX):
-            if not abs(inverse_depth[row + dv, column + du] - middle) <= SURFACE_STEP_PER_M:
-                return False
-    w, wu, wv, squared = fit_plane(
-        inverse_depth, column, row, PLANE_RADIUS, STEP_PX, SURFACE_STEP_PER_M, LEAST_SUPPORT
-    )
-    point[HAS_SHAPE] = 1.0 if w > 0 and squared <= MOST_RMS_PER_M**2 else 0.0
-    if w <= 0.0:
-        w, wu, wv = float(middle), 0.0, 0.0
-    w += wu * (u_depth - column) + wv * (v_depth - row)
+    u_depth, v_depth = project(ray_x, ray_y, 1.0, depth_intrinsics)
+    tau = row_time(v_depth, height, readout_s)
+    shift_m = 0.0
+    if readout_s != 0.0 or skew_s != 0.0:
+        u_depth, v_depth, shift_m = _follow(
+            ray_x, ray_y, tau, inverse_depth, depth_intrinsics, readout_s, skew_s, velocity
+        )
+    w, wu, wv, has_shape = _surface(inverse_depth, u_depth, v_depth)
     if w <= 0.0:
         return False
     # Back to the instant of the colour, on its ray; then to the frame's stamp.
-    z = 1.0 / w - shift_z
-    x, y = ray_x * z, ray_y * z
-    ax, ay, az = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
-    half = 0.5 * tau * tau
-    point[X] = x + tau * ax + half * (wy * az - wz * ay)
-    point[X + 1] = y + tau * ay + half * (wz * ax - wx * az)
-    point[X + 2] = z = z + tau * az + half * (wx * ay - wy * ax)
+    z = 1.0 / w - shift_m
+    x, y, z = moved(velocity, ray_x * z, ray_y * z, z, -tau)
+    fx, fy = depth_intrinsics[0], depth_intrinsics[1]
+    point[X], point[X + 1], point[X + 2] = x, y, z
     point[TO_DEPTH] = wu * fx / z
     point[TO_DEPTH + 1] = wv * fy / z
-    point[TO_DEPTH + 2] = -(wu * fx * point[X] + wv * fy * point[X + 1]) / (z * z) + 1.0 / (z * z)
+    point[TO_DEPTH + 2] = -(wu * fx * x + wv * fy * y) / (z * z) + 1.0 / (z * z)
+    point[HAS_SHAPE] = 1.0 if has_shape else 0.0
     return True
+
+
+@inline_kernel
+def _follow(
+    ray_x: float,
+    ray_y: float,
+    tau: float,
+    inverse_depth: NDArray[np.float32],
+    depth_intrinsics: Array,
+    readout_s: float,
+    skew_s: float,
+    velocity: Array,
+) -> tuple[float, float, float]:
+    """Where the depth image, taken later, has what the colour's ray met at `tau`; how much further.
+
+    A pixel of -1 where there is no reading on the way.
+    """
+    height, width = inverse_depth.shape
+    u, v = project(ray_x, ray_y, 1.0, depth_intrinsics)
+    shift_m = 0.0
+    for _ in range(ROUNDS):
+        column, row = int(u + 0.5), int(v + 0.5)
+        if not (0 <= column < width and 0 <= row < height) or inverse_depth[row, column] <= 0:
+            return -1.0, -1.0, 0.0
+        z = 1.0 / inverse_depth[row, column]
+        delay_s = skew_s + row_time(v, height, readout_s) - tau
+        x_then, y_then, z_then = moved(velocity, ray_x * z, ray_y * z, z, delay_s)
+        shift_m = z_then - z
+        u, v = project(x_then, y_then, z_then, depth_intrinsics)
+    return u, v, shift_m
+
+
+@inline_kernel
+def _surface(
+    inverse_depth: NDArray[np.float32], u: float, v: float
+) -> tuple[float, float, float, bool]:
+    """1/z at a place, its slopes (1/m a pixel), whether a plane fits; 0 without or on an edge."""
+    none = (0.0, 0.0, 0.0, False)
+    height, width = inverse_depth.shape
+    column, row = int(u + 0.5), int(v + 0.5)
+    reach = PLANE_RADIUS * STEP_PX
+    if not (reach <= column < width - reach and reach <= row < height - reach):
+        return none
+    middle = inverse_depth[row, column]
+    if middle <= 0:
+        return none
+    for dv in range(-STEP_PX, STEP_PX + 1, STEP_PX):
+        for du in range(-STEP_PX, STEP_PX + 1, STEP_PX):
+            if not abs(inverse_depth[row + dv, column + du] - middle) <= SURFACE_STEP_PER_M:
+                return none
+    w, wu, wv, squared = fit_plane(
+        inverse_depth, column, row, PLANE_RADIUS, STEP_PX, SURFACE_STEP_PER_M, LEAST_SUPPORT
+    )
+    if w <= 0.0:
+        return float(middle), 0.0, 0.0, False
+    return w + wu * (u - column) + wv * (v - row), wu, wv, squared <= MOST_RMS_PER_M**2

@@ -7,6 +7,7 @@ from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe.cells import cell_of
 from vo_service.odometry.keyframe.parameters import OTHER_SURFACE_PER_M, SURFACE_STEP_PER_M
+from vo_service.odometry.keyframe.rows import project, project_moving
 
 NEAREST_M = 0.05
 # The image is divided into so many bands of rows, each taken as of one instant where times are
@@ -38,78 +39,63 @@ def read_points(
 
     velocity  (6,) twist of the camera in its own axes at the frame's stamp, m/s and rad/s
     """
-    T = T_camera_keyframe
-    fx, fy, cx, cy = depth_intrinsics
     height, width = inverse_depth.shape
-    scale = intrinsics[0] / fx
     is_instant = readout_s == 0.0 and skew_s == 0.0
-    row_s, middle = readout_s / height, 0.5 * (height - 1)
     for n in range(len(points)):
         reading = readings[n]
-        reading[BRIGHTNESS] = reading[DEPTH] = np.nan
-        reading[CELL] = reading[COLOUR_BAND] = reading[DEPTH_BAND] = -1.0
-        reading[U] = reading[V] = -1.0
-        reading[OTHER] = 0.0
-        px, py, pz = points[n, 0], points[n, 1], points[n, 2]
-        x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
-        y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
-        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+        _clear(reading)
+        x, y, z = _in_camera(points[n], T_camera_keyframe)
         if z < NEAREST_M:
             continue
-        u, v = fx * x / z + cx, fy * y / z + cy
+        u, v = project(x, y, z, depth_intrinsics)
         u_depth, v_depth, z_depth = u, v, z
         if not is_instant:
-            # The point as it moves through the camera's axes while the rows are read.
-            ax, ay, az = _drift(velocity, x, y, z)
-            bx, by, bz = _turned(velocity, ax, ay, az)
-            for _ in range(2):
-                tau = (v - middle) * row_s
-                half = -0.5 * tau * tau
-                zc = z + tau * az + half * bz
-                u = fx * (x + tau * ax + half * bx) / zc + cx
-                v = fy * (y + tau * ay + half * by) / zc + cy
-            v_depth = v
-            for _ in range(2):
-                tau = skew_s + (v_depth - middle) * row_s
-                half = -0.5 * tau * tau
-                z_depth = z + tau * az + half * bz
-                u_depth = fx * (x + tau * ax + half * bx) / z_depth + cx
-                v_depth = fy * (y + tau * ay + half * by) / z_depth + cy
+            u, v, _ = project_moving(velocity, x, y, z, depth_intrinsics, height, readout_s, 0.0)
+            u_depth, v_depth, z_depth = project_moving(
+                velocity, x, y, z, depth_intrinsics, height, readout_s, skew_s
+            )
+        scale = intrinsics[0] / depth_intrinsics[0]
         brightness = _brightness(grey, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
         if brightness < 0.0 or z_depth < NEAREST_M:
             continue
         reading[U], reading[V] = u, v
         reading[CELL] = cell_of(u / width, v / height)
         w = _depth(inverse_depth, u_depth, v_depth)
+        difference = w - 1.0 / z_depth
+        if w > 0.0 and abs(difference) > OTHER_SURFACE_PER_M:
+            reading[OTHER] = np.sign(difference)
+            continue
         if w > 0.0:
-            difference = w - 1.0 / z_depth
-            if abs(difference) > OTHER_SURFACE_PER_M:
-                reading[OTHER] = np.sign(difference)
-                continue
-            reading[DEPTH] = difference * (z_depth / pz) ** 2
-            reading[DEPTH_BAND] = min(max(int(v_depth * BANDS / height), 0), BANDS - 1)
+            reading[DEPTH] = difference * (z_depth / points[n, 2]) ** 2
+            reading[DEPTH_BAND] = _band(v_depth, height)
         reading[BRIGHTNESS] = brightness
-        reading[COLOUR_BAND] = min(max(int(v * BANDS / height), 0), BANDS - 1)
+        reading[COLOUR_BAND] = _band(v, height)
 
 
 @inline_kernel
-def _drift(velocity: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Velocity of a standing point in the axes of the moving camera: -(v + w x p)."""
+def _clear(reading: Array) -> None:
+    """Nothing is read."""
+    reading[BRIGHTNESS] = reading[DEPTH] = np.nan
+    reading[CELL] = reading[COLOUR_BAND] = reading[DEPTH_BAND] = -1.0
+    reading[U] = reading[V] = -1.0
+    reading[OTHER] = 0.0
+
+
+@inline_kernel
+def _in_camera(point: Array, T: Array) -> tuple[float, float, float]:
+    """A keyframe's point in the camera's axes, by T_camera_keyframe."""
+    px, py, pz = point[0], point[1], point[2]
     return (
-        -(velocity[0] + velocity[4] * z - velocity[5] * y),
-        -(velocity[1] + velocity[5] * x - velocity[3] * z),
-        -(velocity[2] + velocity[3] * y - velocity[4] * x),
+        T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3],
+        T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3],
+        T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3],
     )
 
 
 @inline_kernel
-def _turned(velocity: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """The cross product of the camera's angular velocity and a vector."""
-    return (
-        velocity[4] * z - velocity[5] * y,
-        velocity[5] * x - velocity[3] * z,
-        velocity[3] * y - velocity[4] * x,
-    )
+def _band(v: float, height: int) -> int:
+    """Number of the band that a row belongs to."""
+    return min(max(int(v * BANDS / height), 0), BANDS - 1)
 
 
 @inline_kernel

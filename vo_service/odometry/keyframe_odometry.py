@@ -22,7 +22,7 @@ from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
 from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
 from vo_service.odometry.keyframe.recovery import Found, Recovery
-from vo_service.odometry.keyframe.way import Way
+from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
 from vo_service.odometry.surf import SurfExtractor
 
@@ -85,10 +85,13 @@ class KeyframeOdometry:
         if sure.doubt:
             return self._fail(frame, images, found, sure.doubt)
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
+        keyframe = found.keyframe
         if is_due(found, images):
             with self._stopwatch.stage("settle"):
                 found = settle(found, images, self._map)
-        return self._advance(frame, images, self._track, found, sure)
+            with self._stopwatch.stage("keyframe"):
+                keyframe = choose(frame, images, found, self._map)
+        return self._advance(images, self._track, found, sure, keyframe)
 
     def _align(self, images: Images, track: Track) -> Found:
         keyframe, way = track.keyframe, track.way
@@ -111,7 +114,7 @@ class KeyframeOdometry:
             return self._estimate(False, f"cannot start: {reason}", evidence)
         self._map.begin(keyframe)
         way = Way(
-            self._T_world_camera, np.zeros(6), images.stamp_s, (1.0, 0.0), images.mean_brightness
+            self._T_world_camera, np.zeros(6), images.stamp_s, SAME_LIGHT, images.mean_brightness
         )
         self._track = Track(keyframe, way, self._T_world_camera, is_first=True)
         self._failures = 0
@@ -121,7 +124,7 @@ class KeyframeOdometry:
         """Why a frame is no good first keyframe: the next ones could not be laid on it."""
         if len(keyframe.points[0]) < FEWEST_POINTS:
             return f"only {len(keyframe.points[0])} points with depth"
-        itself = align(keyframe.points, images, [np.eye(4)], STANDING, (1.0, 0.0), all_alike())
+        itself = align(keyframe.points, images, [np.eye(4)], STANDING, SAME_LIGHT, all_alike())
         return doubt(itself) or certainty(keyframe, images, itself, STANDING, np.zeros(2)).doubt
 
     def _fail(self, frame: RgbdFrame, images: Images, found: Found, reason: str) -> Estimate:
@@ -132,38 +135,28 @@ class KeyframeOdometry:
         return self._estimate(False, reason, draw(found.keyframe, found.alignment))
 
     def _advance(
-        self, frame: RgbdFrame, images: Images, track: Track, found: Found, sure: Certainty
+        self, images: Images, track: Track, found: Found, sure: Certainty, keyframe: Keyframe
     ) -> Estimate:
-        """Go on from here."""
-        alignment = found.alignment
-        T_world_camera = found.keyframe.T_world_keyframe @ inverse(alignment.T_camera_keyframe)
-        T_reference_camera = inverse(track.T_world_reference) @ T_world_camera
-        keyframe, light = found.keyframe, alignment.light
-        if is_due(found, images):
-            with self._stopwatch.stage("keyframe"):
-                keyframe = choose(frame, images, found, T_world_camera, self._map)
-        if keyframe is not found.keyframe:
-            light = (1.0, 0.0)
-        is_new = keyframe is not track.keyframe
-        self._T_world_camera = T_world_camera
-        self._failures = 0
-        way = Way(
-            T_world_camera,
-            alignment.camera_velocity,
-            images.stamp_s,
-            light,
-            images.mean_brightness,
-            track.way.agitation_with(alignment.camera_velocity),
+        """Go on from here, with this keyframe."""
+        is_next_reference = keyframe is not track.keyframe
+        way = track.way.on(
+            found.T_world_camera,
+            found.alignment.camera_velocity,
+            images,
+            found.alignment.light if keyframe is found.keyframe else SAME_LIGHT,
         )
-        T_world_reference = T_world_camera if is_new else track.T_world_reference
+        T_reference_camera = inverse(track.T_world_reference) @ found.T_world_camera
+        T_world_reference = found.T_world_camera if is_next_reference else track.T_world_reference
+        self._T_world_camera = found.T_world_camera
         self._track = Track(keyframe, way, T_world_reference)
+        self._failures = 0
         return self._estimate(
             True,
-            found.lack or lack(alignment),
-            draw(found.keyframe, alignment),
+            found.lack or lack(found.alignment),
+            draw(found.keyframe, found.alignment),
             T_reference_camera,
             sure.covariance,
-            is_next_reference=is_new,
+            is_next_reference=is_next_reference,
         )
 
     def _estimate(

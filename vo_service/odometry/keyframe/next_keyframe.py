@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, inverse
 from vo_service.odometry.keyframe.confidence import lack
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.joint import align_jointly
@@ -41,20 +40,18 @@ def is_due(found: Found, images: Images) -> bool:
 def settle(found: Found, images: Images, local_map: LocalMap) -> Found:
     """The same frame, laid on other keyframes in view as well."""
     keyframe, alignment = found.keyframe, found.alignment
-    T_world_camera = keyframe.T_world_keyframe @ inverse(alignment.T_camera_keyframe)
     others = [
         other
-        for other, seen in local_map.in_view(T_world_camera)
+        for other, seen in local_map.in_view(found.T_world_camera)
         if other is not keyframe and seen.share >= JOINT_OVERLAP
     ][:JOINT_KEYFRAMES]
     T = align_jointly(keyframe, others, images, alignment)
     return replace(found, alignment=replace(alignment, T_camera_keyframe=T))
 
 
-def choose(
-    frame: RgbdFrame, images: Images, found: Found, T_world_camera: Array, local_map: LocalMap
-) -> Keyframe:
+def choose(frame: RgbdFrame, images: Images, found: Found, local_map: LocalMap) -> Keyframe:
     """One of the map that is near enough, else the frame itself, which joins the map."""
+    T_world_camera = found.T_world_camera
     for other, seen in local_map.in_view(T_world_camera):
         if other is not found.keyframe and _is_near(seen, KEYFRAME_OVERLAP, REUSE_FLOW_PX):
             local_map.use(other)

@@ -5,6 +5,7 @@ from itertools import islice
 from math import log
 
 from drivers.camera import RgbdFrame
+from drivers.geometry import Array, inverse
 from vo_service.odometry.keyframe.alignment import Alignment, Tie, align, all_alike, depth_alone
 from vo_service.odometry.keyframe.confidence import doubt, oddness
 from vo_service.odometry.keyframe.features import FeatureSearch
@@ -38,6 +39,11 @@ class Found:
     alignment: Alignment
     tie: Tie
     lack: str = ""
+
+    @property
+    def T_world_camera(self) -> Array:
+        """4x4 pose of the camera."""
+        return self.keyframe.T_world_keyframe @ inverse(self.alignment.T_camera_keyframe)
 
     @property
     def is_better_tried_again(self) -> bool:

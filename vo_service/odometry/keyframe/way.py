@@ -16,6 +16,8 @@ LONGEST_STEP_S = 0.4
 FADING = 0.9
 # A mean brightness that is off by more than this share has changed at once.
 LIGHT_JUMP = 0.08
+# Gain and offset of a view's brightness against its own.
+SAME_LIGHT = (1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,14 @@ class Way:
         """The agitation, the next frame's velocity (6,) included."""
         change = ((velocity - self.velocity) ** 2).reshape(2, 3).mean(axis=1)
         return np.asarray(np.sqrt(FADING * self.agitation**2 + (1.0 - FADING) * change), np.float64)
+
+    def on(
+        self, T_world_camera: Array, velocity: Array, images: Images, light: tuple[float, float]
+    ) -> "Way":
+        """The way up to the next good frame; the arguments are this class's."""
+        agitation = self.agitation_with(velocity)
+        brightness = images.mean_brightness
+        return Way(T_world_camera, velocity, images.stamp_s, light, brightness, agitation)
 
     def light_at(self, images: Images) -> tuple[float, float]:
         """Gain and offset to begin with: as they were, or changed as the mean brightness."""

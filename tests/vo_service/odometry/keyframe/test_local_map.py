@@ -100,10 +100,10 @@ def test_what_is_far_from_all_others_becomes_a_keyframe_itself() -> None:
     (found, images), local_map = found_at(0.35), LocalMap()
     local_map.begin(AHEAD)
     frame = noisy(seen(Hand(T_world_start=turned(0.35))), 5)
-    chosen = choose(frame, images, found, turned(0.35), local_map)
+    chosen = choose(frame, images, found, local_map)
     assert chosen is not AHEAD
     assert local_map.keyframes == [AHEAD, chosen]
-    np.testing.assert_array_equal(chosen.T_world_keyframe, turned(0.35))
+    np.testing.assert_array_equal(chosen.T_world_keyframe, found.T_world_camera)
 
 
 def test_an_older_keyframe_that_is_near_is_used_again() -> None:
@@ -111,7 +111,7 @@ def test_an_older_keyframe_that_is_near_is_used_again() -> None:
     local_map.begin(aside)
     local_map.add(AHEAD)
     frame = noisy(seen(Hand(T_world_start=turned(0.35))), 5)
-    assert choose(frame, images, found, turned(0.35), local_map) is aside
+    assert choose(frame, images, found, local_map) is aside
     assert local_map.keyframes == [AHEAD, aside]
 
 
@@ -119,7 +119,7 @@ def test_a_frame_without_depth_is_no_keyframe() -> None:
     (found, _), local_map = found_at(0.35), LocalMap()
     local_map.begin(AHEAD)
     frame = without_depth(seen(Hand(T_world_start=turned(0.35))))
-    assert choose(frame, make_images(frame), found, turned(0.35), local_map) is AHEAD
+    assert choose(frame, make_images(frame), found, local_map) is AHEAD
     assert local_map.keyframes == [AHEAD]
 
 

@@ -46,6 +46,15 @@ def test_a_camera_whose_velocity_changes_is_agitated_and_calms_down_again() -> N
     assert 0.0 < after[0] < jolted[0]
 
 
+def test_it_goes_on_from_the_next_good_frame() -> None:
+    images = make_images(seen())
+    there = WAY.on(BRISK.at(1.1), BRISK.velocity, images, (1.2, 0.0))
+    assert there.stamp_s == images.stamp_s
+    assert there.light == (1.2, 0.0)
+    np.testing.assert_array_equal(there.agitation, WAY.agitation_with(BRISK.velocity))
+    np.testing.assert_array_equal(there.T_world_camera, BRISK.at(1.1))
+
+
 def expected_light(gain: float) -> Array:
     images = make_images(lit(seen(), gain))
     way = replace(WAY, mean_brightness=make_images(seen()).mean_brightness)

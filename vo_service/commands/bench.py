@@ -13,7 +13,7 @@ from drivers.errors import InputError
 from vo_service.bench.contestants import NAMES, LeftOut, find_left_out, recipes_of
 from vo_service.bench.report import SetUp, content_of, write_report
 from vo_service.bench.tables import Ranking
-from vo_service.commands.options import config_of, count, seconds
+from vo_service.commands.options import add_runs_options, config_of, count
 from vo_service.folders import make_output_folder
 from vo_service.interrupts import Stop, stop_on_signals
 from vo_service.runs.campaign import Plan, run_all
@@ -49,9 +49,6 @@ wrong; 130 or 143 stopped, with a report of what was done until then.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     parser.add_argument(
-        "folders", metavar="FOLDER", nargs="+", type=Path, help="recordings in TUM format"
-    )
-    parser.add_argument(
         "--methods", metavar="METHOD", nargs="+", choices=NAMES, default=list(NAMES),
         help="which, in this order (default: all)",
     )  # fmt: skip
@@ -69,21 +66,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--output", metavar="FOLDER", type=Path, help="where a report goes, and runs are kept"
     )
-    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
-    parser.add_argument(
-        "--camera", metavar="FILE", type=Path, help="camera file (TOML) for all folders"
-    )
-    parser.add_argument(
-        "--time-limit", metavar="SECONDS", type=seconds, default=3600.0,
-        help="a run that takes longer is ended, and a row says so (default: %(default)g)",
-    )  # fmt: skip
-    parser.add_argument("--again", action="store_true", help="run also what is kept")
-    parser.add_argument("--json", action="store_true", help="print report.json, nothing else")
+    add_runs_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run, tell each recording's results as soon as they are there, and report."""
-    args.method = None
     config = config_of(args)
     names = list(dict.fromkeys(args.methods))
     left_out = find_left_out(names)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.errors import InputError
-from vo_service.commands.options import config_of, seconds
+from vo_service.commands.options import add_runs_options, config_of
 from vo_service.comparison.files import Report, write_report
 from vo_service.comparison.set_up import SetUp
 from vo_service.comparison.tables import error_table, time_table
@@ -46,9 +46,6 @@ wrong; 130 or 143 stopped, with a report of what was done until then.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     parser.add_argument(
-        "folders", metavar="FOLDER", nargs="+", type=Path, help="recordings in TUM format"
-    )
-    parser.add_argument(
         "--methods", metavar="METHOD", nargs="+", choices=list(METHODS), default=list(METHODS),
         help=f"which, in this order (default: all: {', '.join(METHODS)})",
     )  # fmt: skip
@@ -56,25 +53,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output", metavar="FOLDER", type=Path, default=Path("output/compare"),
         help="where the report goes, and runs are kept (default: %(default)s)",
     )  # fmt: skip
-    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
-    parser.add_argument(
-        "--camera", metavar="FILE", type=Path, help="camera file (TOML) for all folders"
-    )
     parser.add_argument(
         "--sfm-scale", choices=[str(scale) for scale in SfmScale], default=SfmScale.FIRST_DEPTH,
         help="where sfm, which has no scale of its own, gets its first one (default: %(default)s)",
     )  # fmt: skip
-    parser.add_argument(
-        "--time-limit", metavar="SECONDS", type=seconds, default=3600.0,
-        help="a run that takes longer is ended, and a row says so (default: %(default)g)",
-    )  # fmt: skip
-    parser.add_argument("--again", action="store_true", help="run also what is kept")
-    parser.add_argument("--json", action="store_true", help="print report.json, nothing else")
+    add_runs_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run, report, and say in short what came out."""
-    args.method = None
     config = config_of(args)
     methods = list(dict.fromkeys(args.methods))
     camera_file = args.camera or config.camera.file

@@ -61,10 +61,27 @@ def add_prefix_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_runs_options(parser: argparse.ArgumentParser) -> None:
+    """FOLDER..., --config, --camera, --time-limit, --again, --json: of methods that are tried."""
+    parser.add_argument(
+        "folders", metavar="FOLDER", nargs="+", type=Path, help="recordings in TUM format"
+    )
+    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
+    parser.add_argument(
+        "--camera", metavar="FILE", type=Path, help="camera file (TOML) for all folders"
+    )
+    parser.add_argument(
+        "--time-limit", metavar="SECONDS", type=seconds, default=3600.0,
+        help="a run that takes longer is ended, and a row says so (default: %(default)g)",
+    )  # fmt: skip
+    parser.add_argument("--again", action="store_true", help="run also what is kept")
+    parser.add_argument("--json", action="store_true", help="print report.json, nothing else")
+
+
 def config_of(args: argparse.Namespace) -> Config:
     """The configuration file with the command line's changes. Raises InputError."""
     config = read_config(args.config)
-    if args.method:
+    if getattr(args, "method", None):
         config = replace(config, odometry=replace(config.odometry, method=args.method))
     if getattr(args, "rerun", None):
         config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))

@@ -13,20 +13,14 @@ import pytest
 from drivers.strict_toml import read_toml
 from tests.conftest import FRAMES
 from tests.vo_service.commands.command_line import call, wait_for
-from tests.vo_service.runs.trial_methods import Trial
+from tests.vo_service.runs.trial_methods import trials
 from vo_service.bench.peers import catalogue
 from vo_service.bench.peers.catalogue import PEERS, Package, Peer
 from vo_service.commands import bench
 from vo_service.config import Config
-from vo_service.runs.recipe import Recipe
 
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
-
-
-def trials(**acts: str) -> Callable[..., dict[str, Recipe]]:
-    """Trials in place of the methods asked for."""
-    return lambda *_: {method: Trial(act) for method, act in acts.items()}
 
 
 def test_a_peer_is_measured_at_each_rate_and_the_report_has_it_all(

@@ -14,19 +14,13 @@ import pytest
 from tests.belongings import child_running, children_of, command_of, is_alive
 from tests.conftest import FRAMES
 from tests.vo_service.commands.command_line import call, wait_for
-from tests.vo_service.runs.trial_methods import Trial
+from tests.vo_service.runs.trial_methods import trials
 from vo_service.commands import compare
 from vo_service.runs import campaign
-from vo_service.runs.recipe import Recipe
 
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
 CHILD = "vo_service.runs.child"
-
-
-def trials(**acts: str) -> Callable[..., dict[str, Recipe]]:
-    """Trials in place of the methods asked for."""
-    return lambda *_: {method: Trial(act) for method, act in acts.items()}
 
 
 def test_a_comparison_leaves_a_report_and_the_poses_of_a_replay(

@@ -15,6 +15,7 @@ from drivers.errors import UserFacingError
 from drivers.trajectory import StampedPoses
 from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.stopwatch import Stopwatch
+from vo_service.runs.recipe import Recipe
 
 
 @dataclass(frozen=True)
@@ -84,3 +85,8 @@ ACTS: Mapping[str, Callable[[], object]] = {
     "hang": _hang,
     "compile": _nothing,
 }
+
+
+def trials(**acts: str) -> Callable[..., dict[str, Recipe]]:
+    """Trials in place of the methods asked for."""
+    return lambda *_: {method: Trial(act) for method, act in acts.items()}

@@ -9,6 +9,8 @@ cd "$(dirname "$0")/.."
 # systemd's tools, which judge the units. Neither is started.
 scripts/setup.sh gcc libc6-dev udev systemd
 export PATH="$PWD/.venv/bin:$PATH"
+# Tests start hundreds of processes: where no compiled modules may be kept, each takes twice as long.
+unset PYTHONDONTWRITEBYTECODE
 # Once, or all tests that run at once would compile them at the same time, each for itself.
 compile_kernels() {
     kinect-vo warm-up --method keyframe && kinect-vo warm-up --method icp &

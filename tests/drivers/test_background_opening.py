@@ -22,7 +22,7 @@ class SlowCamera(ScriptedCamera):
     def open(self) -> None:
         """Two steps."""
         for step in range(2):
-            self.go_on.acquire(timeout=10)
+            self.go_on.acquire(timeout=100)
             self._progress(step, 2)
         super().open()
 

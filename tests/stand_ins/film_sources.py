@@ -50,7 +50,7 @@ def camera_frames(
             if seq == most:
                 return
             try:
-                frame = camera.read(timeout_s=60.0)
+                frame = camera.read(timeout_s=100)
             except EndOfStream:
                 return
             yield frame.colour_bgr, _millimetres(frame.depth_raw, frame.depth_factor)

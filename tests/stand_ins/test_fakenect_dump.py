@@ -42,7 +42,7 @@ def test_frames_stamps_and_gravity_come_back_as_they_were(fakenect: Path, tmp_pa
         env=os.environ | {"FAKENECT_PATH": str(tmp_path / "dump")},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=100,
         check=True,
     )
     # fakenect prints as well, and when its lines come out depends on who buffers.

@@ -123,7 +123,7 @@ def test_scheduled_faults_come_and_go(play_kinect: PlayKinect) -> None:
     timers = schedule(kinect, [parse_fault("busy+0.05"), parse_fault("unplug@0.02+0.02")])
     assert switches(kinect) != before
     for timer in timers:
-        timer.join(timeout=20)
+        timer.join(timeout=100)
     assert switches(kinect) == before
 
 

@@ -19,8 +19,8 @@ from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 KINECT_VO = str(Path(sys.executable).with_name("kinect-vo"))
 # Kernels that nobody has compiled yet, on a machine that is busy.
 START_LIMIT_S = 120.0
-PATIENCE_S = 40.0
-ENDING_S = 20.0
+PATIENCE_S = 100.0
+ENDING_S = 100.0
 
 
 class PlayedService:

@@ -17,14 +17,14 @@ def test_a_signal_sets_the_stop(number: signal.Signals, code: int) -> None:
     with stop_on_signals() as stop:
         assert not stop.event.is_set()
         os.kill(os.getpid(), number)
-        assert stop.event.wait(5)
+        assert stop.event.wait(100)
     assert stop.exit_code == code
 
 
 def test_a_second_ctrl_c_interrupts_at_once() -> None:
     with stop_on_signals() as stop:
         os.kill(os.getpid(), signal.SIGINT)
-        assert stop.event.wait(5)
+        assert stop.event.wait(100)
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
 
@@ -67,7 +67,7 @@ def test_what_does_not_end_is_ended_by_force() -> None:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=100)
     assert process.returncode == 1
     assert "did not end within 0.2 s of being asked to; ended by force" in said
 

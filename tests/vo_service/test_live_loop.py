@@ -22,7 +22,7 @@ def test_a_signal_ends_the_loop() -> None:
     def work(stop: threading.Event) -> None:
         names.append(threading.current_thread().name)
         os.kill(os.getpid(), signal.SIGTERM)
-        assert stop.wait(10)
+        assert stop.wait(100)
 
     with stop_on_signals() as stop:
         run_live(work, stop, Hangup(), nothing)
@@ -48,7 +48,7 @@ def test_each_hangup_reads_the_configuration_again_while_the_loop_goes_on() -> N
     def work(stop: threading.Event) -> None:
         for _ in range(2):
             os.kill(os.getpid(), signal.SIGHUP)
-            assert readings.acquire(timeout=10)
+            assert readings.acquire(timeout=100)
             assert not stop.is_set()
 
     with hangups() as hangup:
@@ -62,7 +62,7 @@ def test_a_loop_that_hangs_is_left_behind(
     release, stop = threading.Event(), Stop()
 
     def work(_: threading.Event) -> None:
-        release.wait(10)
+        release.wait(100)
 
     stop.event.set()
     run_live(work, stop, Hangup(), nothing)

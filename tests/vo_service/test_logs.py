@@ -38,7 +38,7 @@ def journal_of(code: str, *, is_journal: bool = True) -> list[str]:
         inode = state.st_ino if is_journal else state.st_ino + 1
         environment = {**os.environ, "JOURNAL_STREAM": f"{state.st_dev}:{inode}"}
         command = [sys.executable, "-c", program]
-        subprocess.run(command, stderr=stream, env=environment, check=True, timeout=60)
+        subprocess.run(command, stderr=stream, env=environment, check=True, timeout=100)
         stream.seek(0)
         return stream.read().splitlines()
 

@@ -50,7 +50,7 @@ def judgement(folder: Path, vendor: int, product: int) -> list[str]:
         f"{vendor:04x}",
         f"{product:04x}",
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return ["".join(found) for found in re.findall(r"MODE (\d+)|RUN '(uaccess)'", done.stdout)]
 

@@ -29,7 +29,7 @@ def play(dump: Path, pace: str = "lockstep") -> "subprocess.CompletedProcess[str
         [*command, str(dump), pace, str(dump / "played.npz")],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=100,
     )
 
 

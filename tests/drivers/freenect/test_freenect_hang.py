@@ -7,7 +7,7 @@ import sys
 from tests.stand_ins.played_kinect import PlayedKinect
 
 HANGS = "libfreenect hangs: the Kinect does not answer; unplug it and start this program again"
-LIMIT_S = 60
+LIMIT_S = 100.0
 
 
 def started(kinect: PlayedKinect, argument: str) -> "subprocess.Popen[str]":

@@ -15,7 +15,7 @@ from drivers.freenect.mailbox import (
 )
 from drivers.nearest import Pair
 
-LIMIT_S = 20.0
+LIMIT_S = 100.0
 
 
 def pair(seq: int) -> ImagePair:

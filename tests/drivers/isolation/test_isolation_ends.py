@@ -80,7 +80,7 @@ def test_ctrl_c_in_the_middle_of_it_leaves_nothing(script: Path, action: str) ->
             assert process.stdout is not None
             assert process.stdout.readline() == "closing\n"
         process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=30)
+        out, _ = process.communicate(timeout=100)
     assert (out, process.returncode) == ("True\n", 0)
     assert not is_alive(driver)
 

@@ -21,7 +21,7 @@ G = 9.80665
 
 
 def until(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 20.0
+    deadline_s = time.monotonic() + 100
     while not condition() and time.monotonic() < deadline_s:
         time.sleep(0.01)
 

@@ -22,7 +22,7 @@ SETTINGS = SensorSettings(led=Led.RED, tilt_deg=10.0)
 
 
 def until(condition: Callable[[], object]) -> bool:
-    deadline_s = time.monotonic() + 20.0
+    deadline_s = time.monotonic() + 100
     while not condition() and time.monotonic() < deadline_s:
         time.sleep(0.01)
     return bool(condition())

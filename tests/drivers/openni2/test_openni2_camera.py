@@ -200,7 +200,7 @@ def test_dummy_device_opens_and_closes_without_a_crash(tmp_path: Path) -> None:
         [sys.executable, "-c", DUMMY, str(camera_file)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=100,
         check=False,
     )
     assert (run.returncode, run.stdout.strip()) == (0, "well"), run.stderr

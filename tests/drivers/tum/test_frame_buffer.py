@@ -41,7 +41,7 @@ def test_lockstep_holds_the_decoder_back_until_there_is_room(make_frame: FrameMa
     decoder.join(0.1)
     assert decoder.is_alive()
     buffer.take(1)
-    decoder.join(10)
+    decoder.join(100)
     assert not decoder.is_alive()
 
 
@@ -65,7 +65,7 @@ def test_closing_wakes_both_threads(
     decoder.join(0.05)
     assert decoder.is_alive()
     full.close()
-    decoder.join(10)
+    decoder.join(100)
     assert not decoder.is_alive()
     with pytest.raises(BufferClosedError):
         full.put(make_frame(9))

@@ -15,7 +15,7 @@ from vo_service.client import Pose, PoseClient
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
-PATIENCE_S = 20.0
+PATIENCE_S = 100.0
 
 
 def free_endpoint() -> str:

@@ -144,7 +144,7 @@ def test_closing_ends_the_readers(talk: Talk) -> None:
     reader.start()
     client.close()
     client.close()
-    reader.join(20)
+    reader.join(100)
     assert ended == [[]]
 
 

@@ -14,7 +14,7 @@ import pytest
 from vo_service import cli
 
 KINECT_VO = str(Path(sys.executable).parent / "kinect-vo")
-PATIENCE_S = 60.0
+PATIENCE_S = 100.0
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def test_a_reader_that_has_gone_is_no_error(recording: Path) -> None:
     done = subprocess.run(
         [KINECT_VO, "replay", recording, "--no-publish"],
         env={name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
-        stdout=theirs, stderr=subprocess.PIPE, text=True, timeout=60, check=False,
+        stdout=theirs, stderr=subprocess.PIPE, text=True, timeout=100, check=False,
     )  # fmt: skip
     os.close(theirs)
     assert (done.returncode, done.stderr) == (0, "")
@@ -85,7 +85,7 @@ def test_a_full_disk_under_standard_output_is_one_line() -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [KINECT_VO, "warm-up"],
-            stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False,
+            stdout=full, stderr=subprocess.PIPE, text=True, timeout=100, check=False,
         )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr.startswith("kinect-vo: error: standard output: No space left on device")
@@ -125,7 +125,7 @@ def _in_shell(first: str, *arguments: object) -> "subprocess.CompletedProcess[st
     words = [KINECT_VO, *(str(argument) for argument in arguments)]
     return subprocess.run(
         ["sh", "-c", f'{first}; exec "$@"', "sh", *words],
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, text=True, timeout=100, check=False,
     )  # fmt: skip
 
 

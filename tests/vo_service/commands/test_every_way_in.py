@@ -58,7 +58,7 @@ def served(source: str, camera_file: Path, *options: str, count: int = COUNT) ->
     with running("run", "--camera", source, *given, *options) as process:
         wait_for(lambda: line_count(trajectory) >= count or process.poll() is not None)
         process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=30)
+        _, err = process.communicate(timeout=100)
     assert process.returncode == 0, err
     return trajectory
 

@@ -30,8 +30,8 @@ def received(
     with running("replay", recording, *options) as replay:
         wait_for(lambda: is_listening(port))
         command = [sys.executable, str(READER), str(port), str(FRAMES), "0.02"]
-        reader = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-        assert replay.wait(30) == 0
+        reader = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True)
+        assert replay.wait(100) == 0
     return json.loads(reader.stdout.splitlines()[1]), read_trajectory(written)
 
 

@@ -116,7 +116,7 @@ def test_ctrl_c_ends_it_and_keeps_whole_lines(
     with running("replay", folder, *options) as process:
         wait_for(lambda: line_count(written) >= 2)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=20)
+        out, err = process.communicate(timeout=100)
     assert (process.returncode, err.count("\n")) == (130, err.count("no evaluation"))
     poses = line_count(written)
     assert 2 <= poses < FRAMES

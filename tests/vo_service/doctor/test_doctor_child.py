@@ -11,7 +11,7 @@ from drivers.errors import UserFacingError
 from vo_service.doctor.child import in_child
 from vo_service.doctor.loaded import load
 
-PLENTY_S = 60.0
+PLENTY_S = 100.0
 
 
 def test_the_result_comes_back() -> None:

@@ -40,7 +40,7 @@ def test_the_copy_is_the_program_and_leads_to_no_checkout(tree: Path) -> None:
         "import vo_service.installation.unit as u; print(u.__file__, len(u.text_of(u.DROP_IN)))"
     )
     command = [str(tree / FOLDER / "bin" / "python3"), "-I", "-c", script]
-    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=100).stdout
     assert said.startswith(f"{tree / FOLDER}/")
     # Our own files are the checkout's, which may lie in a folder that they speak of.
     others = [p for p in (tree / FOLDER).rglob("*") if "vo_service" not in p.parts]

@@ -35,5 +35,5 @@ def on_sample(sample: zenoh.Sample) -> None:
 
 with zenoh.open(config) as session, session.declare_subscriber("*/odom", on_sample):
     print("ready", flush=True)
-    done.wait(timeout=20)
+    done.wait(timeout=100)
 print(json.dumps(samples))

@@ -45,7 +45,7 @@ def test_items_are_handled_in_order_and_then_it_finishes() -> None:
     worker: Worker[int] = Worker("test", Wait(2), seen.append, lambda: seen.append("finished"))
     for item in range(100):
         worker.put(item)
-    assert worker.close(timeout_s=10)
+    assert worker.close(timeout_s=100)
     assert seen == [*range(100), "finished"]
 
 
@@ -54,7 +54,7 @@ def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
     for item in range(1, 6):
         worker.put(item)
     gate.open.set()
-    assert worker.close(timeout_s=10)
+    assert worker.close(timeout_s=100)
     assert gate.handled == [0, 4, 5]
     assert worker.dropped == 3
 
@@ -66,8 +66,8 @@ def test_wait_makes_the_giver_wait_and_drops_nothing() -> None:
     giver.join(0.05)
     assert giver.is_alive()
     gate.open.set()
-    giver.join(10)
-    assert worker.close(timeout_s=10)
+    giver.join(100)
+    assert worker.close(timeout_s=100)
     assert (gate.handled, worker.dropped) == ([0, 1, 2, 3], 0)
 
 
@@ -76,7 +76,7 @@ def test_closing_frees_a_giver_that_waits() -> None:
     giver = threading.Thread(target=put_all, args=(worker, [1, 2]))
     giver.start()
     assert not worker.close(timeout_s=0.01)
-    giver.join(10)
+    giver.join(100)
     assert not giver.is_alive()
     gate.open.set()
 
@@ -100,7 +100,7 @@ def test_an_error_is_logged_once_and_the_rest_is_still_handled(
     worker: Worker[int] = Worker("pictures", Wait(8), handle, nothing)
     for item in range(5):
         worker.put(item)
-    assert worker.close(timeout_s=10)
+    assert worker.close(timeout_s=100)
     assert (handled, worker.errors) == ([3, 4], 3)
     assert [(r.levelno, r.message.split(" (")[0]) for r in caplog.records] == [
         (logging.ERROR, "pictures: item 0 is bad")
@@ -110,7 +110,7 @@ def test_an_error_is_logged_once_and_the_rest_is_still_handled(
 def test_closing_twice_finishes_once_and_takes_nothing_more() -> None:
     seen: list[object] = []
     worker: Worker[int] = Worker("test", Wait(2), seen.append, lambda: seen.append("finished"))
-    assert worker.close(timeout_s=10)
+    assert worker.close(timeout_s=100)
     worker.put(1)
-    assert worker.close(timeout_s=10)
+    assert worker.close(timeout_s=100)
     assert seen == ["finished"]

@@ -44,7 +44,7 @@ Desk = tuple[Inbox[Command], zenoh.Session]
 
 def test_a_command_reaches_the_inbox_and_its_answer_the_asker(desk: Desk) -> None:
     inbox, session = desk
-    channel = session.get("kinect/command/led", payload=b'{"led": "red"}', timeout=20)
+    channel = session.get("kinect/command/led", payload=b'{"led": "red"}', timeout=100)
     ticket = taken(inbox)
     ticket.done({"led": "red"})
     (reply,) = channel
@@ -56,7 +56,7 @@ def test_a_command_reaches_the_inbox_and_its_answer_the_asker(desk: Desk) -> Non
 
 def test_no_payload_means_no_arguments(desk: Desk) -> None:
     inbox, session = desk
-    channel = session.get("kinect/command/reset", timeout=20)
+    channel = session.get("kinect/command/reset", timeout=100)
     ticket = taken(inbox)
     ticket.done({"epoch": 3})
     assert [content(reply) for reply in channel] == [{"schema": 1, "epoch": 3}]
@@ -65,7 +65,7 @@ def test_no_payload_means_no_arguments(desk: Desk) -> None:
 
 def test_what_the_loop_refuses_comes_back_with_its_code(desk: Desk) -> None:
     inbox, session = desk
-    channel = session.get("kinect/command/tilt", payload=b'{"tilt_deg": 5}', timeout=20)
+    channel = session.get("kinect/command/tilt", payload=b'{"tilt_deg": 5}', timeout=100)
     taken(inbox).failed(CommandError(ErrorCode.NOT_POSSIBLE, "this camera has no motor"))
     (answer,) = map(content, channel)
     assert answer == {"schema": 1, "error": "not-possible", "message": "this camera has no motor"}
@@ -145,7 +145,7 @@ def test_every_command_is_answered(free_port: int) -> None:
 
 def test_closing_does_not_wait_for_a_command_that_the_loop_has(free_port: int) -> None:
     with commanded(free_port) as (output, inbox, session):
-        session.get("kinect/command/pause", timeout=20)
+        session.get("kinect/command/pause", timeout=100)
         ticket = taken(inbox)
         before_s = time.monotonic()
         output.close()

@@ -72,7 +72,7 @@ class Healthy:
         """Whether it hears each of these poses before the next one is published."""
         for update in updates:
             self._output.pose(update)
-            if self._heard.get(timeout=20) != update.seq:
+            if self._heard.get(timeout=100) != update.seq:
                 return False
         return (self._output.dropped, self._output.errors) == (0, 0)
 

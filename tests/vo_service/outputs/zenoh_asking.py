@@ -16,7 +16,7 @@ from vo_service.outputs.zenoh_commands import CommandsFor
 from vo_service.outputs.zenoh_output import LIVE, Extras, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
-PATIENCE_S = 20.0
+PATIENCE_S = 100.0
 
 
 def free_port_now() -> int:

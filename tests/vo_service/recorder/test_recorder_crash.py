@@ -29,7 +29,7 @@ class Crashing:
         assert self.process.stdin is not None
         self.process.stdin.write(b"\n")
         self.process.stdin.flush()
-        self.process.wait(30)
+        self.process.wait(100)
 
 
 @contextmanager

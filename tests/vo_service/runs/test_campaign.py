@@ -21,7 +21,7 @@ from vo_service.terminal import Terminal
 
 CopyRecording = Callable[..., Path]
 VERSIONS = {"numpy": "2"}
-LIMIT_S = 60.0
+LIMIT_S = 100.0
 
 
 class Screen(io.StringIO):

@@ -18,7 +18,7 @@ from vo_service.runs.messages import Job, Preparing, Progress
 from vo_service.runs.run import Outcome, RunState
 from vo_service.runs.running import run_in_child
 
-PATIENCE_S = 60.0
+PATIENCE_S = 100.0
 
 
 def ran(folder: Path, act: str, limit_s: float = PATIENCE_S) -> Outcome:

@@ -124,7 +124,7 @@ def heard_poses(session: zenoh.Session) -> Iterator[list[int]]:
         first.set()
 
     with session.declare_subscriber("*/odom", take):
-        assert first.wait(10), "no pose came"
+        assert first.wait(100), "no pose came"
         yield heard
 
 

@@ -49,7 +49,7 @@ def draw(
 def is_whole(path: Path) -> bool:
     """Whether Rerun finds nothing wrong with the file, its end included."""
     command = [str(rerun_binary()), "rrd", "verify", str(path)]
-    return subprocess.run(command, capture_output=True, timeout=30).returncode == 0
+    return subprocess.run(command, capture_output=True, timeout=100).returncode == 0
 
 
 def rows(path: Path) -> Counter[str]:

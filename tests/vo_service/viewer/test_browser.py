@@ -28,7 +28,7 @@ def other_port() -> int:
 
 
 def get(port: int, path: str) -> tuple[HTTPResponse, bytes]:
-    connection = HTTPConnection("127.0.0.1", port, timeout=20)
+    connection = HTTPConnection("127.0.0.1", port, timeout=100)
     connection.request("GET", path)
     response = connection.getresponse()
     content = response.read()

@@ -92,7 +92,7 @@ def test_rerun_stays_out_of_the_service(tmp_path: Path) -> None:
         "print({'rerun', 'pyarrow', 'http.server'} & set(sys.modules))"
     )
     command = [sys.executable, "-c", script, str(tmp_path / "out.rrd")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
     assert (done.stdout, done.stderr) == ("set()\n", "")
 
 
@@ -159,7 +159,7 @@ def test_a_process_that_grows_too_large_is_started_again(
     settings = RerunSettings(memory_mb=300)
     largest_mb = 0.0
     with shown(Glutton(100), settings) as (output, process):
-        deadline_s = time.monotonic() + 30
+        deadline_s = time.monotonic() + 100
         while is_alive(process):
             assert time.monotonic() < deadline_s
             largest_mb = max(largest_mb, resident_mb(process))

@@ -13,8 +13,7 @@ import pytest
 
 from tests.conftest import FRAMES
 from tests.vo_service.client.published import free_endpoint
-from tests.vo_service.commands.command_line import KINECT_VO
-from tests.vo_service.played_service import WITHOUT_MAP
+from tests.vo_service.played_service import PATIENT_KINECT_VO, WITHOUT_MAP
 from vo_service.client import PoseClient
 
 RATE_HZ = 30
@@ -46,7 +45,14 @@ def endpoint(long_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> 
         f'schema = 1\n[zenoh]\nlisten = ["{where}"]\n[recorder]\nfolder = "{folder}/incidents"\n'
         f"{WITHOUT_MAP}"
     )
-    command = [KINECT_VO, "run", "--camera", f"tum:{long_recording}", "--config", str(config)]
+    command = [
+        *PATIENT_KINECT_VO,
+        "run",
+        "--camera",
+        f"tum:{long_recording}",
+        "--config",
+        str(config),
+    ]
     surroundings = os.environ | {"XDG_STATE_HOME": str(folder), "STATE_DIRECTORY": str(folder)}
     with log.open("wb") as said:
         process = subprocess.Popen(command, stdout=said, stderr=said, env=surroundings)

@@ -15,7 +15,7 @@ import pytest
 from tests.belongings import wait_for
 from tests.examples.conftest import Lines
 from tests.json_schema import complaints
-from tests.vo_service.commands.command_line import KINECT_VO
+from tests.vo_service.played_service import KINECT_VO
 from vo_service.client import CommandRefused, NoPose, PoseClient, Why
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

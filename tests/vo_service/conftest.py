@@ -2,11 +2,26 @@
 
 import os
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.belongings import PATIENCE_S
 from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
+from vo_service.background import keeper
+
+
+@pytest.fixture(scope="session", autouse=True)
+def patience() -> Iterator[None]:
+    """Wait for the end of the recorder's and the map's process for as long as it takes.
+
+    On a busy machine they would be left to themselves, and the next tests would meet them.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(keeper, "ENDING_S", PATIENCE_S)
+        patch.setattr(keeper, "REAPED_S", PATIENCE_S)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from tests.vo_service.heard_check import check_heard
-from tests.vo_service.played_service import KINECT_VO, PATIENCE_S, PlayedService, free_port
+from tests.vo_service.played_service import (
+    PATIENCE_S,
+    PATIENT_KINECT_VO,
+    PlayedService,
+    free_port,
+)
 from tests.vo_service.subscriber import Subscriber
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
@@ -72,7 +77,7 @@ class LiveStage:
         assert not self.has_started or self.service.process.poll() is not None
         self._heard = Subscriber()
         log = self._folder / f"log-{len(self._lives)}.txt"
-        command = [KINECT_VO, "run", "--config", str(self.config), *options]
+        command = [*PATIENT_KINECT_VO, "run", "--config", str(self.config), *options]
         with log.open("wb") as said:
             process = subprocess.Popen(
                 command, env=self._environment, stdout=said, stderr=said, start_new_session=True

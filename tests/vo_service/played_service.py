@@ -17,6 +17,19 @@ from tests.vo_service.subscriber import Status, Subscriber
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
 KINECT_VO = str(Path(sys.executable).with_name("kinect-vo"))
+# The same, but that a service that takes long to end is not ended by force: the machine may be a
+# busy one.
+PATIENT_KINECT_VO = (
+    sys.executable,
+    "-c",
+    """\
+from vo_service import cli, interrupts
+
+by_force = interrupts.ended_by_force
+interrupts.ended_by_force = lambda stop, after_s: by_force(stop, 100.0)
+cli.main()
+""",
+)
 # Kernels that nobody has compiled yet, on a machine that is busy.
 START_LIMIT_S = 120.0
 PATIENCE_S = 100.0
@@ -119,7 +132,7 @@ def running_service(
     config.write_text(
         f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n{more_config}', encoding="utf-8"
     )
-    command = [KINECT_VO, "run", "--camera", source, "--config", str(config), *options]
+    command = [*PATIENT_KINECT_VO, "run", "--camera", source, "--config", str(config), *options]
     heard = Subscriber()
     with log.open("wb") as said:
         process = subprocess.Popen(

@@ -1,7 +1,6 @@
 """kinect-vo as a user runs it: in a process of its own, or (much quicker) within this one."""
 
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,9 +10,9 @@ from typing import Any
 
 import pytest
 
+from tests.vo_service.played_service import KINECT_VO, PATIENT_KINECT_VO
 from vo_service import cli
 
-KINECT_VO = str(Path(sys.executable).parent / "kinect-vo")
 PATIENCE_S = 100.0
 
 
@@ -45,7 +44,7 @@ def run(*arguments: object) -> Outcome:
 @contextmanager
 def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
     """A command that is still going; killed at the end of the block."""
-    command = [KINECT_VO, *(str(argument) for argument in arguments)]
+    command = [*PATIENT_KINECT_VO, *(str(argument) for argument in arguments)]
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **pipes) as process:
         try:

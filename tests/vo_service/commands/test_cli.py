@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.commands.command_line import KINECT_VO, call, run
+from tests.vo_service.commands.command_line import call, run
+from tests.vo_service.played_service import KINECT_VO
 from vo_service.command_line import COMMANDS
 
 

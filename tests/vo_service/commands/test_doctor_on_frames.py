@@ -16,8 +16,9 @@ import pytest
 
 from tests.stand_ins.played_kinect import Model, PlayedKinect, Stream
 from tests.stand_ins.wire_film import WireFilm
-from tests.vo_service.commands.command_line import KINECT_VO, wait_for
+from tests.vo_service.commands.command_line import wait_for
 from tests.vo_service.commands.diagnosis import Diagnosis, check_of, failures
+from tests.vo_service.played_service import KINECT_VO
 
 PATIENCE_S = 100.0
 AT_ONCE = 4

@@ -12,12 +12,13 @@ import pytest
 from drivers.tum.folder import open_folder
 from tests.conftest import FRAMES
 from tests.full_disk import files_up_to
-from tests.vo_service.commands.command_line import KINECT_VO, wait_for
+from tests.vo_service.commands.command_line import wait_for
 from tests.vo_service.download.conftest import FOLDER, NAME, Download, hidden
 from tests.vo_service.download.web_server import (
     Request,
     WebServer,
 )
+from tests.vo_service.played_service import KINECT_VO
 from vo_service.download import partial_file
 from vo_service.download.meter import Meter
 from vo_service.terminal import Terminal

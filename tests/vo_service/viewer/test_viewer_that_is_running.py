@@ -55,7 +55,7 @@ def output(free_port: int) -> Iterator[ViewerOutput]:
 
 def processes() -> list[int]:
     """Those that draw: with some memory of their own, unlike one that is being started."""
-    return [each for each in children() if resident_kb(each) > 50_000]
+    return [each for each in children() if resident_of(each) > 50_000]
 
 
 def test_a_viewer_that_never_comes_costs_no_process(

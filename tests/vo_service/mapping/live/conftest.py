@@ -1,13 +1,9 @@
-"""What the tests of the running service's map need before they can be quick, and patience."""
-
-from collections.abc import Iterator
+"""What the tests of the running service's map need before they can be quick."""
 
 import numpy as np
 import pytest
 
-from tests.belongings import PATIENCE_S
 from tests.vo_service.mapping.live.views import CAMERA, COARSE
-from vo_service.background import keeper
 from vo_service.mapping.fusion import Fusion
 from vo_service.mapping.fusion_settings import FusionSettings
 
@@ -20,12 +16,3 @@ def kernels() -> None:
     colour = np.zeros((*shape, 3), np.uint8)
     fusion.add(np.full(shape, 2.0, np.float32), colour, CAMERA, np.eye(4))
     assert len(fusion.mesh().triangles)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def patience() -> Iterator[None]:
-    """Wait for the process's end for as long as it takes: the machine may be a busy one."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(keeper, "ENDING_S", PATIENCE_S)
-        patch.setattr(keeper, "REAPED_S", PATIENCE_S)
-        yield

@@ -1,5 +1,6 @@
 """A small recording that the whole line can follow, rendered once a session; and the real ones."""
 
+import gc
 import os
 import shutil
 import signal
@@ -37,6 +38,12 @@ hypothesis.settings.register_profile("patient", deadline=None)
 hypothesis.settings.load_profile("patient")
 
 FRAMES = 12
+
+
+def pytest_collection_finish() -> None:
+    """What is held of all tests from now on is not looked through by every garbage collection."""
+    gc.collect()
+    gc.freeze()
 
 
 def _pose(seq: int) -> Array:

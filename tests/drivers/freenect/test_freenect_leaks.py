@@ -17,7 +17,7 @@ def test_a_kinect_that_comes_and_goes_leaves_nothing_in_either_process(
     kinect = plug_in(play_kinect, model=model)
     before = belongings()
     with isolated_kinect() as camera:
-        camera.read(30.0)
+        camera.read(100.0)
         replug(camera, kinect)
         first = held(kinect)
         for _ in range(9):

@@ -14,6 +14,8 @@ from drivers.isolation.limits import TimeLimits
 from tests.drivers.isolation.trial_cameras import Puppet
 
 Isolate = Callable[..., IsolatedCamera]
+# No driver is taken for hung because the machine is busy.
+PATIENT = TimeLimits(launching_s=100.0, opening_s=100.0, heartbeat_s=100.0, closing_s=100.0)
 
 
 @pytest.fixture
@@ -33,7 +35,7 @@ def isolate(script: Path) -> Iterator[Isolate]:
             kind: type[Puppet] = Puppet,
             *,
             pace: Pace = Pace.REALTIME,
-            limits: TimeLimits = TimeLimits(),  # noqa: B008 (frozen)
+            limits: TimeLimits = PATIENT,
             **settings: Any,
         ) -> IsolatedCamera:
             recipe: Callable[[], RgbdCamera] = partial(kind, script, **settings)

@@ -3,6 +3,7 @@
 import logging
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,14 +11,13 @@ import pytest
 from drivers.camera import CameraState
 from drivers.errors import CameraError
 from drivers.isolation.camera import IsolatedCamera
-from drivers.isolation.limits import TimeLimits
 from drivers.sensor_settings import Led
 from tests.belongings import children, wait_for
-from tests.drivers.isolation.conftest import Isolate
+from tests.drivers.isolation.conftest import PATIENT, Isolate
 from tests.drivers.isolation.nodding import STUCK_DEG, Nodding, done_by
 from tests.drivers.isolation.trial_cameras import Puppet
 
-AT_ONCE = TimeLimits(first_retry_s=0.01, longest_retry_s=0.01)
+AT_ONCE = replace(PATIENT, first_retry_s=0.01, longest_retry_s=0.01)
 
 
 def done(script: Path) -> list[str]:

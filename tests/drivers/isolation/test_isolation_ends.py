@@ -30,10 +30,10 @@ limits = TimeLimits(heartbeat_s=60.0, closing_s=0.3, orphan_s=0.6)
 camera = IsolatedCamera("puppet", Clock.MONOTONIC, partial(Puppet, script), Pace.REALTIME, limits)
 try:
     camera.open()
-    camera.read(30.0)
+    camera.read(100.0)
     print(children()[0], flush=True)
     while action == "read":
-        camera.read(30.0)
+        camera.read(100.0)
     script.write_text("hang in read")
     with suppress(NoFrameYet):
         while True:

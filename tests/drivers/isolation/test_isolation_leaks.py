@@ -12,10 +12,9 @@ import pytest
 from drivers.camera import Pace
 from drivers.isolation.limits import TimeLimits
 from tests.belongings import belongings, children, wait_for
-from tests.drivers.isolation.conftest import Isolate
+from tests.drivers.isolation.conftest import PATIENT, Isolate
 from tests.drivers.isolation.trial_cameras import OnceLost, is_whole
 
-PATIENT = TimeLimits(opening_s=30.0, heartbeat_s=30.0, closing_s=30.0)
 IMPATIENT = TimeLimits(closing_s=0.2)
 
 
@@ -28,7 +27,7 @@ def kill(process: int) -> None:
 def test_200_times_unplugged_leaks_nothing(isolate: Isolate) -> None:
     before = belongings()
     with isolate(OnceLost, limits=PATIENT, period_s=0.0) as camera:
-        plugged_in = [camera.read(30.0) for _ in range(200)]
+        plugged_in = [camera.read(100.0) for _ in range(200)]
     assert belongings() <= before
     assert len({frame.lost_packets for frame in plugged_in}) == 1
     assert plugged_in[-1].device_stamp_s == plugged_in[1].device_stamp_s  # files open over there
@@ -50,8 +49,8 @@ def test_a_camera_that_was_killed_many_times_leaks_nothing(isolate: Isolate) -> 
     before = belongings()
     with isolate(limits=TimeLimits(first_retry_s=0.0)) as camera:
         for _ in range(4):
-            kill(camera.read(30.0).lost_packets)
-        camera.read(30.0)
+            kill(camera.read(100.0).lost_packets)
+        camera.read(100.0)
     assert belongings() <= before
 
 
@@ -63,7 +62,7 @@ def test_a_driver_killed_at_any_moment_never_leaves_a_torn_frame(isolate: Isolat
             until_s = time.monotonic() + 0.1 + 0.02 * chance.random()
             victim = 0
             while time.monotonic() < until_s or not victim:
-                frame = camera.read(30.0)
+                frame = camera.read(100.0)
                 victim = frame.lost_packets
                 assert is_whole(frame)
                 stamps_s.append(frame.stamp_s)

@@ -24,8 +24,8 @@ from vo_service.viewer.recording_file import RecordingFile
 from vo_service.viewer.sinks import Sink
 
 MakeUpdate = Callable[..., PoseUpdate]
-# Far more than any call takes that does not wait for the viewer.
-AT_ONCE_S = 1.0
+# Far more than any call takes that does not wait for the viewer, on a busy computer too.
+AT_ONCE_S = 10.0
 
 
 @contextmanager
@@ -107,7 +107,7 @@ def test_a_frozen_process_holds_nothing_up(
     start_s = time.monotonic()
     with pytest.raises(UserFacingError, match="not complete"):
         output.close()
-    assert time.monotonic() - start_s < 5.0  # 2.5 on a computer with nothing else to do
+    assert time.monotonic() - start_s < 60.0  # 2.5 on a computer with nothing else to do
     assert "did not take all data in time" in caplog.text
     wait_for(lambda: not is_alive(process))
 

@@ -102,7 +102,7 @@ def test_a_frozen_viewer_is_given_up_and_memory_stays_bounded(
             largest_kb = max(largest_kb, resident_of(process))
             time.sleep(0.01)
         output.close()
-    assert longest_s < 1.0
+    assert longest_s < 10.0
     assert largest_kb < 600_000
 
 

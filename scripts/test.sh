@@ -13,19 +13,23 @@ export PATH="$PWD/.venv/bin:$PATH"
 unset PYTHONDONTWRITEBYTECODE
 # Once, or all tests that run at once would compile them at the same time, each for itself.
 compile_kernels() {
-    kinect-vo warm-up --method keyframe && kinect-vo warm-up --method icp &
-    kinect-vo warm-up --method surf && kinect-vo warm-up --method sfm && wait $!
+    for method in keyframe icp surf sfm; do
+        kinect-vo warm-up --method "$method" || return
+    done
 }
 if [ $# = 0 ]; then
+    say "Compiling the numeric kernels, while all else is checked"
+    compile_kernels &
     step "Checking the layout of the code" ruff format --check
     step "Checking the style of the code" ruff check
     step "Checking types" mypy
     step "Checking that the lock file is up to date" .tools/bin/uv lock --check --python .venv/bin/python
     step "Checking that every locked package is a wheel" python scripts/check_lock.py
-    step "Compiling the numeric kernels" compile_kernels
+    step "Compiling the virtual Kinect's kernels" python -m tests.drivers.synthetic.compile_kernels
+    step "Waiting for the numeric kernels" wait $!
 fi
 say "Running the tests"
 # More of them at once than there are processors: many wait for a sensor, a viewer or a time-out.
 at_once=$(($(nproc) * 2))
-[ $# != 0 ] || set -- --numprocesses=$((at_once > 8 ? 8 : at_once)) --dist=worksteal
+[ $# != 0 ] || set -- --numprocesses=$((at_once > 8 ? 8 : at_once)) --dist=worksteal --timeout=600
 exec pytest "$@"

@@ -28,7 +28,7 @@ DEPTH_SPREAD_PER_M = (6e-4, 1e-2)
 # Gains of brightness are sought between these; beyond, the light is another.
 GAINS = (0.4, 2.5)
 # Gauss-Newton: steps at most, by level.
-STEPS = (8, 8, 5, 4)
+STEPS = (24, 24, 15, 12)
 # The camera's velocity differs from the mean since the last frame by so much: m/s and rad/s.
 VELOCITY_SIGMA = (0.03, 0.1)
 # The next keyframe is due when less than this share of the last is in view, or it has moved by

@@ -95,7 +95,7 @@ def test_a_command_to_nobody_says_so() -> None:
 
 
 def test_a_spreadsheet_gets_the_poses(endpoint: str, tmp_path: Path) -> None:
-    done = finished("poses_to_csv.py", tmp_path / "poses.csv", 1.0, endpoint)
+    done = finished("poses_to_csv.py", tmp_path / "poses.csv", 2.0, endpoint)
     assert (done.stderr, done.returncode) == ("", 0)
     with (tmp_path / "poses.csv").open() as file:
         rows = list(csv.DictReader(file))

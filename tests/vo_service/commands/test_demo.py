@@ -8,6 +8,9 @@ import pytest
 from drivers.trajectory import read_trajectory
 from tests.vo_service.commands.command_line import call
 
+# Half a second of them. A busy machine drops most of them, as a robot would.
+FRAMES = 15
+
 
 @pytest.fixture(scope="module")
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -24,15 +27,15 @@ def test_it_plays_every_frame_and_leaves_trajectory_truth_and_picture(
     config: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "demo"
-    options = ("--seconds", "0.3", "--no-serve", "--config", config, "--output", folder)
+    options = ("--seconds", "0.5", "--no-serve", "--config", config, "--output", folder)
     outcome = call(capfd, "demo", *options, "--json")
     assert outcome.code == 0
     figures = json.loads(outcome.out)
-    assert figures["frames"] + figures["dropped"] == 9
+    assert figures["frames"] + figures["dropped"] == FRAMES
     assert figures["frames"] >= 3
     assert figures["ate_rmse_m"] < 0.02
     assert len(read_trajectory(folder / "trajectory.txt")) == figures["frames"]
-    assert len(read_trajectory(folder / "groundtruth.txt")) == 9
+    assert len(read_trajectory(folder / "groundtruth.txt")) == FRAMES
     assert (folder / "trajectory.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "demo.rrd").stat().st_size > 10_000
 
@@ -41,7 +44,7 @@ def test_for_people_it_says_where_to_look_and_how_it_went(
     config: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "demo"
-    options = ("--seconds", "0.3", "--no-serve", "--config", config, "--output", folder)
+    options = ("--seconds", "0.5", "--no-serve", "--config", config, "--output", folder)
     outcome = call(capfd, "demo", *options)
     said = outcome.out + outcome.err
     for words in ("kinect-vo listen", f"results: {folder}", "ATE, RMSE", "latency"):

@@ -23,7 +23,7 @@ from tests.vo_service.corner_film import corner_frames, corner_kinect
 
 COUNT = 8
 # Slow enough for any machine, as a live camera's late frames are dropped.
-PLAYED_HZ = 5
+PLAYED_HZ = 3
 # Of the 1000 that are looked for, those that agree on each motion.
 FEWEST_POINTS = 500
 

@@ -234,7 +234,7 @@ def tokens(node: zenoh.Session, domain_id: int, count: int) -> set[tuple[str, st
     """Kind and description of what there is in a domain, once there are so many."""
     deadline_s = time.monotonic() + 100
     while True:
-        replies: Any = node.liveliness().get(f"@ros2_lv/{domain_id}/**", timeout=2)
+        replies: Any = node.liveliness().get(f"@ros2_lv/{domain_id}/**", timeout=60)
         parts = [str(reply.ok.key_expr).split("/") for reply in replies]
         if len(parts) == count:
             return {(each[5], "/".join(each[9:]) or each[8]) for each in parts}

@@ -93,7 +93,7 @@ def test_once_the_port_is_free_all_is_published(
         ticking(output, status, lambda: output.warning == "")
         with asking(free_port) as session:
             assert answers(session, "kinect/status")[0]["state"] == "degraded"
-            tokens = session.liveliness().get("kinect/alive", timeout=5)
+            tokens = session.liveliness().get("kinect/alive", timeout=60)
             assert len(list(tokens)) == 1
         assert (output.errors, output.warning) == (0, "")
 

@@ -129,7 +129,7 @@ def test_the_status_is_json_with_every_field(free_port: int, status: Status) -> 
 def test_a_token_is_alive_until_close(free_port: int) -> None:
     output = ZenohOutput(config(free_port, prefix="robot1/kinect"))
     with open_session(ZenohConfig(listen=(), connect=config(free_port).listen)) as session:
-        tokens: Any = session.liveliness().get("*/*/alive", timeout=5)
+        tokens: Any = session.liveliness().get("*/*/alive", timeout=60)
         assert [str(reply.ok.key_expr) for reply in tokens] == ["robot1/kinect/alive"]
         output.close()
         assert list(session.liveliness().get("**", timeout=1)) == []

@@ -97,7 +97,7 @@ def test_a_robot_commands_no_other(network: Network, robot1: zenoh.Session) -> N
 
 def test_readers_see_which_robots_are_there(network: Network, robot1: zenoh.Session) -> None:
     def alive() -> list[str]:
-        replies = session.liveliness().get("*/alive", timeout=2)
+        replies = session.liveliness().get("*/alive", timeout=60)
         return [str(reply.ok.key_expr) for reply in replies if reply.ok]
 
     with reader(network) as session:

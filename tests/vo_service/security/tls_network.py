@@ -142,6 +142,6 @@ def free_port() -> int:
 
 
 def answers(session: zenoh.Session, key: str, payload: bytes = b"{}") -> list[bytes]:
-    """What comes back for a question within two seconds: answers and typed errors alike."""
-    replies = session.get(key, payload=payload, timeout=2.0)
+    """What comes back for a question: answers and typed errors alike."""
+    replies = session.get(key, payload=payload, timeout=60.0)
     return [(reply.ok or reply.err).payload.to_bytes() for reply in replies]  # type: ignore[union-attr]

@@ -1,0 +1,115 @@
+"""Whether a method is as sure as it should be: its errors against the covariance told with them.
+
+    python -m benchmarks.covariance FOLDER... [--method keyframe] [--every N] [--json]
+    python -m benchmarks.covariance --rooms FOLDER [--seeds 101 102 ...]
+
+Each FOLDER is a TUM folder with an exact ground truth. --rooms renders five seconds for each seed,
+another room and another motion, and with another timing than the one before; FOLDER keeps them.
+"since" is the motion since the reference, for `keyframe` the keyframe; "step" is the motion since
+the frame before, with the covariance that the service publishes for it. "mean" is the normalised
+square of the error for each freedom: 1 is exact, more is too sure. "in 95 %" says how often the
+ellipsoid of 95 % holds the truth.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+
+from benchmarks.covariance_measure import Squares, measure
+from benchmarks.covariance_rooms import SEEDS, rooms
+from benchmarks.rendered import render_all
+from drivers.errors import InputError, UserFacingError
+from vo_service.evaluation.consistency import Consistency, consistency
+from vo_service.methods import METHODS
+
+Row = Mapping[str, Consistency | None]
+
+HEAD = f"{'':42}{'motions':>8}{'since: mean':>13}{'in 95 %':>9}{'step: mean':>12}{'in 95 %':>9}"
+
+
+def main() -> int:
+    """Render what is asked for, measure and print."""
+    args = _parser().parse_args()
+    cv2.setNumThreads(1)
+    try:
+        results = run(_folders(args), args.method, args.every, silent=args.json)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    if args.json:
+        print(json.dumps(results, default=asdict))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.covariance",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", nargs="*", type=Path, help="TUM folder with ground truth")
+    parser.add_argument("--rooms", type=Path, metavar="FOLDER", help="render rooms, and keep them")
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="of the rooms")
+    parser.add_argument("--processes", type=int, default=1, help="to render with")
+    parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--every", type=int, default=1, help="take every so-manieth frame")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    return parser
+
+
+def _folders(args: argparse.Namespace) -> list[Path]:
+    """What to measure, rendered where it is missing."""
+    if args.rooms is None:
+        if not args.folder:
+            raise InputError("nothing to measure: name a folder, or --rooms FOLDER")
+        return list(args.folder)
+    wanted = {args.rooms / name: config for name, config in rooms(args.seeds).items()}
+    args.rooms.mkdir(parents=True, exist_ok=True)
+    render_all(wanted, lambda line: print(line, file=sys.stderr, flush=True), args.processes)
+    return [*args.folder, *wanted]
+
+
+def _print_now(line: str) -> None:
+    print(line, flush=True)
+
+
+def run(folders: list[Path], method: str, every: int, silent: bool) -> dict[str, Row]:
+    """A row for each folder, then one for all of them."""
+    tell: Callable[[str], None] = (lambda line: None) if silent else _print_now
+    tell(HEAD)
+    together, results = Squares(), dict[str, Row]()
+    for folder in folders:
+        squares = measure(method, folder, every)
+        together.add(squares)
+        results[str(folder)] = _row(squares)
+        tell(_as_text(folder.name, results[str(folder)]))
+    results["together"] = _row(together)
+    tell(_as_text("together", results["together"]))
+    return results
+
+
+def _row(squares: Squares) -> Row:
+    return {"since": consistency(squares.since), "step": consistency(squares.step)}
+
+
+def _as_text(name: str, row: Row) -> str:
+    since, step = row["since"], row["step"]
+    if since is None or step is None:
+        return f"{name:42}{0:8}"
+    return (
+        f"{name:42}{since.count:8}{since.mean:13.2f}{100 * since.within:9.1f}"
+        f"{step.mean:12.2f}{100 * step.within:9.1f}"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -12,7 +12,7 @@ from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
 from vo_service.odometry.keyframe.descent import FIRST_SWEEPS, body_velocity, descend
 from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import STEPS
+from vo_service.odometry.keyframe.parameters import STEPS, VELOCITY_SIGMA
 from vo_service.odometry.keyframe.readings import read_points
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import (
@@ -53,7 +53,8 @@ class Tie:
 
     def loosened(self) -> "Tie":
         """Where the way since the last frame is not known: a velocity that may have changed."""
-        return replace(self, rate_hz=0.0, information=self.information / UNSURE**2)
+        information = np.repeat((UNSURE * np.array(VELOCITY_SIGMA)) ** -2, 3)
+        return replace(self, rate_hz=0.0, information=information)
 
 
 # Of a frame laid on itself.

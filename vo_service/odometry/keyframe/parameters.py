@@ -10,11 +10,11 @@ BLOCKS_PX = (5, 3, 3, 2)
 LEAST_GRADIENT = 3.0
 # The plane around a point: over (2 RADIUS + 1)^2 readings, every second pixel; readings within so
 # much (1/m) of the middle's are of the same surface; they are at least this share; and the plane
-# leaves over at most this root mean square (1/m), thrice the noise.
+# leaves over at most this root mean square (1/m), twice the noise.
 PLANE_RADIUS = 4
 SURFACE_STEP_PER_M = 0.03
 LEAST_SUPPORT = 0.6
-MOST_RMS_PER_M = 4e-3
+MOST_RMS_PER_M = 3e-3
 # Interpolated brightness is as wrong as a shift by this many pixels of the whole image.
 INTERPOLATION_PX = 0.15
 # A surface this much (1/m) nearer or further than a point is another one.
@@ -29,7 +29,7 @@ DEPTH_SPREAD_PER_M = (6e-4, 1e-2)
 GAINS = (0.4, 2.5)
 # Gauss-Newton: steps at most, by level.
 STEPS = (24, 24, 15, 12)
-# The camera's velocity differs from the mean since the last frame by so much: m/s and rad/s.
+# The camera's velocity differs from the mean since the last frame by so much at most: m/s, rad/s.
 VELOCITY_SIGMA = (0.03, 0.1)
 # The next keyframe is due when less than this share of the last is in view, or it has moved by
 # more than this in the image; an older one is used again if it is this near.

@@ -14,6 +14,8 @@ from vo_service.odometry.keyframe.twists import exponential
 LONGEST_STEP_S = 0.4
 # Of the agitation, this share is that of the frames before.
 FADING = 0.9
+# Even a standing camera's velocity is known no better than to this share of the usual.
+CALM = 0.03
 # A mean brightness that is off by more than this share has changed at once.
 LIGHT_JUMP = 0.08
 # Gain and offset of a view's brightness against its own.
@@ -49,9 +51,10 @@ class Way:
         return [T_camera_last @ T_last_keyframe, T_last_keyframe]
 
     def tie(self, T_world_keyframe: Array, stamp_s: float) -> Tie:
-        """What is known of the velocity at a stamp."""
+        """What is known of the velocity at a stamp: it changes no more than it did of late."""
         T_keyframe_last = inverse(T_world_keyframe) @ self.T_world_camera
-        information = np.repeat(np.array(VELOCITY_SIGMA) ** -2, 3)
+        usual = np.array(VELOCITY_SIGMA)
+        information = np.repeat(np.clip(self.agitation, CALM * usual, usual) ** -2, 3)
         velocity = -adjoint(T_keyframe_last) @ self.velocity
         duration_s = stamp_s - self.stamp_s
         tie = Tie(T_keyframe_last, 1.0 / max(duration_s, 1e-3), velocity, information)

@@ -8,6 +8,7 @@ import pytest
 from drivers.geometry import Array, adjoint, inverse
 from tests.vo_service.odometry.keyframe.rolling_views import BRISK, lit, seen
 from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
 from vo_service.odometry.keyframe.way import Way
 
 T_WORLD_KEYFRAME = BRISK.at(-0.3)
@@ -44,6 +45,24 @@ def test_a_camera_whose_velocity_changes_is_agitated_and_calms_down_again() -> N
     assert jolted[0] > 0.0 == jolted[1]
     after = replace(calm, agitation=jolted).agitation_with(WAY.velocity)
     assert 0.0 < after[0] < jolted[0]
+
+
+def known_velocity(agitation: float) -> Array:
+    return replace(WAY, agitation=np.full(2, agitation)).tie(T_WORLD_KEYFRAME, 1.03).information
+
+
+def test_the_velocity_of_a_calm_camera_is_better_known_but_never_for_certain() -> None:
+    usual, calm, dead = known_velocity(10.0), known_velocity(0.01), known_velocity(0.0)
+    np.testing.assert_allclose(usual, np.repeat(np.array(VELOCITY_SIGMA) ** -2, 3))
+    assert np.all(usual < calm)
+    assert np.all(calm < dead)
+    assert np.isfinite(dead).all()
+
+
+def test_calm_says_nothing_of_the_velocity_after_a_long_time() -> None:
+    calm = replace(WAY, agitation=np.zeros(2))
+    after = calm.tie(T_WORLD_KEYFRAME, 5.0).information
+    np.testing.assert_array_equal(after, WAY.tie(T_WORLD_KEYFRAME, 5.0).information)
 
 
 def test_it_goes_on_from_the_next_good_frame() -> None:

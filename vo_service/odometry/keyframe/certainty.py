@@ -19,9 +19,9 @@ from vo_service.odometry.keyframe.parameters import KNOWN
 from vo_service.odometry.keyframe.system import UPPER, band_times, sum_bands, with_times
 
 # What all of the image is wrong about alike does not show: so many times what shows.
-SHARED = 2.5
+SHARED = 2.0
 # How far the camera strays between rows, times the time between them and its agitation.
-STRAY = 0.2
+STRAY = 0.3
 # Nothing is surer than this: what calibration and timing leave over, in metres and radians.
 FLOOR_M, FLOOR_RAD = 1e-4, 1e-4
 

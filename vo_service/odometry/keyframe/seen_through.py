@@ -39,7 +39,7 @@ def without_intruders(keyframe: Keyframe, others: Iterable[Keyframe]) -> Keyfram
     for other in others:
         T_other_keyframe = inverse(other.T_world_keyframe) @ keyframe.T_world_keyframe
         compare(inverse_depth, intrinsics, T_other_keyframe, other.images.inverse_depth, known)
-    if (known == SEEN).mean() < LEAST_SEEN:
+    if (known != UNKNOWN).mean() < LEAST_SEEN:
         return keyframe
     moved = grow(inverse_depth, known)
     points = tuple(level[~_is_in(level, intrinsics, moved)] for level in keyframe.points)

@@ -1,5 +1,7 @@
 """Whether to believe an alignment."""
 
+import numpy as np
+
 from drivers.geometry import Array
 from vo_service.odometry.keyframe import measure
 from vo_service.odometry.keyframe.alignment import Alignment
@@ -10,6 +12,7 @@ from vo_service.odometry.keyframe.parameters import (
     ODD_SPREADS,
     WRONG_SPREADS,
 )
+from vo_service.odometry.keyframe.readings import HIDDEN, OTHER
 from vo_service.odometry.keyframe.system import GAIN, SIGMA_BRIGHTNESS, SIGMA_DEPTH
 
 # Of a keyframe's points, this share at least is in the image, and not fewer than this; and there
@@ -19,6 +22,8 @@ LEAST_IN_IMAGE, FEWEST_POINTS = 0.2, 100
 LEAST_SAY = 0.05
 # Regions that do not fit are at most this share of the view.
 MOST_MOVING = 0.45
+# Points that something hides, and those in such regions, are at most this share of all in the image.
+MOST_COVERED = 0.6
 
 
 def agrees(counts: Array) -> bool:
@@ -48,6 +53,9 @@ def doubt(found: Alignment) -> str:
     seen = int(counts[measure.IN_IMAGE])
     if seen < max(LEAST_IN_IMAGE * points, FEWEST_POINTS):
         return f"{seen} of {points} points of the keyframe are in view"
+    hidden = int(np.count_nonzero(found.readings[:, OTHER] == HIDDEN))
+    if hidden + counts[measure.DISREGARDED] > MOST_COVERED * (hidden + seen):
+        return f"{100 * hidden / (hidden + seen):.0f} % of the view is hidden"
     if counts[measure.DISREGARDED] > MOST_MOVING * seen:
         return f"{100 * counts[measure.DISREGARDED] / seen:.0f} % of the view does not fit"
     read = int(counts[measure.WITH_DEPTH] + counts[measure.WITH_BRIGHTNESS])

@@ -20,7 +20,7 @@ from vo_service.odometry.keyframe.parameters import (
     REUSE_FLOW_PX,
 )
 from vo_service.odometry.keyframe.recovery import Found
-from vo_service.odometry.keyframe.seen_through import without_intruders
+from vo_service.odometry.keyframe.strangers import without_strangers
 
 # Another keyframe has a say if at least this share of it is in view.
 JOINT_OVERLAP = 0.5
@@ -60,7 +60,7 @@ def choose(frame: RgbdFrame, images: Images, found: Found, local_map: LocalMap) 
     keyframe = make_keyframe(
         frame, images, T_world_camera, found.alignment.camera_velocity, found.alignment.is_still
     )
-    keyframe = without_intruders(keyframe, local_map.keyframes)
+    keyframe = without_strangers(keyframe, local_map.keyframes)
     if len(keyframe.points[0]) < LEAST_DEPTH * len(found.keyframe.points[0]):
         return found.keyframe
     local_map.add(keyframe)

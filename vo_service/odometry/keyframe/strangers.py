@@ -1,0 +1,161 @@
+"""What a new keyframe takes no points from: things that came by themselves.
+
+Where a keyframe has seen a surface, there was nothing before it. What stands there now has moved,
+and whatever follows it does not follow the room. What comes in from outside of all that was seen
+cannot be told by that: it has to wait until another keyframe has seen it where it is.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.geometry import Array, inverse
+from drivers.jit import inline_kernel, kernel
+from vo_service.odometry.keyframe.local_map import Keyframe
+from vo_service.odometry.keyframe.parameters import OTHER_SURFACE_PER_M
+from vo_service.odometry.keyframe.readings import NEAREST_M
+from vo_service.odometry.keyframe.rows import project
+
+# The view is looked at in blocks of so many pixels, by the one in their middle. Neighbours are of
+# one surface if their 1/z differs by less than this, in 1/m.
+BLOCK_PX, MIDDLE_PX = 8, 4
+SURFACE_STEP_PER_M = 0.01
+# A place is seen through if all that is so many pixels around it is further away: edges are not
+# where they were by some pixels, and rows are not of one instant.
+AROUND_PX = 6
+# What others tell of a block.
+UNKNOWN, SEEN, SEEN_THROUGH = 0, 1, 2
+# Of a surface that is no stranger, others have seen this share at least; and of a view in which
+# strangers can be told.
+LEAST_SEEN, LEAST_KNOWN = 0.25, 0.25
+
+Blocks = NDArray[np.uint8]
+Depths = NDArray[np.float32]
+
+
+def without_strangers(keyframe: Keyframe, others: Iterable[Keyframe]) -> Keyframe:
+    """A keyframe without points of surfaces that others have looked through, or never seen.
+
+    Where others know too little of the view, it is left as it is.
+    """
+    images = keyframe.images
+    intrinsics = images.intrinsics[0]
+    blocks = images.inverse_depth[MIDDLE_PX::BLOCK_PX, MIDDLE_PX::BLOCK_PX].copy()
+    known = np.zeros(blocks.shape, np.uint8)
+    for other in others:
+        T_other_keyframe = inverse(other.T_world_keyframe) @ keyframe.T_world_keyframe
+        look_from(T_other_keyframe, other.images.inverse_depth, intrinsics, blocks, known)
+    if np.count_nonzero(known) < LEAST_KNOWN * np.count_nonzero(blocks):
+        return keyframe
+    strange = find_strange(blocks, known)
+    points = tuple(level[~is_in(level, intrinsics, strange)] for level in keyframe.points)
+    return replace(keyframe, points=points)
+
+
+@kernel
+def look_from(
+    T_other_camera: Array, inverse_depth: Depths, intrinsics: Array, blocks: Depths, known: Blocks
+) -> None:
+    """Note what another view of the same camera tells of each block.
+
+    inverse_depth  (H, W) of the other view, 1/m; 0 = no reading
+    blocks         (rows, columns) 1/z of each block, 1/m; 0 = no reading
+    known          (rows, columns) in and out: who is asked first has the say
+    """
+    T = T_other_camera
+    fx, fy, cx, cy = intrinsics
+    for i in range(blocks.shape[0]):
+        for j in range(blocks.shape[1]):
+            if blocks[i, j] <= 0.0 or known[i, j] != UNKNOWN:
+                continue
+            pz = 1.0 / blocks[i, j]
+            px = (j * BLOCK_PX + MIDDLE_PX - cx) / fx * pz
+            py = (i * BLOCK_PX + MIDDLE_PX - cy) / fy * pz
+            z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+            if z < NEAREST_M:
+                continue
+            x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
+            y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
+            u, v = project(x, y, z, intrinsics)
+            known[i, j] = _tell(inverse_depth, u, v, 1.0 / z)
+
+
+@inline_kernel
+def _tell(inverse_depth: Depths, u: float, v: float, w: float) -> int:
+    """What a view tells of a surface at a pixel and at 1/z of w."""
+    height, width = inverse_depth.shape
+    if not (AROUND_PX <= u < width - AROUND_PX - 1 and AROUND_PX <= v < height - AROUND_PX - 1):
+        return UNKNOWN
+    column, row = int(u + 0.5), int(v + 0.5)
+    there = inverse_depth[row, column]
+    if there <= 0.0 or there > w + OTHER_SURFACE_PER_M:
+        return UNKNOWN
+    if there >= w - OTHER_SURFACE_PER_M:
+        return SEEN
+    for dv in range(-AROUND_PX, AROUND_PX + 1, AROUND_PX):
+        for du in range(-AROUND_PX, AROUND_PX + 1, AROUND_PX):
+            beside = inverse_depth[row + dv, column + du]
+            if not 0.0 < beside < w - OTHER_SURFACE_PER_M:
+                return UNKNOWN
+    return SEEN_THROUGH
+
+
+@kernel
+def find_strange(blocks: Depths, known: Blocks) -> NDArray[np.bool_]:
+    """(rows, columns) blocks seen through, those of strange surfaces, and a rim around both."""
+    rows, columns = blocks.shape
+    strange = np.zeros((rows, columns), np.bool_)
+    is_done = blocks <= 0.0
+    surface = np.empty((rows * columns, 2), np.int64)
+    for i in range(rows):
+        for j in range(columns):
+            if is_done[i, j]:
+                continue
+            size = _collect(blocks, is_done, i, j, surface)
+            seen = through = 0
+            for a, b in surface[:size]:
+                seen += known[a, b] == SEEN
+                through += known[a, b] == SEEN_THROUGH
+            is_strange = through > seen or seen < LEAST_SEEN * size
+            for a, b in surface[:size]:
+                if is_strange or known[a, b] == SEEN_THROUGH:
+                    strange[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2] = True
+    return strange
+
+
+@kernel
+def _collect(
+    blocks: Depths, is_done: NDArray[np.bool_], i: int, j: int, surface: NDArray[np.int64]
+) -> int:
+    """Fill in the blocks of the surface that a block belongs to; how many there are."""
+    rows, columns = blocks.shape
+    surface[0, 0], surface[0, 1] = i, j
+    is_done[i, j] = True
+    size, n = 1, 0
+    while n < size:
+        a, b = surface[n]
+        n += 1
+        for da, db in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            c, d = a + da, b + db
+            if not (0 <= c < rows and 0 <= d < columns) or is_done[c, d]:
+                continue
+            if abs(blocks[c, d] - blocks[a, b]) < SURFACE_STEP_PER_M:
+                is_done[c, d] = True
+                surface[size, 0], surface[size, 1] = c, d
+                size += 1
+    return size
+
+
+@kernel
+def is_in(points: Array, intrinsics: Array, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(N,) whether points of a keyframe lie in the blocks chosen (rows, columns)."""
+    rows, columns = chosen.shape
+    is_there = np.zeros(len(points), np.bool_)
+    for n in range(len(points)):
+        u, v = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
+        row = min(max(int(v / BLOCK_PX), 0), rows - 1)
+        column = min(max(int(u / BLOCK_PX), 0), columns - 1)
+        is_there[n] = chosen[row, column]
+    return is_there

@@ -15,7 +15,7 @@ from vo_service.odometry.estimate import Estimate, Evidence
 from vo_service.odometry.keyframe.alignment import STANDING, align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.certainty import Certainty, certainty
-from vo_service.odometry.keyframe.confidence import doubt, lack
+from vo_service.odometry.keyframe.confidence import cover, doubt, lack
 from vo_service.odometry.keyframe.drawing import draw, draw_points
 from vo_service.odometry.keyframe.first_keyframe import made_anew
 from vo_service.odometry.keyframe.images import Images, make_images
@@ -76,7 +76,7 @@ class KeyframeOdometry:
         if found.is_better_tried_again:
             with self._stopwatch.stage("recovery"):
                 found = self._recovery.find(frame, images, found, self._track.way, self._map)
-        if reason := doubt(found.alignment):
+        if reason := doubt(found.alignment) or cover(found.alignment):
             return self._fail(frame, images, found, reason)
         # Does what is in view hold the camera in all six directions?
         with self._stopwatch.stage("certainty"):

@@ -22,7 +22,7 @@ LEAST_IN_IMAGE, FEWEST_POINTS = 0.2, 100
 LEAST_SAY = 0.05
 # Regions that do not fit are at most this share of the view.
 MOST_MOVING = 0.45
-# Points that something hides, and those in such regions, are at most this share of all in the image.
+# What hides the keyframe and what does not fit it are at most this share of the view together.
 MOST_COVERED = 0.6
 
 
@@ -53,9 +53,6 @@ def doubt(found: Alignment) -> str:
     seen = int(counts[measure.IN_IMAGE])
     if seen < max(LEAST_IN_IMAGE * points, FEWEST_POINTS):
         return f"{seen} of {points} points of the keyframe are in view"
-    hidden = int(np.count_nonzero(found.readings[:, OTHER] == HIDDEN))
-    if hidden + counts[measure.DISREGARDED] > MOST_COVERED * (hidden + seen):
-        return f"{100 * hidden / (hidden + seen):.0f} % of the view is hidden"
     if counts[measure.DISREGARDED] > MOST_MOVING * seen:
         return f"{100 * counts[measure.DISREGARDED] / seen:.0f} % of the view does not fit"
     read = int(counts[measure.WITH_DEPTH] + counts[measure.WITH_BRIGHTNESS])
@@ -71,6 +68,14 @@ def doubt(found: Alignment) -> str:
     if found.by_brightness and not GAINS[0] < fit[GAIN] < GAINS[1]:
         return "the light is quite another than the keyframe's"
     return ""
+
+
+def cover(found: Alignment) -> str:
+    """Why an alignment that fits may be that of a thing in front of the room; "" if it is not."""
+    seen = int(found.counts[measure.IN_IMAGE])
+    hidden = int(np.count_nonzero(found.readings[:, OTHER] == HIDDEN))
+    covered = (hidden + found.counts[measure.DISREGARDED]) / max(hidden + seen, 1)
+    return f"{100 * covered:.0f} % of the view is covered" if covered > MOST_COVERED else ""
 
 
 def lack(found: Alignment) -> str:

@@ -26,7 +26,7 @@ BRIGHTNESS_SHARE = 0.5
 BRIGHTNESS_SPREAD = (1.0, 30.0)
 DEPTH_SPREAD_PER_M = (6e-4, 1e-2)
 # Gains of brightness are sought between these; beyond, the light is another.
-GAINS = (0.4, 2.5)
+GAINS = (0.5, 2.0)
 # Gauss-Newton: steps at most, by level.
 STEPS = (24, 24, 15, 12)
 # The camera's velocity differs from the mean since the last frame by so much at most: m/s, rad/s.

@@ -21,7 +21,7 @@ from vo_service.odometry.keyframe.rows import project
 # The view is looked at in blocks of so many pixels, by the one in their middle. Neighbours are of
 # one surface if their 1/z differs by less than this, in 1/m.
 BLOCK_PX, MIDDLE_PX = 8, 4
-SURFACE_STEP_PER_M = 0.01
+SURFACE_STEP_PER_M = 0.02
 # A place is seen through if all that is so many pixels around it is further away: edges are not
 # where they were by some pixels, and rows are not of one instant.
 AROUND_PX = 6
@@ -86,14 +86,16 @@ def look_from(
 def _tell(inverse_depth: Depths, u: float, v: float, w: float) -> int:
     """What a view tells of a surface at a pixel and at 1/z of w."""
     height, width = inverse_depth.shape
-    if not (AROUND_PX <= u < width - AROUND_PX - 1 and AROUND_PX <= v < height - AROUND_PX - 1):
-        return UNKNOWN
     column, row = int(u + 0.5), int(v + 0.5)
+    if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
+        return UNKNOWN
     there = inverse_depth[row, column]
     if there <= 0.0 or there > w + OTHER_SURFACE_PER_M:
         return UNKNOWN
     if there >= w - OTHER_SURFACE_PER_M:
         return SEEN
+    if not (AROUND_PX <= row < height - AROUND_PX and AROUND_PX <= column < width - AROUND_PX):
+        return UNKNOWN
     for dv in range(-AROUND_PX, AROUND_PX + 1, AROUND_PX):
         for du in range(-AROUND_PX, AROUND_PX + 1, AROUND_PX):
             beside = inverse_depth[row + dv, column + du]

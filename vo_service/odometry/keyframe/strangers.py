@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 from drivers.geometry import Array, inverse
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe.local_map import Keyframe
-from vo_service.odometry.keyframe.parameters import OTHER_SURFACE_PER_M
+from vo_service.odometry.keyframe.parameters import OTHER_SURFACE_PER_M, SURFACE_STEP_PER_M
 from vo_service.odometry.keyframe.readings import NEAREST_M
 from vo_service.odometry.keyframe.rows import project
 
-# The view is looked at in blocks of so many pixels, by the one in their middle. Neighbours are of
-# one surface if their 1/z differs by less than this, in 1/m.
+# The view is looked at in blocks of so many pixels, by the one in their middle.
 BLOCK_PX, MIDDLE_PX = 8, 4
-SURFACE_STEP_PER_M = 0.02
 # A place is seen through if all that is so many pixels around it is further away: edges are not
 # where they were by some pixels, and rows are not of one instant.
 AROUND_PX = 6

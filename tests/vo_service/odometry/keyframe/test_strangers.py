@@ -1,0 +1,95 @@
+"""Of what came by itself a new keyframe has no points; of what stays where it is, it has all."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from tests.vo_service.odometry.keyframe.rolling_views import CAMERA, Hand, noisy, seen
+from vo_service.odometry.keyframe.cells import ALL_STILL
+from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.local_map import Keyframe, make_keyframe
+from vo_service.odometry.keyframe.strangers import without_strangers
+
+ROWS = slice(60, 160)
+THING_M = 0.6
+ASIDE_M = 0.1
+# How far a thing moves to the left in the image of a camera that has gone aside.
+PARALLAX_PX = round(CAMERA.fx * ASIDE_M / THING_M)
+
+
+def aside(by_m: float) -> Array:
+    return rigid_transform(np.eye(3), [by_m, 0.0, 0.0])
+
+
+def turned(angle_rad: float) -> Array:
+    return rigid_transform(rotation_from_vector([0.0, angle_rad, 0.0]), np.zeros(3))
+
+
+def with_a_thing(frame: RgbdFrame, left: int, right: int) -> RgbdFrame:
+    colour, depth = frame.colour_bgr.copy(), frame.depth_raw.copy()
+    colour[ROWS, left:right] = np.roll(colour, 90, axis=1)[ROWS, left:right]
+    depth[ROWS, left:right] = round(THING_M * frame.depth_factor)
+    return replace(frame, colour_bgr=colour, depth_raw=depth)
+
+
+def keyframe_at(T: Array, thing: tuple[int, int] = (0, 0), seed: int = 0) -> Keyframe:
+    frame = noisy(with_a_thing(seen(Hand(T_world_start=T)), *thing), seed)
+    return make_keyframe(frame, make_images(frame), T, np.zeros(6), ALL_STILL)
+
+
+def parts_kept(keyframe: Keyframe, others: list[Keyframe]) -> tuple[float, float]:
+    """The least share, of any level, of points on the thing and of all others that are kept."""
+    kept = without_strangers(keyframe, others)
+    of_thing, of_room = [], []
+    for before, after in zip(keyframe.points, kept.points, strict=True):
+        is_thing = before[:, 2] < THING_M + 0.05, after[:, 2] < THING_M + 0.05
+        of_thing.append(is_thing[1].sum() / max(is_thing[0].sum(), 1))
+        of_room.append((~is_thing[1]).sum() / (~is_thing[0]).sum())
+    return max(of_thing), min(of_room)
+
+
+EMPTY = keyframe_at(np.eye(4))
+
+
+@pytest.mark.parametrize("T", [np.eye(4), aside(ASIDE_M), turned(0.1)])
+def test_what_came_before_a_wall_that_was_seen_is_left_out(T: Array) -> None:
+    of_thing, of_room = parts_kept(keyframe_at(T, (150, 230), 1), [EMPTY])
+    assert of_thing == 0.0
+    assert of_room > 0.8
+
+
+@pytest.mark.parametrize("T", [np.eye(4), aside(0.2), turned(0.2), turned(-0.2)])
+def test_a_room_in_which_nothing_moves_is_kept(T: Array) -> None:
+    _, of_room = parts_kept(keyframe_at(T, seed=1), [EMPTY])
+    assert of_room > 0.97
+
+
+def test_a_thing_that_stays_is_kept_though_it_hides_other_parts_of_the_wall() -> None:
+    before = keyframe_at(np.eye(4), (150, 230))
+    moved_on = keyframe_at(aside(ASIDE_M), (150 - PARALLAX_PX, 230 - PARALLAX_PX), 1)
+    of_thing, of_room = parts_kept(moved_on, [before])
+    assert of_thing > 0.9
+    assert of_room > 0.9
+
+
+def test_what_comes_from_outside_has_to_be_seen_by_another_first() -> None:
+    coming = keyframe_at(turned(0.2), (270, 320), 1)
+    assert parts_kept(coming, [EMPTY])[0] == 0.0
+    of_thing, of_room = parts_kept(keyframe_at(turned(0.2), (270, 320), 2), [EMPTY, coming])
+    assert of_thing > 0.9
+    assert of_room > 0.95
+
+
+def test_who_was_there_first_is_believed() -> None:
+    came, still_there = (keyframe_at(np.eye(4), (150, 230), seed) for seed in (1, 2))
+    assert parts_kept(still_there, [EMPTY, came])[0] == 0.0
+    assert parts_kept(still_there, [came])[0] > 0.9
+
+
+def test_all_is_kept_where_others_know_little_of_the_view() -> None:
+    elsewhere = keyframe_at(turned(2.0))
+    assert without_strangers(EMPTY, [elsewhere]) is EMPTY
+    assert without_strangers(EMPTY, []) is EMPTY

@@ -39,40 +39,44 @@ def without_strangers(keyframe: Keyframe, others: Iterable[Keyframe]) -> Keyfram
     Where others know too little of the view, it is left as it is.
     """
     images = keyframe.images
-    intrinsics = images.intrinsics[0]
     blocks = images.inverse_depth[MIDDLE_PX::BLOCK_PX, MIDDLE_PX::BLOCK_PX].copy()
+    places = _places(blocks, images.intrinsics[0])
     known = np.zeros(blocks.shape, np.uint8)
     for other in others:
         T_other_keyframe = inverse(other.T_world_keyframe) @ keyframe.T_world_keyframe
-        look_from(T_other_keyframe, other.images.inverse_depth, intrinsics, blocks, known)
+        seen = other.images
+        look_from(T_other_keyframe, seen.inverse_depth, seen.intrinsics[0], places, known)
     if np.count_nonzero(known) < LEAST_KNOWN * np.count_nonzero(blocks):
         return keyframe
     strange = find_strange(blocks, known)
-    points = tuple(level[~is_in(level, intrinsics, strange)] for level in keyframe.points)
+    points = tuple(level[~is_in(level, images.intrinsics[0], strange)] for level in keyframe.points)
     return replace(keyframe, points=points)
+
+
+def _places(blocks: Depths, intrinsics: Array) -> Array:
+    """(rows, columns, 3) where the blocks are, in their camera's axes; 0 without a reading."""
+    fx, fy, cx, cy = intrinsics
+    rows, columns = np.indices(blocks.shape) * BLOCK_PX + MIDDLE_PX
+    z = np.divide(1.0, blocks, out=np.zeros(blocks.shape), where=blocks > 0.0)
+    return np.stack([(columns - cx) / fx * z, (rows - cy) / fy * z, z], axis=-1)
 
 
 @kernel
 def look_from(
-    T_other_camera: Array, inverse_depth: Depths, intrinsics: Array, blocks: Depths, known: Blocks
+    T_other_camera: Array, inverse_depth: Depths, intrinsics: Array, places: Array, known: Blocks
 ) -> None:
-    """Note what another view of the same camera tells of each block.
+    """Note what another view tells of each place that nothing is known of yet.
 
-    inverse_depth  (H, W) of the other view, 1/m; 0 = no reading
-    blocks         (rows, columns) 1/z of each block, 1/m; 0 = no reading
-    known          (rows, columns) in and out: who is asked first has the say
+    inverse_depth, intrinsics  (H, W) of the other view, 1/m; 0 = no reading
+    places                     (rows, columns, 3) in the camera's axes, m; z = 0 without a reading
+    known                      (rows, columns) in and out: who is asked first has the say
     """
     T = T_other_camera
-    fx, fy, cx, cy = intrinsics
-    for i in range(blocks.shape[0]):
-        for j in range(blocks.shape[1]):
-            if blocks[i, j] <= 0.0 or known[i, j] != UNKNOWN:
-                continue
-            pz = 1.0 / blocks[i, j]
-            px = (j * BLOCK_PX + MIDDLE_PX - cx) / fx * pz
-            py = (i * BLOCK_PX + MIDDLE_PX - cy) / fy * pz
+    for i in range(known.shape[0]):
+        for j in range(known.shape[1]):
+            px, py, pz = places[i, j]
             z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
-            if z < NEAREST_M:
+            if pz == 0.0 or z < NEAREST_M or known[i, j] != UNKNOWN:
                 continue
             x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
             y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]

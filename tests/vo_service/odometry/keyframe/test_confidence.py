@@ -17,7 +17,7 @@ from vo_service.odometry.keyframe.alignment import (
     depth_alone,
 )
 from vo_service.odometry.keyframe.cells import ALL_STILL
-from vo_service.odometry.keyframe.confidence import agrees, doubt, lack, oddness
+from vo_service.odometry.keyframe.confidence import agrees, cover, doubt, lack, oddness
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.points import find_points
 
@@ -108,3 +108,17 @@ def test_points_agree_if_both_their_brightness_and_their_depth_do() -> None:
         now = measure.is_agreeing(POINTS[0], wrong, GOOD.fit)
         assert now[::2].mean() < 0.3
         np.testing.assert_array_equal(now[1::2], agreeing[1::2])
+
+
+def hidden(share: float) -> Alignment:
+    readings = GOOD.readings.copy()
+    readings[: int(share * len(readings)), columns.OTHER] = columns.HIDDEN
+    return replace(GOOD, readings=readings, counts=count_of(readings))
+
+
+def test_a_view_that_something_covers_is_not_believed_however_well_the_rest_fits() -> None:
+    assert cover(GOOD) == cover(hidden(0.5)) == ""
+    assert "of the view is covered" in cover(hidden(0.7))
+    assert doubt(hidden(0.7)) == ""
+    unfit = counted(DISREGARDED=0.7 * GOOD.counts[measure.IN_IMAGE])
+    assert cover(unfit) == "70 % of the view is covered"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.camera import RgbdFrame
+from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import Array, rigid_transform, rotation_from_vector
 from tests.vo_service.odometry.keyframe.rolling_views import CAMERA, Hand, noisy, seen
 from vo_service.odometry.keyframe.cells import ALL_STILL
@@ -93,3 +93,10 @@ def test_all_is_kept_where_others_know_little_of_the_view() -> None:
     elsewhere = keyframe_at(turned(2.0))
     assert without_strangers(EMPTY, [elsewhere]) is EMPTY
     assert without_strangers(EMPTY, []) is EMPTY
+
+
+def test_a_camera_that_came_back_with_smaller_images_is_compared_all_the_same() -> None:
+    small = PinholeCamera(160, 120, 145.0, 145.0, 79.5, 59.5)
+    frame = noisy(seen(camera=small), 1)
+    half = make_keyframe(frame, make_images(frame), np.eye(4), np.zeros(6), ALL_STILL)
+    assert parts_kept(half, [EMPTY])[1] > 0.9

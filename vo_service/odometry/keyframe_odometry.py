@@ -72,10 +72,11 @@ class KeyframeOdometry:
         # The keyframe's points, laid on this frame from where they are expected.
         with self._stopwatch.stage("align"):
             found = self._align(images, self._track)
-        # Does it fit? Else more steps, features, depth alone.
-        if found.is_better_tried_again:
+        # Does it fit, and was it expected there? Else features, more steps, depth alone.
+        if found.is_better_tried_again or self._track.way.is_long_ago(images.stamp_s):
             with self._stopwatch.stage("recovery"):
                 found = self._recovery.find(frame, images, found, self._track.way, self._map)
+        found = self._begun(images, found, self._track)
         if reason := doubt(found.alignment) or cover(found.alignment):
             return self._fail(frame, images, found, reason)
         # Does what is in view hold the camera in all six directions?
@@ -98,12 +99,14 @@ class KeyframeOdometry:
         starts = way.starts(keyframe.T_world_keyframe, images.stamp_s)
         tie = way.tie(keyframe.T_world_keyframe, images.stamp_s)
         light = way.light_at(images)
-        found = Found(
-            keyframe, align(keyframe.points, images, starts, tie, light, all_alike()), tie
-        )
-        if track.is_first and not (images.shutter.is_instant or doubt(found.alignment)):
-            found = made_anew(found, images, way)
-            self._map.begin(found.keyframe)
+        return Found(keyframe, align(keyframe.points, images, starts, tie, light, all_alike()), tie)
+
+    def _begun(self, images: Images, found: Found, track: Track) -> Found:
+        """The same; of a moving sensor's first keyframe, that made anew."""
+        if not track.is_first or images.shutter.is_instant or doubt(found.alignment):
+            return found
+        found = made_anew(found, images, track.way)
+        self._map.begin(found.keyframe)
         return found
 
     def _start(self, frame: RgbdFrame, images: Images, restarted: bool) -> Estimate:

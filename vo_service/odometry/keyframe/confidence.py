@@ -1,5 +1,7 @@
 """Whether to believe an alignment."""
 
+from math import sqrt
+
 import numpy as np
 
 from drivers.geometry import Array
@@ -45,6 +47,19 @@ def oddness(found: Alignment) -> float:
     if found.by_brightness:
         odd = max(odd, found.fit[SIGMA_BRIGHTNESS] / ODD_SPREADS[0])
     return float(odd)
+
+
+def misfit(found: Alignment) -> float:
+    """By how much a keyframe fits worse than another motion: its spreads, over what they are of.
+
+    Regions that do not fit are those that fit worse than most: where all fits badly there are none.
+    """
+    counts = found.counts
+    share = 1.0 - counts[measure.DISREGARDED] / max(counts[measure.IN_IMAGE], 1.0)
+    spread = found.fit[SIGMA_DEPTH] / ODD_SPREADS[1]
+    if found.by_brightness:
+        spread = sqrt(spread * found.fit[SIGMA_BRIGHTNESS] / ODD_SPREADS[0])
+    return float(spread / max(share, 0.01))
 
 
 def doubt(found: Alignment) -> str:

@@ -7,7 +7,7 @@ from math import log
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from vo_service.odometry.keyframe.alignment import Alignment, Tie, align, all_alike, depth_alone
-from vo_service.odometry.keyframe.confidence import doubt, oddness
+from vo_service.odometry.keyframe.confidence import doubt, misfit, oddness
 from vo_service.odometry.keyframe.features import FeatureSearch
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap
@@ -62,14 +62,14 @@ class Recovery:
         self, frame: RgbdFrame, images: Images, first: Found, way: Way, local_map: LocalMap
     ) -> Found:
         """The first try, or what is clearly better."""
-        if self._rest > 0:
+        if self._rest > 0 and not way.is_long_ago(images.stamp_s):
             self._rest -= 1
             found = self._by_depth(images, first, way) if doubt(first.alignment) else first
             if not doubt(found.alignment):
                 return found
-        found = self._patiently(images, first, way)
+        found = self._by_features(frame, images, first, way, local_map)
         if found.is_better_tried_again:
-            found = self._by_features(frame, images, found, way, local_map)
+            found = self._patiently(images, found, way)
         if doubt(found.alignment):
             found = self._by_depth(images, found, way)
         self._rest = REST_FRAMES if found is first or found.lack else 0
@@ -96,7 +96,7 @@ class Recovery:
         keyframes = [best.keyframe, *others][:MOST_KEYFRAMES]
         for sighting in islice(self.features.find(frame, keyframes), MOST_SIGHTINGS):
             keyframe = sighting.keyframe
-            tie = way.tie(keyframe.T_world_keyframe, images.stamp_s).loosened()
+            tie = way.tie(keyframe.T_world_keyframe, images.stamp_s)
             start, light = sighting.T_camera_keyframe, (images.light_against(keyframe.images), 0.0)
             again = align(keyframe.points, images, [start], tie, light, all_alike())
             if _is_better(again, best.alignment, CLEARLY_BY_FEATURES):
@@ -128,4 +128,4 @@ def is_other_light(ratio: float) -> bool:
 def _is_better(another: Alignment, best: Alignment, clearly: float) -> bool:
     if bool(doubt(another)) != bool(doubt(best)):
         return not doubt(another)
-    return oddness(another) < clearly * oddness(best)
+    return misfit(another) < clearly * misfit(best)

@@ -12,6 +12,8 @@ from vo_service.odometry.keyframe.twists import exponential
 
 # A longer time between two frames says little of the velocity at its end.
 LONGEST_STEP_S = 0.4
+# After so long a time the camera may be anywhere near, and another place may fit as well.
+LONGEST_SURE_S = 0.08
 # Of the agitation, this share is that of the frames before.
 FADING = 0.9
 # Even a standing camera's velocity is known no better than to this share of the usual.
@@ -59,6 +61,10 @@ class Way:
         duration_s = stamp_s - self.stamp_s
         tie = Tie(T_keyframe_last, 1.0 / max(duration_s, 1e-3), velocity, information)
         return tie if self._is_soon(stamp_s) else tie.loosened()
+
+    def is_long_ago(self, stamp_s: float) -> bool:
+        """Whether the camera may have left, by a stamp, the places that are near the expected."""
+        return abs(stamp_s - self.stamp_s) > LONGEST_SURE_S
 
     def agitation_with(self, velocity: Array) -> Array:
         """The agitation, the next frame's velocity (6,) included."""

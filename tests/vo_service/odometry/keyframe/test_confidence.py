@@ -17,7 +17,7 @@ from vo_service.odometry.keyframe.alignment import (
     depth_alone,
 )
 from vo_service.odometry.keyframe.cells import ALL_STILL
-from vo_service.odometry.keyframe.confidence import agrees, cover, doubt, lack, oddness
+from vo_service.odometry.keyframe.confidence import agrees, cover, doubt, lack, misfit, oddness
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.points import find_points
 
@@ -122,3 +122,17 @@ def test_a_view_that_something_covers_is_not_believed_however_well_the_rest_fits
     assert doubt(hidden(0.7)) == ""
     unfit = counted(DISREGARDED=0.7 * GOOD.counts[measure.IN_IMAGE])
     assert cover(unfit) == "70 % of the view is covered"
+
+
+def test_what_fits_badly_all_over_is_worse_than_what_fits_but_for_a_corner() -> None:
+    in_image = GOOD.counts[measure.IN_IMAGE]
+    all_over = fitted(SIGMA_BRIGHTNESS=5.0 * GOOD.fit[system.SIGMA_BRIGHTNESS])
+    but_for_a_corner = counted(DISREGARDED=0.15 * in_image)
+    assert oddness(but_for_a_corner) > oddness(all_over)
+    assert misfit(GOOD) < misfit(but_for_a_corner) < misfit(all_over)
+
+
+def test_what_disregards_half_of_the_view_does_not_fit_better_for_it() -> None:
+    half = counted(DISREGARDED=0.5 * GOOD.counts[measure.IN_IMAGE])
+    better = 0.6 * GOOD.fit[[system.SIGMA_BRIGHTNESS, system.SIGMA_DEPTH]]
+    assert misfit(replace(half, fit=np.array([1.0, 0.0, *better]))) > misfit(GOOD)

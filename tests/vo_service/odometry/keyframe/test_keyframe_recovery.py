@@ -24,6 +24,7 @@ from vo_service.odometry.keyframe.features import FeatureSearch
 from vo_service.odometry.keyframe.first_keyframe import made_anew
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
+from vo_service.odometry.keyframe.parameters import ODD_SPREADS
 from vo_service.odometry.keyframe.recovery import Found, Recovery
 from vo_service.odometry.keyframe.way import Way
 from vo_service.odometry.keyframe_odometry import KeyframeOdometry
@@ -55,11 +56,25 @@ def first_try(frame: RgbdFrame) -> Found:
 
 
 def recovered(frame: RgbdFrame) -> Found:
+    return searched(frame, first_try(frame))
+
+
+def searched(frame: RgbdFrame, first: Found) -> Found:
     local_map = LocalMap()
     local_map.begin(ASIDE)
     local_map.add(AHEAD)
-    images = make_images(frame)
-    return Recovery(SurfExtractor()).find(frame, images, first_try(frame), WAY, local_map)
+    return Recovery(SurfExtractor()).find(frame, make_images(frame), first, WAY, local_map)
+
+
+def plausible(found: Found) -> Found:
+    """The same motion, as if the keyframe fitted it well enough."""
+    fit = np.array([1.0, 0.0, 0.9 * ODD_SPREADS[0], 0.9 * ODD_SPREADS[1]])
+    alignment = replace(found.alignment, fit=fit, counts=at_home().alignment.counts)
+    return replace(found, alignment=alignment)
+
+
+def at_home() -> Found:
+    return first_try(looking(0.0, 1))
 
 
 def T_world_of(found: Found) -> Array:
@@ -91,6 +106,20 @@ def test_a_camera_that_jumped_is_found_again(angle_rad: float, keyframe: Keyfram
     assert found.lack == ""
     assert_close(T_world_of(found), turned(angle_rad), 0.003, 0.08)
     assert found.keyframe is keyframe
+
+
+def test_a_motion_that_fits_well_enough_gives_way_to_one_that_fits_clearly_better() -> None:
+    """Of the places around which a camera may be after a while, several may fit."""
+    frame = looking(-0.3, 5)
+    wrong = plausible(first_try(frame))
+    assert not wrong.is_better_tried_again
+    assert WAY.is_long_ago(frame.stamp_s)
+    assert_close(T_world_of(searched(frame, wrong)), turned(-0.3), 0.003, 0.08)
+
+
+def test_a_motion_that_features_confirm_is_kept() -> None:
+    right = at_home()
+    assert searched(looking(0.0, 1), right) is right
 
 
 def test_of_two_keyframes_that_features_agree_with_the_one_to_believe_is_taken() -> None:

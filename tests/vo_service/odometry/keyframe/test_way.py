@@ -30,6 +30,11 @@ def test_after_a_long_time_or_none_nothing_is_predicted(stamp_s: float) -> None:
     assert np.all(tie.information < WAY.tie(T_WORLD_KEYFRAME, 1.03).information)
 
 
+def test_after_a_few_frames_without_a_pose_the_camera_may_be_elsewhere() -> None:
+    assert not WAY.is_long_ago(1.0 + 2 / 30)
+    assert WAY.is_long_ago(1.0 + 1 / 6)
+
+
 def test_the_velocity_is_expected_to_stay_in_the_keyframes_axes() -> None:
     tie = WAY.tie(T_WORLD_KEYFRAME, 1.05)
     T_keyframe_last = inverse(T_WORLD_KEYFRAME) @ BRISK.at(1.0)

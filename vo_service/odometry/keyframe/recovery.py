@@ -101,8 +101,8 @@ class Recovery:
             again = align(keyframe.points, images, [start], tie, light, all_alike())
             if _is_better(again, best.alignment, CLEARLY_BY_FEATURES):
                 best = Found(keyframe, again, tie)
-                if not doubt(again):
-                    break
+            if not doubt(again):
+                break
         return best
 
     def _by_depth(self, images: Images, best: Found, way: Way) -> Found:

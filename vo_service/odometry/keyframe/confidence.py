@@ -50,9 +50,10 @@ def oddness(found: Alignment) -> float:
 
 
 def misfit(found: Alignment) -> float:
-    """By how much a keyframe fits worse than another motion: its spreads, over what they are of.
+    """What two motions are compared by: the spreads of what fits, over its share of the view.
 
-    Regions that do not fit are those that fit worse than most: where all fits badly there are none.
+    `oddness` would not do: regions that do not fit are those that fit worse than most of the view
+    does, so that there are none where all of it fits badly.
     """
     counts = found.counts
     share = 1.0 - counts[measure.DISREGARDED] / max(counts[measure.IN_IMAGE], 1.0)

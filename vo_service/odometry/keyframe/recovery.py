@@ -1,4 +1,4 @@
-"""What else is tried with a frame that does not fit the keyframe from where it was expected."""
+"""What else is tried with a frame that does not fit the keyframe, or may fit it by chance."""
 
 from dataclasses import dataclass
 from itertools import islice
@@ -52,7 +52,7 @@ class Found:
 
 
 class Recovery:
-    """Three more ways: more steps from several starts, features, and depth alone."""
+    """Three more ways: features, more steps from several starts, and depth alone."""
 
     def __init__(self, extractor: SurfExtractor) -> None:
         self.features = FeatureSearch(extractor)

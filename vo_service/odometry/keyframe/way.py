@@ -12,7 +12,8 @@ from vo_service.odometry.keyframe.twists import exponential
 
 # A longer time between two frames says little of the velocity at its end.
 LONGEST_STEP_S = 0.4
-# After so long a time the camera may be anywhere near, and another place may fit as well.
+# After a longer time the camera may be far from where it is expected, and another place near to
+# that may fit: features tell. At the sensor's 30 Hz, this is two frames without a pose.
 LONGEST_SURE_S = 0.08
 # Of the agitation, this share is that of the frames before.
 FADING = 0.9
@@ -63,7 +64,7 @@ class Way:
         return tie if self._is_soon(stamp_s) else tie.loosened()
 
     def is_long_ago(self, stamp_s: float) -> bool:
-        """Whether the camera may have left, by a stamp, the places that are near the expected."""
+        """Whether the camera may be far from where it is expected at a stamp."""
         return abs(stamp_s - self.stamp_s) > LONGEST_SURE_S
 
     def agitation_with(self, velocity: Array) -> Array:

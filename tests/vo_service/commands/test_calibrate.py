@@ -144,7 +144,7 @@ def test_a_kinect_is_calibrated_live_from_its_raw_images(
     kinect = play_kinect(wire_film(tmp_path, images))
     kinect.rate = 10
     kinect.load()
-    outcome = call(capfd, *OPTIONS, "--camera", "freenect", "--views", "24", "--depth")
+    outcome = call(capfd, *OPTIONS, "--camera", "freenect", "--views", str(FOUND), "--depth")
     assert outcome.code == 0, outcome.err
     # Bayer's mosaic and 11 bits of depth cost something.
     assert_is_the_cameras(read_camera_file(tmp_path / "camera.toml"), within_px=2.0)

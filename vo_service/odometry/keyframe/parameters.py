@@ -10,11 +10,11 @@ BLOCKS_PX = (5, 3, 3, 2)
 LEAST_GRADIENT = 3.0
 # The plane around a point: over (2 RADIUS + 1)^2 readings, every second pixel; readings within so
 # much (1/m) of the middle's are of the same surface; they are at least this share; and the plane
-# leaves over at most this root mean square (1/m), twice the noise.
+# leaves over at most this root mean square (1/m), thrice the noise.
 PLANE_RADIUS = 4
 SURFACE_STEP_PER_M = 0.03
 LEAST_SUPPORT = 0.6
-MOST_RMS_PER_M = 3e-3
+MOST_RMS_PER_M = 4e-3
 # Interpolated brightness is as wrong as a shift by this many pixels of the whole image.
 INTERPOLATION_PX = 0.15
 # A surface this much (1/m) nearer or further than a point is another one.

@@ -1,5 +1,7 @@
 """What an alignment rests on: how much is seen, how much of that agrees, and how sure it makes."""
 
+from math import log
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +24,8 @@ from vo_service.odometry.keyframe.system import (
 IN_IMAGE, DISREGARDED, WITH_DEPTH, DEPTH_AGREES, WITH_BRIGHTNESS, BRIGHTNESS_AGREES, COST = range(7)
 # As many squared standard deviations as a reading may be off and agree.
 AGREEING = 9.0
+# What a point costs at most, whose brightness and depth are both wrong.
+MOST_COST = 2.0 * log(1.0 + AGREEING / FREEDOM)
 # A region of less weight hardly counts.
 LEAST_WEIGHT = 0.5
 

@@ -72,7 +72,7 @@ class KeyframeOdometry:
         # The keyframe's points, laid on this frame from where they are expected.
         with self._stopwatch.stage("align"):
             found = self._align(images, self._track)
-        # Does it fit, and was it expected there? Else features, more steps, depth alone.
+        # Does it fit, and was it expected there? Else features, depth alone.
         if found.is_better_tried_again or self._track.way.is_long_ago(images.stamp_s):
             with self._stopwatch.stage("recovery"):
                 found = self._recovery.find(frame, images, found, self._track.way, self._map)

@@ -129,14 +129,12 @@ def align(
     tie: Tie,
     light: tuple[float, float],
     weights: Array,
-    patience: int = 1,
 ) -> Alignment:
     """Lay a keyframe's points, an array for each level, on a frame.
 
     starts    4x4 motions T_camera_keyframe; it begins at the one that fits best
     light     gain and offset of the frame before
     weights   (2, CELLS) of brightness and of depth, by the cell of the image
-    patience  so many times the usual steps
     """
     # A camera that comes back may have images of another size.
     coarsest = min(len(images.grey), len(points)) - 1
@@ -161,7 +159,7 @@ def align(
             tie.information,
             at_start if level > REGION_LEVEL else weights,
             fit,
-            STEPS[level] * patience,
+            STEPS[level],
             LAST_STEP,
         )
     T = orthonormal(T)

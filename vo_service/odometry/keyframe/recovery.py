@@ -14,12 +14,8 @@ from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap
 from vo_service.odometry.keyframe.way import Way
 from vo_service.odometry.surf import SurfExtractor
 
-# More steps, where the usual ones may not have been enough.
-PATIENCE = 3
-# Another motion is better if the keyframe fits this much better, found by the same points ...
-CLEARLY = 0.97
-# ... or found by features, which may be on quite another place.
-CLEARLY_BY_FEATURES = 0.9
+# Another motion is better if the keyframe fits this much better.
+CLEARLY = 0.9
 # After a try that changed nothing, so many odd frames are taken as they are: blur lasts, and so
 # does the dark.
 REST_FRAMES = 3
@@ -52,7 +48,7 @@ class Found:
 
 
 class Recovery:
-    """Three more ways: features, more steps from several starts, and depth alone."""
+    """Two more ways: features, and depth alone."""
 
     def __init__(self, extractor: SurfExtractor) -> None:
         self.features = FeatureSearch(extractor)
@@ -68,25 +64,10 @@ class Recovery:
             if not doubt(found.alignment):
                 return found
         found = self._by_features(frame, images, first, way, local_map)
-        if found.is_better_tried_again:
-            found = self._patiently(images, found, way)
         if doubt(found.alignment):
             found = self._by_depth(images, found, way)
         self._rest = REST_FRAMES if found is first or found.lack else 0
         return found
-
-    def _patiently(self, images: Images, first: Found, way: Way) -> Found:
-        keyframe, tie = first.keyframe, first.tie
-        best = first
-        starts = way.starts(keyframe.T_world_keyframe, images.stamp_s)
-        for start in [first.alignment.T_camera_keyframe, *starts]:
-            light = way.light_at(images)
-            again = align(
-                keyframe.points, images, [start], tie, light, all_alike(), patience=PATIENCE
-            )
-            if _is_better(again, best.alignment, CLEARLY):
-                best = Found(keyframe, again, tie)
-        return best
 
     def _by_features(
         self, frame: RgbdFrame, images: Images, best: Found, way: Way, local_map: LocalMap
@@ -99,7 +80,7 @@ class Recovery:
             tie = way.tie(keyframe.T_world_keyframe, images.stamp_s)
             start, light = sighting.T_camera_keyframe, (images.light_against(keyframe.images), 0.0)
             again = align(keyframe.points, images, [start], tie, light, all_alike())
-            if _is_better(again, best.alignment, CLEARLY_BY_FEATURES):
+            if _is_better(again, best.alignment):
                 best = Found(keyframe, again, tie)
             if not doubt(again):
                 break
@@ -114,7 +95,7 @@ class Recovery:
         if not is_other_light(images.light_against(keyframe.images)):
             return best
         starts = way.starts(keyframe.T_world_keyframe, images.stamp_s)
-        again = align(keyframe.points, images, starts, tie, (1.0, 0.0), depth_alone(), PATIENCE)
+        again = align(keyframe.points, images, starts, tie, (1.0, 0.0), depth_alone())
         if doubt(again):
             return best
         return Found(keyframe, again, tie, lack=f"by depth alone: {doubt(best.alignment)}")
@@ -125,7 +106,7 @@ def is_other_light(ratio: float) -> bool:
     return abs(log(ratio)) > log(OTHER_LIGHT)
 
 
-def _is_better(another: Alignment, best: Alignment, clearly: float) -> bool:
+def _is_better(another: Alignment, best: Alignment) -> bool:
     if bool(doubt(another)) != bool(doubt(best)):
         return not doubt(another)
-    return misfit(another) < clearly * misfit(best)
+    return misfit(another) < CLEARLY * misfit(best)

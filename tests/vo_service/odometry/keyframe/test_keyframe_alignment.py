@@ -43,7 +43,7 @@ def laid(
     starts: tuple[Array, ...] = (np.eye(4),),
 ) -> Alignment:
     weights = all_alike() if weights is None else weights
-    return align(POINTS, make_images(frame), starts, tie, (1.0, 0.0), weights, patience=2)
+    return align(POINTS, make_images(frame), starts, tie, (1.0, 0.0), weights)
 
 
 @pytest.mark.parametrize("time_s", [0.0, 0.03, 0.12, -0.12])

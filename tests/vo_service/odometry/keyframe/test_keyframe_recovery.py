@@ -160,9 +160,7 @@ def test_a_first_keyframe_is_made_anew_once_the_velocity_is_known() -> None:
     way = Way(np.eye(4), np.zeros(6), 0.0, (1.0, 0.0), images.mean_brightness)
     tie = way.tie(np.eye(4), second.stamp_s)
     starts = way.starts(np.eye(4), second.stamp_s)
-    laid = align(
-        keyframe.points, make_images(second), starts, tie, (1.0, 0.0), all_alike(), patience=3
-    )
+    laid = align(keyframe.points, make_images(second), starts, tie, (1.0, 0.0), all_alike())
     found = made_anew(Found(keyframe, laid, tie), make_images(second), way)
     np.testing.assert_allclose(found.keyframe.velocity, BRISK.velocity, atol=0.04)
     assert found.keyframe.frame is first

@@ -158,6 +158,6 @@ def test_a_rolling_frame_is_laid_on_several_keyframes_too() -> None:
     images = make_images(seen(hand, readout_s=0.02, skew_s=0.01, planes=CORNER))
     tie = replace(STANDING, information=np.full(6, 1e-3))
     start = inverse(turned(0.2))
-    found = align(AHEAD.points, images, [start], tie, (1.0, 0.0), all_alike(), patience=2)
+    found = align(AHEAD.points, images, [start], tie, (1.0, 0.0), all_alike())
     T = align_jointly(AHEAD, [keyframe_at(0.3, 3)], images, found)
     assert_close(inverse(T), turned(0.2), 0.002, 0.06)

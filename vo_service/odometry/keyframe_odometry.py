@@ -22,6 +22,7 @@ from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
 from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
 from vo_service.odometry.keyframe.recovery import Found, Recovery
+from vo_service.odometry.keyframe.second_look import look_again
 from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
 from vo_service.odometry.surf import SurfExtractor
@@ -99,7 +100,10 @@ class KeyframeOdometry:
         starts = way.starts(keyframe.T_world_keyframe, images.stamp_s)
         tie = way.tie(keyframe.T_world_keyframe, images.stamp_s)
         light = way.light_at(images)
-        return Found(keyframe, align(keyframe.points, images, starts, tie, light, all_alike()), tie)
+        found = Found(
+            keyframe, align(keyframe.points, images, starts, tie, light, all_alike()), tie
+        )
+        return found if track.is_first else look_again(found, images, way)
 
     def _begun(self, images: Images, found: Found, track: Track) -> Found:
         """The same; of a moving sensor's first keyframe, that made anew."""

@@ -19,6 +19,8 @@ LONGEST_SURE_S = 0.08
 FADING = 0.9
 # Even a standing camera's velocity is known no better than to this share of the usual.
 CALM = 0.03
+# Changes of the velocity by less than this share of the usual surprise nobody.
+LEAST_AGITATION = 0.5
 # A mean brightness that is off by more than this share has changed at once.
 LIGHT_JUMP = 0.08
 # Gain and offset of a view's brightness against its own.
@@ -67,10 +69,18 @@ class Way:
         """Whether the camera may be far from where it is expected at a stamp."""
         return abs(stamp_s - self.stamp_s) > LONGEST_SURE_S
 
+    def surprise(self, velocity: Array, stamp_s: float) -> float:
+        """How many times as much as of late a velocity (6,) has changed; 0 after a long time."""
+        if self.is_long_ago(stamp_s):
+            return 0.0
+        usual = np.maximum(self.agitation, LEAST_AGITATION * np.array(VELOCITY_SIGMA))
+        return float((_change(velocity, self.velocity) / usual).max())
+
     def agitation_with(self, velocity: Array) -> Array:
         """The agitation, the next frame's velocity (6,) included."""
-        change = ((velocity - self.velocity) ** 2).reshape(2, 3).mean(axis=1)
-        return np.asarray(np.sqrt(FADING * self.agitation**2 + (1.0 - FADING) * change), np.float64)
+        squared = _change(velocity, self.velocity) ** 2
+        agitation = np.sqrt(FADING * self.agitation**2 + (1.0 - FADING) * squared)
+        return np.asarray(agitation, np.float64)
 
     def on(
         self, T_world_camera: Array, velocity: Array, images: Images, light: tuple[float, float]
@@ -89,3 +99,8 @@ class Way:
 
     def _is_soon(self, stamp_s: float) -> bool:
         return 0.0 < stamp_s - self.stamp_s <= LONGEST_STEP_S
+
+
+def _change(velocity: Array, before: Array) -> Array:
+    """(2,) root mean square of the change over its three components, m/s and rad/s."""
+    return np.asarray(np.sqrt(((velocity - before) ** 2).reshape(2, 3).mean(axis=1)), np.float64)

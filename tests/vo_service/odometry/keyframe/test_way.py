@@ -88,3 +88,15 @@ def expected_light(gain: float) -> Array:
 def test_light_stays_as_it_was_unless_it_changed_at_once() -> None:
     np.testing.assert_array_equal(expected_light(1.02), WAY.light)
     np.testing.assert_allclose(expected_light(0.5), 0.5 * np.array(WAY.light), rtol=0.05)
+
+
+def test_a_velocity_surprises_by_how_much_more_than_of_late_it_has_changed() -> None:
+    agitated = replace(WAY, agitation=np.array([0.1, 0.1]))
+    faster = WAY.velocity + np.array([0.3, 0.3, 0.3, 0.1, 0.1, 0.1])
+    assert WAY.surprise(WAY.velocity, 1.03) == 0.0
+    assert agitated.surprise(faster, 1.03) == pytest.approx(3.0)
+    assert np.isfinite(replace(WAY, agitation=np.zeros(2)).surprise(faster, 1.03))
+
+
+def test_after_a_long_time_no_velocity_surprises() -> None:
+    assert WAY.surprise(WAY.velocity + 1.0, 2.0) == 0.0

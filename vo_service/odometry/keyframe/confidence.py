@@ -24,8 +24,9 @@ LEAST_IN_IMAGE, FEWEST_POINTS = 0.2, 100
 LEAST_SAY = 0.05
 # Regions that do not fit are at most this share of the view.
 MOST_MOVING = 0.45
-# What hides the keyframe and what does not fit it are at most this share of the view together.
-MOST_COVERED = 0.6
+# What hides the keyframe and what does not fit it are at most this share of the view together; and
+# beyond the second share it has to be told, and no keyframe is made of it.
+MOST_COVERED, MUCH_COVERED = 0.5, 0.25
 
 
 def agrees(counts: Array) -> bool:
@@ -86,20 +87,28 @@ def doubt(found: Alignment) -> str:
     return ""
 
 
+def covered(found: Alignment) -> float:
+    """Share of the view that is hidden by something else, or moves by itself."""
+    seen = found.counts[measure.IN_IMAGE]
+    hidden = np.count_nonzero(found.readings[:, OTHER] == HIDDEN)
+    return float((hidden + found.counts[measure.DISREGARDED]) / max(hidden + seen, 1.0))
+
+
 def cover(found: Alignment) -> str:
     """Why an alignment that fits may be that of a thing in front of the room; "" if it is not."""
-    seen = int(found.counts[measure.IN_IMAGE])
-    hidden = int(np.count_nonzero(found.readings[:, OTHER] == HIDDEN))
-    covered = (hidden + found.counts[measure.DISREGARDED]) / max(hidden + seen, 1)
-    return f"{100 * covered:.0f} % of the view is covered" if covered > MOST_COVERED else ""
+    return _told(covered(found)) if covered(found) > MOST_COVERED else ""
 
 
 def lack(found: Alignment) -> str:
-    """What an alignment has to do without; "" if both brightness and depth have a say."""
+    """What an alignment has to do without; "" if both have a say in nearly all of the view."""
     counts = found.counts
     enough = LEAST_SAY * counts[measure.IN_IMAGE]
     if counts[measure.WITH_BRIGHTNESS] < enough:
         return "by depth alone: no texture in view"
     if counts[measure.WITH_DEPTH] < enough:
         return "by brightness alone: no depth in view"
-    return ""
+    return _told(covered(found)) if covered(found) > MUCH_COVERED else ""
+
+
+def _told(share: float) -> str:
+    return f"{100 * share:.0f} % of the view is covered"

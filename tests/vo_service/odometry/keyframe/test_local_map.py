@@ -16,6 +16,7 @@ from tests.vo_service.odometry.keyframe.rolling_views import (
     without_depth,
 )
 from tests.vo_service.odometry.walk import assert_close
+from vo_service.odometry.keyframe import readings as columns
 from vo_service.odometry.keyframe.alignment import STANDING, align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.images import Images, make_images
@@ -120,6 +121,17 @@ def test_a_frame_without_depth_is_no_keyframe() -> None:
     local_map.begin(AHEAD)
     frame = without_depth(seen(Hand(T_world_start=turned(0.35))))
     assert choose(frame, make_images(frame), found, local_map) is AHEAD
+    assert local_map.keyframes == [AHEAD]
+
+
+def test_no_keyframe_is_made_while_much_of_the_view_is_covered() -> None:
+    (found, images), local_map = found_at(0.35), LocalMap()
+    local_map.begin(AHEAD)
+    readings = found.alignment.readings.copy()
+    readings[::2, columns.OTHER] = columns.HIDDEN
+    covered = replace(found, alignment=replace(found.alignment, readings=readings))
+    frame = noisy(seen(Hand(T_world_start=turned(0.35))), 5)
+    assert choose(frame, images, covered, local_map) is AHEAD
     assert local_map.keyframes == [AHEAD]
 
 

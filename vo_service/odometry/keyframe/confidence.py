@@ -24,9 +24,10 @@ LEAST_IN_IMAGE, FEWEST_POINTS = 0.2, 100
 LEAST_SAY = 0.05
 # Regions that do not fit are at most this share of the view.
 MOST_MOVING = 0.45
-# What hides the keyframe and what does not fit it are at most this share of the view together; and
-# beyond the second share it has to be told, and no keyframe is made of it.
-MOST_COVERED, MUCH_COVERED = 0.5, 0.25
+# What hides the keyframe and what does not fit it are at most this share of the view together.
+MOST_COVERED = 0.5
+# Beyond this share of what is hidden it has to be told, and no keyframe is made of the view.
+MUCH_HIDDEN = 0.2
 
 
 def agrees(counts: Array) -> bool:
@@ -87,16 +88,18 @@ def doubt(found: Alignment) -> str:
     return ""
 
 
-def covered(found: Alignment) -> float:
-    """Share of the view that is hidden by something else, or moves by itself."""
-    seen = found.counts[measure.IN_IMAGE]
-    hidden = np.count_nonzero(found.readings[:, OTHER] == HIDDEN)
-    return float((hidden + found.counts[measure.DISREGARDED]) / max(hidden + seen, 1.0))
+def hidden(found: Alignment) -> float:
+    """Share of the view in which something stands in front of what the keyframe has seen."""
+    count = np.count_nonzero(found.readings[:, OTHER] == HIDDEN)
+    return float(count / max(count + found.counts[measure.IN_IMAGE], 1.0))
 
 
 def cover(found: Alignment) -> str:
     """Why an alignment that fits may be that of a thing in front of the room; "" if it is not."""
-    return _told(covered(found)) if covered(found) > MOST_COVERED else ""
+    not_hidden = 1.0 - hidden(found)
+    moving = found.counts[measure.DISREGARDED] / max(found.counts[measure.IN_IMAGE], 1.0)
+    share = 1.0 - not_hidden * (1.0 - moving)
+    return _told(share) if share > MOST_COVERED else ""
 
 
 def lack(found: Alignment) -> str:
@@ -107,7 +110,7 @@ def lack(found: Alignment) -> str:
         return "by depth alone: no texture in view"
     if counts[measure.WITH_DEPTH] < enough:
         return "by brightness alone: no depth in view"
-    return _told(covered(found)) if covered(found) > MUCH_COVERED else ""
+    return _told(hidden(found)) if hidden(found) > MUCH_HIDDEN else ""
 
 
 def _told(share: float) -> str:

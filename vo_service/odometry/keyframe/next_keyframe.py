@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from drivers.camera import RgbdFrame
-from vo_service.odometry.keyframe.confidence import MUCH_COVERED, covered, lack
+from vo_service.odometry.keyframe.confidence import MUCH_HIDDEN, hidden, lack
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.joint import align_jointly
 from vo_service.odometry.keyframe.local_map import (
@@ -57,7 +57,7 @@ def choose(frame: RgbdFrame, images: Images, found: Found, local_map: LocalMap) 
         if other is not found.keyframe and _is_near(seen, KEYFRAME_OVERLAP, REUSE_FLOW_PX):
             local_map.use(other)
             return other
-    if covered(found.alignment) > MUCH_COVERED:
+    if hidden(found.alignment) > MUCH_HIDDEN:
         return found.keyframe
     keyframe = make_keyframe(
         frame, images, T_world_camera, found.alignment.camera_velocity, found.alignment.is_still

@@ -110,23 +110,23 @@ def test_points_agree_if_both_their_brightness_and_their_depth_do() -> None:
         np.testing.assert_array_equal(now[1::2], agreeing[1::2])
 
 
-def hidden(share: float) -> Alignment:
+def covered(share: float) -> Alignment:
     readings = GOOD.readings.copy()
     readings[: int(share * len(readings)), columns.OTHER] = columns.HIDDEN
     return replace(GOOD, readings=readings, counts=count_of(readings))
 
 
 def test_a_view_that_something_covers_is_not_believed_however_well_the_rest_fits() -> None:
-    assert cover(GOOD) == cover(hidden(0.4)) == ""
-    assert "of the view is covered" in cover(hidden(0.7))
-    assert doubt(hidden(0.7)) == ""
+    assert cover(GOOD) == cover(covered(0.4)) == ""
+    assert "of the view is covered" in cover(covered(0.7))
+    assert doubt(covered(0.7)) == ""
     unfit = counted(DISREGARDED=0.7 * GOOD.counts[measure.IN_IMAGE])
     assert cover(unfit) == "70 % of the view is covered"
 
 
 def test_a_view_that_is_covered_in_part_is_told() -> None:
-    assert lack(hidden(0.1)) == ""
-    assert "of the view is covered" in lack(hidden(0.4))
+    assert lack(covered(0.1)) == ""
+    assert "of the view is covered" in lack(covered(0.4))
 
 
 def test_what_fits_badly_all_over_is_worse_than_what_fits_but_for_a_corner() -> None:

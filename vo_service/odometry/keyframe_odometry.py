@@ -29,8 +29,9 @@ from vo_service.odometry.surf import SurfExtractor
 
 # A first keyframe has so many points at least.
 FEWEST_POINTS = 200
-# After so many frames without a pose, tracking begins anew.
-MOST_FAILURES = 30
+# After so many frames without a pose, tracking begins anew; after fewer where none has been laid on
+# the first keyframe yet, which a fast turn may have bent.
+MOST_FAILURES, MOST_FAILURES_AT_FIRST = 30, 3
 
 
 @dataclass(frozen=True)
@@ -79,13 +80,13 @@ class KeyframeOdometry:
                 found = self._recovery.find(frame, images, found, self._track.way, self._map)
         found = self._begun(images, found, self._track)
         if reason := doubt(found.alignment) or cover(found.alignment):
-            return self._fail(frame, images, found, reason)
+            return self._fail(frame, images, self._track, found, reason)
         # Does what is in view hold the camera in all six directions?
         with self._stopwatch.stage("certainty"):
             agitation = self._track.way.agitation_with(found.alignment.camera_velocity)
             sure = certainty(found.keyframe, images, found.alignment, found.tie, agitation)
         if sure.doubt:
-            return self._fail(frame, images, found, sure.doubt)
+            return self._fail(frame, images, self._track, found, sure.doubt)
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
         keyframe = found.keyframe
         if is_due(found, images):
@@ -134,10 +135,12 @@ class KeyframeOdometry:
         itself = align(keyframe.points, images, [np.eye(4)], STANDING, SAME_LIGHT, all_alike())
         return doubt(itself) or certainty(keyframe, images, itself, STANDING, np.zeros(2)).doubt
 
-    def _fail(self, frame: RgbdFrame, images: Images, found: Found, reason: str) -> Estimate:
+    def _fail(
+        self, frame: RgbdFrame, images: Images, track: Track, found: Found, reason: str
+    ) -> Estimate:
         """Hold the pose; after too many failures give the keyframes up."""
         self._failures += 1
-        if self._failures > MOST_FAILURES:
+        if self._failures > (MOST_FAILURES_AT_FIRST if track.is_first else MOST_FAILURES):
             return self._start(frame, images, restarted=True)
         return self._estimate(False, reason, draw(found.keyframe, found.alignment))
 

@@ -24,7 +24,11 @@ from tests.vo_service.odometry.keyframe.rolling_views import (
     without_depth,
 )
 from tests.vo_service.odometry.walk import assert_close, follow
-from vo_service.odometry.keyframe_odometry import MOST_FAILURES, KeyframeOdometry
+from vo_service.odometry.keyframe_odometry import (
+    MOST_FAILURES,
+    MOST_FAILURES_AT_FIRST,
+    KeyframeOdometry,
+)
 
 SHAPE = (CAMERA.height, CAMERA.width)
 
@@ -151,6 +155,13 @@ def test_after_too_many_failures_it_begins_anew(views: list[RgbdFrame]) -> None:
     assert_close(
         after.T_reference_camera, inverse(BRISK.at(40 / 30)) @ BRISK.at(41 / 30), 0.001, 0.03
     )
+
+
+def test_a_first_keyframe_that_nothing_fits_is_soon_given_up(views: list[RgbdFrame]) -> None:
+    odometry = KeyframeOdometry()
+    estimates = follow(odometry, [views[0], *(elsewhere(40 + k) for k in range(6))])
+    assert [e.ok for e in estimates] == [True, *[False] * MOST_FAILURES_AT_FIRST, True, True, True]
+    assert [e.restarted for e in estimates].index(True) == 1 + MOST_FAILURES_AT_FIRST
 
 
 def test_with_nothing_to_begin_anew_from_the_old_keyframes_are_kept(views: list[RgbdFrame]) -> None:

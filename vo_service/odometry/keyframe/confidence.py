@@ -96,9 +96,8 @@ def hidden(found: Alignment) -> float:
 
 def cover(found: Alignment) -> str:
     """Why an alignment that fits may be that of a thing in front of the room; "" if it is not."""
-    not_hidden = 1.0 - hidden(found)
     moving = found.counts[measure.DISREGARDED] / max(found.counts[measure.IN_IMAGE], 1.0)
-    share = 1.0 - not_hidden * (1.0 - moving)
+    share = 1.0 - (1.0 - hidden(found)) * (1.0 - moving)
     return _told(share) if share > MOST_COVERED else ""
 
 

@@ -4,12 +4,14 @@ import re
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.control.control import Control
 from vo_service.feed import Feed
 from vo_service.load.governor import FixedEffort, Governor
 from vo_service.load.meter import FrameLoad
+from vo_service.mapping.loops.contract import Loops, NoLoops
 from vo_service.odometry.estimate import Estimate, Odometry
 from vo_service.outputs.output import Output, PoseUpdate, Status, TrackingState, Troubled
 from vo_service.pose_tracker import PoseTracker, StampedFrame
@@ -40,6 +42,7 @@ class Service:
         control: Control,
         governor: Governor = FixedEffort(),  # noqa: B008 (it has no state)
         others: Sequence[Troubled] = (),
+        loops: Loops = NoLoops(),  # noqa: B008 (it has no state)
     ) -> None:
         """`camera` and `method` are only told of in the status; frames come from `feed`.
 
@@ -55,6 +58,7 @@ class Service:
         self._method = method
         self._control = control
         self._governor = governor
+        self._loops = loops
         self._troubled: Sequence[Troubled] = (*outputs, governor, *others)
         self._guard = StampGuard()
         self._last: PoseUpdate | None = None
@@ -99,7 +103,8 @@ class Service:
     def _update(self, frame: RgbdFrame, estimate: Estimate) -> PoseUpdate:
         stamped = StampedFrame(frame, self._clock.published_s(frame.stamp_s))
         latency_s = time.monotonic() - frame.arrival_s
-        return self._tracker.update(stamped, estimate, self._stages.take(), latency_s)
+        update = self._tracker.update(stamped, estimate, self._stages.take(), latency_s)
+        return replace(update, T_map_odom=self._loops.T_map_odom)
 
     def _report(self) -> None:
         """Publish the status, twice a second and whenever state, reason or warnings change."""

@@ -15,6 +15,7 @@ from vo_service.control.control import Control
 from vo_service.feed import Feed
 from vo_service.folders import cache_folder
 from vo_service.interrupts import Stop
+from vo_service.mapping.loops.contract import Loops, NoLoops
 from vo_service.outputs.output import Output
 from vo_service.pose_tracker import PoseTracker
 from vo_service.service import Service
@@ -36,10 +37,15 @@ class Ending:
 
 
 def run_loop(
-    config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output], stop: Stop
+    config: Config,
+    camera: RgbdCamera,
+    feed: Feed,
+    outputs: Sequence[Output],
+    stop: Stop,
+    loops: Loops = NoLoops(),  # noqa: B008 (it has no state)
 ) -> Ending:
     """Run until the frames end or `stop` is set."""
-    service = _service(config, camera, feed, outputs)
+    service = _service(config, camera, feed, outputs, loops)
     service.run(stop.event)
     return Ending(service.statistics, stop.exit_code)
 
@@ -70,12 +76,14 @@ def prepared(work: Callable[[Callable[[str], None]], T], terminal: Terminal, sto
     return result
 
 
-def _service(config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output]) -> Service:
+def _service(
+    config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output], loops: Loops
+) -> Service:
     stages = StageClock()
     tracker = PoseTracker(config.T_base_camera.T_base_camera)
     return Service(
         feed=feed,
-        odometry=make_odometry(config.odometry, stages),
+        odometry=loops.around(make_odometry(config.odometry, stages)),
         stages=stages,
         tracker=tracker,
         clock=stamp_clock(camera.clock, config.camera.stamp_offset_s),
@@ -83,4 +91,5 @@ def _service(config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[O
         camera=camera,
         method=config.odometry.method,
         control=Control(tracker, camera),
+        loops=loops,
     )

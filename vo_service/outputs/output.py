@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
+import numpy as np
+
 from drivers.camera import CameraState, RgbdFrame
 from drivers.geometry import Array
 from drivers.trajectory import StampedPoses
@@ -37,6 +39,7 @@ class PoseUpdate:
     epoch               changes whenever the pose is not continuous with the one before
     T_world_camera      4x4, optical axes, world = first camera: for trajectory files and pictures
     T_odom_base         4x4, REP 103 axes: for robots
+    T_map_odom          4x4, how `odom` lies in the map: what places that are known again say
     pose_covariance     6x6 accumulated since the epoch began, odom axes, ROS order (x y z rx ry rz)
     twist               (6,) m/s and rad/s in the child frame, ROS order
     twist_covariance    6x6 of this step, child frame, ROS order
@@ -58,6 +61,7 @@ class PoseUpdate:
     estimate: Estimate
     stage_ms: Mapping[str, float]
     latency_s: float
+    T_map_odom: Array = field(default_factory=lambda: np.eye(4))
 
 
 @dataclass(frozen=True)

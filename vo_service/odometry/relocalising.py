@@ -1,0 +1,151 @@
+"""After a loss, a new beginning counts only where no place is known again.
+
+An odometry that has lost its way begins anew: it then knows how it moves, but not where it is. As
+long as there is hope that a place is known again, its pose counts as lost; after that, it is where
+the old pose was held, in a new epoch.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array, inverse, orthonormal, rotation_angle_rad
+from vo_service.odometry.estimate import Estimate, Odometry
+
+# So many frames with a motion are looked at before hope is given up: a second.
+PATIENCE_FRAMES = 30
+# Of these, every so manieth is shown to the finder.
+LOOK_EVERY = 3
+# Two answers agree if they put the camera at the same place to within this.
+AGREED_M, AGREED_RAD = 0.05, 0.035
+
+
+@dataclass(frozen=True)
+class Located:
+    """Where a frame was taken.
+
+    seq             of the frame
+    T_world_camera  4x4, in the world that the poses before the loss were in
+    covariance      6x6 of it: (translation m, rotation rad), as a small motion in the camera's axes
+    """
+
+    seq: int
+    T_world_camera: Array
+    covariance: Array
+
+    def carried(self, T_other_world: Array) -> "Located":
+        """The same in another world; 4x4 from this one to that."""
+        return replace(self, T_world_camera=T_other_world @ self.T_world_camera)
+
+
+class PlaceFinder(Protocol):
+    """Knows the places that the camera has seen. None of its methods blocks for long."""
+
+    @property
+    def knows_places(self) -> bool:
+        """Whether there is any hope."""
+        ...
+
+    def look(self, frame: RgbdFrame) -> None:
+        """Ask where this frame was taken."""
+        ...
+
+    def answers(self) -> Sequence[Located]:
+        """What has been found since the last call; frames that show no known place are not in."""
+        ...
+
+
+@dataclass
+class _Search:
+    """What is known since tracking began anew.
+
+    T_inner_camera  4x4 pose of each frame that was asked about, by its number, in the odometry's
+                    new world
+    found           (4x4 T_world_inner, covariance) that each answer leads to
+    """
+
+    frames_left: int = PATIENCE_FRAMES
+    T_inner_camera: dict[int, Array] = field(default_factory=dict)
+    found: list[tuple[Array, Array]] = field(default_factory=list)
+
+    def take(self, located: Located) -> tuple[Array, Array] | None:
+        """The link between the worlds, once two answers agree about it."""
+        T_inner_camera = self.T_inner_camera.pop(located.seq, None)
+        if T_inner_camera is None:  # asked before tracking began anew once more
+            return None
+        link = orthonormal(located.T_world_camera @ inverse(T_inner_camera))
+        is_agreed = any(_agree(link, other) for other, _ in self.found)
+        self.found.append((link, located.covariance))
+        return self.found[-1] if is_agreed else None
+
+
+class RelocalisingOdometry:
+    """Another odometry, which comes back to its world where it sees a place of it again."""
+
+    def __init__(self, odometry: Odometry, finder: PlaceFinder) -> None:
+        self._odometry = odometry
+        self._finder = finder
+        self._search: _Search | None = None
+        self._T_world_inner = np.eye(4)
+        self._T_world_camera = np.eye(4)  # the last good pose
+        self._T_world_reference = np.eye(4)
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        """As `Odometry`; after a loss not ok until it is known where the camera is."""
+        estimate = self._odometry.estimate(frame)
+        if estimate.restarted and (self._search is not None or self._finder.knows_places):
+            # Where it was begun anew before, the patience goes on, not the answers.
+            left = PATIENCE_FRAMES if self._search is None else self._search.frames_left
+            self._search = _Search(left)
+        if self._search is None:
+            return self._in_world(estimate)
+        return self._searched(frame, estimate, self._search)
+
+    def _searched(self, frame: RgbdFrame, estimate: Estimate, search: _Search) -> Estimate:
+        """Ask, listen, and come back, or give up."""
+        if not estimate.ok:
+            return self._lost(estimate, estimate.reason)
+        if search.frames_left % LOOK_EVERY == 0:
+            search.T_inner_camera[frame.seq] = estimate.T_world_camera
+            self._finder.look(frame)
+        for located in self._finder.answers():
+            link = search.take(located)
+            if link is not None:
+                self._search = None
+                self._T_world_inner, covariance = link
+                return self._in_world(replace(estimate, restarted=False, covariance=covariance))
+        search.frames_left -= 1
+        if search.frames_left <= 0:
+            self._search = None
+            return self._in_world(replace(estimate, restarted=True))
+        return self._lost(estimate, "looking for a place that was seen before")
+
+    def _lost(self, estimate: Estimate, reason: str) -> Estimate:
+        """No pose for now: the last good one is held."""
+        held = self._T_world_camera.copy()
+        zeros = np.zeros((6, 6))
+        return replace(
+            estimate, ok=False, reason=reason, restarted=False,
+            T_world_camera=held, T_reference_camera=np.eye(4), covariance=zeros,
+        )  # fmt: skip
+
+    def _in_world(self, estimate: Estimate) -> Estimate:
+        """The same, in the world of the first frame, and counted from what was told before."""
+        T_world_camera = self._T_world_inner @ estimate.T_world_camera
+        T_reference_camera = inverse(self._T_world_reference) @ T_world_camera
+        if estimate.ok:
+            self._T_world_camera = T_world_camera
+            if estimate.is_next_reference:
+                self._T_world_reference = T_world_camera
+        return replace(
+            estimate, T_world_camera=T_world_camera, T_reference_camera=T_reference_camera
+        )
+
+
+def _agree(T: Array, other: Array) -> bool:
+    off = inverse(T) @ other
+    is_near = float(np.linalg.norm(off[:3, 3])) <= AGREED_M
+    return is_near and rotation_angle_rad(off[:3, :3]) <= AGREED_RAD

@@ -104,7 +104,7 @@ class Service:
         stamped = StampedFrame(frame, self._clock.published_s(frame.stamp_s))
         latency_s = time.monotonic() - frame.arrival_s
         update = self._tracker.update(stamped, estimate, self._stages.take(), latency_s)
-        return replace(update, T_map_odom=self._loops.T_map_odom)
+        return replace(update, map=self._loops.snapshot)
 
     def _report(self) -> None:
         """Publish the status, twice a second and whenever state, reason or warnings change."""

@@ -5,12 +5,11 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
-import numpy as np
-
 from drivers.camera import CameraState, RgbdFrame
 from drivers.geometry import Array
 from drivers.trajectory import StampedPoses
 from vo_service.odometry.estimate import Estimate
+from vo_service.outputs.map_snapshot import NO_MAP, MapSnapshot
 
 
 class TrackingState(StrEnum):
@@ -39,12 +38,12 @@ class PoseUpdate:
     epoch               changes whenever the pose is not continuous with the one before
     T_world_camera      4x4, optical axes, world = first camera: for trajectory files and pictures
     T_odom_base         4x4, REP 103 axes: for robots
-    T_map_odom          4x4, how `odom` lies in the map: what places that are known again say
     pose_covariance     6x6 accumulated since the epoch began, odom axes, ROS order (x y z rx ry rz)
     twist               (6,) m/s and rad/s in the child frame, ROS order
     twist_covariance    6x6 of this step, child frame, ROS order
     stage_ms            CPU milliseconds by stage
     latency_s           from the frame's arrival to this result
+    map                 of places, and how `odom` lies in it
     """
 
     seq: int
@@ -61,7 +60,7 @@ class PoseUpdate:
     estimate: Estimate
     stage_ms: Mapping[str, float]
     latency_s: float
-    T_map_odom: Array = field(default_factory=lambda: np.eye(4))
+    map: MapSnapshot = NO_MAP
 
 
 @dataclass(frozen=True)

@@ -2,18 +2,16 @@
 
 from typing import Protocol
 
-import numpy as np
-
-from drivers.geometry import Array
 from vo_service.odometry.estimate import Odometry
+from vo_service.outputs.map_snapshot import NO_MAP, MapSnapshot
 
 
 class Loops(Protocol):
     """Knows where the camera has been, and how far `odom` has drifted since."""
 
     @property
-    def T_map_odom(self) -> Array:
-        """4x4 correction of the poses that are published now."""
+    def snapshot(self) -> MapSnapshot:
+        """The map as it is now; the same object as long as nothing has changed."""
         ...
 
     def around(self, odometry: Odometry) -> Odometry:
@@ -24,7 +22,7 @@ class Loops(Protocol):
 class NoLoops:
     """Where no place is remembered."""
 
-    T_map_odom = np.eye(4)
+    snapshot = NO_MAP
 
     def around(self, odometry: Odometry) -> Odometry:
         """As it is."""

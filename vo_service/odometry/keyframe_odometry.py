@@ -84,7 +84,7 @@ class KeyframeOdometry:
         # Does what is in view hold the camera in all six directions?
         with self._stopwatch.stage("certainty"):
             agitation = self._track.way.agitation_with(found.alignment.camera_velocity)
-            sure = certainty(found.keyframe, images, found.alignment, found.tie, agitation)
+            sure = certainty(found.keyframe.points, images, found.alignment, found.tie, agitation)
         if sure.doubt:
             return self._fail(frame, images, self._track, found, sure.doubt)
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
@@ -133,7 +133,9 @@ class KeyframeOdometry:
         if len(keyframe.points[0]) < FEWEST_POINTS:
             return f"only {len(keyframe.points[0])} points with depth"
         itself = align(keyframe.points, images, [np.eye(4)], STANDING, SAME_LIGHT, all_alike())
-        return doubt(itself) or certainty(keyframe, images, itself, STANDING, np.zeros(2)).doubt
+        return (
+            doubt(itself) or certainty(keyframe.points, images, itself, STANDING, np.zeros(2)).doubt
+        )
 
     def _fail(
         self, frame: RgbdFrame, images: Images, track: Track, found: Found, reason: str

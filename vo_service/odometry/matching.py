@@ -1,13 +1,28 @@
 """Which features of two images are the same: nearest descriptor, ratio test, mutual check."""
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.jit import kernel
-from vo_service.odometry.surf import Features
 
 
-def match_features(query: Features, reference: Features, ratio: float) -> NDArray[np.int64]:
+class Described(Protocol):
+    """What features are matched by.
+
+    sign        (N,) of the Laplacian: +1 dark blob, -1 bright blob
+    descriptor  (N, 64) float32 whole numbers
+    """
+
+    @property
+    def sign(self) -> NDArray[np.generic]: ...
+
+    @property
+    def descriptor(self) -> NDArray[np.float32]: ...
+
+
+def match_features(query: Described, reference: Described, ratio: float) -> NDArray[np.int64]:
     """Pairs (M, 2) of indices into `query` and `reference`, by index of the query.
 
     A pair is kept if the second nearest descriptor is further by 1/ratio (Lowe 2004, Section 7.1)

@@ -11,9 +11,8 @@ import numpy as np
 
 from drivers.geometry import Array, carried, inverse
 from vo_service.odometry.directions import Directions, directions, point_information
-from vo_service.odometry.keyframe.alignment import Alignment, Tie
+from vo_service.odometry.keyframe.alignment import Alignment, Points, Tie
 from vo_service.odometry.keyframe.images import Images, Shutter
-from vo_service.odometry.keyframe.local_map import Keyframe
 from vo_service.odometry.keyframe.noise import weigh
 from vo_service.odometry.keyframe.parameters import KNOWN
 from vo_service.odometry.keyframe.system import UPPER, band_times, sum_bands, with_times
@@ -46,17 +45,18 @@ class Certainty:
 
 
 def certainty(
-    keyframe: Keyframe, images: Images, found: Alignment, tie: Tie, agitation: Array
+    points: Points, images: Images, found: Alignment, tie: Tie, agitation: Array
 ) -> Certainty:
     """Of an alignment and what its velocity was tied to.
 
+    points     of the keyframe, an array for each level
     agitation  (2,) how much the velocity changes from frame to frame, m/s and rad/s
     """
-    shutter, points = images.shutter, keyframe.points[0]
-    bands = sum_bands(points, found.readings, found.weights, found.fit)
+    shutter, finest = images.shutter, points[0]
+    bands = sum_bands(finest, found.readings, found.weights, found.fit)
     H, _ = with_times(bands, shutter.readout_s, shutter.skew_s)
     pulls, moments = weigh(
-        points,
+        finest,
         found.readings,
         found.weights,
         found.fit,

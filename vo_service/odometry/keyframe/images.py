@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -36,6 +37,13 @@ class Shutter:
         return self.readout_s == 0.0 and self.skew_s == 0.0
 
 
+class Lit(Protocol):
+    """Something of which the mean brightness is known, in grey levels."""
+
+    @property
+    def mean_brightness(self) -> float: ...
+
+
 @dataclass(frozen=True)
 class Images:
     """What is read of a frame.
@@ -58,7 +66,7 @@ class Images:
         whole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
         return tuple(at_level(whole, level) for level in range(len(self.grey) + 1))
 
-    def light_against(self, other: "Images") -> float:
+    def light_against(self, other: Lit) -> float:
         """How many times as bright as another view, within what is believed of a gain."""
         ratio = (self.mean_brightness + 1.0) / (other.mean_brightness + 1.0)
         return float(min(max(ratio, GAINS[0]), GAINS[1]))

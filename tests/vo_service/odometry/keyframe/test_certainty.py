@@ -48,7 +48,9 @@ def laid(
     """How sure, and T_keyframe_camera."""
     images = make_images(frame)
     found = align(keyframe.points, images, [np.eye(4)], tie, (1.0, 0.0), all_alike())
-    return certainty(keyframe, images, found, tie, agitation), inverse(found.T_camera_keyframe)
+    return certainty(keyframe.points, images, found, tie, agitation), inverse(
+        found.T_camera_keyframe
+    )
 
 
 def itself(frame: RgbdFrame) -> Certainty:
@@ -117,7 +119,7 @@ def test_it_is_told_in_the_axes_of_the_camera() -> None:
     images = make_images(noisy(seen(Hand(T_world_start=turned), planes=planes, paint=0.0), 1))
     start = inverse(turned)
     found = align(keyframe.points, images, [start], STANDING, (1.0, 0.0), all_alike())
-    covariance = certainty(keyframe, images, found, STANDING, CALM).covariance[:3, :3]
+    covariance = certainty(keyframe.points, images, found, STANDING, CALM).covariance[:3, :3]
     edge = np.cross(WALL[0], FLOOR[0])
     along, elsewhere = turned[:3, :3].T @ edge, turned[:3, :3] @ edge
     assert along @ covariance @ along > 1.5 * elsewhere @ covariance @ elsewhere

@@ -1,0 +1,1 @@
+"""Places: views that are kept, so that the camera knows where it has been."""

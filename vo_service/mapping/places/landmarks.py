@@ -1,0 +1,89 @@
+"""The features of a view that have depth, in as little memory as will do."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array
+from drivers.jit import kernel
+from vo_service.odometry.depth_noise import depth_sigma_m, lateral_sigma_m
+from vo_service.odometry.keyframe.rows import moved, row_time
+from vo_service.odometry.points import FeaturePoints, locate_features
+from vo_service.odometry.surf import SurfExtractor
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """SURF features and where they are, strongest first.
+
+    look        (N, 64) int8: descriptors, whole numbers; the few beyond 127 are cut
+    sign        (N,) int8 of the Laplacian: +1 dark blob, -1 bright blob
+    position_m  (N, 3) float32 in the camera's axes at the stamp
+    """
+
+    look: NDArray[np.int8]
+    sign: NDArray[np.int8]
+    position_m: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.look)
+
+    @property
+    def descriptor(self) -> NDArray[np.float32]:
+        """(N, 64) as they are matched."""
+        return self.look.astype(np.float32)
+
+    @property
+    def bytes(self) -> int:
+        """What they take."""
+        return self.look.nbytes + self.sign.nbytes + self.position_m.nbytes
+
+    def points(self, focal_px: float) -> FeaturePoints:
+        """The same in space, with how far off they are."""
+        depth_m = self.position_m[:, 2].astype(np.float64)
+        return FeaturePoints(
+            position_m=self.position_m.astype(np.float64),
+            has_depth=np.ones(len(self), np.bool_),
+            sigma_across_m=lateral_sigma_m(depth_m, focal_px),
+            sigma_along_m=depth_sigma_m(depth_m),
+        )
+
+
+def find_landmarks(
+    frame: RgbdFrame, extractor: SurfExtractor, velocity: Array, most: int
+) -> Landmarks:
+    """The strongest features with depth.
+
+    velocity  (6,) twist of the camera in its own axes, m/s and rad/s: rows that were taken earlier
+              or later are brought to the stamp
+    """
+    features = extractor.extract(frame.grey)
+    points = locate_features(features, frame)
+    chosen = np.flatnonzero(points.has_depth)[:most]
+    position_m = at_stamp(
+        points.position_m[chosen],
+        features.position_px[chosen, 1].astype(np.float64),
+        frame.camera.height,
+        frame.readout_s,
+        velocity,
+    )
+    return Landmarks(
+        look=np.clip(features.descriptor[chosen], -127, 127).astype(np.int8),
+        sign=features.sign[chosen].astype(np.int8),
+        position_m=position_m.astype(np.float32),
+    )
+
+
+@kernel
+def at_stamp(
+    position_m: Array, row_px: Array, height: int, readout_s: float, velocity: Array
+) -> Array:
+    """Points (N, 3), each seen by its row (N,), as they are at the instant of the middle row."""
+    settled = np.empty_like(position_m)
+    for n in range(len(position_m)):
+        x, y, z = position_m[n]
+        early_s = -row_time(row_px[n], height, readout_s)
+        settled[n, 0], settled[n, 1], settled[n, 2] = moved(velocity, x, y, z, early_s)
+    return settled

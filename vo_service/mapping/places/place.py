@@ -1,0 +1,80 @@
+"""A place: what is kept of a view, to know it again for as long as the map lasts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from drivers.geometry import Array
+from vo_service.mapping.places.landmarks import Landmarks
+from vo_service.odometry.keyframe.points import BRIGHTNESS
+
+# The largest number of half precision, and a little less.
+LARGEST_HALF = 65000.0
+
+
+@dataclass(frozen=True, eq=False)
+class PackedPoints:
+    """The points of a keyframe's level, see `keyframe.points`, in a third of the memory.
+
+    position_m  (N, 3) float32
+    rest        (N, COLUMNS - 3) float16: brightness exactly, slopes to a thousandth
+    """
+
+    position_m: NDArray[np.float32]
+    rest: NDArray[np.float16]
+
+    @classmethod
+    def of(cls, points: Array) -> Self:
+        """Pack (N, COLUMNS)."""
+        rest = np.clip(points[:, BRIGHTNESS:], -LARGEST_HALF, LARGEST_HALF)
+        return cls(points[:, :BRIGHTNESS].astype(np.float32), rest.astype(np.float16))
+
+    def unpacked(self) -> Array:
+        """(N, COLUMNS) float64."""
+        return np.hstack([self.position_m, self.rest], dtype=np.float64)
+
+    @property
+    def bytes(self) -> int:
+        """What they take."""
+        return self.position_m.nbytes + self.rest.nbytes
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A view that the map knows again.
+
+    number           rises; never used twice in a map
+    world            the stretch of odometry that it was seen in
+    stamp_s          of the frame
+    T_world_place    4x4, where the odometry said that the camera was
+    camera           intrinsics of the frame
+    landmarks        in the camera's axes at the stamp
+    summary          (D,) int8, see `words`
+    packed_points    of each level, for the dense alignment
+    mean_brightness  of the whole image, grey levels
+    """
+
+    number: int
+    world: int
+    stamp_s: float
+    T_world_place: Array
+    camera: PinholeCamera
+    landmarks: Landmarks
+    summary: NDArray[np.int8]
+    packed_points: tuple[PackedPoints, ...]
+    mean_brightness: float
+
+    @property
+    def keyframe_points(self) -> Sequence[Array]:
+        """(N, COLUMNS) of each level, in the camera's axes at the stamp."""
+        return tuple(points.unpacked() for points in self.packed_points)
+
+    @property
+    def bytes(self) -> int:
+        """What it takes, but for a few hundred."""
+        points = sum(points.bytes for points in self.packed_points)
+        return points + self.landmarks.bytes + self.summary.nbytes

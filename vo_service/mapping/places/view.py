@@ -1,0 +1,37 @@
+"""A frame as a map looks at it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from drivers.geometry import Array
+from vo_service.mapping.places.landmarks import Landmarks
+from vo_service.odometry.keyframe.images import Images
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceView:
+    """What is made of a frame to know its place again, or to make a place of it.
+
+    landmarks  in the camera's axes at the stamp
+    summary    (D,) int8, see `words`
+    images     for the dense alignment
+    velocity   (6,) twist of the camera in its own axes, m/s and rad/s
+    """
+
+    landmarks: Landmarks
+    summary: NDArray[np.int8]
+    images: Images
+    velocity: Array
+
+    @property
+    def stamp_s(self) -> float:
+        """Of the frame."""
+        return self.images.stamp_s
+
+    @property
+    def camera(self) -> PinholeCamera:
+        """Intrinsics of the frame."""
+        return self.images.camera

@@ -1,0 +1,34 @@
+"""How edges are passed on when a place is forgotten."""
+
+from collections.abc import Sequence
+
+from vo_service.mapping.graph.edges import Edge
+from vo_service.mapping.graph.routes import shortest
+
+
+def passed_on(number: int, edges: Sequence[Edge]) -> list[Edge]:
+    """What the edges of this place say of the others, motions first, then loops, the surest first.
+
+    One neighbour inherits: every other edge now starts from there, by way of what joined the two.
+    A motion makes a better heir than a loop, which may be wrong; then the surest does.
+    """
+    its = [edge.starting_at(number) for edge in edges if number in (edge.a, edge.b)]
+    if not its:
+        return []
+    way = min(its, key=_rank)
+    from_heir = way.starting_at(way.b)
+    return sorted((from_heir.then(edge) for edge in its if edge.b != way.b), key=_rank)
+
+
+def tells_something_new(loop: Edge, edges: Sequence[Edge]) -> bool:
+    """True if no way over these edges is as sure as the loop.
+
+    Of the loops that are passed on again and again, only these are kept: else there would be more
+    and more of them.
+    """
+    spread_m2 = shortest(loop.a, loop.b, edges, lambda edge: edge.spread_m2)
+    return loop.spread_m2 < spread_m2
+
+
+def _rank(edge: Edge) -> tuple[bool, float]:
+    return edge.is_loop, edge.spread_m2

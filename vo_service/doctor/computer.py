@@ -15,6 +15,7 @@ PYTHON_PACKAGES = (
     "numpy",
     "opencv-python-headless",
     "numba",
+    "scipy",
     "eclipse-zenoh",
     "rerun-sdk",
     "pyusb",

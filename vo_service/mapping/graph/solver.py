@@ -105,9 +105,9 @@ def _stepped(now: _System, is_held: NDArray[np.bool_], damping: float) -> Array:
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    steps = np.zeros((len(is_held), 6))
-    steps[~is_held] = -factor.solve(now.gradient).reshape(-1, 6)
-    return moved(now.T_map, steps)
+    T_map = now.T_map.copy()
+    T_map[~is_held] = moved(T_map[~is_held], -factor.solve(now.gradient).reshape(-1, 6))
+    return T_map
 
 
 def _linearise(T_map: Array, measured: Measurements, is_held: NDArray[np.bool_]) -> _System:

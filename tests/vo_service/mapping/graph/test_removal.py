@@ -1,0 +1,125 @@
+"""A place is forgotten: the rest stays where it was, connected, and as simple."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.geometry import Array, inverse
+from tests.vo_service.mapping.graph.rings import LOOP, loop, noise, place_on, poses, rms_m, walk
+from vo_service.mapping.graph.edges import Edge
+from vo_service.mapping.graph.pose_graph import PoseGraph
+from vo_service.mapping.graph.removal import passed_on
+from vo_service.mapping.graph.routes import parts
+
+RING = 20
+TRUTH = [place_on(RING, k) for k in range(2 * RING)]
+FEW = settings(max_examples=8)
+
+
+def two_laps(seed: int) -> PoseGraph:
+    """Every fourth place is known again a lap later."""
+    rng = np.random.default_rng(seed)
+    graph = walk(TRUTH, rng)
+    for k in range(0, RING, 4):
+        T = inverse(TRUTH[k]) @ TRUTH[k + RING] @ noise(rng, LOOP)
+        graph.close(loop(k, k + RING, T))
+    graph.optimise()
+    return graph
+
+
+@FEW
+@given(st.integers(0, 2 * RING - 1), st.integers(0, 100))
+def test_the_others_stay_where_they_are(number: int, seed: int) -> None:
+    graph = two_laps(seed)
+    before = np.delete(poses(graph), number, axis=0)
+    graph.remove(number)
+    np.testing.assert_array_equal(poses(graph), before)
+    graph.optimise()
+    # Edges that are passed on by one way share its error, which is not told of them: that moves
+    # the places by less than they are wrong by.
+    np.testing.assert_allclose(poses(graph), before, atol=0.01)
+
+
+def test_of_a_place_with_two_edges_nothing_is_lost() -> None:
+    graph = two_laps(seed=1)
+    graph.optimise()
+    before = graph.T_map(9)
+    for number in (10, 11, 13, 14, 15):
+        graph.remove(number)
+    graph.optimise()
+    np.testing.assert_allclose(graph.T_map(9), before, atol=2e-4)
+
+
+@FEW
+@given(st.permutations(range(2 * RING)))
+def test_what_was_connected_stays_connected_until_one_place_is_left(order: list[int]) -> None:
+    graph = two_laps(seed=2)
+    for number in order[:-1]:
+        graph.remove(number)
+        assert len(parts(graph.nodes, graph.edges)) == 1
+        if len(graph.nodes) % 8 == 0:
+            graph.optimise()
+            assert np.all(np.isfinite(poses(graph)))
+    assert list(graph.nodes) == order[-1:]
+    assert not graph.edges
+
+
+def test_worlds_stay_joined_though_the_places_that_joined_them_are_forgotten() -> None:
+    graph = walk(TRUTH[:6], np.random.default_rng(3))
+    walk(TRUTH[:6], np.random.default_rng(4), graph=graph, first=10, world=1)
+    graph.close(loop(2, 13, inverse(TRUTH[2]) @ TRUTH[3]))
+    before = graph.T_map(15)
+    graph.remove(2)
+    graph.remove(13)
+    assert graph.is_joined(0, 1)
+    graph.optimise()
+    np.testing.assert_allclose(graph.T_map(15), before, atol=1e-9)
+
+
+def test_when_the_first_place_is_forgotten_the_next_oldest_stays_instead() -> None:
+    graph = two_laps(seed=5)
+    graph.remove(0)
+    before = graph.T_map(1)
+    graph.close(loop(3, 23, inverse(TRUTH[3]) @ TRUTH[23]))
+    graph.optimise()
+    np.testing.assert_array_equal(graph.T_map(1), before)
+
+
+def test_a_motion_inherits_before_a_loop_though_the_loop_is_surer() -> None:
+    walked, onward = walk(TRUTH[:3], np.random.default_rng(6)).edges
+    known_again = loop(7, 1, np.eye(4), sigma=(1e-6, 1e-6))
+    motions, loops = [
+        [edge for edge in passed_on(1, [walked, onward, known_again]) if edge.is_loop is is_loop]
+        for is_loop in (False, True)
+    ]
+    assert [{edge.a, edge.b} for edge in motions] == [{0, 2}]
+    assert [len({edge.a, edge.b} & {0, 2, 7}) for edge in loops] == [2]
+
+
+def test_a_place_that_nothing_is_known_of_leaves_nothing() -> None:
+    graph = PoseGraph()
+    graph.add(4, 0, np.eye(4))
+    graph.remove(4)
+    assert not graph.nodes
+    assert not graph.edges
+
+
+def test_while_places_come_and_go_for_hours_the_edges_stay_few() -> None:
+    rng, truth = np.random.default_rng(8), [place_on(RING, k) for k in range(15 * RING)]
+    graph, edges = walk(truth[:1], rng), []
+    for k in range(1, len(truth)):
+        graph.extend(_step(k, truth, rng))
+        for known in [n for n in graph.nodes if n < k and (k - n) % RING in (0, 1)][:2]:
+            graph.close(loop(known, k, inverse(truth[known]) @ truth[k] @ noise(rng, LOOP)))
+        if k > 2 * RING:
+            graph.remove(list(graph.nodes)[1 + int(rng.integers(0, 2 * RING - 1))])
+            edges.append(len(graph.edges))
+    assert max(edges[-3 * RING :]) < 1.3 * max(edges[: 3 * RING])
+    graph.optimise()
+    assert rms_m(graph, truth) < 0.03
+    assert np.all(np.isfinite(poses(graph)))
+
+
+def _step(k: int, truth: list[Array], rng: np.random.Generator) -> Edge:
+    (step,) = walk([truth[k - 1], truth[k]], rng).edges
+    return Edge(k - 1, k, step.T_a_b, step.covariance, step.is_loop, step.length_m)

@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.geometry import Array, inverse, orthonormal, rotation_angle_rad
 from vo_service.mapping.graph.edges import Edge
-from vo_service.mapping.graph.removal import passed_on, tells_something_new
+from vo_service.mapping.graph.removal import passed_on, tells_something_new, way_to_heir
 from vo_service.mapping.graph.routes import parts, shortest
 from vo_service.mapping.graph.solver import (
     BELIEVED,
@@ -39,6 +39,20 @@ class Node:
     world: int
     T_world_place: Array
     T_map_place: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Removal:
+    """A place that was forgotten. What was told from there can be told from its neighbour.
+
+    number               of the place
+    neighbour            None where nothing joined it to others: then it was told from the map
+    T_neighbour_removed  4x4
+    """
+
+    number: int
+    neighbour: int | None
+    T_neighbour_removed: Array
 
 
 class PoseGraph:
@@ -132,8 +146,9 @@ class PoseGraph:
         for node, T in zip(list(self._nodes.values()), solved, strict=True):
             self._nodes[node.number] = replace(node, T_map_place=T)
 
-    def remove(self, number: int) -> None:
+    def remove(self, number: int) -> Removal:
         """Forget a place. What was connected by it stays connected, and all stay where they are."""
+        way, T_map_removed = way_to_heir(number, self._edges), self.T_map(number)
         inherited = passed_on(number, self._edges)
         believed = [edge for edge in self.believed() if number not in (edge.a, edge.b)]
         self._edges = [edge for edge in self._edges if number not in (edge.a, edge.b)]
@@ -142,6 +157,9 @@ class PoseGraph:
             if not edge.is_loop or tells_something_new(edge, believed):
                 believed.append(edge)
                 self._edges.append(edge)
+        if way is None:
+            return Removal(number, None, T_map_removed)
+        return Removal(number, way.b, inverse(self.T_map(way.b)) @ T_map_removed)
 
     def _parts(self) -> list[set[int]]:
         return parts(self._nodes, self._edges)

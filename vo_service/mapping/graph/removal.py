@@ -12,12 +12,18 @@ def passed_on(number: int, edges: Sequence[Edge]) -> list[Edge]:
     One neighbour inherits: every other edge now starts from there, by way of what joined the two.
     A motion makes a better heir than a loop, which may be wrong; then the surest does.
     """
-    its = [edge.starting_at(number) for edge in edges if number in (edge.a, edge.b)]
-    if not its:
+    way = way_to_heir(number, edges)
+    if way is None:
         return []
-    way = min(its, key=_rank)
     from_heir = way.starting_at(way.b)
+    its = (edge.starting_at(number) for edge in edges if number in (edge.a, edge.b))
     return sorted((from_heir.then(edge) for edge in its if edge.b != way.b), key=_rank)
+
+
+def way_to_heir(number: int, edges: Sequence[Edge]) -> Edge | None:
+    """The edge from this place to the one that inherits; None where nothing joins it to others."""
+    its = (edge.starting_at(number) for edge in edges if number in (edge.a, edge.b))
+    return min(its, key=_rank, default=None)
 
 
 def tells_something_new(loop: Edge, edges: Sequence[Edge]) -> bool:

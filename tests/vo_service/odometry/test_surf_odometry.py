@@ -2,7 +2,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from drivers.camera import EndOfStream, Pace, RgbdFrame
 from drivers.geometry import inverse
 from drivers.tum.camera import TumCamera
 from tests.vo_service.odometry.contract import assert_is_the_world, assert_rests_on_its_evidence
+from tests.vo_service.odometry.stage_names import StageNames
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 from tests.vo_service.odometry.walk import assert_close, follow, path
 from vo_service.odometry.estimate import Estimate
@@ -90,16 +90,6 @@ def test_upright_features_serve_as_well(views: list[RgbdFrame]) -> None:
     estimates = follow(SurfOdometry(SurfExtractor(500, upright=True)), views)
     assert all(e.ok for e in estimates)
     assert_close(estimates[-1].T_world_camera, path(6)[5], 0.012, 0.6)
-
-
-class StageNames:
-    def __init__(self) -> None:
-        self.names: list[str] = []
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        self.names.append(name)
-        yield
 
 
 def test_every_stage_is_timed_in_the_papers_order(views: list[RgbdFrame]) -> None:

@@ -1,7 +1,6 @@
 """ICP on depth alone: what it follows, and what it says when it cannot."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -31,6 +30,7 @@ from tests.vo_service.odometry.icp.views import (
     view_of,
     with_holes,
 )
+from tests.vo_service.odometry.stage_names import StageNames
 from tests.vo_service.odometry.walk import assert_close, follow
 from vo_service.odometry.icp.parameters import IcpParameters
 from vo_service.odometry.icp_odometry import IcpOdometry
@@ -41,16 +41,6 @@ NO_DEPTH = frame_of(np.zeros((CAMERA.height, CAMERA.width)))
 @pytest.fixture(scope="module")
 def views() -> list[RgbdFrame]:
     return [noisy(view_of(ROOM, pose(k), k), seed=k) for k in range(8)]
-
-
-class StageNames:
-    def __init__(self) -> None:
-        self.names: list[str] = []
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        self.names.append(name)
-        yield
 
 
 def test_a_camera_in_a_corner_of_a_room_is_followed_by_depth_alone(views: list[RgbdFrame]) -> None:

@@ -8,9 +8,12 @@ import pytest
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import Array, rigid_transform, rotation_from_vector
 from tests.vo_service.odometry.keyframe.rolling_views import CAMERA, Hand, noisy, seen
+from vo_service.odometry.keyframe.alignment import STANDING, align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.images import make_images
-from vo_service.odometry.keyframe.local_map import Keyframe, make_keyframe
+from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
+from vo_service.odometry.keyframe.next_keyframe import choose
+from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.strangers import without_strangers
 
 ROWS = slice(60, 160)
@@ -100,3 +103,16 @@ def test_a_camera_that_came_back_with_smaller_images_is_compared_all_the_same() 
     frame = noisy(seen(camera=small), 1)
     half = make_keyframe(frame, make_images(frame), np.eye(4), np.zeros(6), ALL_STILL)
     assert parts_kept(half, [EMPTY])[1] > 0.9
+
+
+def test_a_frame_that_becomes_the_next_keyframe_has_no_points_of_what_came() -> None:
+    frame = noisy(with_a_thing(seen(), 150, 230), 1)
+    images, local_map = make_images(frame), LocalMap()
+    local_map.begin(EMPTY)
+    laid = align(EMPTY.points, images, [np.eye(4)], STANDING, (1.0, 0.0), all_alike())
+    chosen = choose(frame, images, Found(EMPTY, laid, STANDING), local_map)
+    assert chosen.frame is frame
+    assert local_map.keyframes == [EMPTY, chosen]
+    for level in chosen.points:
+        assert len(level) > 0
+        assert not np.any(level[:, 2] < THING_M + 0.05)

@@ -1,6 +1,7 @@
 """A motion that follows a thing in the view is told from a jolt of the camera."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,14 +9,17 @@ import pytest
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from tests.vo_service.odometry.keyframe.rolling_views import STILL, Hand, noisy, seen
-from tests.vo_service.odometry.walk import assert_close
-from vo_service.odometry.keyframe.alignment import align, all_alike
+from tests.vo_service.odometry.walk import assert_close, follow
+from vo_service.odometry import keyframe_odometry
+from vo_service.odometry.keyframe.alignment import Alignment, align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL, CELL_COLUMNS, CELL_ROWS
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import make_keyframe
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.second_look import look_again
 from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
+from vo_service.odometry.keyframe_odometry import KeyframeOdometry
+from vo_service.odometry.surf import SurfExtractor
 
 STEP_S = 1 / 30
 # What stands in the left of the view seems to move as if the camera moved like this.
@@ -75,3 +79,20 @@ def test_a_camera_that_goes_on_standing_does_not_surprise() -> None:
     images = replace(make_images(noisy(seen(STILL), 1)), stamp_s=STEP_S)
     found = found_by(images, all_alike())
     assert look_again(found, images, WAY) is found
+
+
+def test_the_odometry_looks_again_where_its_first_answer_follows_a_thing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def follow_the_left(*given: Any) -> Alignment:
+        *others, _ = given
+        return align(*others, of_the_left())
+
+    # Too few features for these to find the room.
+    odometry = KeyframeOdometry(SurfExtractor(count=1))
+    follow(odometry, [replace(noisy(seen(), k), stamp_s=k * STEP_S) for k in range(3)])
+    monkeypatch.setattr(keyframe_odometry, "align", follow_the_left)
+    moved = noisy(with_a_thing(seen(), seen(OTHER_WAY, STEP_S)), 3)
+    estimate = odometry.estimate(replace(moved, stamp_s=3 * STEP_S))
+    assert estimate.ok
+    assert_close(estimate.T_world_camera, np.eye(4), 0.002, 0.05)

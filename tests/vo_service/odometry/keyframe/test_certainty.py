@@ -66,6 +66,11 @@ def test_bare_planes_leave_directions_open(planes: Sequence[Plane], open_directi
         assert doubt == f"too plain a view: {open_directions} of 6 directions of motion are open"
 
 
+@pytest.mark.parametrize("planes", [(WALL,), (WALL, FLOOR), (WALL, SIDE)])
+def test_bare_planes_without_noise_leave_directions_open_too(planes: Sequence[Plane]) -> None:
+    assert itself(seen(planes=planes, paint=0.0)).doubt.startswith("too plain a view: ")
+
+
 @pytest.mark.parametrize("planes", [(WALL,), (WALL, FLOOR), CORNER])
 def test_paint_or_a_corner_settle_all_directions(planes: Sequence[Plane]) -> None:
     assert itself(noisy(seen(planes=planes), 1)).doubt == ""

@@ -1,7 +1,7 @@
 """A motion that follows a thing in the view is told from a jolt of the camera."""
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from drivers.geometry import Array, inverse
 from tests.vo_service.odometry.keyframe.rolling_views import STILL, Hand, noisy, seen
 from tests.vo_service.odometry.walk import assert_close, follow
 from vo_service.odometry import keyframe_odometry
-from vo_service.odometry.keyframe.alignment import Alignment, align, all_alike
+from vo_service.odometry.keyframe.alignment import Alignment, Points, Tie, align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL, CELL_COLUMNS, CELL_ROWS
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import make_keyframe
@@ -53,6 +53,17 @@ def of_the_left() -> Array:
     return weights
 
 
+def align_the_left(
+    points: Points,
+    images: Images,
+    starts: Sequence[Array],
+    tie: Tie,
+    light: tuple[float, float],
+    _: Array,
+) -> Alignment:
+    return align(points, images, starts, tie, light, of_the_left())
+
+
 def test_a_motion_that_follows_a_thing_is_given_up_for_that_of_the_room() -> None:
     images = make_images(noisy(with_a_thing(seen(), seen(OTHER_WAY, STEP_S)), 1))
     images = replace(images, stamp_s=STEP_S)
@@ -84,14 +95,10 @@ def test_a_camera_that_goes_on_standing_does_not_surprise() -> None:
 def test_the_odometry_looks_again_where_its_first_answer_follows_a_thing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def follow_the_left(*given: Any) -> Alignment:
-        *others, _ = given
-        return align(*others, of_the_left())
-
     # Too few features for these to find the room.
     odometry = KeyframeOdometry(SurfExtractor(count=1))
     follow(odometry, [replace(noisy(seen(), k), stamp_s=k * STEP_S) for k in range(3)])
-    monkeypatch.setattr(keyframe_odometry, "align", follow_the_left)
+    monkeypatch.setattr(keyframe_odometry, "align", align_the_left)
     moved = noisy(with_a_thing(seen(), seen(OTHER_WAY, STEP_S)), 3)
     estimate = odometry.estimate(replace(moved, stamp_s=3 * STEP_S))
     assert estimate.ok

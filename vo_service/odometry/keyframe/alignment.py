@@ -139,7 +139,7 @@ def align(
     # A camera that comes back may have images of another size.
     coarsest = min(len(images.grey), len(points)) - 1
     fit = start_fit(light)
-    costs = [_cost(points, images, T, tie.velocity, fit, weights, coarsest) for T in starts]
+    costs = [_cost(points, images, T, tie.velocity, fit, coarsest) for T in starts]
     T, velocity = starts[int(np.argmin(costs))], tie.velocity
     # Coarse levels have too few points to tell regions by: those of the start are taken there.
     at_start = _regions(points, images, T, velocity, fit.copy(), weights)
@@ -199,16 +199,10 @@ def look_at(points: Points, images: Images, T: Array, velocity: Array, level: in
 
 
 def _cost(
-    points: Points,
-    images: Images,
-    T: Array,
-    velocity: Array,
-    fit: Array,
-    weights: Array,
-    level: int,
+    points: Points, images: Images, T: Array, velocity: Array, fit: Array, level: int
 ) -> float:
     """Mean robust cost of all points; those out of view cost as much as the worst."""
     readings = look_at(points, images, T, velocity, level)
-    counts = measure.count(points[level], readings, fit, weights)
+    counts = measure.count(points[level], readings, fit, all_alike())
     missing = len(points[level]) - counts[measure.IN_IMAGE]
     return float(counts[measure.COST] + measure.MOST_COST * missing) / max(len(points[level]), 1)

@@ -11,6 +11,8 @@ from drivers.jit import kernel
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.points import find_points
 from vo_service.odometry.keyframe.readings import NEAREST_M
+from vo_service.odometry.keyframe.rows import project
+from vo_service.odometry.keyframe.twists import transformed
 
 # So many are kept.
 KEYFRAMES = 30
@@ -99,17 +101,15 @@ def overlap(keyframe: Keyframe, T_camera_keyframe: Array) -> Overlap:
 @kernel
 def _project(points: Array, T: Array, intrinsics: Array, size: Array) -> tuple[int, float]:
     """How many points lie in the image, and the mean square of how far they have moved."""
-    fx, fy, cx, cy = intrinsics
     seen, total = 0, 0.0
     for n in range(len(points)):
-        px, py, pz = points[n, 0], points[n, 1], points[n, 2]
-        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+        x, y, z = transformed(T, points[n, 0], points[n, 1], points[n, 2])
         if z < NEAREST_M:
             continue
-        u = fx * (T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]) / z + cx
-        v = fy * (T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]) / z + cy
+        u, v = project(x, y, z, intrinsics)
         if not (0.0 <= u < size[0] and 0.0 <= v < size[1]):
             continue
         seen += 1
-        total += (u - fx * px / pz - cx) ** 2 + (v - fy * py / pz - cy) ** 2
+        before_u, before_v = project(points[n, 0], points[n, 1], points[n, 2], intrinsics)
+        total += (u - before_u) ** 2 + (v - before_v) ** 2
     return seen, total / max(seen, 1)

@@ -8,6 +8,7 @@ from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe.cells import cell_of
 from vo_service.odometry.keyframe.parameters import OTHER_SURFACE_PER_M, SURFACE_STEP_PER_M
 from vo_service.odometry.keyframe.rows import project, project_moving
+from vo_service.odometry.keyframe.twists import transformed
 
 NEAREST_M = 0.05
 # The image is divided into so many bands of rows, each taken as of one instant where times are
@@ -44,7 +45,7 @@ def read_points(
     for n in range(len(points)):
         reading = readings[n]
         _clear(reading)
-        x, y, z = _in_camera(points[n], T_camera_keyframe)
+        x, y, z = transformed(T_camera_keyframe, points[n, 0], points[n, 1], points[n, 2])
         if z < NEAREST_M:
             continue
         u, v = project(x, y, z, depth_intrinsics)
@@ -79,17 +80,6 @@ def _clear(reading: Array) -> None:
     reading[CELL] = reading[COLOUR_BAND] = reading[DEPTH_BAND] = -1.0
     reading[U] = reading[V] = -1.0
     reading[OTHER] = 0.0
-
-
-@inline_kernel
-def _in_camera(point: Array, T: Array) -> tuple[float, float, float]:
-    """A keyframe's point in the camera's axes, by T_camera_keyframe."""
-    px, py, pz = point[0], point[1], point[2]
-    return (
-        T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3],
-        T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3],
-        T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3],
-    )
 
 
 @inline_kernel

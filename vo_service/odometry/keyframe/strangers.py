@@ -17,6 +17,7 @@ from vo_service.odometry.keyframe.local_map import Keyframe
 from vo_service.odometry.keyframe.parameters import OTHER_SURFACE_PER_M, SURFACE_STEP_PER_M
 from vo_service.odometry.keyframe.readings import NEAREST_M
 from vo_service.odometry.keyframe.rows import project
+from vo_service.odometry.keyframe.twists import transformed
 
 # The view is looked at in blocks of so many pixels, by the one in their middle.
 BLOCK_PX, MIDDLE_PX = 8, 4
@@ -71,15 +72,12 @@ def look_from(
     places                     (rows, columns, 3) in the camera's axes, m; z = 0 without a reading
     known                      (rows, columns) in and out: who is asked first has the say
     """
-    T = T_other_camera
     for i in range(known.shape[0]):
         for j in range(known.shape[1]):
             px, py, pz = places[i, j]
-            z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+            x, y, z = transformed(T_other_camera, px, py, pz)
             if pz == 0.0 or z < NEAREST_M or known[i, j] != UNKNOWN:
                 continue
-            x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
-            y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
             u, v = project(x, y, z, intrinsics)
             known[i, j] = _tell(inverse_depth, u, v, 1.0 / z)
 

@@ -1,4 +1,4 @@
-"""Rigid motions as twists: exponential and logarithm, in kernels.
+"""Rigid motions in kernels: what they do, and their twists by exponential and logarithm.
 
 A twist is (translation m, rotation rad), the coordinates of a motion at constant velocity; over a
 second it is that velocity. Sola, Deray and Atchuthan, "A micro Lie theory for state estimation in
@@ -8,7 +8,7 @@ robotics" (2018), Appendix D.
 import numpy as np
 
 from drivers.geometry import Array
-from drivers.jit import kernel
+from drivers.jit import inline_kernel, kernel
 
 # Below this angle the series take over: their next term is beyond a double's precision.
 SMALL_RAD = 1e-3
@@ -38,6 +38,16 @@ def exponential(twist: Array) -> Array:
             along = (1.0 if i == j else 0.0) + cosine * K[i, j] + rest * KK[i, j]
             T[i, 3] += along * twist[j]
     return T
+
+
+@inline_kernel
+def transformed(T: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A point in the axes that a rigid transform 4x4 leads to."""
+    return (
+        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
+        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3],
+    )
 
 
 @kernel

@@ -12,7 +12,7 @@ from drivers.geometry import (
     skew_matrix,
 )
 from tests.vo_service.odometry.keyframe.rolling_views import series_exponential
-from vo_service.odometry.keyframe.twists import exponential, logarithm, product
+from vo_service.odometry.keyframe.twists import exponential, logarithm, product, transformed
 
 FEW = settings(max_examples=30)
 NUMBERS = st.floats(-3.0, 3.0, allow_subnormal=False)
@@ -95,3 +95,11 @@ def test_the_first_instant_of_a_twist_is_its_velocity(
     rate = (exponential(step_s * twist) - np.eye(4)) / step_s
     np.testing.assert_allclose(rate[:3, :3], skew_matrix(turn_rad_s), atol=1e-5)
     np.testing.assert_allclose(rate[:3, 3], velocity_m_s, atol=1e-5)
+
+
+@FEW
+@given(twists(), VECTORS)
+def test_a_point_is_carried_as_by_the_matrix(twist: Array, point: Array) -> None:
+    T = exponential(twist)
+    expected = T[:3, :3] @ point + T[:3, 3]
+    np.testing.assert_allclose(transformed(T, *point), expected, atol=1e-12)

@@ -78,7 +78,8 @@ class KeyframeOdometry:
         if found.is_better_tried_again or self._track.way.is_long_ago(images.stamp_s):
             with self._stopwatch.stage("recovery"):
                 found = self._recovery.find(frame, images, found, self._track.way, self._map)
-        found = self._begun(images, found, self._track)
+        # The shutter bent a first keyframe, while the velocity was not known: now it is.
+        found = self._with_first_unbent(images, found, self._track)
         if reason := doubt(found.alignment) or cover(found.alignment):
             return self._fail(frame, images, self._track, found, reason)
         # Does what is in view hold the camera in all six directions?
@@ -106,8 +107,8 @@ class KeyframeOdometry:
         )
         return found if track.is_first else look_again(found, images, way)
 
-    def _begun(self, images: Images, found: Found, track: Track) -> Found:
-        """The same; of a moving sensor's first keyframe, that made anew."""
+    def _with_first_unbent(self, images: Images, found: Found, track: Track) -> Found:
+        """The same; on the first keyframe of a rolling shutter, made anew by the velocity."""
         if not track.is_first or images.shutter.is_instant or doubt(found.alignment):
             return found
         found = made_anew(found, images, track.way)

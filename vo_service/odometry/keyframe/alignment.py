@@ -12,7 +12,7 @@ from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
 from vo_service.odometry.keyframe.descent import FIRST_SWEEPS, body_velocity, descend
 from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import STEPS, VELOCITY_SIGMA
+from vo_service.odometry.keyframe.parameters import FINE_LEVELS, STEPS, VELOCITY_SIGMA
 from vo_service.odometry.keyframe.readings import read_points
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import (
@@ -28,8 +28,6 @@ Points = Sequence[Array]
 # How much less sure the velocity is where the last frame does not tell it.
 UNSURE = 10.0
 
-# Regions are told on this level and on finer ones.
-REGION_LEVEL = 1
 # A step of so few metres and radians is the last one of its level.
 LAST_STEP = 1e-4
 # Spreads at the start, and where two motions are compared.
@@ -157,7 +155,7 @@ def align(
             tie.T_keyframe_last,
             tie.rate_hz,
             tie.information,
-            at_start if level > REGION_LEVEL else weights,
+            weights if level < FINE_LEVELS else at_start,
             fit,
             STEPS[level],
             LAST_STEP,
@@ -173,7 +171,7 @@ def _regions(
     points: Points, images: Images, T: Array, velocity: Array, fit: Array, weights: Array
 ) -> Array:
     """(2, CELLS) weights by how regions fit where the motion is begun."""
-    level = min(REGION_LEVEL, len(images.grey) - 1)
+    level = min(FINE_LEVELS, len(images.grey)) - 1
     readings = look_at(points, images, T, velocity, level)
     for _ in range(FIRST_SWEEPS):
         fit_light(points[level], readings, weights, fit)

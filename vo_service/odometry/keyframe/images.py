@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import Array
 from drivers.jit import kernel
-from vo_service.odometry.keyframe.parameters import GAINS
+from vo_service.odometry.keyframe.parameters import BLOCKS_PX, GAINS
 
 # Brightness in a half, a quarter, an eighth and a sixteenth of the frame's size. The whole size
 # gains nothing: a Kinect's colours are interpolated, and edges in it are 2 pixels wide.
-LEVELS = 4
+LEVELS = len(BLOCKS_PX)
 # Smaller images than this are left out, but for the largest.
 SMALLEST_PX = 12
 

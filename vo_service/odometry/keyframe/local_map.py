@@ -9,6 +9,7 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from drivers.jit import kernel
 from vo_service.odometry.keyframe.images import Images
+from vo_service.odometry.keyframe.parameters import FINE_LEVELS
 from vo_service.odometry.keyframe.points import find_points
 from vo_service.odometry.keyframe.readings import NEAREST_M
 from vo_service.odometry.keyframe.rows import project
@@ -16,8 +17,6 @@ from vo_service.odometry.keyframe.twists import transformed
 
 # So many are kept.
 KEYFRAMES = 30
-# Overlap is judged by the points of this level, coarse and few.
-LEVEL = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +88,8 @@ class LocalMap:
 
 def overlap(keyframe: Keyframe, T_camera_keyframe: Array) -> Overlap:
     """How much of a keyframe the same camera sees from elsewhere."""
-    level = min(LEVEL, len(keyframe.points) - 1)
+    # The finest of the coarse levels: few points, and enough of them.
+    level = min(FINE_LEVELS, len(keyframe.points) - 1)
     camera = keyframe.images.camera
     size = np.array([camera.width, camera.height], np.float64)
     seen, squared = _project(

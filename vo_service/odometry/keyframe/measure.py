@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
-from vo_service.odometry.keyframe.parameters import FREEDOM
+from vo_service.odometry.keyframe.parameters import FREEDOM, SIGMAS
 from vo_service.odometry.keyframe.points import BRIGHTNESS, HAS_SHAPE, HAS_TEXTURE, VARIANCE
 from vo_service.odometry.keyframe.readings import HIDDEN
 from vo_service.odometry.keyframe.system import (
@@ -22,8 +22,9 @@ from vo_service.odometry.keyframe.system import (
 # with a depth that counts, and such whose depth agrees to three sigma; the same of brightness; and
 # the robust cost of all.
 IN_IMAGE, DISREGARDED, WITH_DEPTH, DEPTH_AGREES, WITH_BRIGHTNESS, BRIGHTNESS_AGREES, COST = range(7)
-# As many squared standard deviations as a reading may be off and agree.
-AGREEING = 9.0
+# As many squared standard deviations as a reading may be off and agree. What is off by more
+# counts as if by so many.
+AGREEING = SIGMAS**2
 # What a point costs at most, whose brightness and depth are both wrong.
 MOST_COST = 2.0 * log(1.0 + AGREEING / FREEDOM)
 # A region of less weight hardly counts.

@@ -8,6 +8,9 @@ Pairs and tuples by level go from fine to coarse; "1/m" is the unit of inverse d
 # least so many grey levels a pixel, it is the steepest one.
 BLOCKS_PX = (5, 3, 3, 2)
 LEAST_GRADIENT = 3.0
+# Regions that move by themselves are told on so many levels, and a motion that is nearly right is
+# made exact on them.
+FINE_LEVELS = 2
 # The plane around a point: over (2 RADIUS + 1)^2 readings, every second pixel; readings within so
 # much (1/m) of the middle's are of the same surface; they are at least this share; and the plane
 # leaves over at most this root mean square (1/m), thrice the noise.
@@ -17,11 +20,11 @@ LEAST_SUPPORT = 0.6
 MOST_RMS_PER_M = 4e-3
 # Interpolated brightness is as wrong as a shift by this many pixels of the whole image.
 INTERPOLATION_PX = 0.15
-# A surface this much (1/m) nearer or further than a point is another one.
-OTHER_SURFACE_PER_M = 0.06
 # Student's t: degrees of freedom, and what brightness weighs beside depth.
 FREEDOM = 4.0
 BRIGHTNESS_SHARE = 0.5
+# What is off by more standard deviations than this does not agree, or surprises.
+SIGMAS = 3.0
 # Spreads are sought between these, of brightness (grey levels) and of depth (1/m).
 BRIGHTNESS_SPREAD = (1.0, 30.0)
 DEPTH_SPREAD_PER_M = (6e-4, 1e-2)

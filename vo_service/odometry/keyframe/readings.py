@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe.cells import cell_of
-from vo_service.odometry.keyframe.parameters import OTHER_SURFACE_PER_M, SURFACE_STEP_PER_M
+from vo_service.odometry.keyframe.parameters import SURFACE_STEP_PER_M
 from vo_service.odometry.keyframe.rows import project, project_moving
 from vo_service.odometry.keyframe.twists import transformed
 
@@ -21,6 +21,8 @@ BANDS = 16
 BRIGHTNESS, DEPTH, CELL, COLOUR_BAND, DEPTH_BAND, U, V, OTHER = range(8)
 COLUMNS = 8
 HIDDEN = 1.0
+# A surface this much (1/m) nearer or further than a point is another one.
+OTHER_SURFACE_PER_M = 2.0 * SURFACE_STEP_PER_M
 
 
 @kernel

@@ -6,13 +6,12 @@ from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
+from vo_service.odometry.keyframe.measure import AGREEING
 from vo_service.odometry.keyframe.parameters import ODD_REGION
 from vo_service.odometry.keyframe.points import BRIGHTNESS, HAS_SHAPE, HAS_TEXTURE, VARIANCE
 from vo_service.odometry.keyframe.readings import HIDDEN
 from vo_service.odometry.keyframe.system import GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH
 
-# A reading that is off by more squared standard deviations counts as if by so many.
-MOST_SQUARED = 9.0
 # Cells with fewer readings are not judged.
 FEWEST_READINGS = 10
 
@@ -34,16 +33,16 @@ def weigh_regions(points: Array, readings: Array, fit: Array, basic: Array) -> A
         brightness = readings[i, reading_columns.BRIGHTNESS]
         depth = readings[i, reading_columns.DEPTH]
         if np.isnan(brightness):
-            sums[cell] += MOST_SQUARED
+            sums[cell] += AGREEING
             counts[cell] += 1.0
             continue
         if points[i, HAS_TEXTURE] > 0 and basic[0, cell] > 0:
             residual = brightness - fit[GAIN] * points[i, BRIGHTNESS] - fit[OFFSET]
             squared = residual * residual / (variance + points[i, VARIANCE])
-            sums[cell] += min(squared, MOST_SQUARED)
+            sums[cell] += min(squared, AGREEING)
             counts[cell] += 1.0
         if points[i, HAS_SHAPE] > 0 and not np.isnan(depth):
-            sums[cell] += min(depth * depth / variance_depth, MOST_SQUARED)
+            sums[cell] += min(depth * depth / variance_depth, AGREEING)
             counts[cell] += 1.0
     means = np.full(CELLS, -1.0)
     for cell in range(CELLS):

@@ -17,25 +17,21 @@ from vo_service.odometry.keyframe.alignment import Alignment, align, all_alike
 from vo_service.odometry.keyframe.cells import CELL_COLUMNS, CELL_ROWS
 from vo_service.odometry.keyframe.confidence import doubt
 from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import FREEDOM
+from vo_service.odometry.keyframe.parameters import FINE_LEVELS, FREEDOM, SIGMAS
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import SIGMA_BRIGHTNESS
 from vo_service.odometry.keyframe.way import Way
 
-# A velocity that changes by more than so many times the usual is looked at again.
-SURPRISING = 3.0
 # Columns of cells that are left out: half of the view, on the left, in the middle, on the right.
 HALVES = (slice(0, 4), slice(2, 6), slice(4, 8))
-# Levels from fine to coarse on which a motion that is nearly right is made exact.
-FINE = 2
 # What a surprise costs, beside the mean cost of a reading.
 SURPRISE_SHARE = 0.1
 
 
 def look_again(found: Found, images: Images, way: Way) -> Found:
     """The same, or the motion without half of the view that fits better and surprises less."""
-    if way.surprise(found.alignment.camera_velocity, images.stamp_s) < SURPRISING:
+    if way.surprise(found.alignment.camera_velocity, images.stamp_s) < SIGMAS:
         return found
     others = [_without(half, found, images, way) for half in HALVES]
     motions = [found.alignment, *(other for other in others if not doubt(other))]
@@ -58,7 +54,7 @@ def _without(half: slice, found: Found, images: Images, way: Way) -> Alignment:
     part = align(points, images, expected, tie, way.light_at(images), weights)
     by_region = weigh_regions(points[0], part.readings, part.fit, all_alike())
     fitting = (by_region >= measure.LEAST_WEIGHT).astype(np.float64)
-    return align(points[:FINE], images, [part.T_camera_keyframe], tie, part.light, fitting)
+    return align(points[:FINE_LEVELS], images, [part.T_camera_keyframe], tie, part.light, fitting)
 
 
 def _misfit(points: Array, motion: Alignment, spreads: Array) -> float:

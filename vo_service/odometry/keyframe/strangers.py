@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from drivers.geometry import Array, inverse
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe.local_map import Keyframe
-from vo_service.odometry.keyframe.parameters import OTHER_SURFACE_PER_M, SURFACE_STEP_PER_M
-from vo_service.odometry.keyframe.readings import NEAREST_M
+from vo_service.odometry.keyframe.parameters import SURFACE_STEP_PER_M
+from vo_service.odometry.keyframe.readings import NEAREST_M, OTHER_SURFACE_PER_M
 from vo_service.odometry.keyframe.rows import project
 from vo_service.odometry.keyframe.twists import transformed
 

@@ -12,7 +12,7 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array, adjoint, inverse, rotation_angle_rad
 from vo_service.mapping.places.landmarks import find_landmarks
 from vo_service.mapping.places.place import PackedPoints, Place
-from vo_service.mapping.places.view import PlaceView
+from vo_service.mapping.places.view import FOLLOWED, PlaceView
 from vo_service.mapping.places.words import Words
 from vo_service.odometry.chance import ChanceTest
 from vo_service.odometry.keyframe.alignment import Alignment, Tie, align, all_alike
@@ -20,8 +20,10 @@ from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.certainty import certainty
 from vo_service.odometry.keyframe.confidence import cover, doubt
 from vo_service.odometry.keyframe.images import make_images
-from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
+from vo_service.odometry.keyframe.measure import IN_IMAGE
+from vo_service.odometry.keyframe.parameters import ODD_SPREADS, VELOCITY_SIGMA
 from vo_service.odometry.keyframe.points import find_points
+from vo_service.odometry.keyframe.system import SIGMA_BRIGHTNESS
 from vo_service.odometry.matching import match_features
 from vo_service.odometry.parameters import SurfParameters
 from vo_service.odometry.points import pair_points
@@ -29,10 +31,16 @@ from vo_service.odometry.ransac import find_consensus
 from vo_service.odometry.refinement import refine_motion
 from vo_service.odometry.surf import SurfExtractor
 
-# Features sought in a view, and kept at most.
+# Features sought in a view, and those kept of them that have depth.
 SOUGHT, KEPT = 800, 500
+# A sighting is only where the alignment begins.
 SIGHTED = ChanceTest(if_right=0.2, by_chance=0.03)
-MOST_APART_M, MOST_APART_RAD = 0.05, np.radians(3.0)
+# Of the place, this share at least is in view, and its brightness fits to so many grey levels.
+LEAST_IN_VIEW, MOST_SPREAD = 0.3, ODD_SPREADS[0]
+# Features and the dense alignment agree to this,
+MOST_APART_M, MOST_APART_RAD = 0.04, np.radians(1.0)
+# and the place is known to this: the standard deviation in space.
+MOST_SIGMA_M = 0.015
 
 
 @dataclass(frozen=True)
@@ -68,11 +76,13 @@ class Recogniser:
         self._words = Words.shipped()
         self._parameters = SurfParameters()
 
-    def view(self, frame: RgbdFrame, velocity: Array) -> PlaceView:
-        """Look at a frame; velocity (6,) is the twist of the camera in its own axes."""
+    def view(
+        self, frame: RgbdFrame, velocity: Array, known_to: tuple[float, float] = FOLLOWED
+    ) -> PlaceView:
+        """Look at a frame; the velocity and how well it is known are as in `PlaceView`."""
         landmarks = find_landmarks(frame, self._extractor, velocity, KEPT)
         summary = self._words.summary(landmarks.look)
-        return PlaceView(landmarks, summary, make_images(frame), velocity)
+        return PlaceView(landmarks, summary, make_images(frame), velocity, known_to)
 
     def place(self, view: PlaceView, number: int, world: int, T_world_place: Array) -> Place:
         """Make a place of a view."""
@@ -94,7 +104,7 @@ class Recogniser:
         sightings = list(self.sightings(view, places))
         if not sightings:
             return None
-        return self._confirm(view, max(sightings, key=lambda sighting: sighting.inliers))
+        return self.confirm(view, max(sightings, key=lambda sighting: sighting.inliers))
 
     def sightings(self, view: PlaceView, places: Sequence[Place]) -> Iterator[Sighting]:
         """The places that features agree with beyond chance."""
@@ -109,28 +119,43 @@ class Recogniser:
             if inliers >= parameters.min_inliers and SIGHTED.is_passed(inliers, len(matches)):
                 yield Sighting(place, motion.T_reference_camera, inliers)
 
-    def _confirm(self, view: PlaceView, sighting: Sighting) -> Recognition | None:
-        """Lay the view on the place."""
+    def confirm(self, view: PlaceView, sighting: Sighting) -> Recognition | None:
+        """Lay the view on the place, and believe it only where nothing speaks against it."""
         place, points = sighting.place, sighting.place.keyframe_points
-        T_camera_place = inverse(sighting.T_place_camera)
-        velocity = -adjoint(sighting.T_place_camera) @ view.velocity
-        tie = Tie(
-            sighting.T_place_camera, 0.0, velocity, np.repeat(np.array(VELOCITY_SIGMA) ** -2.0, 3)
-        )
+        tie = _tie(view, sighting.T_place_camera)
+        start = inverse(sighting.T_place_camera)
         light = (view.images.light_against(place), 0.0)
-        found = align(points, view.images, [T_camera_place], tie, light, all_alike())
-        if doubt(found) or cover(found) or _apart(found, sighting):
+        found = align(points, view.images, [start], tie, light, all_alike())
+        T_place_camera = inverse(found.T_camera_keyframe)
+        if _is_doubtful(found) or _are_apart(T_place_camera, sighting.T_place_camera):
             return None
         sure = certainty(points, view.images, found, tie, np.array(VELOCITY_SIGMA))
-        if sure.doubt:
+        if sure.doubt or np.trace(sure.covariance[:3, :3]) > MOST_SIGMA_M**2:
             return None
-        T_place_camera = inverse(found.T_camera_keyframe)
         return Recognition(place.number, T_place_camera, sure.covariance, sighting.inliers)
 
 
-def _apart(found: Alignment, sighting: Sighting) -> bool:
-    """Whether brightness and depth say something else than features do."""
-    T = found.T_camera_keyframe @ sighting.T_place_camera
+def _tie(view: PlaceView, T_place_camera: Array) -> Tie:
+    """What is known of the velocity: no frame before ties it to the motion."""
+    velocity = -adjoint(T_place_camera) @ view.velocity
+    information = np.repeat(np.array(view.known_to) ** -2, 3)
+    return Tie(T_place_camera, 0.0, velocity, information)
+
+
+def _is_doubtful(found: Alignment) -> bool:
+    """Whether an alignment says too little: stricter than the odometry, which knows the way."""
+    in_view = found.counts[IN_IMAGE] / max(len(found.readings), 1)
+    return bool(
+        doubt(found)
+        or cover(found)
+        or in_view < LEAST_IN_VIEW
+        or found.fit[SIGMA_BRIGHTNESS] > MOST_SPREAD
+    )
+
+
+def _are_apart(T_place_camera: Array, other: Array) -> bool:
+    """Whether two poses of the camera are not the same."""
+    T = inverse(T_place_camera) @ other
     return bool(
         np.linalg.norm(T[:3, 3]) > MOST_APART_M or rotation_angle_rad(T[:3, :3]) > MOST_APART_RAD
     )

@@ -10,6 +10,10 @@ from drivers.geometry import Array
 from vo_service.mapping.places.landmarks import Landmarks
 from vo_service.odometry.keyframe.images import Images
 
+# How well the camera's velocity is known, m/s and rad/s: where the odometry followed it up to this
+# frame, and where it was lost.
+FOLLOWED, LOST = (0.01, 0.03), (0.3, 1.0)
+
 
 @dataclass(frozen=True, eq=False)
 class PlaceView:
@@ -19,12 +23,14 @@ class PlaceView:
     summary    (D,) int8, see `words`
     images     for the dense alignment
     velocity   (6,) twist of the camera in its own axes, m/s and rad/s
+    known_to   how well the velocity is known, m/s and rad/s
     """
 
     landmarks: Landmarks
     summary: NDArray[np.int8]
     images: Images
     velocity: Array
+    known_to: tuple[float, float]
 
     @property
     def stamp_s(self) -> float:

@@ -22,6 +22,7 @@ class Motion(StrEnum):
     STILL = "still"
     FLOOR = "floor"  # a hand over the bare floor: one plane is all that is mostly seen
     ORBIT = "orbit"  # a walk around what stands in the middle, with fast turns
+    TOUR = "tour"  # a walk through a large room, several times past the same places
     WALL = "wall"  # looks aside, then straight at the wall that `bare_wall` means, and back
     FAST_TURN = "fast-turn"  # a hand that turns away and back, each in half a second
     CREEP = "creep"  # straight on by a millimetre a second
@@ -119,6 +120,7 @@ class SyntheticConfig:
     track_start_s: float = setting(0.0, "where in the track to begin, from its first stamp")
     loop: bool = setting(False, "play for ever; the motion then ends where it began")
     bare_wall: bool = setting(False, "one wall without texture")
+    twin_corners: bool = setting(False, "two opposite corners look the same")
     texel_m: float = setting(0.0025, "size of a texture's pixel, metres", low=0.001)
     colour: ColourEye = field(default_factory=ColourEye)
     depth: DepthEye = field(default_factory=DepthEye)
@@ -134,6 +136,7 @@ class SyntheticConfig:
             (self.duration_s * self.rate_hz >= 1, "duration_s must hold at least one frame"),
             (min(self.camera.width, self.camera.height) >= 32, "images need at least 32 x 32"),
             (1 <= self.depth_factor <= 10000, "depth_factor must lie in 1 .. 10000"),
+            (not (self.bare_wall and self.twin_corners), "twin_corners need all four walls"),
             (self.texel_m >= 0.001, "texel_m must be at least 0.001"),
             (len(self.colour.distortion) == 5, "distortion needs five values: k1 k2 p1 p2 k3"),
             (0 <= self.timing.readout_s <= 2 * half_frame_s, "readout_s must fit in one frame"),

@@ -7,6 +7,7 @@ from drivers.synthetic.hand import THROUGH_ROOM, FloorPath, HandPath
 from drivers.synthetic.orbit import OrbitPath
 from drivers.synthetic.path import Path
 from drivers.synthetic.staged import CreepPath, FastTurnPath, WallPath
+from drivers.synthetic.tour import TourPath
 from drivers.synthetic.track import TrackPath
 
 
@@ -26,6 +27,8 @@ def make_path(config: SyntheticConfig, room_height_m: float) -> Path:
             return FloorPath(rng, duration_s)
         case Motion.ORBIT:
             return OrbitPath(rng, duration_s)
+        case Motion.TOUR:
+            return TourPath(rng, duration_s)
         case Motion.WALL:
             return WallPath(rng, duration_s)
         case Motion.FAST_TURN:

@@ -21,6 +21,7 @@ from drivers.synthetic.raycast import RayGrid, View, cast, look
 from drivers.synthetic.scene import ROOM_HEIGHT_M, furnish
 from drivers.synthetic.shade import shade, smooth_edges
 from drivers.synthetic.solids import SolidArrays
+from drivers.synthetic.twins import twin_lights
 from drivers.undistort import undistorter
 
 PATH_CHECKS_PER_S = 10
@@ -44,8 +45,11 @@ class Room:
         times_s = np.linspace(0.0, config.duration_s, checks)
         movers = moving_bodies(config, path)
         kept_free_m = [path.free_m(times_s), *(mover.free_m(times_s) for mover in movers)]
-        solids = furnish(config.seed, np.concatenate(kept_free_m), config.bare_wall)
+        free_m = np.concatenate(kept_free_m)
+        solids = furnish(config.seed, free_m, config.bare_wall, config.twin_corners)
         lights = bulbs(np.random.default_rng([config.seed, 4]), solids[0].half_m)
+        if config.twin_corners:
+            lights = twin_lights(lights)
         all_solids = [*solids, *(solid for mover in movers for solid in mover.halfway)]
         hiding = SolidArrays.pack(solids)
         atlas = paint_atlas(all_solids, hiding, lights, config.texel_m, config.seed, threads)

@@ -16,6 +16,7 @@ from drivers.synthetic.textures import (
     random_colour,
 )
 from drivers.synthetic.things import Solids, sheet
+from drivers.synthetic.twins import CORNER_M, twin_solids
 
 ROOM_HEIGHT_M = 2.7
 LEAST_HALF_M = np.array([2.9, 2.5])
@@ -25,20 +26,24 @@ BODY_RADIUS_M = 0.35
 BARE_WALL = 3  # the wall at +y
 
 
-def furnish(seed: int, free_m: Array, bare_wall: bool) -> Solids:
+def furnish(seed: int, free_m: Array, bare_wall: bool, twin_corners: bool) -> Solids:
     """A room for a camera that needs the points `free_m` (N, 3): itself, then its furniture.
 
     What would stand in the camera's way is left out. With `bare_wall` the wall at +y has neither
-    texture nor furniture.
+    texture nor furniture. With `twin_corners` those at +x +y and -x -y look the same.
     """
     rng = np.random.default_rng([seed, 2])
     half_m = np.maximum(LEAST_HALF_M, np.abs(free_m[:, :2]).max(axis=0) + WALL_MARGIN_M)
     solids = _island(rng)
     for wall in range(4):
         if not (bare_wall and wall == BARE_WALL):
-            solids += _along_wall(rng, wall, half_m)
-    free = [solid for solid in solids if _gap_m(solid, free_m) > BODY_RADIUS_M]
-    return [_shell(rng, half_m, bare_wall), *free]
+            solids += _along_wall(rng, wall, half_m, CORNER_M if twin_corners else 0.0)
+    room = [_shell(rng, half_m, bare_wall), *(s for s in solids if _is_clear(s, free_m))]
+    if twin_corners:
+        for here, there in twin_solids(seed, half_m, ROOM_HEIGHT_M):
+            if _is_clear(here, free_m) and _is_clear(there, free_m):
+                room += [here, there]
+    return room
 
 
 def _shell(rng: np.random.Generator, half_m: Array, bare_wall: bool) -> Solid:
@@ -80,14 +85,21 @@ def _island(rng: np.random.Generator) -> Solids:
     return solids
 
 
-def _along_wall(rng: np.random.Generator, wall: int, half_m: Array) -> Solids:
-    """A row of furniture with its back to a wall (0 to 3: -x, +x, -y, +y), clear of corners."""
+def _along_wall(
+    rng: np.random.Generator, wall: int, half_m: Array, corner_m: float
+) -> Solids:
+    """A row of furniture with its back to a wall (0 to 3: -x, +x, -y, +y), clear of corners.
+
+    It keeps `corner_m` from the corner at +x +y and the one at -x -y.
+    """
     yaw = (np.pi / 2, -np.pi / 2, np.pi, 0.0)[wall]
     away_m, reach_m = (half_m[0], half_m[1]) if wall < 2 else (half_m[1], half_m[0])
     turn = rigid_transform(rotation_from_vector([0, 0, yaw]), (0, 0, 0))
     solids: Solids = []
     # One side of each corner stays free for the row of the next wall.
-    left, right = -reach_m + (0.75 if wall < 2 else 0.1), reach_m - (0.75 if wall < 2 else 0.1)
+    beside_m = 0.75 if wall < 2 else 0.1
+    left = -reach_m + max(beside_m, corner_m if wall < 2 else 0.0)
+    right = reach_m - max(beside_m, corner_m if wall >= 2 else 0.0)
     while True:
         piece, breadth_m = furniture.ALONG_WALLS[rng.integers(len(furniture.ALONG_WALLS))]
         if left + breadth_m > right:
@@ -95,6 +107,11 @@ def _along_wall(rng: np.random.Generator, wall: int, half_m: Array) -> Solids:
         place = turn @ rigid_transform(np.eye(3), (left + breadth_m / 2, away_m - 0.02, 0.0))
         solids += [solid.moved(place) for solid in piece(rng)]
         left += breadth_m + rng.uniform(0.0, 0.3)
+
+
+def _is_clear(solid: Solid, free_m: Array) -> bool:
+    """Whether a camera can pass at all points (N, 3)."""
+    return _gap_m(solid, free_m) > BODY_RADIUS_M
 
 
 def _gap_m(solid: Solid, points_m: Array) -> float:

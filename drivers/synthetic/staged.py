@@ -3,6 +3,7 @@
 import numpy as np
 
 from drivers.geometry import Array, rotation_from_vector
+from drivers.synthetic.easing import eased, ramp
 from drivers.synthetic.hand import THROUGH_ROOM, Carriage, HandPath
 from drivers.synthetic.path import Path, facing, rotations
 
@@ -41,7 +42,7 @@ class WallPath(Path):
     def poses(self, times_s: Array) -> Array:
         """See `Path`."""
         nearing = 0.5 - 0.5 * np.cos(2 * np.pi * times_s / self._period_s)
-        T = _turned(self._hand.poses(times_s), ASIDE_RAD * (1.0 - _eased(2.0 * nearing - 0.5)))
+        T = _turned(self._hand.poses(times_s), ASIDE_RAD * (1.0 - eased(2.0 * nearing - 0.5)))
         T[:, 1, 3] += TOWARDS_WALL_M
         return T
 
@@ -59,8 +60,8 @@ class FastTurnPath(Path):
         yaw_rad = np.zeros_like(times_s)
         for pair in range(self._pairs):
             since_s = times_s - pair * self._period_s
-            away = _ramp((since_s - 0.25 * self._period_s) / TURN_S)
-            back = _ramp((since_s - 0.75 * self._period_s) / TURN_S)
+            away = ramp((since_s - 0.25 * self._period_s) / TURN_S)
+            back = ramp((since_s - 0.75 * self._period_s) / TURN_S)
             yaw_rad += TURNS_RAD[pair % len(TURNS_RAD)] * (away - back)
         return _turned(self._hand.poses(times_s), yaw_rad)
 
@@ -93,16 +94,3 @@ def _turned(T_world_camera: Array, yaw_rad: Array) -> Array:
     turns = rotations(np.stack([zero, zero, yaw_rad], axis=1))
     turned[:, :3, :3] = turns @ T_world_camera[:, :3, :3]
     return turned
-
-
-def _ramp(part: Array) -> Array:
-    """From 0 to 1 while `part` goes from 0 to 1, fastest in the middle."""
-    result: Array = 0.5 - 0.5 * np.cos(np.pi * np.clip(part, 0.0, 1.0))
-    return result
-
-
-def _eased(part: Array) -> Array:
-    """As `_ramp`, without a jump in the acceleration."""
-    x = np.clip(part, 0.0, 1.0)
-    result: Array = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-    return result

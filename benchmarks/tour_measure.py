@@ -1,0 +1,186 @@
+"""One tour, frame by frame: what was said, what is true, and what it cost."""
+
+import os
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.runners import Loop, Runner
+from drivers.camera import RgbdFrame
+from drivers.errors import InputError
+from drivers.geometry import Array, inverse, rotation_angle_rad
+from drivers.trajectory import StampedPoses
+from vo_service.evaluation import evaluate
+from vo_service.evaluation.association import associate
+from vo_service.evaluation.gross_errors import GROSS_DEG, GROSS_M, gross_errors, tracked_steps
+
+MINUTE_S = 60.0
+PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+
+
+@dataclass(frozen=True)
+class TourRecord:
+    """F frames, in order.
+
+    T_room_camera   (F, 4, 4) the truth
+    T_world_camera  (F, 4, 4) what was said; ok (F,) whether it counts, epoch (F,) in which world
+    cpu_ms          (F,) processor time of the thread that gave the pose
+    memory_mb       (F,) of the whole process, the virtual Kinect in it
+    corrected       the poses as they are thought to be in the end
+    """
+
+    stamp_s: Array
+    T_room_camera: Array
+    T_world_camera: Array
+    ok: NDArray[np.bool_]
+    epoch: NDArray[np.int64]
+    cpu_ms: Array
+    memory_mb: Array
+    corrected: StampedPoses
+    loops: Sequence[Loop]
+
+    @property
+    def trajectory(self) -> StampedPoses:
+        """Of the frames that have a pose."""
+        return StampedPoses(self.stamp_s[self.ok], self.T_world_camera[self.ok])
+
+    @property
+    def truth(self) -> StampedPoses:
+        """Of all frames."""
+        return StampedPoses(self.stamp_s, self.T_room_camera)
+
+    def save(self, file: Path) -> None:
+        """All of it as arrays in a .npz file."""
+        np.savez_compressed(
+            file,
+            stamp_s=self.stamp_s,
+            T_room_camera=self.T_room_camera,
+            T_world_camera=self.T_world_camera,
+            ok=self.ok,
+            epoch=self.epoch,
+            cpu_ms=self.cpu_ms,
+            memory_mb=self.memory_mb,
+            corrected_stamp_s=self.corrected.stamps_s,
+            corrected_T_world_camera=self.corrected.T_world_camera,
+            loop_place_stamp_s=[loop.place_stamp_s for loop in self.loops],
+            loop_stamp_s=[loop.stamp_s for loop in self.loops],
+        )
+
+
+@dataclass(frozen=True)
+class TourResult:
+    """The figures of one tour. None: could not be computed.
+
+    gross        steps off by more than 5 cm or 3 degrees that say nothing of it
+    ate_m        of the poses as they were given; ate_loops_m as they are corrected in the end
+    wrong_loops  those off by more than 5 cm or 3 degrees
+    cpu_ms, memory_mb  mean a frame in the first and in the last minute
+    """
+
+    frames: int
+    coverage: float
+    epochs: int
+    gross: int
+    ate_m: float | None
+    ate_loops_m: float | None
+    loops: int
+    wrong_loops: int
+    cpu_ms: tuple[float, float]
+    memory_mb: tuple[float, float]
+
+
+def run_tour(
+    runner: Runner,
+    frames: Iterable[RgbdFrame],
+    T_room_camera: Array,
+    progress: Callable[[int, int], None],
+) -> TourRecord:
+    """Follow all frames, of which none is kept."""
+    stamps_s, poses, ok, restarted, cpu_ms, memory_mb = [], [], [], [], [], []
+    for frame in frames:
+        begin_s = time.thread_time()
+        estimate = runner.frame(frame)
+        cpu_ms.append((time.thread_time() - begin_s) * 1e3)
+        stamps_s.append(frame.stamp_s)
+        poses.append(estimate.T_world_camera)
+        ok.append(estimate.ok)
+        restarted.append(estimate.restarted)
+        memory_mb.append(resident_mb())
+        progress(len(stamps_s), len(T_room_camera))
+    stamp_s, T_world_camera, is_ok = np.array(stamps_s), np.array(poses), np.array(ok, np.bool_)
+    given = StampedPoses(stamp_s[is_ok], T_world_camera[is_ok])
+    return TourRecord(
+        stamp_s,
+        T_room_camera[: len(stamps_s)],
+        T_world_camera,
+        is_ok,
+        np.cumsum(restarted),
+        np.array(cpu_ms),
+        np.array(memory_mb),
+        runner.corrected(given),
+        tuple(runner.loops()),
+    )
+
+
+def resident_mb() -> float:
+    """Memory of this process that is in RAM."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * PAGE_BYTES / 1e6
+
+
+def result_of(record: TourRecord) -> TourResult:
+    """The figures."""
+    wrong = [loop for loop in record.loops if is_wrong(loop, record)]
+    return TourResult(
+        frames=len(record.ok),
+        coverage=float(record.ok.mean()),
+        epochs=int(record.epoch[-1]),
+        gross=_gross(record),
+        ate_m=_ate_m(record.trajectory, record.truth),
+        ate_loops_m=_ate_m(record.corrected, record.truth),
+        loops=len(record.loops),
+        wrong_loops=len(wrong),
+        cpu_ms=_first_and_last(record.cpu_ms, record.stamp_s),
+        memory_mb=_first_and_last(record.memory_mb, record.stamp_s),
+    )
+
+
+def is_wrong(loop: Loop, record: TourRecord) -> bool:
+    """Whether it is off the truth by more than a gross error."""
+    place, camera = np.searchsorted(record.stamp_s, [loop.place_stamp_s, loop.stamp_s])
+    true = inverse(record.T_room_camera[place]) @ record.T_room_camera[camera]
+    off_m, off_deg = apart(true, loop.T_place_camera)
+    return off_m > GROSS_M or off_deg > GROSS_DEG
+
+
+def apart(T_a: Array, T_b: Array) -> tuple[float, float]:
+    """Metres and degrees between two poses."""
+    T = inverse(T_a) @ T_b
+    return float(np.linalg.norm(T[:3, 3])), float(np.degrees(rotation_angle_rad(T[:3, :3])))
+
+
+def _gross(record: TourRecord) -> int:
+    try:
+        matched = associate(record.trajectory, record.truth)
+    except InputError:
+        return 0
+    steps = tracked_steps(matched, record.trajectory.stamps_s, record.epoch[record.ok])
+    return gross_errors(matched, steps)
+
+
+def _ate_m(trajectory: StampedPoses, truth: StampedPoses) -> float | None:
+    try:
+        return evaluate(trajectory, truth).ate_rmse_m
+    except InputError:
+        return None
+
+
+def _first_and_last(values: Array, stamps_s: Array) -> tuple[float, float]:
+    """Means of the first and of the last minute."""
+    first = values[stamps_s < stamps_s[0] + MINUTE_S]
+    last = values[stamps_s > stamps_s[-1] - MINUTE_S]
+    return float(first.mean()), float(last.mean())

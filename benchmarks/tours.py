@@ -1,0 +1,127 @@
+"""Long walks of the virtual Kinect that return to their start: drift, loops, time and memory.
+
+    python -m benchmarks.tours FOLDER [--seconds 600] [--seeds 1 2 3] [--twins] [--json]
+
+Each seed is another room and another walk. Frames are rendered while they are followed, and not
+kept; on two cores that takes COST. FOLDER keeps the arrays of each tour (stamps, truth, poses,
+milliseconds, memory) as .npz, and the figures in results.json: a tour that is finished is not run
+again; remove FOLDER to begin anew. With --twins two corners of the room look the same.
+
+ATE is that of all poses as they were given, in millimetres; "with loops" as they are corrected in
+the end. A gross error is a step, a wrong loop a place, off by more than 5 cm or 3 degrees. CPU is
+that of the thread that gives the poses, milliseconds a frame in the first and in the last minute;
+MB is the memory of the whole program in these minutes, the virtual Kinect included.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+
+from benchmarks.kept_results import Json, KeptResults
+from benchmarks.runners import make_runner
+from benchmarks.tour_frames import rendered_frames, tour_config, true_poses
+from benchmarks.tour_measure import result_of, run_tour
+from drivers.errors import UserFacingError
+from drivers.synthetic.config import SyntheticConfig
+from vo_service.methods import METHODS
+from vo_service.terminal import Terminal
+from vo_service.warm_up import warm_up
+
+HEADS = ("frames", "cover %", "epochs", "gross", "ATE", "with loops", "loops", "wrong")
+HEAD = f"{'':30}{''.join(f'{head:>11}' for head in HEADS)}{'CPU ms':>15}{'MB':>13}"
+
+
+def main() -> int:
+    """Run what is not finished yet, and print all that was asked for."""
+    args = _parser().parse_args()
+    cv2.setNumThreads(1)
+    try:
+        results = run(args)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("stopped; the same command goes on with the next tour", file=sys.stderr)
+        return 130
+    if args.json:
+        print(json.dumps(results))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.tours",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", type=Path, help="where results are kept")
+    parser.add_argument("--seconds", type=float, default=600.0, help="length of a tour")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1])
+    parser.add_argument("--twins", action="store_true", help="two corners look the same")
+    parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    return parser
+
+
+def run(args: argparse.Namespace) -> dict[str, Json]:
+    """The figures of each tour by its name. Raises InputError if the folder cannot be used."""
+    args.folder.mkdir(parents=True, exist_ok=True)
+    kept, results = KeptResults(args.folder), dict[str, Json]()
+    warm_up(args.method, lambda stage: None)
+    if not args.json:
+        print(HEAD)
+    for seed in args.seeds:
+        name = f"{'twins' if args.twins else 'tour'}-{args.seconds:g}s-{seed}-{args.method}"
+        config = tour_config(seed, args.seconds, args.twins)
+        results[name] = kept.get(name, lambda c=config, n=name: _measure(args, c, n))  # type: ignore[misc]
+        if not args.json:
+            print(as_text(name, results[name]), flush=True)
+    return results
+
+
+def _measure(args: argparse.Namespace, config: SyntheticConfig, name: str) -> Json:
+    terminal = Terminal()
+    progress = terminal.counter(f"{name}: frame")
+    record = run_tour(
+        make_runner(args.method), rendered_frames(config), true_poses(config), progress
+    )
+    record.save(args.folder / f"{name}.npz")
+    terminal.clear()
+    return asdict(result_of(record))
+
+
+def as_text(name: str, result: Json) -> str:
+    """One row of the table."""
+    cells = [
+        f"{result['frames']}",
+        f"{100.0 * result['coverage']:.1f}",
+        f"{result['epochs']}",
+        f"{result['gross']}",
+        _mm(result["ate_m"]),
+        _mm(result["ate_loops_m"]),
+        f"{result['loops']}",
+        f"{result['wrong_loops']}",
+    ]
+    row = "".join(f"{cell:>11}" for cell in cells)
+    return f"{name:30}{row}{_pair(result['cpu_ms'], 2):>15}{_pair(result['memory_mb'], 0):>13}"
+
+
+def _mm(value_m: float | None) -> str:
+    return "-" if value_m is None else f"{1e3 * value_m:.1f}"
+
+
+def _pair(values: Sequence[float], digits: int) -> str:
+    return " ".join(f"{value:.{digits}f}" for value in values)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

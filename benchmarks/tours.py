@@ -22,6 +22,7 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -82,7 +83,7 @@ def run(args: argparse.Namespace) -> dict[str, Json]:
     for seed in args.seeds:
         name = f"{'twins' if args.twins else 'tour'}-{args.seconds:g}s-{seed}-{args.method}"
         config = tour_config(seed, args.seconds, args.twins)
-        results[name] = kept.get(name, lambda c=config, n=name: _measure(args, c, n))  # type: ignore[misc]
+        results[name] = kept.get(name, partial(_measure, args, config, name))
         if not args.json:
             print(as_text(name, results[name]), flush=True)
     return results

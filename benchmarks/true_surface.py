@@ -17,7 +17,7 @@ def solids_of(config: SyntheticConfig) -> Sequence[Solid]:
     path = make_path(config, ROOM_HEIGHT_M)
     checks = max(2, int(config.duration_s * PATH_CHECKS_PER_S))
     free_m = path.free_m(np.linspace(0.0, config.duration_s, checks))
-    return furnish(config.seed, free_m, config.bare_wall)
+    return furnish(config.seed, free_m, config.bare_wall, config.twin_corners)
 
 
 def distances_m(points_m: Array, solids: Sequence[Solid]) -> Array:

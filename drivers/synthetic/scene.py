@@ -85,9 +85,7 @@ def _island(rng: np.random.Generator) -> Solids:
     return solids
 
 
-def _along_wall(
-    rng: np.random.Generator, wall: int, half_m: Array, corner_m: float
-) -> Solids:
+def _along_wall(rng: np.random.Generator, wall: int, half_m: Array, corner_m: float) -> Solids:
     """A row of furniture with its back to a wall (0 to 3: -x, +x, -y, +y), clear of corners.
 
     It keeps `corner_m` from the corner at +x +y and the one at -x -y.

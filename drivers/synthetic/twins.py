@@ -37,7 +37,8 @@ def twin_solids(seed: int, half_m: Array, height_m: float) -> Iterator[tuple[Sol
 def twin_lights(lights: Array) -> Array:
     """Lights (B, 4) that fall alike on both corners: half of each, and half from opposite."""
     opposite = lights * np.array([-1.0, -1.0, 1.0, 1.0])
-    return np.concatenate([lights, opposite]) * np.array([1.0, 1.0, 1.0, 0.5])
+    both: Array = np.concatenate([lights, opposite]) * np.array([1.0, 1.0, 1.0, 0.5])
+    return both
 
 
 def _corner(rng: np.random.Generator, height_m: float) -> Solids:

@@ -1,0 +1,155 @@
+"""Whether a camera that is covered, and uncovered somewhere else, knows where it is.
+
+    python -m benchmarks.relocalisation FOLDER [--tries 100] [--seeds 1 2 3] [--unseen] [--twins]
+
+In each try the camera goes along a tour for 20 s, is covered for 3 s, and is uncovered at a place
+that it has seen before, on another lap; with --unseen at one that it has not. How much of a view
+was seen before is known from the true depth. Each seed is another room; its film of a minute
+(2.8 GB) is kept in FOLDER/films, and rendered the first time, in COST. The outcomes of each seed
+are kept in FOLDER/results.json and not measured again; remove that file to begin anew.
+
+"old" counts the tries that came back into the world from before the cover, "in 1 s" those of them
+that did so within 30 frames, "new" those with a new world, "nowhere" those without any pose in 2 s.
+"wrong" has a pose that is off by more than 5 cm or 3 degrees and does not say so: in the old world
+by the truth, in a new one by the way since its first pose. "frames" is the median time until the
+first pose, "median", "largest" (mm) and "deg" are the errors of that pose, of those that are back.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.kept_results import Json, KeptResults
+from benchmarks.relocalisation_measure import Outcome, Summary, attempt, summary
+from benchmarks.relocalisation_tries import choose_tries, frames_of, views_along
+from benchmarks.runners import make_runner
+from benchmarks.tour_frames import THREADS, tour_config, true_poses
+from drivers.errors import UserFacingError
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.faults import Source
+from drivers.synthetic.film import film_source, load_or_render
+from vo_service.methods import METHODS
+from vo_service.terminal import Terminal
+from vo_service.warm_up import warm_up
+
+# Two laps.
+FILM_S = 60.0
+HEADS = ("tries", "old", "in 1 s", "new", "nowhere", "wrong", "frames", "median", "largest", "deg")
+HEAD = f"{'':28}{''.join(f'{head:>9}' for head in HEADS)}"
+
+
+def main() -> int:
+    """Run the seeds that are not finished yet, and print all of them, then all together."""
+    args = _parser().parse_args()
+    cv2.setNumThreads(1)
+    try:
+        results = run(args)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("stopped; the same command goes on with the next seed", file=sys.stderr)
+        return 130
+    if args.json:
+        print(json.dumps({name: asdict(each) for name, each in results.items()}))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.relocalisation",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", type=Path, help="where films and outcomes are kept")
+    parser.add_argument("--tries", type=int, default=100, help="of all seeds together")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
+    parser.add_argument("--unseen", action="store_true", help="uncovered where it never was")
+    parser.add_argument("--twins", action="store_true", help="two corners look the same")
+    parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    return parser
+
+
+def run(args: argparse.Namespace) -> Mapping[str, Summary]:
+    """By seed, and together. Raises InputError if the folder cannot be used."""
+    args.folder.mkdir(parents=True, exist_ok=True)
+    kept = KeptResults(args.folder)
+    warm_up(args.method, lambda stage: None)
+    results, together = dict[str, Summary](), list[Outcome]()
+    if not args.json:
+        print(HEAD)
+    for place, seed in enumerate(args.seeds):
+        share = args.tries // len(args.seeds) + (place < args.tries % len(args.seeds))
+        seen = "unseen" if args.unseen else "seen"
+        name = f"{'twins' if args.twins else 'tour'}-{seed}-{seen}-{args.method}"
+        found = kept.get(f"{name}-{share}", partial(_measure, args, seed, share))
+        outcomes = [Outcome(**each) for each in found["outcomes"]]
+        together += outcomes
+        results[name] = summary(outcomes)
+        if not args.json:
+            print(as_text(name, results[name]), flush=True)
+    results["together"] = summary(together)
+    if not args.json:
+        print(as_text("together", results["together"]))
+    return results
+
+
+def _measure(args: argparse.Namespace, seed: int, count: int) -> Json:
+    """The tries of one seed and their outcomes."""
+    terminal, config = Terminal(), tour_config(seed, FILM_S, args.twins)
+    T_room_camera = true_poses(config)
+    film = _film(args.folder, config, seed, terminal)
+    rng = np.random.default_rng([seed, 12])
+    tries = choose_tries(views_along(config, film, T_room_camera), count, args.unseen, rng)
+    outcomes: list[Outcome] = []
+    for number, each in enumerate(tries, 1):
+        terminal.progress(f"room {seed}: try", number, len(tries))
+        truth = T_room_camera[each.shown]
+        frames = frames_of(each, config, film)
+        outcomes.append(attempt(make_runner(args.method), frames, truth))
+    terminal.clear()
+    return {"tries": list(map(asdict, tries)), "outcomes": list(map(asdict, outcomes))}
+
+
+def _film(folder: Path, config: SyntheticConfig, seed: int, terminal: Terminal) -> Source:
+    # A folder of its own for each: a film cache holds no more than one of this length.
+    name = f"{'twins' if config.twin_corners else 'tour'}-{seed}"
+    progress = terminal.counter(f"rendering room {seed}: frame")
+    return film_source(load_or_render(config, folder / "films" / name, progress, THREADS))
+
+
+def as_text(name: str, result: Summary) -> str:
+    """One row of the table."""
+    counts = (
+        result.tries,
+        result.old_world,
+        result.in_time,
+        result.new_world,
+        result.nowhere,
+        result.wrong,
+    )
+    figures = (
+        (result.median_frames, 1.0),
+        (result.median_m, 1e3),
+        (result.largest_m, 1e3),
+        (result.largest_deg, 1.0),
+    )
+    cells = [str(count) for count in counts]
+    cells += ["-" if value is None else f"{scale * value:.1f}" for value, scale in figures]
+    return f"{name:28}{''.join(f'{cell:>9}' for cell in cells)}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,131 @@
+"""A walk several times past the same places, and two corners that cannot be told apart."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.errors import InputError
+from drivers.geometry import Array, rotation_angle_rad
+from drivers.synthetic.config import Motion, SyntheticConfig
+from drivers.synthetic.motion import make_path
+from drivers.synthetic.path import Path
+from drivers.synthetic.render import Renderer, Room
+from drivers.synthetic.scene import ROOM_HEIGHT_M, furnish
+from drivers.synthetic.solids import Solid
+from drivers.synthetic.things import Solids
+from drivers.synthetic.tour import TourPath
+from drivers.synthetic.twins import HALF_TURN
+
+TOUR = SyntheticConfig(motion=Motion.TOUR, duration_s=60.0)
+
+
+def tour(seconds: float, seed: int = 1) -> tuple[Array, Array]:
+    """Times (N,) and poses (N, 4, 4), thirty a second."""
+    times_s = np.arange(round(30 * seconds)) / 30.0
+    config = replace(TOUR, duration_s=seconds, seed=seed)
+    return times_s, make_path(config, ROOM_HEIGHT_M).poses(times_s)
+
+
+def around_rad(poses: Array) -> Array:
+    """How far round the middle of the room, on and on."""
+    result: Array = np.unwrap(np.arctan2(poses[:, 1, 3] / 1.8, poses[:, 0, 3] / 2.6))
+    return result
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_in_a_minute_it_comes_past_every_place_twice_and_goes_as_a_hand_or_a_robot(
+    seed: int,
+) -> None:
+    _, poses = tour(60.0, seed)
+    assert np.ptp(around_rad(poses)) == pytest.approx(4 * np.pi, abs=0.2)
+    speed_m_s = 30.0 * np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    assert 0.2 < np.percentile(speed_m_s, 2) < np.percentile(speed_m_s, 95) < 0.7
+    turns = np.linalg.solve(poses[:-1], poses[1:])[:, :3, :3]
+    rates = np.degrees([30.0 * rotation_angle_rad(turn) for turn in turns])
+    assert 10.0 < np.median(rates) < np.percentile(rates, 95) < 40.0
+
+
+def test_in_ten_minutes_it_makes_many_laps_and_goes_back_now_and_then() -> None:
+    _, poses = tour(600.0)
+    around = around_rad(poses)
+    assert around[-1] - around[0] == pytest.approx(14 * 2 * np.pi, abs=0.1)
+    is_back = np.diff(np.convolve(around, np.ones(60) / 60, "valid")) < 0
+    assert np.count_nonzero(np.diff(is_back.astype(int)) == 1) == 6
+    assert np.count_nonzero(is_back) / 30.0 == pytest.approx(6 * 15.0, rel=0.1)
+
+
+def test_it_looks_where_it_goes_on_and_back() -> None:
+    times_s, poses = tour(90.0)
+    velocity_m_s = np.gradient(poses[:, :2, 3], times_s, axis=0)
+    forwards = np.sum(velocity_m_s * poses[:, :2, 2], axis=1)
+    assert np.mean(forwards > 0.0) > 0.9
+    assert np.diff(around_rad(poses)).min() < -0.005
+
+
+def test_the_same_place_is_never_seen_just_the_same_on_another_lap() -> None:
+    _, poses = tour(60.0)
+    one, two = poses[:900], poses[900:]
+    apart_m = np.linalg.norm(one[:, None, :3, 3] - two[None, :, :3, 3], axis=2)
+    nearest = apart_m.argmin(axis=1)
+    assert apart_m.min(axis=1).max() < 0.5
+    turns = np.linalg.solve(one, two[nearest])[:, :3, :3]
+    angles_deg = np.degrees([rotation_angle_rad(turn) for turn in turns])
+    assert 3.0 < np.median(angles_deg) < 40.0
+
+
+class Opposite(Path):
+    """Another path, turned half round about the middle of the room."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def poses(self, times_s: Array) -> Array:
+        """See `Path`."""
+        poses: Array = HALF_TURN @ self._path.poses(times_s)
+        return poses
+
+
+def test_two_corners_look_the_same_and_the_rest_of_the_room_does_not(
+    ideal: SyntheticConfig,
+) -> None:
+    config = replace(
+        ideal, motion=Motion.TOUR, duration_s=60.0, rate_hz=1.0, twin_corners=True, texel_m=0.01
+    )
+    path = make_path(config, ROOM_HEIGHT_M)
+    room = Room.build(config, path, threads=2)
+    here, there = (Renderer(config, each, room) for each in (path, Opposite(path)))
+    unlike, other_depth = [], []
+    for index in range(30):
+        a, b = here.render(index), there.render(index)
+        unlike.append(float(np.mean(cv2.absdiff(a.colour, b.colour))))
+        other_depth.append(float(np.mean(a.depth != b.depth)))
+    assert min(unlike) < 2.0
+    assert min(other_depth) < 0.01
+    assert np.median(unlike) > 10.0
+    assert np.median(other_depth) > 0.5
+
+
+def test_every_piece_of_a_twin_corner_has_another_just_opposite() -> None:
+    free_m = TourPath(np.random.default_rng(1), 60.0).free_m(np.linspace(0.0, 60.0, 600))
+    plain, twins = (furnish(1, free_m, bare_wall=False, twin_corners=on) for on in (False, True))
+    # The shell of the room is its own opposite.
+    assert count_of_pairs(plain[1:]) == 0
+    assert count_of_pairs(twins[1:]) > 20
+
+
+def count_of_pairs(solids: Solids) -> int:
+    """Pieces that have one of the same size just opposite."""
+    keys = {key(solid) for solid in solids}
+    return sum(key(solid.moved(HALF_TURN)) in keys for solid in solids) // 2
+
+
+def key(solid: Solid) -> tuple[float, ...]:
+    """Where it is and how large, to a millimetre."""
+    return tuple(np.round([*solid.T_world_solid[:3, 3], *solid.half_m], 3) + 0.0)
+
+
+def test_twins_need_all_four_walls() -> None:
+    with pytest.raises(InputError, match="twin_corners need all four walls"):
+        SyntheticConfig(twin_corners=True, bare_wall=True)

@@ -23,7 +23,7 @@ class KeptResults:
     def get(self, name: str, make: Callable[[], Json]) -> Json:
         """The result of that name; made and kept where there is none yet."""
         if name not in self._results:
-            self._results[name] = make()
+            self._results[name] = json.loads(json.dumps(make()))
             part = self._file.with_name(self._file.name + ".part")
             part.write_text(json.dumps(self._results, indent=1))
             part.replace(self._file)

@@ -127,7 +127,7 @@ def test_an_orbit_has_fast_turns_but_none_that_no_hand_makes() -> None:
     assert 50.0 < rates.max() < 90.0
 
 
-@pytest.mark.parametrize("motion", [Motion.FLOOR, Motion.ORBIT])
+@pytest.mark.parametrize("motion", [Motion.FLOOR, Motion.ORBIT, Motion.TOUR])
 @pytest.mark.parametrize("duration_s", [0.2, 3.0, 7.0])
 def test_a_short_film_is_no_faster_for_it(motion: Motion, duration_s: float) -> None:
     config = replace(CONFIG, motion=motion, duration_s=duration_s)

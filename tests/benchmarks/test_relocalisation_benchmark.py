@@ -1,0 +1,210 @@
+"""Tries for relocalisation: cut out of a film by what was seen in it, and judged by the truth."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import relocalisation
+from benchmarks.relocalisation_measure import Outcome, judge, summary
+from benchmarks.relocalisation_tries import (
+    AFTER,
+    BEFORE,
+    COVERED,
+    EVERY,
+    Try,
+    choose_tries,
+    frames_of,
+)
+from benchmarks.tour_frames import tour_config, true_poses
+from benchmarks.views_shared import SeenView, most_shared
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.faults import Images
+from tests.vo_service.fakes import frame
+from vo_service.odometry.estimate import Estimate
+
+CAMERA = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
+TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
+# Of a whole try, the first frame that is not covered any more.
+BACK = BEFORE + COVERED
+
+
+def wall(distance_m: float = 2.0) -> RgbdFrame:
+    depth = np.full((480, 640), round(1000 * distance_m), np.uint16)
+    return replace(
+        frame(0),
+        camera=CAMERA,
+        depth_factor=1000.0,
+        depth_raw=depth,
+        colour_bgr=np.zeros((480, 640, 3), np.uint8),
+    )
+
+
+def test_what_two_views_share_is_what_both_of_them_see() -> None:
+    here = SeenView.of(wall(), np.eye(4))
+    assert here.share_of(here) == 1.0
+    half_a_view_m = 320 / 525 * 2.0
+    aside = SeenView.of(wall(), rigid_transform(np.eye(3), (half_a_view_m, 0.0, 0.0)))
+    assert here.share_of(aside) == pytest.approx(0.5, abs=0.06)
+    turned = rigid_transform(rotation_from_vector([0.0, np.pi, 0.0]), (0.0, 0.0, 0.0))
+    assert here.share_of(SeenView.of(wall(), turned)) == 0.0
+    assert here.share_of(SeenView.of(wall(1.8), np.eye(4))) == 0.0
+    assert most_shared(aside, [here, aside]) == 1.0
+    assert most_shared(aside, []) == 0.0
+
+
+class Place(SeenView):
+    """A view of a numbered place, which shares nothing with other places."""
+
+    def share_of(self, other: SeenView) -> float:
+        """All or nothing."""
+        return float(self.T_room_camera[0, 3] == other.T_room_camera[0, 3])
+
+
+def place(number: int) -> Place:
+    T = np.eye(4)
+    T[0, 3] = number
+    return Place(CAMERA, T, np.empty((0, 3)), np.empty((0, 0), np.float16))
+
+
+# Two laps past fifty places, and five seconds somewhere else.
+LAPS = [place(number % 50) for number in range(100)] + [place(99) for _ in range(10)]
+
+
+@pytest.mark.parametrize("unseen", [False, True])
+def test_a_try_comes_back_where_it_was_before_or_where_it_never_was(unseen: bool) -> None:
+    tries = choose_tries(LAPS, 10, unseen, np.random.default_rng(1))
+    assert len({each.first for each in tries}) == len(tries) == 10
+    for each in tries:
+        views = [LAPS[shown // EVERY] for shown in each.shown]
+        assert len(views) == BEFORE + COVERED + AFTER
+        assert each.back >= each.first + BACK
+        is_known = [most_shared(view, views[:BEFORE]) for view in views[BACK:]]
+        assert set(is_known[:30]) == {0.0 if unseen else 1.0}
+
+
+def test_there_are_no_more_tries_than_the_film_holds() -> None:
+    tries = choose_tries(LAPS[:60], 100, False, np.random.default_rng(1))
+    assert len(tries) < 20
+    assert choose_tries(LAPS[:48], 100, True, np.random.default_rng(1)) == []
+
+
+def test_while_it_is_covered_nothing_is_seen_and_time_goes_on() -> None:
+    config = replace(tour_config(1, 60.0, False), camera=TINY)
+
+    def film(number: int) -> Images:
+        return Images(
+            np.full((48, 64, 3), number % 251, np.uint8), np.full((48, 64), number, np.uint16)
+        )
+
+    frames = list(frames_of(Try(30, 900), config, film))
+    assert [each.seq for each in frames] == list(range(len(frames)))
+    np.testing.assert_allclose(np.diff([each.stamp_s for each in frames]), 1 / 30, atol=2e-6)
+    assert [each.depth_raw.max() for each in frames[BEFORE - 1 : BACK + 2]] == [
+        30 + BEFORE - 1,
+        *[0] * COVERED,
+        900,
+        901,
+    ]
+    assert {each.colour_bgr.max() for each in frames[BEFORE:BACK]} == {0}
+
+
+@dataclass
+class Story:
+    """Estimates of a whole try that are true but for what is told."""
+
+    truth: Array
+
+    def told(
+        self, waits: int, is_new: bool = False, off_m: float = 0.0, off_from: int = 0
+    ) -> list[Estimate]:
+        """The first pose after so many frames, off by so much from frame `off_from` on."""
+        T_old = inverse(self.truth[0])
+        T_new = inverse(self.truth[BACK + waits])
+        estimates = []
+        for number, T_room_camera in enumerate(self.truth):
+            is_after = number >= BACK + waits
+            T = (T_new if is_new and is_after else T_old) @ T_room_camera
+            if is_after and number >= BACK + waits + off_from:
+                T = rigid_transform(np.eye(3), (off_m, 0.0, 0.0)) @ T
+            estimates.append(
+                Estimate(
+                    number < BEFORE or is_after,
+                    "",
+                    T,
+                    np.eye(4),
+                    np.eye(6),
+                    restarted=is_new and number == BACK + waits,
+                )
+            )
+        return estimates
+
+
+@pytest.fixture(scope="module")
+def story() -> Story:
+    return Story(true_poses(tour_config(1, 60.0, False))[Try(0, 900).shown])
+
+
+def test_who_comes_back_into_the_old_world_is_judged_there(story: Story) -> None:
+    outcome = judge(story.told(waits=4, off_m=0.03), story.truth)
+    assert (outcome.frames, outcome.is_old_world, outcome.is_wrong) == (5, True, False)
+    assert outcome.error_m == pytest.approx(0.03, abs=1e-6)
+    assert outcome.error_deg == pytest.approx(0.0, abs=1e-4)
+    assert judge(story.told(waits=4, off_m=0.06), story.truth).is_wrong
+    assert judge(story.told(waits=4, off_m=0.06, off_from=9), story.truth).is_wrong
+
+
+def test_a_new_world_is_judged_by_the_way_since_its_first_pose(story: Story) -> None:
+    outcome = judge(story.told(waits=0, is_new=True, off_m=0.06), story.truth)
+    assert outcome == Outcome(True, 1, False, None, None, False)
+    assert judge(story.told(0, is_new=True, off_m=0.06, off_from=1), story.truth).is_wrong
+
+
+def test_who_never_comes_back_is_nowhere_but_not_wrong(story: Story) -> None:
+    estimates = [replace(each, ok=n < BEFORE) for n, each in enumerate(story.told(0))]
+    assert judge(estimates, story.truth) == Outcome(True, None, False, None, None, False)
+
+
+def outcome(frames: int | None, error_m: float | None = None, wrong: bool = False) -> Outcome:
+    error_deg = None if error_m is None else 0.5
+    return Outcome(True, frames, error_m is not None, error_m, error_deg, wrong)
+
+
+def test_all_tries_together_are_counted_by_what_became_of_them() -> None:
+    back = [outcome(3, 0.01), outcome(40, 0.02), outcome(2, 0.3, wrong=True)]
+    outcomes = [*back, outcome(1), outcome(None)]
+    all_of_them = summary(outcomes)
+    assert (all_of_them.tries, all_of_them.old_world, all_of_them.in_time) == (5, 3, 2)
+    assert (all_of_them.new_world, all_of_them.nowhere, all_of_them.wrong) == (1, 1, 1)
+    assert (all_of_them.median_frames, all_of_them.largest_m) == (3.0, 0.3)
+    assert summary([]).median_m is None
+    assert "300.0" in relocalisation.as_text("together", all_of_them)
+
+
+def test_seeds_that_are_finished_are_not_measured_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def tiny(seed: int, seconds: float, twins: bool) -> SyntheticConfig:
+        return replace(tour_config(seed, seconds, twins), camera=TINY, texel_m=0.05)
+
+    monkeypatch.setattr(relocalisation, "tour_config", tiny)
+    monkeypatch.setattr(relocalisation, "choose_tries", _two_tries)
+    args = argparse.Namespace(
+        folder=tmp_path, tries=3, seeds=[1], unseen=False, twins=False, method="icp", json=True
+    )
+    first = relocalisation.run(args)
+    assert first["together"].tries == 2
+    monkeypatch.setattr(relocalisation, "true_poses", lambda config: 1 / 0)
+    assert relocalisation.run(args) == first
+
+
+def _two_tries(
+    views: Sequence[SeenView], count: int, unseen: bool, rng: np.random.Generator
+) -> list[Try]:
+    assert (len(views), count, unseen) == (120, 3, False)
+    return [Try(0, 900), Try(15, 930)]

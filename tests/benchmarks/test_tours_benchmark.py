@@ -1,0 +1,161 @@
+"""Long tours: rendered as they are followed, judged by the truth, and not run twice."""
+
+import argparse
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import tours
+from benchmarks.kept_results import KeptResults
+from benchmarks.runners import Loop, OdometryRunner
+from benchmarks.tour_frames import AHEAD, made_ahead, rendered_frames, tour_config, true_poses
+from benchmarks.tour_measure import TourRecord, result_of, run_tour
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.errors import InputError
+from drivers.geometry import Array, inverse
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.render import make_renderer
+from drivers.trajectory import StampedPoses
+from tests.vo_service.fakes import frame
+from vo_service.odometry.estimate import Estimate
+
+TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
+LOST = 3
+
+
+def tiny_tour(seed: int, seconds: float, twins: bool) -> SyntheticConfig:
+    return replace(tour_config(seed, seconds, twins), camera=TINY, texel_m=0.05)
+
+
+@dataclass
+class Told:
+    """A runner that answers what it is told to: poses, corrected poses, loops."""
+
+    poses: Array
+    offset_m: float = 0.0
+    found: Sequence[Loop] = field(default=())
+
+    def frame(self, frame: RgbdFrame) -> Estimate:
+        """The pose of that number; without one at frame LOST."""
+        return Estimate(frame.seq != LOST, "", self.poses[frame.seq], np.eye(4), np.eye(6))
+
+    def corrected(self, trajectory: StampedPoses) -> StampedPoses:
+        """Every other pose is off by so much upwards."""
+        poses = trajectory.T_world_camera.copy()
+        poses[::2, 2, 3] += self.offset_m
+        return replace(trajectory, T_world_camera=poses)
+
+    def loops(self) -> Sequence[Loop]:
+        """As told."""
+        return self.found
+
+
+def frames(count: int) -> list[RgbdFrame]:
+    return [replace(frame(0), seq=n, stamp_s=n / 30.0) for n in range(count)]
+
+
+def follow(runner: Told, truth: Array) -> TourRecord:
+    return run_tour(runner, frames(len(truth)), truth, lambda done, total: None)
+
+
+@pytest.fixture(scope="module")
+def truth() -> Array:
+    return true_poses(tiny_tour(1, 4.0, twins=False))
+
+
+def test_what_is_made_ahead_comes_in_order_and_only_a_few_are_waiting() -> None:
+    begun, taken = [], 0
+    lock = threading.Lock()
+
+    def make(number: int) -> int:
+        with lock:
+            begun.append(number)
+        return number
+
+    for number in made_ahead(make, 40):
+        assert number == taken
+        taken += 1
+        with lock:
+            assert len(begun) <= taken + AHEAD
+    assert taken == 40
+
+
+def test_a_tour_is_the_virtual_kinect_s_own_frames() -> None:
+    config = tiny_tour(1, 0.2, twins=True)
+    streamed, renderer = list(rendered_frames(config)), make_renderer(config, 1)
+    assert [each.stamp_s for each in streamed] == [round(n / 30, 6) for n in range(6)]
+    np.testing.assert_array_equal(streamed[4].colour_bgr, renderer.render(4).colour)
+    np.testing.assert_array_equal(streamed[4].depth_raw, renderer.render(4).depth)
+    assert (streamed[0].readout_s, streamed[0].skew_s) == (0.02, 0.01)
+
+
+def test_errors_are_those_of_the_poses_given_and_of_the_corrected_ones(truth: Array) -> None:
+    T_start_room = inverse(truth[0])
+    result = result_of(follow(Told(T_start_room @ truth, offset_m=0.02), truth))
+    assert (result.frames, result.epochs, result.gross, result.loops) == (120, 0, 0, 0)
+    assert result.coverage == pytest.approx(119 / 120)
+    assert result.ate_m == pytest.approx(0.0, abs=1e-9)
+    assert result.ate_loops_m == pytest.approx(0.01, rel=0.1)
+    assert min(result.memory_mb) > 10.0
+
+
+def test_a_jump_that_says_nothing_is_a_gross_error(truth: Array) -> None:
+    jumping = truth.copy()
+    jumping[60:, 0, 3] += 0.06
+    assert result_of(follow(Told(jumping), truth)).gross == 1
+
+
+def test_a_loop_is_wrong_if_it_is_off_by_more_than_five_centimetres(truth: Array) -> None:
+    right, wrong = (inverse(truth[10]) @ truth[100] for _ in range(2))
+    right[0, 3] += 0.04
+    wrong[0, 3] += 0.06
+    loops = [Loop(10 / 30, 100 / 30, T) for T in (right, wrong, right)]
+    result = result_of(follow(Told(truth, found=loops), truth))
+    assert (result.loops, result.wrong_loops) == (3, 1)
+
+
+def test_the_arrays_of_a_tour_can_be_read_again(truth: Array, tmp_path: Path) -> None:
+    follow(Told(truth, found=[Loop(0.1, 0.2, np.eye(4))]), truth).save(tmp_path / "tour.npz")
+    kept = np.load(tmp_path / "tour.npz")
+    np.testing.assert_array_equal(kept["T_room_camera"], truth)
+    assert np.flatnonzero(~kept["ok"]).tolist() == [LOST]
+    assert len(kept["corrected_stamp_s"]) == len(truth) - 1
+    assert kept["loop_place_stamp_s"].tolist() == [0.1]
+
+
+def test_a_tour_that_is_finished_is_not_run_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(tours, "tour_config", tiny_tour)
+    args = argparse.Namespace(
+        folder=tmp_path / "new", seconds=0.2, seeds=[1, 2], twins=False, method="icp", json=False
+    )
+    first = tours.run(args)
+    assert list(first) == ["tour-0.2s-1-icp", "tour-0.2s-2-icp"]
+    assert all(result["frames"] == 6 for result in first.values())
+    assert (args.folder / "tour-0.2s-2-icp.npz").exists()
+    monkeypatch.setattr(tours, "rendered_frames", lambda config: 1 / 0)
+    assert tours.run(args) == first
+    assert capsys.readouterr().out.count("tour-0.2s-1-icp") == 2
+
+
+def test_results_that_were_not_written_here_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "results.json").write_text("[1, 2]")
+    with pytest.raises(InputError, match="holds no results; name another folder"):
+        KeptResults(tmp_path)
+    (tmp_path / "results.json").write_text("thesis")
+    with pytest.raises(InputError, match="cannot be read"):
+        KeptResults(tmp_path)
+    assert (tmp_path / "results.json").read_text() == "thesis"
+
+
+def test_the_odometry_alone_knows_no_loops_and_corrects_nothing() -> None:
+    runner = OdometryRunner("icp")
+    estimate = runner.frame(frame(0))
+    trajectory = StampedPoses(np.zeros(1), estimate.T_world_camera[None])
+    assert runner.corrected(trajectory) is trajectory
+    assert runner.loops() == ()

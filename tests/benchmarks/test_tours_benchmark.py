@@ -85,7 +85,7 @@ def test_what_is_made_ahead_comes_in_order_and_only_a_few_are_waiting() -> None:
 
 
 def test_a_tour_is_the_virtual_kinect_s_own_frames() -> None:
-    config = tiny_tour(1, 0.2, twins=True)
+    config = tiny_tour(1, 0.2, twins=False)
     streamed, renderer = list(rendered_frames(config)), make_renderer(config, 1)
     assert [each.stamp_s for each in streamed] == [round(n / 30, 6) for n in range(6)]
     np.testing.assert_array_equal(streamed[4].colour_bgr, renderer.render(4).colour)

@@ -4,9 +4,10 @@
 
 In each try the camera goes along a tour for 20 s, is covered for 3 s, and is uncovered at a place
 that it has seen before, on another lap; with --unseen at one that it has not. How much of a view
-was seen before is known from the true depth. Each seed is another room; its film of a minute
-(2.8 GB) is kept in FOLDER/films, and rendered the first time, in COST. The outcomes of each seed
-are kept in FOLDER/results.json and not measured again; remove that file to begin anew.
+was seen before is known from true poses and measured depth. Each seed is another room; its film of
+a minute (2.8 GB) is kept in FOLDER/films, and rendered the first time: two minutes on two idle
+cores. A try takes five seconds. The outcomes of each seed are kept in FOLDER/results.json and not
+measured again; remove that file to begin anew.
 
 "old" counts the tries that came back into the world from before the cover, "in 1 s" those of them
 that did so within 30 frames, "new" those with a new world, "nowhere" those without any pose in 2 s.

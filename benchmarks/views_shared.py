@@ -1,4 +1,4 @@
-"""How much of what one view shows was seen in others before, from true poses and true depth."""
+"""How much of what one view shows was seen in others before, by true poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

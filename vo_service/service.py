@@ -132,7 +132,7 @@ class Service:
         statistics, counters = self.statistics, self._feed.counters
         rolling = statistics.rolling()
         estimate = self._last.estimate if self._last else None
-        the_map = self._control.map
+        the_map, places = self._control.map, self._loops.snapshot
         return Status(
             state=state,
             reason=reason,
@@ -160,6 +160,9 @@ class Service:
             map_keyframes=the_map.keyframes,
             saving_map=the_map.saving,
             saved_map=the_map.saved,
+            places=places.places,
+            loops=places.loops,
+            is_located=places.is_located,
             warnings=warnings,
             cpu_ms_per_frame=rolling.cpu_ms_per_frame,
             stage_ms=rolling.stage_ms,

@@ -13,6 +13,7 @@ from tests.vo_service.fakes import (
 from vo_service.control.control import Control, Order
 from vo_service.control.inbox import Inbox
 from vo_service.feed import Feed, PlainFeed
+from vo_service.mapping.loops.contract import Loops, NoLoops
 from vo_service.odometry.estimate import Estimate
 from vo_service.outputs.output import Output
 from vo_service.pose_tracker import PoseTracker
@@ -29,6 +30,7 @@ def make_service(
     camera: ScriptedCamera | None = None,
     inbox: Inbox[Order] | None = None,
     odometry: ScriptedOdometry | None = None,
+    loops: Loops | None = None,
 ) -> Service:
     camera, tracker = camera or ScriptedCamera(), PoseTracker()
     return Service(
@@ -41,6 +43,7 @@ def make_service(
         camera=camera,
         method="surf",
         control=Control(tracker, camera, inbox),
+        loops=loops or NoLoops(),
     )
 
 

@@ -16,7 +16,9 @@ from tests.vo_service.fakes import (
     FakeClock,
     PatientStop,
     ScriptedCamera,
+    ScriptedLoops,
     ScriptedOdometry,
+    a_map,
     bad,
     frame,
     good,
@@ -87,6 +89,21 @@ def test_the_status_counts_failures_and_shows_the_last_frames_matches(clock: Fak
     last = collector.statuses[-1]
     assert (last.frames, last.failed) == (2, 1)
     assert (last.features, last.matches, last.inliers) == (20, 9, 3)
+
+
+def test_every_pose_carries_the_map_and_the_status_says_what_there_is_of_it() -> None:
+    camera, collector, the_map = ScriptedCamera([frame(0)]), Collector(), a_map(is_located=False)
+    with camera:
+        loops = ScriptedLoops(the_map)
+        make_service(PlainFeed(camera), [collector], loops=loops).run(threading.Event())
+    last = collector.statuses[-1]
+    assert collector.poses[0].map is the_map
+    assert (last.places, last.loops, last.is_located) == (4, 1, False)
+
+
+def test_where_there_is_no_map_the_status_says_so() -> None:
+    last = play([frame(0)]).statuses[-1]
+    assert (last.places, last.loops, last.is_located) == (0, 0, True)
 
 
 def test_while_the_camera_is_away_the_status_says_so_and_goes_on(clock: FakeClock) -> None:

@@ -12,6 +12,16 @@ Needs zenoh and numpy alone. `docs/messages.md` says what is behind it.
 from drivers.errors import InputError
 from vo_service.client.client import PoseClient
 from vo_service.client.errors import CommandRefused, NoAnswer, NoPose, Why
+from vo_service.client.map_odom import MapOdom
 from vo_service.client.pose import Pose
 
-__all__ = ["CommandRefused", "InputError", "NoAnswer", "NoPose", "Pose", "PoseClient", "Why"]
+__all__ = [
+    "CommandRefused",
+    "InputError",
+    "MapOdom",
+    "NoAnswer",
+    "NoPose",
+    "Pose",
+    "PoseClient",
+    "Why",
+]

@@ -20,6 +20,7 @@ from vo_service.client.connecting import Connecting
 from vo_service.client.errors import NoAnswer
 from vo_service.client.hearing import Hearing, Status
 from vo_service.client.judging import SILENCE_S, usable, why_none
+from vo_service.client.map_odom import MapOdom, read_map_odom
 from vo_service.client.pose import Pose, PoseReader, ReaderOfEachThread, make_pose, read_sample
 from vo_service.client.reading import Message, check_fields, read_json, read_status
 from vo_service.outputs.zenoh_session import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
@@ -112,6 +113,16 @@ class PoseClient:
         """
         sample = ask(self._sessions(timeout_s), f"{self._prefix}/latest", timeout_s)
         return make_pose(read_sample(sample, run=0), is_continuous=False, missed=0)
+
+    def map_odom(self, timeout_s: float = ANSWER_S) -> MapOdom:
+        """How `odom` lies in the map now. What was heard lately is had at once; else it is asked.
+
+        Raises CommandRefused if there is no map, NoAnswer if nobody answers.
+        """
+        heard = self._hearing.map_odom
+        if heard.item is not None and heard.age_s < SILENCE_S:
+            return heard.item
+        return read_map_odom(ask(self._sessions(timeout_s), f"{self._prefix}/map_odom", timeout_s))
 
     # The service
 

@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 
 import zenoh
 
+from vo_service.client.map_odom import MapOdom, read_map_odom
 from vo_service.client.pose import Heard, read_sample
 from vo_service.client.reading import Message, read_status
 
@@ -42,13 +43,14 @@ class Newest(Generic[T]):
 
 
 class Hearing:
-    """Keeps the last pose, the last status and whether the service is there.
+    """Keeps the last pose, its place in the map, the last status and whether the service is there.
 
     Zenoh's threads write, readers read and wait.
     """
 
     def __init__(self) -> None:
         self.pose: Newest[Heard] = Newest()
+        self.map_odom: Newest[MapOdom] = Newest()
         self.status: Newest[Status] = Newest()
         self.is_alive = False
         self.is_closed = False
@@ -65,6 +67,7 @@ class Hearing:
         alive = f"{prefix}/alive"
         session.liveliness().declare_subscriber(alive, self._take_token, history=True)
         session.declare_subscriber(f"{prefix}/status", self._take_status)
+        session.declare_subscriber(f"{prefix}/map_odom", self._take_map_odom)
         session.declare_subscriber(f"{prefix}/odom", self._take_pose)
 
     def wait_until_alive(self, timeout_s: float | None) -> bool:
@@ -93,6 +96,7 @@ class Hearing:
         with self._news:
             self.is_alive = sample.kind == zenoh.SampleKind.PUT
             self._run += self.is_alive
+            self.map_odom = Newest()  # an epoch's number says nothing about another run
             self._news.notify_all()
 
     def _take_status(self, sample: zenoh.Sample) -> None:
@@ -102,6 +106,10 @@ class Hearing:
     def _take_pose(self, sample: zenoh.Sample) -> None:
         with self._news, self._passing_over(self.pose):
             self.pose.put(read_sample(sample, self._run))
+
+    def _take_map_odom(self, sample: zenoh.Sample) -> None:
+        with self._news, self._passing_over(self.map_odom):
+            self.map_odom.put(read_map_odom(sample))
 
     @contextmanager
     def _passing_over(self, newest: Newest[T]) -> Iterator[None]:

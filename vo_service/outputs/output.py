@@ -75,6 +75,7 @@ class Status:
     paused        asked to publish no poses
     recording     folder that is being recorded into; "" = none
     map_keyframes, saving_map, saved_map  see `vo_service.mapping.live.contract.MapState`
+    places, loops, is_located     see `MapSnapshot`
     warnings      what the outputs complain of, and what was given up for want of time
     cpu_ms_per_frame, stage_ms  processor time of the odometry, whole and by stage: medians
     """
@@ -105,6 +106,9 @@ class Status:
     map_keyframes: int = 0
     saving_map: str = ""
     saved_map: str = ""
+    places: int = 0
+    loops: int = 0
+    is_located: bool = True
     warnings: tuple[str, ...] = ()
     cpu_ms_per_frame: float = 0.0
     stage_ms: Mapping[str, float] = field(default_factory=dict)

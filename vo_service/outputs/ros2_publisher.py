@@ -1,12 +1,15 @@
 """The poses once more, as a ROS 2 node would publish them. Experimental: never met a real node."""
 
 import time
+from collections.abc import Iterator
 from typing import Protocol
 
+import numpy as np
 import zenoh
 
 from drivers.errors import InputError
-from vo_service.outputs.cdr import encode_transform
+from vo_service.outputs.cdr_transform import TransformMessage, encode_transforms
+from vo_service.outputs.map_snapshot import NO_MAP
 from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.outputs.ros2_names import (
     ODOMETRY,
@@ -17,7 +20,7 @@ from vo_service.outputs.ros2_names import (
     node_name,
     publisher_gid,
 )
-from vo_service.outputs.zenoh_messages import Frames
+from vo_service.outputs.zenoh_messages import Frames, map_odom
 from vo_service.settings import Ros2Settings
 
 # What rclcpp and tf2_ros ask for.
@@ -50,8 +53,10 @@ class Ros2Publisher:
     """Publishes on an open session, for zenoh-bridge-ros2dds and for rmw_zenoh at once.
 
     topic  nav_msgs/msg/Odometry, the same bytes as on `{prefix}/odom`
-    /tf    tf2_msgs/msg/TFMessage, unless switched off. Not while lost: a transform has no field
-           for doubt, and who asks for one that is not there is told so
+    /tf    tf2_msgs/msg/TFMessage, unless switched off: the base in `odom` and, where there is a
+           map, `odom` in it, stamped alike. Not while lost, and `odom` not before it is known
+           where it lies: a transform has no field for doubt, and who asks for one that is not
+           there is told so
 
     Raises InputError for a topic's name that ROS 2 would not take, or that is `{prefix}/odom`.
     """
@@ -87,19 +92,27 @@ class Ros2Publisher:
         if update.state is TrackingState.LOST:
             return
         for tf in self._tf:
-            tf.put(self._transform(update), source_ns)
+            tf.put(encode_transforms(list(self._transforms(update))), source_ns)
 
-    def _transform(self, update: PoseUpdate) -> bytes:
+    def _transforms(self, update: PoseUpdate) -> Iterator[TransformMessage]:
         frames = self._frames
-        return encode_transform(
+        yield TransformMessage(
             update.stamp_s, frames.frame_id, frames.child_frame_id, update.T_odom_base
         )
+        if _lies_in_a_map(update):
+            yield map_odom(update, frames)
 
     def close(self) -> None:
         """See `RosOutput`."""
         for publisher in (self._odometry, *self._tf):
             publisher.close()
         self._node.undeclare()  # type: ignore[no-untyped-call]
+
+
+def _lies_in_a_map(update: PoseUpdate) -> bool:
+    """Whether `odom` does. What is wrong with a map must not keep the base's own transform back."""
+    found = update.map
+    return found is not NO_MAP and found.is_located and bool(np.all(np.isfinite(found.T_map_odom)))
 
 
 class _TopicPublisher:

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from vo_service.control.errors import CommandError
 from vo_service.control.inbox import Answer
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
+from vo_service.outputs.cdr_transform import TransformMessage, encode_transform
 from vo_service.outputs.output import PoseUpdate, Status
 
 MESSAGE_SCHEMA = 1
@@ -16,10 +17,11 @@ MESSAGE_SCHEMA = 1
 
 @dataclass(frozen=True)
 class Frames:
-    """ROS names of the pose's frame and of the frame that moves."""
+    """ROS names of the pose's frame, of the frame that moves and of the map's."""
 
     frame_id: str
     child_frame_id: str
+    map_frame_id: str
 
 
 def pose_payload(update: PoseUpdate, frames: Frames) -> bytes:
@@ -48,6 +50,33 @@ def pose_attachment(update: PoseUpdate) -> bytes:
         "state": update.state,
         "epoch": update.epoch,
         "reason": update.reason,
+    }
+    return json.dumps(content).encode()
+
+
+def map_odom(update: PoseUpdate, frames: Frames) -> TransformMessage:
+    """How `odom` lies in the map, as it is known with this pose."""
+    T_map_odom = update.map.T_map_odom
+    return TransformMessage(update.stamp_s, frames.map_frame_id, frames.frame_id, T_map_odom)
+
+
+def map_odom_payload(update: PoseUpdate, frames: Frames) -> bytes:
+    """The same as CDR ``geometry_msgs/msg/TransformStamped``.
+
+    Raises ValueError if a number is not finite.
+    """
+    return encode_transform(map_odom(update, frames))
+
+
+def map_odom_attachment(update: PoseUpdate) -> bytes:
+    """JSON beside it: how far it can be relied on, and of which `odom` it is."""
+    content = {
+        "schema": MESSAGE_SCHEMA,
+        "seq": update.seq,
+        "epoch": update.epoch,
+        "is_located": update.map.is_located,
+        "places": update.map.places,
+        "loops": update.map.loops,
     }
     return json.dumps(content).encode()
 

@@ -7,11 +7,14 @@ from dataclasses import dataclass, field
 
 import zenoh
 
+from vo_service.outputs.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.worker import DropOldest, HandOver, Wait, Worker
 from vo_service.outputs.zenoh_commands import Commands, NoCommands
 from vo_service.outputs.zenoh_messages import (
     Frames,
+    map_odom_attachment,
+    map_odom_payload,
     pose_attachment,
     pose_payload,
     status_payload,
@@ -57,9 +60,12 @@ class ZenohOutput:
     """Publishes each pose on `{prefix}/odom` and the status on `{prefix}/status`.
 
     odom     CDR ``nav_msgs/msg/Odometry``; attachment: JSON of schema, seq, state, epoch, reason
+    map_odom how `odom` lies in the map, where there is one: when that or the epoch has changed, and
+             with each status. CDR ``geometry_msgs/msg/TransformStamped``; attachment: JSON of
+             schema, seq, epoch, is_located, places, loops
     status   JSON: schema, every field of `Status`, versions
     alive    a liveliness token that lasts as long as this object (or its process)
-    latest, status, schema, command/NAME   answer questions; see `docs/messages.md`
+    latest, map_odom, status, schema, command/NAME   answer questions; see `docs/messages.md`
 
     A pose with a number that is not finite is never published: the error is logged and counted.
     Raises what `way_to_open` raises where the session cannot be opened.
@@ -79,12 +85,13 @@ class ZenohOutput:
         self._commands = extras.commands
         self._programme = Programme(
             prefix=config.prefix,
-            frames=Frames(config.odom_frame_id, config.child_frame_id),
+            frames=Frames(config.odom_frame_id, config.child_frame_id, config.map_frame_id),
             congestion=delivery.congestion,
             questions=Questions(config.prefix, self._memory),
             commands=extras.commands,
             ros2=extras.ros2,
         )
+        self._mapped: tuple[MapSnapshot, int] = (NO_MAP, 0)  # what was published, of which epoch
         self._failure = ""
         self._opening = way_to_open(config)
         self._stations: list[Station] = []
@@ -138,6 +145,22 @@ class ZenohOutput:
         self._memory.pose = (payload, attachment)
         for station in self._stations:
             station.pose(update, payload, attachment)
+        if update.map is not NO_MAP:
+            self._publish_map(update)
+
+    def _publish_map(self, update: PoseUpdate) -> None:
+        """Remember it with the newest stamp; publish it if it is another."""
+        payload = map_odom_payload(update, self._programme.frames)
+        self._memory.map_odom = (payload, map_odom_attachment(update))
+        mapped = (update.map, update.epoch)
+        if mapped != self._mapped:
+            self._mapped = mapped
+            self._send_map()
+
+    def _send_map(self) -> None:
+        if self._memory.map_odom is not None:
+            for station in self._stations:
+                station.map_odom(*self._memory.map_odom)
 
     def _publish_status(self, status: Status) -> None:
         payload = status_payload(status, self._versions)
@@ -145,6 +168,7 @@ class ZenohOutput:
         self._settle()
         for station in self._stations:
             station.status(payload)
+        self._send_map()  # for those who came late
 
     def _settle(self) -> None:
         """See that there is a station on the session that is open now, if one is."""

@@ -11,6 +11,7 @@ import zenoh
 
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.outputs.cdr import SCHEMA
+from vo_service.outputs.cdr_transform import TRANSFORM_SCHEMA
 from vo_service.outputs.zenoh_messages import answer_payload, error_payload
 from vo_service.outputs.zenoh_schemas import all_schemas
 from vo_service.token_bucket import TokenBucket
@@ -18,6 +19,7 @@ from vo_service.token_bucket import TokenBucket
 logger = logging.getLogger(__name__)
 
 CDR = zenoh.Encoding.APPLICATION_CDR.with_schema(SCHEMA)
+CDR_TRANSFORM = zenoh.Encoding.APPLICATION_CDR.with_schema(TRANSFORM_SCHEMA)
 JSON = zenoh.Encoding.APPLICATION_JSON
 # Zenoh gives up the oldest question that waits when there are more; that costs us no Python.
 MOST_WAITING = 16
@@ -32,6 +34,7 @@ class Memory:
 
     def __init__(self) -> None:
         self.pose: tuple[bytes, bytes] | None = None  # CDR, attachment
+        self.map_odom: tuple[bytes, bytes] | None = None  # the same; None where there is no map
         self.status: bytes | None = None
 
 
@@ -90,14 +93,19 @@ def _answer_all(queryable: zenoh.Queryable[zenoh.Handler[zenoh.Query]], answer: 
 
 @dataclass(frozen=True)
 class Questions:
-    """The keys that any reader may ask: the last pose, the last status, the schemas."""
+    """The keys that any reader may ask: the last pose, the map, the last status, the schemas."""
 
     prefix: str
     memory: Memory
 
     def declare(self, session: zenoh.Session) -> list[threading.Thread]:
         """Begin to answer; the threads that do."""
-        answers = {"latest": self._latest, "status": self._status, "schema": self._schema}
+        answers = {
+            "latest": self._latest,
+            "map_odom": self._map_odom,
+            "status": self._status,
+            "schema": self._schema,
+        }
         return [
             answer_questions(session, f"{self.prefix}/{name}", answer)
             for name, answer in answers.items()
@@ -109,6 +117,13 @@ class Questions:
             return
         payload, attachment = self.memory.pose
         reply(query, f"{self.prefix}/latest", payload, CDR, attachment)
+
+    def _map_odom(self, query: zenoh.Query) -> None:
+        if self.memory.map_odom is None:
+            refuse(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no map yet"))
+            return
+        payload, attachment = self.memory.map_odom
+        reply(query, f"{self.prefix}/map_odom", payload, CDR_TRANSFORM, attachment)
 
     def _status(self, query: zenoh.Query) -> None:
         if self.memory.status is None:

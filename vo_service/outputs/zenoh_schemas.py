@@ -45,6 +45,7 @@ def all_schemas() -> dict[str, Schema]:
     }
     return {
         "odom-attachment": _odom_attachment_schema(),
+        "map-odom-attachment": _map_odom_attachment_schema(),
         "status": _status_schema(),
         "error": _error_schema(),
         **commands,
@@ -83,6 +84,26 @@ def _odom_attachment_schema() -> Schema:
                 "type": "string",
                 "description": 'why the state is so or the epoch began; "" while all is well',
             },
+        },
+    )
+
+
+def _map_odom_attachment_schema() -> Schema:
+    return _message(
+        "Attachment of how odom lies in the map, on PREFIX/map_odom",
+        {
+            "seq": {
+                "type": "integer",
+                "minimum": 0,
+                "description": "number of the newest pose, whose stamp it has",
+            },
+            "epoch": {
+                "type": "integer",
+                "description": "of that pose; for poses of another epoch odom lies elsewhere",
+            },
+            "is_located": {"type": "boolean", "description": STATUS_FIELDS["is_located"]},
+            "places": {"type": "integer", "description": STATUS_FIELDS["places"]},
+            "loops": {"type": "integer", "description": STATUS_FIELDS["loops"]},
         },
     )
 

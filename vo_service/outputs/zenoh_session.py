@@ -37,6 +37,7 @@ class ZenohConfig:
     )
     odom_frame_id: str = setting("odom", "frame of the poses")
     child_frame_id: str = setting("base_link", "frame that moves")
+    map_frame_id: str = setting("map", "frame in which places are corrected; `odom` lies in it")
 
     def __post_init__(self) -> None:
         check_prefix(self.prefix)

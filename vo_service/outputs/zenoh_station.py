@@ -11,7 +11,7 @@ from vo_service.outputs.ros2_publisher import ros2_output
 from vo_service.outputs.tcp_backlog import backlog_bytes
 from vo_service.outputs.zenoh_commands import Commands
 from vo_service.outputs.zenoh_messages import Frames
-from vo_service.outputs.zenoh_questions import CDR, JSON, Questions
+from vo_service.outputs.zenoh_questions import CDR, CDR_TRANSFORM, JSON, Questions
 from vo_service.settings import Ros2Settings
 
 THREAD_END_S = 0.5
@@ -30,7 +30,7 @@ class Programme:
 
 
 class Station:
-    """Publishers of `odom` and `status`, the questions and commands, and the token `alive`.
+    """Publishers of poses, map and status, the questions and commands, and the token `alive`.
 
     The token comes last: who sees it finds all the rest. Raises InputError for a topic of ROS 2
     that cannot be used.
@@ -47,6 +47,12 @@ class Station:
             express=True,
             reliability=zenoh.Reliability.RELIABLE,
         )
+        self._map_odom = session.declare_publisher(
+            f"{prefix}/map_odom",
+            encoding=CDR_TRANSFORM,
+            congestion_control=programme.congestion,
+            reliability=zenoh.Reliability.RELIABLE,
+        )
         self._status = session.declare_publisher(
             f"{prefix}/status", encoding=JSON, congestion_control=programme.congestion
         )
@@ -61,6 +67,10 @@ class Station:
         """Publish one pose; `payload` is its CDR."""
         self._odom.put(payload, attachment=attachment)
         self._ros2.publish(update, payload)
+
+    def map_odom(self, payload: bytes, attachment: bytes) -> None:
+        """Publish how `odom` lies in the map."""
+        self._map_odom.put(payload, attachment=attachment)
 
     def status(self, payload: bytes) -> None:
         """Publish a status."""

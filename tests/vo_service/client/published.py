@@ -13,6 +13,7 @@ import zenoh
 from drivers.geometry import rigid_transform
 from vo_service.client import Pose, PoseClient
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
+from vo_service.outputs.cdr_transform import TransformMessage, encode_transform
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
 PATIENCE_S = 100.0
@@ -43,6 +44,15 @@ class Robot:
         message = OdometryMessage(12.5, "odom", "base_link", T, np.eye(6), np.zeros(6), np.eye(6))
         usual = {"schema": 1, "seq": seq, "state": "tracking", "epoch": 0, "reason": ""}
         self._odom.put(encode_odometry(message), attachment=json.dumps(usual | about).encode())
+
+    def map_odom(self, y_m: float = 0.0, **about: Any) -> None:
+        """How odom lies in the map: `y_m` to the left."""
+        T = rigid_transform(np.eye(3), [0.0, y_m, 0.0])
+        usual = {
+            "schema": 1, "seq": 0, "epoch": 0, "is_located": True, "places": 3, "loops": 1,
+        }  # fmt: skip
+        payload = encode_transform(TransformMessage(12.5, "map", "odom", T))
+        self.session.put("kinect/map_odom", payload, attachment=json.dumps(usual | about).encode())
 
     def raw(self, payload: bytes, attachment: bytes | None = None) -> None:
         """Whatever comes."""

@@ -23,6 +23,7 @@ def test_a_reader_gets_poses_but_no_answer_to_a_command(network: Network, robot:
     with PoseClient(config_file=network.file("reader-tls.json5", "ours/reader")) as client:
         assert next(client.poses(timeout_s=100)).state == "tracking"
         assert client.latest().state == "tracking"
+        assert client.map_odom().places == 4
         with pytest.raises(NoAnswer):
             client.command("pause", timeout_s=1.0)
     assert robot.obeyed == []

@@ -1,6 +1,7 @@
 """The CDR packer against rosbags' own serialiser."""
 
 import dataclasses
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,13 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.geometry import rigid_transform, rotation_from_vector
-from vo_service.outputs.cdr import (
-    OdometryMessage,
-    decode_odometry,
-    encode_odometry,
+from vo_service.outputs.cdr import OdometryMessage, decode_odometry, encode_odometry
+from vo_service.outputs.cdr_layout import split_stamp
+from vo_service.outputs.cdr_transform import (
+    TransformMessage,
+    decode_transform,
     encode_transform,
-    split_stamp,
+    encode_transforms,
 )
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
@@ -85,10 +87,16 @@ def test_bytes_equal_those_of_rosbags(message: OdometryMessage) -> None:
     assert encode_odometry(message) == by_rosbags(message)
 
 
-def transform_by_rosbags(message: OdometryMessage) -> bytes:
+def transform_of(message: OdometryMessage) -> TransformMessage:
+    return TransformMessage(
+        message.stamp_s, message.frame_id, message.child_frame_id, message.T_frame_child
+    )
+
+
+def stamped_by_rosbags(message: OdometryMessage) -> Any:
     t = ROS.types
     sec, nanosec = split_stamp(message.stamp_s)
-    stamped = t["geometry_msgs/msg/TransformStamped"](
+    return t["geometry_msgs/msg/TransformStamped"](
         header=t["std_msgs/msg/Header"](
             stamp=t["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec),
             frame_id=message.frame_id,
@@ -99,17 +107,60 @@ def transform_by_rosbags(message: OdometryMessage) -> bytes:
             rotation=t["geometry_msgs/msg/Quaternion"](*message.quaternion_xyzw),
         ),
     )
-    name = "tf2_msgs/msg/TFMessage"
-    return bytes(ROS.serialize_cdr(t[name](transforms=[stamped]), name))
 
 
 @given(messages())
 @settings(max_examples=60, deadline=None)
 def test_a_transforms_bytes_equal_those_of_rosbags(message: OdometryMessage) -> None:
-    encoded = encode_transform(
-        message.stamp_s, message.frame_id, message.child_frame_id, message.T_frame_child
+    by_rosbags = ROS.serialize_cdr(
+        stamped_by_rosbags(message), "geometry_msgs/msg/TransformStamped"
     )
-    assert encoded == transform_by_rosbags(message)
+    assert encode_transform(transform_of(message)) == bytes(by_rosbags)
+
+
+@given(st.lists(messages(), max_size=3))
+@settings(max_examples=60, deadline=None)
+def test_the_bytes_of_several_transforms_equal_those_of_rosbags(
+    several: list[OdometryMessage],
+) -> None:
+    name = "tf2_msgs/msg/TFMessage"
+    message = ROS.types[name](transforms=[stamped_by_rosbags(each) for each in several])
+    encoded = encode_transforms([transform_of(each) for each in several])
+    assert encoded == bytes(ROS.serialize_cdr(message, name))
+
+
+@given(messages())
+@settings(max_examples=60, deadline=None)
+def test_decoding_a_transform_gives_back_what_was_encoded(message: OdometryMessage) -> None:
+    decoded = decode_transform(encode_transform(transform_of(message)))
+    assert decoded.stamp_s == pytest.approx(message.stamp_s, abs=1e-9)
+    assert (decoded.frame_id, decoded.child_frame_id) == (message.frame_id, message.child_frame_id)
+    np.testing.assert_allclose(decoded.T_frame_child, message.T_frame_child, atol=1e-12)
+
+
+@given(st.binary(max_size=120))
+def test_whatever_comes_as_a_transform_is_one_or_a_value_error(body: bytes) -> None:
+    with suppress(ValueError):
+        message = decode_transform(b"\x00\x01\x00\x00" + body)
+        assert message.T_frame_child.shape == (4, 4)
+
+
+@pytest.mark.parametrize("length", [0, 3, 10, 18, 40, 99])
+def test_a_cut_transform_is_refused(length: int) -> None:
+    with pytest.raises(ValueError, match=r"CDR|TransformStamped"):
+        decode_transform(encode_transform(transform_of(example()))[:length])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("where", [(1, 3), (0, 0)])
+def test_a_transform_that_is_not_finite_never_leaves(bad: float, where: tuple[int, int]) -> None:
+    T = np.eye(4)
+    T[where] = bad
+    message = TransformMessage(1.0, "odom", "base_link", T)
+    with pytest.raises(ValueError, match="not finite"):
+        encode_transform(message)
+    with pytest.raises(ValueError, match="not finite"):
+        encode_transforms([message])
 
 
 @given(messages())

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,10 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.errors import InputError
+from drivers.geometry import rigid_transform
+from tests.vo_service.fakes import a_map
 from tests.vo_service.played_service import free_port as another_free_port
-from vo_service.outputs.cdr import encode_transform
+from vo_service.outputs.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.ros2_names import ODOMETRY, TF_MESSAGE
 from vo_service.outputs.ros2_publisher import Ros2Publisher, ros2_output
@@ -25,7 +28,7 @@ from vo_service.settings import Ros2Settings
 
 MakeUpdate = Callable[..., PoseUpdate]
 ROS = get_typestore(Stores.ROS2_JAZZY)
-FRAMES = Frames("odom", "base_link")
+FRAMES = Frames("odom", "base_link", "map")
 ODOMETRY_KEY = f"0/vo/odom/{ODOMETRY.dds_name}/{ODOMETRY.hash}"
 TF_KEY = f"0/tf/{TF_MESSAGE.dds_name}/{TF_MESSAGE.hash}"
 # As rmw_zenoh opens its sessions and its router; routers there do not stand in between peers.
@@ -155,6 +158,39 @@ def test_a_node_gets_the_transform(free_port: int, make_update: MakeUpdate) -> N
     assert ROS.serialize_cdr(message, "tf2_msgs/msg/TFMessage") == sample.payload.to_bytes()
 
 
+def transforms(sample: zenoh.Sample) -> list[tuple[str, str, float]]:
+    """Frames and x of each transform of a sample, which all have one stamp."""
+    message: Any = ROS.deserialize_cdr(sample.payload.to_bytes(), "tf2_msgs/msg/TFMessage")
+    assert len({(t.header.stamp.sec, t.header.stamp.nanosec) for t in message.transforms}) == 1
+    return [
+        (t.header.frame_id, t.child_frame_id, t.transform.translation.x) for t in message.transforms
+    ]
+
+
+def test_where_there_is_a_map_a_node_gets_odom_in_it_beside_the_base(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    update = replace(make_update(2), map=a_map(T_map_odom=rigid_transform(np.eye(3), [5, 0, 0])))
+    (sample,) = published(free_port, [update], 1, TF_KEY)
+    assert transforms(sample) == [
+        ("odom", "base_link", update.T_odom_base[0, 3]),
+        ("map", "odom", 5.0),
+    ]
+
+
+@pytest.mark.parametrize(
+    "the_map",
+    [NO_MAP, a_map(is_located=False), a_map(T_map_odom=np.full((4, 4), np.nan))],
+    ids=["none", "not located", "not finite"],
+)
+def test_without_a_map_to_rely_on_a_node_gets_the_base_alone(
+    free_port: int, make_update: MakeUpdate, the_map: MapSnapshot
+) -> None:
+    update = replace(make_update(2), map=the_map)
+    (sample,) = published(free_port, [update], 1, "tf")
+    assert transforms(sample) == [("odom", "base_link", update.T_odom_base[0, 3])]
+
+
 def test_the_bridge_gets_the_same_bytes_under_plain_names(
     free_port: int, make_update: MakeUpdate
 ) -> None:
@@ -220,14 +256,6 @@ def test_nothing_is_declared_unless_asked_for(free_port: int, make_update: MakeU
         with ros_node(free_port) as node:
             assert tokens(node, 0, count=0) == set()
         output.close()
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_transform_that_is_not_finite_is_refused(bad: float) -> None:
-    T = np.eye(4)
-    T[1, 3] = bad
-    with pytest.raises(ValueError, match="not finite"):
-        encode_transform(1.0, "odom", "base_link", T)
 
 
 def tokens(node: zenoh.Session, domain_id: int, count: int) -> set[tuple[str, str]]:

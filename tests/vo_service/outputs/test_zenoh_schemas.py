@@ -13,12 +13,14 @@ from hypothesis import strategies as st
 from drivers.sensor_settings import Led
 from scripts.write_schemas import FOLDER, schema_files
 from tests.json_schema import complaints
+from tests.vo_service.fakes import a_map
 from vo_service.control.commands import COMMAND_NAMES, parse_command
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.status_fields import STATUS_FIELDS
 from vo_service.outputs.zenoh_messages import (
     error_payload,
+    map_odom_attachment,
     pose_attachment,
     status_payload,
     versions,
@@ -75,6 +77,9 @@ def test_attachments_and_errors_are_valid(make_update: Callable[..., PoseUpdate]
         content = json.loads(pose_attachment(make_update(3, ok=ok)))
         assert complaints(SCHEMAS["odom-attachment"], content) == []
         assert content.keys() == SCHEMAS["odom-attachment"]["properties"].keys()
+        on_map = json.loads(map_odom_attachment(dataclasses.replace(make_update(3), map=a_map())))
+        assert complaints(SCHEMAS["map-odom-attachment"], on_map) == []
+        assert on_map.keys() == SCHEMAS["map-odom-attachment"]["properties"].keys()
     for code in ErrorCode:
         content = json.loads(error_payload(CommandError(code, "why")))
         assert complaints(SCHEMAS["error"], content) == []
@@ -82,7 +87,8 @@ def test_attachments_and_errors_are_valid(make_update: Callable[..., PoseUpdate]
 
 def test_every_command_has_its_two_schemas() -> None:
     parts = {f"{command}-{part}" for command in COMMAND_NAMES for part in ("arguments", "answer")}
-    assert parts | {"status", "odom-attachment", "error"} == SCHEMAS.keys()
+    others = {"status", "odom-attachment", "map-odom-attachment", "error"}
+    assert parts | others == SCHEMAS.keys()
 
 
 @given(st.sampled_from(COMMAND_NAMES), arguments)

@@ -13,7 +13,7 @@ from vo_service.settings import Ros2Settings
 def test_a_token_that_cannot_be_taken_back_keeps_nothing_else_open() -> None:
     programme = Programme(
         "kinect",
-        Frames("odom", "base_link"),
+        Frames("odom", "base_link", "map"),
         zenoh.CongestionControl.DROP,
         Questions("kinect", Memory()),
         NoCommands(),

@@ -47,6 +47,7 @@ def test_a_reader_reads_but_cannot_command(network: Network, robot: Robot) -> No
     with network.session("reader-tls.json5", "ours/reader") as reader:
         with heard_poses(reader):
             assert answers(reader, "kinect/latest")
+            assert answers(reader, "kinect/map_odom")
             assert answers(reader, "kinect/command/reset") == []
             assert answers(reader, "kinect/command/pause") == []
         assert [
@@ -69,6 +70,7 @@ def test_a_certificate_that_no_rule_names_gets_nothing(network: Network, robot: 
         heard: list[object] = []
         with nobody.declare_subscriber("kinect/odom", heard.append):
             assert answers(nobody, "kinect/latest") == []
+            assert answers(nobody, "kinect/map_odom") == []
             assert answers(nobody, "kinect/status") == []
             time.sleep(0.3)
     assert heard == []

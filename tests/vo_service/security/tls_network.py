@@ -6,12 +6,13 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import zenoh
 
 from drivers.errors import UserFacingError
+from tests.vo_service.fakes import a_map
 from vo_service.certificates.authority import Authority
 from vo_service.control.commands import Command
 from vo_service.control.inbox import Inbox
@@ -89,7 +90,10 @@ def new_network(keys: Path, folder: Path) -> Network:
 
 
 class Robot:
-    """The service's publisher, thirty poses a second, with a loop that carries out any command."""
+    """The service's publisher, thirty poses a second, with a loop that carries out any command.
+
+    Every pose has the same map.
+    """
 
     def __init__(self, file: Path, make_update: Callable[..., PoseUpdate]) -> None:
         self.stop = threading.Event()
@@ -102,9 +106,9 @@ class Robot:
 
     def run(self) -> None:
         """Until `stop` is set."""
-        seq = 0
+        seq, the_map = 0, a_map()
         while not self.stop.wait(1 / 30):
-            self._output.pose(self._make_update(seq))
+            self._output.pose(replace(self._make_update(seq), map=the_map))
             seq += 1
             for ticket in self._inbox.take():
                 self.obeyed.append(ticket.command)

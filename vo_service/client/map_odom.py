@@ -1,0 +1,67 @@
+"""How `odom` lies in the map, as a reader gets it, and reading that from what came over Zenoh."""
+
+import time
+from dataclasses import dataclass
+
+import zenoh
+
+from drivers.geometry import Array
+from vo_service.client.reading import check_fields, read_json
+from vo_service.outputs.cdr_transform import decode_transform
+
+_ATTACHMENT = {"seq": int, "epoch": int, "is_located": bool, "places": int, "loops": int}
+
+
+@dataclass(frozen=True)
+class MapOdom:
+    """How `odom` lies in the map: what the places that were known again say.
+
+    It jumps where the map is corrected, so that poses in `odom` need not. A pose in the map is
+    ``T_map_odom @ pose.T_odom_base``, if `is_located` and both are of the same epoch.
+
+    stamp_s       instant of the newest pose when it was published, Unix seconds
+    frame_id, child_frame_id  names of the map's frame and of `odom`
+    T_map_odom    4x4; maps coordinates of odom to the map, metres
+    seq, epoch    of that pose
+    is_located    False after a loss, or where a map was loaded, until one of its places is known
+                  again: then `odom` lies anywhere
+    places        how many there are
+    loops         how often one of them was known again
+    heard_s       when it came, on this computer's CLOCK_MONOTONIC
+    """
+
+    stamp_s: float
+    frame_id: str
+    child_frame_id: str
+    T_map_odom: Array
+    seq: int
+    epoch: int
+    is_located: bool
+    places: int
+    loops: int
+    heard_s: float
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since it came. The clocks of two computers need not agree for this."""
+        return time.monotonic() - self.heard_s
+
+
+def read_map_odom(sample: zenoh.Sample) -> MapOdom:
+    """What a sample of ``map_odom`` says.
+
+    Raises ValueError if it is none, or of a version that this client does not know.
+    """
+    if sample.attachment is None:
+        raise ValueError("a place in the map came without its attachment")
+    about = read_json(sample.attachment)
+    check_fields("a place in the map", about, _ATTACHMENT)
+    message = decode_transform(sample.payload.to_bytes())
+    return MapOdom(
+        stamp_s=message.stamp_s,
+        frame_id=message.frame_id,
+        child_frame_id=message.child_frame_id,
+        T_map_odom=message.T_frame_child,
+        **{name: about[name] for name in _ATTACHMENT},
+        heard_s=time.monotonic(),
+    )

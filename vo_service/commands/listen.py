@@ -8,6 +8,7 @@ import sys
 from contextlib import closing
 from functools import partial
 from queue import Empty, SimpleQueue
+from typing import Any
 
 import zenoh
 
@@ -15,6 +16,7 @@ from vo_service.client.connecting import Connecting
 from vo_service.commands.connection import add_connection_options
 from vo_service.commands.pose_printers import JsonPrinter, Printer, TextPrinter, say
 from vo_service.outputs.cdr import decode_odometry
+from vo_service.outputs.cdr_transform import decode_transform
 from vo_service.outputs.zenoh_session import ZenohConfig, check_prefix
 
 NAME = "listen"
@@ -26,8 +28,9 @@ examples:
   kinect-vo listen --prefix robot1 --connect tcp/192.168.1.20:7450
   kinect-vo listen --prefix robot1 --config-file reader-tls.json5
 
-A line is: stamp x y z qx qy qz qw state. What is not a pose goes to stderr. A publisher that stops
-is waited for, as is one that has not started yet. Ctrl-C ends.
+A line is: stamp x y z qx qy qz qw state. What is not a pose goes to stderr: changes of the status,
+and where odom lies in the map when that is corrected. A publisher that stops is waited for, as is
+one that has not started yet. Ctrl-C ends.
 """
 
 # How long a publisher that is already there may take to say so.
@@ -41,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--count", type=_count, metavar="N", default=math.inf, help="stop after N poses"
     )
     parser.add_argument(
-        "--json", action="store_true", help="one JSON object a line, status changes among them"
+        "--json", action="store_true", help="one JSON object a line, changes of status and map too"
     )
 
 
@@ -77,11 +80,18 @@ class _Listener:
         self._remaining = count
         self._status: tuple[str, str] = ("", "")
         self._samples: SimpleQueue[zenoh.Sample] = SimpleQueue()
-        self._handlers = {"alive": self._alive, "status": self._on_status, "odom": self._odom}
+        self._map: tuple[bytes, dict[str, Any]] = (b"", {})
+        self._handlers = {
+            "alive": self._alive,
+            "status": self._on_status,
+            "map_odom": self._map_odom,
+            "odom": self._odom,
+        }
 
     def subscribe(self, prefix: str, session: zenoh.Session) -> None:
         """Begin to listen to the keys with this prefix."""
         session.declare_subscriber(f"{prefix}/status", self.receive)
+        session.declare_subscriber(f"{prefix}/map_odom", self.receive)
         session.declare_subscriber(f"{prefix}/odom", self.receive)
         session.liveliness().declare_subscriber(f"{prefix}/alive", self.receive, history=True)
 
@@ -118,12 +128,24 @@ class _Listener:
             self._status = status
             self._printer.status(content)
 
+    def _map_odom(self, sample: zenoh.Sample) -> None:
+        """Repeated twice a second, with newer stamps: only another one is shown."""
+        message = decode_transform(sample.payload.to_bytes())
+        about = _attached(sample)
+        found = (message.T_frame_child.tobytes(), about | {"seq": 0})
+        if found != self._map:
+            self._map = found
+            self._printer.map_odom(message, about)
+
     def _odom(self, sample: zenoh.Sample) -> None:
-        message = decode_odometry(sample.payload.to_bytes())
-        attachment = sample.attachment
-        about = json.loads(attachment.to_bytes()) if attachment else {}
-        self._printer.pose(message, about)
+        self._printer.pose(decode_odometry(sample.payload.to_bytes()), _attached(sample))
         self._remaining -= 1
+
+
+def _attached(sample: zenoh.Sample) -> dict[str, Any]:
+    """The attachment's JSON, or nothing."""
+    content: dict[str, Any] = json.loads(sample.attachment.to_bytes()) if sample.attachment else {}
+    return content
 
 
 def _ignore_what_is_still_buffered() -> None:

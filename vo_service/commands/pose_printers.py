@@ -1,10 +1,11 @@
-"""How ``kinect-vo listen`` shows poses and changes of status."""
+"""How ``kinect-vo listen`` shows poses, and changes of the status and of the map."""
 
 import json
 import sys
 from typing import Any, Protocol
 
 from vo_service.outputs.cdr import OdometryMessage
+from vo_service.outputs.cdr_transform import TransformMessage
 
 
 def say(text: str) -> None:
@@ -13,7 +14,7 @@ def say(text: str) -> None:
 
 
 class Printer(Protocol):
-    """How a pose and a change of status look on stdout."""
+    """How a pose and a change of status or map look on stdout."""
 
     def pose(self, message: OdometryMessage, about: dict[str, Any]) -> None:
         """Print one pose; `about` is the sample's attachment."""
@@ -21,9 +22,15 @@ class Printer(Protocol):
     def status(self, content: dict[str, Any]) -> None:
         """Print a status whose state or reason has changed."""
 
+    def map_odom(self, message: TransformMessage, about: dict[str, Any]) -> None:
+        """Print how `odom` lies in the map, which has changed; `about` is the attachment."""
+
 
 class TextPrinter:
-    """One line a pose, in a trajectory file's order; status changes go to stderr."""
+    """One line a pose, in a trajectory file's order; changes of status and map go to stderr."""
+
+    def __init__(self) -> None:
+        self._map: tuple[bool, int] = (True, 0)
 
     def pose(self, message: OdometryMessage, about: dict[str, Any]) -> None:
         """Print stamp, position, quaternion, state."""
@@ -37,9 +44,22 @@ class TextPrinter:
         reason = f": {content['reason']}" if content["reason"] else ""
         say(f"status {content['state']}{reason}")
 
+    def map_odom(self, message: TransformMessage, about: dict[str, Any]) -> None:
+        """Print to stderr what corrects it; a place more is no news."""
+        the_map = (bool(about["is_located"]), int(about["loops"]))
+        if the_map == self._map:
+            return
+        self._map = is_located, loops = the_map
+        if not is_located:
+            say(f"map of {about['places']} places: where odom lies in it is not known")
+            return
+        position = " ".join(f"{v:.4f}" for v in message.translation_m)
+        quaternion = " ".join(f"{v:.5f}" for v in message.quaternion_xyzw)
+        say(f"map of {about['places']} places, {loops} loops: odom at {position} {quaternion}")
+
 
 class JsonPrinter:
-    """One object a line; `kind` is pose or status."""
+    """One object a line; `kind` is pose, status or map_odom."""
 
     def pose(self, message: OdometryMessage, about: dict[str, Any]) -> None:
         """Print the pose with what the attachment says."""
@@ -56,6 +76,18 @@ class JsonPrinter:
     def status(self, content: dict[str, Any]) -> None:
         """Print the whole status."""
         self._print(kind="status", **content)
+
+    def map_odom(self, message: TransformMessage, about: dict[str, Any]) -> None:
+        """Print the transform with what the attachment says."""
+        self._print(
+            kind="map_odom",
+            stamp_s=message.stamp_s,
+            frame_id=message.frame_id,
+            child_frame_id=message.child_frame_id,
+            position_m=message.translation_m.tolist(),
+            quaternion_xyzw=message.quaternion_xyzw.tolist(),
+            **{key: about[key] for key in ("seq", "epoch", "is_located", "places", "loops")},
+        )
 
     def _print(self, **content: Any) -> None:
         print(json.dumps(content), flush=True)

@@ -38,6 +38,17 @@ class TransformMessage:
     child_frame_id: str
     T_frame_child: Array
 
+    @property
+    def translation_m(self) -> Array:
+        """(3,) where the child frame is."""
+        translation: Array = self.T_frame_child[:3, 3]
+        return translation
+
+    @property
+    def quaternion_xyzw(self) -> Array:
+        """(4,) how the child frame is turned."""
+        return quaternion_from_rotation(self.T_frame_child[:3, :3])
+
 
 def encode_transform(message: TransformMessage) -> bytes:
     """CDR bytes of a ``TransformStamped``.
@@ -69,8 +80,8 @@ def decode_transform(payload: bytes) -> TransformMessage:
 
 
 def _append(body: bytes, message: TransformMessage) -> bytes:
-    T = message.T_frame_child
-    if not np.all(np.isfinite(T)):
+    if not np.all(np.isfinite(message.T_frame_child)):
         raise ValueError(f"transform at {message.stamp_s} s holds a number that is not finite")
     body = append_frames(body, message.stamp_s, message.frame_id, message.child_frame_id)
-    return append_numbers(body, np.concatenate([T[:3, 3], quaternion_from_rotation(T[:3, :3])]))
+    numbers = np.concatenate([message.translation_m, message.quaternion_xyzw])
+    return append_numbers(body, numbers)

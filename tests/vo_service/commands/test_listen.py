@@ -18,6 +18,7 @@ from drivers.errors import InputError
 from drivers.geometry import rigid_transform
 from vo_service.commands import listen
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
+from vo_service.outputs.cdr_transform import TransformMessage, encode_transform
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
 COMMAND = """
@@ -79,6 +80,18 @@ class Publisher:
         message = OdometryMessage(12.5, "odom", "base_link", T, np.eye(6), np.zeros(6), np.eye(6))
         self._odom.put(encode_odometry(message), attachment=json.dumps(ABOUT).encode())
 
+    def map_odom(self, seq: int, **about: Any) -> None:
+        self.wait()
+        T = rigid_transform(np.eye(3), [0.5, 0.25, 0.0])
+        usual = {
+            "schema": 1, "seq": seq, "epoch": 0, "is_located": True, "places": 9, "loops": 1,
+        }  # fmt: skip
+        self._session.put(
+            "kinect/map_odom",
+            encode_transform(TransformMessage(12.5, "map", "odom", T)),
+            attachment=json.dumps(usual | about).encode(),
+        )
+
     def garbage(self) -> None:
         self.wait()
         self._odom.put(b"nonsense")
@@ -134,6 +147,34 @@ def test_only_changes_of_status_are_said(endpoint: str) -> None:
         robot.status("tracking", "")
         assert said(process) == "listen: status lost: too few matches\n"
         assert said(process) == "listen: status tracking\n"
+
+
+def test_what_corrects_the_map_is_said_once(endpoint: str) -> None:
+    with publisher(endpoint) as robot, listener(endpoint) as process:
+        said(process)
+        robot.map_odom(0, loops=0)
+        for seq in range(3):
+            robot.map_odom(seq)
+        robot.map_odom(4, places=10)
+        robot.map_odom(5, is_located=False)
+        assert said(process) == (
+            "listen: map of 9 places, 1 loops: odom at 0.5000 0.2500 0.0000 "
+            "0.00000 0.00000 0.00000 1.00000\n"
+        )
+        assert said(process) == ("listen: map of 9 places: where odom lies in it is not known\n")
+
+
+def test_json_gives_each_change_of_the_map(endpoint: str) -> None:
+    with publisher(endpoint) as robot, listener(endpoint, "--json") as process:
+        said(process)
+        for seq, places in ((0, 9), (1, 9), (2, 10)):
+            robot.map_odom(seq, places=places)
+        found = [json.loads(printed(process)) for _ in range(2)]
+    assert [(each["kind"], each["seq"], each["places"]) for each in found] == [
+        ("map_odom", 0, 9), ("map_odom", 2, 10),
+    ]  # fmt: skip
+    assert found[0]["position_m"] == [0.5, 0.25, 0.0]
+    assert (found[0]["frame_id"], found[0]["child_frame_id"]) == ("map", "odom")
 
 
 def test_it_waits_for_a_publisher_and_for_its_return(endpoint: str) -> None:

@@ -23,6 +23,7 @@ from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyf
 from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
 from vo_service.odometry.keyframe.recovery import Found, Recovery
 from vo_service.odometry.keyframe.second_look import look_again
+from vo_service.odometry.keyframe.steadiness import steadied
 from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
 from vo_service.odometry.surf import SurfExtractor
@@ -88,6 +89,8 @@ class KeyframeOdometry:
             sure = certainty(found.keyframe.points, images, found.alignment, found.tie, agitation)
         if sure.doubt:
             return self._fail(frame, images, self._track, found, sure.doubt)
+        # A calm camera's pose is that of many frames.
+        found, unrest = steadied(found, sure.covariance, self._track.way, images.stamp_s)
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
         keyframe = found.keyframe
         if is_due(found, images):
@@ -95,7 +98,7 @@ class KeyframeOdometry:
                 found = settle(found, images, self._map)
             with self._stopwatch.stage("keyframe"):
                 keyframe = choose(frame, images, found, self._map)
-        return self._advance(images, self._track, found, sure, keyframe)
+        return self._advance(images, self._track, found, sure, keyframe, unrest)
 
     def _align(self, images: Images, track: Track) -> Found:
         keyframe, way = track.keyframe, track.way
@@ -148,7 +151,13 @@ class KeyframeOdometry:
         return self._estimate(False, reason, draw(found.keyframe, found.alignment))
 
     def _advance(
-        self, images: Images, track: Track, found: Found, sure: Certainty, keyframe: Keyframe
+        self,
+        images: Images,
+        track: Track,
+        found: Found,
+        sure: Certainty,
+        keyframe: Keyframe,
+        unrest: float,
     ) -> Estimate:
         """Go on from here, with this keyframe."""
         is_next_reference = keyframe is not track.keyframe
@@ -157,6 +166,7 @@ class KeyframeOdometry:
             found.alignment.camera_velocity,
             images,
             found.alignment.light if keyframe is found.keyframe else SAME_LIGHT,
+            unrest,
         )
         T_reference_camera = inverse(track.T_world_reference) @ found.T_world_camera
         T_world_reference = found.T_world_camera if is_next_reference else track.T_world_reference

@@ -18,7 +18,7 @@ LONGEST_SURE_S = 0.08
 # Of the agitation, this share is that of the frames before.
 FADING = 0.9
 # Even a standing camera's velocity is known no better than to this share of the usual.
-CALM = 0.03
+CALM = 0.003
 # Changes of the velocity by less than this share of the usual surprise nobody.
 LEAST_AGITATION = 0.5
 # A mean brightness that is off by more than this share has changed at once.
@@ -37,7 +37,9 @@ class Way:
     light            gain and offset of its brightness against the keyframe's
     mean_brightness  of the whole image, grey levels
     agitation        (2,) how much the velocity changes from frame to frame, m/s and rad/s: root of
-                     a fading mean of squares over its three components
+                     a fading mean of squares over its three components; infinite: not known
+    unrest           how far poses are from where they are expected: 1 is as far as their covariance
+                     says; a fading mean of normalised squares, not below the last of them
     """
 
     T_world_camera: Array
@@ -45,7 +47,8 @@ class Way:
     stamp_s: float
     light: tuple[float, float]
     mean_brightness: float
-    agitation: Array = field(default_factory=lambda: np.array(VELOCITY_SIGMA))
+    agitation: Array = field(default_factory=lambda: np.full(2, np.inf))
+    unrest: float = 0.0
 
     def starts(self, T_world_keyframe: Array, stamp_s: float) -> list[Array]:
         """4x4 motions T_camera_keyframe to begin with: as it moves on, and as it stands still."""
@@ -79,16 +82,28 @@ class Way:
     def agitation_with(self, velocity: Array) -> Array:
         """The agitation, the next frame's velocity (6,) included."""
         squared = _change(velocity, self.velocity) ** 2
-        agitation = np.sqrt(FADING * self.agitation**2 + (1.0 - FADING) * squared)
+        # The first change from rest is that of a camera that was moving already.
+        first = np.minimum(squared, np.square(VELOCITY_SIGMA))
+        before = np.where(np.isfinite(self.agitation), self.agitation**2, first)
+        agitation = np.sqrt(FADING * before + (1.0 - FADING) * squared)
         return np.asarray(agitation, np.float64)
 
+    def unrest_with(self, squared: float) -> float:
+        """The unrest, the next frame's normalised square included: a start counts at once."""
+        return max(FADING * self.unrest + (1.0 - FADING) * squared, squared)
+
     def on(
-        self, T_world_camera: Array, velocity: Array, images: Images, light: tuple[float, float]
+        self,
+        T_world_camera: Array,
+        velocity: Array,
+        images: Images,
+        light: tuple[float, float],
+        unrest: float,
     ) -> "Way":
         """The way up to the next good frame; the arguments are this class's."""
         agitation = self.agitation_with(velocity)
         brightness = images.mean_brightness
-        return Way(T_world_camera, velocity, images.stamp_s, light, brightness, agitation)
+        return Way(T_world_camera, velocity, images.stamp_s, light, brightness, agitation, unrest)
 
     def light_at(self, images: Images) -> tuple[float, float]:
         """Gain and offset to begin with: as they were, or changed as the mean brightness."""

@@ -111,6 +111,18 @@ def test_standing_still_does_not_creep_and_needs_no_other_keyframe(readout_s: fl
     way = way_of(estimates)
     assert np.linalg.norm(way[40:].mean(axis=0) - way[5:25].mean(axis=0)) < 3e-4
     assert np.linalg.norm(way, axis=1).max() < 1.5e-3
+    # A frame by itself is good to 0.15 mm: the pose is that of many.
+    assert way[30:].std(axis=0).max() < 7e-5
+
+
+def test_a_start_from_rest_is_followed_at_once() -> None:
+    going = Hand(np.array([0.012, 0.0, 0.016, 0.0, 0.0, 0.0]))
+    rest = [seen(readout_s=0.02) for _ in range(20)]
+    frames = [*rest, *film(going, 10, 0.02)]
+    frames = [replace(noisy(frame, k), stamp_s=k / 30) for k, frame in enumerate(frames)]
+    way = way_of(follow(KeyframeOdometry(), frames)) @ [0.6, 0.0, 0.8]
+    # 0.7 mm a frame: never more than a frame late.
+    np.testing.assert_allclose(way[20:] - way[10:20].mean(), 0.02 * np.arange(10) / 30, atol=0.7e-3)
 
 
 def test_slow_motion_is_not_swallowed() -> None:

@@ -52,6 +52,21 @@ def test_a_camera_whose_velocity_changes_is_agitated_and_calms_down_again() -> N
     assert 0.0 < after[0] < jolted[0]
 
 
+def test_the_first_change_is_no_agitation_beyond_the_usual() -> None:
+    assert np.isinf(WAY.agitation).all()
+    standing = WAY.agitation_with(WAY.velocity)
+    np.testing.assert_array_equal(standing, [0.0, 0.0])
+    moving = WAY.agitation_with(WAY.velocity + 0.5)
+    assert np.all(moving < 0.5)
+    assert np.all(moving > np.array(VELOCITY_SIGMA))
+
+
+def test_unrest_is_told_at_once_and_fades() -> None:
+    jolted = replace(WAY, unrest=WAY.unrest_with(9.0))
+    assert jolted.unrest == 9.0
+    assert 0.0 < jolted.unrest_with(0.0) < 9.0
+
+
 def known_velocity(agitation: float) -> Array:
     return replace(WAY, agitation=np.full(2, agitation)).tie(T_WORLD_KEYFRAME, 1.03).information
 
@@ -72,9 +87,10 @@ def test_calm_says_nothing_of_the_velocity_after_a_long_time() -> None:
 
 def test_it_goes_on_from_the_next_good_frame() -> None:
     images = make_images(seen())
-    there = WAY.on(BRISK.at(1.1), BRISK.velocity, images, (1.2, 0.0))
+    there = WAY.on(BRISK.at(1.1), BRISK.velocity, images, (1.2, 0.0), 0.7)
     assert there.stamp_s == images.stamp_s
     assert there.light == (1.2, 0.0)
+    assert there.unrest == 0.7
     np.testing.assert_array_equal(there.agitation, WAY.agitation_with(BRISK.velocity))
     np.testing.assert_array_equal(there.T_world_camera, BRISK.at(1.1))
 

@@ -1,0 +1,50 @@
+"""A calm camera's pose is that of many frames, an agitated one's that of each frame.
+
+What is expected of a constant velocity and what a frame says are blended: an alpha-beta filter,
+whose velocity gain follows from that of the pose as in Kalata, "The Tracking Index: A Generalized
+Parameter for alpha-beta and alpha-beta-gamma Target Trackers" (IEEE Transactions on Aerospace and
+Electronic Systems 20, 1984).
+"""
+
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+
+from drivers.geometry import Array, adjoint, inverse
+from vo_service.odometry.keyframe.recovery import Found
+from vo_service.odometry.keyframe.twists import exponential, logarithm
+from vo_service.odometry.keyframe.way import Way
+
+# Even where a camera stands still, a frame has this share in the pose.
+LEAST_SHARE = 0.1
+
+
+def steadied(found: Found, covariance: Array, way: Way, stamp_s: float) -> tuple[Found, float]:
+    """The same between what was expected and what was found; and the unrest with it, see `Way`.
+
+    covariance  6x6 of the pose that was found, as a small motion in the camera's axes
+    """
+    T_world_expected = way.T_world_camera @ exponential((stamp_s - way.stamp_s) * way.velocity)
+    off = logarithm(inverse(T_world_expected) @ found.T_world_camera)
+    unrest = way.unrest_with(float(off @ np.linalg.solve(covariance, off)) / len(off))
+    of_pose, of_velocity = shares(unrest)
+    if of_pose == 1.0 or way.is_long_ago(stamp_s):
+        return found, unrest
+    change = found.alignment.camera_velocity - way.velocity
+    T_world_camera = T_world_expected @ exponential(of_pose * off)
+    return _moved(found, T_world_camera, way.velocity + of_velocity * change), unrest
+
+
+def shares(unrest: float) -> tuple[float, float]:
+    """A frame's shares in the pose and in the velocity, up to 1: all where it is unexpected."""
+    of_pose = min(max(unrest - 1.0, LEAST_SHARE), 1.0)
+    return of_pose, min(2.0 * (2.0 - of_pose) - 4.0 * sqrt(1.0 - of_pose), 1.0)
+
+
+def _moved(found: Found, T_world_camera: Array, velocity: Array) -> Found:
+    """The same with another pose (4x4) and velocity (6,) of the camera, this in its own axes."""
+    T_camera_keyframe = inverse(T_world_camera) @ found.keyframe.T_world_keyframe
+    in_keyframe = -adjoint(inverse(T_camera_keyframe)) @ velocity
+    alignment = replace(found.alignment, T_camera_keyframe=T_camera_keyframe, velocity=in_keyframe)
+    return replace(found, alignment=alignment)

@@ -6,7 +6,7 @@ The virtual Kinect of config/sequences/still.toml stands still, rolling shutter,
 exposure and all, with fresh noise in each frame. A line each minute of the film, so that a run that
 is ended has told what it got: the frames so far and how many of them had no pose; how far the pose
 was from the first one, at most and root mean square; how far this minute's mean is from that of the
-first; and the processor time of a frame. An hour of film takes about an hour of one core.
+first; and the processor time of a frame. An hour of film takes less than an hour of one core.
 """
 
 import benchmarks.one_thread  # noqa: F401

@@ -21,6 +21,7 @@ from vo_service.odometry.keyframe.first_keyframe import made_anew
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
 from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
+from vo_service.odometry.keyframe.parameters import FEWEST_POINTS, PATIENCE_FRAMES
 from vo_service.odometry.keyframe.recovery import Found, Recovery
 from vo_service.odometry.keyframe.second_look import look_again
 from vo_service.odometry.keyframe.steadiness import steadied
@@ -28,11 +29,11 @@ from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
 from vo_service.odometry.surf import SurfExtractor
 
-# A first keyframe has so many points at least.
-FEWEST_POINTS = 200
 # After so many frames without a pose, tracking begins anew; after fewer where none has been laid on
 # the first keyframe yet, which a fast turn may have bent.
-MOST_FAILURES, MOST_FAILURES_AT_FIRST = 30, 3
+MOST_FAILURES_AT_FIRST, MOST_FAILURES = PATIENCE_FRAMES
+# A first keyframe has so many points at least.
+*_, FEWEST_AT_FIRST = FEWEST_POINTS
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ class KeyframeOdometry:
 
     def _why_no_start(self, keyframe: Keyframe, images: Images) -> str:
         """Why a frame is no good first keyframe: the next ones could not be laid on it."""
-        if len(keyframe.points[0]) < FEWEST_POINTS:
+        if len(keyframe.points[0]) < FEWEST_AT_FIRST:
             return f"only {len(keyframe.points[0])} points with depth"
         itself = align(keyframe.points, images, [np.eye(4)], STANDING, SAME_LIGHT, all_alike())
         return (

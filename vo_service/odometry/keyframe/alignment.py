@@ -12,7 +12,13 @@ from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
 from vo_service.odometry.keyframe.descent import FIRST_SWEEPS, body_velocity, descend
 from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import FINE_LEVELS, STEPS, VELOCITY_SIGMA
+from vo_service.odometry.keyframe.parameters import (
+    FINE_LEVELS,
+    START_SPREADS,
+    STEPS,
+    UNSURE,
+    VELOCITY_SIGMA,
+)
 from vo_service.odometry.keyframe.readings import read_points
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import (
@@ -25,13 +31,8 @@ from vo_service.odometry.keyframe.system import (
 
 Points = Sequence[Array]
 
-# How much less sure the velocity is where the last frame does not tell it.
-UNSURE = 10.0
-
-# A step of so few metres and radians is the last one of its level.
+# A step of so few metres and radians, well below the noise, is the last one of its level.
 LAST_STEP = 1e-4
-# Spreads at the start, and where two motions are compared.
-START_BRIGHTNESS, START_DEPTH = 10.0, 3e-3
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ def start_fit(light: tuple[float, float] = (1.0, 0.0)) -> Array:
     """A fit to begin with."""
     fit = np.empty(4)
     fit[GAIN], fit[OFFSET] = light
-    fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = START_BRIGHTNESS, START_DEPTH
+    fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = START_SPREADS
     return fit
 
 

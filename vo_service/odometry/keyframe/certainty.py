@@ -14,15 +14,8 @@ from vo_service.odometry.directions import Directions, directions, point_informa
 from vo_service.odometry.keyframe.alignment import Alignment, Points, Tie
 from vo_service.odometry.keyframe.images import Images, Shutter
 from vo_service.odometry.keyframe.noise import weigh
-from vo_service.odometry.keyframe.parameters import KNOWN
+from vo_service.odometry.keyframe.parameters import KNOWN, SHARED, STRAY, SUREST
 from vo_service.odometry.keyframe.system import UPPER, band_times, sum_bands, with_times
-
-# What all of the image is wrong about alike does not show: so many times what shows.
-SHARED = 2.0
-# How far the camera strays between rows, times the time between them and its agitation.
-STRAY = 0.3
-# Nothing is surer than this: what calibration and timing leave over, in metres and radians.
-FLOOR_M, FLOOR_RAD = 1e-4, 1e-4
 
 
 @dataclass(frozen=True)
@@ -69,7 +62,7 @@ def certainty(
     in_keyframe = SHARED * _of_readings(H, pulls, tie)
     in_keyframe += _of_strays(H, bands, shutter, agitation)
     in_camera = carried(in_keyframe, inverse(found.T_camera_keyframe))
-    floor = np.diag(np.repeat([FLOOR_M**2, FLOOR_RAD**2], 3))
+    floor = np.diag(np.repeat(np.square(SUREST), 3))
     return Certainty(
         covariance=0.5 * (in_camera + in_camera.T) + floor,
         directions=directions(H[:6, :6], point_information(moments)),

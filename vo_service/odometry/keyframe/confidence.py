@@ -8,8 +8,13 @@ from drivers.geometry import Array
 from vo_service.odometry.keyframe import measure
 from vo_service.odometry.keyframe.alignment import Alignment
 from vo_service.odometry.keyframe.parameters import (
+    FEWEST_POINTS,
     GAINS,
     LEAST_AGREEING,
+    LEAST_SAY,
+    LITTLE,
+    MOST_COVERED,
+    MOST_MOVING,
     ODD_SHARE,
     ODD_SPREADS,
     WRONG_SPREADS,
@@ -17,22 +22,13 @@ from vo_service.odometry.keyframe.parameters import (
 from vo_service.odometry.keyframe.readings import HIDDEN, OTHER
 from vo_service.odometry.keyframe.system import GAIN, SIGMA_BRIGHTNESS, SIGMA_DEPTH
 
-# Of a keyframe's points, this share at least is in the image, and not fewer than this; and there
-# are so many readings at least.
-LEAST_IN_IMAGE, FEWEST_POINTS = 0.2, 100
-# Readings of fewer than this share of the points in view have no say.
-LEAST_SAY = 0.05
-# Regions that do not fit are at most this share of the view.
-MOST_MOVING = 0.45
-# What hides the keyframe and what does not fit it are at most this share of the view together.
-MOST_COVERED = 0.5
-# Beyond this share of what is hidden it has to be told, and no keyframe is made of the view.
-MUCH_HIDDEN = 0.2
+# Fewer points in view, or readings of them, tell nothing of a motion.
+_, FEWEST_IN_VIEW, _ = FEWEST_POINTS
 
 
 def agrees(counts: Array) -> bool:
     """Whether most of what is seen of a keyframe agrees with it."""
-    by_depth, by_brightness = LEAST_AGREEING
+    by_brightness, by_depth = LEAST_AGREEING
     return bool(
         counts[measure.DEPTH_AGREES] >= by_depth * counts[measure.WITH_DEPTH]
         and counts[measure.BRIGHTNESS_AGREES] >= by_brightness * counts[measure.WITH_BRIGHTNESS]
@@ -69,12 +65,12 @@ def doubt(found: Alignment) -> str:
     """Why an alignment is not to be believed; "" if it is."""
     counts, fit, points = found.counts, found.fit, len(found.readings)
     seen = int(counts[measure.IN_IMAGE])
-    if seen < max(LEAST_IN_IMAGE * points, FEWEST_POINTS):
+    if seen < max(LITTLE * points, FEWEST_IN_VIEW):
         return f"{seen} of {points} points of the keyframe are in view"
     if counts[measure.DISREGARDED] > MOST_MOVING * seen:
         return f"{100 * counts[measure.DISREGARDED] / seen:.0f} % of the view does not fit"
     read = int(counts[measure.WITH_DEPTH] + counts[measure.WITH_BRIGHTNESS])
-    if read < FEWEST_POINTS:
+    if read < FEWEST_IN_VIEW:
         return f"only {read} readings of what is in view"
     if not agrees(counts):
         agreeing = int(counts[measure.DEPTH_AGREES] + counts[measure.BRIGHTNESS_AGREES])
@@ -109,7 +105,7 @@ def lack(found: Alignment) -> str:
         return "by depth alone: no texture in view"
     if counts[measure.WITH_DEPTH] < enough:
         return "by brightness alone: no depth in view"
-    return _told(hidden(found)) if hidden(found) > MUCH_HIDDEN else ""
+    return _told(hidden(found)) if hidden(found) > LITTLE else ""
 
 
 def _told(share: float) -> str:

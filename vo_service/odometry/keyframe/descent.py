@@ -6,14 +6,12 @@ from numpy.typing import NDArray
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
+from vo_service.odometry.keyframe.parameters import LOOSE
 from vo_service.odometry.keyframe.readings import read_points
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import fit_light, sum_bands, with_times
 from vo_service.odometry.keyframe.twists import exponential, logarithm, product
 
-# Directions that nothing in view settles are left alone: steps along them cost as if they were
-# known to this, in metres and radians.
-LOOSE_M, LOOSE_RAD = 0.05, 0.1
 # The spreads are found with the first step, in so many sweeps; then once a step.
 FIRST_SWEEPS = 3
 
@@ -71,8 +69,8 @@ def descend(
         mean = expected if rate_hz == 0.0 else logarithm(product(T_keyframe_last, T)) * rate_hz
         tie_velocity(H, g, velocity - mean, rate_hz, velocity_information)
         for i in range(3):
-            H[i, i] += 1.0 / LOOSE_M**2
-            H[3 + i, 3 + i] += 1.0 / LOOSE_RAD**2
+            H[i, i] += 1.0 / LOOSE[0] ** 2
+            H[3 + i, 3 + i] += 1.0 / LOOSE[1] ** 2
         x = solve(H, g)
         T = product(T, exponential(-x[:6]))
         velocity -= x[6:]

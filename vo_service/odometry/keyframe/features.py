@@ -8,6 +8,7 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from vo_service.odometry.chance import ChanceTest
 from vo_service.odometry.keyframe.local_map import Keyframe
+from vo_service.odometry.keyframe.parameters import SIGHTED
 from vo_service.odometry.matching import match_features
 from vo_service.odometry.parameters import SurfParameters
 from vo_service.odometry.points import locate_features, pair_points
@@ -18,7 +19,7 @@ from vo_service.odometry.view import View, with_depth
 
 # A sighting is only where an alignment begins, which then shows whether it is right. A shutter that
 # rolls bends what is seen: few of the matches agree with any one motion.
-SIGHTED = ChanceTest(if_right=0.2, by_chance=0.03)
+IS_SIGHTED = ChanceTest(*SIGHTED)
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,6 @@ class FeatureSearch:
         consensus = find_consensus(matches, parameters.max_hypotheses, parameters.seed)
         motion = refine_motion(consensus, matches)
         inliers = int(motion.inlier.sum())
-        if inliers < parameters.min_inliers or not SIGHTED.is_passed(inliers, len(matches)):
+        if inliers < parameters.min_inliers or not IS_SIGHTED.is_passed(inliers, len(matches)):
             return None
         return motion.T_reference_camera

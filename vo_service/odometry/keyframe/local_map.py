@@ -9,14 +9,11 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from drivers.jit import kernel
 from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import FINE_LEVELS
+from vo_service.odometry.keyframe.parameters import FINE_LEVELS, KEYFRAMES
 from vo_service.odometry.keyframe.points import find_points
 from vo_service.odometry.keyframe.readings import NEAREST_M
 from vo_service.odometry.keyframe.rows import project
 from vo_service.odometry.keyframe.twists import transformed
-
-# So many are kept.
-KEYFRAMES = 30
 
 
 @dataclass(frozen=True, eq=False)

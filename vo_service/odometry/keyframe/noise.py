@@ -6,7 +6,7 @@ from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
-from vo_service.odometry.keyframe.parameters import BRIGHTNESS_SHARE, FREEDOM
+from vo_service.odometry.keyframe.parameters import BRIGHTNESS_SHARE, FREEDOM, SLOPE_NOISE
 from vo_service.odometry.keyframe.points import (
     BRIGHTNESS,
     HAS_SHAPE,
@@ -23,9 +23,6 @@ from vo_service.odometry.keyframe.system import (
     SIGMA_DEPTH,
     jacobian,
 )
-
-# Noise of a point's slopes, a pixel of its level or of the depth image: grey levels, 1/m.
-SLOPE_BRIGHTNESS, SLOPE_DEPTH_PER_M = 0.7, 5e-5
 
 
 @kernel
@@ -58,7 +55,7 @@ def weigh(
             of_this = variance + points[i, VARIANCE]
             w = (FREEDOM + 1.0) / (FREEDOM + residual * residual / of_this) / of_this
             w *= BRIGHTNESS_SHARE * weights[0, cell]
-            noise += w * (gain * SLOPE_BRIGHTNESS * focal_px / points[i, 2]) ** 2
+            noise += w * (gain * SLOPE_NOISE[0] * focal_px / points[i, 2]) ** 2
             jacobian(points[i], TO_BRIGHTNESS, gain, J)
             row = (readings[i, reading_columns.COLOUR_BAND] + 0.5) / BANDS - 0.5
             for k in range(6):
@@ -67,7 +64,7 @@ def weigh(
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
             w = (FREEDOM + 1.0) / (FREEDOM + depth * depth / variance_depth) / variance_depth
             w *= weights[1, cell]
-            noise += w * (SLOPE_DEPTH_PER_M * depth_focal_px / points[i, 2]) ** 2
+            noise += w * (SLOPE_NOISE[1] * depth_focal_px / points[i, 2]) ** 2
             jacobian(points[i], TO_DEPTH, 1.0, J)
             row = (readings[i, reading_columns.DEPTH_BAND] + 0.5) / BANDS - 0.5
             tau = row * readout_s + skew_s

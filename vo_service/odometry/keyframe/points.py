@@ -19,13 +19,12 @@ from vo_service.odometry.keyframe.parameters import (
     LEAST_SUPPORT,
     MOST_RMS_PER_M,
     PLANE_RADIUS,
+    PLANE_STEP_PX,
     SURFACE_STEP_PER_M,
 )
 from vo_service.odometry.keyframe.rows import ROUNDS, moved, project, row_time
 from vo_service.odometry.plane_fit import fit_plane
 
-# Pixels from one reading of a plane to the next.
-STEP_PX = 2
 # Columns of a point: where it is (x, y, z in m), its brightness, the variance of that for the
 # interpolation, how brightness changes with its place (3, grey / m), how the depth reading there
 # differs from its own with its place (3, 1/m / m), and whether brightness and depth count (0 or 1).
@@ -206,18 +205,18 @@ def _surface(
     none = (0.0, 0.0, 0.0, False)
     height, width = inverse_depth.shape
     column, row = int(u + 0.5), int(v + 0.5)
-    reach = PLANE_RADIUS * STEP_PX
+    reach = PLANE_RADIUS * PLANE_STEP_PX
     if not (reach <= column < width - reach and reach <= row < height - reach):
         return none
     middle = inverse_depth[row, column]
     if middle <= 0:
         return none
-    for dv in range(-STEP_PX, STEP_PX + 1, STEP_PX):
-        for du in range(-STEP_PX, STEP_PX + 1, STEP_PX):
+    for dv in range(-PLANE_STEP_PX, PLANE_STEP_PX + 1, PLANE_STEP_PX):
+        for du in range(-PLANE_STEP_PX, PLANE_STEP_PX + 1, PLANE_STEP_PX):
             if not abs(inverse_depth[row + dv, column + du] - middle) <= SURFACE_STEP_PER_M:
                 return none
     w, wu, wv, squared = fit_plane(
-        inverse_depth, column, row, PLANE_RADIUS, STEP_PX, SURFACE_STEP_PER_M, LEAST_SUPPORT
+        inverse_depth, column, row, PLANE_RADIUS, PLANE_STEP_PX, SURFACE_STEP_PER_M, LEAST_SUPPORT
     )
     if w <= 0.0:
         return float(middle), 0.0, 0.0, False

@@ -11,20 +11,18 @@ from vo_service.odometry.keyframe.confidence import doubt, misfit, oddness
 from vo_service.odometry.keyframe.features import FeatureSearch
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap
+from vo_service.odometry.keyframe.parameters import (
+    CLEARLY,
+    MOST_SIGHTINGS,
+    OTHER_LIGHT,
+    PATIENCE_FRAMES,
+    SEARCHED_KEYFRAMES,
+)
 from vo_service.odometry.keyframe.way import Way
 from vo_service.odometry.surf import SurfExtractor
 
-# Another motion is better if the keyframe fits this much better.
-CLEARLY = 0.9
-# After a try that changed nothing, so many odd frames are taken as they are: blur lasts, and so
-# does the dark.
-REST_FRAMES = 3
-# A mean brightness so many times that of the keyframe, or one part in so many, is another light.
-OTHER_LIGHT = 1.5
-# So many keyframes are searched for features that match.
-MOST_KEYFRAMES = 8
-# So many sightings are followed up: a thing that moves may be seen in the best of them.
-MOST_SIGHTINGS = 3
+# After a try that changed nothing, so many odd frames are taken as they are.
+REST_FRAMES = PATIENCE_FRAMES[0]
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ class Recovery:
     ) -> Found:
         """The keyframe in use first, then those that were in use last."""
         others = [k for k in reversed(local_map.keyframes) if k is not best.keyframe]
-        keyframes = [best.keyframe, *others][:MOST_KEYFRAMES]
+        keyframes = [best.keyframe, *others][:SEARCHED_KEYFRAMES]
         for sighting in islice(self.features.find(frame, keyframes), MOST_SIGHTINGS):
             keyframe = sighting.keyframe
             tie = way.tie(keyframe.T_world_keyframe, images.stamp_s)

@@ -17,7 +17,7 @@ from vo_service.odometry.keyframe.alignment import Alignment, align, all_alike
 from vo_service.odometry.keyframe.cells import CELL_COLUMNS, CELL_ROWS
 from vo_service.odometry.keyframe.confidence import doubt
 from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import FINE_LEVELS, FREEDOM, SIGMAS
+from vo_service.odometry.keyframe.parameters import FINE_LEVELS, FREEDOM, SIGMAS, SURPRISE_SHARE
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import SIGMA_BRIGHTNESS
@@ -25,8 +25,6 @@ from vo_service.odometry.keyframe.way import Way
 
 # Columns of cells that are left out: half of the view, on the left, in the middle, on the right.
 HALVES = (slice(0, 4), slice(2, 6), slice(4, 8))
-# What a surprise costs, beside the mean cost of a reading.
-SURPRISE_SHARE = 0.1
 
 
 def look_again(found: Found, images: Images, way: Way) -> Found:

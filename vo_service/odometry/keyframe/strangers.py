@@ -14,21 +14,19 @@ from numpy.typing import NDArray
 from drivers.geometry import Array, inverse
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe.local_map import Keyframe
-from vo_service.odometry.keyframe.parameters import SURFACE_STEP_PER_M
+from vo_service.odometry.keyframe.parameters import (
+    AROUND_PX,
+    LEAST_SEEN,
+    SURFACE_STEP_PER_M,
+)
 from vo_service.odometry.keyframe.readings import NEAREST_M, OTHER_SURFACE_PER_M
 from vo_service.odometry.keyframe.rows import project
 from vo_service.odometry.keyframe.twists import transformed
 
 # The view is looked at in blocks of so many pixels, by the one in their middle.
 BLOCK_PX, MIDDLE_PX = 8, 4
-# A place is seen through if all that is so many pixels around it is further away: edges are not
-# where they were by some pixels, and rows are not of one instant.
-AROUND_PX = 6
 # What others tell of a block.
 UNKNOWN, SEEN, SEEN_THROUGH = 0, 1, 2
-# Of a surface that is no stranger, others have seen this share at least; and of a view in which
-# strangers can be told.
-LEAST_SEEN, LEAST_KNOWN = 0.25, 0.25
 
 Blocks = NDArray[np.uint8]
 Depths = NDArray[np.float32]
@@ -47,7 +45,7 @@ def without_strangers(keyframe: Keyframe, others: Iterable[Keyframe]) -> Keyfram
         T_other_keyframe = inverse(other.T_world_keyframe) @ keyframe.T_world_keyframe
         seen = other.images
         look_from(T_other_keyframe, seen.inverse_depth, seen.intrinsics[0], places, known)
-    if np.count_nonzero(known) < LEAST_KNOWN * np.count_nonzero(blocks):
+    if np.count_nonzero(known) < LEAST_SEEN * np.count_nonzero(blocks):
         return keyframe
     strange = find_strange(blocks, known)
     points = tuple(level[~is_in(level, images.intrinsics[0], strange)] for level in keyframe.points)

@@ -13,10 +13,11 @@ from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.parameters import (
     BRIGHTNESS_SHARE,
-    BRIGHTNESS_SPREAD,
-    DEPTH_SPREAD_PER_M,
+    FEWEST_POINTS,
     FREEDOM,
     GAINS,
+    LEAST_SPREADS,
+    MOST_SPREADS,
 )
 from vo_service.odometry.keyframe.points import (
     BRIGHTNESS,
@@ -28,8 +29,6 @@ from vo_service.odometry.keyframe.points import (
 )
 from vo_service.odometry.keyframe.readings import BANDS
 
-# Fewer readings than this tell nothing of the light or of a spread.
-FEWEST_READINGS = 50
 # The fit: what a keyframe's brightness is multiplied by and what is added, then the two spreads.
 GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH = 0, 1, 2, 3
 # Where the elements of a symmetric 6x6 matrix are in its upper triangle, row by row.
@@ -70,16 +69,16 @@ def fit_light(points: Array, readings: Array, cell_weights: Array, fit: Array) -
             squared = depth * depth / variance_depth
             n_depth += cell_weight
             chi_depth += cell_weight * squared * (FREEDOM + 1.0) / (FREEDOM + squared)
-    if n >= FEWEST_READINGS:
+    if n >= FEWEST_POINTS[0]:
         sigma = fit[SIGMA_BRIGHTNESS] * np.sqrt(chi / n)
-        fit[SIGMA_BRIGHTNESS] = min(max(sigma, BRIGHTNESS_SPREAD[0]), BRIGHTNESS_SPREAD[1])
+        fit[SIGMA_BRIGHTNESS] = min(max(sigma, LEAST_SPREADS[0]), MOST_SPREADS[0])
         spread = skk - sk * sk / s
         if spread > 1e-9 * skk:
             fit[GAIN] = min(max((skc - sk * sc / s) / spread, GAINS[0]), GAINS[1])
         fit[OFFSET] = (sc - fit[GAIN] * sk) / s
-    if n_depth >= FEWEST_READINGS:
+    if n_depth >= FEWEST_POINTS[0]:
         sigma = fit[SIGMA_DEPTH] * np.sqrt(chi_depth / n_depth)
-        fit[SIGMA_DEPTH] = min(max(sigma, DEPTH_SPREAD_PER_M[0]), DEPTH_SPREAD_PER_M[1])
+        fit[SIGMA_DEPTH] = min(max(sigma, LEAST_SPREADS[1]), MOST_SPREADS[1])
 
 
 @kernel

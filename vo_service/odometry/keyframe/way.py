@@ -7,22 +7,18 @@ import numpy as np
 from drivers.geometry import Array, adjoint, inverse
 from vo_service.odometry.keyframe.alignment import Tie
 from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
+from vo_service.odometry.keyframe.parameters import (
+    CALM,
+    FADING,
+    LEAST_AGITATION,
+    LIGHT_JUMP,
+    LONGEST_S,
+    VELOCITY_SIGMA,
+)
 from vo_service.odometry.keyframe.twists import exponential
 
-# A longer time between two frames says little of the velocity at its end.
-LONGEST_STEP_S = 0.4
-# After a longer time the camera may be far from where it is expected, and another place near to
-# that may fit: features tell. At the sensor's 30 Hz, this is two frames without a pose.
-LONGEST_SURE_S = 0.08
-# Of the agitation, this share is that of the frames before.
-FADING = 0.9
-# Even a standing camera's velocity is known no better than to this share of the usual.
-CALM = 0.003
-# Changes of the velocity by less than this share of the usual surprise nobody.
-LEAST_AGITATION = 0.5
-# A mean brightness that is off by more than this share has changed at once.
-LIGHT_JUMP = 0.08
+# For so long it is known where the camera may be, and how it moves.
+SURE_S, LONGEST_STEP_S = LONGEST_S
 # Gain and offset of a view's brightness against its own.
 SAME_LIGHT = (1.0, 0.0)
 
@@ -70,7 +66,7 @@ class Way:
 
     def is_long_ago(self, stamp_s: float) -> bool:
         """Whether the camera may be far from where it is expected at a stamp."""
-        return abs(stamp_s - self.stamp_s) > LONGEST_SURE_S
+        return abs(stamp_s - self.stamp_s) > SURE_S
 
     def surprise(self, velocity: Array, stamp_s: float) -> float:
         """How many times as much as of late a velocity (6,) has changed; 0 after a long time."""

@@ -22,13 +22,13 @@ from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.joint import align_jointly
 from vo_service.odometry.keyframe.local_map import (
-    KEYFRAMES,
     Keyframe,
     LocalMap,
     make_keyframe,
     overlap,
 )
 from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
+from vo_service.odometry.keyframe.parameters import KEYFRAMES
 from vo_service.odometry.keyframe.recovery import Found
 
 

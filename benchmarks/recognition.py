@@ -29,6 +29,7 @@ from vo_service.mapping.places.view import FOLLOWED, LOST, PlaceView
 from vo_service.odometry.keyframe.twists import logarithm
 
 WRONG_M, WRONG_DEG = 0.05, 3.0
+HEADING = "apart | tries | sighted | recognised | mm | 95 % | worst | degrees | sigmas | wrong"
 # So many places are asked for what looks alike.
 MOST_ALIKE = (1, 3, 5, 10)
 Result = TypeVar("Result")
@@ -160,9 +161,7 @@ def _size(T: Array) -> tuple[float, float]:
 
 
 def _tell_tries(title: str, tries: Sequence[Try]) -> None:
-    print(
-        f"\n{title}\napart | tries | sighted | recognised | mm | 95 % | worst | degrees | sigmas | wrong"
-    )
+    print(f"\n{title}\n{HEADING}")
     rest = list(tries)
     for step in STEPS:
         chosen = [each for each in rest if each.is_within(*step)]

@@ -1,0 +1,229 @@
+import hashlib
+import stat
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import InputError, UserFacingError
+from drivers.geometry import inverse
+from tests.vo_service.mapping.places.corner_places import BESIDE, ELSEWHERE, HERE, view_from
+from vo_service.mapping.graph.edges import Edge
+from vo_service.mapping.graph.pose_graph import Node, PoseGraph
+from vo_service.mapping.places.map_file import HEADER, MAGIC, MapContents, read_map, write_map
+from vo_service.mapping.places.place import Place
+from vo_service.mapping.places.recognition import Recogniser
+
+Changed = Callable[[MapContents], MapContents]
+
+
+@pytest.fixture(scope="session")
+def contents(here: Place, elsewhere: Place) -> MapContents:
+    """Two places, a motion and a loop between them."""
+    T = inverse(HERE) @ ELSEWHERE
+    motion = Edge(0, 1, T, 1e-6 * np.eye(6), is_loop=False, length_m=1.7)
+    loop = replace(motion, is_loop=True, length_m=0.0)
+    graph = PoseGraph()
+    graph.add(0, 0, HERE)
+    graph.extend(motion)
+    graph.close(loop)
+    return MapContents([here, elsewhere], list(graph.nodes.values()), list(graph.edges), 7)
+
+
+@pytest.fixture
+def saved(tmp_path: Path, contents: MapContents) -> Path:
+    path = tmp_path / "home.map"
+    write_map(path, contents)
+    return path
+
+
+def refusal(path: Path) -> str:
+    """The one line that a map is refused with."""
+    with pytest.raises(InputError) as refused:
+        read_map(path)
+    line = str(refused.value)
+    assert line.startswith(f"{path}: ")
+    assert line.endswith("name another map, or begin a new one")
+    assert "\n" not in line
+    return line
+
+
+def with_new_checksum(data: bytes) -> bytes:
+    """The same file, as if it had been written like this."""
+    body = data[HEADER.size :]
+    return HEADER.pack(MAGIC, 1, len(body), hashlib.sha256(body).digest()) + body
+
+
+def test_a_map_comes_back_as_it_was(saved: Path, contents: MapContents) -> None:
+    again = read_map(saved)
+    assert again.next_number == 7
+    for was, now in zip(contents.places, again.places, strict=True):
+        assert (now.number, now.world, now.stamp_s) == (was.number, was.world, was.stamp_s)
+        assert now.camera == was.camera
+        assert np.array_equal(now.summary, was.summary)
+        for mine, theirs in zip(was.keyframe_points, now.keyframe_points, strict=True):
+            assert np.array_equal(mine, theirs)
+    for edge, its in zip(contents.edges, again.edges, strict=True):
+        assert (its.a, its.b, its.is_loop, its.length_m) == (
+            edge.a, edge.b, edge.is_loop, edge.length_m,
+        )  # fmt: skip
+        assert np.array_equal(its.T_a_b, edge.T_a_b)
+        assert np.array_equal(its.covariance, edge.covariance)
+    for node, its_node in zip(contents.nodes, again.nodes, strict=True):
+        assert (its_node.number, its_node.world) == (node.number, node.world)
+        assert np.array_equal(its_node.T_map_place, node.T_map_place)
+
+
+def test_a_place_is_recognised_the_same_after_a_restart(
+    recogniser: Recogniser, here: Place, saved: Path
+) -> None:
+    view = view_from(recogniser, BESIDE)
+    before = recogniser.recognise(view, [here])
+    after = Recogniser().recognise(view, read_map(saved).places[:1])
+    assert before is not None
+    assert after is not None
+    assert before.T_place_camera.tobytes() == after.T_place_camera.tobytes()
+
+
+def test_a_graph_goes_on_after_a_restart(saved: Path) -> None:
+    again = read_map(saved)
+    graph = PoseGraph(again.nodes, again.edges)
+    graph.optimise()
+    assert np.allclose(graph.T_map(1), ELSEWHERE, atol=1e-9)
+
+
+def test_a_map_without_places_is_a_map(tmp_path: Path) -> None:
+    write_map(tmp_path / "empty.map", MapContents([], [], [], 0))
+    assert read_map(tmp_path / "empty.map") == MapContents([], [], [], 0)
+
+
+def test_a_map_is_for_its_owner_alone(saved: Path, contents: MapContents) -> None:
+    saved.chmod(0o644)
+    write_map(saved, contents)
+    assert stat.S_IMODE(saved.stat().st_mode) == 0o600
+    assert list(saved.parent.iterdir()) == [saved]
+
+
+def test_the_same_map_gives_the_same_bytes(saved: Path, tmp_path: Path) -> None:
+    write_map(tmp_path / "again.map", read_map(saved))
+    assert (tmp_path / "again.map").read_bytes() == saved.read_bytes()
+
+
+def test_a_map_that_cannot_be_written_is_told_in_one_line(
+    tmp_path: Path, contents: MapContents
+) -> None:
+    with pytest.raises(UserFacingError, match="cannot be written: No such file") as refused:
+        write_map(tmp_path / "missing" / "home.map", contents)
+    assert "\n" not in str(refused.value)
+
+
+def test_the_old_map_stays_where_the_disk_is_full(saved: Path) -> None:
+    before = saved.read_bytes()
+    (saved.parent / ".home.map.part").mkdir()
+    with pytest.raises(UserFacingError, match="cannot be written"):
+        write_map(saved, MapContents([], [], [], 0))
+    assert saved.read_bytes() == before
+
+
+@pytest.mark.parametrize("data", [b"", b"ply\nformat ascii 1.0\n" * 9, MAGIC, MAGIC + bytes(44)])
+def test_another_file_is_no_map(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "other"
+    path.write_bytes(data)
+    assert "no map of kinect-vo" in refusal(path) or "version 0" in refusal(path)
+
+
+def test_what_is_not_there_or_no_file_is_refused(tmp_path: Path) -> None:
+    assert "no such file" in refusal(tmp_path / "nowhere.map")
+    assert "no such file" in refusal(tmp_path)
+
+
+def test_another_version_is_refused(saved: Path) -> None:
+    data = bytearray(saved.read_bytes())
+    data[16] = 2
+    saved.write_bytes(data)
+    assert "of version 2, and this program reads version 1" in refusal(saved)
+
+
+def test_a_map_cut_short_is_refused(saved: Path) -> None:
+    data = saved.read_bytes()
+    saved.write_bytes(data[: len(data) // 2])
+    assert "damaged map: its length" in refusal(saved)
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.floats(0.0, 1.0, exclude_max=True), st.integers(0, 7))
+def test_a_bit_that_has_turned_is_noticed(saved: Path, where: float, bit: int) -> None:
+    data = saved.read_bytes()
+    turned = bytearray(data)
+    turned[int(where * len(data))] ^= 1 << bit
+    damaged = saved.with_name("damaged.map")
+    damaged.write_bytes(turned)
+    refusal(damaged)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, 3500), st.integers(1, 255))
+def test_a_changed_index_is_refused_even_with_the_right_checksum(
+    saved: Path, where: int, change: int
+) -> None:
+    data = bytearray(saved.read_bytes())
+    data[HEADER.size + where] ^= change
+    changed = saved.with_name("changed.map")
+    changed.write_bytes(with_new_checksum(bytes(data)))
+    try:
+        read_map(changed)
+    except InputError:
+        refusal(changed)
+
+
+def _another_node(contents: MapContents) -> MapContents:
+    return replace(contents, nodes=[*contents.nodes, Node(5, 0, HERE, HERE)])
+
+
+def _edge_to_nowhere(contents: MapContents) -> MapContents:
+    return replace(contents, edges=[replace(contents.edges[0], b=9)])
+
+
+def _edge_without_sense(contents: MapContents) -> MapContents:
+    return replace(contents, edges=[replace(contents.edges[0], covariance=-np.eye(6))])
+
+
+def _number_used(contents: MapContents) -> MapContents:
+    return replace(contents, next_number=1)
+
+
+def _skewed(contents: MapContents) -> MapContents:
+    first, second = contents.places
+    return replace(contents, places=[first, replace(second, T_world_place=2 * np.eye(4))])
+
+
+def _without_levels(contents: MapContents) -> MapContents:
+    first, second = contents.places
+    return replace(contents, places=[first, replace(second, packed_points=())])
+
+
+def _backwards(contents: MapContents) -> MapContents:
+    return replace(contents, places=contents.places[::-1])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        _another_node,
+        _edge_to_nowhere,
+        _edge_without_sense,
+        _number_used,
+        _skewed,
+        _without_levels,
+        _backwards,
+    ],
+)
+def test_what_contradicts_itself_is_refused(
+    tmp_path: Path, contents: MapContents, change: Changed
+) -> None:
+    write_map(tmp_path / "odd.map", change(contents))
+    assert "no map of this program: it has" in refusal(tmp_path / "odd.map")

@@ -1,0 +1,93 @@
+from dataclasses import replace
+
+import pytest
+
+from drivers.geometry import Array
+from tests.vo_service.mapping.places.corner_places import BESIDE, HERE, pose, view_from
+from vo_service.mapping.places.place import Place
+from vo_service.mapping.places.places import Places
+from vo_service.mapping.places.recognition import Recogniser
+
+
+def placed(place: Place, *poses: Array, world: int = 0) -> Places:
+    """The same view, as if it had been seen from all of these."""
+    places = Places(most_bytes=10**9)
+    for number, T in enumerate(poses):
+        places.add(replace(place, number=number, T_world_place=T, world=world))
+    return places
+
+
+def along(*ways_m: float) -> list[Array]:
+    return [pose((way_m, 0.0, 0.0)) for way_m in ways_m]
+
+
+def test_what_looks_alike_comes_first(
+    recogniser: Recogniser, here: Place, elsewhere: Place
+) -> None:
+    places = Places(most_bytes=10**9)
+    places.add(here)
+    places.add(elsewhere)
+    view = view_from(recogniser, BESIDE)
+    assert [place.number for place in places.alike(view, 2, lambda place: True)] == [0, 1]
+    assert places.alike(view, 1, lambda place: True) == [here]
+
+
+def test_only_those_allowed_are_asked(
+    recogniser: Recogniser, here: Place, elsewhere: Place
+) -> None:
+    places = Places(most_bytes=10**9)
+    places.add(here)
+    places.add(elsewhere)
+    view = view_from(recogniser, HERE)
+    assert places.alike(view, 5, lambda place: place.number > 0) == [elsewhere]
+    assert places.alike(view, 5, lambda place: False) == []
+
+
+def test_they_are_found_by_their_numbers(here: Place) -> None:
+    places = placed(here, *along(0.0, 1.0, 2.0))
+    places.remove(1)
+    assert len(places) == 2
+    assert [place.number for place in places] == [0, 2]
+    assert 1 not in places
+    assert places[2].number == 2
+    with pytest.raises(KeyError):
+        places.remove(1)
+
+
+def test_numbers_rise(here: Place) -> None:
+    places = placed(here, *along(0.0, 1.0))
+    with pytest.raises(ValueError, match="no newer"):
+        places.add(replace(here, number=1))
+
+
+def test_they_say_when_they_take_too_much(here: Place) -> None:
+    places, is_over = Places(most_bytes=int(2.5 * here.bytes)), []
+    for number in range(3):
+        places.add(replace(here, number=number))
+        is_over.append(places.is_over)
+    places.remove(1)
+    assert [*is_over, places.is_over] == [False, False, True, False]
+    assert places.bytes == 2 * here.bytes
+
+
+def test_the_one_nearest_to_others_can_be_spared(here: Place) -> None:
+    assert placed(here, *along(0.0, 1.0, 2.0, 2.1, 2.3, 5.0)).redundant() == 3
+
+
+def test_a_turn_counts_as_a_way(here: Place) -> None:
+    turned = [pose((0.0, 0.0, 0.0), (0.0, degrees, 0.0)) for degrees in (0, 60, 65, 120)]
+    assert placed(here, *turned).redundant() == 2
+
+
+def test_the_first_and_the_newest_are_never_spared(here: Place) -> None:
+    assert placed(here, *along(0.0, 0.1, 3.0, 6.0, 6.1)).redundant() in (1, 3)
+    assert placed(here, *along(0.0, 5.0, 0.0)).redundant() == 1
+    with pytest.raises(ValueError, match="never spared"):
+        placed(here, *along(0.0, 0.0)).redundant()
+
+
+def test_places_of_other_worlds_are_not_near(here: Place) -> None:
+    places = placed(here, *along(0.0, 1.0, 1.5))
+    for number, way_m in enumerate((1.01, 1.02, 9.0), start=3):
+        places.add(replace(here, number=number, world=number, T_world_place=along(way_m)[0]))
+    assert places.redundant() == 1

@@ -1,0 +1,103 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.geometry import inverse
+from tests.vo_service.mapping.places.corner_places import (
+    BESIDE,
+    ELSEWHERE,
+    HERE,
+    STANDING,
+    pose,
+    view_from,
+)
+from tests.vo_service.odometry.synthetic_views import frame_of, textured_image, view_of_a_corner
+from tests.vo_service.odometry.walk import BLACK, assert_close
+from vo_service.mapping.places.place import Place
+from vo_service.mapping.places.recognition import Recogniser, Sighting
+from vo_service.mapping.places.view import LOST
+
+
+def test_a_place_is_known_again_from_beside_it(recogniser: Recogniser, here: Place) -> None:
+    found = recogniser.recognise(view_from(recogniser, BESIDE), [here])
+    assert found is not None
+    assert found.number == here.number
+    assert found.inliers >= 15
+    assert_close(found.T_place_camera, inverse(HERE) @ BESIDE, metres=2e-3, degrees=0.1)
+
+
+def test_the_covariance_holds_the_error(recogniser: Recogniser, here: Place) -> None:
+    found = recogniser.recognise(view_from(recogniser, BESIDE), [here])
+    assert found is not None
+    error_m = np.abs((inverse(BESIDE) @ HERE @ found.T_place_camera)[:3, 3])
+    sigma_m = np.sqrt(np.diag(found.covariance)[:3])
+    assert np.all(error_m < 4.0 * sigma_m)
+    assert np.all(sigma_m < 0.01)
+    assert np.linalg.eigvalsh(found.covariance).min() > 0.0
+
+
+def test_it_is_known_again_after_a_loss(recogniser: Recogniser, here: Place) -> None:
+    view = recogniser.view(view_of_a_corner(BESIDE), STANDING, LOST)
+    found = recogniser.recognise(view, [here])
+    assert found is not None
+    assert_close(found.T_place_camera, BESIDE, metres=3e-3, degrees=0.1)
+
+
+def test_of_several_places_the_one_in_view_is_recognised(
+    recogniser: Recogniser, here: Place, elsewhere: Place
+) -> None:
+    view = view_from(recogniser, ELSEWHERE @ BESIDE)
+    found = recogniser.recognise(view, [here, elsewhere])
+    assert found is not None
+    assert found.number == elsewhere.number
+
+
+def test_what_was_never_seen_is_not_recognised(
+    recogniser: Recogniser, here: Place, elsewhere: Place
+) -> None:
+    poster = frame_of(textured_image(240, 320, seed=9), np.full((240, 320), 1.7))
+    for frame in (poster, BLACK):
+        view = recogniser.view(frame, STANDING)
+        assert recogniser.recognise(view, [here, elsewhere]) is None
+    assert recogniser.recognise(view_from(recogniser, ELSEWHERE), [here]) is None
+
+
+def test_without_places_nothing_is_recognised(recogniser: Recogniser) -> None:
+    assert recogniser.recognise(view_from(recogniser, HERE), []) is None
+
+
+def test_the_same_picture_at_another_distance_is_another_thing(
+    recogniser: Recogniser, here: Place
+) -> None:
+    """Features alone could not tell a photograph of the corner from the corner."""
+    frame = view_of_a_corner(HERE)
+    photograph = frame_of(frame.grey, np.full(frame.grey.shape, 1.2))
+    assert recogniser.recognise(recogniser.view(photograph, STANDING), [here]) is None
+
+
+@pytest.mark.parametrize("T_place_camera", [ELSEWHERE, pose((0.3, 0.0, 0.0))])
+def test_a_wrong_sighting_is_not_confirmed(
+    recogniser: Recogniser, here: Place, T_place_camera: np.ndarray
+) -> None:
+    sighting = Sighting(here, T_place_camera, inliers=100)
+    assert recogniser.confirm(view_from(recogniser, BESIDE), sighting) is None
+
+
+def test_darker_light_is_no_other_place(recogniser: Recogniser, here: Place) -> None:
+    frame = view_of_a_corner(BESIDE)
+    dusk = replace(frame, colour_bgr=(0.75 * frame.colour_bgr).astype(np.uint8))
+    found = recogniser.recognise(recogniser.view(dusk, STANDING), [here])
+    assert found is not None
+    assert_close(found.T_place_camera, BESIDE, metres=3e-3, degrees=0.1)
+
+
+def test_the_same_view_gives_the_same_bits(here: Place) -> None:
+    first, second = (
+        recogniser.recognise(view_from(recogniser, BESIDE), [here])
+        for recogniser in (Recogniser(), Recogniser())
+    )
+    assert first is not None
+    assert second is not None
+    assert first.T_place_camera.tobytes() == second.T_place_camera.tobytes()
+    assert first.covariance.tobytes() == second.covariance.tobytes()

@@ -23,7 +23,7 @@ from vo_service.mapping import places
 from vo_service.odometry.surf import SurfExtractor
 
 OUTPUT = Path(places.__file__).with_name("words.npy")
-WORDS, FEATURES, EVERY = 64, 500, 30
+WORDS, FEATURES, EVERY = 32, 500, 30
 # Of k-means: rounds at most, and how often it begins anew.
 ROUNDS, ATTEMPTS = 100, 3
 READ_TIMEOUT_S = 60.0

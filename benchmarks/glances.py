@@ -40,7 +40,7 @@ class Glance:
     velocity: Array
 
 
-class _Glances(MotionPath):
+class Glances(MotionPath):
     """A camera that is at one pose for one frame, moving, then at the next."""
 
     def __init__(self, poses: list[Array], velocities: list[Array], rate_hz: float) -> None:
@@ -63,11 +63,11 @@ class _Glances(MotionPath):
 def of_room(seed: int) -> Iterator[Glance]:
     """Views of a furnished room, by a hand that moves."""
     rng = np.random.default_rng([seed, 77])
-    poses = [pose for _ in range(SPOTS) for pose in _around(_spot(rng), rng)]
+    poses = [pose for _ in range(SPOTS) for pose in around(_spot(rng), rng)]
     velocities = [PACE * rng.normal(size=6) for _ in poses]
     rate_hz = SyntheticConfig.rate_hz
     config = SyntheticConfig(seed=seed, duration_s=len(poses) / rate_hz)
-    path = _Glances(poses, velocities, rate_hz)
+    path = Glances(poses, velocities, rate_hz)
     renderer = Renderer(config, path, Room.build(config, path, 1))
     for seq, (T_world_camera, velocity) in enumerate(zip(poses, velocities, strict=True)):
         images = renderer.render(seq)
@@ -92,7 +92,7 @@ def _spot(rng: np.random.Generator) -> Array:
     return rigid_transform(R, rng.uniform([-1.3, -1.0, 1.0], [1.3, 1.0, 1.6]))
 
 
-def _around(T_world_spot: Array, rng: np.random.Generator) -> Iterator[Array]:
+def around(T_world_spot: Array, rng: np.random.Generator) -> Iterator[Array]:
     """The pose, then those at the distances and angles of STEPS, mostly level."""
     yield T_world_spot
     for metres, degrees in STEPS:

@@ -3,8 +3,9 @@
 A wrong recognition bends the whole map: whatever can be doubted is none.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -41,6 +42,12 @@ LEAST_IN_VIEW, MOST_SPREAD = 0.3, ODD_SPREADS[0]
 MOST_APART_M, MOST_APART_RAD = 0.04, np.radians(1.0)
 # and the place is known to this: the standard deviation in space.
 MOST_SIGMA_M = 0.015
+# Another place with this share of the best one's features is a rival if the camera would be so far
+# from where the best one puts it: rooms may have corners that look the same.
+RIVAL, ELSEWHERE_M, ELSEWHERE_RAD = 0.5, 0.5, np.radians(30.0)
+
+Poses = Mapping[int, Array]
+NOWHERE: Poses = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -99,12 +106,21 @@ class Recogniser:
             mean_brightness=view.images.mean_brightness,
         )
 
-    def recognise(self, view: PlaceView, places: Sequence[Place]) -> Recognition | None:
-        """The place that most features agree with, if the view can be laid on it."""
+    def recognise(
+        self, view: PlaceView, places: Sequence[Place], T_map_place: Poses = NOWHERE
+    ) -> Recognition | None:
+        """The place that most features agree with, if the view can be laid on it.
+
+        T_map_place  4x4 by number, as far as it is known where the places are: if another place
+                     says about as clearly that the camera is elsewhere, none is recognised
+        """
         sightings = list(self.sightings(view, places))
         if not sightings:
             return None
-        return self.confirm(view, max(sightings, key=lambda sighting: sighting.inliers))
+        best = max(sightings, key=lambda sighting: sighting.inliers)
+        if any(_contradict(best, other, T_map_place) for other in sightings):
+            return None
+        return self.confirm(view, best)
 
     def sightings(self, view: PlaceView, places: Sequence[Place]) -> Iterator[Sighting]:
         """The places that features agree with beyond chance."""
@@ -127,12 +143,24 @@ class Recogniser:
         light = (view.images.light_against(place), 0.0)
         found = align(points, view.images, [start], tie, light, all_alike())
         T_place_camera = inverse(found.T_camera_keyframe)
-        if _is_doubtful(found) or _are_apart(T_place_camera, sighting.T_place_camera):
+        if _is_doubtful(found) or _are_apart(
+            T_place_camera, sighting.T_place_camera, MOST_APART_M, MOST_APART_RAD
+        ):
             return None
         sure = certainty(points, view.images, found, tie, np.array(VELOCITY_SIGMA))
         if sure.doubt or np.trace(sure.covariance[:3, :3]) > MOST_SIGMA_M**2:
             return None
         return Recognition(place.number, T_place_camera, sure.covariance, sighting.inliers)
+
+
+def _contradict(best: Sighting, other: Sighting, T_map_place: Poses) -> bool:
+    """Whether another sighting of about as many features puts the camera elsewhere in the map."""
+    if other.inliers < RIVAL * best.inliers or not (
+        best.place.number in T_map_place and other.place.number in T_map_place
+    ):
+        return False
+    T, T_other = (T_map_place[s.place.number] @ s.T_place_camera for s in (best, other))
+    return _are_apart(T, T_other, ELSEWHERE_M, ELSEWHERE_RAD)
 
 
 def _tie(view: PlaceView, T_place_camera: Array) -> Tie:
@@ -153,9 +181,7 @@ def _is_doubtful(found: Alignment) -> bool:
     )
 
 
-def _are_apart(T_place_camera: Array, other: Array) -> bool:
-    """Whether two poses of the camera are not the same."""
-    T = inverse(T_place_camera) @ other
-    return bool(
-        np.linalg.norm(T[:3, 3]) > MOST_APART_M or rotation_angle_rad(T[:3, :3]) > MOST_APART_RAD
-    )
+def _are_apart(T: Array, T_other: Array, metres: float, radians: float) -> bool:
+    """Whether two poses of the camera differ by more than this."""
+    step = inverse(T) @ T_other
+    return bool(np.linalg.norm(step[:3, 3]) > metres or rotation_angle_rad(step[:3, :3]) > radians)

@@ -63,6 +63,20 @@ def test_what_was_never_seen_is_not_recognised(
     assert recogniser.recognise(view_from(recogniser, ELSEWHERE), [here]) is None
 
 
+def test_two_places_that_look_the_same_are_no_place(recogniser: Recogniser, here: Place) -> None:
+    view, twin = view_from(recogniser, BESIDE), replace(here, number=5)
+    apart = {0: HERE, 5: pose((3.0, 0.0, 0.0))}
+    together = {0: HERE, 5: pose((0.1, 0.0, 0.0))}
+    assert recogniser.recognise(view, [here, twin], apart) is None
+    assert recogniser.recognise(view, [here, twin], together) is not None
+    assert recogniser.recognise(view, [here], apart) is not None
+
+
+def test_a_rival_that_nothing_joins_to_the_map_is_none(recogniser: Recogniser, here: Place) -> None:
+    view, twin = view_from(recogniser, BESIDE), replace(here, number=5)
+    assert recogniser.recognise(view, [here, twin], {0: HERE}) is not None
+
+
 def test_without_places_nothing_is_recognised(recogniser: Recogniser) -> None:
     assert recogniser.recognise(view_from(recogniser, HERE), []) is None
 

@@ -1,6 +1,6 @@
 """How well places are recognised: how often, how exactly, at what cost; and never wrongly.
 
-    python -m benchmarks.recognition [--rooms 101 102 ...] [--recordings FOLDER...]
+    python -m benchmarks.recognition [--rooms 201 202 ...] [--recordings FOLDER...]
 
 Each room is another one of the virtual Kinect, seen from a few spots, with views around each; a
 recording has a view every half second, and a ground truth. Every view is a place as well, and every
@@ -89,7 +89,7 @@ def main() -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--rooms", nargs="*", type=int, default=list(range(101, 111)))
+    parser.add_argument("--rooms", nargs="*", type=int, default=list(range(201, 207)))
     parser.add_argument("--recordings", nargs="*", type=Path, default=[])
     args = parser.parse_args()
     watch, recogniser = Stopwatch(), Recogniser()

@@ -22,9 +22,8 @@ from vo_service.odometry.keyframe.certainty import certainty
 from vo_service.odometry.keyframe.confidence import cover, doubt
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.measure import IN_IMAGE
-from vo_service.odometry.keyframe.parameters import ODD_SPREADS, VELOCITY_SIGMA
+from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
 from vo_service.odometry.keyframe.points import find_points
-from vo_service.odometry.keyframe.system import SIGMA_BRIGHTNESS
 from vo_service.odometry.matching import match_features
 from vo_service.odometry.parameters import SurfParameters
 from vo_service.odometry.points import pair_points
@@ -36,8 +35,8 @@ from vo_service.odometry.surf import SurfExtractor
 SOUGHT, KEPT = 800, 500
 # A sighting is only where the alignment begins.
 SIGHTED = ChanceTest(if_right=0.2, by_chance=0.03)
-# Of the place, this share at least is in view, and its brightness fits to so many grey levels.
-LEAST_IN_VIEW, MOST_SPREAD = 0.3, ODD_SPREADS[0]
+# This share of the place at least is in view.
+LEAST_IN_VIEW = 0.3
 # Features and the dense alignment agree to this,
 MOST_APART_M, MOST_APART_RAD = 0.04, np.radians(1.0)
 # and the place is known to this: the standard deviation in space.
@@ -173,12 +172,7 @@ def _tie(view: PlaceView, T_place_camera: Array) -> Tie:
 def _is_doubtful(found: Alignment) -> bool:
     """Whether an alignment says too little: stricter than the odometry, which knows the way."""
     in_view = found.counts[IN_IMAGE] / max(len(found.readings), 1)
-    return bool(
-        doubt(found)
-        or cover(found)
-        or in_view < LEAST_IN_VIEW
-        or found.fit[SIGMA_BRIGHTNESS] > MOST_SPREAD
-    )
+    return bool(doubt(found) or cover(found) or in_view < LEAST_IN_VIEW)
 
 
 def _are_apart(T: Array, T_other: Array, metres: float, radians: float) -> bool:

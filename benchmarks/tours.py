@@ -1,6 +1,6 @@
 """Long walks of the virtual Kinect that return to their start: drift, loops, time and memory.
 
-    python -m benchmarks.tours FOLDER [--seconds 600] [--seeds 1 2 3] [--twins] [--json]
+    python -m benchmarks.tours FOLDER [--seconds 600] [--seeds 1 2 3] [--twins] [--plot FILE]
 
 Each seed is another room and another walk. Frames are rendered while they are followed, and not
 kept: that takes 0.11 s of processor time a frame, for ten minutes a quarter of an hour on two idle
@@ -32,6 +32,8 @@ from benchmarks.kept_results import Json, KeptResults
 from benchmarks.runners import make_runner
 from benchmarks.tour_frames import rendered_frames, tour_config, true_poses
 from benchmarks.tour_measure import result_of, run_tour
+from benchmarks.tour_plot import save_plot
+from benchmarks.tour_record import TourRecord
 from drivers.errors import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.methods import METHODS
@@ -48,6 +50,9 @@ def main() -> int:
     cv2.setNumThreads(1)
     try:
         results = run(args)
+        if args.plot:
+            names = {name: args.folder / f"{name}.npz" for name in results}
+            save_plot({name: TourRecord.load(file) for name, file in names.items()}, args.plot)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
@@ -70,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
     parser.add_argument("--twins", action="store_true", help="two corners look the same")
     parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="error, CPU and memory over time")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
 

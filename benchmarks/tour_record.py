@@ -1,0 +1,85 @@
+"""All that is measured of a tour, frame by frame, and the file that keeps it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.runners import Loop
+from drivers.geometry import Array
+from drivers.trajectory import StampedPoses
+
+
+@dataclass(frozen=True)
+class TourRecord:
+    """F frames, in order.
+
+    T_room_camera   (F, 4, 4) the truth
+    T_world_camera  (F, 4, 4) what was said; ok (F,) whether it counts, epoch (F,) in which world
+    cpu_ms          (F,) processor time of the thread that gave the pose
+    memory_mb       (F,) of the whole process, the virtual Kinect in it
+    corrected       the poses as they are thought to be in the end
+    """
+
+    stamp_s: Array
+    T_room_camera: Array
+    T_world_camera: Array
+    ok: NDArray[np.bool_]
+    epoch: NDArray[np.int64]
+    cpu_ms: Array
+    memory_mb: Array
+    corrected: StampedPoses
+    loops: Sequence[Loop]
+
+    @property
+    def trajectory(self) -> StampedPoses:
+        """Of the frames that have a pose."""
+        return StampedPoses(self.stamp_s[self.ok], self.T_world_camera[self.ok])
+
+    @property
+    def truth(self) -> StampedPoses:
+        """Of all frames."""
+        return StampedPoses(self.stamp_s, self.T_room_camera)
+
+    def save(self, file: Path) -> None:
+        """All of it as arrays in a .npz file."""
+        T_place_camera = [loop.T_place_camera for loop in self.loops]
+        np.savez_compressed(
+            file,
+            stamp_s=self.stamp_s,
+            T_room_camera=self.T_room_camera,
+            T_world_camera=self.T_world_camera,
+            ok=self.ok,
+            epoch=self.epoch,
+            cpu_ms=self.cpu_ms,
+            memory_mb=self.memory_mb,
+            corrected_stamp_s=self.corrected.stamps_s,
+            corrected_T_world_camera=self.corrected.T_world_camera,
+            loop_place_stamp_s=[loop.place_stamp_s for loop in self.loops],
+            loop_stamp_s=[loop.stamp_s for loop in self.loops],
+            loop_T_place_camera=np.reshape(T_place_camera, (-1, 4, 4)),
+        )
+
+    @classmethod
+    def load(cls, file: Path) -> "TourRecord":
+        """What `save` wrote."""
+        with np.load(file) as kept:
+            loops = zip(
+                kept["loop_place_stamp_s"].tolist(),
+                kept["loop_stamp_s"].tolist(),
+                kept["loop_T_place_camera"],
+                strict=True,
+            )
+            return cls(
+                stamp_s=kept["stamp_s"],
+                T_room_camera=kept["T_room_camera"],
+                T_world_camera=kept["T_world_camera"],
+                ok=kept["ok"],
+                epoch=kept["epoch"],
+                cpu_ms=kept["cpu_ms"],
+                memory_mb=kept["memory_mb"],
+                corrected=StampedPoses(kept["corrected_stamp_s"], kept["corrected_T_world_camera"]),
+                loops=[Loop(*loop) for loop in loops],
+            )

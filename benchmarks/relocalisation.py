@@ -12,8 +12,8 @@ measured again; remove that file to begin anew.
 "old" counts the tries that came back into the world from before the cover, "in 1 s" those of them
 that did so within 30 frames, "new" those with a new world, "nowhere" those without any pose in 2 s.
 "wrong" has a pose that is off by more than 5 cm or 3 degrees and does not say so: in the old world
-by the truth, in a new one by the way since its first pose. "frames" is the median time until the
-first pose, "median", "largest" (mm) and "deg" are the errors of that pose, of those that are back.
+by the truth at that place, in a new one by the way since its first pose. "frames" is the median
+time until the first pose; "median", "largest" (mm) and "deg" are its errors where it is an old one.
 """
 
 import benchmarks.one_thread  # noqa: F401
@@ -119,7 +119,7 @@ def _measure(args: argparse.Namespace, seed: int, count: int) -> Json:
         terminal.progress(f"room {seed}: try", number, len(tries))
         truth = T_room_camera[each.shown]
         frames = frames_of(each, config, film)
-        outcomes.append(attempt(make_runner(args.method), frames, truth))
+        outcomes.append(attempt(make_runner(args.method), frames, truth, each.alike - each.first))
     terminal.clear()
     return {"tries": list(map(asdict, tries)), "outcomes": list(map(asdict, outcomes))}
 

@@ -9,12 +9,8 @@ from benchmarks.relocalisation_tries import BEFORE, COVERED
 from benchmarks.runners import Runner
 from benchmarks.tour_measure import apart
 from drivers.camera import RgbdFrame
-from drivers.errors import InputError
 from drivers.geometry import Array, inverse
-from drivers.trajectory import StampedPoses
-from vo_service.evaluation.association import associate
 from vo_service.evaluation.gross_errors import GROSS_DEG, GROSS_M
-from vo_service.evaluation.metrics import best_alignment
 from vo_service.odometry.estimate import Estimate
 
 
@@ -59,53 +55,40 @@ class Summary:
 IN_TIME = 30
 
 
-def attempt(runner: Runner, frames: Iterable[RgbdFrame], T_room_camera: Array) -> Outcome:
-    """Run one try. T_room_camera (F, 4, 4): the truth at each of its frames."""
-    estimates = [runner.frame(frame) for frame in frames]
-    return judge(estimates, T_room_camera)
+def attempt(
+    runner: Runner, frames: Iterable[RgbdFrame], T_room_camera: Array, alike: int
+) -> Outcome:
+    """Run one try; T_room_camera (F, 4, 4) and `alike` as for `judge`."""
+    return judge([runner.frame(frame) for frame in frames], T_room_camera, alike)
 
 
-def judge(estimates: Sequence[Estimate], T_room_camera: Array) -> Outcome:
-    """What the estimates of a try are worth."""
+def judge(estimates: Sequence[Estimate], T_room_camera: Array, alike: int) -> Outcome:
+    """What the F estimates of a try are worth, by the truth T_room_camera (F, 4, 4).
+
+    Where the old world lies in the room is told by frame `alike` before the cover, which shows
+    most of the place that it comes back to: what drifted elsewhere is no error of coming back. A
+    new world lies where its first pose says.
+    """
     worlds = np.cumsum([estimate.restarted for estimate in estimates])
-    old = worlds[BEFORE - 1]
-    # Where each world lies in the room: the old one by its whole way, a new one by its first pose.
-    T_room_world = {int(old): _laid_on_truth(estimates, T_room_camera, worlds == old)}
-    first, is_wrong = None, False
+    old, errors = worlds[BEFORE - 1], dict[int, tuple[float, float]]()
+    known = alike if worlds[alike] == old else BEFORE - 1
+    T_room_world = {old: T_room_camera[known] @ inverse(estimates[known].T_world_camera)}
     for number in range(BEFORE + COVERED, len(estimates)):
-        if not estimates[number].ok:
-            continue
-        first = number if first is None else first
-        T_world_camera, world = estimates[number].T_world_camera, int(worlds[number])
-        T_room_world.setdefault(world, T_room_camera[number] @ inverse(T_world_camera))
-        off_m, off_deg = apart(T_room_camera[number], T_room_world[world] @ T_world_camera)
-        is_wrong |= off_m > GROSS_M or off_deg > GROSS_DEG
-    tracked = estimates[BEFORE - 1].ok
-    if first is None:
-        return Outcome(tracked, None, False, None, None, False)
-    waited = first - (BEFORE + COVERED) + 1
-    if worlds[first] != old:
-        return Outcome(tracked, waited, False, None, None, is_wrong)
-    there = T_room_world[int(old)] @ estimates[first].T_world_camera
-    return Outcome(tracked, waited, True, *apart(T_room_camera[first], there), is_wrong)
-
-
-def _laid_on_truth(estimates: Sequence[Estimate], T_room_camera: Array, is_old: Array) -> Array:
-    """T_room_world of the world before the cover."""
-    numbers = [n for n in range(BEFORE) if is_old[n] and estimates[n].ok]
-    poses = np.array([estimates[n].T_world_camera for n in numbers]).reshape(-1, 4, 4)
-    stamps_s = np.array(numbers, np.float64)
-    try:
-        matched = associate(
-            StampedPoses(stamps_s, poses), StampedPoses(stamps_s, T_room_camera[numbers])
-        )
-    except InputError:
-        # A world that hardly began: nothing can be said of it but by its last pose.
-        T_room_world: Array = T_room_camera[BEFORE - 1] @ inverse(
-            estimates[BEFORE - 1].T_world_camera
-        )
-        return T_room_world
-    return best_alignment(matched)
+        if estimates[number].ok:
+            T_world_camera, T_room = estimates[number].T_world_camera, T_room_camera[number]
+            lies = T_room_world.setdefault(worlds[number], T_room @ inverse(T_world_camera))
+            errors[number] = apart(T_room, lies @ T_world_camera)
+    first = min(errors, default=None)
+    is_old = first is not None and bool(worlds[first] == old)
+    error_m, error_deg = errors[first] if first is not None and is_old else (None, None)
+    return Outcome(
+        tracked=estimates[BEFORE - 1].ok,
+        frames=None if first is None else first - (BEFORE + COVERED) + 1,
+        is_old_world=is_old,
+        error_m=error_m,
+        error_deg=error_deg,
+        is_wrong=any(off_m > GROSS_M or off_deg > GROSS_DEG for off_m, off_deg in errors.values()),
+    )
 
 
 def summary(outcomes: Sequence[Outcome]) -> Summary:

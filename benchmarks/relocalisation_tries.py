@@ -24,10 +24,14 @@ SEEN_FOR = 30
 
 @dataclass(frozen=True)
 class Try:
-    """Film frames `first` to `first` + BEFORE, then the camera is covered, then from `back` on."""
+    """Film frames `first` to `first` + BEFORE, then the camera is covered, then from `back` on.
+
+    `alike` is the frame before the cover that shows most of what is seen at `back`.
+    """
 
     first: int
     back: int
+    alike: int
 
     @property
     def shown(self) -> NDArray[np.int64]:
@@ -69,7 +73,8 @@ def choose_tries(
         # The later places in any order; the first that fits is taken.
         for back in rng.permutation(later):
             if fits(before, views[back : back + after + 1]):
-                chosen.append(Try(int(first) * EVERY, int(back) * EVERY))
+                alike = first + np.argmax([view.share_of(views[back]) for view in before])
+                chosen.append(Try(*(EVERY * int(view) for view in (first, back, alike))))
                 break
         if len(chosen) == count:
             break

@@ -32,6 +32,8 @@ CAMERA = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
 # Of a whole try, the first frame that is not covered any more.
 BACK = BEFORE + COVERED
+# The frame whose pose says where the old world lies.
+ALIKE = 300
 
 
 def wall(distance_m: float = 2.0) -> RgbdFrame:
@@ -84,6 +86,9 @@ def test_a_try_comes_back_where_it_was_before_or_where_it_never_was(unseen: bool
         views = [LAPS[shown // EVERY] for shown in each.shown]
         assert len(views) == BEFORE + COVERED + AFTER
         assert each.back >= each.first + BACK
+        assert each.first <= each.alike < each.first + BEFORE
+        is_alike = most_shared(LAPS[each.back // EVERY], [LAPS[each.alike // EVERY]])
+        assert is_alike == (0.0 if unseen else 1.0)
         is_known = [most_shared(view, views[:BEFORE]) for view in views[BACK:]]
         assert set(is_known[:30]) == {0.0 if unseen else 1.0}
 
@@ -102,7 +107,7 @@ def test_while_it_is_covered_nothing_is_seen_and_time_goes_on() -> None:
             np.full((48, 64, 3), number % 251, np.uint8), np.full((48, 64), number, np.uint16)
         )
 
-    frames = list(frames_of(Try(30, 900), config, film))
+    frames = list(frames_of(Try(30, 900, 30), config, film))
     assert [each.seq for each in frames] == list(range(len(frames)))
     np.testing.assert_allclose(np.diff([each.stamp_s for each in frames]), 1 / 30, atol=2e-6)
     assert [each.depth_raw.max() for each in frames[BEFORE - 1 : BACK + 2]] == [
@@ -147,27 +152,37 @@ class Story:
 
 @pytest.fixture(scope="module")
 def story() -> Story:
-    return Story(true_poses(tour_config(1, 60.0, False))[Try(0, 900).shown])
+    return Story(true_poses(tour_config(1, 60.0, False))[Try(0, 900, 0).shown])
 
 
 def test_who_comes_back_into_the_old_world_is_judged_there(story: Story) -> None:
-    outcome = judge(story.told(waits=4, off_m=0.03), story.truth)
+    outcome = judge(story.told(waits=4, off_m=0.03), story.truth, ALIKE)
     assert (outcome.frames, outcome.is_old_world, outcome.is_wrong) == (5, True, False)
     assert outcome.error_m == pytest.approx(0.03, abs=1e-6)
     assert outcome.error_deg == pytest.approx(0.0, abs=1e-4)
-    assert judge(story.told(waits=4, off_m=0.06), story.truth).is_wrong
-    assert judge(story.told(waits=4, off_m=0.06, off_from=9), story.truth).is_wrong
+    assert judge(story.told(waits=4, off_m=0.06), story.truth, ALIKE).is_wrong
+    assert judge(story.told(waits=4, off_m=0.06, off_from=9), story.truth, ALIKE).is_wrong
+
+
+def test_what_drifted_elsewhere_is_no_error_of_coming_back(story: Story) -> None:
+    drift = rigid_transform(np.eye(3), (0.0, 0.2, 0.0))
+    estimates = [
+        replace(each, T_world_camera=drift @ each.T_world_camera) if ALIKE < n < BACK else each
+        for n, each in enumerate(story.told(waits=0))
+    ]
+    assert judge(estimates, story.truth, ALIKE).error_m == pytest.approx(0.0, abs=1e-6)
+    assert judge(estimates, story.truth, BEFORE - 1).error_m == pytest.approx(0.2, abs=1e-6)
 
 
 def test_a_new_world_is_judged_by_the_way_since_its_first_pose(story: Story) -> None:
-    outcome = judge(story.told(waits=0, is_new=True, off_m=0.06), story.truth)
+    outcome = judge(story.told(waits=0, is_new=True, off_m=0.06), story.truth, ALIKE)
     assert outcome == Outcome(True, 1, False, None, None, False)
-    assert judge(story.told(0, is_new=True, off_m=0.06, off_from=1), story.truth).is_wrong
+    assert judge(story.told(0, is_new=True, off_m=0.06, off_from=1), story.truth, ALIKE).is_wrong
 
 
 def test_who_never_comes_back_is_nowhere_but_not_wrong(story: Story) -> None:
     estimates = [replace(each, ok=n < BEFORE) for n, each in enumerate(story.told(0))]
-    assert judge(estimates, story.truth) == Outcome(True, None, False, None, None, False)
+    assert judge(estimates, story.truth, ALIKE) == Outcome(True, None, False, None, None, False)
 
 
 def outcome(frames: int | None, error_m: float | None = None, wrong: bool = False) -> Outcome:
@@ -208,4 +223,4 @@ def _two_tries(
     views: Sequence[SeenView], count: int, unseen: bool, rng: np.random.Generator
 ) -> list[Try]:
     assert (len(views), count, unseen) == (54, 3, False)
-    return [Try(0, 700), Try(15, 730)]
+    return [Try(0, 700, 0), Try(15, 730, 15)]

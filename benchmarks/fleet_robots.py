@@ -61,6 +61,7 @@ def _pose(seq: int, stamp_s: float) -> PoseUpdate:
         epoch=1,
         T_world_camera=_I,
         T_odom_base=_I,
+        T_odom_camera=_I,
         pose_covariance=np.eye(6),
         twist=np.zeros(6),
         twist_covariance=np.eye(6),

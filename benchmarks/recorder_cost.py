@@ -182,6 +182,7 @@ def _update(frame: RgbdFrame) -> PoseUpdate:
         epoch=1,
         T_world_camera=nowhere,
         T_odom_base=nowhere,
+        T_odom_camera=nowhere,
         pose_covariance=unsure,
         twist=np.zeros(6),
         twist_covariance=unsure,

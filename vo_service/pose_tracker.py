@@ -97,6 +97,7 @@ class PoseTracker:
             epoch=self.epoch,
             T_world_camera=estimate.T_world_camera,
             T_odom_base=T_odom_base,
+            T_odom_camera=T_odom_base @ self._T_base_camera,
             pose_covariance=self._in_odom_axes(covariance, T_odom_base),
             twist=twist,
             twist_covariance=twist_covariance,

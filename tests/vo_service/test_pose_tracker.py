@@ -43,6 +43,11 @@ def test_the_odom_frame_is_x_forward_y_left_z_up(step: Array, position_m: list[f
     np.testing.assert_allclose(found, rigid_transform(np.eye(3), position_m), atol=1e-12)
 
 
+def test_the_camera_is_in_odom_where_it_is_mounted_on_the_base() -> None:
+    for each in walk(PoseTracker(AWRY), [motion(forward_m=1.0), turn(roll=0.5)]):
+        np.testing.assert_allclose(each.T_odom_camera, each.T_odom_base @ AWRY, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("step", "rotation_rad"),
     [

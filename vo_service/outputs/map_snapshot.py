@@ -13,7 +13,8 @@ class MapSnapshot:
     """Nothing in it ever changes: another map is another object.
 
     T_map_odom      4x4, how `odom` lies in the map: what the places that are known again say
-    T_map_place     (N, 4, 4) optical camera at each place, in REP 103 axes of the map
+    T_map_place     (N, 4, 4) optical camera at each place, in REP 103 axes of the map; the newest
+                    is the last
     edges           (M, 2) int32, rows of `T_map_place` that are joined
     is_loop         (M,) bool: joined because a place was known again, not by the odometry
     is_located      False where a map was loaded, or there was a loss, and no place of the map has

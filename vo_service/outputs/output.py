@@ -38,6 +38,7 @@ class PoseUpdate:
     epoch               changes whenever the pose is not continuous with the one before
     T_world_camera      4x4, optical axes, world = first camera: for trajectory files and pictures
     T_odom_base         4x4, REP 103 axes: for robots
+    T_odom_camera       4x4, the optical camera in `odom`: for what lies there, or in the map
     pose_covariance     6x6 accumulated since the epoch began, odom axes, ROS order (x y z rx ry rz)
     twist               (6,) m/s and rad/s in the child frame, ROS order
     twist_covariance    6x6 of this step, child frame, ROS order
@@ -53,6 +54,7 @@ class PoseUpdate:
     epoch: int
     T_world_camera: Array
     T_odom_base: Array
+    T_odom_camera: Array
     pose_covariance: Array
     twist: Array
     twist_covariance: Array

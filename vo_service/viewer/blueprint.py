@@ -12,6 +12,7 @@ OUTLIERS = "world/camera/image/outliers"
 POINTS = "world/camera/points"
 TRAJECTORY = "world/trajectory"
 GROUND_TRUTH = "world/ground_truth"
+MAP = "world/map"
 DEPTH = "depth"
 COUNTS = "plots/counts"
 STAGES = "plots/stages"
@@ -23,7 +24,7 @@ TIMELINE = "frame"
 def blueprint() -> rrb.Blueprint:
     """3-D on the left; what the camera sees, and how well it does, on the right."""
     scene = rrb.Spatial3DView(
-        name="Camera, trajectory and ground truth",
+        name="Camera, trajectory, map and ground truth",
         origin=WORLD,
         # The picture belongs in its own pane; here the frustum is enough.
         contents=[

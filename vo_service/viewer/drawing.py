@@ -7,7 +7,7 @@ import rerun as rr
 
 from drivers.errors import UserFacingError
 from vo_service.viewer.blueprint import blueprint
-from vo_service.viewer.messages import Backdrop, Job, Message, Numbers, Point, Truth
+from vo_service.viewer.messages import Backdrop, Graph, Job, Message, Numbers, Point, Truth
 from vo_service.viewer.scene import Scene
 from vo_service.viewer.sinks import APPLICATION, DiskFullError, Sink
 
@@ -46,6 +46,8 @@ class Drawing:
                 self._backdrop = message
             case Truth():
                 self._backdrop = replace(self._backdrop, truth=message)
+            case Graph():
+                self._backdrop = replace(self._backdrop, graph=message)
             case Point(position, epoch):
                 if not self._backdrop.trail.add(position, epoch):
                     return

@@ -75,6 +75,27 @@ class Truth:
     positions: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """The map of places, in the world.
+
+    positions  (N, 3) of the places, metres; the newest is the last
+    motions    (M, 2, 3) from place to place as the odometry went: the corrected trajectory
+    loops      (L, 2, 3) between two that were found to be one, or near each other
+    """
+
+    positions: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
+    motions: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2, 3), np.float32))
+    loops: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2, 3), np.float32))
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """Where the camera is in the map, as a position in the world, metres."""
+
+    position: Array
+
+
 @dataclass(frozen=True)
 class Note:
     """A line for the log beside the pictures."""
@@ -88,6 +109,7 @@ class Backdrop:
 
     trail: Trail = field(default_factory=Trail)
     truth: Truth | None = None
+    graph: Graph = field(default_factory=Graph)
 
 
 @dataclass(frozen=True)
@@ -95,7 +117,7 @@ class Finish:
     """Nothing follows: write out everything and end."""
 
 
-Message = Backdrop | Numbers | Picture | Point | Truth | State | Note | Finish
+Message = Backdrop | Numbers | Picture | Point | Truth | Graph | Corrected | State | Note | Finish
 
 
 @dataclass(frozen=True)

@@ -128,7 +128,7 @@ class ViewerOutput:
 
     def _finish(self) -> None:
         self._supervisor.expect_end()
-        self._send([Finish()])
+        self._send([*self._sketcher.rest(), Finish()])
 
     def _send(self, messages: Iterable[Message]) -> None:
         for message in messages:

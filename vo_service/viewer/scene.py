@@ -15,8 +15,11 @@ from drivers.geometry import Array, quaternion_from_rotation
 from vo_service.odometry.estimate import Evidence
 from vo_service.outputs.output import TrackingState
 from vo_service.viewer import blueprint as paths
+from vo_service.viewer.map_drawing import MapDrawing
 from vo_service.viewer.messages import (
     Backdrop,
+    Corrected,
+    Graph,
     Message,
     Note,
     Numbers,
@@ -64,10 +67,15 @@ class Scene:
                 self._log_evidence(evidence)
                 self._log_points(frame)
                 self._line.next_picture()
+                self._map.next_picture()
             case Point(position, epoch):
                 self._line.append(position, epoch)
             case Truth():
                 self._log_truth(message)
+            case Graph():
+                self._map.draw(message)
+            case Corrected():
+                self._map.go_on(message)
             case State():
                 self._log_state(message)
             case Note(text):
@@ -87,6 +95,7 @@ class Scene:
 
     def _set_up(self, backdrop: Backdrop) -> None:
         self._line = _GrowingLine(self._stream, backdrop)
+        self._map = MapDrawing(self._stream, backdrop.graph)
         if backdrop.truth is not None:
             self._log_truth(backdrop.truth)
 

@@ -8,8 +8,19 @@ import numpy as np
 from drivers.geometry import inverse
 from drivers.trajectory import StampedPoses
 from vo_service.outputs.output import PoseUpdate, Status, TruthSource, no_truth
-from vo_service.viewer.messages import Backdrop, Message, Numbers, Picture, Point, State, Truth
+from vo_service.viewer.map_sketch import MapSketch
+from vo_service.viewer.messages import (
+    Backdrop,
+    Graph,
+    Message,
+    Numbers,
+    Picture,
+    Point,
+    State,
+    Truth,
+)
 from vo_service.viewer.sinks import Sink
+from vo_service.viewer.throttle import Throttle
 
 TRUTH_WITHIN_S = 0.02
 
@@ -21,6 +32,7 @@ class Sketcher:
         self._clock_s = sink.clock_s
         self._throttle = Throttle(picture_period_s)
         self._truth = truth
+        self._map = MapSketch()
         self.backdrop = Backdrop()
 
     def of_pose(self, update: PoseUpdate) -> Iterator[Message]:
@@ -39,14 +51,27 @@ class Sketcher:
             state=State(update.state, update.reason, update.epoch),
         )
         yield from self._new_truth(update)
-        if self._throttle.due(self._clock_s(update.frame.stamp_s)):
+        now_s = self._clock_s(update.frame.stamp_s)
+        self._map.see(update)
+        yield from self._told(self._map.of_time(now_s))
+        if self._throttle.due(now_s):
             yield from self._new_point(update)
+            yield from self._map.corrected(update)
             # A copy of the frame leaves behind what others have derived from it.
             yield Picture(replace(update.frame), estimate.evidence)
 
     def of_status(self, status: Status) -> State:
         """What to say of a status: a change of state may come without a frame."""
         return State(status.state, status.reason, status.epoch)
+
+    def rest(self) -> Iterator[Message]:
+        """What was not said yet, when nothing follows."""
+        yield from self._told(self._map.rest())
+
+    def _told(self, graphs: Iterator[Graph]) -> Iterator[Graph]:
+        for graph in graphs:
+            self.backdrop = replace(self.backdrop, graph=graph)
+            yield graph
 
     def _new_point(self, update: PoseUpdate) -> Iterator[Message]:
         position = update.T_world_camera[:3, 3]
@@ -76,19 +101,3 @@ def _aligned(truth: StampedPoses, update: PoseUpdate) -> Truth | None:
         return None
     T_world_truth = update.T_world_camera @ inverse(truth.T_world_camera[nearest])
     return Truth((T_world_truth @ truth.T_world_camera)[:, :3, 3])
-
-
-class Throttle:
-    """Lets something through at most once a period, on whatever clock the caller has."""
-
-    def __init__(self, period_s: float) -> None:
-        # A camera's stamps are never exactly even: a frame that is almost due is due.
-        self._period_s = 0.9 * period_s
-        self._last_s = float("-inf")
-
-    def due(self, now_s: float) -> bool:
-        """True if the period has passed, or the clock was set back."""
-        if 0.0 <= now_s - self._last_s < self._period_s:
-            return False
-        self._last_s = now_s
-        return True

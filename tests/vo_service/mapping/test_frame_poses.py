@@ -44,8 +44,8 @@ def update(stamp_s: float, state: TrackingState, epoch: int = 0) -> PoseUpdate:
     zero, pose = np.zeros((6, 6)), at(stamp_s)
     estimate = Estimate(state is not TrackingState.LOST, "", pose, np.eye(4), zero)
     return PoseUpdate(
-        0, stamp_s + 1e9, state, "", epoch, pose, pose, zero, np.zeros(6), zero, frame, estimate,
-        {}, 0.0,
+        0, stamp_s + 1e9, state, "", epoch, pose, pose, pose, zero, np.zeros(6), zero, frame,
+        estimate, {}, 0.0,
     )  # fmt: skip
 
 

@@ -65,6 +65,7 @@ def _update(seq: int, *, ok: bool = True) -> PoseUpdate:
         epoch=1,
         T_world_camera=T,
         T_odom_base=T,
+        T_odom_camera=T,
         pose_covariance=np.eye(6) * (1 + seq),
         twist=np.arange(6.0) + seq,
         twist_covariance=np.eye(6) * 0.1,

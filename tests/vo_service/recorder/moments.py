@@ -61,6 +61,7 @@ def update(
         epoch=1,
         T_world_camera=T,
         T_odom_base=T,
+        T_odom_camera=T,
         pose_covariance=np.eye(6),
         twist=np.zeros(6),
         twist_covariance=np.eye(6),

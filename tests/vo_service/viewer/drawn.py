@@ -42,6 +42,8 @@ def draw(
                 drawing.draw(sketcher.of_status(item))
             case Note():
                 drawing.draw(item)
+    for message in sketcher.rest():
+        drawing.draw(message)
     drawing.finish()
     return drawing
 

@@ -12,7 +12,7 @@ from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.viewer.messages import Note
 from vo_service.viewer.recording_file import RecordingFile
 from vo_service.viewer.scene import back_project
-from vo_service.viewer.sketching import Throttle
+from vo_service.viewer.throttle import Throttle
 
 MakeUpdate = Callable[..., PoseUpdate]
 

@@ -5,7 +5,8 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
@@ -14,8 +15,9 @@ from typing import Any
 import pytest
 
 from tests.belongings import wait_for
-from tests.examples.conftest import Lines
+from tests.examples.conftest import RATE_HZ, Lines
 from tests.json_schema import complaints
+from tests.vo_service.client.published import free_endpoint, robot
 from tests.vo_service.played_service import KINECT_VO
 from vo_service.client import CommandRefused, NoPose, PoseClient, Why
 
@@ -53,6 +55,44 @@ def kinect_vo(*arguments: str) -> "subprocess.CompletedProcess[str]":
 def test_there_is_a_test_for_every_example() -> None:
     text = Path(__file__).read_text()
     assert [file.name for file in EXAMPLES.glob("*.py") if f'("{file.name}"' not in text] == []
+
+
+@contextmanager
+def again_and_again(tell: Callable[[], None]) -> Iterator[None]:
+    """As a service goes on telling while somebody comes to listen."""
+    stop = threading.Event()
+
+    def keep_telling() -> None:
+        while not stop.wait(1 / RATE_HZ):
+            tell()
+
+    thread = threading.Thread(target=keep_telling)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+def test_poses_of_the_maps_own_epoch_are_printed_in_the_map() -> None:
+    here = free_endpoint()
+    with robot(here) as service:
+
+        def tell() -> None:
+            service.map_odom(2.0, epoch=4)
+            service.pose(0, 1.0, epoch=3)
+            service.pose(1, 3.0, epoch=4)
+
+        with again_and_again(tell), program("pose_in_map.py", here) as lines:
+            for _ in range(5):
+                x_m, y_m = lines.until(rf"^12\.5 \[ *({NUMBER}) +({NUMBER}) ").groups()
+                assert (float(x_m), float(y_m)) == (3.0, 2.5)
+
+
+def test_a_service_without_a_map_is_said(endpoint: str) -> None:
+    done = finished("pose_in_map.py", endpoint)
+    assert (done.stderr, done.returncode) == ("there is no map yet\n", 1)
 
 
 def test_poses_are_printed(endpoint: str) -> None:

@@ -96,7 +96,8 @@ class Hearing:
         with self._news:
             self.is_alive = sample.kind == zenoh.SampleKind.PUT
             self._run += self.is_alive
-            self.map_odom = Newest()  # an epoch's number says nothing about another run
+            if not self.is_alive:
+                self.map_odom = Newest()  # an epoch's number says nothing about another run
             self._news.notify_all()
 
     def _take_status(self, sample: zenoh.Sample) -> None:

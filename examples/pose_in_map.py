@@ -1,0 +1,20 @@
+"""Print where the robot is in the map: every new pose, corrected by the places that are known.
+
+Usage: python pose_in_map.py [ENDPOINT]
+"""
+
+import sys
+
+from vo_service.client import CommandRefused, NoAnswer, PoseClient
+
+endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
+
+with PoseClient(connect=endpoint) as client:
+    for pose in client.poses():
+        try:
+            odom = client.map_odom()
+        except (CommandRefused, NoAnswer) as none:
+            sys.exit(str(none))
+        if odom.is_located and odom.epoch == pose.epoch:
+            T_map_base = odom.T_map_odom @ pose.T_odom_base
+            print(pose.stamp_s, T_map_base[:3, 3], pose.state, flush=True)

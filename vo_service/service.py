@@ -162,7 +162,7 @@ class Service:
             saved_map=the_map.saved,
             places=places.places,
             loops=places.loops,
-            is_located=places.is_located,
+            is_located=self._last.is_located if self._last else places.is_located,
             warnings=warnings,
             cpu_ms_per_frame=rolling.cpu_ms_per_frame,
             stage_ms=rolling.stage_ms,

@@ -83,7 +83,7 @@ def a_status(**changes: Any) -> Status:
 def a_map(places: int = 4, **changes: Any) -> MapSnapshot:
     """A walk forward in steps of half a metre, whose last place is the first known again.
 
-    `odom` has drifted by 10 cm to the left and a tenth of a radian.
+    It is of epoch 1. `odom` has drifted by 10 cm to the left and a tenth of a radian.
     """
     steps = [rigid_transform(np.eye(3), [0.5 * step, 0.0, 0.0]) for step in range(places)]
     motions = [(step, step + 1) for step in range(places - 1)]
@@ -92,6 +92,7 @@ def a_map(places: int = 4, **changes: Any) -> MapSnapshot:
         T_map_place=np.array(steps).reshape(-1, 4, 4),
         edges=np.array([*motions, (0, places - 1)], np.int32),
         is_loop=np.array([*[False] * len(motions), True]),
+        epoch=1,
     )
     return replace(the_map, **changes)
 

@@ -101,6 +101,16 @@ def test_every_pose_carries_the_map_and_the_status_says_what_there_is_of_it() ->
     assert (last.places, last.loops, last.is_located) == (4, 1, False)
 
 
+def test_a_map_that_does_not_know_of_the_epoch_yet_does_not_say_where_odom_lies() -> None:
+    for epoch in (0, 1):
+        camera, collector = ScriptedCamera([frame(0)]), Collector()
+        with camera:
+            loops = ScriptedLoops(a_map(epoch=epoch))
+            make_service(PlainFeed(camera), [collector], loops=loops).run(threading.Event())
+        assert collector.poses[0].is_located == (epoch == 0)
+        assert collector.statuses[-1].is_located == (epoch == 0)
+
+
 def test_where_there_is_no_map_the_status_says_so() -> None:
     last = play([frame(0)]).statuses[-1]
     assert (last.places, last.loops, last.is_located) == (0, 0, True)

@@ -23,8 +23,8 @@ class MapOdom:
     frame_id, child_frame_id  names of the map's frame and of `odom`
     T_map_odom    4x4; maps coordinates of odom to the map, metres
     seq, epoch    of that pose
-    is_located    False after a loss, or where a map was loaded, until one of its places is known
-                  again: then `odom` lies anywhere
+    is_located    False after a reset, after a loss and where a map was loaded, until one of its
+                  places is known again: then `odom` lies anywhere
     places        how many there are
     loops         how often one of them was known again
     heard_s       when it came, on this computer's CLOCK_MONOTONIC

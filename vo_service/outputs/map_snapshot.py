@@ -13,6 +13,8 @@ class MapSnapshot:
     """Nothing in it ever changes: another map is another object.
 
     T_map_odom      4x4, how `odom` lies in the map: what the places that are known again say
+    epoch           of the poses that this is for: a `reset` lays `odom` elsewhere at once, and the
+                    map knows of it some frames later
     T_map_place     (N, 4, 4) optical camera at each place, in REP 103 axes of the map; the newest
                     is the last
     edges           (M, 2) int32, rows of `T_map_place` that are joined
@@ -26,6 +28,7 @@ class MapSnapshot:
     edges: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32))
     is_loop: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
     is_located: bool = True
+    epoch: int = 0
 
     @property
     def places(self) -> int:

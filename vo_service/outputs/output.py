@@ -64,6 +64,15 @@ class PoseUpdate:
     latency_s: float
     map: MapSnapshot = NO_MAP
 
+    @property
+    def is_located(self) -> bool:
+        """Whether it is known where the `odom` of this very pose lies in the map, if there is one.
+
+        A map that was made before the epoch began does not know.
+        """
+        the_map = self.map
+        return the_map is NO_MAP or (the_map.is_located and the_map.epoch == self.epoch)
+
 
 @dataclass(frozen=True)
 class Status:
@@ -77,7 +86,8 @@ class Status:
     paused        asked to publish no poses
     recording     folder that is being recorded into; "" = none
     map_keyframes, saving_map, saved_map  see `vo_service.mapping.live.contract.MapState`
-    places, loops, is_located     see `MapSnapshot`
+    places, loops see `MapSnapshot`
+    is_located    see `PoseUpdate`; of the last one
     warnings      what the outputs complain of, and what was given up for want of time
     cpu_ms_per_frame, stage_ms  processor time of the odometry, whole and by stage: medians
     """

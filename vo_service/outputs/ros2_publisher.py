@@ -111,8 +111,8 @@ class Ros2Publisher:
 
 def _lies_in_a_map(update: PoseUpdate) -> bool:
     """Whether `odom` does. What is wrong with a map must not keep the base's own transform back."""
-    found = update.map
-    return found is not NO_MAP and found.is_located and bool(np.all(np.isfinite(found.T_map_odom)))
+    is_known = update.map is not NO_MAP and update.is_located
+    return is_known and bool(np.all(np.isfinite(update.map.T_map_odom)))
 
 
 class _TopicPublisher:

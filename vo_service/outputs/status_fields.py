@@ -31,8 +31,8 @@ STATUS_FIELDS: Mapping[str, str] = {
     "saved_map": 'file of the last map that was made whole; "" = none since the start',
     "places": "places that are known again when they are seen again",
     "loops": "how often one was, and corrected the map",
-    "is_located": "whether it is known where odom lies in the map: false after a loss, or where a "
-    "map was loaded, until one of its places is known again",
+    "is_located": "whether it is known where odom lies in the map: false after a reset, a loss or "
+    "the load of a map, until one of its places is known again",
     "warnings": "what is wrong beside the tracking, one clause each",
     "cpu_ms_per_frame": "processor time of the odometry, median of the last 100 frames",
     "stage_ms": "the same by stage",

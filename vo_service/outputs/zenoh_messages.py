@@ -74,7 +74,7 @@ def map_odom_attachment(update: PoseUpdate) -> bytes:
         "schema": MESSAGE_SCHEMA,
         "seq": update.seq,
         "epoch": update.epoch,
-        "is_located": update.map.is_located,
+        "is_located": update.is_located,
         "places": update.map.places,
         "loops": update.map.loops,
     }

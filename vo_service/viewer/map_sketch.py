@@ -39,7 +39,7 @@ class MapSketch:
         if not self._is_hung:
             T_map_camera = self._map.T_map_odom @ update.T_odom_camera
             self._T_world_map = update.T_world_camera @ inverse(T_map_camera)
-            self._is_hung = self._map.is_located
+            self._is_hung = update.is_located
         self.graph = self._graph()
 
     def of_time(self, now_s: float) -> Iterator[Graph]:
@@ -54,8 +54,8 @@ class MapSketch:
             yield self.graph
 
     def corrected(self, update: PoseUpdate) -> Iterator[Corrected]:
-        """Where the camera is in the map, if there is one."""
-        if self._map is not NO_MAP:
+        """Where the camera is in the map, if there is one that knows of its epoch."""
+        if self._map is not NO_MAP and self._map.epoch == update.epoch:
             T_map_camera = self._map.T_map_odom @ update.T_odom_camera
             yield Corrected((self._T_world_map @ T_map_camera)[:3, 3])
 

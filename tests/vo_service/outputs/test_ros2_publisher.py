@@ -180,8 +180,13 @@ def test_where_there_is_a_map_a_node_gets_odom_in_it_beside_the_base(
 
 @pytest.mark.parametrize(
     "the_map",
-    [NO_MAP, a_map(is_located=False), a_map(T_map_odom=np.full((4, 4), np.nan))],
-    ids=["none", "not located", "not finite"],
+    [
+        NO_MAP,
+        a_map(is_located=False),
+        a_map(epoch=0),
+        a_map(T_map_odom=np.full((4, 4), np.nan)),
+    ],
+    ids=["none", "not located", "of the epoch before", "not finite"],
 )
 def test_without_a_map_to_rely_on_a_node_gets_the_base_alone(
     free_port: int, make_update: MakeUpdate, the_map: MapSnapshot

@@ -78,6 +78,16 @@ def test_it_goes_out_when_the_map_or_the_epoch_is_another(
     assert [about(sample)["seq"] for sample in talk.maps] == [0, 2, 4]
 
 
+def test_a_map_of_the_epoch_before_does_not_know_where_odom_lies(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    with talk_at(free_port) as talk:
+        for epoch in (1, 2):
+            talk.output.pose(replace(make_update(epoch), map=a_map(epoch=1), epoch=epoch))
+        wait_for(lambda: len(talk.maps) >= 2)
+    assert [about(sample)["is_located"] for sample in talk.maps] == [True, False]
+
+
 def test_it_goes_out_again_with_each_status_and_the_newest_stamp(
     free_port: int, make_update: MakeUpdate, status: Status
 ) -> None:

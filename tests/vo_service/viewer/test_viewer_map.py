@@ -33,6 +33,7 @@ def places_at(T_world_cameras: Sequence[Array], T_map_odom: Array, **changes: An
         np.array(places).reshape(-1, 4, 4),
         np.array(motions, np.int32).reshape(-1, 2),
         np.zeros(len(motions), np.bool_),
+        epoch=1,
         **changes,
     )
 
@@ -122,6 +123,15 @@ def test_where_the_camera_is_in_the_map_is_where_it_was_last_seen_to_be(
     T_world_map = inverse(T_ODOM_WORLD)
     expected = (T_world_map @ drift @ now.T_odom_camera)[:3, 3]
     np.testing.assert_allclose(corrected.position, expected, atol=1e-9)
+
+
+def test_a_map_of_the_epoch_before_does_not_say_where_the_camera_is(
+    make_update: MakeUpdate,
+) -> None:
+    update = with_map(make_update(0), a_map())
+    sketch = seen([update])
+    assert len(list(sketch.corrected(update))) == 1
+    assert list(sketch.corrected(replace(update, epoch=2))) == []
 
 
 def test_a_map_that_changes_all_the_time_is_drawn_once_a_second_and_at_the_end(

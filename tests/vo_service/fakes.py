@@ -18,9 +18,8 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
-from vo_service.odometry.estimate import Estimate, Odometry
-from vo_service.outputs.map_snapshot import MapSnapshot
+from drivers.geometry import Array
+from vo_service.odometry.estimate import Estimate
 from vo_service.outputs.output import Level, PoseUpdate, Status, TrackingState
 
 CAMERA = PinholeCamera(8, 6, 8.0, 8.0, 3.5, 2.5)
@@ -78,23 +77,6 @@ def a_status(**changes: Any) -> Status:
         lost_packets=0,
     )
     return replace(status, **changes)
-
-
-def a_map(places: int = 4, **changes: Any) -> MapSnapshot:
-    """A walk forward in steps of half a metre, whose last place is the first known again.
-
-    It is of epoch 1. `odom` has drifted by 10 cm to the left and a tenth of a radian.
-    """
-    steps = [rigid_transform(np.eye(3), [0.5 * step, 0.0, 0.0]) for step in range(places)]
-    motions = [(step, step + 1) for step in range(places - 1)]
-    the_map = MapSnapshot(
-        T_map_odom=rigid_transform(rotation_from_vector([0.0, 0.0, 0.1]), [0.0, 0.1, 0.0]),
-        T_map_place=np.array(steps).reshape(-1, 4, 4),
-        edges=np.array([*motions, (0, places - 1)], np.int32),
-        is_loop=np.array([*[False] * len(motions), True]),
-        epoch=1,
-    )
-    return replace(the_map, **changes)
 
 
 class FakeClock:
@@ -212,17 +194,6 @@ class ScriptedOdometry:
         """The next one."""
         self.frames.append(frame)
         return self._estimates.pop(0) if self._estimates else good(np.eye(4))
-
-
-class ScriptedLoops:
-    """A map that does not change."""
-
-    def __init__(self, snapshot: MapSnapshot) -> None:
-        self.snapshot = snapshot
-
-    def around(self, odometry: Odometry) -> Odometry:
-        """As it is."""
-        return odometry
 
 
 class Collector:

@@ -16,14 +16,13 @@ from tests.vo_service.fakes import (
     FakeClock,
     PatientStop,
     ScriptedCamera,
-    ScriptedLoops,
     ScriptedOdometry,
-    a_map,
     bad,
     frame,
     good,
 )
 from tests.vo_service.looping import make_service, play
+from tests.vo_service.made_up_map import ScriptedLoops, a_map
 from vo_service import service as service_module
 from vo_service.feed import PersistentFeed, PlainFeed
 from vo_service.odometry.estimate import Estimate

@@ -51,11 +51,11 @@ class TextPrinter:
             return
         self._map = is_located, loops = the_map
         if not is_located:
-            say(f"map of {about['places']} places: where odom lies in it is not known")
+            say(f"map of places: {about['places']}; where odom lies in it is not known")
             return
         position = " ".join(f"{v:.4f}" for v in message.translation_m)
         quaternion = " ".join(f"{v:.5f}" for v in message.quaternion_xyzw)
-        say(f"map of {about['places']} places, {loops} loops: odom at {position} {quaternion}")
+        say(f"map of places: {about['places']}, loops: {loops}; odom at {position} {quaternion}")
 
 
 class JsonPrinter:

@@ -158,10 +158,10 @@ def test_what_corrects_the_map_is_said_once(endpoint: str) -> None:
         robot.map_odom(4, places=10)
         robot.map_odom(5, is_located=False)
         assert said(process) == (
-            "listen: map of 9 places, 1 loops: odom at 0.5000 0.2500 0.0000 "
+            "listen: map of places: 9, loops: 1; odom at 0.5000 0.2500 0.0000 "
             "0.00000 0.00000 0.00000 1.00000\n"
         )
-        assert said(process) == ("listen: map of 9 places: where odom lies in it is not known\n")
+        assert said(process) == ("listen: map of places: 9; where odom lies in it is not known\n")
 
 
 def test_json_gives_each_change_of_the_map(endpoint: str) -> None:

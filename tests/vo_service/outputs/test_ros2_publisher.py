@@ -1,127 +1,36 @@
 """What a ROS 2 node, or the bridge to DDS, would find of us on a real Zenoh."""
 
-import json
 import struct
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 import zenoh
-from rosbags.typesys import Stores, get_typestore
 
 from drivers.errors import InputError
-from drivers.geometry import rigid_transform
-from tests.vo_service.fakes import a_map
+from tests.vo_service.outputs.ros_node import (
+    FRAMES,
+    ODOMETRY_KEY,
+    ROS,
+    ROS_ROUTER,
+    TF_KEY,
+    Reader,
+    published,
+    publishing,
+    ros_node,
+    session,
+    tokens,
+)
 from tests.vo_service.played_service import free_port as another_free_port
-from vo_service.outputs.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.ros2_names import ODOMETRY, TF_MESSAGE
-from vo_service.outputs.ros2_publisher import Ros2Publisher, ros2_output
-from vo_service.outputs.zenoh_messages import Frames, pose_payload
+from vo_service.outputs.ros2_publisher import ros2_output
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 from vo_service.settings import Ros2Settings
 
 MakeUpdate = Callable[..., PoseUpdate]
-ROS = get_typestore(Stores.ROS2_JAZZY)
-FRAMES = Frames("odom", "base_link", "map")
-ODOMETRY_KEY = f"0/vo/odom/{ODOMETRY.dds_name}/{ODOMETRY.hash}"
-TF_KEY = f"0/tf/{TF_MESSAGE.dds_name}/{TF_MESSAGE.hash}"
-# As rmw_zenoh opens its sessions and its router; routers there do not stand in between peers.
-ROS_SESSION = {
-    "mode": "peer",
-    "scouting/multicast/enabled": False,
-    "scouting/gossip/target": {"router": ["router", "peer"], "peer": ["router"]},
-    "scouting/gossip/autoconnect_strategy": {
-        "peer": {"to_router": "always", "to_peer": "greater-zid"}
-    },
-    "transport/shared_memory/enabled": False,
-    "listen/endpoints": ["tcp/127.0.0.1:0"],
-}
-ROS_ROUTER = ROS_SESSION | {"mode": "router", "routing/router/peers_failover_brokering": False}
-
-
-@contextmanager
-def session(settings: dict[str, Any]) -> Iterator[zenoh.Session]:
-    config = zenoh.Config()
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    with zenoh.open(config) as opened:
-        yield opened
-
-
-class Reader:
-    """Hears some keys on a session, and waits for what it is told to."""
-
-    def __init__(self, on: zenoh.Session, *keys: str) -> None:
-        self.heard: list[zenoh.Sample] = []
-        self._news = threading.Condition()
-        for key in keys:
-            on.declare_subscriber(key, self._take)
-
-    def _take(self, sample: zenoh.Sample) -> None:
-        with self._news:
-            self.heard.append(sample)
-            self._news.notify_all()
-
-    def first(self, count: int) -> list[zenoh.Sample]:
-        with self._news:
-            assert self._news.wait_for(lambda: len(self.heard) >= count, 10), len(self.heard)
-            return self.heard[:count]
-
-
-class Publishing:
-    """The publisher, and the session of the service that it is on."""
-
-    def __init__(self, session: zenoh.Session, settings: Ros2Settings) -> None:
-        congestion = zenoh.CongestionControl.BLOCK
-        self._session = session
-        self.publisher = Ros2Publisher(session, settings, "kinect", FRAMES, congestion)
-
-    def publish(self, update: PoseUpdate) -> None:
-        self.publisher.publish(update, pose_payload(update, FRAMES))
-
-    def wait_for_readers(self, *keys: str) -> None:
-        """Until someone on the network wants each of these."""
-        deadline_s = time.monotonic() + 100
-        for key in keys:
-            with self._session.declare_publisher(key) as probe:
-                while not probe.matching_status.matching:  # type: ignore[attr-defined]
-                    assert time.monotonic() < deadline_s, f"nobody wants {key}"
-                    time.sleep(0.01)
-
-
-@contextmanager
-def publishing(port: int, **changes: Any) -> Iterator[Publishing]:
-    """A publisher on a session as the service opens it."""
-    with open_session(ZenohConfig(listen=(f"tcp/127.0.0.1:{port}",))) as ours:
-        publishing = Publishing(ours, Ros2Settings(enabled=True, **changes))
-        yield publishing
-        publishing.publisher.close()
-
-
-@contextmanager
-def ros_node(*connect: int) -> Iterator[zenoh.Session]:
-    """The session of a ROS 2 node that connects to these ports."""
-    endpoints = [f"tcp/127.0.0.1:{port}" for port in connect]
-    with session(ROS_SESSION | {"connect/endpoints": endpoints}) as opened:
-        yield opened
-
-
-def published(
-    port: int, updates: list[PoseUpdate], count: int, *keys: str, **changes: Any
-) -> list[zenoh.Sample]:
-    """The first samples that a node hears on these keys when we publish these poses."""
-    with publishing(port, **changes) as ours, ros_node(port) as node:
-        reader = Reader(node, *keys)
-        ours.wait_for_readers(*keys)
-        for update in updates:
-            ours.publish(update)
-        return reader.first(count)
 
 
 def test_a_node_gets_odometry_under_the_key_of_its_type(
@@ -156,44 +65,6 @@ def test_a_node_gets_the_transform(free_port: int, make_update: MakeUpdate) -> N
     assert (transform.header.frame_id, transform.child_frame_id) == ("odom", "base_link")
     assert transform.transform.translation.x == update.T_odom_base[0, 3]
     assert ROS.serialize_cdr(message, "tf2_msgs/msg/TFMessage") == sample.payload.to_bytes()
-
-
-def transforms(sample: zenoh.Sample) -> list[tuple[str, str, float]]:
-    """Frames and x of each transform of a sample, which all have one stamp."""
-    message: Any = ROS.deserialize_cdr(sample.payload.to_bytes(), "tf2_msgs/msg/TFMessage")
-    assert len({(t.header.stamp.sec, t.header.stamp.nanosec) for t in message.transforms}) == 1
-    return [
-        (t.header.frame_id, t.child_frame_id, t.transform.translation.x) for t in message.transforms
-    ]
-
-
-def test_where_there_is_a_map_a_node_gets_odom_in_it_beside_the_base(
-    free_port: int, make_update: MakeUpdate
-) -> None:
-    update = replace(make_update(2), map=a_map(T_map_odom=rigid_transform(np.eye(3), [5, 0, 0])))
-    (sample,) = published(free_port, [update], 1, TF_KEY)
-    assert transforms(sample) == [
-        ("odom", "base_link", update.T_odom_base[0, 3]),
-        ("map", "odom", 5.0),
-    ]
-
-
-@pytest.mark.parametrize(
-    "the_map",
-    [
-        NO_MAP,
-        a_map(is_located=False),
-        a_map(epoch=0),
-        a_map(T_map_odom=np.full((4, 4), np.nan)),
-    ],
-    ids=["none", "not located", "of the epoch before", "not finite"],
-)
-def test_without_a_map_to_rely_on_a_node_gets_the_base_alone(
-    free_port: int, make_update: MakeUpdate, the_map: MapSnapshot
-) -> None:
-    update = replace(make_update(2), map=the_map)
-    (sample,) = published(free_port, [update], 1, "tf")
-    assert transforms(sample) == [("odom", "base_link", update.T_odom_base[0, 3])]
 
 
 def test_the_bridge_gets_the_same_bytes_under_plain_names(
@@ -261,14 +132,3 @@ def test_nothing_is_declared_unless_asked_for(free_port: int, make_update: MakeU
         with ros_node(free_port) as node:
             assert tokens(node, 0, count=0) == set()
         output.close()
-
-
-def tokens(node: zenoh.Session, domain_id: int, count: int) -> set[tuple[str, str]]:
-    """Kind and description of what there is in a domain, once there are so many."""
-    deadline_s = time.monotonic() + 100
-    while True:
-        replies: Any = node.liveliness().get(f"@ros2_lv/{domain_id}/**", timeout=60)
-        parts = [str(reply.ok.key_expr).split("/") for reply in replies]
-        if len(parts) == count:
-            return {(each[5], "/".join(each[9:]) or each[8]) for each in parts}
-        assert time.monotonic() < deadline_s, parts

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from tests.vo_service.fakes import a_map
+from tests.vo_service.made_up_map import a_map
 from tests.vo_service.outputs.zenoh_asking import ask, asking, config, content, wait_for
 from vo_service.outputs.cdr_transform import decode_transform
 from vo_service.outputs.output import PoseUpdate, Status

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from drivers.sensor_settings import Led
 from scripts.write_schemas import FOLDER, schema_files
 from tests.json_schema import complaints
-from tests.vo_service.fakes import a_map
+from tests.vo_service.made_up_map import a_map
 from vo_service.control.commands import COMMAND_NAMES, parse_command
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.outputs.output import PoseUpdate, Status

@@ -12,7 +12,7 @@ from pathlib import Path
 import zenoh
 
 from drivers.errors import UserFacingError
-from tests.vo_service.fakes import a_map
+from tests.vo_service.made_up_map import a_map
 from vo_service.certificates.authority import Authority
 from vo_service.control.commands import Command
 from vo_service.control.inbox import Inbox

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector
-from tests.vo_service.fakes import a_map
+from tests.vo_service.made_up_map import a_map
 from tests.vo_service.viewer.drawn import column, draw, rows
 from vo_service.outputs.map_snapshot import MapSnapshot
 from vo_service.outputs.output import PoseUpdate

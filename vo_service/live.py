@@ -52,7 +52,7 @@ def live_service(config: Config, camera: RgbdCamera, around: Surroundings) -> Se
     live_keys = appliers(camera, governor, around)
     return Service(
         feed=PersistentFeed(camera),
-        odometry=odometry,
+        odometry=around.mapper.loops.around(odometry),
         stages=stages,
         tracker=tracker,
         clock=stamp_clock(camera.clock, config.camera.stamp_offset_s),
@@ -62,6 +62,7 @@ def live_service(config: Config, camera: RgbdCamera, around: Surroundings) -> Se
         control=Control(tracker, camera, around.inbox, around.recorder, live_keys, around.mapper),
         governor=governor,
         others=around.others,
+        loops=around.mapper.loops,
     )
 
 

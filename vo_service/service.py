@@ -160,6 +160,8 @@ class Service:
             map_keyframes=the_map.keyframes,
             saving_map=the_map.saving,
             saved_map=the_map.saved,
+            loading_map=the_map.loading,
+            loaded_map=the_map.loaded,
             places=places.places,
             loops=places.loops,
             is_located=self._last.is_located if self._last else places.is_located,

@@ -55,6 +55,13 @@ def prepare_kernels(config: Config, terminal: Terminal, stop: Stop) -> float:
     return prepared(partial(warm_up, config.odometry.method), terminal, stop)
 
 
+def prepare_loops(terminal: Terminal, stop: Stop) -> float:
+    """The same for what knows places again."""
+    from vo_service.mapping.loops.warm_up import warm_up_loops
+
+    return prepared(warm_up_loops, terminal, stop)
+
+
 def prepared(work: Callable[[Callable[[str], None]], T], terminal: Terminal, stop: Stop) -> T:
     """Do what compiles or loads kernels, with progress: `work` gets whom to tell its stages.
 

@@ -36,10 +36,13 @@ class RecorderSettings:
 
 @dataclass(frozen=True)
 class MapSettings:
-    """`[map]`: keyframes of where the camera has been, for the command `save-map`."""
+    """`[map]`: keyframes of where the camera has been, and places that are known again."""
 
     enabled: bool = setting(True, "false keeps no keyframes, and cannot save a map")
+    loops: bool = setting(True, "false knows no place again: no loops, no way back after a loss")
+    load: str | None = setting(None, "name of a saved map to begin in; unset = a new one")
     max_mb: int = setting(100, "most memory of the keyframes, thinned out when it is full", low=10)
+    places_mb: int = setting(100, "most memory of the places that are known again", low=5)
     voxel_m: float = setting(0.02, "finest detail of a map, metres", low=0.005, high=0.5)
     making_mb: int = setting(300, "most memory beside that, while a map is made", low=50)
     total_mb: int = setting(2000, "of all maps; the oldest are deleted first", low=1)

@@ -25,6 +25,7 @@ class Summary:
     statistics: Statistics
     counters: CameraCounters
     evaluation: Evaluation | None
+    with_loops: "WithLoops | None" = None
 
     @classmethod
     def of(
@@ -34,21 +35,17 @@ class Summary:
         trajectory: StampedPoses,
         truth: StampedPoses | None,
         frames_s: Array,
+        with_loops: "WithLoops | None" = None,
     ) -> Self:
         """Evaluate the trajectory, if there is a truth and enough of both; frames_s as there."""
-        evaluation = None
-        if truth is not None and len(trajectory):
-            try:
-                evaluation = evaluate(trajectory, truth, frames_s)
-            except InputError as error:
-                logger.warning("no evaluation: %s", error)
-        return cls(statistics, counters, evaluation)
+        evaluation = evaluated(trajectory, truth, frames_s)
+        return cls(statistics, counters, evaluation, with_loops)
 
     def as_json(self) -> dict[str, Any]:
         """One flat object; null for what could not be computed."""
         statistics, counters = self.statistics, self.counters
         rolling = statistics.rolling()
-        evaluated = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATED)
+        judged = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATED)
         return {
             "frames": statistics.frames,
             "failed": statistics.failed,
@@ -59,7 +56,8 @@ class Summary:
             "latency_p99_ms": round(rolling.latency_p99_ms, 3),
             "cpu_ms_per_frame": round(statistics.cpu_ms_per_frame, 3),
             "stage_ms": {name: round(spent, 3) for name, spent in statistics.stage_ms.items()},
-            **evaluated,
+            **judged,
+            **(self.with_loops.as_json() if self.with_loops else {}),
         }
 
     def as_table(self) -> str:
@@ -79,4 +77,52 @@ class Summary:
             ),
             ("CPU a frame", f"{statistics.cpu_ms_per_frame:6.1f} ms ({stages})"),
         ]
-        return aligned(rows + (self.evaluation.rows() if self.evaluation else []))
+        rows += self.evaluation.rows() if self.evaluation else []
+        rows += self.with_loops.rows() if self.with_loops else []
+        return aligned(rows)
+
+
+@dataclass(frozen=True)
+class WithLoops:
+    """What the places that were known again have changed.
+
+    places, loops  that there are in the end
+    evaluation     of the corrected trajectory; None without a truth
+    """
+
+    places: int
+    loops: int
+    evaluation: Evaluation | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys beside those of the summary."""
+        ate_m = self.evaluation.ate_rmse_m if self.evaluation else None
+        global_m = self.evaluation.mean_global_error_m if self.evaluation else None
+        return {
+            "places": self.places,
+            "loops": self.loops,
+            "corrected_ate_rmse_m": ate_m,
+            "corrected_mean_global_error_m": global_m,
+        }
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Lines of the table."""
+        rows = [("places, loops", f"{self.places:6d}, {self.loops}")]
+        if self.evaluation is not None:
+            corrected = self.evaluation
+            rows.append(("corrected ATE, RMSE", f"{corrected.ate_rmse_m:9.4f} m"))
+            rows.append(("corrected global error", f"{corrected.mean_global_error_m:9.4f} m"))
+        return rows
+
+
+def evaluated(
+    trajectory: StampedPoses, truth: StampedPoses | None, frames_s: Array
+) -> Evaluation | None:
+    """How good a trajectory is, if there is a truth and enough of both."""
+    if truth is None or not len(trajectory):
+        return None
+    try:
+        return evaluate(trajectory, truth, frames_s)
+    except InputError as error:
+        logger.warning("no evaluation: %s", error)
+        return None

@@ -205,6 +205,10 @@ class PoseClient:
         """Have a map made; its file, which is there once `saved_map` in the status names it."""
         return str(self._field("command/save-map", {"name": name}, "file", str))
 
+    def load_map(self, name: str) -> str:
+        """Have a map's places known again; its file, loaded once `loaded_map` names it."""
+        return str(self._field("command/load-map", {"name": name}, "file", str))
+
     def command(
         self,
         name: str,

@@ -10,6 +10,12 @@ from drivers.camera import Pace
 from drivers.errors import InputError
 from drivers.tum.camera import TumCamera
 from drivers.tum.folder import paired_frames
+from vo_service.commands.loops_option import (
+    add_loops_options,
+    gained,
+    loops_of,
+    write_corrected,
+)
 from vo_service.commands.options import (
     add_config_options,
     add_output_options,
@@ -19,6 +25,7 @@ from vo_service.commands.options import (
 )
 from vo_service.feed import PlainFeed
 from vo_service.interrupts import stop_on_signals
+from vo_service.mapping.loops.contract import NoLoops
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.trajectory_memory import TrajectoryMemory
@@ -33,12 +40,17 @@ examples:
   kinect-vo replay recordings/desk --trajectory desk.txt
   kinect-vo replay recordings/desk --pace realtime --rerun serve
   kinect-vo replay recordings/desk --json --no-publish | jq .ate_rmse_m
+  kinect-vo replay recordings/tour --trajectory-corrected tour.txt
 
 The folder needs FOLDER/camera.toml, a name that says freiburg1, freiburg2 or freiburg3, or
 --camera FILE. With FOLDER/groundtruth.txt the summary says how good the trajectory is.
 
 lockstep runs every frame as fast as it goes and repeats bit for bit; subscribers get every pose.
 realtime keeps the recording's own clock and drops what comes too late, as on the robot.
+
+With --loops, places that are seen again are known again: after a loss the camera finds back, and
+the summary says what closing the loops has gained. The poses that are published stay smooth; what
+was learnt in the end goes into the file of --trajectory-corrected.
 """
 
 # What a recording consists of, beside its images.
@@ -55,6 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")
     add_output_options(parser)
+    add_loops_options(parser)
     parser.add_argument(
         "--wait-for-subscriber", metavar="SECONDS", type=seconds, default=0.0,
         help="begin when someone subscribes to the poses, or after SECONDS",
@@ -71,6 +84,7 @@ def run(args: argparse.Namespace) -> int:
     with TumCamera(args.folder, args.camera or config.camera.file, args.pace) as camera:
         with stop_on_signals() as stop:
             prepare_kernels(config, terminal, stop)
+            loops = loops_of(args, config, terminal, stop)
         request = OutputRequest(
             pace=args.pace,
             zenoh=None if args.no_publish else config.zenoh,
@@ -82,22 +96,28 @@ def run(args: argparse.Namespace) -> int:
         )
         progress = ProgressOutput(terminal, "replay", camera.frame_count)
         with opened_outputs(request) as opened, stop_on_signals() as stop:
-            outputs = [*opened.outputs, memory, progress]
-            ending = run_loop(config, camera, PlainFeed(camera), outputs, stop)
+            outputs = [*opened.outputs, memory, *([loops] if loops else []), progress]
+            feed = PlainFeed(camera)
+            ending = run_loop(config, camera, feed, outputs, stop, loops or NoLoops())
         progress.close()
+        truth = camera.ground_truth
         frames_s = np.array([pair.colour.stamp_s for pair in paired_frames(args.folder).pairs])
+        with_loops = gained(loops, truth, frames_s) if loops else None
         summary = Summary.of(
-            ending.statistics, camera.counters, memory.trajectory, camera.ground_truth, frames_s
+            ending.statistics, camera.counters, memory.trajectory, truth, frames_s, with_loops
         )
+    if loops and args.trajectory_corrected:
+        write_corrected(args.trajectory_corrected, loops.trajectory, memory.published_after_s)
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
     return ending.exit_code
 
 
 def _spare_the_recording(args: argparse.Namespace) -> None:
-    """Raise InputError if the trajectory would be written over one of the recording's files."""
-    if args.trajectory is not None and args.trajectory.exists():
-        inside = args.trajectory.resolve().is_relative_to(args.folder.resolve())
-        if inside and args.trajectory.name in RECORDING_FILES:
-            raise InputError(
-                f"{args.trajectory}: belongs to the recording; write the trajectory elsewhere"
-            )
+    """Raise InputError if a trajectory would be written over one of the recording's files."""
+    for path in (args.trajectory, args.trajectory_corrected):
+        if path is not None and path.exists():
+            inside = path.resolve().is_relative_to(args.folder.resolve())
+            if inside and path.name in RECORDING_FILES:
+                raise InputError(
+                    f"{path}: belongs to the recording; write the trajectory elsewhere"
+                )

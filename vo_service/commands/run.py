@@ -40,7 +40,7 @@ from vo_service.outputs.zenoh_opening import KeepTrying
 from vo_service.outputs.zenoh_output import Extras
 from vo_service.recorder.opening import open_recorder
 from vo_service.reload import Reloader
-from vo_service.session import prepare_kernels
+from vo_service.session import prepare_kernels, prepare_loops
 from vo_service.terminal import Terminal
 
 NAME = "run"
@@ -87,6 +87,8 @@ def run(args: argparse.Namespace) -> int:
         suppress(KeyboardInterrupt),
     ):
         prepare_kernels(config, terminal, stop)
+        if config.map.enabled and config.map.loops:
+            prepare_loops(terminal, stop)
         _serve(args, config, terminal, stop, hangup)
     return 0
 

@@ -5,7 +5,7 @@ import argparse
 from vo_service.commands.options import add_config_options, config_of
 from vo_service.interrupts import stop_on_signals
 from vo_service.mapping.warm_up import warm_up_mapping
-from vo_service.session import prepare_kernels, prepared
+from vo_service.session import prepare_kernels, prepare_loops, prepared
 from vo_service.terminal import Terminal
 
 NAME = "warm-up"
@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
         taken_s = prepare_kernels(config, terminal, stop)
         if config.map.enabled:
             taken_s += prepared(warm_up_mapping, terminal, stop)
+            taken_s += prepare_loops(terminal, stop)
     maps = " and of maps" if config.map.enabled else ""
     print(f"the kernels of {config.odometry.method}{maps} are ready ({taken_s:.1f} s)")
     return 0

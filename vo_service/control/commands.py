@@ -77,8 +77,24 @@ class SaveMap:
     name: str
 
 
+@dataclass(frozen=True)
+class LoadMap:
+    """Forget the places that are known, and know those of the map of this name."""
+
+    name: str
+
+
 Command = (
-    Reset | Pause | Resume | Tilt | Light | StartRecording | StopRecording | SaveIncident | SaveMap
+    Reset
+    | Pause
+    | Resume
+    | Tilt
+    | Light
+    | StartRecording
+    | StopRecording
+    | SaveIncident
+    | SaveMap
+    | LoadMap
 )
 
 
@@ -182,6 +198,7 @@ _PARSERS: Mapping[str, Callable[[_Arguments], Command]] = {
     "stop-recording": lambda _: StopRecording(),
     "save-incident": lambda _: SaveIncident(),
     "save-map": lambda arguments: SaveMap(_name(arguments)),
+    "load-map": lambda arguments: LoadMap(_name(arguments)),
 }
 COMMAND_NAMES = tuple(_PARSERS)
 

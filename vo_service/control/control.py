@@ -5,6 +5,7 @@ from drivers.errors import CameraError
 from vo_service.control.commands import (
     Command,
     Light,
+    LoadMap,
     Pause,
     Reset,
     Resume,
@@ -88,6 +89,8 @@ class Control:
             case SaveMap(name):
                 state = self._mapper.save(name)
                 return {"file": state.saving, "keyframes": state.keyframes}
+            case LoadMap(name):
+                return {"file": self._mapper.load(name).loading}
             case Reconfigure():
                 command.apply(self._appliers)
                 return {}

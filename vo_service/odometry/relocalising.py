@@ -19,6 +19,9 @@ from vo_service.odometry.estimate import Estimate, Odometry
 PATIENCE_FRAMES = 30
 # Of these, every so manieth is shown to the finder.
 LOOK_EVERY = 3
+# No camera goes faster, and a little more: an answer that is further from the last good pose is of
+# another place that looks the same.
+FASTEST_M_S, SPARE_M = 1.5, 0.5
 # Two answers agree if they put the camera at the same place to within this.
 AGREED_M, AGREED_RAD = 0.05, 0.035
 
@@ -62,19 +65,23 @@ class PlaceFinder(Protocol):
 class _Search:
     """What is known since tracking began anew.
 
-    T_inner_camera  4x4 pose of each frame that was asked about, by its number, in the odometry's
-                    new world
-    found           (4x4 T_world_inner, covariance) that each answer leads to
+    T_world_last  4x4, the last good pose
+    frames_left   of the patience
+    asked         of each frame that was asked about, by its number: 4x4 pose in the odometry's new
+                  world, and how far it can be from the last good one, metres
+    found         (4x4 T_world_inner, covariance) that each answer leads to
     """
 
+    T_world_last: Array
     frames_left: int = PATIENCE_FRAMES
-    T_inner_camera: dict[int, Array] = field(default_factory=dict)
+    asked: dict[int, tuple[Array, float]] = field(default_factory=dict)
     found: list[tuple[Array, Array]] = field(default_factory=list)
 
     def take(self, located: Located) -> tuple[Array, Array] | None:
         """The link between the worlds, once two answers agree about it."""
-        T_inner_camera = self.T_inner_camera.pop(located.seq, None)
-        if T_inner_camera is None:  # asked before tracking began anew once more
+        T_inner_camera, farthest_m = self.asked.pop(located.seq, (np.eye(4), -1.0))
+        way_m = np.linalg.norm(located.T_world_camera[:3, 3] - self.T_world_last[:3, 3])
+        if way_m > farthest_m:  # also: asked before tracking began anew once more
             return None
         link = orthonormal(located.T_world_camera @ inverse(T_inner_camera))
         is_agreed = any(_agree(link, other) for other, _ in self.found)
@@ -90,7 +97,7 @@ class RelocalisingOdometry:
         self._finder = finder
         self._search: _Search | None = None
         self._T_world_inner = np.eye(4)
-        self._T_world_camera = np.eye(4)  # the last good pose
+        self._T_world_camera, self._stamp_s = np.eye(4), 0.0  # the last good pose
         self._T_world_reference = np.eye(4)
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
@@ -99,9 +106,9 @@ class RelocalisingOdometry:
         if estimate.restarted and (self._search is not None or self._finder.knows_places):
             # Where it was begun anew before, the patience goes on, not the answers.
             left = PATIENCE_FRAMES if self._search is None else self._search.frames_left
-            self._search = _Search(left)
+            self._search = _Search(self._T_world_camera, left)
         if self._search is None:
-            return self._in_world(estimate)
+            return self._in_world(frame, estimate)
         return self._searched(frame, estimate, self._search)
 
     def _searched(self, frame: RgbdFrame, estimate: Estimate, search: _Search) -> Estimate:
@@ -109,18 +116,20 @@ class RelocalisingOdometry:
         if not estimate.ok:
             return self._lost(estimate, estimate.reason)
         if search.frames_left % LOOK_EVERY == 0:
-            search.T_inner_camera[frame.seq] = estimate.T_world_camera
+            farthest_m = SPARE_M + FASTEST_M_S * (frame.stamp_s - self._stamp_s)
+            search.asked[frame.seq] = estimate.T_world_camera, farthest_m
             self._finder.look(frame)
         for located in self._finder.answers():
             link = search.take(located)
             if link is not None:
                 self._search = None
                 self._T_world_inner, covariance = link
-                return self._in_world(replace(estimate, restarted=False, covariance=covariance))
+                back = replace(estimate, restarted=False, covariance=covariance)
+                return self._in_world(frame, back)
         search.frames_left -= 1
         if search.frames_left <= 0:
             self._search = None
-            return self._in_world(replace(estimate, restarted=True))
+            return self._in_world(frame, replace(estimate, restarted=True))
         return self._lost(estimate, "looking for a place that was seen before")
 
     def _lost(self, estimate: Estimate, reason: str) -> Estimate:
@@ -132,12 +141,12 @@ class RelocalisingOdometry:
             T_world_camera=held, T_reference_camera=np.eye(4), covariance=zeros,
         )  # fmt: skip
 
-    def _in_world(self, estimate: Estimate) -> Estimate:
+    def _in_world(self, frame: RgbdFrame, estimate: Estimate) -> Estimate:
         """The same, in the world of the first frame, and counted from what was told before."""
         T_world_camera = self._T_world_inner @ estimate.T_world_camera
         T_reference_camera = inverse(self._T_world_reference) @ T_world_camera
         if estimate.ok:
-            self._T_world_camera = T_world_camera
+            self._T_world_camera, self._stamp_s = T_world_camera, frame.stamp_s
             if estimate.is_next_reference:
                 self._T_world_reference = T_world_camera
         return replace(

@@ -59,6 +59,7 @@ ARGUMENTS: Mapping[str, Schema] = {
     "stop-recording": _NOTHING,
     "save-incident": _NOTHING,
     "save-map": {"properties": {"name": _NAME}, "required": ["name"]},
+    "load-map": {"properties": {"name": _NAME}, "required": ["name"]},
 }
 
 _EPOCH: Schema = {"type": "integer", "description": "the epoch that begins"}
@@ -67,6 +68,10 @@ _FOLDER: Schema = {"type": "string", "description": "on the service's computer"}
 _FILE: Schema = {
     "type": "string",
     "description": "on the service's computer; `saved_map` in the status says when it is there",
+}
+_LOADED: Schema = {
+    "type": "string",
+    "description": "on the service's computer; `loaded_map` in the status says when it is known",
 }
 _KEYFRAMES: Schema = {"type": "integer", "description": "that the map is made of"}
 
@@ -80,4 +85,5 @@ ANSWERS: Mapping[str, Mapping[str, Schema]] = {
     "stop-recording": {"folder": _FOLDER},
     "save-incident": {"folder": _FOLDER},
     "save-map": {"file": _FILE, "keyframes": _KEYFRAMES},
+    "load-map": {"file": _LOADED},
 }

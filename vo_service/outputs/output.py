@@ -85,7 +85,8 @@ class Status:
     jitter_ms     standard deviation of the time from one stamp to the next
     paused        asked to publish no poses
     recording     folder that is being recorded into; "" = none
-    map_keyframes, saving_map, saved_map  see `vo_service.mapping.live.contract.MapState`
+    map_keyframes, saving_map, saved_map, loading_map, loaded_map  see
+                  `vo_service.mapping.live.contract.MapState`
     places, loops see `MapSnapshot`
     is_located    see `PoseUpdate`; of the last one
     warnings      what the outputs complain of, and what was given up for want of time
@@ -118,6 +119,8 @@ class Status:
     map_keyframes: int = 0
     saving_map: str = ""
     saved_map: str = ""
+    loading_map: str = ""
+    loaded_map: str = ""
     places: int = 0
     loops: int = 0
     is_located: bool = True

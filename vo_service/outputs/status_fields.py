@@ -29,6 +29,8 @@ STATUS_FIELDS: Mapping[str, str] = {
     "map_keyframes": "keyframes that a map would be made of now",
     "saving_map": 'file of the map that is being made; "" = none',
     "saved_map": 'file of the last map that was made whole; "" = none since the start',
+    "loading_map": 'file of the map whose places are being loaded; "" = none',
+    "loaded_map": 'file of the map whose places are known; "" = none since the start',
     "places": "places that are known again when they are seen again",
     "loops": "how often one was, and corrected the map",
     "is_located": "whether it is known where odom lies in the map: false after a reset, a loss or "

@@ -40,6 +40,7 @@ class FrameNote:
     """Everything of a frame but its images.
 
     depth_bytes  how long the packed depth is; the colour follows it
+    more         what whoever put it in the ring has to say beside, if anything
     """
 
     seq: int
@@ -53,6 +54,7 @@ class FrameNote:
     readout_s: float
     said: Said
     depth_bytes: int
+    more: object = None
 
     @property
     def offset_s(self) -> float:
@@ -60,15 +62,15 @@ class FrameNote:
         return self.said.stamp_s - self.stamp_s
 
 
-def put_frame(ring: RingWriter, update: PoseUpdate, pack: PackDepth) -> None:
-    """Copy a frame into the ring. Raises OSError if there is no memory for it."""
+def put_frame(ring: RingWriter, update: PoseUpdate, pack: PackDepth, more: object = None) -> None:
+    """Copy a frame into the ring, `more` in its note. Raises OSError without memory for it."""
     frame = update.frame
     bound = 2 * frame.depth_raw.size + frame.colour_bgr.nbytes + NOTE_BOUND
     room = ring.reserve(bound, frame.stamp_s)
     depth_bytes = pack(frame.depth_raw, room)
     length = depth_bytes + frame.colour_bgr.nbytes
     room[depth_bytes:length].reshape(frame.colour_bgr.shape)[:] = frame.colour_bgr
-    note = pickle.dumps(_note(update, depth_bytes))
+    note = pickle.dumps(_note(update, depth_bytes, more))
     ring.commit(length, note, bound, frame.stamp_s)
 
 
@@ -101,7 +103,7 @@ def frame_of(record: Record, offset_s: float) -> RgbdFrame:
     )
 
 
-def _note(update: PoseUpdate, depth_bytes: int) -> FrameNote:
+def _note(update: PoseUpdate, depth_bytes: int, more: object) -> FrameNote:
     frame = update.frame
     said = Said(
         seq=update.seq,
@@ -125,4 +127,5 @@ def _note(update: PoseUpdate, depth_bytes: int) -> FrameNote:
         readout_s=frame.readout_s,
         said=said,
         depth_bytes=depth_bytes,
+        more=more,
     )

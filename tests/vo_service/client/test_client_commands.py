@@ -29,6 +29,11 @@ CALLS: dict[str, tuple[Callable[[PoseClient], object], dict[str, Any], object]] 
         {"file": "/var/lib/kinect-vo/maps/kitchen.ply", "keyframes": 12},
         "/var/lib/kinect-vo/maps/kitchen.ply",
     ),
+    "load-map": (
+        lambda client: client.load_map("kitchen"),
+        {"file": "/var/lib/kinect-vo/maps/kitchen.places"},
+        "/var/lib/kinect-vo/maps/kitchen.places",
+    ),
     "save-incident": (PoseClient.save_incident, FOLDER, FOLDER["folder"]),
 }
 

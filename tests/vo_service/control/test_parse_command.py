@@ -13,6 +13,7 @@ from vo_service.control.commands import (
     COMMAND_NAMES,
     LARGEST_PAYLOAD_BYTES,
     Light,
+    LoadMap,
     Pause,
     Reset,
     SaveMap,
@@ -44,6 +45,7 @@ def test_arguments_are_read() -> None:
     assert parse_command("led", of(led="red")) == Light(Led.RED)
     assert parse_command("start-recording", of(name="desk-1")) == StartRecording("desk-1")
     assert parse_command("save-map", of(name="kitchen")) == SaveMap("kitchen")
+    assert parse_command("load-map", of(name="kitchen")) == LoadMap("kitchen")
 
 
 def test_a_reset_may_say_where_the_base_is() -> None:
@@ -70,6 +72,7 @@ def test_a_reset_may_say_where_the_base_is() -> None:
         ("start-recording", of(name=""), "must be a plain name"),
         ("save-map", of(name="../etc"), "must be a plain name"),
         ("save-map", b"", "'name' is missing"),
+        ("load-map", of(name="a/b"), "must be a plain name"),
         ("reset", of(position_m=[1, 2, 3]), "'quaternion_xyzw' is missing"),
         ("reset", of(position_m=[1, 2], quaternion_xyzw=[0, 0, 0, 1]), "a list of 3 numbers"),
         ("reset", of(position_m=[0, 0, 0], quaternion_xyzw=[0, 0, 0, 0.5]), "length 1"),

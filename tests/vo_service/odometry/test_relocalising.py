@@ -11,7 +11,7 @@ from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.relocalising import PATIENCE_FRAMES, Located, RelocalisingOdometry
 
 STEP = rigid_transform(rotation_from_vector([0.0, 0.02, 0.0]), [0.01, 0.0, 0.02])
-ELSEWHERE = rigid_transform(rotation_from_vector([0.0, 1.0, 0.0]), [2.0, 0.0, 1.0])
+ELSEWHERE = rigid_transform(rotation_from_vector([0.0, 1.0, 0.0]), [0.3, 0.0, 0.2])
 TRUTH = [np.linalg.matrix_power(STEP, n) for n in range(100)]
 LOST_AT = 5
 
@@ -91,6 +91,14 @@ def test_one_wrong_answer_is_not_believed() -> None:
     for seq, estimate in enumerate(estimates):
         if seq >= LOST_AT and estimate.ok:
             assert np.allclose(estimate.T_world_camera, ELSEWHERE @ TRUTH[seq], atol=1e-9)
+
+
+def test_place_that_the_camera_cannot_have_reached_is_not_believed() -> None:
+    far = {seq: rigid_transform(np.eye(3), [9.0, 0.0, 0.0]) for seq in range(60)}
+    estimates = walk(Finder(far), LOST_AT)
+    assert [seq for seq, estimate in enumerate(estimates) if estimate.restarted] == [
+        LOST_AT + PATIENCE_FRAMES - 1
+    ]
 
 
 def test_place_never_seen_begins_an_epoch_after_a_second() -> None:

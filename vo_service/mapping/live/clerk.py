@@ -1,4 +1,4 @@
-"""What became of the maps that were asked for, and what went wrong with them."""
+"""What became of the maps that were to be saved or loaded, and what went wrong with them."""
 
 import logging
 import threading
@@ -13,7 +13,17 @@ from vo_service.control.commands import NAME_PATTERN
 from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.mapping.live.contract import MapState
 from vo_service.mapping.live.maps_folder import MapsFolder
-from vo_service.mapping.live.messages import Facts, Job, MapEnded, SaveMap, Word
+from vo_service.mapping.live.messages import (
+    Facts,
+    Job,
+    LoadMap,
+    MapEnded,
+    MapLoaded,
+    SaveMap,
+    Word,
+)
+from vo_service.odometry.relocalising import Located
+from vo_service.outputs.map_snapshot import MapSnapshot
 from vo_service.settings import MapSettings
 
 logger = logging.getLogger(__name__)
@@ -25,13 +35,23 @@ HELPER = Helper("vo_service.mapping.live.child", NAME)
 class MapClerk:
     """Passes on what is asked for, at once; refuses what cannot be. Safe from any thread."""
 
-    def __init__(self, job: Job, begin_anew: Callable[[], int]) -> None:
-        """`begin_anew` is called when the keyframes are lost; the number of the next one."""
+    def __init__(
+        self,
+        job: Job,
+        hear: Callable[[MapSnapshot | Located], None],
+        begin_anew: Callable[[], int],
+    ) -> None:
+        """`hear` gets what the process says of places.
+
+        `begin_anew` is called when the keyframes are lost; the number of the next one.
+        """
         self._folder = MapsFolder(job.maps)
+        self._hear_of_places = hear
         self._begin_anew = begin_anew
         self._lock = threading.Lock()
         self._taken: frozenset[str] = frozenset()
-        self._maps, self._folders = Trouble(NAME), Trouble(NAME)
+        self._with_places: frozenset[str] = frozenset()
+        self._maps, self._folders, self._loads = Trouble(NAME), Trouble(NAME), Trouble(NAME)
         self._process_trouble = ""
         self.state = MapState()
         with self._lock:  # a process that dies at once waits until there is a keeper
@@ -47,20 +67,17 @@ class MapClerk:
         """One clause; "" while all is well."""
         if self._keeper.is_up and self._keeper.is_silent:
             return f"{NAME}: its process does not answer; is the disk hung?"
-        troubles = (self._process_trouble, self._maps.text, self._folders.text)
+        troubles = (
+            self._process_trouble, self._maps.text, self._folders.text, self._loads.text
+        )  # fmt: skip
         trouble = "; ".join(filter(None, troubles))
         return f"{NAME}: {trouble}" if trouble else ""
 
     def save(self, name: str) -> MapState:
         """Have a map made. Raises CommandError if that cannot be."""
-        if not fullmatch(NAME_PATTERN, name):
-            raise CommandError(
-                ErrorCode.BAD_REQUEST,
-                "a map's name is up to 64 letters, digits, dots, dashes and underscores",
-            )
+        _check_name(name)
         with self._lock:
-            if not self._keeper.is_up or self._keeper.is_silent:
-                raise _not_possible("the map's process does not answer; try again in a moment")
+            self._check_answers()
             if self.state.saving:
                 raise _not_possible(f"a map is being made already: {self.state.saving}")
             if name in self._taken:
@@ -70,6 +87,21 @@ class MapClerk:
             self._maps.note("")
             self.state = replace(self.state, saving=str(self._folder.file(name)))
             self._keeper.tell(SaveMap(name))
+            return self.state
+
+    def load(self, name: str) -> MapState:
+        """Have the places of a map loaded. Raises CommandError if that cannot be."""
+        _check_name(name)
+        with self._lock:
+            self._check_answers()
+            if self.state.loading:
+                raise _not_possible(f"a map is being loaded already: {self.state.loading}")
+            if name not in self._with_places:
+                known = ", ".join(sorted(self._with_places)) or "none"
+                raise _not_possible(f"there is no map {name!r} with places; there are: {known}")
+            self._loads.note("")
+            self.state = replace(self.state, loading=str(self._folder.places_file(name)))
+            self._keeper.tell(LoadMap(name))
             return self.state
 
     def configure(self, settings: MapSettings) -> None:
@@ -85,13 +117,17 @@ class MapClerk:
 
     def _hear(self, word: Word) -> None:
         match word:
-            case Facts(keyframes, maps, trouble):
+            case Facts(keyframes, maps, places, trouble):
                 with self._lock:
-                    self._taken, self._process_trouble = maps, ""
+                    self._taken, self._with_places, self._process_trouble = maps, places, ""
                     self.state = replace(self.state, keyframes=keyframes)
                 self._folders.note(trouble)
             case MapEnded():
                 self._take_ended(word)
+            case MapLoaded():
+                self._take_loaded(word)
+            case MapSnapshot() | Located():
+                self._hear_of_places(word)
             case LogLine(level, name, text):
                 logging.getLogger(name).log(level, "%s: %s", NAME, text)
 
@@ -108,15 +144,39 @@ class MapClerk:
             taken = self._taken if ended.trouble else self._taken | {file.stem}
             self._taken, self.state = taken, replace(self.state, saving="", saved=saved)
 
+    def _take_loaded(self, loaded: MapLoaded) -> None:
+        if not loaded.trouble:
+            logger.info("%s: %s: %d places are known", NAME, loaded.file, loaded.places)
+        self._loads.note(loaded.trouble)
+        with self._lock:
+            file = self.state.loaded if loaded.trouble else str(loaded.file)
+            self.state = replace(self.state, loading="", loaded=file)
+            if not loaded.trouble:  # a process that is started again begins in it as well
+                settings = replace(self._keeper.job.settings, load=loaded.file.stem)
+                self._keeper.job = replace(self._keeper.job, settings=settings)
+
+    def _check_answers(self) -> None:
+        """Raises CommandError where orders would be lost. Called with the lock held."""
+        if not self._keeper.is_up or self._keeper.is_silent:
+            raise _not_possible("the map's process does not answer; try again in a moment")
+
     def _died(self) -> None:
         with self._lock:
             saving = self.state.saving
-            self.state = replace(self.state, keyframes=0, saving="")
+            self.state = replace(self.state, keyframes=0, saving="", loading="", loaded="")
             self._process_trouble = "its process ended and is started again; the map begins anew"
             self._keeper.job = replace(self._keeper.job, first=self._begin_anew())
         logger.warning("%s: %s", NAME, self._process_trouble)
         if saving:
             self._maps.note(f"{saving} was cut off")
+
+
+def _check_name(name: str) -> None:
+    if not fullmatch(NAME_PATTERN, name):
+        raise CommandError(
+            ErrorCode.BAD_REQUEST,
+            "a map's name is up to 64 letters, digits, dots, dashes and underscores",
+        )
 
 
 def _not_possible(reason: str) -> CommandError:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from vo_service.control.errors import CommandError, ErrorCode
+from vo_service.mapping.loops.contract import Loops, NoLoops
 from vo_service.outputs.output import Output, PoseUpdate, Status
 from vo_service.settings import MapSettings
 
@@ -15,15 +16,24 @@ class MapState:
     keyframes  that it would be made of now
     saving     file of the map that is being made; "" = none
     saved      file of the last map that was made whole; "" = none
+    loading    file of the map whose places are being loaded; "" = none
+    loaded     file of the map whose places are known; "" = none
     """
 
     keyframes: int = 0
     saving: str = ""
     saved: str = ""
+    loading: str = ""
+    loaded: str = ""
 
 
 class Mapper(Output, Protocol):
-    """An output that remembers where the camera has been, and can make a map of it."""
+    """An output that remembers where the camera has been, and can make a map of it.
+
+    loops  which places are known again
+    """
+
+    loops: Loops
 
     @property
     def state(self) -> MapState:
@@ -37,8 +47,15 @@ class Mapper(Output, Protocol):
         """
         ...
 
+    def load(self, name: str) -> MapState:
+        """Begin to know the places of the map of this name; the state from then on.
+
+        Raises CommandError if there is none, or if it is not possible now.
+        """
+        ...
+
     def configure(self, settings: MapSettings) -> None:
-        """Take over what may change while it runs: all but `enabled`."""
+        """Take over what may change while it runs: all but `enabled`, `loops` and `load`."""
         ...
 
 
@@ -46,6 +63,7 @@ class NoMapper:
     """Where there is to be no map, or can be none: says why to whoever asks."""
 
     state = MapState()
+    loops: Loops = NoLoops()
 
     def __init__(self, reason: str = "there is no map", warning: str = "") -> None:
         self._reason = reason
@@ -58,6 +76,10 @@ class NoMapper:
         """Nothing to remember."""
 
     def save(self, name: str) -> MapState:
+        """Never possible."""
+        raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
+
+    def load(self, name: str) -> MapState:
         """Never possible."""
         raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
 

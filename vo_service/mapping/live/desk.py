@@ -2,14 +2,26 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
+from drivers.errors import InputError, UserFacingError
 from vo_service.mapping.live.keyframes import Keyframe, Keyframes
 from vo_service.mapping.live.making import Making, make_map
 from vo_service.mapping.live.maps_folder import MEGABYTE, MapsFolder
-from vo_service.mapping.live.messages import Facts, Job, MapEnded, SaveMap, Word
+from vo_service.mapping.live.messages import (
+    Facts,
+    Job,
+    LoadMap,
+    MapEnded,
+    MapLoaded,
+    SaveMap,
+    Word,
+)
+from vo_service.mapping.live.place_desk import open_place_desk
+from vo_service.outputs.output import TrackingState
 from vo_service.recorder.frame_record import note_of
 from vo_service.recorder.incident_folder import obstacle
 from vo_service.recorder.shared_ring import Record, RingReader
@@ -25,17 +37,20 @@ class Desk:
         self._ring, self._next = RingReader(job.frames), job.first
         self._keyframes = Keyframes(job.settings.max_mb * MEGABYTE)
         self._folder = MapsFolder(job.maps)
+        self._places = open_place_desk(job.settings, tell)
         self._making: list[Making] = []  # one at most
         with suppress(OSError):  # the facts tell what is wrong with the folder
             self._folder.clean_up()
+        if job.settings.load is not None:
+            self._load(job.settings.load)
 
     @property
     def facts(self) -> Facts:
         """What is told every second."""
-        names: frozenset[str] = frozenset()
+        names = with_places = frozenset[str]()
         with suppress(OSError):  # it is the trouble
-            names = self._folder.names
-        return Facts(len(self._keyframes), names, obstacle(self._folder.folder))
+            names, with_places = self._folder.names, self._folder.names_with_places
+        return Facts(len(self._keyframes), names, with_places, obstacle(self._folder.folder))
 
     @property
     def sources(self) -> "list[Connection[Any, Any]]":
@@ -43,20 +58,23 @@ class Desk:
         return [making.source for making in self._making]
 
     def take_in(self) -> bool:
-        """Take the keyframes that have come; whether there were any."""
+        """Take the frames that have come, and answer what was asked; whether there were any."""
         end = self._ring.count
         begin, self._next = max(self._next, self._ring.oldest), end
         for number in range(begin, end):
             record = self._ring.record(number)
             if record is not None:  # else they came too fast: the next is not far
                 self._take_in(record)
+        self._places.answer()
         return begin < end
 
-    def take(self, order: SaveMap | MapSettings) -> None:
-        """Begin what is ordered; how a map ends is told."""
+    def take(self, order: SaveMap | LoadMap | MapSettings) -> None:
+        """Begin what is ordered; how it ends is told."""
         match order:
             case SaveMap(name):
-                self._make(name)
+                self._save(name)
+            case LoadMap(name):
+                self._load(name)
             case MapSettings():
                 self._settings = order
                 self._keyframes.hold_at_most(order.max_mb * MEGABYTE)
@@ -74,12 +92,35 @@ class Desk:
             self._folder.clean_up()
 
     def _take_in(self, record: Record) -> None:
+        self._places.take_in(record)
         said = note_of(record.note).said
-        if self._keyframes.wants(said.epoch, said.T_world_camera):
-            self._keyframes.add(Keyframe.of(record))
+        is_sure = said.state is TrackingState.TRACKING  # else it was only asked about
+        if is_sure and self._keyframes.wants(said.epoch, said.T_world_camera):
+            self._keyframes.add(Keyframe.of(record, self._places.last_place))
+
+    def _load(self, name: str) -> None:
+        file = self._folder.places_file(name)
+        try:
+            self._tell(MapLoaded(file, self._places.load(file)))
+        except InputError as error:
+            self._tell(MapLoaded(file, trouble=str(error)))
+
+    def _save(self, name: str) -> None:
+        """Write the places, and begin to make the surface."""
+        file = self._folder.file(name)
+        try:
+            self._places.save(self._folder, name, self._settings.total_mb * MEGABYTE)
+        except UserFacingError as error:
+            self._tell(MapEnded(file, trouble=str(error)))
+            return
+        self._make(name)
 
     def _make(self, name: str) -> None:
-        file, keyframes = self._folder.file(name), list(self._keyframes)
+        file = self._folder.file(name)
+        keyframes = [
+            replace(each, T_odom_camera=self._places.T_map_camera(each.place, each.T_odom_camera))
+            for each in self._keyframes
+        ]
         if not keyframes:
             self._tell(MapEnded(file, trouble=f"{file}: there is no keyframe yet"))
             return

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array
-from vo_service.mapping.live.spacing import steps_between
+from vo_service.mapping.spacing import steps_between
 from vo_service.recorder.depth_unpacking import unpack_depth
 from vo_service.recorder.frame_record import frame_of, note_of
 from vo_service.recorder.shared_ring import Record
@@ -24,7 +24,10 @@ _WIDER = math.sqrt(2.0)
 
 @dataclass(frozen=True)
 class Keyframe:
-    """One view: colour as JPEG, depth without loss, and where the camera was."""
+    """One view: colour as JPEG, depth without loss, and where the camera was.
+
+    place  number of the last place before it; None where no places are remembered
+    """
 
     epoch: int
     T_odom_camera: Array
@@ -32,9 +35,10 @@ class Keyframe:
     depth_factor: float
     jpeg: bytes
     packed_depth: bytes
+    place: int | None = None
 
     @classmethod
-    def of(cls, record: Record) -> Self:
+    def of(cls, record: Record, place: int | None = None) -> Self:
         """From a frame in the ring, whose `T_world_camera` leads to `odom`."""
         note = note_of(record.note)
         colour_bgr = frame_of(record, 0.0).colour_bgr
@@ -46,6 +50,7 @@ class Keyframe:
             depth_factor=note.depth_factor,
             jpeg=cv2.imencode(".jpg", colour_bgr, options)[1].tobytes(),
             packed_depth=zlib.compress(record.payload[: note.depth_bytes], level=1),
+            place=place,
         )
 
     @property

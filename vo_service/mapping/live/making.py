@@ -91,6 +91,7 @@ def _made(
     from vo_service.mapping.fusion_settings import FusionSettings
     from vo_service.mapping.ply import write_ply
 
+    file = folder.file(name)
     fusion = Fusion(FusionSettings(voxel_m=settings.voxel_m, memory_mb=settings.making_mb))
     for keyframe in keyframes:
         begin_cpu_s = time.process_time()
@@ -102,9 +103,9 @@ def _made(
         time.sleep(time.process_time() - begin_cpu_s)
     mesh = fusion.mesh()
     if not len(mesh.triangles):
-        raise UserFacingError(f"{folder.file(name)}: no surface was seen well enough")
+        raise UserFacingError(f"{file}: no surface was seen well enough")
     _check_is_wanted()
-    file = folder.write(name, settings.total_mb * MEGABYTE, partial(write_ply, mesh=mesh))
+    folder.write(file, settings.total_mb * MEGABYTE, partial(write_ply, mesh=mesh))
     return MapEnded(file, len(keyframes), len(mesh.triangles), fusion.is_full)
 
 

@@ -1,4 +1,4 @@
-"""The map as the service sees it: an output that passes keyframes on."""
+"""The map as the service sees it: an output that passes keyframes and places on."""
 
 import logging
 from dataclasses import replace
@@ -9,8 +9,11 @@ import numpy as np
 from drivers.geometry import Array
 from vo_service.mapping.live.clerk import MapClerk
 from vo_service.mapping.live.contract import MapState
-from vo_service.mapping.live.messages import Job
-from vo_service.mapping.live.spacing import Gate
+from vo_service.mapping.live.live_loops import LiveLoops
+from vo_service.mapping.live.messages import Asked, Job
+from vo_service.mapping.loops.contract import Loops, NoLoops
+from vo_service.mapping.loops.hop import Hop, Hops, NoHops
+from vo_service.mapping.spacing import Gate
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.worker import DropOldest, Worker
 from vo_service.recorder.depth_packing import compile_packing, pack_depth
@@ -25,23 +28,32 @@ _RING_S, _RING_BYTES = 60.0, 24_000_000
 _WORKER_S = 1.0
 
 
-class LiveMapper:
-    """Keyframes go through shared memory to a process that keeps them, and makes the maps.
+# A frame on its way to the process, and what goes with it into its note.
+_Item = tuple[PoseUpdate, Hop | Asked | None]
 
-    The loop only compares two poses; a thread copies the images of a keyframe.
+
+class LiveMapper:
+    """Frames go through shared memory to a process that keeps them, knows them again, makes maps.
+
+    The loop only compares two poses; a thread copies the images of a frame.
     """
 
     def __init__(self, settings: MapSettings, maps: Path, T_base_camera: Array) -> None:
         """Start. `maps` is the folder of the maps. Raises OSError if the memory cannot be had."""
         self._T_base_camera = T_base_camera
         self._gate = Gate()
+        self._hops = Hops() if settings.loops else NoHops()
         self._no_memory = ""
         self._is_closed = False
         compile_packing()
         self._ring = RingWriter("map-keyframes", _RING_S, _RING_BYTES)
         level = logging.getLogger().getEffectiveLevel()
-        self._clerk = MapClerk(Job(self._ring.memory, 0, maps, settings, level), self._begin_anew)
-        self._worker: Worker[PoseUpdate] = Worker("map", DropOldest(1), self._put, lambda: None)
+        places = LiveLoops(self._pass_on, T_base_camera)
+        self.loops: Loops = places if settings.loops else NoLoops()
+        self._places = places
+        job = Job(self._ring.memory, 0, maps, settings, level)
+        self._clerk = MapClerk(job, places.hear, self._begin_anew)
+        self._worker: Worker[_Item] = Worker("map", DropOldest(2), self._put, lambda: None)
 
     @property
     def warning(self) -> str:
@@ -59,9 +71,11 @@ class LiveMapper:
         return self._clerk.is_up
 
     def pose(self, update: PoseUpdate) -> None:
-        """Pass a frame on (soon) if it is to be a keyframe."""
-        if self._gate.lets_through(update):
-            self._worker.put(update)
+        """Pass a frame on (soon) if it is to be a keyframe or a place."""
+        self._places.pose(update)
+        hop = self._hops.next(update)
+        if self._gate.lets_through(update) or hop is not None:
+            self._pass_on(update, hop)
 
     def status(self, status: Status) -> None:
         """Nothing to remember."""
@@ -69,6 +83,10 @@ class LiveMapper:
     def save(self, name: str) -> MapState:
         """As `Mapper`."""
         return self._clerk.save(name)
+
+    def load(self, name: str) -> MapState:
+        """As `Mapper`."""
+        return self._clerk.load(name)
 
     def configure(self, settings: MapSettings) -> None:
         """As `Mapper`."""
@@ -84,17 +102,24 @@ class LiveMapper:
         if has_finished:
             self._ring.close()
 
-    def _put(self, update: PoseUpdate) -> None:
+    def _pass_on(self, update: PoseUpdate, more: Hop | Asked | None) -> None:
+        self._worker.put((update, more))
+
+    def _put(self, item: _Item) -> None:
         """Body of the worker's thread. The map's world is `odom`, as the poses that go out."""
+        update, more = item
         T_odom_camera = np.asarray(update.T_odom_base @ self._T_base_camera)
+        in_odom = replace(update, T_world_camera=T_odom_camera)
         try:
-            put_frame(self._ring, replace(update, T_world_camera=T_odom_camera), pack_depth)
+            put_frame(self._ring, in_odom, pack_depth, more)
             self._no_memory = ""
         except OSError as error:
             self._no_memory = f"map: no memory for a keyframe: {error.strerror}"
 
     def _begin_anew(self) -> int:
-        """The keyframes are lost: the next good frame is one, wherever it is."""
+        """Keyframes and places are lost: the next good frame is one, wherever it is."""
         first = self._ring.count
         self._gate.forget()
+        self._hops.forget()
+        self._places.begin_anew()
         return first

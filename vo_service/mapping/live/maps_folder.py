@@ -10,6 +10,7 @@ from vo_service.recorder.incident_folder import PART, locked, size_of, why_not
 
 MEGABYTE = 1_000_000
 SUFFIX = ".ply"
+PLACES = ".places"
 
 
 class MapsFolder:
@@ -25,11 +26,20 @@ class MapsFolder:
     @property
     def names(self) -> frozenset[str]:
         """Of the maps that are there. Raises OSError if the folder cannot be read."""
-        return frozenset(file.stem for file in self._maps())
+        return frozenset(file.stem for file in self._files())
+
+    @property
+    def names_with_places(self) -> frozenset[str]:
+        """Of the maps whose places can be loaded. Raises OSError if it cannot be read."""
+        return frozenset(file.stem for file in self._files() if file.suffix == PLACES)
 
     def file(self, name: str) -> Path:
-        """Where a map of this name is, or will be."""
+        """Where a map's surface is, or will be."""
         return self.folder / f"{name}{SUFFIX}"
+
+    def places_file(self, name: str) -> Path:
+        """Where a map's places are, or will be."""
+        return self.folder / f"{name}{PLACES}"
 
     def clean_up(self) -> None:
         """Remove what an earlier mapper could not finish. Raises OSError."""
@@ -38,14 +48,13 @@ class MapsFolder:
                 with suppress(OSError), locked(part):
                     shutil.rmtree(part, ignore_errors=True)
 
-    def write(self, name: str, total_bytes: int, fill: Callable[[Path], None]) -> Path:
-        """Let `fill` write a file; it gets its name when it is whole. Its path.
+    def write(self, final: Path, total_bytes: int, fill: Callable[[Path], None]) -> Path:
+        """Let `fill` write a file of this folder; it gets its name when it is whole. Its path.
 
         The oldest maps make room for it, so that all together have at most `total_bytes`. Raises
         UserFacingError, leaving nothing, if the disk refuses or `fill` does.
         """
-        final = self.file(name)
-        part = self.folder / f"{name}{PART}"
+        part = self.folder / f"{final.name}{PART}"
         try:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             self.clean_up()  # else what a process that was killed left is in the way
@@ -67,15 +76,20 @@ class MapsFolder:
                 f"it has {size // MEGABYTE} MB, more than map.total_mb allows for all maps; raise "
                 "that, or map.voxel_m"
             )
-        ages_s = {file: file.stat().st_mtime for file in self._maps() if file != final}
-        excess = size + sum(file.stat().st_size for file in ages_s) - total_bytes
+        others = [file for file in self._files() if file != final]
+        ages_s = {file: file.stat().st_mtime for file in others if file.stem != final.stem}
+        excess = size + sum(file.stat().st_size for file in others) - total_bytes
         for oldest in sorted(ages_s, key=lambda file: ages_s[file]):
             if excess <= 0:
                 return
             excess -= oldest.stat().st_size
             oldest.unlink()
 
-    def _maps(self) -> list[Path]:
+    def _files(self) -> list[Path]:
         if not self.folder.is_dir():
             return []
-        return [file for file in self.folder.glob(f"*{SUFFIX}") if file.is_file()]
+        return [
+            file
+            for file in self.folder.iterdir()
+            if file.suffix in (SUFFIX, PLACES) and file.is_file()
+        ]

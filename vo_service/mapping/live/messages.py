@@ -5,6 +5,8 @@ from pathlib import Path
 
 from drivers.isolation.messages import LogLine
 from vo_service.background.messages import End, SignOfLife
+from vo_service.odometry.relocalising import Located
+from vo_service.outputs.map_snapshot import MapSnapshot
 from vo_service.recorder.shared_ring import RingMemory
 from vo_service.settings import MapSettings
 
@@ -32,13 +34,28 @@ class Job:
 
 
 @dataclass(frozen=True)
+class Asked:
+    """In the note of a frame in the ring, to ask where it was taken.
+
+    A frame whose note has a `Hop` is to be a place; one with neither is a keyframe alone.
+    """
+
+
+@dataclass(frozen=True)
 class SaveMap:
     """To the mapper: make a map of what there is now, and write it under this name."""
 
     name: str
 
 
-Order = SaveMap | MapSettings | End
+@dataclass(frozen=True)
+class LoadMap:
+    """To the mapper: forget all places, and know those of the map of this name."""
+
+    name: str
+
+
+Order = SaveMap | LoadMap | MapSettings | End
 
 
 @dataclass(frozen=True)
@@ -47,11 +64,13 @@ class Facts(SignOfLife):
 
     keyframes  how many it has
     maps       names that are taken
+    places     names of the maps whose places can be loaded
     trouble    why nothing can be kept in the folder; "" while all is well
     """
 
     keyframes: int
     maps: frozenset[str]
+    places: frozenset[str]
     trouble: str = ""
 
 
@@ -69,4 +88,14 @@ class MapEnded:
     trouble: str = ""
 
 
-Word = Facts | MapEnded | LogLine
+@dataclass(frozen=True)
+class MapLoaded:
+    """From the mapper: how a `LoadMap` ended. `trouble` is "" if its places are known now."""
+
+    file: Path
+    places: int = 0
+    trouble: str = ""
+
+
+# A snapshot comes when the map has changed, a place where a frame was taken when that is known.
+Word = Facts | MapEnded | MapLoaded | MapSnapshot | Located | LogLine

@@ -87,10 +87,12 @@ class Recovery:
     def _by_depth(self, images: Images, best: Found, way: Way) -> Found:
         """Without brightness, where the light is quite another: it may be dark.
 
-        In the same light, brightness that does not fit says that the depth is wrong as well.
+        In the same light, brightness that does not fit says that the depth is wrong as well. Where
+        the camera may be anywhere by now, shapes alone say little: many places have the same.
         """
         keyframe, tie = best.keyframe, best.tie
-        if not is_other_light(images.light_against(keyframe.images)):
+        is_anywhere = not way.is_soon(images.stamp_s)
+        if is_anywhere or not is_other_light(images.light_against(keyframe.images)):
             return best
         starts = way.starts(keyframe.T_world_keyframe, images.stamp_s)
         again = align(keyframe.points, images, starts, tie, (1.0, 0.0), depth_alone())

@@ -49,7 +49,7 @@ class Way:
     def starts(self, T_world_keyframe: Array, stamp_s: float) -> list[Array]:
         """4x4 motions T_camera_keyframe to begin with: as it moves on, and as it stands still."""
         T_last_keyframe = inverse(self.T_world_camera) @ T_world_keyframe
-        if not self._is_soon(stamp_s):
+        if not self.is_soon(stamp_s):
             return [T_last_keyframe]
         T_camera_last = exponential((self.stamp_s - stamp_s) * self.velocity)
         return [T_camera_last @ T_last_keyframe, T_last_keyframe]
@@ -62,7 +62,7 @@ class Way:
         velocity = -adjoint(T_keyframe_last) @ self.velocity
         duration_s = stamp_s - self.stamp_s
         tie = Tie(T_keyframe_last, 1.0 / max(duration_s, 1e-3), velocity, information)
-        return tie if self._is_soon(stamp_s) else tie.loosened()
+        return tie if self.is_soon(stamp_s) else tie.loosened()
 
     def is_long_ago(self, stamp_s: float) -> bool:
         """Whether the camera may be far from where it is expected at a stamp."""
@@ -108,7 +108,8 @@ class Way:
             return self.light
         return change * self.light[0], change * self.light[1]
 
-    def _is_soon(self, stamp_s: float) -> bool:
+    def is_soon(self, stamp_s: float) -> bool:
+        """Whether the last frames say anything of where the camera is at a stamp."""
         return 0.0 < stamp_s - self.stamp_s <= LONGEST_STEP_S
 
 

@@ -12,7 +12,7 @@ from drivers.geometry import rigid_transform
 from tests.vo_service.mapping.live.views import CAMERA
 from tests.vo_service.recorder import moments
 from vo_service.mapping.live.keyframes import Keyframe, Keyframes
-from vo_service.mapping.live.spacing import STEP_M
+from vo_service.mapping.spacing import STEP_M
 from vo_service.recorder.depth_packing import pack_depth
 from vo_service.recorder.frame_record import put_frame
 from vo_service.recorder.shared_ring import RingReader, RingWriter

@@ -35,7 +35,7 @@ def test_a_map_gets_its_name_when_it_is_whole(maps: MapsFolder) -> None:
         assert maps.names == set()
         file_of(10)(path)
 
-    assert maps.write("kitchen.1", TOTAL, fill) == maps.folder / "kitchen.1.ply"
+    assert maps.write(maps.file("kitchen.1"), TOTAL, fill) == maps.folder / "kitchen.1.ply"
     assert maps.names == {"kitchen.1"}
     assert names(maps) == ["kitchen.1.ply"]
     assert maps.folder.stat().st_mode & 0o777 == 0o700
@@ -43,17 +43,17 @@ def test_a_map_gets_its_name_when_it_is_whole(maps: MapsFolder) -> None:
 
 def test_the_oldest_maps_make_room_and_nothing_else_goes(maps: MapsFolder) -> None:
     for age_s, name in enumerate(("new", "old")):
-        maps.write(name, TOTAL, file_of(4000))
+        maps.write(maps.file(name), TOTAL, file_of(4000))
         os.utime(maps.file(name), (1000 - age_s, 1000 - age_s))
     (maps.folder / "notes.txt").write_text("mine")
-    maps.write("newest", TOTAL, file_of(4000))
+    maps.write(maps.file("newest"), TOTAL, file_of(4000))
     assert names(maps) == ["new.ply", "newest.ply", "notes.txt"]
 
 
 def test_a_map_that_is_too_large_by_itself_costs_no_other(maps: MapsFolder) -> None:
-    maps.write("old", TOTAL, file_of(4000))
+    maps.write(maps.file("old"), TOTAL, file_of(4000))
     with pytest.raises(UserFacingError, match=r"huge.ply: it has .* more than map.total_mb"):
-        maps.write("huge", TOTAL, file_of(TOTAL + 1))
+        maps.write(maps.file("huge"), TOTAL, file_of(TOTAL + 1))
     assert names(maps) == ["old.ply"]
 
 
@@ -62,7 +62,7 @@ def test_what_cannot_be_written_leaves_nothing(maps: MapsFolder) -> None:
         files_up_to(1000),
         pytest.raises(UserFacingError, match=r"kitchen.ply: the disk is full"),
     ):
-        maps.write("kitchen", TOTAL, file_of(4000))
+        maps.write(maps.file("kitchen"), TOTAL, file_of(4000))
     assert names(maps) == []
 
 
@@ -70,7 +70,7 @@ def test_what_a_process_that_was_killed_left_is_removed(maps: MapsFolder) -> Non
     left = maps.folder / "kitchen.part"
     left.mkdir(parents=True)
     (left / "kitchen.ply").write_bytes(b"half")
-    maps.write("kitchen", TOTAL, file_of(10))
+    maps.write(maps.file("kitchen"), TOTAL, file_of(10))
     assert names(maps) == ["kitchen.ply"]
 
 
@@ -78,8 +78,8 @@ def test_what_another_service_writes_is_left_alone(maps: MapsFolder) -> None:
     def fill(path: Path) -> None:
         MapsFolder(maps.folder).clean_up()
         with pytest.raises(UserFacingError, match="File exists"):
-            MapsFolder(maps.folder).write("kitchen", TOTAL, file_of(1))
+            MapsFolder(maps.folder).write(maps.file("kitchen"), TOTAL, file_of(1))
         file_of(10)(path)
 
-    maps.write("kitchen", TOTAL, fill)
+    maps.write(maps.file("kitchen"), TOTAL, fill)
     assert maps.file("kitchen").stat().st_size == 10

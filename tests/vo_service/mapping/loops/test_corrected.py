@@ -1,0 +1,58 @@
+"""The trajectory moves along with its places."""
+
+import numpy as np
+
+from drivers.geometry import inverse, rigid_transform
+from vo_service.mapping.graph.edges import Edge
+from vo_service.mapping.graph.pose_graph import PoseGraph, Removal
+from vo_service.mapping.loops.corrected import CorrectedTrajectory
+
+AHEAD = rigid_transform(np.eye(3), [0.0, 0.0, 1.0])
+SURE, VAGUE = np.eye(6) * 1e-8, np.eye(6) * 1e-2
+
+
+def graph() -> PoseGraph:
+    """Two places, the second a metre ahead, as the odometry says."""
+    made = PoseGraph()
+    made.add(0, 0, np.eye(4))
+    made.extend(Edge(0, 1, AHEAD, VAGUE, False, 1.0))
+    return made
+
+
+def test_frames_move_with_the_place_before_them() -> None:
+    places = graph()
+    corrected = CorrectedTrajectory(places)
+    corrected.add(1.0, 0, np.eye(4))
+    corrected.add(2.0, 1, AHEAD)
+    further = rigid_transform(np.eye(3), [0.0, 0.0, 1.1])
+    places.close(Edge(0, 1, further, SURE, True, 0.0))
+    places.optimise()
+    found = corrected.trajectory
+    assert found.stamps_s.tolist() == [1.0, 2.0]
+    assert np.allclose(found.T_world_camera[1][:3, 3], [0.0, 0.0, 2.1], atol=1e-3)
+
+
+def test_the_first_pose_is_identity_and_stamps_rise() -> None:
+    corrected = CorrectedTrajectory(graph())
+    for stamp_s in (3.0, 1.0, 2.0):
+        corrected.add(stamp_s, 1, np.linalg.matrix_power(AHEAD, int(stamp_s)))
+    found = corrected.trajectory
+    assert found.stamps_s.tolist() == [1.0, 2.0, 3.0]
+    assert np.allclose(found.T_world_camera[0], np.eye(4))
+    assert np.allclose(found.T_world_camera[2], AHEAD @ AHEAD)
+
+
+def test_frames_of_a_place_that_is_forgotten_stay_where_they_are() -> None:
+    places = graph()
+    corrected = CorrectedTrajectory(places)
+    corrected.add(1.0, 0, np.eye(4))
+    corrected.add(2.0, 1, AHEAD)
+    corrected.carry_over(places.remove(1))
+    assert np.allclose(corrected.trajectory.T_world_camera[1][:3, 3], [0.0, 0.0, 2.0])
+    corrected.carry_over(Removal(0, None, np.eye(4)))
+    places.remove(0)
+    assert np.allclose(inverse(corrected.trajectory.T_world_camera[0]), np.eye(4))
+
+
+def test_nothing_seen_is_an_empty_trajectory() -> None:
+    assert len(CorrectedTrajectory(PoseGraph()).trajectory) == 0

@@ -1,0 +1,118 @@
+"""Loops in a replay: after a loss the camera is back where it was, in the same epoch."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import Array
+from tests.vo_service.mapping.loops.corner_walk import STEPS, told, truth, update
+from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+from tests.vo_service.odometry.walk import BLACK, assert_close, elsewhere, path
+from vo_service.mapping.loops.inline import InlineLoops
+from vo_service.mapping.loops.opening import open_inline_loops
+from vo_service.odometry.estimate import Estimate
+from vo_service.odometry.keyframe_odometry import KeyframeOdometry
+from vo_service.outputs.output import PoseUpdate, TrackingState
+from vo_service.pose_tracker import T_BODY_CAMERA, PoseTracker, StampedFrame
+from vo_service.settings import MapSettings
+
+SEEN = 40
+
+
+class Forgetful:
+    """An odometry that has forgotten everything after a loss."""
+
+    def __init__(self) -> None:
+        self._odometry = KeyframeOdometry()
+        self._is_lost = False
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        if frame.colour_bgr.any():
+            was_lost, self._is_lost = self._is_lost, False
+            return replace(self._odometry.estimate(frame), restarted=was_lost)
+        self._odometry, self._is_lost = KeyframeOdometry(), True
+        return Estimate(False, "dark", np.eye(4), np.eye(4), np.zeros((6, 6)))
+
+
+def inline() -> InlineLoops:
+    return open_inline_loops(MapSettings(), T_BODY_CAMERA)
+
+
+def numbered(views: Sequence[RgbdFrame]) -> Iterator[RgbdFrame]:
+    for seq, frame in enumerate(views):
+        yield replace(frame, seq=seq, stamp_s=seq / 30)
+
+
+def follow(views: Sequence[RgbdFrame]) -> tuple[InlineLoops, list[PoseUpdate]]:
+    loops, tracker, updates = inline(), PoseTracker(), []
+    odometry = loops.around(Forgetful())
+    for frame in numbered(views):
+        estimate = odometry.estimate(frame)
+        updates.append(tracker.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0))
+        loops.pose(updates[-1])
+    return loops, updates
+
+
+def walk() -> list[RgbdFrame]:
+    return [view_of_a_corner(T, seq) for seq, T in enumerate(path(SEEN))]
+
+
+COVERED = [BLACK] * 5
+
+
+@pytest.fixture(scope="module")
+def came_back() -> tuple[InlineLoops, list[PoseUpdate]]:
+    """A walk, something over the camera, and the way from its middle once more."""
+    return follow([*walk(), *COVERED, *walk()[10:30]])
+
+
+def test_camera_uncovered_at_a_seen_place_is_back_in_its_epoch(
+    came_back: tuple[InlineLoops, list[PoseUpdate]],
+) -> None:
+    _, updates = came_back
+    assert {update.epoch for update in updates} == {0}
+    back = [seq for seq, update in enumerate(updates[-20:]) if update.estimate.ok]
+    assert back
+    assert_close(updates[-1].T_world_camera, path(SEEN)[29], 0.01, 0.5)
+
+
+def test_a_pose_of_the_covered_camera_is_lost_until_a_place_is_known(
+    came_back: tuple[InlineLoops, list[PoseUpdate]],
+) -> None:
+    _, updates = came_back
+    lost = [update for update in updates[SEEN:] if not update.estimate.ok]
+    assert {update.state for update in lost} == {TrackingState.LOST}
+    assert "seen before" in lost[-1].reason
+
+
+def test_camera_uncovered_where_it_never_was_begins_an_epoch() -> None:
+    _, updates = follow([*walk(), *COVERED, *(elsewhere(seq) for seq in range(32))])
+    assert updates[-1].epoch == 1
+    assert not any(update.estimate.ok for update in updates[SEEN : SEEN + len(COVERED) + 25])
+
+
+def test_replay_with_loops_is_the_same_bit_for_bit(
+    came_back: tuple[InlineLoops, list[PoseUpdate]],
+) -> None:
+    loops, updates = came_back
+    again, updates_again = follow([*walk(), *COVERED, *walk()[10:30]])
+    assert all(
+        np.array_equal(update.T_world_camera, other.T_world_camera)
+        for update, other in zip(updates, updates_again, strict=True)
+    )
+    first, second = loops.trajectory, again.trajectory
+    assert np.array_equal(first.T_world_camera, second.T_world_camera)
+
+
+def test_the_corrected_trajectory_is_nearer_to_the_truth_than_the_told_one() -> None:
+    loops = inline()
+    last = 4 * STEPS
+    for n in range(last + 1):
+        loops.pose(update(n))
+    end: Array = loops.trajectory.T_world_camera[-1]
+    off_m = float(np.linalg.norm(told(last)[:3, 3] - truth(last)[:3, 3]))
+    assert float(np.linalg.norm(end[:3, 3] - truth(last)[:3, 3])) < 0.2 * off_m
+    assert loops.snapshot.loops == loops.closer.loops > 0

@@ -1,0 +1,97 @@
+"""What the map's process does about places: makes them, closes loops, tells where a frame was."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from drivers.errors import InputError
+from drivers.geometry import Array
+from vo_service.mapping.live.maps_folder import MapsFolder
+from vo_service.mapping.live.messages import Asked, Word
+from vo_service.mapping.loops.hop import Hop
+from vo_service.mapping.loops.loop_closer import Sight
+from vo_service.mapping.loops.opening import closer_in, new_closer
+from vo_service.mapping.places.map_file import read_map, write_map
+from vo_service.recorder.frame_record import frame_of, note_of
+from vo_service.recorder.shared_ring import Record
+from vo_service.settings import MapSettings
+
+Tell = Callable[[Word], object]
+
+
+class PlaceDesk:
+    """Answers what the notes of frames ask for; their world is `odom`."""
+
+    def __init__(self, settings: MapSettings, tell: Tell) -> None:
+        """It loads libraries and compiled kernels, which takes seconds."""
+        self._settings = settings
+        self._closer = new_closer(settings)
+        self._tell = tell
+        self._asked: Record | None = None
+
+    def take_in(self, record: Record) -> None:
+        """Make a place of a frame, or remember that it was asked about."""
+        note = note_of(record.note)
+        if isinstance(note.more, Asked):
+            self._asked = record  # an older one is worth no answer any more
+        elif isinstance(note.more, Hop):
+            frame, said = frame_of(record, 0.0), note.said
+            self._closer.see(Sight(frame, said.epoch, said.T_world_camera, note.more))
+            self._tell(self._closer.snapshot)
+
+    def answer(self) -> None:
+        """Tell where the frame was taken that was asked about last, if that is known."""
+        record, self._asked = self._asked, None
+        if record is None:
+            return
+        located = self._closer.locate(frame_of(record, 0.0))
+        if located is not None:
+            self._tell(located)
+
+    def save(self, folder: MapsFolder, name: str, total_bytes: int) -> None:
+        """Write all places. Raises UserFacingError."""
+        write = partial(write_map, contents=self._closer.contents)
+        folder.write(folder.places_file(name), total_bytes, write)
+
+    def load(self, file: Path) -> int:
+        """Know the places of a file, and no others; how many. Raises InputError."""
+        self._closer = closer_in(read_map(file), self._settings)
+        self._tell(self._closer.snapshot)
+        return len(self._closer.places)
+
+    @property
+    def last_place(self) -> int | None:
+        """Number of the place that was seen last."""
+        return self._closer.last_number
+
+    def T_map_camera(self, place: int | None, T_odom_camera: Array) -> Array:
+        """4x4 pose in the map, of a frame that came after this place."""
+        return self._closer.T_map_camera(place, T_odom_camera)
+
+
+class NoPlaceDesk:
+    """Where no places are remembered."""
+
+    last_place = None
+
+    def take_in(self, record: Record) -> None:
+        """It is a keyframe alone."""
+
+    def answer(self) -> None:
+        """Nobody asks."""
+
+    def save(self, folder: MapsFolder, name: str, total_bytes: int) -> None:
+        """There are none."""
+
+    def load(self, file: Path) -> int:
+        """Never possible. Raises InputError."""
+        raise InputError(f"{file}: no places are remembered (map.loops)")
+
+    def T_map_camera(self, place: int | None, T_odom_camera: Array) -> Array:
+        """The map is `odom`."""
+        return T_odom_camera
+
+
+def open_place_desk(settings: MapSettings, tell: Tell) -> PlaceDesk | NoPlaceDesk:
+    """What the settings ask for."""
+    return PlaceDesk(settings, tell) if settings.loops else NoPlaceDesk()

@@ -17,6 +17,7 @@ from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.certainty import Certainty, certainty
 from vo_service.odometry.keyframe.confidence import cover, doubt, lack
 from vo_service.odometry.keyframe.drawing import draw, draw_points
+from vo_service.odometry.keyframe.falloff import Falloff
 from vo_service.odometry.keyframe.first_keyframe import made_anew
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
@@ -62,15 +63,21 @@ class KeyframeOdometry:
         self._stopwatch = stopwatch or NullStopwatch()
         self._recovery = Recovery(extractor or SurfExtractor())
         self._map = LocalMap()
+        self._falloff = Falloff()
         self._track: Track | None = None
         self._T_world_camera = np.eye(4)
         self._failures = 0
+
+    @property
+    def falloff(self) -> float:
+        """Of the lens's light towards the corners, as it is known now: see `Falloff`."""
+        return self._falloff.value
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Where the camera is, from this frame and the keyframe."""
         # Brightness in four sizes, and inverse depth.
         with self._stopwatch.stage("images"):
-            images = make_images(frame)
+            images = make_images(frame, self.falloff)
         if self._track is None:
             return self._start(frame, images, restarted=False)
         # The keyframe's points, laid on this frame from where they are expected.
@@ -95,6 +102,7 @@ class KeyframeOdometry:
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
         keyframe = found.keyframe
         if is_due(found, images):
+            self._falloff = self._falloff.with_view(keyframe, images, found.alignment)
             with self._stopwatch.stage("settle"):
                 found = settle(found, images, self._map)
             with self._stopwatch.stage("keyframe"):

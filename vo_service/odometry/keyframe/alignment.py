@@ -151,6 +151,7 @@ def align(
             images.intrinsics[0],
             images.shutter.readout_s,
             images.shutter.skew_s,
+            images.falloff,
             T,
             velocity,
             tie.T_keyframe_last,
@@ -192,6 +193,7 @@ def look_at(points: Points, images: Images, T: Array, velocity: Array, level: in
         images.intrinsics[0],
         images.shutter.readout_s,
         images.shutter.skew_s,
+        images.falloff,
         readings,
     )
     return readings

@@ -25,6 +25,7 @@ def descend(
     depth_intrinsics: Array,
     readout_s: float,
     skew_s: float,
+    falloff: float,
     T_camera_keyframe: Array,
     velocity: Array,
     T_keyframe_last: Array,
@@ -38,6 +39,7 @@ def descend(
     """T_camera_keyframe and the velocity after some steps, and how many there were.
 
     velocity              (6,) expected, twist of the motion in the keyframe's axes, m/s and rad/s
+    falloff               see `read_points`
     T_keyframe_last       4x4, camera to keyframe, of the frame before
     rate_hz               frames a second since that; 0 ties the velocity to nothing but itself
     velocity_information  (6,) how well the velocity is known by the way since the frame before
@@ -59,6 +61,7 @@ def descend(
             depth_intrinsics,
             readout_s,
             skew_s,
+            falloff,
             readings,
         )
         cell_weights = weigh_regions(points, readings, fit, basic_weights)

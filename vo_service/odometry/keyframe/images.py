@@ -51,6 +51,7 @@ class Images:
     grey           (H / 2, W / 2) uint8 and smaller ones, each half the size of the one before
     inverse_depth  (H, W) float32, 1/m; 0 = no reading
     camera         intrinsics of the whole size
+    falloff        of the lens's light, see `falloff`
     """
 
     grey: tuple[NDArray[np.uint8], ...]
@@ -58,6 +59,7 @@ class Images:
     camera: PinholeCamera
     shutter: Shutter
     stamp_s: float
+    falloff: float = 0.0
 
     @cached_property
     def intrinsics(self) -> tuple[Array, ...]:
@@ -84,7 +86,7 @@ def at_level(intrinsics: Array, level: int) -> Array:
     return np.array([fx * scale, fy * scale, (cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5])
 
 
-def make_images(frame: RgbdFrame) -> Images:
+def make_images(frame: RgbdFrame, falloff: float = 0.0) -> Images:
     """Prepare a frame."""
     depth_raw = frame.depth_raw.view()
     depth_raw.flags.writeable = False  # as some cameras' are: one kind of array is compiled
@@ -94,6 +96,7 @@ def make_images(frame: RgbdFrame) -> Images:
         camera=frame.camera,
         shutter=Shutter(frame.readout_s, frame.skew_s),
         stamp_s=frame.stamp_s,
+        falloff=falloff,
     )
 
 

@@ -15,12 +15,12 @@ LEAST_GRADIENT = 3.0
 INTERPOLATION_PX = 0.15
 # The plane around a point: over (2 RADIUS + 1)^2 readings, so many pixels apart; readings within so
 # much (1/m) of the middle's are of the same surface; they are at least this share; and the plane
-# leaves over at most this root mean square (1/m), thrice the noise.
+# leaves over at most this root mean square (1/m), twice the noise.
 PLANE_RADIUS = 4
 PLANE_STEP_PX = 2
 SURFACE_STEP_PER_M = 0.03
 LEAST_SUPPORT = 0.6
-MOST_RMS_PER_M = 4e-3
+MOST_RMS_PER_M = 3e-3
 # Noise of a point's slopes, a pixel of its level or of the depth image.
 SLOPE_NOISE = (0.7, 5e-5)
 
@@ -35,6 +35,13 @@ START_SPREADS = (10.0, 3e-3)
 LEAST_SPREADS, MOST_SPREADS = (1.0, 6e-4), (30.0, 1e-2)
 # Gains of brightness are sought between these; beyond, the light is another.
 GAINS = (0.5, 2.0)
+# Light that the lens loses towards the corners, see `falloff`: before anything is seen, there is
+# none but for the first of these (sigma); a single view is off by the second, how many readings it
+# may have, for surfaces shine and lamps are near. What was known fades by this factor a view; and
+# there is never more than this.
+FALLOFF_SIGMAS = (0.1, 0.05)
+FALLOFF_FADING = 0.9
+MOST_FALLOFF = 0.5
 # A cell of the image is a region that moves by itself if it fits so many times worse than others.
 ODD_REGION = 1.8
 

@@ -36,11 +36,13 @@ def read_points(
     depth_intrinsics: Array,
     readout_s: float,
     skew_s: float,
+    falloff: float,
     readings: Array,
 ) -> None:
     """Fill in the readings (N, COLUMNS) of points.
 
     velocity  (6,) twist of the camera in its own axes at the frame's stamp, m/s and rad/s
+    falloff   brightness is told as the lens shows it at the point's place in the keyframe
     """
     height, width = inverse_depth.shape
     is_instant = readout_s == 0.0 and skew_s == 0.0
@@ -71,8 +73,21 @@ def read_points(
         if w > 0.0:
             reading[DEPTH] = difference * (z_depth / points[n, 2]) ** 2
             reading[DEPTH_BAND] = _band(v_depth, height)
+        if falloff != 0.0:
+            brightness *= 1.0 + falloff * further_out(u, v, depth_intrinsics, points[n])
         reading[BRIGHTNESS] = brightness
         reading[COLOUR_BAND] = _band(v, height)
+
+
+@inline_kernel
+def further_out(u: float, v: float, intrinsics: Array, point: Array) -> float:
+    """How much further from the lens's axis a pixel is than a point in its keyframe.
+
+    In squared tangents of the angles to the axis.
+    """
+    x, y = (u - intrinsics[2]) / intrinsics[0], (v - intrinsics[3]) / intrinsics[1]
+    before = (point[0] * point[0] + point[1] * point[1]) / (point[2] * point[2])
+    return float(x * x + y * y - before)
 
 
 @inline_kernel

@@ -95,9 +95,11 @@ def test_the_same_frames_twice_give_the_same_bits(readout_s: float) -> None:
 
 
 def test_frozen_frames_are_no_motion(views: list[RgbdFrame]) -> None:
-    estimates = follow(KeyframeOdometry(), [views[0]] * 8)
+    estimates = follow(KeyframeOdometry(), [views[0]] * 40)
     assert all(e.ok for e in estimates)
-    assert_close(estimates[-1].T_world_camera, np.eye(4), 3e-4, 0.01)
+    # With its noise it lies a little beside the keyframe's smooth planes, and comes to rest there.
+    assert_close(estimates[-1].T_world_camera, np.eye(4), 4e-4, 0.01)
+    assert_close(estimates[-1].T_world_camera, estimates[-2].T_world_camera, 1e-5, 1e-3)
 
 
 @pytest.mark.parametrize("readout_s", [0.0, 0.02])

@@ -39,7 +39,11 @@ AWAY = series_exponential(np.array([0.05, -0.03, 0.08, 0.04, -0.05, 0.06]))
 
 
 def readings_of(
-    frame: RgbdFrame, T_camera_keyframe: Array, velocity: Array, points: Array = POINTS
+    frame: RgbdFrame,
+    T_camera_keyframe: Array,
+    velocity: Array,
+    points: Array = POINTS,
+    falloff: float = 0.0,
 ) -> Array:
     images = make_images(frame)
     readings = np.empty((len(points), COLUMNS))
@@ -53,6 +57,7 @@ def readings_of(
         images.intrinsics[0],
         frame.readout_s,
         frame.skew_s,
+        falloff,
         readings,
     )
     return readings
@@ -157,3 +162,14 @@ def test_without_depth_brightness_is_still_read() -> None:
     assert np.isnan(readings[:, DEPTH]).all()
     assert np.isfinite(readings[is_read, BRIGHTNESS]).all()
     assert not readings[:, OTHER].any()
+
+
+def test_what_comes_nearer_to_the_corner_is_told_as_bright_as_before() -> None:
+    plain = readings_of(seen(), AWAY, STANDING)
+    told = readings_of(seen(), AWAY, STANDING, falloff=0.2)
+    there = ~np.isnan(plain[:, BRIGHTNESS])
+    centre, focal_px = [CAMERA.cx, CAMERA.cy], CAMERA.fx
+    now = (((plain[there][:, [U, V]] - centre) / focal_px) ** 2).sum(axis=1)
+    before = ((POINTS[there, :2] / POINTS[there, 2:3]) ** 2).sum(axis=1)
+    expected = plain[there, BRIGHTNESS] * (1.0 + 0.2 * (now - before))
+    np.testing.assert_allclose(told[there, BRIGHTNESS], expected, rtol=1e-9)

@@ -1,0 +1,95 @@
+"""How much light the lens loses towards the corners is learnt, and taken off what is compared."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.geometry import inverse
+from tests.vo_service.odometry.keyframe.rolling_views import CAMERA, STILL, Hand, dark, noisy, seen
+from vo_service.odometry.keyframe.alignment import STANDING, Alignment, align, all_alike
+from vo_service.odometry.keyframe.cells import ALL_STILL
+from vo_service.odometry.keyframe.falloff import Falloff
+from vo_service.odometry.keyframe.images import Images, make_images
+from vo_service.odometry.keyframe.local_map import Keyframe, make_keyframe
+from vo_service.odometry.keyframe.parameters import MOST_FALLOFF
+from vo_service.odometry.keyframe.system import SIGMA_BRIGHTNESS
+from vo_service.odometry.keyframe_odometry import KeyframeOdometry
+
+# 9 degrees to the right and 4 down in a second.
+TURN = Hand(np.array([0.05, 0.0, 0.0, -0.07, 0.16, 0.02]))
+
+
+def through_a_lens(frame: RgbdFrame, falloff: float) -> RgbdFrame:
+    """The same frame, darker towards its corners."""
+    x = (np.arange(CAMERA.width) - CAMERA.cx) / CAMERA.fx
+    y = (np.arange(CAMERA.height) - CAMERA.cy) / CAMERA.fy
+    kept = 1.0 - falloff * (x**2 + y[:, None] ** 2)
+    return replace(frame, colour_bgr=np.rint(frame.colour_bgr * kept[..., None]).astype(np.uint8))
+
+
+def keyframe_of(frame: RgbdFrame) -> Keyframe:
+    return make_keyframe(frame, make_images(frame), np.eye(4), np.zeros(6), ALL_STILL)
+
+
+def laid(keyframe: Keyframe, images: Images, hand: Hand = STILL) -> Alignment:
+    starts, tie = [inverse(hand.at(1.0))], STANDING.loosened()
+    return align(keyframe.points, images, starts, tie, (1.0, 0.0), all_alike())
+
+
+def looked(falloff: float, known: float = 0.0) -> tuple[Keyframe, Images, Alignment]:
+    """A keyframe, and a view after a turn, through the same lens."""
+    keyframe = keyframe_of(through_a_lens(noisy(seen(), 0), falloff))
+    images = make_images(through_a_lens(noisy(seen(TURN, 1.0), 1), falloff), known)
+    return keyframe, images, laid(keyframe, images, TURN)
+
+
+@pytest.mark.parametrize("falloff", [-0.1, 0.0, 0.2])
+@pytest.mark.parametrize("known", [0.0, 0.15])
+def test_one_turn_tells_most_of_it_whatever_was_known(falloff: float, known: float) -> None:
+    first = Falloff(known, information=1.0)
+    assert first.with_view(*looked(falloff, known)).value == pytest.approx(falloff, abs=0.02)
+
+
+def test_it_is_believed_by_and_by() -> None:
+    view = looked(0.2)
+    once = Falloff().with_view(*view)
+    twice = once.with_view(*view)
+    assert 0.1 < once.value < twice.value < 0.21
+    assert Falloff().information < once.information < twice.information
+
+
+def test_a_view_that_has_not_moved_tells_nothing() -> None:
+    keyframe = keyframe_of(through_a_lens(noisy(seen(), 0), 0.2))
+    images = make_images(through_a_lens(noisy(seen(), 1), 0.2))
+    known = Falloff(0.1, information=400.0)
+    after = known.with_view(keyframe, images, laid(keyframe, images))
+    assert after.value == pytest.approx(0.1, abs=0.02)
+    assert after.information < 1.05 * known.information
+
+
+def test_the_dark_tells_nothing() -> None:
+    keyframe, images = keyframe_of(dark(seen())), make_images(dark(seen()))
+    assert Falloff(0.1).with_view(keyframe, images, laid(keyframe, images)) == Falloff(0.1)
+
+
+def test_it_is_never_more_than_a_lens_may_lose() -> None:
+    keyframe, images, found = looked(0.2)
+    absurd = replace(images, falloff=9.0)
+    assert Falloff().with_view(keyframe, absurd, found).value == MOST_FALLOFF
+
+
+def test_views_fit_better_where_it_is_known() -> None:
+    def spread(known: float) -> float:
+        return float(looked(0.2, known)[2].fit[SIGMA_BRIGHTNESS])
+
+    assert spread(0.2) < 0.8 * spread(0.0)
+
+
+def test_the_odometry_learns_it_as_it_goes() -> None:
+    odometry = KeyframeOdometry()
+    for k in range(16):
+        frame = through_a_lens(noisy(seen(TURN, k / 8), k), 0.25)
+        assert odometry.estimate(frame).ok
+    assert odometry.falloff == pytest.approx(0.25, abs=0.07)

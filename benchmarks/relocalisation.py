@@ -79,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--unseen", action="store_true", help="uncovered where it never was")
     parser.add_argument("--twins", action="store_true", help="two corners look the same")
     parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--alone", action="store_true", help="the odometry, without any place")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
 
@@ -94,7 +95,8 @@ def run(args: argparse.Namespace) -> Mapping[str, Summary]:
     for place, seed in enumerate(args.seeds):
         share = args.tries // len(args.seeds) + (place < args.tries % len(args.seeds))
         seen = "unseen" if args.unseen else "seen"
-        name = f"{'twins' if args.twins else 'tour'}-{seed}-{seen}-{args.method}"
+        alone = "-alone" if args.alone else ""
+        name = f"{'twins' if args.twins else 'tour'}-{seed}-{seen}-{args.method}{alone}"
         found = kept.get(f"{name}-{share}", partial(_measure, args, seed, share))
         outcomes = [Outcome(**each) for each in found["outcomes"]]
         together += outcomes
@@ -119,7 +121,9 @@ def _measure(args: argparse.Namespace, seed: int, count: int) -> Json:
         terminal.progress(f"room {seed}: try", number, len(tries))
         truth = T_room_camera[each.shown]
         frames = frames_of(each, config, film)
-        outcomes.append(attempt(make_runner(args.method), frames, truth, each.alike - each.first))
+        outcomes.append(
+            attempt(make_runner(args.method, args.alone), frames, truth, each.alike - each.first)
+        )
     terminal.clear()
     return {"tries": list(map(asdict, tries)), "outcomes": list(map(asdict, outcomes))}
 

@@ -59,7 +59,11 @@ def attempt(
     runner: Runner, frames: Iterable[RgbdFrame], T_room_camera: Array, alike: int
 ) -> Outcome:
     """Run one try; T_room_camera (F, 4, 4) and `alike` as for `judge`."""
-    return judge([runner.frame(frame) for frame in frames], T_room_camera, alike)
+    estimates = []
+    for frame in frames:
+        estimates.append(runner.frame(frame))
+        runner.learn()
+    return judge(estimates, T_room_camera, alike)
 
 
 def judge(estimates: Sequence[Estimate], T_room_camera: Array, alike: int) -> Outcome:

@@ -7,8 +7,12 @@ from typing import Protocol
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from drivers.trajectory import StampedPoses
+from vo_service.mapping.loops.opening import open_inline_loops
 from vo_service.methods import METHODS, FeatureSettings
 from vo_service.odometry.estimate import Estimate
+from vo_service.outputs.output import PoseUpdate
+from vo_service.pose_tracker import T_BODY_CAMERA, PoseTracker, StampedFrame
+from vo_service.settings import MapSettings
 from vo_service.stage_clock import StageClock
 
 
@@ -26,6 +30,10 @@ class Runner(Protocol):
 
     def frame(self, frame: RgbdFrame) -> Estimate:
         """Where the camera is. Frames come in order, once each."""
+        ...
+
+    def learn(self) -> None:
+        """What is done once the pose has gone out."""
         ...
 
     def corrected(self, trajectory: StampedPoses) -> StampedPoses:
@@ -47,6 +55,9 @@ class OdometryRunner:
         """See `Runner`."""
         return self._odometry.estimate(frame)
 
+    def learn(self) -> None:
+        """See `Runner`."""
+
     def corrected(self, trajectory: StampedPoses) -> StampedPoses:
         """See `Runner`."""
         return trajectory
@@ -56,6 +67,40 @@ class OdometryRunner:
         return ()
 
 
-def make_runner(method: str) -> Runner:
-    """What is measured, by the name of its method."""
-    return OdometryRunner(method)
+class LoopRunner:
+    """An odometry that knows places again, and closes loops between two frames."""
+
+    def __init__(self, method: str) -> None:
+        self._loops = open_inline_loops(MapSettings(), T_BODY_CAMERA)
+        self._odometry = self._loops.around(METHODS[method](FeatureSettings(), StageClock()))
+        self._tracker = PoseTracker()
+        self._told: PoseUpdate | None = None
+
+    def frame(self, frame: RgbdFrame) -> Estimate:
+        """See `Runner`."""
+        estimate = self._odometry.estimate(frame)
+        self._told = self._tracker.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
+        return estimate
+
+    def learn(self) -> None:
+        """See `Runner`."""
+        if self._told is not None:
+            self._loops.pose(self._told)
+
+    def corrected(self, trajectory: StampedPoses) -> StampedPoses:
+        """See `Runner`."""
+        return self._loops.trajectory
+
+    def loops(self) -> Sequence[Loop]:
+        """See `Runner`. Those of a place that was left out since are told by its neighbour."""
+        places = self._loops.closer.places
+        return [
+            Loop(places[edge.a].stamp_s, places[edge.b].stamp_s, edge.T_a_b)
+            for edge in self._loops.closer.graph.edges
+            if edge.is_loop
+        ]
+
+
+def make_runner(method: str, alone: bool) -> Runner:
+    """What is measured: a method by its name, alone or with what knows places again."""
+    return OdometryRunner(method) if alone else LoopRunner(method)

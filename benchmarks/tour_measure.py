@@ -29,7 +29,7 @@ class TourResult:
     gross        steps off by more than 5 cm or 3 degrees that say nothing of it
     ate_m        of the poses as they were given; ate_loops_m as they are corrected in the end
     wrong_loops  those off by more than 5 cm or 3 degrees
-    cpu_ms, memory_mb  mean a frame in the first and in the last minute
+    cpu_ms, loops_ms, memory_mb  mean a frame in the first and in the last minute
     """
 
     frames: int
@@ -41,6 +41,7 @@ class TourResult:
     loops: int
     wrong_loops: int
     cpu_ms: tuple[float, float]
+    loops_ms: tuple[float, float]
     memory_mb: tuple[float, float]
 
 
@@ -51,11 +52,15 @@ def run_tour(
     progress: Callable[[int, int], None],
 ) -> TourRecord:
     """Follow all frames, of which none is kept."""
-    stamps_s, poses, ok, restarted, cpu_ms, memory_mb = [], [], [], [], [], []
+    stamps_s, poses, ok, restarted = [], [], [], []
+    cpu_ms, loops_ms, memory_mb = [], [], []
     for frame in frames:
         begin_s = time.thread_time()
         estimate = runner.frame(frame)
-        cpu_ms.append((time.thread_time() - begin_s) * 1e3)
+        told_s = time.thread_time()
+        runner.learn()
+        cpu_ms.append((told_s - begin_s) * 1e3)
+        loops_ms.append((time.thread_time() - told_s) * 1e3)
         stamps_s.append(frame.stamp_s)
         poses.append(estimate.T_world_camera)
         ok.append(estimate.ok)
@@ -71,6 +76,7 @@ def run_tour(
         is_ok,
         np.cumsum(restarted),
         np.array(cpu_ms),
+        np.array(loops_ms),
         np.array(memory_mb),
         runner.corrected(given),
         tuple(runner.loops()),
@@ -96,6 +102,7 @@ def result_of(record: TourRecord) -> TourResult:
         loops=len(record.loops),
         wrong_loops=len(wrong),
         cpu_ms=_first_and_last(record.cpu_ms, record.stamp_s),
+        loops_ms=_first_and_last(record.loops_ms, record.stamp_s),
         memory_mb=_first_and_last(record.memory_mb, record.stamp_s),
     )
 

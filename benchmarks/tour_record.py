@@ -18,7 +18,8 @@ class TourRecord:
 
     T_room_camera   (F, 4, 4) the truth
     T_world_camera  (F, 4, 4) what was said; ok (F,) whether it counts, epoch (F,) in which world
-    cpu_ms          (F,) processor time of the thread that gave the pose
+    cpu_ms          (F,) processor time of the thread until it gave the pose
+    loops_ms        (F,) and after that, for places and loops
     memory_mb       (F,) of the whole process, the virtual Kinect in it
     corrected       the poses as they are thought to be in the end
     """
@@ -29,6 +30,7 @@ class TourRecord:
     ok: NDArray[np.bool_]
     epoch: NDArray[np.int64]
     cpu_ms: Array
+    loops_ms: Array
     memory_mb: Array
     corrected: StampedPoses
     loops: Sequence[Loop]
@@ -54,6 +56,7 @@ class TourRecord:
             ok=self.ok,
             epoch=self.epoch,
             cpu_ms=self.cpu_ms,
+            loops_ms=self.loops_ms,
             memory_mb=self.memory_mb,
             corrected_stamp_s=self.corrected.stamps_s,
             corrected_T_world_camera=self.corrected.T_world_camera,
@@ -79,6 +82,7 @@ class TourRecord:
                 ok=kept["ok"],
                 epoch=kept["epoch"],
                 cpu_ms=kept["cpu_ms"],
+                loops_ms=kept["loops_ms"],
                 memory_mb=kept["memory_mb"],
                 corrected=StampedPoses(kept["corrected_stamp_s"], kept["corrected_T_world_camera"]),
                 loops=[Loop(*loop) for loop in loops],

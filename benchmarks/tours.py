@@ -41,7 +41,8 @@ from vo_service.terminal import Terminal
 from vo_service.warm_up import warm_up
 
 HEADS = ("frames", "cover %", "epochs", "gross", "ATE", "with loops", "loops", "wrong")
-HEAD = f"{'':30}{''.join(f'{head:>11}' for head in HEADS)}{'CPU ms':>15}{'MB':>13}"
+PAIRS = f"{'CPU ms':>15}{'of loops':>15}{'MB':>13}"
+HEAD = f"{'':30}{''.join(f'{head:>11}' for head in HEADS)}{PAIRS}"
 
 
 def main() -> int:
@@ -76,6 +77,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--twins", action="store_true", help="two corners look the same")
     parser.add_argument("--method", choices=METHODS, default="keyframe")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="error, CPU and memory over time")
+    parser.add_argument("--alone", action="store_true", help="the odometry, without any place")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
 
@@ -88,7 +90,8 @@ def run(args: argparse.Namespace) -> dict[str, Json]:
     if not args.json:
         print(HEAD)
     for seed in args.seeds:
-        name = f"{'twins' if args.twins else 'tour'}-{args.seconds:g}s-{seed}-{args.method}"
+        alone = "-alone" if args.alone else ""
+        name = f"{'twins' if args.twins else 'tour'}-{args.seconds:g}s-{seed}-{args.method}{alone}"
         config = tour_config(seed, args.seconds, args.twins)
         results[name] = kept.get(name, partial(_measure, args, config, name))
         if not args.json:
@@ -100,7 +103,7 @@ def _measure(args: argparse.Namespace, config: SyntheticConfig, name: str) -> Js
     terminal = Terminal()
     progress = terminal.counter(f"{name}: frame")
     record = run_tour(
-        make_runner(args.method), rendered_frames(config), true_poses(config), progress
+        make_runner(args.method, args.alone), rendered_frames(config), true_poses(config), progress
     )
     record.save(args.folder / f"{name}.npz")
     terminal.clear()
@@ -120,7 +123,8 @@ def as_text(name: str, result: Json) -> str:
         f"{result['wrong_loops']}",
     ]
     row = "".join(f"{cell:>11}" for cell in cells)
-    return f"{name:30}{row}{_pair(result['cpu_ms'], 2):>15}{_pair(result['memory_mb'], 0):>13}"
+    times = f"{_pair(result['cpu_ms'], 2):>15}{_pair(result['loops_ms'], 2):>15}"
+    return f"{name:30}{row}{times}{_pair(result['memory_mb'], 0):>13}"
 
 
 def _mm(value_m: float | None) -> str:

@@ -211,7 +211,14 @@ def test_seeds_that_are_finished_are_not_measured_again(
     monkeypatch.setattr(relocalisation, "FILM_S", 27.0)
     monkeypatch.setattr(relocalisation, "choose_tries", _two_tries)
     args = argparse.Namespace(
-        folder=tmp_path, tries=3, seeds=[1], unseen=False, twins=False, method="icp", json=True
+        folder=tmp_path,
+        tries=3,
+        seeds=[1],
+        unseen=False,
+        twins=False,
+        method="icp",
+        alone=True,
+        json=True,
     )
     first = relocalisation.run(args)
     assert first["together"].tries == 2

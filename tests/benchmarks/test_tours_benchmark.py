@@ -45,6 +45,9 @@ class Told:
         """The pose of that number; without one at frame LOST."""
         return Estimate(frame.seq != LOST, "", self.poses[frame.seq], np.eye(4), np.eye(6))
 
+    def learn(self) -> None:
+        """It knows all."""
+
     def corrected(self, trajectory: StampedPoses) -> StampedPoses:
         """Every other pose is off by so much upwards."""
         poses = trajectory.T_world_camera.copy()
@@ -136,15 +139,21 @@ def test_a_tour_that_is_finished_is_not_run_again(
 ) -> None:
     monkeypatch.setattr(tours, "tour_config", tiny_tour)
     args = argparse.Namespace(
-        folder=tmp_path / "new", seconds=0.2, seeds=[1, 2], twins=False, method="icp", json=False
+        folder=tmp_path / "new",
+        seconds=0.2,
+        seeds=[1, 2],
+        twins=False,
+        method="icp",
+        alone=True,
+        json=False,
     )
     first = tours.run(args)
-    assert list(first) == ["tour-0.2s-1-icp", "tour-0.2s-2-icp"]
+    assert list(first) == ["tour-0.2s-1-icp-alone", "tour-0.2s-2-icp-alone"]
     assert all(result["frames"] == 6 for result in first.values())
-    assert (args.folder / "tour-0.2s-2-icp.npz").exists()
+    assert (args.folder / "tour-0.2s-2-icp-alone.npz").exists()
     monkeypatch.setattr(tours, "rendered_frames", lambda config: 1 / 0)
     assert tours.run(args) == first
-    assert capsys.readouterr().out.count("tour-0.2s-1-icp") == 2
+    assert capsys.readouterr().out.count("tour-0.2s-1-icp-alone") == 2
 
 
 def test_results_that_were_not_written_here_are_left_alone(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from vo_service.settings import MapSettings
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 WALL_M = 2.0
-COARSE = MapSettings(max_mb=10, voxel_m=0.05, making_mb=50)
+COARSE = MapSettings(loops=False, max_mb=10, voxel_m=0.05, making_mb=50)
 
 
 def view(

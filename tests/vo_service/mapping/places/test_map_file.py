@@ -89,6 +89,17 @@ def test_a_place_is_recognised_the_same_after_a_restart(
     assert before.T_place_camera.tobytes() == after.T_place_camera.tobytes()
 
 
+def test_covariances_that_rounding_made_uneven_come_back(
+    contents: MapContents, tmp_path: Path
+) -> None:
+    uneven = np.diag([1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-6])
+    uneven[0, 3], uneven[3, 0] = 1e-22, -3e-22
+    edges = [replace(edge, covariance=uneven) for edge in contents.edges]
+    write_map(tmp_path / "uneven", replace(contents, edges=edges))
+    again = read_map(tmp_path / "uneven").edges
+    assert all(np.array_equal(edge.covariance, uneven) for edge in again)
+
+
 def test_a_graph_goes_on_after_a_restart(saved: Path) -> None:
     again = read_map(saved)
     graph = PoseGraph(again.nodes, again.edges)

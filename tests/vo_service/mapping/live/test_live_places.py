@@ -1,0 +1,145 @@
+"""Places in the running service: its process knows them again, keeps them, and has them back."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.geometry import Array, inverse
+from tests.belongings import wait_for
+from tests.vo_service.mapping.live.views import COARSE, mapper, process
+from tests.vo_service.mapping.loops.corner_walk import STEPS, told, truth, update
+from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+from tests.vo_service.recorder.moments import refusal
+from vo_service.mapping.live.live_loops import LiveLoops
+from vo_service.mapping.live.mapper import LiveMapper
+from vo_service.mapping.loops.warm_up import warm_up_loops
+from vo_service.odometry.relocalising import Located
+from vo_service.pose_tracker import T_BODY_CAMERA
+
+WITH_PLACES = replace(COARSE, loops=True)
+NAME = "corner"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def kernels() -> None:
+    """Compiled and kept, before a process that is told of as silent needs them."""
+    warm_up_loops(lambda stage: None)
+
+
+@contextmanager
+def walking(folder: Path) -> Iterator[LiveMapper]:
+    """A mapper that has been told of the way out: every second step is a place."""
+    with mapper(folder, WITH_PLACES) as opened:
+        go(opened, 0, STEPS)
+        yield opened
+
+
+def go(opened: LiveMapper, first: int, last: int, by: int = 2) -> None:
+    before = opened.loops.snapshot.places
+    for wanted, step in enumerate(range(first, last + 1, by), before + 1):
+        opened.pose(update(step))
+        wait_for(partial(_has, opened, wanted), f"for place {wanted}")
+
+
+def _has(opened: LiveMapper, places: int) -> bool:
+    return opened.loops.snapshot.places >= places
+
+
+def asked(opened: LiveMapper, T_world_camera: Array) -> Located:
+    """Where a view is found to be."""
+    loops = opened.loops
+    assert isinstance(loops, LiveLoops)
+    answers: list[Located] = []
+
+    def has_come() -> bool:
+        answers.extend(loops.answers())
+        return bool(answers)
+
+    loops.look(view_of_a_corner(T_world_camera, 99))
+    wait_for(has_come, "for an answer")
+    return answers[0]
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a map that a service has saved."""
+    folder = tmp_path_factory.mktemp("state") / "maps"
+    with walking(folder) as opened:
+        file = opened.save(NAME).saving
+        wait_for(lambda: opened.state.saved == file, f"for {file}")
+    return folder
+
+
+def test_a_view_of_a_known_place_is_located_by_the_process(tmp_path: Path) -> None:
+    with walking(tmp_path / "maps") as opened:
+        located = asked(opened, truth(2))
+        assert located.seq == 99
+        assert np.allclose(located.T_world_camera[:3, 3], told(2)[:3, 3], atol=0.01)
+        assert opened.loops.snapshot.is_located
+        assert opened.warning == ""
+
+
+def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
+    assert sorted(file.name for file in saved.iterdir()) == ["corner.places", "corner.ply"]
+    with mapper(saved, WITH_PLACES) as opened:
+        wait_for(lambda: "there are: corner" in refusal(lambda: opened.load("x")))
+        file = opened.load(NAME).loading
+        wait_for(lambda: opened.state.loaded == file, f"for {file}")
+        assert not opened.loops.snapshot.is_located
+        places = opened.loops.snapshot.places
+        assert places > STEPS // 2
+        go(opened, STEPS + 1, STEPS + 7, by=3)
+        wait_for(lambda: opened.loops.snapshot.is_located, "for a place that is known")
+        T_map_camera = opened.loops.snapshot.T_map_odom @ T_BODY_CAMERA @ told(STEPS + 7)
+        expected = T_BODY_CAMERA @ truth(STEPS + 7)
+        assert np.linalg.norm((inverse(expected) @ T_map_camera)[:3, 3]) < 0.05
+
+
+def test_a_service_can_begin_in_a_map(saved: Path) -> None:
+    with mapper(saved, replace(WITH_PLACES, load=NAME)) as opened:
+        wait_for(lambda: opened.state.loaded.endswith("corner.places"), "for the map")
+        assert opened.loops.snapshot.places > STEPS // 2
+
+
+def test_a_damaged_map_is_told_in_one_line_and_the_service_goes_on(
+    saved: Path, tmp_path: Path
+) -> None:
+    data = bytearray((saved / "corner.places").read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / "bad.places").write_bytes(data)
+    with mapper(tmp_path, replace(WITH_PLACES, load="bad")) as opened:
+        wait_for(lambda: "bad.places: a damaged map" in opened.warning, "for the warning")
+        assert "\n" not in opened.warning
+        go(opened, 0, 2)
+        assert opened.state.keyframes > 0
+
+
+def test_a_map_that_is_not_there_is_refused_with_those_that_are(saved: Path) -> None:
+    with mapper(saved, WITH_PLACES) as opened:
+        wait_for(lambda: "there are: corner" in refusal(lambda: opened.load("attic")))
+        assert "bad-request" in refusal(lambda: opened.load("../corner"))
+
+
+def test_places_of_a_process_that_is_killed_are_forgotten_and_come_anew(tmp_path: Path) -> None:
+    with walking(tmp_path / "maps") as opened:
+        first = process()
+        os.kill(first, signal.SIGKILL)
+        wait_for(lambda: opened.loops.snapshot.places == 0, "for the loss")
+        wait_for(lambda: opened.is_up and process() != first, "for another process")
+        go(opened, STEPS, STEPS)
+
+
+def test_without_places_there_are_no_loops_and_no_map_can_be_loaded(tmp_path: Path) -> None:
+    with mapper(tmp_path, COARSE) as opened:
+        assert opened.loops.snapshot.places == 0
+        (tmp_path / "some.places").write_bytes(b"")
+        wait_for(lambda: "there are: some" in refusal(lambda: opened.load("x")), "for the folder")
+        opened.load("some")
+        wait_for(lambda: "no places are remembered" in opened.warning, "for the warning")

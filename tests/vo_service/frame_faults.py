@@ -42,7 +42,7 @@ class FrameFault:
 FRAME_FAULTS = (
     FrameFault("black", FaultKind.BLACK, 8, "lost", "too plain a view"),
     FrameFault("in the dark", FaultKind.DARK, 8, "lost", "too plain a view"),
-    FrameFault("noise", FaultKind.NOISE, 8, "lost", "the brightness does not fit"),
+    FrameFault("noise", FaultKind.NOISE, 8, "lost", "the keyframe's"),
     FrameFault("frozen", FaultKind.FROZEN, 8, "tracking"),
     FrameFault("torn", FaultKind.TORN, 8, "tracking"),
     FrameFault("same stamp again", FaultKind.STAMP_REPEAT, 8, "", left_out=8),

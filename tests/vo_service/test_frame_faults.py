@@ -96,7 +96,7 @@ def test_a_subscriber_is_told_of_it_and_the_pose_is_right_again(
 ) -> None:
     span, suffering = film.poses(span_of(fault)), film.poses(frames_suffering(fault))
     assert {pose.state for pose in suffering} == ({fault.state} if fault.state else set())
-    assert all(fault.words in pose.reason for pose in suffering)
+    assert all(fault.words in pose.reason for pose in suffering), {p.reason for p in suffering}
     assert len(span_of(fault)) - len(span) == fault.left_out
     restarts = [pose.reason for pose in span if pose.reason == "clock_step"]
     assert len(restarts) == span[-1].epoch - span[0].epoch == fault.new_epoch

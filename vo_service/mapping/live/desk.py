@@ -18,9 +18,9 @@ from vo_service.mapping.live.messages import (
     MapEnded,
     MapLoaded,
     SaveMap,
-    Word,
+    Tell,
 )
-from vo_service.mapping.live.place_desk import open_place_desk
+from vo_service.mapping.live.place_opening import open_place_desk
 from vo_service.outputs.output import TrackingState
 from vo_service.recorder.frame_record import note_of
 from vo_service.recorder.incident_folder import obstacle
@@ -31,7 +31,7 @@ from vo_service.settings import MapSettings
 class Desk:
     """Keeps the keyframes, and has a map made of them, one at a time."""
 
-    def __init__(self, job: Job, tell: Callable[[Word], object], leave: Callable[[], None]) -> None:
+    def __init__(self, job: Job, tell: Tell, leave: Callable[[], None]) -> None:
         """`leave` is called in each process that makes a map, to let go of what is ours."""
         self._settings, self._tell, self._leave = job.settings, tell, leave
         self._ring, self._next = RingReader(job.frames), job.first

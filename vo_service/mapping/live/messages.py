@@ -1,5 +1,6 @@
 """What the service and the mapper's process say to each other; frames go through the ring."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,3 +100,4 @@ class MapLoaded:
 
 # A snapshot comes when the map has changed, a place where a frame was taken when that is known.
 Word = Facts | MapEnded | MapLoaded | MapSnapshot | Located | LogLine
+Tell = Callable[[Word], object]

@@ -1,13 +1,11 @@
 """What the map's process does about places: makes them, closes loops, tells where a frame was."""
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from drivers.errors import InputError
 from drivers.geometry import Array
 from vo_service.mapping.live.maps_folder import MapsFolder
-from vo_service.mapping.live.messages import Asked, Word
+from vo_service.mapping.live.messages import Asked, Tell
 from vo_service.mapping.loops.hop import Hop
 from vo_service.mapping.loops.loop_closer import Sight
 from vo_service.mapping.loops.opening import closer_in, new_closer
@@ -15,8 +13,6 @@ from vo_service.mapping.places.map_file import read_map, write_map
 from vo_service.recorder.frame_record import frame_of, note_of
 from vo_service.recorder.shared_ring import Record
 from vo_service.settings import MapSettings
-
-Tell = Callable[[Word], object]
 
 
 class PlaceDesk:
@@ -67,31 +63,3 @@ class PlaceDesk:
     def T_map_camera(self, place: int | None, T_odom_camera: Array) -> Array:
         """4x4 pose in the map, of a frame that came after this place."""
         return self._closer.T_map_camera(place, T_odom_camera)
-
-
-class NoPlaceDesk:
-    """Where no places are remembered."""
-
-    last_place = None
-
-    def take_in(self, record: Record) -> None:
-        """It is a keyframe alone."""
-
-    def answer(self) -> None:
-        """Nobody asks."""
-
-    def save(self, folder: MapsFolder, name: str, total_bytes: int) -> None:
-        """There are none."""
-
-    def load(self, file: Path) -> int:
-        """Never possible. Raises InputError."""
-        raise InputError(f"{file}: no places are remembered (map.loops)")
-
-    def T_map_camera(self, place: int | None, T_odom_camera: Array) -> Array:
-        """The map is `odom`."""
-        return T_odom_camera
-
-
-def open_place_desk(settings: MapSettings, tell: Tell) -> PlaceDesk | NoPlaceDesk:
-    """What the settings ask for."""
-    return PlaceDesk(settings, tell) if settings.loops else NoPlaceDesk()

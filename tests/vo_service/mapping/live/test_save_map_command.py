@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.live_stage import LiveStage, live_stage
+from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
 from tests.vo_service.mapping.live.views import vertices_m
 from tests.vo_service.played_service import KINECT_VO, PATIENCE_S, START_LIMIT_S
 
@@ -17,15 +17,16 @@ SMALL = '\n[map]\nvoxel_m = 0.1\nmaking_mb = 50\n[log]\nlevel = "info"\n'
 
 @pytest.fixture
 def stage(films: Path, kernels: None, tmp_path: Path) -> Iterator[LiveStage]:
-    with live_stage(tmp_path / "stage", films) as stage:
-        stage.config.write_text(stage.good_config + SMALL)
+    with live_stage(tmp_path / "stage", films, CAMERA + SMALL) as stage:
         yield stage
 
 
-def asked(stage: LiveStage, name: str) -> "subprocess.CompletedProcess[str]":
-    """What `kinect-vo command save-map` says."""
+def asked(
+    stage: LiveStage, name: str, command_name: str = "save-map"
+) -> "subprocess.CompletedProcess[str]":
+    """What `kinect-vo command` says."""
     at = f"tcp/127.0.0.1:{stage.service.port}"
-    command = [KINECT_VO, "command", "save-map", f"name={name}", "--connect", at]
+    command = [KINECT_VO, "command", command_name, f"name={name}", "--connect", at]
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 
@@ -46,6 +47,10 @@ def test_a_map_is_made_on_command_while_poses_go_on(stage: LiveStage) -> None:
     assert again.returncode == 1
     assert "there is a map 'kitchen' already; give another name (not-possible)" in again.stderr
     assert asked(stage, "../kitchen").returncode == 2
+    places = str(file.with_suffix(".places"))
+    assert json.loads(asked(stage, "kitchen", "load-map").stdout) == {"file": places}
+    service.until(lambda status: status["loaded_map"] == places)
+    service.until(lambda status: status["places"] == 1)
     assert {(pose.state, pose.epoch) for pose in service.heard.poses} == {("tracking", 0)}
     assert service.end() == 0
     stage.check()

@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.geometry import Array
 from vo_service.runs.judging import Judgement
-from vo_service.runs.metric import Metric, evaluated, of_run
+from vo_service.runs.metric import Metric, corrected, evaluated, of_loops, of_run
 from vo_service.runs.run import FrameLog
 
 SPREAD: Mapping[str, Callable[[Array], float]] = {
@@ -48,6 +48,17 @@ HONESTY = (
 CPU = _times("cpu_ms", "CPU ms", lambda frames: frames.cpu_ms)
 WALL = _times("wall_ms", "wall ms", lambda frames: frames.wall_ms)
 MEMORY = Metric("memory_mb", "memory MB", of_run(lambda run: run.memory_mb), 0)
+# Where loops were asked for, beside the others.
+LOOPS = (
+    Metric("corrected_ate_rmse_m", "corrected ATE mm", corrected("ate_rmse_m"), 2, 1e3),
+    Metric(
+        "corrected_mean_global_error_m", "corrected global mm",
+        corrected("mean_global_error_m"), 2, 1e3,
+    ),
+    Metric("places", "places", of_loops(lambda loops: loops.places), 0),
+    Metric("loops", "loops", of_loops(lambda loops: loops.loops), 0),
+)  # fmt: skip
+LOOPS_CPU = Metric("loops_ms_per_frame", "loops ms", of_loops(lambda loops: loops.cpu_ms), 2)
 
 METRICS = (*ERRORS, *HONESTY, *CPU, *WALL, MEMORY)
 # Those that say how good a method is by their size: these are divided by another method's.

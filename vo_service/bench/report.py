@@ -15,6 +15,7 @@ from vo_service.bench.tables import Ranking, bench_table
 from vo_service.config import OdometrySettings
 from vo_service.runs.effective_config import effective_config
 from vo_service.runs.keeping import write_file
+from vo_service.runs.listening import NOBODY, ListenerRecipe
 from vo_service.runs.versions import versions
 
 DATA, TABLE, CONFIG = "report.json", "bench.csv", "config.toml"
@@ -30,6 +31,7 @@ class SetUp:
     every        of so many frames one is used; one pass over the recordings each
     frames       only the first so many of each recording; None: all
     camera_file  given for all folders; None: each folder's own
+    listener     who heard what the methods said
     """
 
     methods: Sequence[str]
@@ -40,6 +42,7 @@ class SetUp:
     odometry: OdometrySettings
     camera_file: Path | None
     time_limit_s: float
+    listener: ListenerRecipe = NOBODY
     created: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     def as_json(self) -> dict[str, Any]:
@@ -56,6 +59,7 @@ class SetUp:
             "odometry": asdict(self.odometry),
             "camera_file": None if self.camera_file is None else str(self.camera_file),
             "time_limit_s": self.time_limit_s,
+            **self.listener.settings,
             "versions": {**versions(), **dict(sorted(peers.items()))},
             "processors": os.cpu_count(),
         }
@@ -89,7 +93,7 @@ def write_report(folder: Path, set_up: SetUp, rankings: Sequence[Ranking]) -> No
         f"--every {' '.join(map(str, set_up.every))}"
         + ("" if set_up.frames is None else f" --frames {set_up.frames}"),
     )
-    config = effective_config(set_up.odometry, set_up.camera_file, *notes)
+    config = effective_config(set_up.odometry, set_up.camera_file, set_up.listener.tables, *notes)
     write_file(folder / CONFIG, config.encode())
     write_file(folder / TABLE, bench_table(rankings).as_csv().encode())
     text = json.dumps(content_of(set_up, rankings), indent=2)

@@ -8,6 +8,8 @@ from vo_service.bench.metrics import (
     CPU,
     ERRORS,
     HONESTY,
+    LOOPS,
+    LOOPS_CPU,
     MEMORY,
     METRICS,
     WALL,
@@ -46,11 +48,14 @@ class Ranking:
 
     def error_table(self) -> Table:
         """How far off, how often lost."""
-        return self._table(f"{self.title}; in () times that of {self.against}", (*ERRORS, *HONESTY))
+        title = f"{self.title}; in () times that of {self.against}"
+        loops = LOOPS if self.result.has_loops else ()
+        return self._table(title, (*ERRORS, *HONESTY, *loops))
 
     def cost_table(self) -> Table:
         """Time a frame, and memory."""
-        return self._table("", (*CPU, *WALL, MEMORY))
+        loops = (LOOPS_CPU,) if self.result.has_loops else ()
+        return self._table("", (*CPU, *WALL, MEMORY, *loops))
 
     def _table(self, title: str, metrics: Sequence[Metric]) -> Table:
         rows = [
@@ -71,16 +76,18 @@ def bench_table(rankings: Sequence[Ranking]) -> Table:
     about = ["sequence", "every", "frames", "method", "state", "trouble"]
     figures = [metric.key for metric in METRICS]
     times = [f"{metric.key}_ratio" for metric in COMPARED]
+    loops = (*LOOPS, LOOPS_CPU) if any(each.result.has_loops for each in rankings) else ()
     rows = [
         [
             *_about(ranking.result, method, judged),
             *(number(metric.value(judged), metric.digits) for metric in METRICS),
             *(number(ratio(metric, judged, ranking.other), 3) for metric in COMPARED),
+            *(number(metric.value(judged), metric.digits) for metric in loops),
         ]
         for ranking in rankings
         for method, judged in ranking.result.judged.items()
     ]
-    keys = [*about, *figures, *times]
+    keys = [*about, *figures, *times, *(metric.key for metric in loops)]
     return Table("bench", "Every figure", keys, keys, rows)
 
 

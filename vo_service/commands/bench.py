@@ -18,6 +18,7 @@ from vo_service.folders import make_output_folder
 from vo_service.interrupts import Stop, stop_on_signals
 from vo_service.runs.campaign import Plan, run_all
 from vo_service.runs.excerpt import Excerpt
+from vo_service.runs.listening import NOBODY, LoopsRecipe
 from vo_service.runs.results import collect
 from vo_service.runs.run import RunState
 from vo_service.runs.sequence import open_recordings
@@ -37,6 +38,10 @@ Each method runs over each folder (TUM format, as for replay) in a process of it
 processor, one after another; reading images is not counted. What each column means is in
 docs/bench.md. Methods of packages that are not installed are left out, with a note that says how
 to install them.
+
+With --loops, each trajectory is also corrected by the places that are seen again in it: columns say
+how good it is then. The methods themselves are told nothing of places, also after a loss (where
+replay --loops finds back): all their own figures but the memory stay as they are.
 
 With --output, the folder gets report.json, bench.csv, the effective config.toml, and in runs/ what
 each run did: given again, the same command goes on where it was stopped.
@@ -84,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
         odometry=config.odometry,
         camera_file=args.camera or config.camera.file,
         time_limit_s=args.time_limit,
+        listener=LoopsRecipe(config.map) if args.loops else NOBODY,
     )
     recordings = [
         whole.only(Excerpt(every, args.frames))
@@ -91,7 +97,8 @@ def run(args: argparse.Namespace) -> int:
         for every in set_up.every
     ]
     with _folder(args.output) as folder, stop_on_signals() as stop:
-        plan = Plan(recordings, recipes, folder / "runs", args.time_limit, args.again)
+        runs = folder / "runs"
+        plan = Plan(recordings, recipes, runs, args.time_limit, args.again, set_up.listener)
         rankings = []
         for ranking in _rankings(plan, set_up.against, stop):
             rankings.append(ranking)

@@ -10,12 +10,13 @@ from drivers.errors import InputError
 from vo_service.commands.options import add_runs_options, config_of
 from vo_service.comparison.files import Report, write_report
 from vo_service.comparison.set_up import SetUp
-from vo_service.comparison.tables import error_table, time_table
+from vo_service.comparison.tables import error_table, loops_table, time_table
 from vo_service.config import Config
 from vo_service.folders import make_output_folder
 from vo_service.interrupts import stop_on_signals
 from vo_service.methods import METHODS
 from vo_service.runs.campaign import Plan, run_all
+from vo_service.runs.listening import NOBODY, LoopsRecipe
 from vo_service.runs.method_recipe import MethodRecipe, TrueScaleSfmRecipe
 from vo_service.runs.recipe import Recipe, SfmScale
 from vo_service.runs.results import SequenceResults, collect
@@ -35,6 +36,10 @@ another. OUTPUT gets report.html, report.json, the tables as CSV, the figures as
 effective config.toml, and in runs/ what each run did. Runs that came to their end are kept: given
 again, the same command goes on where it was stopped. They are made anew when the program, the
 settings, the computer or the recording changes, or with --again.
+
+With --loops, a table says how good each trajectory is once it is corrected by the places that are
+seen again in it. The methods themselves are told nothing of places, also after a loss (where
+replay --loops finds back): all their own figures but the memory stay as they are.
 
 Without FOLDER/groundtruth.txt coverage, times and trajectories are reported, but no errors.
 
@@ -65,11 +70,14 @@ def run(args: argparse.Namespace) -> int:
     config = config_of(args)
     methods = list(dict.fromkeys(args.methods))
     camera_file = args.camera or config.camera.file
-    set_up = SetUp(methods, config, SfmScale(args.sfm_scale), camera_file, args.time_limit)
+    scale = SfmScale(args.sfm_scale)
+    listener = LoopsRecipe(config.map) if args.loops else NOBODY
+    set_up = SetUp(methods, config, scale, camera_file, args.time_limit, listener)
     recordings = open_recordings(args.folders, camera_file)
-    recipes = recipes_of(config, methods, set_up.sfm_scale)
+    recipes = recipes_of(config, methods, scale)
     _check_truth(recordings, recipes)
-    plan = Plan(recordings, recipes, args.output / "runs", args.time_limit, args.again)
+    runs = args.output / "runs"
+    plan = Plan(recordings, recipes, runs, args.time_limit, args.again, listener)
     make_output_folder(args.output)
     terminal = Terminal()
     with stop_on_signals() as stop:
@@ -105,4 +113,6 @@ def _print(report: Report, results: Sequence[SequenceResults], as_json: bool) ->
         return
     print(error_table(results).as_text())
     print(f"\n{time_table(results).as_text()}")
+    if results[0].has_loops:
+        print(f"\n{loops_table(results).as_text()}")
     print(f"\nreport: {report.page}")

@@ -74,6 +74,11 @@ def add_runs_options(parser: argparse.ArgumentParser) -> None:
         "--time-limit", metavar="SECONDS", type=seconds, default=3600.0,
         help="a run that takes longer is ended, and a row says so (default: %(default)g)",
     )  # fmt: skip
+    parser.add_argument(
+        "--loops", action="store_true",
+        help="also correct each trajectory by the places that are seen again in it; what the "
+        "methods say, and their times, stay as they are",
+    )  # fmt: skip
     parser.add_argument("--again", action="store_true", help="run also what is kept")
     parser.add_argument("--json", action="store_true", help="print report.json, nothing else")
 

@@ -18,6 +18,12 @@ TIME = (
     "computer. Reading and decoding the images is not counted. The runs were made one after "
     "another, each on one thread; other programs at work make wall longer, and CPU hardly."
 )
+LOOPS = (
+    "A place that is seen again says how far the camera has drifted since. The columns “corrected” "
+    "are of each method's trajectory as all the places that were seen again have corrected it in "
+    "the end; “loops” counts how often one was. The milliseconds are the processor time that this "
+    "took, beside that of the method. What the method says, and its time, are as without."
+)
 PAPER = (
     "The columns “paper” hold what the paper reports of the same sequence (Fontes and Maia, "
     "“Visual odometry for moving RGB-D cameras”; Matlab on a Core i3 of 1.7 GHz: its times are "

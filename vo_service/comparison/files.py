@@ -12,10 +12,17 @@ from vo_service.comparison.page import Drawing, page
 from vo_service.comparison.paper import paper_figures
 from vo_service.comparison.path_figure import path_figures
 from vo_service.comparison.set_up import SetUp
-from vo_service.comparison.tables import error_table, gap_table, metrics_table, time_table
+from vo_service.comparison.tables import (
+    error_table,
+    gap_table,
+    loops_table,
+    metrics_table,
+    time_table,
+)
 from vo_service.folders import make_output_folder
 from vo_service.runs.keeping import write_file
 from vo_service.runs.results import SequenceResults
+from vo_service.runs.table import Table
 from vo_service.terminal import Terminal
 
 PAGE, DATA, CONFIG = "report.html", "report.json", "config.toml"
@@ -34,12 +41,7 @@ def write_report(
 ) -> Report:
     """Write everything, the page last. Raises InputError or UserFacingError as `write_file`."""
     drawings = {result.recording.name: _draw(folder, result, terminal) for result in results}
-    for table in (
-        error_table(results),
-        time_table(results),
-        metrics_table(results),
-        gap_table(results),
-    ):
+    for table in _tables(results):
         write_file(folder / f"{table.name}.csv", table.as_csv().encode())
     content = {
         "schema": 1,
@@ -50,6 +52,15 @@ def write_report(
     write_file(folder / CONFIG, set_up.config_text.encode())
     write_file(folder / PAGE, page(results, drawings, set_up).encode())
     return Report(folder / PAGE, content)
+
+
+def _tables(results: Sequence[SequenceResults]) -> Iterator[Table]:
+    yield error_table(results)
+    yield time_table(results)
+    yield metrics_table(results)
+    yield gap_table(results)
+    if results[0].has_loops:
+        yield loops_table(results)
 
 
 def _draw(folder: Path, result: SequenceResults, terminal: Terminal) -> list[Drawing]:

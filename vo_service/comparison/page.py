@@ -18,7 +18,13 @@ from vo_service.comparison.page_parts import (
 from vo_service.comparison.page_style import STYLE
 from vo_service.comparison.paper import about, paper_figures
 from vo_service.comparison.set_up import SetUp
-from vo_service.comparison.tables import error_table, gap_table, metrics_table, time_table
+from vo_service.comparison.tables import (
+    error_table,
+    gap_table,
+    loops_table,
+    metrics_table,
+    time_table,
+)
 from vo_service.runs.results import SequenceResults
 from vo_service.runs.versions import versions
 
@@ -75,6 +81,9 @@ def _overview(results: Sequence[SequenceResults], set_up: SetUp) -> Iterator[str
         yield paragraph(explanations.SFM_SCALE[set_up.sfm_scale], "note")
     yield html_table(time_table(results))
     yield paragraph(explanations.TIME, "note")
+    if results[0].has_loops:
+        yield html_table(loops_table(results), hidden=("state", "trouble"))
+        yield paragraph(explanations.LOOPS, "note")
     if any(paper_figures(result.recording.folder) for result in results):
         yield paragraph(explanations.PAPER, "note")
     yield "<h3>What the figures of each recording mean</h3>"

@@ -9,6 +9,7 @@ from typing import Any
 
 from vo_service.config import Config
 from vo_service.runs.effective_config import effective_config
+from vo_service.runs.listening import NOBODY, ListenerRecipe
 from vo_service.runs.recipe import SfmScale
 from vo_service.runs.versions import versions
 
@@ -18,6 +19,7 @@ class SetUp:
     """The choices of a comparison.
 
     camera_file  given for all folders; None: each folder's own
+    listener     who heard what the methods said
     """
 
     methods: Sequence[str]
@@ -25,6 +27,7 @@ class SetUp:
     sfm_scale: SfmScale
     camera_file: Path | None
     time_limit_s: float
+    listener: ListenerRecipe = NOBODY
     created: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     @property
@@ -33,6 +36,7 @@ class SetUp:
         return effective_config(
             self.config.odometry,
             self.camera_file,
+            self.listener.tables,
             f"Methods: {', '.join(self.methods)}; `method` below counts where one is to be run.",
             f"First scale of sfm: --sfm-scale {self.sfm_scale}",
         )
@@ -46,6 +50,7 @@ class SetUp:
             "sfm_scale": self.sfm_scale,
             "camera_file": None if self.camera_file is None else str(self.camera_file),
             "time_limit_s": self.time_limit_s,
+            **self.listener.settings,
             "versions": versions(),
             "processors": os.cpu_count(),
         }

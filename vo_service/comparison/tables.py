@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from vo_service.comparison.paper import PaperFigures, about, paper_figures
 from vo_service.runs.judging import Judgement
-from vo_service.runs.metric import Metric, evaluated, of_run
+from vo_service.runs.metric import Metric, corrected, evaluated, of_loops, of_run
 from vo_service.runs.results import SequenceResults
 from vo_service.runs.table import Cell, Table, number, words
 
@@ -30,6 +30,18 @@ METRICS = (
     CPU,
     WALL,
     Metric("memory_mb", "memory MB", of_run(lambda run: run.memory_mb), 0),
+)  # fmt: skip
+LOOPS = (
+    Metric("ate_rmse_m", "ATE m", evaluated("ate_rmse_m"), 3),
+    Metric("corrected_ate_rmse_m", "corrected ATE m", corrected("ate_rmse_m"), 3),
+    ERROR,
+    Metric(
+        "corrected_mean_global_error_m", "corrected global error m",
+        corrected("mean_global_error_m"), 3,
+    ),
+    Metric("places", "places", of_loops(lambda loops: loops.places), 0),
+    Metric("loops", "loops", of_loops(lambda loops: loops.loops), 0),
+    Metric("loops_ms_per_frame", "loops ms a frame", of_loops(lambda loops: loops.cpu_ms), 2),
 )  # fmt: skip
 # Of the frames: where fewer have a pose, the share stands beside the figure.
 WHOLE = 0.99
@@ -56,20 +68,31 @@ def time_table(results: Sequence[SequenceResults]) -> Table:
 
 def metrics_table(results: Sequence[SequenceResults]) -> Table:
     """Every figure, one row a run."""
-    head = ["sequence", "method", *(HEADINGS.get(m.key, m.heading) for m in METRICS), "state"]
-    keys = ["sequence", "method", *(metric.key for metric in METRICS), "state", "trouble"]
+    return _by_run("metrics", "All figures", results, METRICS)
+
+
+def loops_table(results: Sequence[SequenceResults]) -> Table:
+    """What loops have gained, one row a run."""
+    return _by_run("loops", "With loops", results, LOOPS)
+
+
+def _by_run(
+    name: str, title: str, results: Sequence[SequenceResults], metrics: Sequence[Metric]
+) -> Table:
+    head = ["sequence", "method", *(HEADINGS.get(m.key, m.heading) for m in metrics), "state"]
+    keys = ["sequence", "method", *(metric.key for metric in metrics), "state", "trouble"]
     rows = [
         [
             words(result.recording.name),
             words(method, about(method).name),
-            *(_cell(judged, metric) for metric in METRICS),
+            *(_cell(judged, metric) for metric in metrics),
             words(judged.outcome.state),
             words(judged.outcome.trouble),
         ]
         for result in results
         for method, judged in result.judged.items()
     ]
-    return Table("metrics", "All figures", keys, [*head, "trouble"], rows)
+    return Table(name, title, keys, [*head, "trouble"], rows)
 
 
 def gap_table(results: Sequence[SequenceResults]) -> Table:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from vo_service.runs.keeping import RunFolder
 from vo_service.runs.key import run_key
+from vo_service.runs.listening import NOBODY, ListenerRecipe
 from vo_service.runs.messages import Job, Preparing, Progress
 from vo_service.runs.recipe import Recipe
 from vo_service.runs.run import Outcome, RunState
@@ -27,6 +28,7 @@ class Plan:
     folder   where runs are kept, one folder a recording and in it one a method
     limit_s  for each run
     again    also what is kept
+    listener who hears what the methods say, in each run
     """
 
     recordings: Sequence[Recording]
@@ -34,15 +36,20 @@ class Plan:
     folder: Path
     limit_s: float
     again: bool = False
+    listener: ListenerRecipe = NOBODY
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One run, as it came out."""
+    """One run, as it came out.
+
+    has_loops  they were asked for
+    """
 
     recording: Recording
     method: str
     outcome: Outcome
+    has_loops: bool = False
 
 
 def run_all(plan: Plan, terminal: Terminal, stop: threading.Event) -> Iterator[Entry]:
@@ -58,7 +65,8 @@ def run_all(plan: Plan, terminal: Terminal, stop: threading.Event) -> Iterator[E
             number += 1
             label = f"{recording.name}, {method} (run {number} of {total})"
             run = _Run(plan, recording, method, recipe)
-            yield Entry(recording, method, run.outcome(label, terminal, stop))
+            outcome = run.outcome(label, terminal, stop)
+            yield Entry(recording, method, outcome, bool(plan.listener.settings))
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,7 @@ class _Run:
 
     def outcome(self, label: str, terminal: Terminal, stop: threading.Event) -> Outcome:
         folder = RunFolder(self.plan.folder / self.recording.name / self.method)
-        key = run_key(self.recording, self.recipe, versions())
+        key = run_key(self.recording, self.recipe, versions(), self.plan.listener)
         kept = folder.load(key)
         if kept is not None and kept.state is RunState.DONE and not self.plan.again:
             terminal.say(f"{label}: kept from before")
@@ -93,8 +101,14 @@ class _Run:
 
     def _job(self) -> Job:
         level = logging.getLogger().getEffectiveLevel()
-        recording = self.recording
-        return Job(recording.folder, recording.camera_file, self.recipe, level, recording.excerpt)
+        return Job(
+            self.recording.folder,
+            self.recording.camera_file,
+            self.recipe,
+            level,
+            self.recording.excerpt,
+            listener=self.plan.listener,
+        )
 
     def _about(self) -> dict[str, object]:
         return {
@@ -103,7 +117,7 @@ class _Run:
             "every": self.recording.excerpt.every,
             "first": self.recording.excerpt.first,
             "method": self.method,
-            "settings": dict(self.recipe.settings),
+            "settings": {**self.recipe.settings, **self.plan.listener.settings},
             "versions": versions(),
         }
 

@@ -11,7 +11,7 @@ from drivers.camera import RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.trajectory import StampedPoses
 from vo_service.odometry.estimate import Estimate
-from vo_service.runs.run import FrameLog, Run
+from vo_service.runs.run import FrameLog, LoopsRun, Run
 
 
 class Diary:
@@ -42,7 +42,7 @@ class Diary:
         for stage, spent_ms in stages_ms.items():
             self._stages_ms[stage].append(spent_ms)
 
-    def run(self, skipped: int) -> Run:
+    def run(self, skipped: int, with_loops: LoopsRun | None = None) -> Run:
         """All of it. Raises UserFacingError if a pose is no pose."""
         poses = np.array(self._poses, np.float64).reshape(-1, 4, 4)
         if not np.isfinite(poses).all():
@@ -53,6 +53,7 @@ class Diary:
             skipped=skipped,
             stage_ms={stage: median(spent) for stage, spent in self._stages_ms.items()},
             memory_mb=peak_memory_mb(),
+            with_loops=with_loops,
         )
 
 

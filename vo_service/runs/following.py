@@ -16,7 +16,7 @@ from drivers.tum.decode import UnreadableFrameError
 from drivers.tum.folder import TumFolder, open_folder
 from drivers.tum.frame_reader import FrameReader
 from drivers.tum.lists import FramePair
-from vo_service.odometry.estimate import Odometry
+from vo_service.odometry.estimate import Estimate, Odometry
 from vo_service.runs.diary import Diary
 from vo_service.runs.messages import Job, Preparing, Progress
 from vo_service.runs.recipe import Recipe
@@ -44,17 +44,19 @@ def follow(job: Job, tell: Callable[[Preparing | Progress], None]) -> Run:
     folder = open_folder(job.folder, job.camera_file)
     pairs = job.excerpt.of(folder.frames.pairs)
     warm_up(job.recipe, folder, pairs, lambda stage: tell(Preparing(stage)))
+    job.listener.prepare(lambda stage: tell(Preparing(stage)))
     if job.may_end_compiled and _kernels_kept() > kernels:
         raise CompiledFirst
     stages, diary = StageClock(), Diary()
     odometry = job.recipe.make(stages, folder.ground_truth)
+    listener = job.listener.make()
     told_s = 0.0
     for frame in _frames(folder, pairs):
-        _add(diary, odometry, frame, stages)
+        listener.hear(frame, _add(diary, odometry, frame, stages))
         if time.monotonic() - told_s > PROGRESS_S:
             told_s = time.monotonic()
             tell(Progress(frame.seq + 1, len(pairs)))
-    return diary.run(skipped=len(pairs) - len(diary))
+    return diary.run(skipped=len(pairs) - len(diary), with_loops=listener.result)
 
 
 def warm_up(
@@ -78,13 +80,14 @@ def _kernels_kept() -> int:
     return sum(1 for _ in Path(folder).rglob("*.nbc")) if folder else 0
 
 
-def _add(diary: Diary, odometry: Odometry, frame: RgbdFrame, stages: StageClock) -> None:
+def _add(diary: Diary, odometry: Odometry, frame: RgbdFrame, stages: StageClock) -> Estimate:
     """Let the method see a frame, and take down what it says and takes."""
     begin_s, begin_cpu_s = time.monotonic(), time.process_time()
     estimate = odometry.estimate(frame)
     cpu_s, wall_s = time.process_time() - begin_cpu_s, time.monotonic() - begin_s
     diary.add(frame, estimate, cpu_s, wall_s)
     diary.add_stages(stages.take())
+    return estimate
 
 
 def _frames(folder: TumFolder, pairs: Sequence[FramePair]) -> Iterator[RgbdFrame]:

@@ -15,8 +15,12 @@ from vo_service.runs.campaign import Entry
 from vo_service.runs.keeping import run_as_json
 from vo_service.runs.run import Outcome, Run, RunState
 from vo_service.runs.sequence import Recording
+from vo_service.summary import WithLoops, evaluated
 
 EVALUATED = tuple(Evaluation.__dataclass_fields__)
+# Keys that are there where loops were asked for.
+LOOPS_MS = "loops_ms_per_frame"
+LOOPS = (*WithLoops(0, 0, None).as_json(), LOOPS_MS)
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,7 @@ class Judgement:
     rpe_frame_without_gaps_m  RPE of one frame without the steps across the pauses
     steps          from a pose to the next one in the same epoch, where both have ground truth
     gross_errors   of these, how many are off by more than 5 cm or 3 degrees
+    corrected      of the trajectory as loops have corrected it, where they were asked for
     """
 
     entry: Entry
@@ -43,6 +48,7 @@ class Judgement:
     rpe_frame_without_gaps_m: float | None = None
     steps: int | None = None
     gross_errors: int | None = None
+    corrected: Evaluation | None = None
 
     @property
     def outcome(self) -> Outcome:
@@ -80,7 +86,17 @@ class Judgement:
                 for crossing, jump in zip(self.crossings, self.jumps, strict=True)
             ],
             "why_lost": dict(self.why_lost),
+            **self._loops_as_json(),
         }
+
+    def _loops_as_json(self) -> dict[str, Any]:
+        if not self.entry.has_loops:
+            return {}
+        run = self.outcome.run.with_loops
+        if run is None:
+            return dict.fromkeys(LOOPS)
+        with_loops = WithLoops(run.places, run.loops, self.corrected)
+        return {**with_loops.as_json(), LOOPS_MS: run.cpu_ms}
 
 
 def judge(entry: Entry) -> Judgement:
@@ -124,8 +140,15 @@ def _evaluated(judgement: Judgement, run: Run, recording: Recording) -> Judgemen
         jumps=tuple(error_across(matched, gap) for gap in recording.gaps),
         steps=len(steps),
         gross_errors=gross_errors(matched, steps),
+        corrected=_corrected(run, recording),
         rpe_frame_without_gaps_m=rms(steps_m[~within_gaps(matched, pairs, recording.gaps)]),
     )
+
+
+def _corrected(run: Run, recording: Recording) -> Evaluation | None:
+    if run.with_loops is None:
+        return None
+    return evaluated(run.with_loops.trajectory, recording.truth, recording.frames_s)
 
 
 def _jump_as_json(jump: RelativeErrors | None) -> dict[str, float | None]:

@@ -14,10 +14,11 @@ from drivers.full_disk import is_full
 from drivers.trajectory import StampedPoses, pose_line, read_trajectory
 from drivers.tum.whole_files import write_whole
 from vo_service.folders import make_output_folder
-from vo_service.runs.run import NO_RUN, FrameLog, Outcome, Run, RunState
+from vo_service.runs.run import NO_RUN, FrameLog, LoopsRun, Outcome, Run, RunState
 
 SCHEMA = 1
 RESULT, TRAJECTORY, FRAMES, DETAILS = "result.json", "trajectory.txt", "frames.csv", "error.txt"
+CORRECTED = "trajectory_corrected.txt"
 COLUMNS = ("stamp_s", "has_pose", "epoch", "inliers", "cpu_ms", "wall_ms", "reason")
 
 
@@ -44,11 +45,12 @@ class RunFolder:
         """Keep it; `about` goes into result.json as well. Raises as `write_file`."""
         run = outcome.run
         make_output_folder(self.path)
-        for name in (RESULT, TRAJECTORY, FRAMES, DETAILS):
+        for name in (RESULT, TRAJECTORY, CORRECTED, FRAMES, DETAILS):
             (self.path / name).unlink(missing_ok=True)
         if outcome.state is RunState.DONE:
-            lines = map(pose_line, run.trajectory.stamps_s, run.trajectory.T_world_camera)
-            write_file(self.path / TRAJECTORY, "".join(lines).encode())
+            write_file(self.path / TRAJECTORY, _trajectory_text(run.trajectory))
+            if run.with_loops is not None:
+                write_file(self.path / CORRECTED, _trajectory_text(run.with_loops.trajectory))
             write_file(self.path / FRAMES, _frames_text(run.frames).encode())
         elif outcome.details:
             write_file(self.path / DETAILS, outcome.details.encode())
@@ -59,6 +61,7 @@ class RunFolder:
             "state": outcome.state,
             "trouble": outcome.trouble,
             **run_as_json(run),
+            **loops_as_json(run.with_loops),
         }
         write_file(self.path / RESULT, (json.dumps(result, indent=2) + "\n").encode())
 
@@ -73,7 +76,16 @@ class RunFolder:
             skipped=int(result["skipped"]),
             stage_ms={str(stage): float(ms) for stage, ms in result["stage_ms"].items()},
             memory_mb=float(result["memory_mb"]),
+            with_loops=self._with_loops(result) if "loops" in result else None,
         )
+
+    def _with_loops(self, result: Mapping[str, Any]) -> LoopsRun:
+        count = int(result["corrected_poses"])
+        corrected = read_trajectory(self.path / CORRECTED) if count else NO_RUN.trajectory
+        if len(corrected) != count:
+            raise ValueError("the files are not of one run")
+        cpu_ms = float(result["loops_ms_per_frame"])
+        return LoopsRun(corrected, int(result["places"]), int(result["loops"]), cpu_ms)
 
     def _details(self) -> str:
         file = self.path / DETAILS
@@ -95,6 +107,18 @@ def run_as_json(run: Run) -> dict[str, object]:
     }
 
 
+def loops_as_json(with_loops: LoopsRun | None) -> dict[str, object]:
+    """The figures of loops that need no ground truth; none where there are no loops."""
+    if with_loops is None:
+        return {}
+    return {
+        "places": with_loops.places,
+        "loops": with_loops.loops,
+        "loops_ms_per_frame": round(with_loops.cpu_ms, 3),
+        "corrected_poses": len(with_loops.trajectory),
+    }
+
+
 def write_file(path: Path, data: bytes) -> None:
     """Write a whole file or none. Raises UserFacingError for a full disk, InputError otherwise."""
     try:
@@ -104,6 +128,10 @@ def write_file(path: Path, data: bytes) -> None:
             f"{path}: cannot be written: {error.strerror}; make room, or name another folder with "
             "--output"
         ) from error
+
+
+def _trajectory_text(poses: StampedPoses) -> bytes:
+    return "".join(map(pose_line, poses.stamps_s, poses.T_world_camera)).encode()
 
 
 def _frames_text(frames: FrameLog) -> str:

@@ -5,11 +5,17 @@ import json
 from collections.abc import Iterator, Mapping
 
 from drivers.errors import InputError
+from vo_service.runs.listening import NOBODY, ListenerRecipe
 from vo_service.runs.recipe import Recipe
 from vo_service.runs.sequence import Recording
 
 
-def run_key(recording: Recording, recipe: Recipe, versions: Mapping[str, str]) -> str:
+def run_key(
+    recording: Recording,
+    recipe: Recipe,
+    versions: Mapping[str, str],
+    listener: ListenerRecipe = NOBODY,
+) -> str:
     """Digest of the versions, the settings, the camera and the recording's files.
 
     Images count by name, size and time of their last change; the ground truth where it is used.
@@ -17,7 +23,7 @@ def run_key(recording: Recording, recipe: Recipe, versions: Mapping[str, str]) -
     """
     content = {
         "versions": dict(versions),
-        "settings": dict(recipe.settings),
+        "settings": {**recipe.settings, **listener.settings},
         "camera": repr(recording.opened.camera_file),
         "frames": list(_frames(recording)),
         "truth": _truth(recording) if recipe.uses_truth else None,

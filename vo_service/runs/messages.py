@@ -5,6 +5,7 @@ from pathlib import Path
 
 from drivers.isolation.messages import LogLine
 from vo_service.runs.excerpt import WHOLE, Excerpt
+from vo_service.runs.listening import NOBODY, ListenerRecipe
 from vo_service.runs.recipe import Recipe
 from vo_service.runs.run import Outcome
 
@@ -13,6 +14,7 @@ from vo_service.runs.run import Outcome
 class Job:
     """To the process, once: follow this folder. `camera_file` as for `open_folder`.
 
+    listener          who hears what the method says
     may_end_compiled  where kernels had to be compiled first, the last word is `Compiled`
     """
 
@@ -22,6 +24,7 @@ class Job:
     log_level: int
     excerpt: Excerpt = WHOLE
     may_end_compiled: bool = True
+    listener: ListenerRecipe = NOBODY
 
 
 @dataclass(frozen=True)

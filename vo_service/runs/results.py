@@ -19,6 +19,11 @@ class SequenceResults:
     recording: Recording
     judged: Mapping[str, Judgement]
 
+    @property
+    def has_loops(self) -> bool:
+        """Whether they were asked for."""
+        return any(judged.entry.has_loops for judged in self.judged.values())
+
     def as_json(self) -> dict[str, Any]:
         """What the recording is, and the figures of each method."""
         recording = self.recording

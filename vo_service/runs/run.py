@@ -61,6 +61,21 @@ class FrameLog:
 
 
 @dataclass(frozen=True)
+class LoopsRun:
+    """What known places made of a run.
+
+    trajectory     corrected by what was known in the end, of the frames that lie by a place
+    places, loops  how many there are in the end
+    cpu_ms         mean processor time of a frame, beside that of the method
+    """
+
+    trajectory: StampedPoses
+    places: int
+    loops: int
+    cpu_ms: float
+
+
+@dataclass(frozen=True)
 class Run:
     """A run to its end.
 
@@ -69,6 +84,7 @@ class Run:
     skipped     frames that could not be read
     stage_ms    median CPU milliseconds by stage
     memory_mb   the most memory that its process took
+    with_loops  None where they were not asked for
     """
 
     frames: FrameLog
@@ -76,6 +92,7 @@ class Run:
     skipped: int = 0
     stage_ms: Mapping[str, float] = field(default_factory=dict)
     memory_mb: float = 0.0
+    with_loops: LoopsRun | None = None
 
     @property
     def cpu_s(self) -> float:

@@ -27,17 +27,20 @@ def versions() -> dict[str, str]:
     return {
         **{name: version(name) for name in PACKAGES},
         "python": platform.python_version(),
-        "source": _source_digest(),
+        "source": digest_of(SOURCES),
         "machine": platform.machine(),
         "processor": _processor(),
     }
 
 
-def _source_digest() -> str:
+@cache
+def digest_of(sources: tuple[str, ...]) -> str:
+    """Of files and folders of the program: its code, and the arrays that are kept with it."""
     digest = hashlib.sha256()
-    for source in SOURCES:
+    for source in sources:
         path = ROOT / source
-        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+        files = [*path.rglob("*.py"), *path.rglob("*.npy")] if path.is_dir() else [path]
+        for file in sorted(files):
             digest.update(f"{file.relative_to(ROOT)}\n".encode() + file.read_bytes())
     return digest.hexdigest()[:16]
 

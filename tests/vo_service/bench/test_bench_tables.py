@@ -5,7 +5,15 @@ import io
 
 import pytest
 
-from tests.vo_service.runs.made_up import CRASH, FRAMES, STEP_M, done, recording, results
+from tests.vo_service.runs.made_up import (
+    CRASH,
+    FRAMES,
+    STEP_M,
+    done,
+    loops_run,
+    recording,
+    results,
+)
 from vo_service.bench.metrics import COMPARED, METRICS, figures, ratios
 from vo_service.bench.tables import Ranking, bench_table
 from vo_service.runs.excerpt import Excerpt
@@ -70,3 +78,21 @@ def test_for_scripts_there_is_one_table_with_every_figure_and_ratio() -> None:
     assert float(rows[1]["mean_global_error_m_ratio"]) == pytest.approx(35.0 / 19.5)
     assert rows[2]["state"] == "crashed"
     assert all(rows[2][f"{metric.key}_ratio"] == "" for metric in COMPARED)
+
+
+def test_with_loops_there_are_columns_more_and_no_other_changes() -> None:
+    drifting = done(WALK, step_m=STEP_M + 0.001, with_loops=loops_run(WALK))
+    plain = Ranking(results(WALK, surf=drifting), "surf")
+    told = Ranking(results(WALK, has_loops=True, surf=drifting), "surf")
+    (*title, _, surf), (*_, cost) = (
+        table.as_text().splitlines() for table in (told.error_table(), told.cost_table())
+    )
+    assert title == [plain.title + "; in () times that of surf"]
+    assert surf.split()[-4:] == ["0.00", "0.00", "3", "2"]
+    assert cost.split()[-1] == "1.50"
+    (row,), (before,) = (
+        csv.DictReader(io.StringIO(bench_table([each]).as_csv())) for each in (told, plain)
+    )
+    new = ["corrected_ate_rmse_m", "corrected_mean_global_error_m", "places", "loops"]
+    assert set(row) - set(before) == {*new, "loops_ms_per_frame"}
+    assert row.items() > before.items()

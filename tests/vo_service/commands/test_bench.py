@@ -75,6 +75,20 @@ def test_without_truth_the_cost_and_the_coverage_are_told(
     assert figures["memory_mb"] > 10
 
 
+def test_with_loops_each_method_has_them_beside_its_own_figures(
+    recording: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench, "recipes_of", trials(surf="go on", icp="segfault"))
+    done = call(capfd, "bench", recording, "--methods", "surf", "icp", "--loops", "--json")
+    report = json.loads(done.out)
+    methods = report["results"][0]["methods"]
+    assert report["loops"]["places_mb"] == 100
+    assert (methods["surf"]["places"], methods["surf"]["loops"]) == (1, 0)
+    assert methods["surf"]["corrected_ate_rmse_m"] == pytest.approx(methods["surf"]["ate_rmse_m"])
+    assert methods["surf"]["loops_ms_per_frame"] > 0
+    assert methods["icp"]["loops"] is None
+
+
 def test_with_an_output_it_goes_on_where_it_was(
     copy_recording: CopyRecording, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -62,6 +62,23 @@ def test_for_people_there_are_two_tables_and_a_crash_is_a_row_a_line_and_an_exit
     assert last == f"report: {tmp_path / 'out' / 'report.html'}"
 
 
+def test_with_loops_there_is_a_table_of_what_they_have_gained(
+    recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compare, "recipes_of", trials(surf="go on"))
+    options = ("--methods", "surf", "--loops", "--output", tmp_path / "out")
+    done = call(capfd, "compare", recording, *options)
+    assert (done.code, done.err) == (0, "")
+    *_, title, head, row, _, _ = done.out.splitlines()
+    assert title == "With loops"
+    assert "corrected ATE m" in head
+    _, _, _, ate, corrected_ate, *_, places, loops, _, state = row.split()
+    assert (corrected_ate, places, loops, state) == (ate, "1", "0", "done")
+    assert (tmp_path / "out" / "loops.csv").exists()
+    corrected = tmp_path / "out" / "runs" / "corner" / "surf" / "trajectory_corrected.txt"
+    assert len(corrected.read_text().splitlines()) == FRAMES
+
+
 def test_without_truth_coverage_and_times_are_reported(
     copy_recording: CopyRecording, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

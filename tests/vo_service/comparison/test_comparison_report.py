@@ -9,13 +9,15 @@ from urllib.parse import unquote
 import pytest
 
 from drivers.strict_toml import read_toml
-from tests.vo_service.runs.made_up import CRASH, done, recording, results
-from vo_service.comparison.explanations import ERROR, INTRODUCTION, METRICS, TIME
+from tests.vo_service.runs.made_up import CRASH, done, loops_run, recording, results
+from vo_service.comparison.explanations import ERROR, INTRODUCTION, LOOPS, METRICS, TIME
 from vo_service.comparison.files import write_report
 from vo_service.comparison.set_up import SetUp
 from vo_service.config import Config, OdometrySettings
+from vo_service.runs.listening import LoopsRecipe
 from vo_service.runs.recipe import SfmScale
 from vo_service.runs.run import Outcome, RunState
+from vo_service.settings import MapSettings
 from vo_service.terminal import Terminal
 
 VOID = {"meta", "img", "br", "link"}
@@ -149,3 +151,24 @@ def test_the_effective_configuration_can_be_given_again(tmp_path: Path) -> None:
     read = read_toml(file, Config)
     assert (read.odometry, read.camera.file) == (odometry, camera)
     assert "# First scale of sfm: --sfm-scale ground-truth" in set_up.config_text
+
+
+def test_with_loops_the_report_says_what_they_have_gained(tmp_path: Path) -> None:
+    walk = recording("walk")
+    found = results(walk, True, surf=done(walk, with_loops=loops_run(walk)))
+    loops = LoopsRecipe(MapSettings(places_mb=20))
+    set_up = SetUp(["surf"], Config(), SfmScale.FIRST_DEPTH, None, 3600.0, loops)
+    report = write_report(tmp_path, [found], set_up, Terminal())
+    text = " ".join(Page(report.page.read_text()).text.split())
+    assert LOOPS in text
+    assert report.content["loops"]["places_mb"] == 20
+    assert report.content["sequences"][0]["methods"]["surf"]["loops"] == 2
+    (row,) = csv.DictReader((tmp_path / "loops.csv").read_text().splitlines())
+    assert row["loops"] == "2"
+    assert read_toml(tmp_path / "config.toml", Config).map.places_mb == 20
+
+
+def test_without_loops_nothing_of_them_is_in_the_report(written: Path) -> None:
+    assert not (written / "loops.csv").exists()
+    assert "loops" not in (written / "report.html").read_text()
+    assert "loops" not in (written / "report.json").read_text()

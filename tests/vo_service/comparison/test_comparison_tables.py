@@ -6,9 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.runs.made_up import CRASH, done, recording, results
+from tests.vo_service.runs.made_up import CRASH, done, loops_run, recording, results
 from vo_service.comparison.paper import PAPER, about, paper_figures
-from vo_service.comparison.tables import error_table, gap_table, metrics_table, time_table
+from vo_service.comparison.tables import (
+    error_table,
+    gap_table,
+    loops_table,
+    metrics_table,
+    time_table,
+)
 from vo_service.runs.results import SequenceResults
 
 FLOOR = "rgbd_dataset_freiburg1_floor"
@@ -103,3 +109,14 @@ def test_the_papers_figures_are_those_of_the_paper() -> None:
 
 def test_a_method_that_is_not_known_is_called_by_its_name() -> None:
     assert about("orb").name == "ORB"
+
+
+def test_what_loops_have_gained_is_a_table_of_its_own() -> None:
+    walk = recording("walk")
+    drifting = done(walk, step_m=0.02, with_loops=loops_run(walk))
+    surf, icp = rows(loops_table([results(walk, True, surf=drifting, icp=CRASH)]).as_csv())
+    assert float(surf["mean_global_error_m"]) == pytest.approx(0.195)
+    assert float(surf["corrected_mean_global_error_m"]) == pytest.approx(0.0, abs=1e-9)
+    assert float(surf["corrected_ate_rmse_m"]) == pytest.approx(0.0, abs=1e-9)
+    assert [surf[key] for key in ("places", "loops", "loops_ms_per_frame")] == ["3", "2", "1.5"]
+    assert (icp["state"], icp["loops"]) == ("crashed", "")

@@ -14,7 +14,7 @@ from drivers.tum.lists import FramePair, ListedImage
 from vo_service.runs.campaign import Entry
 from vo_service.runs.judging import judge
 from vo_service.runs.results import SequenceResults
-from vo_service.runs.run import FrameLog, Outcome, Run, RunState
+from vo_service.runs.run import FrameLog, LoopsRun, Outcome, Run, RunState
 from vo_service.runs.sequence import Recording
 
 FRAMES = 40
@@ -39,7 +39,11 @@ def along_x(count: int, step_m: float = STEP_M) -> Array:
 
 
 def run(
-    of: Recording, step_m: float = STEP_M, lost: range = range(0), epoch_from: int = FRAMES
+    of: Recording,
+    step_m: float = STEP_M,
+    lost: range = range(0),
+    epoch_from: int = FRAMES,
+    with_loops: LoopsRun | None = None,
 ) -> Run:
     """Along x with steps of so much, 8 ms of CPU and 10 ms of time a frame."""
     stamps_s = of.frames_s
@@ -51,7 +55,12 @@ def run(
         for k in range(FRAMES)
     ]
     poses = StampedPoses(stamps_s[good], along_x(FRAMES, step_m)[good])
-    return Run(FrameLog.of(rows), poses, 0, {"surf": 5.0}, 100.0)
+    return Run(FrameLog.of(rows), poses, 0, {"surf": 5.0}, 100.0, with_loops)
+
+
+def loops_run(of: Recording, step_m: float = STEP_M) -> LoopsRun:
+    """The same way, corrected: 3 places, one of which was seen twice again."""
+    return LoopsRun(StampedPoses(of.frames_s, along_x(FRAMES, step_m)), 3, 2, 1.5)
 
 
 def done(of: Recording, **how: object) -> Outcome:
@@ -59,9 +68,11 @@ def done(of: Recording, **how: object) -> Outcome:
     return Outcome(RunState.DONE, run(of, **how))  # type: ignore[arg-type]
 
 
-def results(of: Recording, **outcomes: Outcome) -> SequenceResults:
+def results(of: Recording, has_loops: bool = False, **outcomes: Outcome) -> SequenceResults:
     """The results of one recording, by method."""
-    entries = {method: Entry(of, method, outcome) for method, outcome in outcomes.items()}
+    entries = {
+        method: Entry(of, method, outcome, has_loops) for method, outcome in outcomes.items()
+    }
     return SequenceResults(of, {method: judge(entry) for method, entry in entries.items()})
 
 

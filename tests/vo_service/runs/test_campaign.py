@@ -9,14 +9,17 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
+from tests.conftest import FRAMES
 from tests.vo_service.runs.trial_methods import Trial
 from vo_service.config import OdometrySettings
 from vo_service.runs.campaign import Entry, Plan, run_all
 from vo_service.runs.key import run_key
+from vo_service.runs.listening import NOBODY, ListenerRecipe, LoopsRecipe
 from vo_service.runs.method_recipe import MethodRecipe
 from vo_service.runs.recipe import Recipe
 from vo_service.runs.run import RunState
 from vo_service.runs.sequence import open_recordings
+from vo_service.settings import MapSettings
 from vo_service.terminal import Terminal
 
 CopyRecording = Callable[..., Path]
@@ -32,14 +35,19 @@ class Screen(io.StringIO):
 
 
 def compare(
-    folder: Path, output: Path, recipes: Mapping[str, Recipe], **options: bool
+    folder: Path,
+    output: Path,
+    recipes: Mapping[str, Recipe],
+    stopped: bool = False,
+    again: bool = False,
+    listener: ListenerRecipe = NOBODY,
 ) -> tuple[list[Entry], str]:
     """All runs, and what was to be seen."""
     screen = Screen()
     stop = threading.Event()
-    if options.pop("stopped", False):
+    if stopped:
         stop.set()
-    plan = Plan(open_recordings([folder], None), recipes, output, LIMIT_S, **options)
+    plan = Plan(open_recordings([folder], None), recipes, output, LIMIT_S, again, listener)
     return list(run_all(plan, Terminal(screen), stop)), screen.getvalue()
 
 
@@ -83,8 +91,13 @@ def test_after_a_stop_nothing_is_begun(recording: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def key(folder: Path, recipe: Recipe, versions: Mapping[str, str] = VERSIONS) -> str:
-    return run_key(open_recordings([folder], None)[0], recipe, versions)
+def key(
+    folder: Path,
+    recipe: Recipe,
+    versions: Mapping[str, str] = VERSIONS,
+    listener: ListenerRecipe = NOBODY,
+) -> str:
+    return run_key(open_recordings([folder], None)[0], recipe, versions, listener)
 
 
 def test_the_key_changes_with_whatever_changes_the_result(copy_recording: CopyRecording) -> None:
@@ -99,6 +112,29 @@ def test_the_key_changes_with_whatever_changes_the_result(copy_recording: CopyRe
     keys.append(key(folder, recipe))
     assert len(set(keys)) == 5
     assert key(folder, recipe) == keys[-1]
+
+
+def test_runs_with_loops_are_told_apart_from_those_without(recording: Path) -> None:
+    listeners = (NOBODY, LoopsRecipe(MapSettings()), LoopsRecipe(MapSettings(places_mb=20)))
+    keys = [key(recording, Trial(), listener=listener) for listener in listeners]
+    assert len(set(keys)) == 3
+    assert key(recording, Trial(), listener=LoopsRecipe(MapSettings(enabled=False))) == keys[1]
+
+
+def test_a_run_with_loops_is_kept_with_them(recording: Path, tmp_path: Path) -> None:
+    loops = LoopsRecipe(MapSettings())
+    first, _ = compare(recording, tmp_path, {"trial": Trial()}, listener=loops)
+    kept, seen = compare(recording, tmp_path, {"trial": Trial()}, listener=loops)
+    assert "kept from before" in seen
+    with_loops, before = kept[0].outcome.run.with_loops, first[0].outcome.run.with_loops
+    assert with_loops is not None
+    assert before is not None
+    assert (with_loops.places, with_loops.loops, with_loops.cpu_ms) == (1, 0, before.cpu_ms)
+    assert len(with_loops.trajectory) == FRAMES
+    without, seen = compare(recording, tmp_path, {"trial": Trial()})
+    assert "starting" in seen
+    assert without[0].outcome.run.with_loops is None
+    assert [entry.has_loops for entry in (*kept, *without)] == [True, False]
 
 
 def test_the_truth_is_in_the_key_only_where_it_is_used(copy_recording: CopyRecording) -> None:

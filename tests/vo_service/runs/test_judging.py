@@ -2,9 +2,9 @@
 
 import pytest
 
-from tests.vo_service.runs.made_up import CRASH, FRAMES, STEP_M, done, recording
+from tests.vo_service.runs.made_up import CRASH, FRAMES, STEP_M, done, loops_run, recording
 from vo_service.runs.campaign import Entry
-from vo_service.runs.judging import EVALUATED, Judgement, judge
+from vo_service.runs.judging import EVALUATED, LOOPS, Judgement, judge
 from vo_service.runs.sequence import Recording
 
 
@@ -56,3 +56,27 @@ def test_a_crash_has_a_state_and_no_figures() -> None:
     figures = judge(Entry(recording(), "icp", CRASH)).as_json()
     assert (figures["state"], figures["trouble"]) == ("crashed", CRASH.trouble)
     assert figures["frames"] is figures["cpu_s"] is figures["coverage"] is None
+
+
+def test_a_corrected_trajectory_is_judged_beside_the_methods_own() -> None:
+    walk = recording()
+    corrected = loops_run(walk, STEP_M + 0.001)
+    outcome = done(walk, step_m=STEP_M + 0.002, with_loops=corrected)
+    figures = judge(Entry(walk, "surf", outcome, has_loops=True)).as_json()
+    assert figures["mean_global_error_m"] == pytest.approx(0.039)
+    assert figures["corrected_mean_global_error_m"] == pytest.approx(0.0195)
+    assert figures["corrected_ate_rmse_m"] < figures["ate_rmse_m"]
+    assert [figures[key] for key in ("places", "loops", "loops_ms_per_frame")] == [3, 2, 1.5]
+
+
+def test_keys_of_loops_are_there_if_they_were_asked_for_and_null_without_a_result() -> None:
+    crashed = judge(Entry(recording(), "surf", CRASH, has_loops=True)).as_json()
+    assert {key: crashed[key] for key in LOOPS} == dict.fromkeys(LOOPS)
+    assert not set(LOOPS) & set(judged(recording()).as_json())
+
+
+def test_without_truth_loops_are_counted_and_not_judged() -> None:
+    bare = recording(has_truth=False)
+    entry = Entry(bare, "surf", done(bare, with_loops=loops_run(bare)), has_loops=True)
+    figures = judge(entry).as_json()
+    assert (figures["loops"], figures["corrected_ate_rmse_m"]) == (2, None)

@@ -10,12 +10,13 @@ import pytest
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import StampedPoses
 from tests.full_disk import files_up_to
-from tests.vo_service.runs.made_up import CRASH, FRAMES, done, recording
-from vo_service.runs.keeping import DETAILS, RESULT, TRAJECTORY, RunFolder
+from tests.vo_service.runs.made_up import CRASH, FRAMES, along_x, done, loops_run, recording
+from vo_service.runs.keeping import CORRECTED, DETAILS, RESULT, TRAJECTORY, RunFolder
 from vo_service.runs.keeping import FRAMES as FRAMES_FILE
 from vo_service.runs.run import FrameLog, Outcome, RunState
 
 KEY = "abc"
+WALK = recording("walk")
 
 
 @pytest.fixture
@@ -37,6 +38,42 @@ def test_a_run_comes_back_as_it_was(kept: RunFolder) -> None:
         found.run.trajectory.T_world_camera, before.run.trajectory.T_world_camera, atol=1e-6
     )
     assert (found.run.stage_ms, found.run.memory_mb) == ({"surf": 5.0}, 100.0)
+
+
+@pytest.fixture
+def looped(tmp_path: Path) -> RunFolder:
+    """A folder with a run that has a corrected trajectory beside its own."""
+    folder = RunFolder(tmp_path / "walk" / "surf")
+    folder.save(KEY, done(WALK, step_m=0.02, with_loops=loops_run(WALK)), {})
+    return folder
+
+
+def test_what_loops_made_of_a_run_comes_back_too(looped: RunFolder) -> None:
+    found = looped.load(KEY)
+    assert found is not None
+    assert found.run.with_loops is not None
+    with_loops = found.run.with_loops
+    assert (with_loops.places, with_loops.loops, with_loops.cpu_ms) == (3, 2, 1.5)
+    np.testing.assert_allclose(with_loops.trajectory.T_world_camera, along_x(FRAMES), atol=1e-6)
+
+
+def test_a_run_whose_corrected_trajectory_is_cut_or_gone_does_not_count(
+    looped: RunFolder,
+) -> None:
+    file = looped.path / CORRECTED
+    lines = file.read_text().splitlines(keepends=True)
+    file.write_text("".join(lines[:-1]))
+    assert looped.load(KEY) is None
+    file.unlink()
+    assert looped.load(KEY) is None
+
+
+def test_a_run_without_loops_leaves_none_of_those_before(looped: RunFolder) -> None:
+    looped.save(KEY, done(WALK), {})
+    found = looped.load(KEY)
+    assert found is not None
+    assert found.run.with_loops is None
+    assert not (looped.path / CORRECTED).exists()
 
 
 def test_result_json_tells_the_figures_that_need_no_truth(kept: RunFolder) -> None:

@@ -11,7 +11,8 @@ from drivers.errors import UserFacingError
 from vo_service import session
 from vo_service.config import Config
 from vo_service.interrupts import Stop, stop_on_signals
-from vo_service.session import prepare_kernels
+from vo_service.mapping.loops import warm_up as loops_warm_up
+from vo_service.session import prepare_kernels, prepare_loops
 from vo_service.terminal import Terminal
 
 
@@ -29,6 +30,22 @@ def test_compiling_ends_with_the_kernel_at_work_when_asked_to_stop(
     with stop_on_signals() as stop, pytest.raises(KeyboardInterrupt):
         prepare_kernels(Config(), Terminal(), stop)
     assert double.signatures == []
+
+
+def test_preparing_loops_ends_when_asked_to_stop_as_that_of_the_method_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[str] = []
+
+    def interrupted(tell: Callable[[str], None]) -> float:
+        told.append("begun")
+        signal.raise_signal(signal.SIGINT)
+        return 1.0
+
+    monkeypatch.setattr(loops_warm_up, "warm_up_loops", interrupted)
+    with stop_on_signals() as stop, pytest.raises(KeyboardInterrupt):
+        prepare_loops(Terminal(), stop)
+    assert told == ["begun"]
 
 
 def test_kernels_that_do_not_fit_on_the_disk_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

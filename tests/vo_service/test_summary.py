@@ -13,7 +13,7 @@ from tests.vo_service.fakes import FakeClock, ScriptedCamera, bad, frame, good
 from tests.vo_service.looping import make_service
 from vo_service.feed import PlainFeed
 from vo_service.statistics import Statistics
-from vo_service.summary import Summary
+from vo_service.summary import Summary, WithLoops, evaluated
 
 STAMPS_S = np.arange(40) / 30
 PATH = np.array([rigid_transform(np.eye(3), [0.01 * k, 0.0, 0.02 * k]) for k in range(40)])
@@ -81,3 +81,33 @@ def test_skipped_counts_unreadable_and_stale_frames_failed_the_lost_ones() -> No
 def test_the_table_has_a_line_a_figure() -> None:
     assert len(WITHOUT.as_table().splitlines()) == 7
     assert len(of(TRUTH).as_table().splitlines()) == 7 + 10
+
+
+LOOPS_KEYS = ("places", "loops", "corrected_ate_rmse_m", "corrected_mean_global_error_m")
+DRIFTING = StampedPoses(STAMPS_S, PATH @ PATH)
+
+
+def test_with_loops_there_are_keys_more_and_the_others_stay() -> None:
+    with_loops = WithLoops(12, 5, evaluated(TRUTH, TRUTH, STAMPS_S))
+    plain, summary = (
+        Summary.of(Statistics(FakeClock()), CameraCounters(), DRIFTING, TRUTH, STAMPS_S, loops)
+        for loops in (None, with_loops)
+    )
+    figures = summary.as_json()
+    assert {key: figures.pop(key) for key in LOOPS_KEYS} == {
+        "places": 12,
+        "loops": 5,
+        "corrected_ate_rmse_m": pytest.approx(0.0, abs=1e-6),
+        "corrected_mean_global_error_m": pytest.approx(0.0, abs=1e-6),
+    }
+    assert figures == plain.as_json()
+    assert figures["ate_rmse_m"] > 0.01
+    *lines, loops, _, _ = (line.split() for line in summary.as_table().splitlines())
+    assert lines == [line.split() for line in plain.as_table().splitlines()]
+    assert loops == ["places,", "loops", "12,", "5"]
+
+
+def test_without_truth_loops_are_counted_and_their_errors_null() -> None:
+    with_loops = WithLoops(12, 5, None)
+    assert list(with_loops.as_json().values()) == [12, 5, None, None]
+    assert [label for label, _ in with_loops.rows()] == ["places, loops"]

@@ -33,14 +33,8 @@ def add_loops_options(parser: argparse.ArgumentParser) -> None:
 def loops_of(
     args: argparse.Namespace, config: Config, terminal: Terminal, stop: Stop
 ) -> "InlineLoops | None":
-    """Loops, if they are asked for, and all that they need.
-
-    Raises InputError if the file could not be written, and what `prepare_loops` raises.
-    """
-    corrected: Path | None = args.trajectory_corrected
-    if corrected is not None:
-        _check_writable(corrected)
-    if corrected is None and not args.loops:
+    """Loops, if they are asked for, and all that they need. Raises as `prepare_loops`."""
+    if args.trajectory_corrected is None and not args.loops:
         return None
     prepare_loops(terminal, stop)
     from vo_service.mapping.loops.opening import open_inline_loops
@@ -63,11 +57,14 @@ def gained(loops: "InlineLoops", truth: StampedPoses | None, frames_s: Array) ->
     return WithLoops(len(closer.places), closer.loops, evaluated(loops.trajectory, truth, frames_s))
 
 
-def _check_writable(path: Path) -> None:
-    """What would only be found out in the end."""
+def check_corrected(args: argparse.Namespace) -> None:
+    """Raise InputError for what would only be found out in the end: it could not be written."""
+    path: Path | None = args.trajectory_corrected
+    if path is None:
+        return
     is_file_or_new = path.is_file() or not path.exists()
-    place = path if path.exists() else path.parent
-    if not is_file_or_new or not os.access(place, os.W_OK):
+    folder = path.parent  # a file is written whole beside the old one, and takes its place
+    if not (is_file_or_new and folder.is_dir() and os.access(folder, os.W_OK)):
         raise InputError(
             f"{path}: cannot write the trajectory; name a file in a folder that you may write to"
         )

@@ -12,6 +12,7 @@ from drivers.tum.camera import TumCamera
 from drivers.tum.folder import paired_frames
 from vo_service.commands.loops_option import (
     add_loops_options,
+    check_corrected,
     gained,
     loops_of,
     write_corrected,
@@ -27,6 +28,7 @@ from vo_service.feed import PlainFeed
 from vo_service.interrupts import stop_on_signals
 from vo_service.mapping.loops.contract import NoLoops
 from vo_service.outputs.opening import OutputRequest, opened_outputs
+from vo_service.outputs.output import Output
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.trajectory_memory import TrajectoryMemory
 from vo_service.session import prepare_kernels, run_loop
@@ -79,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
     """Replay and print the summary."""
     config = config_of(args)
     _spare_the_recording(args)
+    check_corrected(args)
     terminal = Terminal()
     memory = TrajectoryMemory()
     with TumCamera(args.folder, args.camera or config.camera.file, args.pace) as camera:
@@ -95,11 +98,13 @@ def run(args: argparse.Namespace) -> int:
             tell=terminal.say,
         )
         progress = ProgressOutput(terminal, "replay", camera.frame_count)
+        own: list[Output] = [memory, *([loops] if loops else []), progress]
         with opened_outputs(request) as opened, stop_on_signals() as stop:
-            outputs = [*opened.outputs, memory, *([loops] if loops else []), progress]
+            outputs = [*opened.outputs, *own]
             feed = PlainFeed(camera)
             ending = run_loop(config, camera, feed, outputs, stop, loops or NoLoops())
-        progress.close()
+        for output in own:
+            output.close()
         truth = camera.ground_truth
         frames_s = np.array([pair.colour.stamp_s for pair in paired_frames(args.folder).pairs])
         with_loops = gained(loops, truth, frames_s) if loops else None

@@ -18,18 +18,26 @@ _log = logging.getLogger(__name__)
 
 
 def tracked(
-    folder: Path, camera: RgbdCamera, config: Config, terminal: Terminal, stop: Stop
+    folder: Path,
+    camera: RgbdCamera,
+    config: Config,
+    terminal: Terminal,
+    stop: Stop,
+    loops: "InlineLoops | None" = None,
 ) -> StampedPoses:
     """Poses of the longest stretch that was tracked, under the frames' own stamps.
 
+    With loops, as these have corrected them in the end; what they join is one stretch.
     Raises InputError if there is none, KeyboardInterrupt when asked to stop.
     """
     prepare_kernels(config, terminal, stop)
     memory = TrackedPoses()
     with camera:
         progress = ProgressOutput(terminal, "tracking", camera.frame_count)
-        run_loop(config, camera, PlainFeed(camera), [memory, progress], stop)
-    progress.close()
+        own: list[Output] = [*([loops] if loops else []), memory, progress]
+        run_loop(config, camera, PlainFeed(camera), own, stop, loops or NoLoops())
+    for output in own:
+        output.close()
     stop.check()
     poses = memory.longest
     if not len(poses):

@@ -152,6 +152,7 @@ class _LoopsListener:
     @property
     def result(self) -> LoopsRun:
         """As `Listener`."""
+        self._loops.close()
         closer = self._loops.closer
         mean_ms = float(np.mean(self._cpu_ms)) if self._cpu_ms else 0.0
         return LoopsRun(self._loops.trajectory, len(closer.places), closer.loops, mean_ms)

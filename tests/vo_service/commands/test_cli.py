@@ -13,6 +13,7 @@ import pytest
 from tests.vo_service.commands.command_line import call, run
 from tests.vo_service.played_service import KINECT_VO
 from vo_service.command_line import COMMANDS
+from vo_service.commands import warm_up
 
 
 def test_help_names_every_command_with_examples_and_exit_codes() -> None:
@@ -68,6 +69,25 @@ def test_warming_up_says_that_it_is_done(capfd: pytest.CaptureFixture[str]) -> N
     outcome = call(capfd, "warm-up")
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.out.startswith("the kernels of keyframe and of maps are ready (")
+
+
+@pytest.mark.parametrize("enabled", ["true", "false"])
+def test_warming_up_prepares_loops_where_there_is_a_map(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, enabled: str
+) -> None:
+    config, prepared = tmp_path / "kinect.toml", list[str]()
+    config.write_text(f"schema = 1\n[map]\nenabled = {enabled}\n")
+
+    def prepare(*_: object) -> float:
+        prepared.append("loops")
+        return 1.0
+
+    monkeypatch.setattr(warm_up, "prepare_loops", prepare)
+    outcome = call(capfd, "warm-up", "--config", config)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert (" and of maps " in outcome.out, prepared) == (
+        (True, ["loops"]) if enabled == "true" else (False, [])
+    )
 
 
 def test_a_reader_that_has_gone_is_no_error(recording: Path) -> None:

@@ -59,7 +59,9 @@ class InlineLoops:
         """Nothing to remember."""
 
     def close(self) -> None:
-        """Nothing to release."""
+        """No more frames come: the last loops count as well."""
+        self.closer.correct()
+        self.snapshot = self.closer.snapshot
 
     @property
     def knows_places(self) -> bool:

@@ -139,6 +139,12 @@ class LoopCloser:
         self._candidates.passed(place)
         return Change(place, self._make_room())
 
+    def correct(self) -> None:
+        """Correct the map by the loops that have waited for it."""
+        if self._waiting:
+            self.graph.optimise()
+        self._waiting = 0
+
     def locate(self, frame: RgbdFrame) -> Located | None:
         """Where a frame was taken, in the world of the last place; None if no place is known."""
         last = self._last
@@ -203,8 +209,7 @@ class LoopCloser:
         self.loops += len(loops)
         self._waiting += bool(loops or self._waiting)
         if is_off or self._waiting > PLACES_BETWEEN:
-            self.graph.optimise()
-            self._waiting = 0
+            self.correct()
 
     def _moves_the_map(self, loop: Edge) -> bool:
         T_a_b = inverse(self.graph.T_map(loop.a)) @ self.graph.T_map(loop.b)

@@ -1,4 +1,4 @@
-"""--loops and --trajectory-corrected: places that are known again, in a replay."""
+"""--loops and --trajectory-corrected: places that are known again in a recording."""
 
 import argparse
 import os
@@ -36,6 +36,11 @@ def loops_of(
     """Loops, if they are asked for, and all that they need. Raises as `prepare_loops`."""
     if args.trajectory_corrected is None and not args.loops:
         return None
+    return prepared_loops(config, terminal, stop)
+
+
+def prepared_loops(config: Config, terminal: Terminal, stop: Stop) -> "InlineLoops":
+    """Loops that know no place yet. Raises as `prepare_loops`."""
     prepare_loops(terminal, stop)
     from vo_service.mapping.loops.opening import open_inline_loops
 

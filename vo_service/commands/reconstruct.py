@@ -14,8 +14,11 @@ examples:
   kinect-vo reconstruct recordings/desk
   kinect-vo reconstruct recordings/desk recordings/desk/groundtruth.txt --voxel-m 0.005
   kinect-vo reconstruct recordings/desk desk.txt --rerun serve --output maps/desk
+  kinect-vo reconstruct recordings/tour --loops
 
 Without TRAJECTORY the odometry runs first, and frames that it does not track well are left out.
+With --loops its poses are corrected by the places that are seen again: what is come back to is not
+drawn twice, and the odometry finds back to known places after a loss.
 OUTPUT gets map.ply (a mesh with colours and normals, in the trajectory's world), top.png,
 perspective.png, view.png and reconstruction.json, and trajectory.txt where the odometry ran.
 Ctrl-C ends the fusion and writes what there is by then; a second one writes nothing more.
@@ -33,6 +36,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="poses of the optical camera, as in groundtruth.txt (default: the odometry's)",
     )  # fmt: skip
     add_config_options(parser)
+    parser.add_argument(
+        "--loops", action="store_true",
+        help="know places again, and correct the odometry's poses by them before the map is made",
+    )  # fmt: skip
     parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")
     parser.add_argument(
         "--output", metavar="FOLDER", type=Path, default=Path("output/reconstruct"),

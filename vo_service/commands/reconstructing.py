@@ -12,6 +12,7 @@ from drivers.trajectory import StampedPoses, pose_line, read_trajectory
 from drivers.tum.camera import TumCamera
 from drivers.tum.folder import open_folder, paired_frames
 from drivers.tum.whole_files import write_whole
+from vo_service.commands.loops_option import prepared_loops
 from vo_service.commands.options import config_of
 from vo_service.commands.tracking import tracked
 from vo_service.config import Config
@@ -38,6 +39,10 @@ def reconstruct(args: argparse.Namespace) -> int:
     camera_file = args.camera or config.camera.file
     terminal = Terminal()
     # Whatever would only fail after the work.
+    if args.loops and args.trajectory is not None:
+        raise InputError(
+            f"{args.trajectory}: --loops corrects the poses of the odometry alone; leave one out"
+        )
     open_folder(args.folder, camera_file)
     poses = None if args.trajectory is None else _read(args.trajectory, args.folder)
     fusion = _fusion(args)
@@ -84,7 +89,8 @@ def _tracked(
     args: argparse.Namespace, camera: TumCamera, config: Config, terminal: Terminal, stop: Stop
 ) -> StampedPoses:
     """The odometry's poses; they are left among the results."""
-    poses = tracked(args.folder, camera, config, terminal, stop)
+    loops = prepared_loops(config, terminal, stop) if args.loops else None
+    poses = tracked(args.folder, camera, config, terminal, stop, loops)
     lines = map(pose_line, poses.stamps_s, poses.T_world_camera)
     with refusals(args.output / TRAJECTORY):
         write_whole(args.output / TRAJECTORY, "".join(lines).encode())

@@ -2,6 +2,7 @@
 
 import logging
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drivers.camera import RgbdCamera
 from drivers.errors import InputError
@@ -10,9 +11,14 @@ from vo_service.config import Config
 from vo_service.feed import PlainFeed
 from vo_service.interrupts import Stop
 from vo_service.mapping.frame_poses import TrackedPoses
+from vo_service.mapping.loops.contract import NoLoops
+from vo_service.outputs.output import Output
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.session import prepare_kernels, run_loop
 from vo_service.terminal import Terminal
+
+if TYPE_CHECKING:  # its libraries are slow to load
+    from vo_service.mapping.loops.inline import InlineLoops
 
 _log = logging.getLogger(__name__)
 
@@ -39,6 +45,8 @@ def tracked(
     for output in own:
         output.close()
     stop.check()
+    if loops:
+        memory.correct(loops.trajectory, loops.closer.graph.is_joined)
     poses = memory.longest
     if not len(poses):
         raise InputError(

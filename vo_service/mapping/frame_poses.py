@@ -1,5 +1,7 @@
 """Where the camera was at each frame: from a trajectory, or from the odometry's own."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from drivers.geometry import Array
@@ -53,9 +55,22 @@ class TrackedPoses:
     def close(self) -> None:
         """Nothing to release."""
 
+    def correct(self, corrected: StampedPoses, are_joined: Callable[[int, int], bool]) -> None:
+        """The same frames, where a corrected trajectory has them.
+
+        Epochs are one where it is known how they lie to each other.
+        """
+        known = dict(zip(corrected.stamps_s.tolist(), corrected.T_world_camera, strict=True))
+        joined: dict[int, list[tuple[float, Array]]] = {}
+        for epoch, poses in self._epochs.items():
+            first = next((each for each in joined if are_joined(each, epoch)), epoch)
+            found = ((stamp_s, known[stamp_s]) for stamp_s, _ in poses if stamp_s in known)
+            joined.setdefault(first, []).extend(found)
+        self._epochs = joined
+
     @property
     def epochs(self) -> int:
-        """How many worlds there are poses in."""
+        """How many worlds there are poses in that nothing joins."""
         return len(self._epochs)
 
     @property

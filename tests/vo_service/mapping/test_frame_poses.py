@@ -49,6 +49,18 @@ def update(stamp_s: float, state: TrackingState, epoch: int = 0) -> PoseUpdate:
     )  # fmt: skip
 
 
+def test_corrected_poses_take_the_place_of_the_tracked_ones_and_join_their_epochs() -> None:
+    memory = TrackedPoses()
+    for stamp_s, epoch in enumerate([0, 0, 1, 1, 2]):
+        memory.pose(update(stamp_s, TrackingState.TRACKING, epoch))
+    stamps_s = np.array([0.0, 1.0, 3.0, 4.0, 5.0])  # of 2 it is not known where it was
+    corrected = StampedPoses(stamps_s, np.array([at(10 * stamp_s) for stamp_s in stamps_s]))
+    memory.correct(corrected, lambda one, other: {one, other} == {0, 1})
+    np.testing.assert_array_equal(memory.longest.stamps_s, [0, 1, 3])
+    np.testing.assert_array_equal(memory.longest.T_world_camera[:, 0, 3], [0, 10, 30])
+    assert (memory.frames, memory.epochs) == (5, 2)
+
+
 def test_only_what_was_tracked_without_doubt_is_remembered_under_the_frames_own_stamps() -> None:
     memory = TrackedPoses()
     states = [TrackingState.TRACKING, TrackingState.DEGRADED, TrackingState.LOST]

@@ -91,7 +91,12 @@ def config_of(args: argparse.Namespace) -> Config:
     if getattr(args, "rerun", None):
         config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))
     if getattr(args, "pace", None) is Pace.LOCKSTEP:  # the same results on a slow machine
-        config = replace(config, load=replace(config.load, adapt=False))
+        config = replace(
+            config,
+            load=replace(config.load, adapt=False),
+            # Another process answers when it can; a replay asks on its own thread (--loops).
+            map=replace(config.map, loops=False),
+        )
     if args.verbose:
         config = replace(config, log=LogSettings(LogLevel.INFO))
     if getattr(args, "prefix", None):

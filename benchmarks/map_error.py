@@ -1,0 +1,113 @@
+"""How far maps of a virtual room are from its true surfaces.
+
+    python -m benchmarks.map_error CONFIG RECORDING MAP...
+
+RECORDING was made by `kinect-vo record --config CONFIG`, and each MAP is a folder that `kinect-vo
+reconstruct RECORDING --output MAP` has left, without a TRAJECTORY. The first pose of a map is laid
+on the true one; distances are from every vertex to the nearest true surface.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.true_surface import distances_m, solids_of
+from drivers.errors import InputError, UserFacingError
+from drivers.geometry import Array, transform_points
+from drivers.synthetic.solids import Solid
+from drivers.trajectory import StampedPoses, read_trajectory
+from vo_service.config import read_config
+from vo_service.evaluation import evaluate
+from vo_service.evaluation.association import associate
+from vo_service.evaluation.metrics import first_pose_alignment
+
+# A vertex of `reconstruct`'s own: place, normal, colour.
+VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
+GOOD_M = 0.015
+
+
+@dataclass(frozen=True)
+class MapError:
+    """Of one map.
+
+    ate_rmse_m               of the poses that it was made with
+    median_m, p90_m, p99_m   distance from the vertices to the true surface
+    within_15mm              share of the vertices that are as near as that
+    """
+
+    name: str
+    ate_rmse_m: float
+    vertices: int
+    median_m: float
+    p90_m: float
+    p99_m: float
+    within_15mm: float
+
+    def __str__(self) -> str:
+        median_mm, p90_mm, p99_mm = (1e3 * m for m in (self.median_m, self.p90_m, self.p99_m))
+        return (
+            f"{self.name}: ATE {1e3 * self.ate_rmse_m:.1f} mm; {self.vertices} vertices, off by "
+            f"{median_mm:.1f} mm median, {p90_mm:.1f} mm 90 %, {p99_mm:.1f} mm 99 %; "
+            f"{100 * self.within_15mm:.0f} % within 15 mm"
+        )
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.map_error",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("config", metavar="CONFIG", type=Path)
+    parser.add_argument("recording", metavar="RECORDING", type=Path)
+    parser.add_argument("maps", metavar="MAP", type=Path, nargs="+")
+    args = parser.parse_args()
+    try:
+        solids = solids_of(read_config(args.config).synthetic)
+        truth = read_trajectory(args.recording / "groundtruth.txt")
+        for folder in args.maps:
+            print(measure(folder, truth, solids), flush=True)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+def measure(folder: Path, truth: StampedPoses, solids: Sequence[Solid]) -> MapError:
+    """The error of a map. Raises InputError if there is none in the folder."""
+    poses = read_trajectory(folder / "trajectory.txt")
+    T_room_map = first_pose_alignment(associate(poses, truth))
+    off_m = distances_m(transform_points(T_room_map, vertices_m(folder / "map.ply")), solids)
+    return MapError(
+        name=str(folder),
+        ate_rmse_m=evaluate(poses, truth).ate_rmse_m,
+        vertices=len(off_m),
+        median_m=float(np.median(off_m)),
+        p90_m=float(np.percentile(off_m, 90)),
+        p99_m=float(np.percentile(off_m, 99)),
+        within_15mm=float(np.mean(off_m <= GOOD_M)),
+    )
+
+
+def vertices_m(path: Path) -> Array:
+    """(N, 3) of a mesh that `reconstruct` wrote. Raises InputError for anything else."""
+    try:
+        header, _, body = path.read_bytes().partition(b"end_header\n")
+        words = header.split()
+        count = int(words[words.index(b"vertex") + 1])
+        return np.frombuffer(body, VERTEX, count)["position"].astype(np.float64)
+    except (OSError, ValueError, IndexError) as error:
+        raise InputError(f"{path}: is no map of `kinect-vo reconstruct`: {error}") from error
+
+
+if __name__ == "__main__":
+    sys.exit(main())

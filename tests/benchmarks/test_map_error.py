@@ -1,0 +1,45 @@
+"""Maps of a virtual room beside its true surfaces, from made-up meshes whose error is known."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.map_error import MapError, measure
+from drivers.errors import InputError
+from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector, transform_points
+from drivers.synthetic.solids import Kind, Solid
+from drivers.trajectory import StampedPoses, pose_line
+from vo_service.mapping.mesh import Mesh
+from vo_service.mapping.ply import write_ply
+
+BOX = Solid(Kind.BOX, np.eye(4), np.array([1.0, 1.0, 1.0]), ())
+# The first camera in the room, and a way from there.
+T_ROOM_CAMERA = rigid_transform(rotation_from_vector([0.1, 0.4, -0.2]), [0.2, 0.3, -0.4])
+STAMPS_S = np.arange(10) / 30
+WAY = np.array([rigid_transform(np.eye(3), [0.1 * k, 0.0, k * k / 50]) for k in range(10)])
+TRUTH = StampedPoses(STAMPS_S, T_ROOM_CAMERA @ WAY)
+
+
+def measured(folder: Path, points_m: Array) -> MapError:
+    """Of a map that has these points of the room as its vertices."""
+    in_map_m = transform_points(inverse(T_ROOM_CAMERA), points_m).astype(np.float32)
+    grey = np.zeros((len(points_m), 3), np.uint8)
+    write_ply(folder / "map.ply", Mesh(in_map_m, in_map_m, grey, np.zeros((1, 3), np.int32)))
+    (folder / "trajectory.txt").write_text("".join(map(pose_line, STAMPS_S, WAY)))
+    return measure(folder, TRUTH, [BOX])
+
+
+def test_vertices_are_measured_from_the_nearest_true_surface(tmp_path: Path) -> None:
+    points_m = np.array([[1.01, 0, 0], [0, 0.98, 0], [0, 0, -1.0], [0.1, 0.2, 1.0]])
+    found = measured(tmp_path, points_m)
+    assert (found.vertices, found.within_15mm) == (4, 0.75)
+    assert found.median_m == pytest.approx(0.005, abs=1e-5)
+    assert found.ate_rmse_m == pytest.approx(0.0, abs=1e-5)
+
+
+def test_what_is_no_map_is_one_line(tmp_path: Path) -> None:
+    measured(tmp_path, np.eye(3))
+    (tmp_path / "map.ply").write_bytes(b"ply\n")
+    with pytest.raises(InputError, match=r"map.ply: is no map of `kinect-vo reconstruct`: "):
+        measure(tmp_path, TRUTH, [BOX])

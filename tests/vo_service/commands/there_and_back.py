@@ -9,10 +9,10 @@ from drivers.trajectory import StampedPoses
 from drivers.tum.writer import TumWriter
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 
-# So many frames out, and as many back, twice; each 5 cm and a third of a degree from the last.
-OUT = 30
+# So many frames out, and as many back, twice; each 7 cm and half a degree from the last.
+OUT = 20
 COUNT = 4 * OUT + 1
-STEP = rigid_transform(rotation_from_vector([0.0, -0.0067, 0.0]), [0.05, 0.0, 0.0])
+STEP = rigid_transform(rotation_from_vector([0.0, -0.0094, 0.0]), [0.07, 0.0, 0.0])
 
 
 def write_there_and_back(folder: Path) -> Path:

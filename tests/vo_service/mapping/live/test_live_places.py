@@ -88,10 +88,10 @@ def test_a_view_of_a_known_place_is_located_by_the_process(tmp_path: Path) -> No
 
 def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
     assert sorted(file.name for file in saved.iterdir()) == ["corner.places", "corner.ply"]
-    with mapper(saved, WITH_PLACES) as opened:
-        wait_for(lambda: "there are: corner" in refusal(lambda: opened.load("x")))
-        file = opened.load(NAME).loading
-        wait_for(lambda: opened.state.loaded == file, f"for {file}")
+    with mapper(saved, replace(WITH_PLACES, load=NAME)) as opened:
+        wait_for(lambda: opened.state.loaded.endswith("corner.places"), "for the map")
+        assert "bad-request" in refusal(lambda: opened.load("../corner"))
+        wait_for(lambda: "there are: corner" in refusal(lambda: opened.load("attic")))
         assert not opened.loops.snapshot.is_located
         places = opened.loops.snapshot.places
         assert places > STEPS // 2
@@ -100,12 +100,6 @@ def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
         T_map_camera = opened.loops.snapshot.T_map_odom @ T_BODY_CAMERA @ told(STEPS + 7)
         expected = T_BODY_CAMERA @ truth(STEPS + 7)
         assert np.linalg.norm((inverse(expected) @ T_map_camera)[:3, 3]) < 0.05
-
-
-def test_a_service_can_begin_in_a_map(saved: Path) -> None:
-    with mapper(saved, replace(WITH_PLACES, load=NAME)) as opened:
-        wait_for(lambda: opened.state.loaded.endswith("corner.places"), "for the map")
-        assert opened.loops.snapshot.places > STEPS // 2
 
 
 def test_a_damaged_map_is_told_in_one_line_and_the_service_goes_on(
@@ -119,12 +113,6 @@ def test_a_damaged_map_is_told_in_one_line_and_the_service_goes_on(
         assert "\n" not in opened.warning
         go(opened, 0, 2)
         assert opened.state.keyframes > 0
-
-
-def test_a_map_that_is_not_there_is_refused_with_those_that_are(saved: Path) -> None:
-    with mapper(saved, WITH_PLACES) as opened:
-        wait_for(lambda: "there are: corner" in refusal(lambda: opened.load("attic")))
-        assert "bad-request" in refusal(lambda: opened.load("../corner"))
 
 
 def test_places_of_a_process_that_is_killed_are_forgotten_and_come_anew(tmp_path: Path) -> None:

@@ -195,7 +195,9 @@ class LoopCloser:
         old = self.places[found.number]
         loop = Edge(old.number, place.number, found.T_place_camera, found.covariance, True, 0.0)
         if not self._is_joined(old, place):
-            return self._joining.take(loop, old, place)
+            agreed = self._joining.take(loop, old, place)
+            # A place that one of them waited for may have been left out since.
+            return [each for each in agreed if {each.a, each.b} <= self.graph.nodes.keys()]
         return [loop] if self.graph.is_plausible(loop) else []
 
     def _is_joined(self, one: Place, other: Place) -> bool:

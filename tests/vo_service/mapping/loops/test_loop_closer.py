@@ -74,6 +74,16 @@ def test_a_new_world_is_joined_when_two_places_say_so_alike() -> None:
     assert np.allclose(T_map_camera[:3, 3], truth(2)[:3, 3], atol=0.03)
 
 
+def test_a_place_that_was_left_out_while_a_loop_waited_is_not_missed() -> None:
+    closer = closer_after(1)
+    waiting = closer.see(sight(1, 1, ELSEWHERE)).place
+    closer.see(sight(1))  # the newest place is never left out
+    closer.places.remove(waiting.number)
+    closer.graph.remove(waiting.number)
+    closer.see(sight(2, 1, ELSEWHERE))
+    assert {place.number for place in closer.places} == set(closer.graph.nodes)
+
+
 def test_a_map_that_was_kept_is_known_the_next_day() -> None:
     kept = closer_after(STEPS).contents
     closer = closer_in(kept, MapSettings())

@@ -95,6 +95,16 @@ def test_without_texture_the_shape_of_the_room_is_enough() -> None:
         assert_close(estimate.T_world_camera, BRISK.at(k / 30), 0.004, 0.1)
 
 
+def test_depth_alone_is_not_believed_when_the_camera_may_be_anywhere(
+    views: list[RgbdFrame],
+) -> None:
+    for later_s, is_believed in ((1 / 30, True), (3.0, False)):
+        odometry = KeyframeOdometry()
+        follow(odometry, views)
+        late = replace(dark(views[-1]), stamp_s=views[-1].stamp_s + later_s)
+        assert odometry.estimate(late).ok is is_believed
+
+
 def test_it_starts_in_the_dark_and_goes_on_in_the_light(views: list[RgbdFrame]) -> None:
     odometry = KeyframeOdometry()
     for k, frame in enumerate([dark(views[0]), dark(views[1]), *views[2:]]):

@@ -1,5 +1,6 @@
 """What becomes of one try: where a camera that was covered says it is, and how wrong that is."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -7,9 +8,8 @@ import numpy as np
 
 from benchmarks.relocalisation_tries import BEFORE, COVERED
 from benchmarks.runners import Runner
-from benchmarks.tour_measure import apart
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, inverse
+from drivers.geometry import Array, apart, inverse
 from vo_service.evaluation.gross_errors import GROSS_DEG, GROSS_M
 from vo_service.odometry.estimate import Estimate
 
@@ -81,7 +81,8 @@ def judge(estimates: Sequence[Estimate], T_room_camera: Array, alike: int) -> Ou
         if estimates[number].ok:
             T_world_camera, T_room = estimates[number].T_world_camera, T_room_camera[number]
             lies = T_room_world.setdefault(worlds[number], T_room @ inverse(T_world_camera))
-            errors[number] = apart(T_room, lies @ T_world_camera)
+            off_m, off_rad = apart(T_room, lies @ T_world_camera)
+            errors[number] = off_m, math.degrees(off_rad)
     first = min(errors, default=None)
     is_old = first is not None and bool(worlds[first] == old)
     error_m, error_deg = errors[first] if first is not None and is_old else (None, None)

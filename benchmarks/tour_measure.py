@@ -1,5 +1,6 @@
 """One tour, frame by frame: what was said, what is true, and what it cost."""
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterable
@@ -12,7 +13,7 @@ from benchmarks.runners import Loop, Runner
 from benchmarks.tour_record import TourRecord
 from drivers.camera import RgbdFrame
 from drivers.errors import InputError
-from drivers.geometry import Array, inverse, rotation_angle_rad
+from drivers.geometry import Array, are_near, inverse
 from drivers.trajectory import StampedPoses
 from vo_service.evaluation import evaluate
 from vo_service.evaluation.association import associate
@@ -111,14 +112,7 @@ def is_wrong(loop: Loop, record: TourRecord) -> bool:
     """Whether it is off the truth by more than a gross error."""
     place, camera = np.searchsorted(record.stamp_s, [loop.place_stamp_s, loop.stamp_s])
     true = inverse(record.T_room_camera[place]) @ record.T_room_camera[camera]
-    off_m, off_deg = apart(true, loop.T_place_camera)
-    return off_m > GROSS_M or off_deg > GROSS_DEG
-
-
-def apart(T_a: Array, T_b: Array) -> tuple[float, float]:
-    """Metres and degrees between two poses."""
-    T = inverse(T_a) @ T_b
-    return float(np.linalg.norm(T[:3, 3])), float(np.degrees(rotation_angle_rad(T[:3, :3])))
+    return not are_near(true, loop.T_place_camera, GROSS_M, math.radians(GROSS_DEG))
 
 
 def _gross(record: TourRecord) -> int:

@@ -50,6 +50,18 @@ def rotation_angle_rad(R: Array) -> float:
     return float(np.arctan2(np.linalg.norm(axis), np.trace(R) - 1.0))
 
 
+def apart(T: Array, other: Array) -> tuple[float, float]:
+    """Metres and radians between two rigid 4x4 transforms: of the motion from one to the other."""
+    motion = inverse(T) @ other
+    return float(np.linalg.norm(motion[:3, 3])), rotation_angle_rad(motion[:3, :3])
+
+
+def are_near(T: Array, other: Array, metres: float, radians: float) -> bool:
+    """Whether two rigid 4x4 transforms are no further apart than this, by way and by turn."""
+    way_m, turn_rad = apart(T, other)
+    return bool(way_m <= metres and turn_rad <= radians)
+
+
 def skew_matrix(v: ArrayLike) -> Array:
     """3x3 matrix with ``skew_matrix(v) @ w == cross(v, w)``."""
     x, y, z = np.asarray(v, dtype=np.float64)

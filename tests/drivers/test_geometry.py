@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 from drivers.geometry import (
     Array,
     adjoint,
+    apart,
+    are_near,
     inverse,
     is_rigid,
     orthonormal,
@@ -109,6 +111,15 @@ def test_transforms_compose_as_their_names_say(T_a_b: Array, T_b_c: Array, p: Ar
     p_c = p[None]
     one_by_one = transform_points(T_a_b, transform_points(T_b_c, p_c))
     assert np.allclose(transform_points(T_a_b @ T_b_c, p_c), one_by_one, atol=1e-10)
+
+
+def test_how_far_two_poses_are_apart_does_not_depend_on_where_they_are() -> None:
+    step = rigid_transform(rotation_from_vector([0.0, 0.2, 0.0]), [0.3, 0.0, 0.4])
+    here = rigid_transform(rotation_from_vector([1.0, 0.5, -0.3]), [5.0, -2.0, 7.0])
+    np.testing.assert_allclose(apart(here, here @ step), (0.5, 0.2))
+    assert are_near(here, here @ step, 0.51, 0.21)
+    assert not are_near(here, here @ step, 0.49, 0.21)
+    assert not are_near(here, here @ step, 0.51, 0.19)
 
 
 def test_points_are_rows_and_each_is_turned_then_moved() -> None:

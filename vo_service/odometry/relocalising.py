@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, inverse, orthonormal, rotation_angle_rad
+from drivers.geometry import Array, are_near, inverse, orthonormal
 from vo_service.odometry.estimate import Estimate, Odometry
 
 # So many frames with a motion are looked at before hope is given up: a second.
@@ -84,7 +84,7 @@ class _Search:
         if way_m > farthest_m:  # also: asked before tracking began anew once more
             return None
         link = orthonormal(located.T_world_camera @ inverse(T_inner_camera))
-        is_agreed = any(_agree(link, other) for other, _ in self.found)
+        is_agreed = any(are_near(link, other, AGREED_M, AGREED_RAD) for other, _ in self.found)
         self.found.append((link, located.covariance))
         return self.found[-1] if is_agreed else None
 
@@ -152,9 +152,3 @@ class RelocalisingOdometry:
         return replace(
             estimate, T_world_camera=T_world_camera, T_reference_camera=T_reference_camera
         )
-
-
-def _agree(T: Array, other: Array) -> bool:
-    off = inverse(T) @ other
-    is_near = float(np.linalg.norm(off[:3, 3])) <= AGREED_M
-    return is_near and rotation_angle_rad(off[:3, :3]) <= AGREED_RAD

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivers.geometry import Array, inverse, orthonormal, rotation_angle_rad
+from drivers.geometry import Array, are_near, inverse, orthonormal
 from vo_service.mapping.graph.edges import Edge
 from vo_service.mapping.graph.removal import passed_on, tells_something_new, way_to_heir
 from vo_service.mapping.graph.routes import parts, shortest
@@ -109,10 +109,11 @@ class PoseGraph:
         """
         way_m = shortest(loop.a, loop.b, self.believed(), lambda edge: edge.length_m)
         T_expected = inverse(self.T_map(loop.a)) @ self.T_map(loop.b)
-        T = inverse(T_expected) @ loop.T_a_b
-        return bool(
-            np.linalg.norm(T[:3, 3]) <= PLAUSIBLE_M + PLAUSIBLE_M_PER_M * way_m
-            and rotation_angle_rad(T[:3, :3]) <= PLAUSIBLE_RAD + PLAUSIBLE_RAD_PER_M * way_m
+        return are_near(
+            T_expected,
+            loop.T_a_b,
+            PLAUSIBLE_M + PLAUSIBLE_M_PER_M * way_m,
+            PLAUSIBLE_RAD + PLAUSIBLE_RAD_PER_M * way_m,
         )
 
     def believed(self) -> list[Edge]:

@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from drivers.geometry import Array, inverse, rotation_angle_rad
+from drivers.geometry import Array, are_near, inverse
 from vo_service.mapping.graph.edges import Edge
 from vo_service.mapping.places.place import Place
 
@@ -35,17 +33,12 @@ class Joining:
         T_old_new = old.T_world_place @ loop.T_a_b @ inverse(new.T_world_place)
         opinion = _Opinion(loop, (old.world, new.world), T_old_new)
         others = [each for each in self._waiting if each.worlds == opinion.worlds]
-        agreed = [each for each in others if are_alike(each.T_old_new, T_old_new)]
+        agreed = [
+            each for each in others if are_near(each.T_old_new, T_old_new, AGREED_M, AGREED_RAD)
+        ]
         settled = others if agreed else []
         self._waiting = [each for each in self._waiting if each not in settled]
         if agreed:
             return [*(each.loop for each in agreed), loop]
         self._waiting.append(opinion)
         return []
-
-
-def are_alike(T: Array, other: Array) -> bool:
-    """Whether two 4x4 motions are the same, to within what places are known to."""
-    off = inverse(T) @ other
-    is_near = float(np.linalg.norm(off[:3, 3])) <= AGREED_M
-    return is_near and rotation_angle_rad(off[:3, :3]) <= AGREED_RAD

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, inverse, rotation_angle_rad
+from drivers.geometry import Array, are_near, inverse
 from vo_service.mapping.graph.edges import Edge
 from vo_service.mapping.graph.pose_graph import PoseGraph, Removal
 from vo_service.mapping.loops.candidates import Candidates
@@ -215,9 +215,7 @@ class LoopCloser:
 
     def _moves_the_map(self, loop: Edge) -> bool:
         T_a_b = inverse(self.graph.T_map(loop.a)) @ self.graph.T_map(loop.b)
-        off = inverse(loop.T_a_b) @ T_a_b
-        is_far = float(np.linalg.norm(off[:3, 3])) > AT_ONCE_M
-        return is_far or rotation_angle_rad(off[:3, :3]) > AT_ONCE_RAD
+        return not are_near(T_a_b, loop.T_a_b, AT_ONCE_M, AT_ONCE_RAD)
 
     def _make_room(self) -> list[Removal]:
         """Leave out what is told by its neighbours, where there are too many places."""

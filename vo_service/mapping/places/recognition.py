@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, adjoint, inverse, rotation_angle_rad
+from drivers.geometry import Array, adjoint, are_near, inverse
 from vo_service.mapping.places.landmarks import find_landmarks
 from vo_service.mapping.places.place import PackedPoints, Place
 from vo_service.mapping.places.view import FOLLOWED, PlaceView
@@ -142,7 +142,7 @@ class Recogniser:
         light = (view.images.light_against(place), 0.0)
         found = align(points, view.images, [start], tie, light, all_alike())
         T_place_camera = inverse(found.T_camera_keyframe)
-        if _is_doubtful(found) or _are_apart(
+        if _is_doubtful(found) or not are_near(
             T_place_camera, sighting.T_place_camera, MOST_APART_M, MOST_APART_RAD
         ):
             return None
@@ -159,7 +159,7 @@ def _contradict(best: Sighting, other: Sighting, T_map_place: Poses) -> bool:
     ):
         return False
     T, T_other = (T_map_place[s.place.number] @ s.T_place_camera for s in (best, other))
-    return _are_apart(T, T_other, ELSEWHERE_M, ELSEWHERE_RAD)
+    return not are_near(T, T_other, ELSEWHERE_M, ELSEWHERE_RAD)
 
 
 def _tie(view: PlaceView, T_place_camera: Array) -> Tie:
@@ -173,9 +173,3 @@ def _is_doubtful(found: Alignment) -> bool:
     """Whether an alignment says too little: stricter than the odometry, which knows the way."""
     in_view = found.counts[IN_IMAGE] / max(len(found.readings), 1)
     return bool(doubt(found) or cover(found) or in_view < LEAST_IN_VIEW)
-
-
-def _are_apart(T: Array, T_other: Array, metres: float, radians: float) -> bool:
-    """Whether two poses of the camera differ by more than this."""
-    step = inverse(T) @ T_other
-    return bool(np.linalg.norm(step[:3, 3]) > metres or rotation_angle_rad(step[:3, :3]) > radians)

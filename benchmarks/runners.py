@@ -11,7 +11,7 @@ from vo_service.mapping.loops.opening import open_inline_loops
 from vo_service.methods import METHODS, FeatureSettings
 from vo_service.odometry.estimate import Estimate
 from vo_service.outputs.output import PoseUpdate
-from vo_service.pose_tracker import T_BODY_CAMERA, PoseTracker, StampedFrame
+from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.settings import MapSettings
 from vo_service.stage_clock import StageClock
 
@@ -71,7 +71,7 @@ class LoopRunner:
     """An odometry that knows places again, and closes loops between two frames."""
 
     def __init__(self, method: str) -> None:
-        self._loops = open_inline_loops(MapSettings(), T_BODY_CAMERA)
+        self._loops = open_inline_loops(MapSettings())
         self._odometry = self._loops.around(METHODS[method](FeatureSettings(), StageClock()))
         self._tracker = PoseTracker()
         self._told: PoseUpdate | None = None

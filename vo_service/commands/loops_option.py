@@ -44,7 +44,7 @@ def prepared_loops(config: Config, terminal: Terminal, stop: Stop) -> "InlineLoo
     prepare_loops(terminal, stop)
     from vo_service.mapping.loops.opening import open_inline_loops
 
-    return open_inline_loops(config.map, config.T_base_camera.T_base_camera)
+    return open_inline_loops(config.map)
 
 
 def write_corrected(path: Path, trajectory: StampedPoses, published_after_s: float) -> None:

@@ -112,7 +112,7 @@ def _serve(
         way_to_open=KeepTrying,
         extras=Extras(commands, config.ros2),
         recorder=partial(open_recorder, config.recorder, asdict(config)),
-        mapper=partial(open_mapper, config.map, config.T_base_camera.T_base_camera),
+        mapper=partial(open_mapper, config.map),
         rerun=config.rerun,
         trajectory=args.trajectory,
         tell=terminal.say,

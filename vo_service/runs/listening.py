@@ -15,7 +15,7 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from vo_service.odometry.estimate import Estimate
 from vo_service.pose_covariance import diagonal
-from vo_service.pose_tracker import T_BODY_CAMERA, PoseTracker, StampedFrame
+from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.runs.run import LoopsRun
 from vo_service.runs.versions import digest_of
 from vo_service.settings import MapSettings
@@ -139,7 +139,7 @@ class _LoopsListener:
         from vo_service.mapping.loops.opening import open_inline_loops
 
         self._tracker = PoseTracker()
-        self._loops = open_inline_loops(settings, T_BODY_CAMERA)
+        self._loops = open_inline_loops(settings)
         self._cpu_ms: list[float] = []
 
     def hear(self, frame: RgbdFrame, estimate: Estimate) -> None:

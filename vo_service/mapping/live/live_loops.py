@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, inverse
+from drivers.geometry import inverse
 from vo_service.mapping.live.messages import Asked
 from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.relocalising import Located, RelocalisingOdometry
@@ -24,10 +24,9 @@ class LiveLoops:
     `hear` and `begin_anew` are called on another thread than the rest.
     """
 
-    def __init__(self, put: Callable[[PoseUpdate, Asked], None], T_base_camera: Array) -> None:
+    def __init__(self, put: Callable[[PoseUpdate, Asked], None]) -> None:
         """`put` passes a frame on to the process, soon."""
         self._put = put
-        self._T_base_camera = T_base_camera
         self._T_world_odom = np.eye(4)  # from `odom` to the odometry's own world
         self._last: PoseUpdate | None = None
         self._answers: deque[Located] = deque(maxlen=_MOST_ANSWERS)
@@ -41,8 +40,7 @@ class LiveLoops:
         """Remember how the odometry's world lies in `odom`."""
         self._last = update
         if update.estimate.ok:
-            T_odom_camera = np.asarray(update.T_odom_base @ self._T_base_camera)
-            self._T_world_odom = update.T_world_camera @ inverse(T_odom_camera)
+            self._T_world_odom = update.T_world_camera @ inverse(update.T_odom_camera)
 
     @property
     def knows_places(self) -> bool:

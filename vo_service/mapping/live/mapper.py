@@ -4,9 +4,6 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from drivers.geometry import Array
 from vo_service.mapping.live.clerk import MapClerk
 from vo_service.mapping.live.contract import MapState
 from vo_service.mapping.live.live_loops import LiveLoops
@@ -38,9 +35,8 @@ class LiveMapper:
     The loop only compares two poses; a thread copies the images of a frame.
     """
 
-    def __init__(self, settings: MapSettings, maps: Path, T_base_camera: Array) -> None:
+    def __init__(self, settings: MapSettings, maps: Path) -> None:
         """Start. `maps` is the folder of the maps. Raises OSError if the memory cannot be had."""
-        self._T_base_camera = T_base_camera
         self._gate = Gate()
         self._hops = Hops() if settings.loops else NoHops()
         self._no_memory = ""
@@ -48,7 +44,7 @@ class LiveMapper:
         compile_packing()
         self._ring = RingWriter("map-keyframes", _RING_S, _RING_BYTES)
         level = logging.getLogger().getEffectiveLevel()
-        places = LiveLoops(self._pass_on, T_base_camera)
+        places = LiveLoops(self._pass_on)
         self.loops: Loops = places if settings.loops else NoLoops()
         self._places = places
         job = Job(self._ring.memory, 0, maps, settings, level)
@@ -108,8 +104,7 @@ class LiveMapper:
     def _put(self, item: _Item) -> None:
         """Body of the worker's thread. The map's world is `odom`, as the poses that go out."""
         update, more = item
-        T_odom_camera = np.asarray(update.T_odom_base @ self._T_base_camera)
-        in_odom = replace(update, T_world_camera=T_odom_camera)
+        in_odom = replace(update, T_world_camera=update.T_odom_camera)
         try:
             put_frame(self._ring, in_odom, pack_depth, more)
             self._no_memory = ""

@@ -3,7 +3,6 @@
 import logging
 
 from drivers.errors import UserFacingError
-from drivers.geometry import Array
 from vo_service.folders import state_folder
 from vo_service.mapping.live.contract import Mapper, NoMapper
 from vo_service.settings import MapSettings
@@ -11,7 +10,7 @@ from vo_service.settings import MapSettings
 logger = logging.getLogger(__name__)
 
 
-def open_mapper(settings: MapSettings, T_base_camera: Array) -> Mapper:
+def open_mapper(settings: MapSettings) -> Mapper:
     """The mapper that the settings ask for. The service goes on without where it cannot be had."""
     if not settings.enabled:
         return NoMapper("the map is switched off (map.enabled)")
@@ -19,7 +18,7 @@ def open_mapper(settings: MapSettings, T_base_camera: Array) -> Mapper:
     from vo_service.mapping.live.mapper import LiveMapper
 
     try:
-        return LiveMapper(settings, state_folder() / "maps", T_base_camera)
+        return LiveMapper(settings, state_folder() / "maps")
     except UserFacingError as error:
         reason = f"map: switched off: {error}"
     except OSError as error:

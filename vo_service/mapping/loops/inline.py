@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, inverse
+from drivers.geometry import inverse
 from drivers.trajectory import StampedPoses
 from vo_service.mapping.loops.corrected import CorrectedTrajectory
 from vo_service.mapping.loops.hop import Hops
@@ -24,9 +24,8 @@ class InlineLoops:
 
     warning = ""
 
-    def __init__(self, closer: LoopCloser, T_base_camera: Array) -> None:
+    def __init__(self, closer: LoopCloser) -> None:
         self.closer = closer
-        self._T_base_camera = T_base_camera
         self._T_world_odom = np.eye(4)  # from `odom` to the odometry's own world
         self._hops = Hops()
         self._place: Place | None = None  # the last
@@ -45,8 +44,7 @@ class InlineLoops:
 
     def pose(self, update: PoseUpdate) -> None:
         """Take one result; make a place of it where it is one."""
-        T_odom_camera = np.asarray(update.T_odom_base @ self._T_base_camera)
-        hop = self._hops.next(update)
+        T_odom_camera, hop = update.T_odom_camera, self._hops.next(update)
         if hop is not None:
             self._see(Sight(update.frame, update.epoch, T_odom_camera, hop))
         place = self._place

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from drivers.geometry import Array
 from vo_service.mapping.graph.pose_graph import PoseGraph
 from vo_service.mapping.loops.inline import InlineLoops
 from vo_service.mapping.loops.loop_closer import LoopCloser
@@ -14,9 +13,9 @@ from vo_service.settings import MapSettings
 MEGABYTE = 1_000_000
 
 
-def open_inline_loops(settings: MapSettings, T_base_camera: Array) -> InlineLoops:
+def open_inline_loops(settings: MapSettings) -> InlineLoops:
     """Loops on the caller's own thread, that know no place yet."""
-    return InlineLoops(new_closer(settings), T_base_camera)
+    return InlineLoops(new_closer(settings))
 
 
 def new_closer(settings: MapSettings) -> LoopCloser:

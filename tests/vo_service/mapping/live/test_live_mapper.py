@@ -25,7 +25,6 @@ from tests.vo_service.recorder.moments import refusal
 from vo_service.mapping.live.contract import NoMapper
 from vo_service.mapping.live.mapper import LiveMapper
 from vo_service.mapping.live.opening import open_mapper
-from vo_service.pose_tracker import T_BODY_CAMERA
 from vo_service.settings import MapSettings
 
 
@@ -135,13 +134,13 @@ def test_the_service_goes_on_without_a_map_that_has_no_memory(
 ) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
     with files_up_to(1000):
-        opened = open_mapper(COARSE, T_BODY_CAMERA)
+        opened = open_mapper(COARSE)
     assert isinstance(opened, NoMapper)
     assert opened.warning == "map: switched off: its memory cannot be had: File too large"
     assert refusal(lambda: opened.save("x")).startswith("not-possible: map: switched off")
 
 
 def test_a_map_that_is_switched_off_says_so_to_whoever_asks() -> None:
-    opened = open_mapper(MapSettings(enabled=False), T_BODY_CAMERA)
+    opened = open_mapper(MapSettings(enabled=False))
     assert opened.warning == ""
     assert refusal(lambda: opened.save("x")).endswith("the map is switched off (map.enabled)")

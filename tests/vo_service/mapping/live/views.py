@@ -42,6 +42,7 @@ def view(
         epoch=epoch,
         T_world_camera=T_world_camera,
         T_odom_base=T_BODY_CAMERA @ T_world_camera @ inverse(T_BODY_CAMERA),
+        T_odom_camera=T_BODY_CAMERA @ T_world_camera,
         frame=frame,
     )
 
@@ -49,7 +50,7 @@ def view(
 @contextmanager
 def mapper(folder: Path, settings: MapSettings = COARSE) -> Iterator[LiveMapper]:
     """A mapper that is up, whose maps go into a folder; closed at the end."""
-    opened = LiveMapper(settings, folder, T_BODY_CAMERA)
+    opened = LiveMapper(settings, folder)
     try:
         wait_for(lambda: opened.is_up, "for the mapper's process")
         yield opened

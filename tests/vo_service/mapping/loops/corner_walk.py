@@ -61,5 +61,4 @@ def update(n: int, state: TrackingState = TrackingState.TRACKING, epoch: int = 0
     motion = inverse(told(n - 1)) @ told(n) if n else np.eye(4)
     estimate = replace(good(told(n), motion), covariance=COVARIANCE)
     said = PoseTracker().update(stamped, estimate, {}, 0.0)
-    T_odom_base = T_BODY_CAMERA @ told(n) @ inverse(T_BODY_CAMERA)
-    return replace(said, state=state, epoch=epoch, T_odom_base=T_odom_base)
+    return replace(said, state=state, epoch=epoch, T_odom_camera=T_BODY_CAMERA @ told(n))

@@ -16,7 +16,7 @@ from vo_service.mapping.loops.opening import open_inline_loops
 from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.keyframe_odometry import KeyframeOdometry
 from vo_service.outputs.output import PoseUpdate, TrackingState
-from vo_service.pose_tracker import T_BODY_CAMERA, PoseTracker, StampedFrame
+from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.settings import MapSettings
 
 SEEN = 40
@@ -38,7 +38,7 @@ class Forgetful:
 
 
 def inline() -> InlineLoops:
-    return open_inline_loops(MapSettings(), T_BODY_CAMERA)
+    return open_inline_loops(MapSettings())
 
 
 def numbered(views: Sequence[RgbdFrame]) -> Iterator[RgbdFrame]:

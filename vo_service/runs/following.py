@@ -6,10 +6,10 @@ take memory.
 """
 
 import logging
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+
+from numba.core.event import install_recorder
 
 from drivers.camera import RgbdFrame
 from drivers.tum.decode import UnreadableFrameError
@@ -40,12 +40,12 @@ def follow(job: Job, tell: Callable[[Preparing | Progress], None]) -> Run:
 
     Raises CompiledFirst where the job allows it, and kernels had to be compiled.
     """
-    kernels = _kernels_kept()
     folder = open_folder(job.folder, job.camera_file)
     pairs = job.excerpt.of(folder.frames.pairs)
-    warm_up(job.recipe, folder, pairs, lambda stage: tell(Preparing(stage)))
-    job.listener.prepare(lambda stage: tell(Preparing(stage)))
-    if job.may_end_compiled and _kernels_kept() > kernels:
+    with install_recorder("numba:compile") as compiled:
+        warm_up(job.recipe, folder, pairs, lambda stage: tell(Preparing(stage)))
+        job.listener.prepare(lambda stage: tell(Preparing(stage)))
+    if job.may_end_compiled and compiled.buffer:
         raise CompiledFirst
     stages, diary = StageClock(), Diary()
     odometry = job.recipe.make(stages, folder.ground_truth)
@@ -72,12 +72,6 @@ def warm_up(
             odometry.estimate(reader.read(pair, seq))
         except UnreadableFrameError:  # to be told when its turn comes
             continue
-
-
-def _kernels_kept() -> int:
-    """How many compiled kernels there are in the folder where Numba keeps them."""
-    folder = os.environ.get("NUMBA_CACHE_DIR")
-    return sum(1 for _ in Path(folder).rglob("*.nbc")) if folder else 0
 
 
 def _add(diary: Diary, odometry: Odometry, frame: RgbdFrame, stages: StageClock) -> Estimate:

@@ -2,12 +2,15 @@
 
 import logging
 import os
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
@@ -22,6 +25,7 @@ from vo_service.runs.messages import Job, Preparing
 from vo_service.runs.run import Run
 
 BURNT_S = 0.02
+KERNEL = "import numba\nnumba.njit('i8(i8)', cache=True)(lambda number: number)\n"
 
 
 @dataclass
@@ -81,22 +85,31 @@ def test_a_broken_frame_at_the_start_is_skipped_once(copy_recording: Callable[..
     assert (len(run.frames), run.skipped) == (FRAMES - 1, 1)
 
 
-@pytest.fixture
-def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where Numba keeps what it compiled."""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    return tmp_path
-
-
 def test_where_kernels_had_to_be_compiled_no_frame_is_counted_unless_it_has_to(
-    recording: Path, kernels: Path
+    recording: Path,
 ) -> None:
-    recipe = Watched(lambda: (kernels / f"kernel-{time.monotonic_ns()}.nbc").touch())
+    recipe = Watched(_compile_a_kernel)
     with pytest.raises(CompiledFirst):
         followed(recording, recipe)
     assert recipe.seen == [list(range(WARM_UP_FRAMES))]
     job = Job(recording, None, recipe, logging.WARNING, may_end_compiled=False)
     assert len(follow(job, lambda word: None).frames) == FRAMES
+
+
+def test_what_another_process_compiles_meanwhile_does_not_count(
+    recording: Path, tmp_path: Path
+) -> None:
+    kernel = tmp_path / "kernel.py"
+    kernel.write_text(KERNEL)
+
+    def compile_elsewhere() -> None:
+        subprocess.run([sys.executable, kernel], check=True)
+
+    assert len(followed(recording, Watched(compile_elsewhere), first=1).frames) == 1
+
+
+def _compile_a_kernel() -> None:
+    numba.njit("i8(i8)")(lambda number: number)
 
 
 def _burn_in_a_thread() -> None:

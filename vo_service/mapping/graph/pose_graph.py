@@ -96,9 +96,13 @@ class PoseGraph:
         """4x4 pose of a place in the map."""
         return self._nodes[number].T_map_place
 
+    def parts(self) -> list[set[int]]:
+        """The places, parted by what is connected; the part with the oldest comes first."""
+        return parts(self._nodes, self._edges)
+
     def is_joined(self, world_a: int, world_b: int) -> bool:
         """True if places of these two worlds are connected."""
-        worlds = [{self._nodes[number].world for number in part} for part in self._parts()]
+        worlds = [{self._nodes[number].world for number in part} for part in self.parts()]
         return any({world_a, world_b} <= together for together in worlds)
 
     def is_plausible(self, loop: Edge) -> bool:
@@ -141,7 +145,7 @@ class PoseGraph:
         """Put every place where all edges agree best; the oldest of each part stays."""
         if not any(edge.is_loop for edge in self._edges):
             return
-        oldest = {min(part) for part in self._parts()}
+        oldest = {min(part) for part in self.parts()}
         is_held = np.array([number in oldest for number in self._nodes])
         solved = solve(self._poses(), self._measurements(), is_held)
         for node, T in zip(list(self._nodes.values()), solved, strict=True):
@@ -162,11 +166,8 @@ class PoseGraph:
             return Removal(number, None, T_map_removed)
         return Removal(number, way.b, inverse(self.T_map(way.b)) @ T_map_removed)
 
-    def _parts(self) -> list[set[int]]:
-        return parts(self._nodes, self._edges)
-
     def _part_of(self, number: int) -> set[int]:
-        return next(part for part in self._parts() if number in part)
+        return next(part for part in self.parts() if number in part)
 
     def _bring(self, numbers: Iterable[int], T: Array) -> None:
         """Move places, all alike."""

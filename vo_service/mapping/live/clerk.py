@@ -39,15 +39,17 @@ class MapClerk:
         self,
         job: Job,
         hear: Callable[[MapSnapshot | Located], None],
+        look_anew: Callable[[], None],
         begin_anew: Callable[[], int],
     ) -> None:
         """`hear` gets what the process says of places.
 
-        `begin_anew` is called when the keyframes are lost; the number of the next one.
+        `look_anew` is called when a map has been loaded, `begin_anew` when all is lost: the number
+        of the next frame that counts.
         """
         self._folder = MapsFolder(job.maps)
         self._hear_of_places = hear
-        self._begin_anew = begin_anew
+        self._look_anew, self._begin_anew = look_anew, begin_anew
         self._lock = threading.Lock()
         self._taken: frozenset[str] = frozenset()
         self._with_places: frozenset[str] = frozenset()
@@ -154,6 +156,8 @@ class MapClerk:
             if not loaded.trouble:  # a process that is started again begins in it as well
                 settings = replace(self._keeper.job.settings, load=loaded.file.stem)
                 self._keeper.job = replace(self._keeper.job, settings=settings)
+        if not loaded.trouble:
+            self._look_anew()
 
     def _check_answers(self) -> None:
         """Raises CommandError where orders would be lost. Called with the lock held."""

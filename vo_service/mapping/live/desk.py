@@ -99,11 +99,15 @@ class Desk:
             self._keyframes.add(Keyframe.of(record, self._places.last_place))
 
     def _load(self, name: str) -> None:
+        """Know the places of a map. Keyframes of before lie in a map that is no more."""
         file = self._folder.places_file(name)
         try:
-            self._tell(MapLoaded(file, self._places.load(file)))
+            places = self._places.load(file)
         except InputError as error:
             self._tell(MapLoaded(file, trouble=str(error)))
+            return
+        self._keyframes.forget()
+        self._tell(MapLoaded(file, places))
 
     def _save(self, name: str) -> None:
         """Write the places, and begin to make the surface."""

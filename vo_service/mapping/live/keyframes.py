@@ -99,11 +99,15 @@ class Keyframes:
 
     def add(self, keyframe: Keyframe) -> None:
         """Take a keyframe, unless there is one from nearly there; the first of an epoch empties."""
-        if self._kept and keyframe.epoch != self.epoch:
-            self._kept, self.bytes, self.spacing = [], 0, 1.0
+        if keyframe.epoch != self.epoch:
+            self.forget()
         if self._is_apart(keyframe.T_odom_camera):
             self._keep(keyframe)
             self.hold_at_most(self._most_bytes)
+
+    def forget(self) -> None:
+        """All of them."""
+        self._kept, self.bytes, self.spacing = [], 0, 1.0
 
     def hold_at_most(self, most_bytes: int) -> None:
         """From now on; wider apart if they are too many. The first of all stays."""

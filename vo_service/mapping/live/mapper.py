@@ -48,7 +48,7 @@ class LiveMapper:
         self.loops: Loops = places if settings.loops else NoLoops()
         self._places = places
         job = Job(self._ring.memory, 0, maps, settings, level)
-        self._clerk = MapClerk(job, places.hear, self._begin_anew)
+        self._clerk = MapClerk(job, places.hear, self._look_anew, self._begin_anew)
         self._worker: Worker[_Item] = Worker("map", DropOldest(2), self._put, lambda: None)
 
     @property
@@ -111,10 +111,14 @@ class LiveMapper:
         except OSError as error:
             self._no_memory = f"map: no memory for a keyframe: {error.strerror}"
 
-    def _begin_anew(self) -> int:
-        """Keyframes and places are lost: the next good frame is one, wherever it is."""
-        first = self._ring.count
+    def _look_anew(self) -> None:
+        """The next good frame is a keyframe and a place, wherever it is."""
         self._gate.forget()
         self._hops.forget()
+
+    def _begin_anew(self) -> int:
+        """Keyframes and places are lost."""
+        first = self._ring.count
+        self._look_anew()
         self._places.begin_anew()
         return first

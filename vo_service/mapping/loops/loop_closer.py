@@ -21,6 +21,7 @@ from vo_service.mapping.places.map_file import MapContents
 from vo_service.mapping.places.place import Place
 from vo_service.mapping.places.places import Places
 from vo_service.mapping.places.recognition import Recogniser, Recognition
+from vo_service.mapping.places.redundancy import most_redundant
 from vo_service.mapping.places.view import LOST, PlaceView
 from vo_service.odometry.relocalising import Located
 from vo_service.outputs.map_snapshot import MapSnapshot
@@ -221,7 +222,13 @@ class LoopCloser:
         """Leave out what is told by its neighbours, where there are too many places."""
         removals = []
         while self.places.is_over and len(self.places) >= FEWEST_PLACES:
-            number = self.places.redundant()
+            number = self._redundant()
             self.places.remove(number)
             removals.append(self.graph.remove(number))
         return removals
+
+    def _redundant(self) -> int:
+        numbers = list(self.graph.nodes)
+        part_of = {number: n for n, part in enumerate(self.graph.parts()) for number in part}
+        T_map_place = np.array([self.graph.T_map(number) for number in numbers])
+        return numbers[most_redundant(T_map_place, np.array([part_of[n] for n in numbers]))]

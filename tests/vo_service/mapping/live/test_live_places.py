@@ -102,6 +102,18 @@ def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
         assert np.linalg.norm((inverse(expected) @ T_map_camera)[:3, 3]) < 0.05
 
 
+def test_a_camera_that_stands_still_knows_where_it_is_in_a_map_that_is_loaded(saved: Path) -> None:
+    with mapper(saved, WITH_PLACES) as opened:
+        opened.pose(update(STEPS))
+        wait_for(lambda: opened.state.keyframes == 1, "for a keyframe")
+        opened.load(NAME)
+        wait_for(lambda: opened.state.loaded.endswith("corner.places"), "for the map")
+        wait_for(lambda: opened.state.keyframes == 0, "for the keyframe of before to go")
+        opened.pose(update(STEPS))
+        wait_for(lambda: opened.loops.snapshot.is_located, "for a place that is known")
+        wait_for(lambda: opened.state.keyframes == 1, "for a keyframe in that map")
+
+
 def test_a_damaged_map_is_told_in_one_line_and_the_service_goes_on(
     saved: Path, tmp_path: Path
 ) -> None:

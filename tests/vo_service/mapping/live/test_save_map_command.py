@@ -50,7 +50,7 @@ def test_a_map_is_made_on_command_while_poses_go_on(stage: LiveStage) -> None:
     places = str(file.with_suffix(".places"))
     assert json.loads(asked(stage, "kitchen", "load-map").stdout) == {"file": places}
     service.until(lambda status: status["loaded_map"] == places)
-    service.until(lambda status: status["places"] == 1)
+    service.until(lambda status: status["places"] == 2)  # that of the map, and what is seen now
     assert {(pose.state, pose.epoch) for pose in service.heard.poses} == {("tracking", 0)}
     assert service.end() == 0
     stage.check()

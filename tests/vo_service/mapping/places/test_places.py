@@ -9,11 +9,11 @@ from vo_service.mapping.places.places import Places
 from vo_service.mapping.places.recognition import Recogniser
 
 
-def placed(place: Place, *poses: Array, world: int = 0) -> Places:
+def placed(place: Place, *poses: Array) -> Places:
     """The same view, as if it had been seen from all of these."""
     places = Places(most_bytes=10**9)
     for number, T in enumerate(poses):
-        places.add(replace(place, number=number, T_world_place=T, world=world))
+        places.add(replace(place, number=number, T_world_place=T))
     return places
 
 
@@ -68,26 +68,3 @@ def test_they_say_when_they_take_too_much(here: Place) -> None:
     places.remove(1)
     assert [*is_over, places.is_over] == [False, False, True, False]
     assert places.bytes == 2 * here.bytes
-
-
-def test_the_one_nearest_to_others_can_be_spared(here: Place) -> None:
-    assert placed(here, *along(0.0, 1.0, 2.0, 2.1, 2.3, 5.0)).redundant() == 3
-
-
-def test_a_turn_counts_as_a_way(here: Place) -> None:
-    turned = [pose((0.0, 0.0, 0.0), (0.0, degrees, 0.0)) for degrees in (0, 60, 65, 120)]
-    assert placed(here, *turned).redundant() == 2
-
-
-def test_the_first_and_the_newest_are_never_spared(here: Place) -> None:
-    assert placed(here, *along(0.0, 0.1, 3.0, 6.0, 6.1)).redundant() in (1, 3)
-    assert placed(here, *along(0.0, 5.0, 0.0)).redundant() == 1
-    with pytest.raises(ValueError, match="never spared"):
-        placed(here, *along(0.0, 0.0)).redundant()
-
-
-def test_places_of_other_worlds_are_not_near(here: Place) -> None:
-    places = placed(here, *along(0.0, 1.0, 1.5))
-    for number, way_m in enumerate((1.01, 1.02, 9.0), start=3):
-        places.add(replace(here, number=number, world=number, T_world_place=along(way_m)[0]))
-    assert places.redundant() == 1

@@ -72,9 +72,10 @@ def look_from(
     """
     for i in range(known.shape[0]):
         for j in range(known.shape[1]):
-            px, py, pz = places[i, j]
-            x, y, z = transformed(T_other_camera, px, py, pz)
-            if pz == 0.0 or z < NEAREST_M or known[i, j] != UNKNOWN:
+            if known[i, j] != UNKNOWN or places[i, j, 2] == 0.0:
+                continue
+            x, y, z = transformed(T_other_camera, places[i, j, 0], places[i, j, 1], places[i, j, 2])
+            if z < NEAREST_M:
                 continue
             u, v = project(x, y, z, intrinsics)
             known[i, j] = _tell(inverse_depth, u, v, 1.0 / z)

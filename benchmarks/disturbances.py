@@ -1,6 +1,6 @@
 """What can stand in a pose's way: viewers, subscribers, routers that freeze, go or never come.
 
-And the map: what the service does beside the poses when it is asked to.
+And the map: what the service does beside the poses, always and when it is asked to.
 """
 
 import importlib.util
@@ -120,6 +120,12 @@ def maps_made(folder: Path) -> Iterator[Scene]:
     yield Scene(config, tuple((share, _save_map) for share in (0.0, 0.25, 0.5, 0.75)))
 
 
+@contextmanager
+def no_places_known(folder: Path) -> Iterator[Scene]:
+    """Nothing is wrong, and no place is remembered: the others show what that costs."""
+    yield Scene(f"{_viewers(_recording(folder))}[map]\nloops = false\n")
+
+
 CASES = (
     Case("viewer recording", viewer_recording),
     Case("viewer's process frozen", viewer_process_frozen),
@@ -130,6 +136,7 @@ CASES = (
     Case("subscriber frozen", subscriber_frozen),
     Case("router killed and back", router_gone_and_back),
     Case("maps made", maps_made),
+    Case("no places known", no_places_known),
 )
 
 

@@ -17,7 +17,6 @@ from tests.vo_service.played_service import (
     PATIENT_KINECT_VO,
     PlayedService,
     free_port,
-    sparing,
 )
 from tests.vo_service.subscriber import Subscriber
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
@@ -50,7 +49,7 @@ class LiveStage:
         }
         self._lives: list[PlayedService] = []
         listen = f'[zenoh]\nlisten = ["tcp/127.0.0.1:{self.port}"]\n'
-        self.good_config = f"schema = 1\n{listen}{sparing(more_config)}"
+        self.good_config = f"schema = 1\n{listen}{more_config}"
         self.config.write_text(self.good_config)
         connect = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{self.port}",))
         self.session = open_session(connect)

@@ -110,14 +110,10 @@ class PlayedService:
         return f"{json.dumps(dict(self.status))}; the log:\n{self.log}"
 
 
-# What a service need not do where nobody looks at its maps: their process costs half a second.
+# What a service need not do where nobody looks at its maps: their process costs half a second, and
+# the libraries of places another.
 WITHOUT_MAP = "[map]\nenabled = false\n"
 WITHOUT_PLACES = "[map]\nloops = false\n"
-
-
-def sparing(more_config: str) -> str:
-    """The same without places, whose libraries are slow to load, unless it says so of its map."""
-    return more_config if "[map]" in more_config else f"{more_config}\n{WITHOUT_PLACES}"
 
 
 @contextmanager
@@ -136,7 +132,7 @@ def running_service(
     port = free_port()
     config, log = folder / "kinect.toml", folder / "log.txt"
     config.write_text(
-        f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n{sparing(more_config)}',
+        f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n{more_config}',
         encoding="utf-8",
     )
     command = [*PATIENT_KINECT_VO, "run", "--camera", source, "--config", str(config), *options]

@@ -15,7 +15,12 @@ from tests.belongings import children_of, is_alive, wait_for
 from tests.stand_ins.zenoh_router import running_router
 from tests.vo_service.live_faults import LIVE_FAULTS, Around, LiveFault, pass_through
 from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
-from tests.vo_service.played_service import PATIENCE_S, START_LIMIT_S, free_port
+from tests.vo_service.played_service import (
+    PATIENCE_S,
+    START_LIMIT_S,
+    WITHOUT_PLACES,
+    free_port,
+)
 
 # So that a pose is not lost for another reason: a machine that is busy for a tenth of a second.
 SLOWLY = "rate_hz = 5.0\n"
@@ -25,7 +30,7 @@ SLOWLY = "rate_hz = 5.0\n"
 def around(films: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Around]:
     """A service on a router; it must live to the end, and then end in order."""
     folder, router_at = tmp_path_factory.mktemp("around"), f"tcp/127.0.0.1:{free_port()}"
-    config = f"connect = {json.dumps([router_at])}\n{CAMERA}{SLOWLY}"
+    config = f"connect = {json.dumps([router_at])}\n{CAMERA}{SLOWLY}{WITHOUT_PLACES}"
     with running_router(router_at) as router, live_stage(folder, films, config) as stage:
         service = stage.start()
         service.until_streaming(time.monotonic(), START_LIMIT_S)
@@ -37,7 +42,7 @@ def around(films: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ar
 @pytest.fixture
 def stage(films: Path, tmp_path: Path) -> Iterator[LiveStage]:
     """A stage of its own."""
-    with live_stage(tmp_path / "stage", films) as stage:
+    with live_stage(tmp_path / "stage", films, CAMERA + WITHOUT_PLACES) as stage:
         yield stage
 
 

@@ -33,13 +33,10 @@ import numpy as np
 
 from benchmarks.kept_results import Json, KeptResults
 from benchmarks.relocalisation_measure import Outcome, Summary, attempt, summary
-from benchmarks.relocalisation_tries import choose_tries, frames_of, views_along
+from benchmarks.relocalisation_tries import choose_tries, frames_of, kept_film, views_along
 from benchmarks.runners import make_runner
-from benchmarks.tour_frames import THREADS, tour_config, true_poses
+from benchmarks.tour_frames import tour_config, true_poses
 from drivers.errors import UserFacingError
-from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.faults import Source
-from drivers.synthetic.film import film_source, load_or_render
 from vo_service.methods import METHODS
 from vo_service.terminal import Terminal
 from vo_service.warm_up import warm_up
@@ -113,7 +110,7 @@ def _measure(args: argparse.Namespace, seed: int, count: int) -> Json:
     """The tries of one seed and their outcomes."""
     terminal, config = Terminal(), tour_config(seed, FILM_S, args.twins)
     T_room_camera = true_poses(config)
-    film = _film(args.folder, config, seed, terminal)
+    film = kept_film(args.folder, config, terminal)
     rng = np.random.default_rng([seed, 12])
     tries = choose_tries(views_along(config, film, T_room_camera), count, args.unseen, rng)
     outcomes: list[Outcome] = []
@@ -126,13 +123,6 @@ def _measure(args: argparse.Namespace, seed: int, count: int) -> Json:
         )
     terminal.clear()
     return {"tries": list(map(asdict, tries)), "outcomes": list(map(asdict, outcomes))}
-
-
-def _film(folder: Path, config: SyntheticConfig, seed: int, terminal: Terminal) -> Source:
-    # A folder of its own for each: a film cache holds no more than one of this length.
-    name = f"{'twins' if config.twin_corners else 'tour'}-{seed}"
-    progress = terminal.counter(f"rendering room {seed}: frame")
-    return film_source(load_or_render(config, folder / "films" / name, progress, THREADS))
 
 
 def as_text(name: str, result: Summary) -> str:

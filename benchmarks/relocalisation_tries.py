@@ -2,16 +2,19 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.tour_frames import as_frame
+from benchmarks.tour_frames import THREADS, as_frame
 from benchmarks.views_shared import SeenView, most_shared
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Source
+from drivers.synthetic.film import film_source, load_or_render
+from vo_service.terminal import Terminal
 
 # Frames before the cover, covered, and after it.
 BEFORE, COVERED, AFTER = 600, 90, 60
@@ -39,6 +42,14 @@ class Try:
         before = np.arange(self.first, self.first + BEFORE)
         covered = np.full(COVERED, before[-1])
         return np.concatenate([before, covered, np.arange(self.back, self.back + AFTER)])
+
+
+def kept_film(folder: Path, config: SyntheticConfig, terminal: Terminal) -> Source:
+    """The film of a tour in FOLDER/films, rendered where there is none yet."""
+    # A folder of its own for each: a film cache holds no more than one of this length.
+    name = f"{'twins' if config.twin_corners else 'tour'}-{config.seed}"
+    progress = terminal.counter(f"rendering room {config.seed}: frame")
+    return film_source(load_or_render(config, folder / "films" / name, progress, THREADS))
 
 
 def frames_of(a_try: Try, config: SyntheticConfig, film: Source) -> Iterator[RgbdFrame]:

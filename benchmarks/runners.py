@@ -7,6 +7,7 @@ from typing import Protocol
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from drivers.trajectory import StampedPoses
+from vo_service.mapping.loops.inline import InlineLoops
 from vo_service.mapping.loops.opening import open_inline_loops
 from vo_service.methods import METHODS, FeatureSettings
 from vo_service.odometry.estimate import Estimate
@@ -70,37 +71,38 @@ class OdometryRunner:
 class LoopRunner:
     """An odometry that knows places again, and closes loops between two frames."""
 
-    def __init__(self, method: str) -> None:
-        self._loops = open_inline_loops(MapSettings())
-        self._odometry = self._loops.around(METHODS[method](FeatureSettings(), StageClock()))
+    def __init__(self, method: str, known: InlineLoops) -> None:
+        """`known` is the map, which may know places from before; `told` is what went out last."""
+        self.map = known
+        self._odometry = known.around(METHODS[method](FeatureSettings(), StageClock()))
         self._tracker = PoseTracker()
-        self._told: PoseUpdate | None = None
+        self.told: PoseUpdate | None = None
 
     def frame(self, frame: RgbdFrame) -> Estimate:
         """See `Runner`."""
         estimate = self._odometry.estimate(frame)
-        self._told = self._tracker.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
+        self.told = self._tracker.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
         return estimate
 
     def learn(self) -> None:
         """See `Runner`."""
-        if self._told is not None:
-            self._loops.pose(self._told)
+        if self.told is not None:
+            self.map.pose(self.told)
 
     def corrected(self, trajectory: StampedPoses) -> StampedPoses:
         """See `Runner`."""
-        return self._loops.trajectory
+        return self.map.trajectory
 
     def loops(self) -> Sequence[Loop]:
         """See `Runner`. Those of a place that was left out since are told by its neighbour."""
-        places = self._loops.closer.places
+        places = self.map.closer.places
         return [
             Loop(places[edge.a].stamp_s, places[edge.b].stamp_s, edge.T_a_b)
-            for edge in self._loops.closer.graph.edges
+            for edge in self.map.closer.graph.edges
             if edge.is_loop
         ]
 
 
 def make_runner(method: str, alone: bool) -> Runner:
     """What is measured: a method by its name, alone or with what knows places again."""
-    return OdometryRunner(method) if alone else LoopRunner(method)
+    return OdometryRunner(method) if alone else LoopRunner(method, open_inline_loops(MapSettings()))

@@ -1,0 +1,72 @@
+"""The map of one day on the next: how a start is judged, and what is not measured twice."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import next_day, next_day_measure
+from benchmarks.next_day_measure import Outcome, Tour, first_day, second_day
+from benchmarks.tour_frames import tour_config, true_poses
+from drivers.camera import PinholeCamera
+from drivers.geometry import inverse
+from drivers.synthetic.faults import Images
+from drivers.synthetic.render import make_renderer
+from vo_service.pose_tracker import T_BODY_CAMERA
+
+CAMERA = PinholeCamera(320, 240, 262.5, 262.5, 159.5, 119.5)
+# Two places, and back to the first.
+THERE = [*range(0, 40, 2)]
+WAY = THERE + THERE[::-1]
+
+
+@pytest.fixture(scope="module")
+def tour() -> Tour:
+    config = replace(tour_config(1, 60.0, False), camera=CAMERA, texel_m=0.008)
+    renderer, seen = make_renderer(config, 2), dict[int, Images]()
+
+    def film(number: int) -> Images:
+        shown = WAY[number]
+        return seen[shown] if shown in seen else seen.setdefault(shown, renderer.render(shown))
+
+    return Tour(config, film, true_poses(config)[WAY])
+
+
+def test_a_camera_that_begins_where_it_was_the_day_before_is_known_there(
+    tour: Tour, tmp_path: Path
+) -> None:
+    file = tmp_path / "day.places"
+    T_room_map = first_day("keyframe", tour, file)
+    np.testing.assert_allclose(T_room_map, tour.T_room_camera[0] @ inverse(T_BODY_CAMERA))
+    outcome = second_day("keyframe", tour, file, T_room_map, tour.noon)
+    assert (outcome.frames, outcome.is_wrong) == (1, False)
+    assert 0.0 < outcome.away_m <= outcome.later_m < 0.02
+    # The same poses, but the room said to lie elsewhere.
+    aside = T_room_map.copy()
+    aside[0, 3] += 0.06
+    assert second_day("keyframe", tour, file, aside, tour.noon).is_wrong
+
+
+def test_starts_are_counted_by_what_became_of_them() -> None:
+    known, never = Outcome(3, 0.004, 0.1, 0.012, 0.2), Outcome(None, 0.0, 0.0, 0.0, 0.0)
+    wrong = Outcome(5, 0.006, 0.1, 0.06, 0.2)
+    cells = next_day.as_text("seed 1", [known, wrong, never]).split()
+    assert cells == ["seed", "1", "3", "2", "1", "4", "5.0", "6.0", "0.10", "60.0", "0.20"]
+    assert next_day.as_text("seed 1", [never]).split()[2:] == ["1", "0", "0"]
+
+
+def test_seeds_that_are_finished_are_not_measured_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tour: Tour
+) -> None:
+    monkeypatch.setattr(next_day, "tour_config", lambda *choice: tour.config)
+    monkeypatch.setattr(next_day, "kept_film", lambda *place: tour.film)
+    monkeypatch.setattr(next_day, "true_poses", lambda config: tour.T_room_camera)
+    monkeypatch.setattr(next_day, "LONGEST", 10)
+    monkeypatch.setattr(next_day_measure, "LONGEST", 10)
+    args = argparse.Namespace(folder=tmp_path, seeds=[1], starts=2, method="keyframe")
+    first = next_day.run(args)
+    assert len(first) == 2
+    monkeypatch.setattr(next_day, "true_poses", lambda config: 1 / 0)
+    assert next_day.run(args) == first

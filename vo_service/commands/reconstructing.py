@@ -3,6 +3,8 @@
 import argparse
 import json
 import logging
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,18 +47,20 @@ def reconstruct(args: argparse.Namespace) -> int:
         )
     open_folder(args.folder, camera_file)
     poses = None if args.trajectory is None else _read(args.trajectory, args.folder)
+    of_places: Mapping[str, int] = {}
     fusion = _fusion(args)
     make_output_folder(args.output)
     with stop_on_signals() as stop, watching(config.rerun.targets, terminal.say) as watcher:
         prepared(warm_up_mapping, terminal, stop)
         if poses is None:
             recording = TumCamera(args.folder, camera_file)
-            poses = _tracked(args, recording, config, terminal, stop)
+            poses, of_places = _tracked(args, recording, config, terminal, stop)
         reconstruction = Reconstruction(fusion, FramePoses(poses), watcher)
         with TumCamera(args.folder, camera_file) as camera:
             reconstruction.run(camera, stop.event, terminal.counter("fusing: frame"))
         with terminal.busy("making the map") as busy:
             results = _results(args.folder, reconstruction, fusion, stop)
+            results = replace(results, of_places=of_places)
             results.save(args.output, busy.detail)
     terminal.say(f"results: {args.output}" + (" (cut short)" if results.is_cut_short else ""))
     print(json.dumps(results.as_json()) if args.json else results.as_table())
@@ -87,14 +91,16 @@ def _read(trajectory: Path, folder: Path) -> StampedPoses:
 
 def _tracked(
     args: argparse.Namespace, camera: TumCamera, config: Config, terminal: Terminal, stop: Stop
-) -> StampedPoses:
-    """The odometry's poses; they are left among the results."""
+) -> tuple[StampedPoses, Mapping[str, int]]:
+    """The odometry's poses, which are left among the results; with loops, how many there were."""
     loops = prepared_loops(config, terminal, stop) if args.loops else None
     poses = tracked(args.folder, camera, config, terminal, stop, loops)
     lines = map(pose_line, poses.stamps_s, poses.T_world_camera)
     with refusals(args.output / TRAJECTORY):
         write_whole(args.output / TRAJECTORY, "".join(lines).encode())
-    return poses
+    if loops is None:
+        return poses, {}
+    return poses, {"places": len(loops.closer.places), "loops": loops.closer.loops}
 
 
 def _results(folder: Path, reconstruction: Reconstruction, fusion: Fusion, stop: Stop) -> Results:

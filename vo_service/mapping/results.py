@@ -1,9 +1,9 @@
 """What a reconstruction leaves behind: the map, pictures of it, and its figures."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ class Results:
     title         over the view from above
     camera        intrinsics of the frames
     is_cut_short  stopped before the last frame
+    of_places     how many places and loops have corrected the poses; empty where none were asked
     """
 
     title: str
@@ -42,6 +43,7 @@ class Results:
     harvest: Harvest
     fusion: Fusion
     is_cut_short: bool
+    of_places: Mapping[str, int] = field(default_factory=dict)
 
     @cached_property
     def T_level_world(self) -> Array:
@@ -93,6 +95,7 @@ class Results:
             "memory_used": round(self.fusion.share_used, 4),
             "full_at_frame": harvest.full_at or None,
             "cut_short": self.is_cut_short,
+            **self.of_places,
         }
 
     def as_table(self) -> str:
@@ -109,6 +112,7 @@ class Results:
             ("triangles", f"{len(self.mesh.triangles)}, voxels of {settings.voxel_m:g} m"),
             ("memory", used + (f", full at frame {harvest.full_at}" if harvest.full_at else "")),
         ]
+        rows += [(name, f"{count}") for name, count in self.of_places.items()]
         return aligned(rows)
 
 

@@ -100,6 +100,10 @@ def test_with_loops_the_map_is_made_with_the_corrected_poses(
     given = ("--method", "surf", "--loops")
     outcome = call(capfd, "reconstruct", folder, *given, "--output", tmp_path / "map", *COARSE)
     assert (outcome.code, outcome.err) == (0, "")
+    figures = json.loads((tmp_path / "map" / "reconstruction.json").read_text())
+    assert figures["places"] > 1
+    assert f"loops {figures['loops']}" in " ".join(outcome.out.split())
+    assert figures["loops"] > 0
     call(capfd, "replay", folder, *given, "--no-publish", "--trajectory-corrected", corrected)
     assert (tmp_path / "map" / "trajectory.txt").read_bytes() == corrected.read_bytes()
 

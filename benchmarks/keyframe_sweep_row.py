@@ -4,52 +4,70 @@ import benchmarks.one_thread  # noqa: F401
 
 # isort: split
 
-import importlib
 import json
 import sys
+from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 
 import cv2
+import numpy as np
 
-from benchmarks.keyframe_sweep import AS_IT_IS, MODULE, changed
-from benchmarks.odometry import all_frames, compare
+from benchmarks.kept_results import Json
+from benchmarks.keyframe_sweep import AS_IT_IS, changed
+from benchmarks.odometry import all_frames
 from drivers.camera import Pace
+from drivers.errors import InputError
+from drivers.trajectory import StampedPoses
 from drivers.tum.camera import TumCamera
+from vo_service.evaluation import evaluate
+from vo_service.evaluation.association import associate
+from vo_service.evaluation.gross_errors import gross_errors, tracked_steps
+from vo_service.odometry.keyframe import parameters
 
 
-def main(settings: str) -> int:
+def main(change: str, recordings: Sequence[str]) -> int:
     """Change the constant before anything is compiled with it, then follow every recording."""
     cv2.setNumThreads(1)
-    change, folders, every = json.loads(settings)
     if change != AS_IT_IS:
-        parameters = importlib.import_module(MODULE)
         name, value = changed(change)
         if not hasattr(parameters, name):
-            sys.exit(f"{MODULE} has no {name}")
+            sys.exit(f"{parameters.__name__} has no {name}")
         setattr(parameters, name, value)
-    print("".join(cell(Path(folder), step) for folder in folders for step in every))
+    print(json.dumps({each: figures(each) for each in recordings}))
     return 0
 
 
-def cell(folder: Path, every: int) -> str:
-    """The figures of one recording."""
+def figures(recording: str) -> Json | None:
+    """Of FOLDER or FOLDER@EVERY; None where the odometry found no way through it."""
     from vo_service.odometry.keyframe_odometry import KeyframeOdometry
 
-    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
-        odometry = KeyframeOdometry()
-        stamps_s, estimates = [], []
-        for number, frame in enumerate(all_frames(camera)):
-            if number % every == 0:
+    folder, _, every = recording.partition("@")
+    stamps_s, poses, epochs, failed = [], [], [], 0
+    with TumCamera(Path(folder), None, Pace.LOCKSTEP) as camera:
+        odometry, epoch, truth = KeyframeOdometry(), 0, camera.ground_truth
+        for frame in islice(all_frames(camera), 0, None, int(every or 1)):
+            estimate = odometry.estimate(frame)
+            epoch += estimate.restarted
+            failed += not estimate.ok
+            if estimate.ok:
                 stamps_s.append(frame.stamp_s)
-                estimates.append(odometry.estimate(frame))
-        found = compare(estimates, stamps_s, camera.ground_truth)
-    failed = sum(not estimate.ok for estimate in estimates)
-    if found is None:
-        return f"{'-':>30}"
-    errors = (found.ate_rmse_m, found.mean_global_error_m, found.rpe_1s_m or float("nan"))
-    text = " ".join(f"{1e3 * error:.2f}" for error in errors) + f" {failed}"
-    return f"{text:>30}"
+                poses.append(estimate.T_world_camera)
+                epochs.append(epoch)
+    assert truth is not None, f"{folder} has no ground truth"
+    try:
+        trajectory = StampedPoses(np.array(stamps_s), np.array(poses))
+        matched, found = associate(trajectory, truth), evaluate(trajectory, truth)
+    except InputError:
+        return None
+    steps = tracked_steps(matched, trajectory.stamps_s, np.array(epochs))
+    return {
+        "ate_m": found.ate_rmse_m,
+        "global_m": found.mean_global_error_m,
+        "lost": failed,
+        "gross": gross_errors(matched, steps),
+    }
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main(sys.argv[1], sys.argv[2:]))

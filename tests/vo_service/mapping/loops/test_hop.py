@@ -1,7 +1,10 @@
 """From one place to the next."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from drivers.geometry import rigid_transform, rotation_from_vector
 from tests.vo_service.mapping.live.views import view
 from vo_service.mapping.loops.hop import Hop, Hops, NoHops
 from vo_service.outputs.output import TrackingState
@@ -28,12 +31,42 @@ def test_a_hop_tells_its_length_its_velocity_and_how_sure_it_is() -> None:
     assert np.trace(last.covariance) > np.trace(first.covariance)
 
 
+def test_a_hop_counts_from_the_last_place_alone() -> None:
+    _, *found = filter(None, hops_at(0.0, 0.1, 0.2, 0.31, 0.41, 0.51, 0.62))
+    first, second = found
+    assert np.isclose(second.length_m, first.length_m)
+    assert np.allclose(second.covariance, first.covariance)
+
+
+def test_a_camera_that_turns_has_the_velocity_of_the_turn() -> None:
+    turn_rad = np.array([0.01, 0.4, -0.02])
+    turned = rigid_transform(rotation_from_vector(turn_rad), np.zeros(3))
+    hops = Hops()
+    hops.next(view(0))
+    hop = hops.next(replace(view(1), T_world_camera=turned))
+    assert hop is not None
+    assert np.allclose(hop.velocity, [0.0, 0.0, 0.0, *(30 * turn_rad)])
+
+
+def test_after_a_gap_nothing_is_said_of_the_velocity() -> None:
+    hops = Hops()
+    hops.next(view(0))
+    for seq in range(1, 9):  # no pose to go by: the last one is held
+        assert hops.next(view(seq, state=TrackingState.LOST)) is None
+    hop = hops.next(view(9, 0.4))
+    assert hop is not None
+    assert not hop.velocity.any()
+    assert np.isclose(hop.length_m, 0.4)
+
+
 def test_a_new_epoch_counts_from_its_beginning() -> None:
     hops = Hops()
-    hops_at(0.0, 0.1, hops=hops)
+    (very_first, _) = hops_at(0.0, 0.1, hops=hops)
     (first,) = hops_at(5.0, hops=hops, epoch=1)
+    assert very_first is not None
     assert first is not None
     assert first.length_m == 0.0
+    assert np.array_equal(first.covariance, very_first.covariance)
     assert not first.velocity.any()
 
 

@@ -1,8 +1,11 @@
 """Two worlds are one when two loops say so alike."""
 
-import numpy as np
+from dataclasses import replace
 
-from drivers.geometry import Array, inverse, rigid_transform
+import numpy as np
+import pytest
+
+from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector
 from tests.vo_service.mapping.loops.corner_walk import closer_after, sight
 from vo_service.mapping.graph.edges import Edge
 from vo_service.mapping.loops.joining import Joining
@@ -30,8 +33,18 @@ def test_one_loop_is_not_believed_and_two_that_agree_are() -> None:
     assert joining.take(second, old, other) == [first, second]
 
 
-def test_two_loops_that_contradict_each_other_are_not_believed() -> None:
+@pytest.mark.parametrize(("off_m", "off_rad"), [(0.2, 0.0), (0.0, 0.1)])
+def test_two_loops_that_contradict_each_other_are_not_believed(
+    off_m: float, off_rad: float
+) -> None:
     joining, (old, one, other) = Joining(), places()
-    elsewhere = rigid_transform(np.eye(3), [0.3, 0.0, 0.0]) @ T_OLD_NEW
+    off = rigid_transform(rotation_from_vector([0.0, 0.0, off_rad]), [off_m, 0.0, 0.0])
     assert joining.take(loop(old, one, T_OLD_NEW), old, one) == []
-    assert joining.take(loop(old, other, elsewhere), old, other) == []
+    assert joining.take(loop(old, other, T_OLD_NEW @ off), old, other) == []
+
+
+def test_what_is_said_of_one_world_is_no_opinion_of_another() -> None:
+    joining, (old, one, other) = Joining(), places()
+    of_a_third = replace(other, world=2)
+    assert joining.take(loop(old, one, T_OLD_NEW), old, one) == []
+    assert joining.take(loop(old, of_a_third, T_OLD_NEW), old, of_a_third) == []

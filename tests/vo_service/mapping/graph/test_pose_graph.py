@@ -171,6 +171,38 @@ def test_a_joined_world_goes_on_in_the_frame_of_the_older() -> None:
     assert graph.nodes[8].world == 1
 
 
+def test_a_world_comes_to_the_older_one_whichever_end_of_the_loop_it_is_at() -> None:
+    graph = walk(LAP[:3], np.random.default_rng(1), sigma=NONE)
+    walk(LAP[:2], np.random.default_rng(1), sigma=NONE, graph=graph, first=10, world=1)
+    walk(LAP[:2], np.random.default_rng(1), sigma=NONE, graph=graph, first=20, world=2)
+    graph.close(loop(0, 20, SHIFT))
+    graph.close(loop(10, 21, inverse(SHIFT)))  # from the younger to what is joined to the oldest
+    np.testing.assert_allclose(graph.T_map(10), SHIFT @ LAP[1] @ SHIFT, atol=1e-12)
+    np.testing.assert_allclose(graph.T_map(21), SHIFT @ LAP[1], atol=1e-12)
+
+
+def test_the_oldest_place_of_each_part_stays_to_the_bit() -> None:
+    graph = walk(LAP, np.random.default_rng(1))
+    walk(LAP, np.random.default_rng(2), graph=graph, first=100, world=1)
+    for first in (0, 100):
+        graph.close(loop(first, first + RING, LAP[RING]))
+    before = poses(graph)
+    graph.optimise()
+    is_held = np.isin(list(graph.nodes), (0, 100))
+    np.testing.assert_array_equal(poses(graph)[is_held], before[is_held])
+    assert not np.any(np.all(poses(graph) == before, axis=(1, 2)) & ~is_held)
+
+
+def test_a_motion_is_believed_though_surer_loops_say_that_it_was_off() -> None:
+    graph = walk(LAP[:2], np.random.default_rng(1), sigma=NONE)
+    off = rigid_transform(np.eye(3), [0.025, 0.0, 0.0])  # six standard deviations of the motion
+    for _ in range(5):
+        graph.close(loop(0, 1, LAP[1] @ off, sigma=(1e-3, 1e-3)))
+    graph.optimise()
+    np.testing.assert_allclose(graph.T_map(1), LAP[1] @ off, atol=1e-3)
+    assert graph.believed() == graph.edges
+
+
 def test_hundreds_of_places_and_loops_agree() -> None:
     per_lap, laps = 80, 5
     truth = [place_on(per_lap, k) for k in range(per_lap * laps)]

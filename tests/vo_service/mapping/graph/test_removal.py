@@ -98,8 +98,10 @@ def test_a_motion_inherits_before_a_loop_though_the_loop_is_surer() -> None:
 
 def test_a_place_that_nothing_is_known_of_leaves_nothing() -> None:
     graph = PoseGraph()
-    graph.add(4, 0, np.eye(4))
-    graph.remove(4)
+    graph.add(4, 0, TRUTH[3])
+    removal = graph.remove(4)
+    assert (removal.number, removal.neighbour) == (4, None)
+    np.testing.assert_array_equal(removal.T_neighbour_removed, TRUTH[3])  # from the map
     assert not graph.nodes
     assert not graph.edges
 

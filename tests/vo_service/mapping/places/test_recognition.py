@@ -66,8 +66,10 @@ def test_what_was_never_seen_is_not_recognised(
 def test_two_places_that_look_the_same_are_no_place(recogniser: Recogniser, here: Place) -> None:
     view, twin = view_from(recogniser, BESIDE), replace(here, number=5)
     apart = {0: HERE, 5: pose((3.0, 0.0, 0.0))}
+    turned = {0: HERE, 5: pose((0.1, 0.0, 0.0), (0.0, 40.0, 0.0))}
     together = {0: HERE, 5: pose((0.1, 0.0, 0.0))}
     assert recogniser.recognise(view, [here, twin], apart) is None
+    assert recogniser.recognise(view, [here, twin], turned) is None
     assert recogniser.recognise(view, [here, twin], together) is not None
     assert recogniser.recognise(view, [here], apart) is not None
 
@@ -96,6 +98,22 @@ def test_a_wrong_sighting_is_not_confirmed(
 ) -> None:
     sighting = Sighting(here, T_place_camera, inliers=100)
     assert recogniser.confirm(view_from(recogniser, BESIDE), sighting) is None
+
+
+@pytest.mark.parametrize(
+    ("off", "is_believed"),
+    [
+        (pose((0.02, 0.0, 0.0)), True),
+        (pose((0.06, 0.0, 0.0)), False),
+        (pose((0.0, 0.0, 0.0), (0.0, 0.0, 2.0)), False),
+    ],
+)
+def test_features_and_alignment_have_to_agree(
+    recogniser: Recogniser, here: Place, off: np.ndarray, is_believed: bool
+) -> None:
+    """The alignment would come to the truth from each of these."""
+    found = recogniser.confirm(view_from(recogniser, BESIDE), Sighting(here, BESIDE @ off, 100))
+    assert (found is not None) is is_believed
 
 
 def test_darker_light_is_no_other_place(recogniser: Recogniser, here: Place) -> None:

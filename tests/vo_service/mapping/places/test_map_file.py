@@ -31,7 +31,9 @@ def contents(here: Place, elsewhere: Place) -> MapContents:
     graph.add(0, 0, HERE)
     graph.extend(motion)
     graph.close(loop)
-    return MapContents([here, elsewhere], list(graph.nodes.values()), list(graph.edges), 7)
+    first, second = graph.nodes.values()
+    drifted = replace(second, T_world_place=BESIDE)  # the map knows better than the odometry
+    return MapContents([here, elsewhere], [first, drifted], list(graph.edges), 7)
 
 
 @pytest.fixture
@@ -64,6 +66,7 @@ def test_a_map_comes_back_as_it_was(saved: Path, contents: MapContents) -> None:
     for was, now in zip(contents.places, again.places, strict=True):
         assert (now.number, now.world, now.stamp_s) == (was.number, was.world, was.stamp_s)
         assert now.camera == was.camera
+        assert np.array_equal(now.T_world_place, was.T_world_place)
         assert np.array_equal(now.summary, was.summary)
         for mine, theirs in zip(was.keyframe_points, now.keyframe_points, strict=True):
             assert np.array_equal(mine, theirs)
@@ -76,6 +79,7 @@ def test_a_map_comes_back_as_it_was(saved: Path, contents: MapContents) -> None:
     for node, its_node in zip(contents.nodes, again.nodes, strict=True):
         assert (its_node.number, its_node.world) == (node.number, node.world)
         assert np.array_equal(its_node.T_map_place, node.T_map_place)
+        assert np.array_equal(its_node.T_world_place, node.T_world_place)
 
 
 def test_a_place_is_recognised_the_same_after_a_restart(
@@ -199,6 +203,30 @@ def _edge_to_nowhere(contents: MapContents) -> MapContents:
     return replace(contents, edges=[replace(contents.edges[0], b=9)])
 
 
+def _another_number(contents: MapContents) -> MapContents:
+    first, second = contents.nodes
+    return replace(contents, nodes=[first, replace(second, number=5)])
+
+
+def _edge_to_itself(contents: MapContents) -> MapContents:
+    return replace(contents, edges=[replace(contents.edges[0], b=0)])
+
+
+def _negative_way(contents: MapContents) -> MapContents:
+    return replace(contents, edges=[replace(contents.edges[0], length_m=-1.0)])
+
+
+def _uneven(contents: MapContents) -> MapContents:
+    uneven = np.eye(6) + 0.1 * np.eye(6, k=1)
+    return replace(contents, edges=[replace(contents.edges[0], covariance=uneven)])
+
+
+def _without_focus(contents: MapContents) -> MapContents:
+    first, second = contents.places
+    flat = replace(second.camera, fx=0.0)
+    return replace(contents, places=[first, replace(second, camera=flat)])
+
+
 def _edge_without_sense(contents: MapContents) -> MapContents:
     return replace(contents, edges=[replace(contents.edges[0], covariance=-np.eye(6))])
 
@@ -225,7 +253,12 @@ def _backwards(contents: MapContents) -> MapContents:
     "change",
     [
         _another_node,
+        _another_number,
         _edge_to_nowhere,
+        _edge_to_itself,
+        _negative_way,
+        _uneven,
+        _without_focus,
         _edge_without_sense,
         _number_used,
         _skewed,

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array
+from drivers.geometry import Array, rigid_transform
+from tests.vo_service.mapping.live.views import view
 from tests.vo_service.mapping.loops.corner_walk import STEPS, told, truth, update
+from tests.vo_service.mapping.loops.scripted import closer
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 from tests.vo_service.odometry.walk import BLACK, assert_close, elsewhere, path
 from vo_service.mapping.loops.inline import InlineLoops
@@ -116,3 +118,39 @@ def test_the_corrected_trajectory_is_nearer_to_the_truth_than_the_told_one() -> 
     off_m = float(np.linalg.norm(told(last)[:3, 3] - truth(last)[:3, 3]))
     assert float(np.linalg.norm(end[:3, 3] - truth(last)[:3, 3])) < 0.2 * off_m
     assert loops.snapshot.loops == loops.closer.loops > 0
+
+
+def aside(way_m: float) -> Array:
+    return rigid_transform(np.eye(3), [way_m, 0.0, 0.0])
+
+
+def test_at_the_end_the_last_loops_count_as_well() -> None:
+    made, scripted = closer()
+    loops = InlineLoops(made)
+    for seq in range(10):
+        scripted.shows = {0: aside(0.31 * 9 + 0.003)} if seq == 9 else {}
+        loops.pose(view(seq, 0.31 * seq))
+    before = loops.snapshot
+    assert before.loops == 1
+    loops.close()
+    moved_m = np.linalg.norm(loops.snapshot.T_map_place[-1] - before.T_map_place[-1])
+    assert 0.002 < moved_m < 0.004
+    assert np.isclose(loops.trajectory.T_world_camera[-1][0, 3], 0.31 * 9 + moved_m)
+
+
+def test_frames_of_places_that_had_to_go_are_still_in_the_trajectory() -> None:
+    loops = InlineLoops(closer(most_places=4)[0])
+    for seq in range(12):
+        loops.pose(view(seq, 0.31 * seq))
+    assert loops.snapshot.places == 4
+    along_m = loops.trajectory.T_world_camera[:, 0, 3]
+    assert np.allclose(along_m, 0.31 * np.arange(12))
+
+
+def test_before_a_new_epoch_has_a_place_its_frames_lie_nowhere() -> None:
+    loops = InlineLoops(closer()[0])
+    loops.pose(view(0))
+    loops.pose(view(1, 0.1, epoch=1, state=TrackingState.DEGRADED))  # too unsure to be a place
+    assert len(loops.trajectory) == 1
+    loops.pose(view(2, 0.1, epoch=1))
+    assert len(loops.trajectory) == 2

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tests.vo_service.mapping.places.corner_places import (
 )
 from tests.vo_service.odometry.synthetic_views import frame_of, textured_image, view_of_a_corner
 from tests.vo_service.odometry.walk import BLACK, assert_close
+from vo_service.mapping.places import recognition
 from vo_service.mapping.places.place import Place
 from vo_service.mapping.places.recognition import Recogniser, Sighting
 from vo_service.mapping.places.view import LOST
@@ -114,6 +116,42 @@ def test_features_and_alignment_have_to_agree(
     """The alignment would come to the truth from each of these."""
     found = recogniser.confirm(view_from(recogniser, BESIDE), Sighting(here, BESIDE @ off, 100))
     assert (found is not None) is is_believed
+
+
+@pytest.mark.parametrize("check", ["doubt", "cover"])
+def test_what_the_odometry_would_doubt_is_not_recognised(
+    recogniser: Recogniser, here: Place, monkeypatch: pytest.MonkeyPatch, check: str
+) -> None:
+    view = view_from(recogniser, BESIDE)
+    monkeypatch.setattr(recognition, check, lambda found: "too little texture")
+    assert recogniser.recognise(view, [here]) is None
+
+
+@pytest.mark.parametrize(("doubt", "sigma_m"), [("", 0.01), ("rows are unsure", 1e-3)])
+def test_what_is_not_known_well_enough_is_not_recognised(
+    recogniser: Recogniser,
+    here: Place,
+    monkeypatch: pytest.MonkeyPatch,
+    doubt: str,
+    sigma_m: float,
+) -> None:
+    view = view_from(recogniser, BESIDE)
+    unsure = SimpleNamespace(doubt=doubt, covariance=np.eye(6) * sigma_m**2)
+    monkeypatch.setattr(recognition, "certainty", lambda *given: unsure)
+    assert recogniser.recognise(view, [here]) is None
+
+
+@pytest.mark.parametrize(("nearer_m", "is_recognised"), [(0.8, True), (1.2, False)])
+def test_of_a_place_a_third_has_to_be_in_view(
+    recogniser: Recogniser, here: Place, nearer_m: float, is_recognised: bool
+) -> None:
+    found = recogniser.recognise(view_from(recogniser, pose((0.0, 0.0, nearer_m))), [here])
+    assert (found is not None) is is_recognised
+
+
+def test_features_that_agree_by_chance_are_no_sighting(recogniser: Recogniser, here: Place) -> None:
+    poster = frame_of(textured_image(240, 320, seed=9), np.full((240, 320), 1.7))
+    assert list(recogniser.sightings(recogniser.view(poster, STANDING), [here])) == []
 
 
 def test_darker_light_is_no_other_place(recogniser: Recogniser, here: Place) -> None:

@@ -1,0 +1,126 @@
+"""What becomes of the map when a place is known again, and when not."""
+
+import numpy as np
+import pytest
+
+from drivers.geometry import Array
+from tests.vo_service.mapping.loops.scripted import (
+    OF_LOOPS,
+    OF_MOTIONS,
+    STEP_M,
+    Scripted,
+    ahead,
+    closer,
+    sight,
+    walked,
+)
+from vo_service.mapping.graph.pose_graph import Removal
+from vo_service.mapping.loops.loop_closer import PLACES_BETWEEN, LoopCloser
+from vo_service.mapping.places.view import LOST
+
+LAST = 9
+LAST_M = LAST * STEP_M
+
+
+def way_m(T: Array) -> float:
+    """Of a pose straight ahead."""
+    return float(T[2, 3])
+
+
+def corrected() -> tuple[LoopCloser, Scripted]:
+    """Three places, all of which a view is compared with."""
+    made, scripted = walked(off_m=0.02)
+    for number in range(1, LAST - 1):
+        made.places.remove(number)
+        made.graph.remove(number)
+    return made, scripted
+
+
+def test_a_loop_that_says_that_the_map_is_off_corrects_it_at_once() -> None:
+    made, _ = walked(off_m=0.02)
+    assert way_m(made.graph.T_map(LAST)) == pytest.approx(LAST_M + 0.02, abs=1e-3)
+    assert way_m(made.T_map_world) == pytest.approx(0.02, abs=1e-3)
+
+
+def test_a_loop_that_says_little_corrects_the_map_some_places_later() -> None:
+    made, _ = walked(off_m=0.003)
+    for step in range(1, PLACES_BETWEEN):
+        made.see(sight(LAST_M + STEP_M * step))
+    assert way_m(made.graph.T_map(LAST)) == pytest.approx(LAST_M, abs=1e-9)
+    made.see(sight(LAST_M + STEP_M * PLACES_BETWEEN))
+    assert way_m(made.graph.T_map(LAST)) == pytest.approx(LAST_M + 0.003, abs=2e-4)
+
+
+def test_motions_and_loops_are_as_sure_and_as_long_as_was_said() -> None:
+    *motions, loop = walked(off_m=0.02)[0].graph.edges
+    assert len(motions) == LAST
+    assert all(np.array_equal(motion.covariance, OF_MOTIONS) for motion in motions)
+    assert {motion.length_m for motion in motions} == {STEP_M}
+    assert np.array_equal(loop.covariance, OF_LOOPS)
+    assert (loop.is_loop, loop.length_m) == (True, 0.0)
+
+
+def test_a_pose_of_before_is_corrected_as_the_place_before_it() -> None:
+    made, _ = walked(off_m=0.02)
+    assert way_m(made.T_map_camera(0, ahead(0.1))) == pytest.approx(0.1)
+    assert way_m(made.T_map_camera(LAST, ahead(2.8))) == pytest.approx(2.82, abs=1e-3)
+    assert way_m(made.T_map_camera(None, ahead(0.1))) == 0.1
+    made.places.remove(1)
+    made.graph.remove(1)
+    assert way_m(made.T_map_camera(1, ahead(0.4))) == pytest.approx(0.4)  # as place 0
+
+
+def test_until_a_new_world_is_joined_the_correction_stays_and_no_old_place_is_told() -> None:
+    made, scripted = corrected()
+    before = made.T_map_world
+    number = made.see(sight(0.0, world=4)).place.number
+    assert np.allclose(made.T_map_world, before)
+    assert (made.snapshot.epoch, made.snapshot.is_located) == (4, False)
+    scripted.shows = {0: ahead(1.0)}
+    assert made.locate(sight(0.0).frame) is None
+    scripted.shows = {number: ahead(1.0)}
+    located = made.locate(sight(0.0).frame)
+    assert located is not None
+    assert np.allclose(located.T_world_camera, ahead(1.0))
+
+
+def test_a_lost_camera_is_located_as_surely_as_it_is_recognised() -> None:
+    made, scripted = corrected()
+    scripted.shows = {LAST: ahead(1.0)}
+    located = made.locate(sight(0.0).frame)
+    assert located is not None
+    assert np.allclose(located.T_world_camera, ahead(LAST_M + 1.0))
+    assert np.array_equal(located.covariance, OF_LOOPS)
+    assert scripted.known_to == LOST  # nothing is known of its velocity
+    assert np.array_equal(scripted.T_map_place[LAST], made.graph.T_map(LAST))  # rivals show
+
+
+@pytest.mark.parametrize("contradictory", [False, True])
+def test_a_world_is_joined_by_one_view_of_two_places_unless_they_contradict(
+    contradictory: bool,
+) -> None:
+    made, scripted = closer()
+    scripted.contradictory = contradictory
+    for step in range(2):
+        made.see(sight(STEP_M * step))
+    scripted.shows = {0: ahead(1.0), 1: ahead(1.0 - STEP_M)}
+    made.see(sight(0.0, world=1))
+    assert made.snapshot.is_located is not contradictory
+    assert made.loops == (0 if contradictory else 2)
+
+
+def test_places_of_a_world_that_is_not_joined_are_near_to_no_other() -> None:
+    made, _ = closer(most_places=5)
+    for way in (0.0, 3.0):
+        made.see(sight(way))
+    removed: list[Removal] = []
+    for way in (3.0, 6.0, 6.6, 9.0):  # the first looks as if it were at the place at 3 m
+        removed += made.see(sight(way, world=1)).removals
+    assert [removal.number for removal in removed] == [4]
+
+
+def test_the_first_and_the_newest_place_stay_however_little_they_may_take() -> None:
+    made, _ = closer(most_places=0)
+    for step in range(5):
+        made.see(sight(STEP_M * step))
+    assert [place.number for place in made.places] == [0, 4]

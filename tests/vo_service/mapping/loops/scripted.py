@@ -18,7 +18,7 @@ from vo_service.mapping.places.recognition import NOWHERE, Poses, Recogniser, Re
 from vo_service.mapping.places.view import FOLLOWED, PlaceView
 
 OF_MOTIONS, OF_LOOPS = np.eye(6) * 1e-5, np.eye(6) * 1e-6
-STEP_M = 0.3
+STEP_M, VELOCITY = 0.3, np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])
 FRAME = view_of_a_corner(np.eye(4))
 
 
@@ -34,19 +34,19 @@ class Scripted(Recogniser):
 
     shows          4x4 T_place_camera by number of the place
     contradictory  of several places at once none is recognised
-    known_to       of the last view
+    velocity       of the last view, and how well it is known
     T_map_place    of the places that were asked about last
     """
 
     shows: Mapping[int, Array] = field(default_factory=dict)
     contradictory: bool = False
-    known_to: tuple[float, float] = FOLLOWED
+    velocity: tuple[Array, tuple[float, float]] = field(default=(VELOCITY, FOLLOWED))
     T_map_place: Poses = field(default_factory=lambda: NOWHERE)
 
     def view(
         self, frame: RgbdFrame, velocity: Array, known_to: tuple[float, float] = FOLLOWED
     ) -> PlaceView:
-        self.known_to = known_to
+        self.velocity = velocity, known_to
         return _seen()[1]
 
     def place(self, view: PlaceView, number: int, world: int, T_world_place: Array) -> Place:
@@ -81,7 +81,7 @@ def ahead(way_m: float) -> Array:
 
 def sight(way_m: float, world: int = 0) -> Sight:
     """From a camera that goes straight on, so far from where its world began."""
-    return Sight(FRAME, world, ahead(way_m), Hop(np.zeros(6), OF_MOTIONS, STEP_M))
+    return Sight(FRAME, world, ahead(way_m), Hop(VELOCITY, OF_MOTIONS, STEP_M))
 
 
 def walked(off_m: float, steps: int = 9) -> tuple[LoopCloser, Scripted]:

@@ -8,6 +8,7 @@ from tests.vo_service.mapping.loops.scripted import (
     OF_LOOPS,
     OF_MOTIONS,
     STEP_M,
+    VELOCITY,
     Scripted,
     ahead,
     closer,
@@ -16,7 +17,7 @@ from tests.vo_service.mapping.loops.scripted import (
 )
 from vo_service.mapping.graph.pose_graph import Removal
 from vo_service.mapping.loops.loop_closer import PLACES_BETWEEN, LoopCloser
-from vo_service.mapping.places.view import LOST
+from vo_service.mapping.places.view import FOLLOWED, LOST
 
 LAST = 9
 LAST_M = LAST * STEP_M
@@ -52,12 +53,16 @@ def test_a_loop_that_says_little_corrects_the_map_some_places_later() -> None:
 
 
 def test_motions_and_loops_are_as_sure_and_as_long_as_was_said() -> None:
-    *motions, loop = walked(off_m=0.02)[0].graph.edges
+    made, scripted = walked(off_m=0.02)
+    *motions, loop = made.graph.edges
     assert len(motions) == LAST
     assert all(np.array_equal(motion.covariance, OF_MOTIONS) for motion in motions)
     assert {motion.length_m for motion in motions} == {STEP_M}
     assert np.array_equal(loop.covariance, OF_LOOPS)
     assert (loop.is_loop, loop.length_m) == (True, 0.0)
+    velocity, known_to = scripted.velocity
+    assert np.array_equal(velocity, VELOCITY)
+    assert known_to == FOLLOWED
 
 
 def test_a_pose_of_before_is_corrected_as_the_place_before_it() -> None:
@@ -91,7 +96,9 @@ def test_a_lost_camera_is_located_as_surely_as_it_is_recognised() -> None:
     assert located is not None
     assert np.allclose(located.T_world_camera, ahead(LAST_M + 1.0))
     assert np.array_equal(located.covariance, OF_LOOPS)
-    assert scripted.known_to == LOST  # nothing is known of its velocity
+    velocity, known_to = scripted.velocity
+    assert not velocity.any()  # nothing is known of it
+    assert known_to == LOST
     assert np.array_equal(scripted.T_map_place[LAST], made.graph.T_map(LAST))  # rivals show
 
 

@@ -13,6 +13,8 @@ from tests.vo_service.mapping.places.corner_places import (
     pose,
     view_from,
 )
+from tests.vo_service.odometry.keyframe import rolling_views
+from tests.vo_service.odometry.keyframe.rolling_views import BRISK
 from tests.vo_service.odometry.synthetic_views import frame_of, textured_image, view_of_a_corner
 from tests.vo_service.odometry.walk import BLACK, assert_close
 from vo_service.mapping.places import recognition
@@ -152,6 +154,15 @@ def test_of_a_place_a_third_has_to_be_in_view(
 def test_features_that_agree_by_chance_are_no_sighting(recogniser: Recogniser, here: Place) -> None:
     poster = frame_of(textured_image(240, 320, seed=9), np.full((240, 320), 1.7))
     assert list(recogniser.sightings(recogniser.view(poster, STANDING), [here])) == []
+
+
+def test_a_view_whose_rows_were_taken_on_the_move_is_known_again(recogniser: Recogniser) -> None:
+    standing = recogniser.view(rolling_views.seen(), STANDING)
+    place, T = recogniser.place(standing, 0, 0, HERE), BRISK.at(0.1)
+    moving = recogniser.view(rolling_views.seen(BRISK, 0.1, readout_s=0.03), BRISK.velocity)
+    found = recogniser.confirm(moving, Sighting(place, T, inliers=50))
+    assert found is not None
+    assert_close(found.T_place_camera, T, metres=1e-3, degrees=0.05)
 
 
 def test_darker_light_is_no_other_place(recogniser: Recogniser, here: Place) -> None:

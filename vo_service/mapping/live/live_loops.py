@@ -27,7 +27,8 @@ class LiveLoops:
     def __init__(self, put: Callable[[PoseUpdate, Asked], None]) -> None:
         """`put` passes a frame on to the process, soon."""
         self._put = put
-        self._T_world_odom = np.eye(4)  # from `odom` to the odometry's own world
+        # From `odom` to the odometry's own world, and the epoch that this is for.
+        self._T_world_odom, self._epoch = np.eye(4), 0
         self._last: PoseUpdate | None = None
         self._answers: deque[Located] = deque(maxlen=_MOST_ANSWERS)
         self.snapshot: MapSnapshot = NO_MAP
@@ -41,6 +42,7 @@ class LiveLoops:
         self._last = update
         if update.estimate.ok:
             self._T_world_odom = update.T_world_camera @ inverse(update.T_odom_camera)
+            self._epoch = update.epoch
 
     @property
     def knows_places(self) -> bool:
@@ -50,7 +52,7 @@ class LiveLoops:
     def look(self, frame: RgbdFrame) -> None:
         """As `PlaceFinder`."""
         if self._last is not None:
-            self._put(replace(self._last, frame=frame), Asked())
+            self._put(replace(self._last, frame=frame, epoch=self._epoch), Asked())
 
     def answers(self) -> Sequence[Located]:
         """As `PlaceFinder`."""

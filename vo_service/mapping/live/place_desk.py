@@ -36,9 +36,12 @@ class PlaceDesk:
             self._tell(self._closer.snapshot)
 
     def answer(self) -> None:
-        """Tell where the frame was taken that was asked about last, if that is known."""
+        """Tell where the frame was taken that was asked about last, if that is known.
+
+        After a reset `odom` lies elsewhere: until a place was seen in that, nobody can tell.
+        """
         record, self._asked = self._asked, None
-        if record is None:
+        if record is None or note_of(record.note).said.epoch != self._closer.world:
             return
         located = self._closer.locate(frame_of(record, 0.0))
         if located is not None:

@@ -83,6 +83,11 @@ class LoopCloser:
         return np.asarray(self.graph.T_map(last.number) @ inverse(last.T_world_place))
 
     @property
+    def world(self) -> int:
+        """That the camera is in: the last place's; 0 before the first."""
+        return 0 if self._last is None else self._last.world
+
+    @property
     def last_number(self) -> int | None:
         """Of the last place."""
         return None if self._last is None else self._last.number
@@ -116,7 +121,7 @@ class LoopCloser:
             edges=np.array([(rows[e.a], rows[e.b]) for e in edges], np.int32).reshape(-1, 2),
             is_loop=np.array([edge.is_loop for edge in edges], np.bool_),
             is_located=self._is_located,
-            epoch=0 if self._last is None else self._last.world,
+            epoch=self.world,
         )
 
     @property

@@ -16,7 +16,7 @@ from tests.vo_service.mapping.loops.scripted import (
     walked,
 )
 from vo_service.mapping.graph.pose_graph import Removal
-from vo_service.mapping.loops.loop_closer import PLACES_BETWEEN, LoopCloser
+from vo_service.mapping.loops.loop_closer import LoopCloser
 from vo_service.mapping.places.view import FOLLOWED, LOST
 
 LAST = 9
@@ -43,12 +43,12 @@ def test_a_loop_that_says_that_the_map_is_off_corrects_it_at_once() -> None:
     assert way_m(made.T_map_world) == pytest.approx(0.02, abs=1e-3)
 
 
-def test_a_loop_that_says_little_corrects_the_map_some_places_later() -> None:
+def test_a_loop_that_says_little_corrects_the_map_ten_places_later() -> None:
     made, _ = walked(off_m=0.003)
-    for step in range(1, PLACES_BETWEEN):
+    for step in range(1, 10):
         made.see(sight(LAST_M + STEP_M * step))
     assert way_m(made.graph.T_map(LAST)) == pytest.approx(LAST_M, abs=1e-9)
-    made.see(sight(LAST_M + STEP_M * PLACES_BETWEEN))
+    made.see(sight(LAST_M + STEP_M * 10))
     assert way_m(made.graph.T_map(LAST)) == pytest.approx(LAST_M + 0.003, abs=2e-4)
 
 

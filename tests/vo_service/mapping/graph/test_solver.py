@@ -1,6 +1,10 @@
 """Sparse least squares over rigid motions."""
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -8,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from drivers.geometry import Array, inverse, is_rigid
 from tests.vo_service.mapping.graph.rings import loop, motion, place_on
 from vo_service.mapping.graph.edges import Edge
-from vo_service.mapping.graph.solver import measurements, solve, squared_errors
+from vo_service.mapping.graph.solver import BELIEVED, measurements, solve, squared_errors
 from vo_service.mapping.graph.stacks import moved
 
 FEW = settings(max_examples=30)
@@ -67,6 +71,24 @@ def test_no_small_step_from_the_solution_makes_the_errors_smaller() -> None:
             step = np.zeros((6, 6))
             step[3, axis] = size
             assert cost(moved(found, step), edges) > least
+
+
+@pytest.mark.parametrize("off_m", [0.01, 0.03, 0.3])
+def test_a_loop_pulls_by_cauchys_function_the_less_the_more_it_contradicts(off_m: float) -> None:
+    *motions, right = ring(TRUTH)
+    wrong = replace(right, T_a_b=moved(right.T_a_b, np.array([off_m, 0.0, 0.0, 0.0, 0.0, 0.0])))
+    measured = measurements([*motions, wrong], ROWS)
+
+    def cauchy_cost(T: Array) -> float:
+        squared = squared_errors(T, measured)
+        return float(squared[:-1].sum() + BELIEVED * np.log1p(squared[-1] / BELIEVED))
+
+    found = solve(TRUTH, measured, FIRST)
+    least = cauchy_cost(found)
+    for row, axis, size in product(range(1, 6), range(6), (-3e-4, 3e-4)):
+        step = np.zeros((6, 6))
+        step[row, axis] = size
+        assert cauchy_cost(moved(found, step)) > least
 
 
 def test_an_error_of_so_many_standard_deviations_is_told() -> None:

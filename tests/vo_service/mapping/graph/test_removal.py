@@ -4,8 +4,17 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.geometry import Array, inverse
-from tests.vo_service.mapping.graph.rings import LOOP, loop, noise, place_on, poses, rms_m, walk
+from drivers.geometry import Array, inverse, rigid_transform
+from tests.vo_service.mapping.graph.rings import (
+    LOOP,
+    NONE,
+    loop,
+    noise,
+    place_on,
+    poses,
+    rms_m,
+    walk,
+)
 from vo_service.mapping.graph.edges import Edge
 from vo_service.mapping.graph.pose_graph import PoseGraph
 from vo_service.mapping.graph.removal import passed_on
@@ -94,6 +103,17 @@ def test_a_motion_inherits_before_a_loop_though_the_loop_is_surer() -> None:
     ]
     assert [{edge.a, edge.b} for edge in motions] == [{0, 2}]
     assert [len({edge.a, edge.b} & {0, 2, 7}) for edge in loops] == [2]
+
+
+def test_what_a_right_loop_says_is_passed_on_though_a_wrong_one_says_it_is_surer() -> None:
+    graph = walk(TRUTH[:12], np.random.default_rng(7), sigma=NONE)
+    off = rigid_transform(np.eye(3), [1.0, 0.0, 0.0])
+    wrong = loop(2, 11, inverse(TRUTH[2]) @ TRUTH[11] @ off, sigma=(1e-6, 1e-6))
+    graph.close(loop(1, 11, inverse(TRUTH[1]) @ TRUTH[11]))
+    graph.close(wrong)
+    assert wrong not in graph.believed()
+    assert graph.remove(1).neighbour == 2
+    assert [{edge.a, edge.b} for edge in graph.believed() if edge.is_loop] == [{2, 11}]
 
 
 def test_a_place_that_nothing_is_known_of_leaves_nothing() -> None:

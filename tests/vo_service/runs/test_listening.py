@@ -50,7 +50,7 @@ def test_what_a_method_says_is_the_same_bit_for_bit_whoever_listens(recording: P
 
 
 def test_a_way_there_and_back_is_corrected_though_the_method_is_never_unsure() -> None:
-    last = 4 * STEPS
+    last = 3 * STEPS
     found = heard_of_a_way_there_and_back(last)
     assert min(found.places, found.loops) > 0
     end = truth(last)[:3, 3]

@@ -111,7 +111,7 @@ def test_replay_with_loops_is_the_same_bit_for_bit(
 
 def test_the_corrected_trajectory_is_nearer_to_the_truth_than_the_told_one() -> None:
     loops = inline()
-    last = 4 * STEPS
+    last = 3 * STEPS
     for n in range(last + 1):
         loops.pose(update(n))
     end: Array = loops.trajectory.T_world_camera[-1]

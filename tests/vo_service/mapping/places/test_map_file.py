@@ -1,6 +1,5 @@
 import hashlib
 import stat
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,30 +9,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import InputError, UserFacingError
-from drivers.geometry import inverse
-from tests.vo_service.mapping.places.corner_places import BESIDE, ELSEWHERE, HERE, view_from
-from vo_service.mapping.graph.edges import Edge
-from vo_service.mapping.graph.pose_graph import Node, PoseGraph
+from tests.vo_service.mapping.places.corner_places import BESIDE, ELSEWHERE, view_from
+from tests.vo_service.mapping.places.refused_maps import refusal
+from vo_service.mapping.graph.pose_graph import PoseGraph
 from vo_service.mapping.places.map_file import HEADER, MAGIC, MapContents, read_map, write_map
 from vo_service.mapping.places.place import Place
 from vo_service.mapping.places.recognition import Recogniser
-
-Changed = Callable[[MapContents], MapContents]
-
-
-@pytest.fixture(scope="session")
-def contents(here: Place, elsewhere: Place) -> MapContents:
-    """Two places, a motion and a loop between them."""
-    T = inverse(HERE) @ ELSEWHERE
-    motion = Edge(0, 1, T, 1e-6 * np.eye(6), is_loop=False, length_m=1.7)
-    loop = replace(motion, is_loop=True, length_m=0.0)
-    graph = PoseGraph()
-    graph.add(0, 0, HERE)
-    graph.extend(motion)
-    graph.close(loop)
-    first, second = graph.nodes.values()
-    drifted = replace(second, T_world_place=BESIDE)  # the map knows better than the odometry
-    return MapContents([here, elsewhere], [first, drifted], list(graph.edges), 7)
 
 
 @pytest.fixture
@@ -41,17 +22,6 @@ def saved(tmp_path: Path, contents: MapContents) -> Path:
     path = tmp_path / "home.map"
     write_map(path, contents)
     return path
-
-
-def refusal(path: Path) -> str:
-    """The one line that a map is refused with."""
-    with pytest.raises(InputError) as refused:
-        read_map(path)
-    line = str(refused.value)
-    assert line.startswith(f"{path}: ")
-    assert line.endswith("name another map, or begin a new one")
-    assert "\n" not in line
-    return line
 
 
 def with_new_checksum(data: bytes) -> bytes:
@@ -193,81 +163,3 @@ def test_a_changed_index_is_refused_even_with_the_right_checksum(
         read_map(changed)
     except InputError:
         refusal(changed)
-
-
-def _another_node(contents: MapContents) -> MapContents:
-    return replace(contents, nodes=[*contents.nodes, Node(5, 0, HERE, HERE)])
-
-
-def _edge_to_nowhere(contents: MapContents) -> MapContents:
-    return replace(contents, edges=[replace(contents.edges[0], b=9)])
-
-
-def _another_number(contents: MapContents) -> MapContents:
-    first, second = contents.nodes
-    return replace(contents, nodes=[first, replace(second, number=5)])
-
-
-def _edge_to_itself(contents: MapContents) -> MapContents:
-    return replace(contents, edges=[replace(contents.edges[0], b=0)])
-
-
-def _negative_way(contents: MapContents) -> MapContents:
-    return replace(contents, edges=[replace(contents.edges[0], length_m=-1.0)])
-
-
-def _uneven(contents: MapContents) -> MapContents:
-    uneven = np.eye(6) + 0.1 * np.eye(6, k=1)
-    return replace(contents, edges=[replace(contents.edges[0], covariance=uneven)])
-
-
-def _without_focus(contents: MapContents) -> MapContents:
-    first, second = contents.places
-    flat = replace(second.camera, fx=0.0)
-    return replace(contents, places=[first, replace(second, camera=flat)])
-
-
-def _edge_without_sense(contents: MapContents) -> MapContents:
-    return replace(contents, edges=[replace(contents.edges[0], covariance=-np.eye(6))])
-
-
-def _number_used(contents: MapContents) -> MapContents:
-    return replace(contents, next_number=1)
-
-
-def _skewed(contents: MapContents) -> MapContents:
-    first, second = contents.places
-    return replace(contents, places=[first, replace(second, T_world_place=2 * np.eye(4))])
-
-
-def _without_levels(contents: MapContents) -> MapContents:
-    first, second = contents.places
-    return replace(contents, places=[first, replace(second, packed_points=())])
-
-
-def _backwards(contents: MapContents) -> MapContents:
-    return replace(contents, places=contents.places[::-1])
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        _another_node,
-        _another_number,
-        _edge_to_nowhere,
-        _edge_to_itself,
-        _negative_way,
-        _uneven,
-        _without_focus,
-        _edge_without_sense,
-        _number_used,
-        _skewed,
-        _without_levels,
-        _backwards,
-    ],
-)
-def test_what_contradicts_itself_is_refused(
-    tmp_path: Path, contents: MapContents, change: Changed
-) -> None:
-    write_map(tmp_path / "odd.map", change(contents))
-    assert "no map of this program: it has" in refusal(tmp_path / "odd.map")

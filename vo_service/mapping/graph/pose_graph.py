@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivers.geometry import Array, are_near, inverse, orthonormal
+from drivers.geometry import Array, apart, inverse, orthonormal
 from vo_service.mapping.graph.edges import Edge
 from vo_service.mapping.graph.removal import passed_on, tells_something_new, way_to_heir
-from vo_service.mapping.graph.routes import parts, shortest
+from vo_service.mapping.graph.routes import connect, neighbours, parts, shortest
 from vo_service.mapping.graph.solver import (
     BELIEVED,
     Measurements,
@@ -111,14 +111,17 @@ class PoseGraph:
         It may be off by so much for each metre of the shortest way between, over edges that are
         believed. Of places that nothing connects, anything is plausible.
         """
-        way_m = shortest(loop.a, loop.b, self.believed(), lambda edge: edge.length_m)
         T_expected = inverse(self.T_map(loop.a)) @ self.T_map(loop.b)
-        return are_near(
-            T_expected,
-            loop.T_a_b,
-            PLAUSIBLE_M + PLAUSIBLE_M_PER_M * way_m,
-            PLAUSIBLE_RAD + PLAUSIBLE_RAD_PER_M * way_m,
+        off_m, off_rad = apart(T_expected, loop.T_a_b)
+        needed_m = max(
+            (off_m - PLAUSIBLE_M) / PLAUSIBLE_M_PER_M,
+            (off_rad - PLAUSIBLE_RAD) / PLAUSIBLE_RAD_PER_M,
         )
+        if needed_m <= 0.0:
+            return True
+        around = neighbours(self.believed())
+        way_m = shortest(loop.a, loop.b, around, lambda edge: edge.length_m, needed_m)
+        return bool(way_m >= needed_m)
 
     def believed(self) -> list[Edge]:
         """All motions, and the loops that agree with where the places are."""
@@ -133,6 +136,9 @@ class PoseGraph:
 
     def close(self, loop: Edge) -> None:
         """Add a loop. If it joins what was not connected, the younger places come to the older."""
+        if self._nodes[loop.a].world == self._nodes[loop.b].world:
+            self._edges.append(loop)
+            return
         of_a, of_b = (self._part_of(end) for end in (loop.a, loop.b))
         self._edges.append(loop)
         T_map_a, T_map_b = self.T_map(loop.a), self.T_map(loop.b)
@@ -155,12 +161,12 @@ class PoseGraph:
         """Forget a place. What was connected by it stays connected, and all stay where they are."""
         way, T_map_removed = way_to_heir(number, self._edges), self.T_map(number)
         inherited = passed_on(number, self._edges)
-        believed = [edge for edge in self.believed() if number not in (edge.a, edge.b)]
+        around = neighbours(edge for edge in self.believed() if number not in (edge.a, edge.b))
         self._edges = [edge for edge in self._edges if number not in (edge.a, edge.b)]
         del self._nodes[number]
         for edge in inherited:
-            if not edge.is_loop or tells_something_new(edge, believed):
-                believed.append(edge)
+            if not edge.is_loop or tells_something_new(edge, around):
+                connect(around, edge)
                 self._edges.append(edge)
         if way is None:
             return Removal(number, None, T_map_removed)

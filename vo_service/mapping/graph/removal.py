@@ -1,6 +1,8 @@
 """How edges are passed on when a place is forgotten."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from vo_service.mapping.graph.edges import Edge
 from vo_service.mapping.graph.routes import shortest
@@ -26,14 +28,14 @@ def way_to_heir(number: int, edges: Sequence[Edge]) -> Edge | None:
     return min(its, key=_rank, default=None)
 
 
-def tells_something_new(loop: Edge, edges: Sequence[Edge]) -> bool:
-    """True if no way over these edges is as sure as the loop.
+def tells_something_new(loop: Edge, around: Mapping[int, list[Edge]]) -> bool:
+    """True if no way over the edges around the places (see `neighbours`) is as sure as the loop.
 
     Of the loops that are passed on again and again, only these are kept: else there would be more
     and more of them.
     """
-    spread_m2 = shortest(loop.a, loop.b, edges, lambda edge: edge.spread_m2)
-    return loop.spread_m2 < spread_m2
+    own_m2 = loop.spread_m2
+    return shortest(loop.a, loop.b, around, lambda edge: edge.spread_m2, own_m2) == np.inf
 
 
 def _rank(edge: Edge) -> tuple[bool, float]:

@@ -2,20 +2,28 @@
 
 import heapq
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, MutableMapping
 
 import numpy as np
 
 from vo_service.mapping.graph.edges import Edge
 
+# The edges at each place that has any.
+Around = MutableMapping[int, list[Edge]]
 
-def neighbours(edges: Iterable[Edge]) -> Mapping[int, list[Edge]]:
+
+def neighbours(edges: Iterable[Edge]) -> Around:
     """The edges at each place that has any."""
-    found: defaultdict[int, list[Edge]] = defaultdict(list)
+    around: Around = defaultdict(list)
     for edge in edges:
-        found[edge.a].append(edge)
-        found[edge.b].append(edge)
-    return found
+        connect(around, edge)
+    return around
+
+
+def connect(around: Around, edge: Edge) -> None:
+    """Add an edge to what `neighbours` found."""
+    around[edge.a].append(edge)
+    around[edge.b].append(edge)
 
 
 def parts(numbers: Iterable[int], edges: Iterable[Edge]) -> list[set[int]]:
@@ -41,13 +49,18 @@ def _reached(start: int, around: Mapping[int, list[Edge]]) -> set[int]:
 
 
 def shortest(
-    start: int, goal: int, edges: Iterable[Edge], length: Callable[[Edge], float]
+    start: int,
+    goal: int,
+    around: Mapping[int, list[Edge]],
+    length: Callable[[Edge], float],
+    at_most: float = np.inf,
 ) -> float:
-    """Length of the shortest way over the edges; infinite where there is none.
+    """Length of the shortest way over edges; infinite where none is as short as asked for.
 
     Dijkstra, "A note on two problems in connexion with graphs" (1959).
+
+    around  see `neighbours`
     """
-    around = neighbours(edges)
     far = {start: 0.0}
     waiting = [(0.0, start)]
     while waiting:
@@ -58,7 +71,7 @@ def shortest(
             continue
         for edge in around.get(place, ()):
             next_place, there = edge.other(place), so_far + length(edge)
-            if there < far.get(next_place, np.inf):
+            if there <= at_most and there < far.get(next_place, np.inf):
                 far[next_place] = there
                 heapq.heappush(waiting, (there, next_place))
     return np.inf

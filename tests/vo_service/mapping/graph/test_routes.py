@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from drivers.geometry import Array
 from tests.vo_service.mapping.graph.rings import covariance
 from vo_service.mapping.graph.edges import Edge
-from vo_service.mapping.graph.routes import parts, shortest
+from vo_service.mapping.graph.routes import neighbours, parts, shortest
 
 FEW = settings(max_examples=40)
 PLACES = 8
@@ -37,10 +37,10 @@ def table(edges: list[Edge]) -> Array:
 @FEW
 @given(edges())
 def test_the_shortest_way_is_found(edges: list[Edge]) -> None:
-    expected = dijkstra(table(edges))
+    expected, around = dijkstra(table(edges)), neighbours(edges)
     for a in range(PLACES):
         for b in range(PLACES):
-            assert shortest(a, b, edges, lambda edge: edge.length_m) == expected[a, b]
+            assert shortest(a, b, around, lambda edge: edge.length_m) == expected[a, b]
 
 
 @FEW
@@ -56,4 +56,13 @@ def test_what_is_connected_is_one_part(edges: list[Edge]) -> None:
 
 def test_a_way_over_loops_costs_nothing() -> None:
     edges = [edge(0, 1, 0.0), edge(1, 2, 0.0), edge(0, 2, 1.0)]
-    assert shortest(0, 2, edges, lambda edge: edge.length_m) == 0.0
+    assert shortest(0, 2, neighbours(edges), lambda edge: edge.length_m) == 0.0
+
+
+@FEW
+@given(edges(), st.sampled_from([0.0, 0.25, 0.75, 2.0]))
+def test_no_way_is_found_that_is_longer_than_asked_for(edges: list[Edge], at_most: float) -> None:
+    expected, around = dijkstra(table(edges)), neighbours(edges)
+    for b in range(PLACES):
+        found = shortest(0, b, around, lambda edge: edge.length_m, at_most)
+        assert found == (expected[0, b] if expected[0, b] <= at_most else np.inf)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.virtual_frames import as_frame
 from drivers.camera import EndOfStream, Pace, RgbdFrame
 from drivers.errors import InputError
 from drivers.geometry import Array, inverse, rigid_transform
@@ -71,17 +72,7 @@ def of_room(seed: int) -> Iterator[Glance]:
     renderer = Renderer(config, path, Room.build(config, path, 1))
     for seq, (T_world_camera, velocity) in enumerate(zip(poses, velocities, strict=True)):
         images = renderer.render(seq)
-        frame = RgbdFrame(
-            seq=seq,
-            stamp_s=seq / rate_hz,
-            arrival_s=seq / rate_hz,
-            colour_bgr=images.colour,
-            depth_raw=images.depth,
-            depth_factor=config.depth_factor,
-            camera=config.camera,
-            skew_s=config.timing.skew_s,
-            readout_s=config.timing.readout_s,
-        )
+        frame = as_frame(config, seq, seq / rate_hz, images)
         yield Glance(f"room {seed}", frame, T_world_camera, velocity)
 
 

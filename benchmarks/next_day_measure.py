@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.runners import LoopRunner
-from benchmarks.tour_frames import as_frame
+from benchmarks.tour_frames import tour_frame
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, apart, inverse
 from drivers.synthetic.config import SyntheticConfig
@@ -38,7 +38,7 @@ class Tour:
 
     def frame(self, number: int) -> RgbdFrame:
         """One of them."""
-        return as_frame(self.config, number, self.film(number))
+        return tour_frame(self.config, number, self.film(number))
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.tour_frames import THREADS, as_frame
+from benchmarks.tour_frames import tour_frame
 from benchmarks.views_shared import SeenView, most_shared
+from benchmarks.virtual_frames import THREADS
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from drivers.synthetic.config import SyntheticConfig
@@ -55,7 +56,7 @@ def kept_film(folder: Path, config: SyntheticConfig, terminal: Terminal) -> Sour
 def frames_of(a_try: Try, config: SyntheticConfig, film: Source) -> Iterator[RgbdFrame]:
     """The frames of a try, with stamps that go on evenly."""
     for seq, shown in enumerate(a_try.shown):
-        frame = as_frame(config, seq, film(int(shown)))
+        frame = tour_frame(config, seq, film(int(shown)))
         if BEFORE <= seq < BEFORE + COVERED:
             dark = np.zeros_like(frame.colour_bgr), np.zeros_like(frame.depth_raw)
             frame = replace(frame, colour_bgr=dark[0], depth_raw=dark[1])
@@ -65,7 +66,7 @@ def frames_of(a_try: Try, config: SyntheticConfig, film: Source) -> Iterator[Rgb
 def views_along(config: SyntheticConfig, film: Source, T_room_camera: Array) -> list[SeenView]:
     """What every EVERY-th frame of the film shows."""
     numbers = range(0, len(T_room_camera), EVERY)
-    return [SeenView.of(as_frame(config, n, film(n)), T_room_camera[n]) for n in numbers]
+    return [SeenView.of(tour_frame(config, n, film(n)), T_room_camera[n]) for n in numbers]
 
 
 def choose_tries(

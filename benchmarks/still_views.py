@@ -1,21 +1,18 @@
 """A camera that stands still for as long as one likes: one view, measured anew for each frame."""
 
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.virtual_frames import THREADS, as_frame, made_ahead
 from drivers.camera import RgbdFrame
 from drivers.synthetic.colour_sensor import gain_at
 from drivers.synthetic.config import Motion, SyntheticConfig
 from drivers.synthetic.render import Renderer, Sight, make_renderer
 
-THREADS = 2
-AHEAD = 4
 # The exposure hunts on with this period.
 PERIOD_S = 20.0
 # Noise is cut from so many numbers: a film of any length, and no frame like another.
@@ -61,25 +58,8 @@ class StillView:
         config, stamp_s = self.config, seq / self.config.rate_hz
         sight = replace(self.sight, gain=gain_at(config.colour, stamp_s, PERIOD_S))
         images = self.renderer.sense(sight, PooledNoise(self.pool, [config.seed, 9, seq]))
-        return RgbdFrame(
-            seq=seq,
-            stamp_s=stamp_s,
-            arrival_s=stamp_s,
-            colour_bgr=images.colour,
-            depth_raw=images.depth,
-            depth_factor=config.depth_factor,
-            camera=config.camera,
-            skew_s=config.timing.skew_s,
-            readout_s=config.timing.readout_s,
-        )
+        return as_frame(config, seq, stamp_s, images)
 
     def frames(self, count: int) -> Iterator[RgbdFrame]:
         """The first `count` frames, a few of them made ahead."""
-        with ThreadPoolExecutor(THREADS) as pool:
-            made: deque[Future[RgbdFrame]] = deque()
-            for seq in range(count):
-                made.append(pool.submit(self.frame, seq))
-                if len(made) > AHEAD:
-                    yield made.popleft().result()
-            while made:
-                yield made.popleft().result()
+        return made_ahead(self.frame, count)

@@ -1,13 +1,11 @@
 """Tours of the virtual Kinect, of any length: rendered as they are needed, and not kept."""
 
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
+from benchmarks.virtual_frames import THREADS, as_frame, made_ahead
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from drivers.synthetic.config import Motion, SyntheticConfig
@@ -15,10 +13,6 @@ from drivers.synthetic.faults import Images
 from drivers.synthetic.motion import make_path
 from drivers.synthetic.render import make_renderer
 from drivers.synthetic.scene import ROOM_HEIGHT_M
-
-THREADS = 2
-AHEAD = 6
-T = TypeVar("T")
 
 
 def tour_config(seed: int, seconds: float, twins: bool) -> SyntheticConfig:
@@ -42,35 +36,9 @@ def rendered_frames(config: SyntheticConfig) -> Iterator[RgbdFrame]:
     """All frames in order, a few of them rendered ahead on two threads."""
     renderer = make_renderer(config, THREADS)
     for seq, images in enumerate(made_ahead(renderer.render, config.frame_count)):
-        yield as_frame(config, seq, images)
+        yield tour_frame(config, seq, images)
 
 
-def as_frame(config: SyntheticConfig, seq: int, images: Images) -> RgbdFrame:
-    """Images as frame `seq` of a camera of `config`."""
-    stamp_s = round(seq / config.rate_hz, 6)
-    return RgbdFrame(
-        seq=seq,
-        stamp_s=stamp_s,
-        arrival_s=stamp_s,
-        colour_bgr=images.colour,
-        depth_raw=images.depth,
-        depth_factor=config.depth_factor,
-        camera=config.camera,
-        skew_s=config.timing.skew_s,
-        readout_s=config.timing.readout_s,
-    )
-
-
-def made_ahead(make: Callable[[int], T], count: int) -> Iterator[T]:
-    """What `make` makes of 0 to `count` - 1, in order; the next few are being made meanwhile."""
-    with ThreadPoolExecutor(THREADS) as pool:
-        made: deque[Future[T]] = deque()
-        try:
-            for number in range(count):
-                made.append(pool.submit(make, number))
-                if len(made) > AHEAD:
-                    yield made.popleft().result()
-            while made:
-                yield made.popleft().result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+def tour_frame(config: SyntheticConfig, seq: int, images: Images) -> RgbdFrame:
+    """Images as frame `seq` of a camera of `config`, stamped to the microsecond."""
+    return as_frame(config, seq, round(seq / config.rate_hz, 6), images)

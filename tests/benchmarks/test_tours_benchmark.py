@@ -12,10 +12,11 @@ import pytest
 from benchmarks import tours
 from benchmarks.kept_results import KeptResults
 from benchmarks.runners import Loop, OdometryRunner
-from benchmarks.tour_frames import AHEAD, made_ahead, rendered_frames, tour_config, true_poses
+from benchmarks.tour_frames import rendered_frames, tour_config, true_poses
 from benchmarks.tour_measure import result_of, run_tour
 from benchmarks.tour_plot import save_plot
 from benchmarks.tour_record import TourRecord
+from benchmarks.virtual_frames import AHEAD, made_ahead
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.errors import InputError
 from drivers.geometry import Array, inverse

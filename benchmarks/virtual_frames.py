@@ -1,0 +1,44 @@
+"""Frames of the virtual Kinect, put together from its images; and a few of anything made ahead."""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+from drivers.camera import RgbdFrame
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.faults import Images
+
+THREADS = 2
+AHEAD = 6
+T = TypeVar("T")
+
+
+def as_frame(config: SyntheticConfig, seq: int, stamp_s: float, images: Images) -> RgbdFrame:
+    """Images as frame `seq` of a camera of `config`; it arrives when it is taken."""
+    return RgbdFrame(
+        seq=seq,
+        stamp_s=stamp_s,
+        arrival_s=stamp_s,
+        colour_bgr=images.colour,
+        depth_raw=images.depth,
+        depth_factor=config.depth_factor,
+        camera=config.camera,
+        skew_s=config.timing.skew_s,
+        readout_s=config.timing.readout_s,
+    )
+
+
+def made_ahead(make: Callable[[int], T], count: int) -> Iterator[T]:
+    """What `make` makes of 0 to `count` - 1, in order; the next few are being made meanwhile."""
+    with ThreadPoolExecutor(THREADS) as pool:
+        made: deque[Future[T]] = deque()
+        try:
+            for number in range(count):
+                made.append(pool.submit(make, number))
+                if len(made) > AHEAD:
+                    yield made.popleft().result()
+            while made:
+                yield made.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)

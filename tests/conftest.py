@@ -1,5 +1,10 @@
 """A small recording that the whole line can follow, rendered once a session; and the real ones."""
 
+# As the program has it, and before numpy: tests run side by side, and idle threads would spin.
+import vo_service.runs.one_thread  # noqa: F401
+
+# isort: split
+
 import gc
 import os
 import shutil
@@ -7,6 +12,7 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import hypothesis
 import numpy as np
 import pytest
@@ -29,6 +35,8 @@ from tests.stand_ins.fixtures import (  # noqa: F401
     real_openni2,
 )
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+
+cv2.setNumThreads(1)
 
 # A shell that runs the tests in the background has Ctrl-C ignored, and so would what they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)

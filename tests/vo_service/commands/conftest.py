@@ -12,8 +12,6 @@ from tests.vo_service.played_service import WITHOUT_MAP
 def surroundings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing of the user's but the compiled kernels, which all processes of the tests share."""
     monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        monkeypatch.setenv(name, "1")
     monkeypatch.setenv("OPENCV_LOG_LEVEL", "SILENT")
 
 

@@ -1,6 +1,7 @@
 """SIGTERM, SIGINT and SIGHUP at every stage of a service's life."""
 
 import signal
+from itertools import cycle
 from pathlib import Path
 
 import pytest
@@ -9,9 +10,13 @@ from tests.vo_service.live_stage import live_stage
 from tests.vo_service.played_service import ENDING_S, WITHOUT_MAP
 from tests.vo_service.stages import STAGES, Stage
 
+# Both signals have one handler: each stage is left by one of them, and each of them leaves three.
+CASES = tuple(zip(STAGES, cycle((signal.SIGTERM, signal.SIGINT)), strict=False))
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT], ids=lambda each: each.name)
-@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name.replace(" ", "-"))
+
+@pytest.mark.parametrize(
+    ("stage", "number"), CASES, ids=[f"{s.name.replace(' ', '-')}-{n.name}" for s, n in CASES]
+)
 def test_a_hangup_changes_nothing_and_a_signal_to_end_is_obeyed_in_order(
     stage: Stage, number: signal.Signals, films: Path, tmp_path: Path
 ) -> None:

@@ -16,7 +16,6 @@ from drivers.trajectory import read_trajectory
 from tests.conftest import FRAMES
 from tests.full_disk import files_up_to
 from tests.vo_service.commands.command_line import Outcome, call
-from tests.vo_service.commands.there_and_back import write_there_and_back
 from tests.vo_service.mapping.ply_reader import read_ply
 from tests.vo_service.odometry.synthetic_views import FLOOR, WALL
 from vo_service.mapping.reconstruction import Reconstruction
@@ -91,21 +90,6 @@ def test_without_a_trajectory_the_odometry_runs_and_leaves_its_own(
         read_trajectory(tmp_path / "trajectory.txt").T_world_camera[0], np.eye(4)
     )
     assert len(read_ply(tmp_path / "map.ply").triangles) == figures["triangles"] > 1000
-
-
-def test_with_loops_the_map_is_made_with_the_corrected_poses(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    folder, corrected = write_there_and_back(tmp_path / "walk"), tmp_path / "corrected.txt"
-    given = ("--method", "surf", "--loops")
-    outcome = call(capfd, "reconstruct", folder, *given, "--output", tmp_path / "map", *COARSE)
-    assert (outcome.code, outcome.err) == (0, "")
-    figures = json.loads((tmp_path / "map" / "reconstruction.json").read_text())
-    assert figures["places"] > 1
-    assert f"loops {figures['loops']}" in " ".join(outcome.out.split())
-    assert figures["loops"] > 0
-    call(capfd, "replay", folder, *given, "--no-publish", "--trajectory-corrected", corrected)
-    assert (tmp_path / "map" / "trajectory.txt").read_bytes() == corrected.read_bytes()
 
 
 def test_loops_cannot_correct_a_given_trajectory(

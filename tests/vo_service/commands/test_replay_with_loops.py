@@ -79,6 +79,20 @@ def test_with_loops_a_replay_repeats_bit_for_bit_also_in_another_process(
         assert f"\n{label}  " in f"\n{outcome.out}"
 
 
+def test_with_loops_a_map_is_made_with_the_corrected_poses(
+    replayed: Replayed, tmp_path: Path, capfd: Capture
+) -> None:
+    given = ("--method", "surf", "--loops", "--voxel-m", 0.04, "--memory-mb", 100)
+    outcome = call(capfd, "reconstruct", replayed.folder, *given, "--output", tmp_path / "map")
+    assert (outcome.code, outcome.err) == (0, "")
+    figures = json.loads((tmp_path / "map" / "reconstruction.json").read_text())
+    assert figures["places"] > 1
+    assert f"loops {figures['loops']}" in " ".join(outcome.out.split())
+    assert figures["loops"] > 0
+    written = (tmp_path / "map" / "trajectory.txt").read_bytes()
+    assert written == replayed.corrected.read_bytes()
+
+
 @pytest.mark.parametrize("path", ["", "gone/poses.txt", "file/poses.txt"])
 def test_a_corrected_trajectory_that_cannot_be_written_is_refused_before_anything_runs(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch, path: str

@@ -4,29 +4,24 @@ from collections.abc import Sequence
 
 import pytest
 
-from tests.vo_service.calibration.rendered_boards import snapshots, stances
-from vo_service.calibration.board import Layout
+from tests.vo_service.calibration.photographs import BOARD, take_photographs
 from vo_service.calibration.chessboard import Chessboard
 from vo_service.calibration.colour_camera import ColourCalibration, calibrate_colour
 from vo_service.calibration.depth_camera import DepthCalibration, calibrate_depth
 from vo_service.calibration.picking import ViewPicker
 from vo_service.calibration.snapshot import Snapshot
 
-VIEWS = 26
-# Boards of this seed reach every part of the image.
-SEED = 4
-
 
 @pytest.fixture(scope="session")
 def board() -> Chessboard:
     """A chessboard on A3."""
-    return Chessboard(Layout(10, 7, 0.035))
+    return BOARD
 
 
 @pytest.fixture(scope="session")
-def photographs(board: Chessboard) -> list[Snapshot]:
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
     """Of the board in many places, colour and depth."""
-    return snapshots(board, stances(board, VIEWS, SEED), with_depth=True)
+    return take_photographs(tmp_path_factory)
 
 
 @pytest.fixture(scope="session")

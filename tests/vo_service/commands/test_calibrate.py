@@ -12,40 +12,29 @@ from drivers.camera_file import CameraFile, read_camera_file
 from tests.stand_ins.fixtures import PlayKinect
 from tests.stand_ins.oni_writer import OniImage, Sensor, write_oni
 from tests.stand_ins.wire_film import wire_film
-from tests.vo_service.calibration.rendered_boards import COLOUR, DEPTH, snapshots, stances
+from tests.vo_service.calibration.photographs import (
+    VIEWS,
+    recorded_photographs,
+    take_photographs,
+)
+from tests.vo_service.calibration.rendered_boards import COLOUR, DEPTH
 from tests.vo_service.commands.command_line import Outcome, call
-from vo_service.calibration.board import Layout
-from vo_service.calibration.chessboard import Chessboard
 from vo_service.calibration.snapshot import Snapshot
 
 Capture = pytest.CaptureFixture[str]
-BOARD = Chessboard(Layout(10, 7, 0.035))
 OPTIONS = ("calibrate", "--board", "chessboard:9x6", "--square", "0.035")
-VIEWS = 26
-FOUND = 25  # one is seen from too far aside
-# Boards of this seed reach every part of the image, and are tilted every way.
-SEED = 4
+FOUND = VIEWS - 1  # one is seen from too far aside
 
 
 @pytest.fixture(scope="module")
-def photographs() -> list[Snapshot]:
-    return snapshots(BOARD, stances(BOARD, VIEWS, SEED), with_depth=True)
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
+    return take_photographs(tmp_path_factory)
 
 
 @pytest.fixture(scope="module")
-def folder(photographs: Sequence[Snapshot], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The photographs as a recording of unregistered depth in millimetres."""
-    folder = tmp_path_factory.mktemp("calibration") / "boards"
-    for name in ("rgb", "depth"):
-        (folder / name).mkdir(parents=True)
-    lines = []
-    for each in photographs:
-        file = f"{each.stamp_s:.6f}.png"
-        assert cv2.imwrite(str(folder / "rgb" / file), each.colour_bgr)
-        assert cv2.imwrite(str(folder / "depth" / file), each.depth_raw)
-        lines.append(f"{each.stamp_s} rgb/{file} {each.stamp_s} depth/{file}\n")
-    (folder / "associations.txt").write_text("".join(lines))
-    return folder
+    return recorded_photographs(tmp_path_factory)
 
 
 @pytest.fixture(autouse=True)

@@ -1,0 +1,50 @@
+"""One Kinect before one board, photographed in many places: the same for all tests."""
+
+import pickle
+from pathlib import Path
+
+import cv2
+import pytest
+
+from tests.made_once import made_once
+from tests.vo_service.calibration.rendered_boards import snapshots, stances
+from vo_service.calibration.board import Layout
+from vo_service.calibration.chessboard import Chessboard
+from vo_service.calibration.snapshot import Snapshot
+
+# On A3.
+BOARD = Chessboard(Layout(10, 7, 0.035))
+VIEWS = 26
+# Boards of this seed reach every part of the image, and are tilted every way.
+SEED = 4
+FILE = "snapshots.pickle"
+
+
+def take_photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
+    """Colour and depth; rendered once."""
+    folder = made_once(tmp_path_factory, "photographs", _render)
+    found: list[Snapshot] = pickle.loads((folder / FILE).read_bytes())
+    return found
+
+
+def _render(folder: Path) -> None:
+    found = snapshots(BOARD, stances(BOARD, VIEWS, SEED), with_depth=True)
+    (folder / FILE).write_bytes(pickle.dumps(found))
+
+
+def recorded_photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The photographs as a recording of unregistered depth in millimetres; leave it as it is."""
+    photographs = take_photographs(tmp_path_factory)
+
+    def record(folder: Path) -> None:
+        for name in ("rgb", "depth"):
+            (folder / name).mkdir()
+        lines = []
+        for each in photographs:
+            file = f"{each.stamp_s:.6f}.png"
+            assert cv2.imwrite(str(folder / "rgb" / file), each.colour_bgr)
+            assert cv2.imwrite(str(folder / "depth" / file), each.depth_raw)
+            lines.append(f"{each.stamp_s} rgb/{file} {each.stamp_s} depth/{file}\n")
+        (folder / "associations.txt").write_text("".join(lines))
+
+    return made_once(tmp_path_factory, "boards", record)

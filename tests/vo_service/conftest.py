@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.belongings import PATIENCE_S
+from tests.made_once import made_once
 from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
 from vo_service.background import keeper
 
@@ -27,7 +28,9 @@ def patience() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cache for rendered rooms. The kernels, which all tests share, are compiled afterwards."""
-    folder = tmp_path_factory.mktemp("films")
-    environment = os.environ | {"CACHE_DIRECTORY": str(folder)}
-    subprocess.run([KINECT_VO, "warm-up"], env=environment, check=True, timeout=START_LIMIT_S)
-    return folder
+
+    def warm_up(folder: Path) -> None:
+        environment = os.environ | {"CACHE_DIRECTORY": str(folder)}
+        subprocess.run([KINECT_VO, "warm-up"], env=environment, check=True, timeout=START_LIMIT_S)
+
+    return made_once(tmp_path_factory, "films", warm_up)

@@ -143,7 +143,7 @@ def align(
     # Coarse levels have too few points to tell regions by: those of the start are taken there.
     at_start = _regions(points, images, T, velocity, fit.copy(), weights)
     for level in range(coarsest, -1, -1):
-        T, velocity, _ = descend(
+        T, velocity = descend(
             points[level],
             images.grey[level],
             images.intrinsics[level + 1],

@@ -35,8 +35,8 @@ def descend(
     fit: Array,
     steps: int,
     last_step: float,
-) -> tuple[Array, Array, int]:
-    """T_camera_keyframe and the velocity after some steps, and how many there were.
+) -> tuple[Array, Array]:
+    """T_camera_keyframe and the velocity after some steps.
 
     velocity              (6,) expected, twist of the motion in the keyframe's axes, m/s and rad/s
     falloff               see `read_points`
@@ -48,9 +48,7 @@ def descend(
     """
     T, expected, velocity = T_camera_keyframe.copy(), velocity, velocity.copy()
     readings = np.empty((len(points), reading_columns.COLUMNS))
-    done = 0
     for step in range(steps):
-        done += 1
         read_points(
             points,
             T,
@@ -71,15 +69,21 @@ def descend(
         H, g = with_times(bands, readout_s, skew_s)
         mean = expected if rate_hz == 0.0 else logarithm(product(T_keyframe_last, T)) * rate_hz
         tie_velocity(H, g, velocity - mean, rate_hz, velocity_information)
-        for i in range(3):
-            H[i, i] += 1.0 / LOOSE[0] ** 2
-            H[3 + i, 3 + i] += 1.0 / LOOSE[1] ** 2
+        hold_loosely(H)
         x = solve(H, g)
         T = product(T, exponential(-x[:6]))
         velocity -= x[6:]
         if np.max(np.abs(x[:6])) < last_step:
             break
-    return T, velocity, done
+    return T, velocity
+
+
+@kernel
+def hold_loosely(H: Array) -> None:
+    """Leave alone what nothing in view settles: see `LOOSE`."""
+    for i in range(3):
+        H[i, i] += 1.0 / LOOSE[0] ** 2
+        H[3 + i, 3 + i] += 1.0 / LOOSE[1] ** 2
 
 
 @kernel

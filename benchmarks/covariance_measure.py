@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.odometry import all_frames
+from benchmarks.camera_frames import all_frames
 from drivers.camera import Pace
 from drivers.errors import InputError
 from drivers.geometry import Array, inverse

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.camera_frames import all_frames
 from benchmarks.virtual_frames import as_frame
-from drivers.camera import EndOfStream, Pace, RgbdFrame
+from drivers.camera import Pace, RgbdFrame
 from drivers.errors import InputError
 from drivers.geometry import Array, inverse, rigid_transform
 from drivers.synthetic.config import SyntheticConfig
@@ -24,7 +25,6 @@ SPOTS = 6
 PACE = np.repeat([0.15, 0.25], 3)
 # Views of a recording are so far apart in time.
 EVERY_S = 0.5
-READ_TIMEOUT_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -99,11 +99,7 @@ def of_recording(folder: Path) -> Iterator[Glance]:
         if truth is None:
             raise InputError(f"{folder}: has no groundtruth.txt; name a recording that has")
         next_s = -np.inf
-        while True:
-            try:
-                frame = camera.read(READ_TIMEOUT_S)
-            except EndOfStream:
-                return
+        for frame in all_frames(camera):
             n = int(np.searchsorted(truth.stamps_s, frame.stamp_s - 1e-4))
             if frame.stamp_s < next_s or not 0 < n < len(truth) - 1:
                 continue

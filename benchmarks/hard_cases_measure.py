@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.odometry import all_frames, compare
+from benchmarks.camera_frames import all_frames
+from benchmarks.odometry import compare
 from drivers.camera import Pace, RgbdFrame
 from drivers.geometry import Array
 from drivers.synthetic.config import SyntheticConfig

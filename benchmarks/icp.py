@@ -24,8 +24,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks.camera_frames import all_frames
 from benchmarks.icp_methods import methods
-from benchmarks.odometry import all_frames, compare
+from benchmarks.odometry import compare
 from drivers.camera import Pace, RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.trajectory import StampedPoses

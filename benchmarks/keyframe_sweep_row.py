@@ -13,9 +13,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks.camera_frames import all_frames
 from benchmarks.kept_results import Json
 from benchmarks.keyframe_sweep import AS_IT_IS, changed
-from benchmarks.odometry import all_frames
 from drivers.camera import Pace
 from drivers.errors import InputError
 from drivers.trajectory import StampedPoses

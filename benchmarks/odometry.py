@@ -15,24 +15,22 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from benchmarks.camera_frames import all_frames
 from benchmarks.odometry_methods import METHODS, make_odometry
 from benchmarks.odometry_table import STAGES, Result, table
-from drivers.camera import EndOfStream, Pace, RgbdFrame
+from drivers.camera import Pace
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import StampedPoses
 from drivers.tum.camera import TumCamera
 from vo_service.evaluation import Evaluation, evaluate
 from vo_service.odometry.estimate import Estimate
 from vo_service.stage_clock import StageClock
-
-READ_TIMEOUT_S = 60.0
 
 
 def main() -> int:
@@ -83,15 +81,6 @@ def measure(method: str, folder: Path) -> Result:
         cpu_ms=median(cpu_ms),
         evaluation=compare(estimates, stamps_s, truth),
     )
-
-
-def all_frames(camera: TumCamera) -> Iterator[RgbdFrame]:
-    """Frames of an open camera until it ends."""
-    while True:
-        try:
-            yield camera.read(READ_TIMEOUT_S)
-        except EndOfStream:
-            return
 
 
 def compare(

@@ -36,7 +36,6 @@ from vo_service.mapping.fusion_settings import FusionSettings
 from vo_service.methods import METHODS, FeatureSettings
 from vo_service.stage_clock import StageClock
 
-READ_TIMEOUT_S = 60.0
 GOOD_M = 0.015
 
 

@@ -26,7 +26,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.camera import EndOfStream, PinholeCamera, RgbdFrame
+from benchmarks.camera_frames import all_frames
+from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.tum.camera import TumCamera
 from vo_service.control.errors import CommandError
 from vo_service.odometry.estimate import Estimate
@@ -150,14 +151,8 @@ def _saved(recorder: FlightRecorder) -> str:
 
 def _recorded(folder: Path) -> list[RgbdFrame]:
     """The first frames of a recording."""
-    frames: list[RgbdFrame] = []
     with TumCamera(folder) as camera:
-        while len(frames) < KEPT_IMAGES:
-            try:
-                frames.append(camera.read(30.0))
-            except EndOfStream:
-                break
-    return frames
+        return list(islice(all_frames(camera), KEPT_IMAGES))
 
 
 def _made_up(seq: int) -> RgbdFrame:

@@ -22,8 +22,9 @@ from pathlib import Path
 
 import cv2
 
+from benchmarks.camera_frames import all_frames
 from benchmarks.damage import DAMAGES, Frames
-from benchmarks.odometry import all_frames, compare
+from benchmarks.odometry import compare
 from drivers.camera import Pace
 from drivers.errors import UserFacingError
 from drivers.trajectory import StampedPoses

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import cv2
 
-from drivers.camera import EndOfStream, Pace
+from benchmarks.camera_frames import all_frames
+from drivers.camera import Pace
 from drivers.errors import InputError
 from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
@@ -17,7 +18,6 @@ from drivers.tum.writer import TumWriter
 
 # Says what a folder was rendered from: one without it is not whole, or somebody else's.
 NOTE = "synthetic.txt"
-READ_TIMEOUT_S = 60.0
 
 
 def render_all(
@@ -67,8 +67,5 @@ def render(folder: Path, config: SyntheticConfig) -> None:
 
 def _write(camera: SyntheticCamera, folder: Path) -> None:
     with TumWriter(folder, ground_truth=camera.ground_truth) as writer:
-        while True:
-            try:
-                writer.write(camera.read(READ_TIMEOUT_S))
-            except EndOfStream:
-                return
+        for frame in all_frames(camera):
+            writer.write(frame)

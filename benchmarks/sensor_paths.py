@@ -22,7 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.camera import EndOfStream, Pace, RgbdFrame
+from benchmarks.camera_frames import all_frames
+from drivers.camera import Pace
 from drivers.camera_file import camera_file_text, camera_of_folder
 from drivers.trajectory import StampedPoses, read_trajectory
 from drivers.tum.camera import TumCamera
@@ -95,16 +96,6 @@ def compare(folder: Path, most: int | None, scratch: Path) -> None:
             ate_mm = 1e3 * evaluate(found, truth).ate_rmse_m
             apart_mm = 1e3 * apart_m(found, reference)
             print(f"{way.name:22s} {len(found):5d} {ate_mm:9.2f} {apart_mm:9.3f}", flush=True)
-
-
-def all_frames(camera: TumCamera) -> "list[RgbdFrame]":
-    """Every frame of a recording."""
-    frames = []
-    while True:
-        try:
-            frames.append(camera.read(60.0))
-        except EndOfStream:
-            return frames
 
 
 def run(way: Way, camera_file: Path, scratch: Path, count: int) -> StampedPoses:

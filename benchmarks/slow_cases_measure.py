@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.camera_frames import all_frames
 from benchmarks.hard_cases_measure import follow
-from benchmarks.odometry import all_frames
 from drivers.camera import Pace, RgbdFrame
 from drivers.geometry import Array, inverse, rotation_angle_rad
 from drivers.tum.camera import TumCamera

@@ -17,15 +17,14 @@ from pathlib import Path
 
 import cv2
 
+from benchmarks.camera_frames import all_frames
 from benchmarks.rendered import render_all
-from drivers.camera import EndOfStream
 from drivers.errors import UserFacingError
 from drivers.synthetic.config import Motion, SyntheticConfig, Timing
 from drivers.tum.camera import TumCamera
 from vo_service.calibration.timing import measure
 from vo_service.calibration.timing_pieces import BriskestPieces
 
-READ_S = 60.0
 ROW = "| {:<10} | {:>11} | {:>14} | {:>8} | {:>14} | {:>7} |"
 
 
@@ -98,11 +97,8 @@ def _row(name: str, case: Case, folder: Path) -> str:
     begin_s = time.process_time()
     film = BriskestPieces()
     with TumCamera(folder) as camera:
-        while True:
-            try:
-                film.offer(replace(camera.read(READ_S), skew_s=0.0))
-            except EndOfStream:
-                break
+        for frame in all_frames(camera):
+            film.offer(replace(frame, skew_s=0.0))
     try:
         found = measure(film.kept, lambda text: None)
     except UserFacingError as error:

@@ -3,15 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from drivers.camera import EndOfStream, Pace, PinholeCamera, RgbdFrame
+from benchmarks.camera_frames import all_frames
+from drivers.camera import Pace, PinholeCamera, RgbdFrame
 from drivers.geometry import Array
 from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import KINECT_COLOUR, SyntheticConfig
 from drivers.trajectory import StampedPoses
 from vo_service.folders import cache_folder
 from vo_service.terminal import Terminal
-
-READ_TIMEOUT_S = 60.0
 
 
 def frames_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Array]]:
@@ -20,11 +19,7 @@ def frames_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Arra
     preparation = Preparation(cache_dir=cache_folder() / "films", progress=progress)
     with SyntheticCamera(config, Pace.LOCKSTEP, preparation) as camera:
         truth: StampedPoses | None = None
-        while True:
-            try:
-                frame = camera.read(READ_TIMEOUT_S)
-            except EndOfStream:
-                return
+        for frame in all_frames(camera):
             truth = truth or camera.ground_truth
             assert truth is not None, "a film that is played once has a truth"
             yield frame, truth.T_world_camera[frame.seq]

@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import EndOfStream, Pace
+from benchmarks.camera_frames import all_frames
+from drivers.camera import Pace
 from drivers.errors import UserFacingError
 from drivers.tum.camera import TumCamera
 from vo_service.mapping import places
@@ -26,7 +27,6 @@ OUTPUT = Path(places.__file__).with_name("words.npy")
 WORDS, FEATURES, EVERY = 32, 500, 30
 # Of k-means: rounds at most, and how often it begins anew.
 ROUNDS, ATTEMPTS = 100, 3
-READ_TIMEOUT_S = 60.0
 
 
 def main() -> int:
@@ -54,11 +54,7 @@ def described(folder: Path) -> Iterator[NDArray[np.float32]]:
     """SURF descriptors (N, 64) of every EVERY-th frame of a recording."""
     extractor = SurfExtractor(FEATURES)
     with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
-        while True:
-            try:
-                frame = camera.read(READ_TIMEOUT_S)
-            except EndOfStream:
-                return
+        for frame in all_frames(camera):
             if frame.seq % EVERY == 0:
                 yield extractor.extract(frame.grey).descriptor
 

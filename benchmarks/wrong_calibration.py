@@ -18,7 +18,8 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks.odometry import all_frames, compare
+from benchmarks.camera_frames import all_frames
+from benchmarks.odometry import compare
 from drivers.camera import Pace, RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.tum.camera import TumCamera

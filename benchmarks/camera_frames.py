@@ -1,0 +1,16 @@
+"""All frames of a camera that ends, such as a recording."""
+
+from collections.abc import Iterator
+
+from drivers.camera import EndOfStream, RgbdCamera, RgbdFrame
+
+READ_TIMEOUT_S = 60.0
+
+
+def all_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
+    """Frames of an open camera until it ends."""
+    while True:
+        try:
+            yield camera.read(READ_TIMEOUT_S)
+        except EndOfStream:
+            return

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.true_surface import distances_m, solids_of
+from benchmarks.true_surface import SurfaceError, solids_of
 from drivers.errors import InputError, UserFacingError
 from drivers.geometry import Array, transform_points
 from drivers.synthetic.solids import Solid
@@ -31,32 +31,23 @@ from vo_service.evaluation.metrics import first_pose_alignment
 
 # A vertex of `reconstruct`'s own: place, normal, colour.
 VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
-GOOD_M = 0.015
 
 
 @dataclass(frozen=True)
 class MapError:
-    """Of one map.
-
-    ate_rmse_m               of the poses that it was made with
-    median_m, p90_m, p99_m   distance from the vertices to the true surface
-    within_15mm              share of the vertices that are as near as that
-    """
+    """Of one map, and of the poses that it was made with."""
 
     name: str
     ate_rmse_m: float
-    vertices: int
-    median_m: float
-    p90_m: float
-    p99_m: float
-    within_15mm: float
+    surface: SurfaceError
 
     def __str__(self) -> str:
-        median_mm, p90_mm, p99_mm = (1e3 * m for m in (self.median_m, self.p90_m, self.p99_m))
+        off = self.surface
+        median_mm, p90_mm, p99_mm = (1e3 * m for m in (off.median_m, off.p90_m, off.p99_m))
         return (
-            f"{self.name}: ATE {1e3 * self.ate_rmse_m:.1f} mm; {self.vertices} vertices, off by "
+            f"{self.name}: ATE {1e3 * self.ate_rmse_m:.1f} mm; {off.vertices} vertices, off by "
             f"{median_mm:.1f} mm median, {p90_mm:.1f} mm 90 %, {p99_mm:.1f} mm 99 %; "
-            f"{100 * self.within_15mm:.0f} % within 15 mm"
+            f"{100 * off.within_15mm:.0f} % within 15 mm"
         )
 
 
@@ -86,15 +77,11 @@ def measure(folder: Path, truth: StampedPoses, solids: Sequence[Solid]) -> MapEr
     """The error of a map. Raises InputError if there is none in the folder."""
     poses = read_trajectory(folder / "trajectory.txt")
     T_room_map = first_pose_alignment(associate(poses, truth))
-    off_m = distances_m(transform_points(T_room_map, vertices_m(folder / "map.ply")), solids)
+    in_room_m = transform_points(T_room_map, vertices_m(folder / "map.ply"))
     return MapError(
         name=str(folder),
         ate_rmse_m=evaluate(poses, truth).ate_rmse_m,
-        vertices=len(off_m),
-        median_m=float(np.median(off_m)),
-        p90_m=float(np.percentile(off_m, 90)),
-        p99_m=float(np.percentile(off_m, 99)),
-        within_15mm=float(np.mean(off_m <= GOOD_M)),
+        surface=SurfaceError.of(in_room_m, solids),
     )
 
 

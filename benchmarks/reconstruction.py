@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass
 import cv2
 import numpy as np
 
-from benchmarks.true_surface import distances_m, solids_of
+from benchmarks.true_surface import SurfaceError, solids_of
 from benchmarks.virtual_room import frames_with_truth, scaled
 from drivers.camera import RgbdFrame
 from drivers.errors import UserFacingError
@@ -36,8 +36,6 @@ from vo_service.mapping.fusion_settings import FusionSettings
 from vo_service.methods import METHODS, FeatureSettings
 from vo_service.stage_clock import StageClock
 
-GOOD_M = 0.015
-
 
 @dataclass(frozen=True)
 class Result:
@@ -45,19 +43,13 @@ class Result:
 
     poses           whose
     ate_rmse_m      of these poses
-    median_m, p90_m, p99_m   distance from the vertices to the true surface
-    within_15mm     share of the vertices that are as near as that
     add_ms, mesh_s  processor time: a frame, median, and the mesh
     """
 
     voxel_m: float
     poses: str
     ate_rmse_m: float
-    vertices: int
-    median_m: float
-    p90_m: float
-    p99_m: float
-    within_15mm: float
+    surface: SurfaceError
     add_ms: float
     mesh_s: float
 
@@ -98,11 +90,12 @@ def measure(config: SyntheticConfig, voxels_m: Sequence[float]) -> Iterator[Resu
 
 def row(result: Result) -> str:
     """A line for people."""
+    off = result.surface
     return (
         f"voxel {1000 * result.voxel_m:3.0f} mm  poses {result.poses:5}  "
-        f"ATE {1000 * result.ate_rmse_m:6.1f} mm  vertices {result.vertices:8d}  distance: median "
-        f"{1000 * result.median_m:5.1f} mm, 90 % {1000 * result.p90_m:5.1f} mm, "
-        f"99 % {1000 * result.p99_m:6.1f} mm, {100 * result.within_15mm:5.1f} % within 15 mm  "
+        f"ATE {1000 * result.ate_rmse_m:6.1f} mm  vertices {off.vertices:8d}  distance: median "
+        f"{1000 * off.median_m:5.1f} mm, 90 % {1000 * off.p90_m:5.1f} mm, "
+        f"99 % {1000 * off.p99_m:6.1f} mm, {100 * off.within_15mm:5.1f} % within 15 mm  "
         f"{result.add_ms:5.1f} ms a frame, mesh {result.mesh_s:.2f} s"
     )
 
@@ -127,16 +120,11 @@ def _result(
     begin_s = time.thread_time()
     mesh = fusion.mesh()
     mesh_s = time.thread_time() - begin_s
-    off_m = distances_m(mesh.vertices_m.astype(np.float64), solids_of(config))
     return Result(
         voxel_m=voxel_m,
         poses=name,
         ate_rmse_m=evaluate(poses, truth).ate_rmse_m,
-        vertices=len(off_m),
-        median_m=float(np.median(off_m)),
-        p90_m=float(np.percentile(off_m, 90)),
-        p99_m=float(np.percentile(off_m, 99)),
-        within_15mm=float(np.mean(off_m <= GOOD_M)),
+        surface=SurfaceError.of(mesh.vertices_m.astype(np.float64), solids_of(config)),
         add_ms=float(np.median(add_ms)),
         mesh_s=mesh_s,
     )

@@ -1,6 +1,7 @@
 """How far points are from the surfaces of a virtual room, which are known exactly."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,6 +11,35 @@ from drivers.synthetic.motion import make_path
 from drivers.synthetic.render import PATH_CHECKS_PER_S
 from drivers.synthetic.scene import ROOM_HEIGHT_M, furnish
 from drivers.synthetic.solids import Kind, Solid
+
+GOOD_M = 0.015
+
+
+@dataclass(frozen=True)
+class SurfaceError:
+    """Of the vertices of a map.
+
+    median_m, p90_m, p99_m   distance from the vertices to the true surface
+    within_15mm              share of the vertices that are as near as that
+    """
+
+    vertices: int
+    median_m: float
+    p90_m: float
+    p99_m: float
+    within_15mm: float
+
+    @classmethod
+    def of(cls, vertices_m: Array, solids: Sequence[Solid]) -> "SurfaceError":
+        """Of vertices (N, 3) in the room."""
+        off_m = distances_m(vertices_m, solids)
+        return cls(
+            vertices=len(off_m),
+            median_m=float(np.median(off_m)),
+            p90_m=float(np.percentile(off_m, 90)),
+            p99_m=float(np.percentile(off_m, 99)),
+            within_15mm=float(np.mean(off_m <= GOOD_M)),
+        )
 
 
 def solids_of(config: SyntheticConfig) -> Sequence[Solid]:

@@ -33,8 +33,8 @@ def measured(folder: Path, points_m: Array) -> MapError:
 def test_vertices_are_measured_from_the_nearest_true_surface(tmp_path: Path) -> None:
     points_m = np.array([[1.01, 0, 0], [0, 0.98, 0], [0, 0, -1.0], [0.1, 0.2, 1.0]])
     found = measured(tmp_path, points_m)
-    assert (found.vertices, found.within_15mm) == (4, 0.75)
-    assert found.median_m == pytest.approx(0.005, abs=1e-5)
+    assert (found.surface.vertices, found.surface.within_15mm) == (4, 0.75)
+    assert found.surface.median_m == pytest.approx(0.005, abs=1e-5)
     assert found.ate_rmse_m == pytest.approx(0.0, abs=1e-5)
 
 

@@ -7,6 +7,9 @@ from pathlib import Path
 
 from drivers.strict_toml import setting
 
+# Bytes: what settings whose names end in _mb count in.
+MEGABYTE = 1_000_000
+
 
 @dataclass(frozen=True)
 class RerunSettings:

@@ -21,8 +21,8 @@ from vo_service.mapping.islands import without_islands
 from vo_service.mapping.mesh import Mesh
 from vo_service.mapping.surface import MESH_BYTES, surface
 from vo_service.odometry.depth_noise import depth_sigma_m
+from vo_service.settings import MEGABYTE
 
-MB = 1_000_000
 # A ray for at least every so many in the width of a block.
 RAYS_ACROSS_BLOCK = 4.0
 # Standard deviation of the best of readings. A surface is known well enough to be drawn when all
@@ -43,7 +43,7 @@ class Fusion:
         """Raises MemoryError if the system refuses the memory."""
         self.settings = settings
         of_each = BLOCK_BYTES + MESH_BYTES
-        self._blocks = Blocks(max(1, settings.memory_mb * MB // of_each))
+        self._blocks = Blocks(max(1, settings.memory_mb * MEGABYTE // of_each))
 
     @property
     def is_full(self) -> bool:

@@ -12,10 +12,10 @@ from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.recorder.depth_packing import compile_packing, pack_depth
 from vo_service.recorder.frame_record import put_frame
 from vo_service.recorder.shared_ring import RingWriter
+from vo_service.settings import MEGABYTE
 
 STATUS_LOG_S = 60.0
 STATUS_LOG_BYTES = 1_000_000
-MEGABYTE = 1_000_000
 
 
 @dataclass(frozen=True)

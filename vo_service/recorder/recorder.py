@@ -11,9 +11,9 @@ from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.worker import DropOldest, Worker
 from vo_service.recorder.clerk import Clerk
 from vo_service.recorder.loss import LossWatch, NoLossWatch
-from vo_service.recorder.memory import MEGABYTE, Memory, TimedStatus
+from vo_service.recorder.memory import Memory, TimedStatus
 from vo_service.recorder.messages import Job
-from vo_service.settings import RecorderSettings
+from vo_service.settings import MEGABYTE, RecorderSettings
 
 logger = logging.getLogger(__name__)
 

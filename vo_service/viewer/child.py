@@ -21,6 +21,7 @@ import cv2
 
 from drivers.errors import UserFacingError
 from drivers.isolation.outbox import Outbox, leave_signals_to_service, log_to_service
+from vo_service.settings import MEGABYTE
 from vo_service.viewer.messages import Ended, Finish, Health, Job, Message, Ready
 from vo_service.viewer.targets import prepare_rerun
 from vo_service.viewer.wire import receive
@@ -37,7 +38,6 @@ FINISHING_S = 5.0
 ORPHAN_S = 20.0
 # Poses come first where processors are scarce.
 NICENESS = 5
-MB = 1_000_000
 
 
 def main(connection: "Connection[Any, Any]") -> None:
@@ -128,7 +128,7 @@ class _Pulse:
 
 def _resident_mb() -> float:
     pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / MB
+    return pages * os.sysconf("SC_PAGE_SIZE") / MEGABYTE
 
 
 if __name__ == "__main__":

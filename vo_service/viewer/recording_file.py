@@ -9,6 +9,7 @@ from drivers.camera import Pace
 from drivers.errors import InputError
 from vo_service.numbered_files import put_aside
 from vo_service.outputs.worker import DropOldest, HandOver, Wait
+from vo_service.settings import MEGABYTE
 from vo_service.viewer.presence import AlwaysThere, Presence
 from vo_service.viewer.sinks import APPLICATION, BrokenFileError, DiskFullError
 
@@ -16,11 +17,10 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-MB = 1_000_000
 QUEUE = 8
 FLUSH_S = 5.0
 # Left free, so that the end of a file can be written: without it Rerun opens a file slowly.
-RESERVE_BYTES = 16 * MB
+RESERVE_BYTES = 16 * MEGABYTE
 
 
 class RecordingFile:
@@ -40,7 +40,7 @@ class RecordingFile:
     def __init__(self, path: Path, file_mb: int = 500, files_kept: int = 4) -> None:
         self.address = str(path)
         self._path = path
-        self._most_bytes = file_mb * MB
+        self._most_bytes = file_mb * MEGABYTE
         self._files_kept = files_kept
         self._whole_bytes = 0
         self._layout = b""

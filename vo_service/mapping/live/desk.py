@@ -10,7 +10,7 @@ from typing import Any
 from drivers.errors import InputError, UserFacingError
 from vo_service.mapping.live.keyframes import Keyframe, Keyframes
 from vo_service.mapping.live.making import Making, make_map
-from vo_service.mapping.live.maps_folder import MEGABYTE, MapsFolder
+from vo_service.mapping.live.maps_folder import MapsFolder
 from vo_service.mapping.live.messages import (
     Facts,
     Job,
@@ -25,7 +25,7 @@ from vo_service.outputs.output import TrackingState
 from vo_service.recorder.frame_record import note_of
 from vo_service.recorder.incident_folder import obstacle
 from vo_service.recorder.shared_ring import Record, RingReader
-from vo_service.settings import MapSettings
+from vo_service.settings import MEGABYTE, MapSettings
 
 
 class Desk:

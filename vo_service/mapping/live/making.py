@@ -16,9 +16,9 @@ from typing import Any
 from drivers.errors import UserFacingError
 from vo_service.background.child import be_ended_first
 from vo_service.mapping.live.keyframes import Keyframe
-from vo_service.mapping.live.maps_folder import MEGABYTE, MapsFolder
+from vo_service.mapping.live.maps_folder import MapsFolder
 from vo_service.mapping.live.messages import MapEnded
-from vo_service.settings import MapSettings
+from vo_service.settings import MEGABYTE, MapSettings
 
 # Of all processes it is the one that takes most, and that can best be done without.
 OOM_SCORE = 1000

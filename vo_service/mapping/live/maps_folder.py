@@ -7,8 +7,8 @@ from pathlib import Path
 
 from drivers.errors import UserFacingError
 from vo_service.recorder.incident_folder import PART, locked, size_of, why_not
+from vo_service.settings import MEGABYTE
 
-MEGABYTE = 1_000_000
 SUFFIX = ".ply"
 PLACES = ".places"
 

@@ -8,9 +8,7 @@ from vo_service.mapping.loops.loop_closer import LoopCloser
 from vo_service.mapping.places.map_file import MapContents
 from vo_service.mapping.places.places import Places
 from vo_service.mapping.places.recognition import Recogniser
-from vo_service.settings import MapSettings
-
-MEGABYTE = 1_000_000
+from vo_service.settings import MEGABYTE, MapSettings
 
 
 def open_inline_loops(settings: MapSettings) -> InlineLoops:

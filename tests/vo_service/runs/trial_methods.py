@@ -6,8 +6,8 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
+import numba
 import numpy as np
 
 from drivers.camera import RgbdFrame
@@ -16,6 +16,10 @@ from drivers.trajectory import StampedPoses
 from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.stopwatch import Stopwatch
 from vo_service.runs.recipe import Recipe
+
+
+def _same(number: int) -> int:
+    return number
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,7 @@ class Trial:
     def prepare(self, tell: Callable[[str], None]) -> None:
         tell("nothing")
         if self.act == "compile":
-            (Path(os.environ["NUMBA_CACHE_DIR"]) / "kernel.nbc").touch()
+            numba.njit("i8(i8)", cache=True)(_same)
 
     def make(self, stopwatch: Stopwatch, truth: StampedPoses | None) -> "Standing":
         return Standing(self.act, stopwatch)

@@ -34,10 +34,10 @@ def test_a_map_is_made_on_command_while_poses_go_on(stage: LiveStage) -> None:
     service = stage.start()
     service.until_streaming(time.monotonic(), START_LIMIT_S)
     service.until(lambda status: status["map_keyframes"] == 1)  # the camera stands still
+    first = len(service.heard.poses)
     answer = asked(stage, "kitchen")
     file = stage.state_folder / "maps" / "kitchen.ply"
     assert json.loads(answer.stdout) == {"file": str(file), "keyframes": 1}
-    first = len(service.heard.poses)
     service.until(lambda status: status["saved_map"] == str(file))
     assert len(service.heard.poses) > first
     assert service.status["saving_map"] == ""

@@ -92,11 +92,12 @@ class Desk:
             self._folder.clean_up()
 
     def _take_in(self, record: Record) -> None:
-        self._places.take_in(record)
+        for removal in self._places.take_in(record):
+            self._keyframes.carry_over(removal)
         said = note_of(record.note).said
         is_sure = said.state is TrackingState.TRACKING  # else it was only asked about
         if is_sure and self._keyframes.wants(said.epoch, said.T_world_camera):
-            self._keyframes.add(Keyframe.of(record, self._places.last_place))
+            self._keyframes.add(Keyframe.of(record, self._places.from_last(said.T_world_camera)))
 
     def _load(self, name: str) -> None:
         """Know the places of a map. Keyframes of before lie in a map that is no more."""
@@ -122,7 +123,7 @@ class Desk:
     def _make(self, name: str) -> None:
         file = self._folder.file(name)
         keyframes = [
-            replace(each, T_odom_camera=self._places.T_map_camera(each.place, each.T_odom_camera))
+            replace(each, T_odom_camera=self._places.T_map_camera(each.from_place))
             for each in self._keyframes
         ]
         if not keyframes:

@@ -3,8 +3,8 @@
 import math
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Self
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
 
 import cv2
 import numpy as np
@@ -12,10 +12,14 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array
+from vo_service.mapping.loops.from_place import FromPlace
 from vo_service.mapping.spacing import steps_between
 from vo_service.recorder.depth_unpacking import unpack_depth
 from vo_service.recorder.frame_record import frame_of, note_of
 from vo_service.recorder.shared_ring import Record
+
+if TYPE_CHECKING:  # its libraries are slow to load
+    from vo_service.mapping.graph.pose_graph import Removal
 
 JPEG_QUALITY = 90
 # How much further apart keyframes are after each thinning.
@@ -26,7 +30,7 @@ _WIDER = math.sqrt(2.0)
 class Keyframe:
     """One view: colour as JPEG, depth without loss, and where the camera was.
 
-    place  number of the last place before it; None where no places are remembered
+    from_place  the same pose, for when the map is corrected
     """
 
     epoch: int
@@ -35,10 +39,10 @@ class Keyframe:
     depth_factor: float
     jpeg: bytes
     packed_depth: bytes
-    place: int | None = None
+    from_place: FromPlace
 
     @classmethod
-    def of(cls, record: Record, place: int | None = None) -> Self:
+    def of(cls, record: Record, from_place: FromPlace) -> Self:
         """From a frame in the ring, whose `T_world_camera` leads to `odom`."""
         note = note_of(record.note)
         colour_bgr = frame_of(record, 0.0).colour_bgr
@@ -50,7 +54,7 @@ class Keyframe:
             depth_factor=note.depth_factor,
             jpeg=cv2.imencode(".jpg", colour_bgr, options)[1].tobytes(),
             packed_depth=zlib.compress(record.payload[: note.depth_bytes], level=1),
-            place=place,
+            from_place=from_place,
         )
 
     @property
@@ -104,6 +108,12 @@ class Keyframes:
         if self._is_apart(keyframe.T_odom_camera):
             self._keep(keyframe)
             self.hold_at_most(self._most_bytes)
+
+    def carry_over(self, removal: "Removal") -> None:
+        """The same, when a place is no more."""
+        self._kept = [
+            replace(each, from_place=each.from_place.carried_over(removal)) for each in self._kept
+        ]
 
     def forget(self) -> None:
         """All of them."""

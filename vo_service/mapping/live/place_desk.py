@@ -1,11 +1,14 @@
 """What the map's process does about places: makes them, closes loops, tells where a frame was."""
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 from drivers.geometry import Array
+from vo_service.mapping.graph.pose_graph import Removal
 from vo_service.mapping.live.maps_folder import MapsFolder
 from vo_service.mapping.live.messages import Asked, Tell
+from vo_service.mapping.loops.from_place import FromPlace
 from vo_service.mapping.loops.hop import Hop
 from vo_service.mapping.loops.loop_closer import Sight
 from vo_service.mapping.loops.opening import closer_in, new_closer
@@ -25,15 +28,18 @@ class PlaceDesk:
         self._tell = tell
         self._asked: Record | None = None
 
-    def take_in(self, record: Record) -> None:
-        """Make a place of a frame, or remember that it was asked about."""
+    def take_in(self, record: Record) -> Sequence[Removal]:
+        """Make a place of a frame, or remember that it was asked about; which places went."""
         note = note_of(record.note)
         if isinstance(note.more, Asked):
             self._asked = record  # an older one is worth no answer any more
         elif isinstance(note.more, Hop):
             frame, said = frame_of(record, 0.0), note.said
-            self._closer.see(Sight(frame, said.epoch, said.T_world_camera, note.more))
+            sight = Sight(frame, said.epoch, said.T_world_camera, note.more)
+            change = self._closer.see(sight)
             self._tell(self._closer.snapshot)
+            return change.removals
+        return ()
 
     def answer(self) -> None:
         """Tell where the frame was taken that was asked about last, if that is known.
@@ -58,11 +64,10 @@ class PlaceDesk:
         self._tell(self._closer.snapshot)
         return len(self._closer.places)
 
-    @property
-    def last_place(self) -> int | None:
-        """Number of the place that was seen last."""
-        return self._closer.last_number
+    def from_last(self, T_odom_camera: Array) -> FromPlace:
+        """A pose as seen from the last place."""
+        return self._closer.from_last(T_odom_camera)
 
-    def T_map_camera(self, place: int | None, T_odom_camera: Array) -> Array:
-        """4x4 pose in the map, of a frame that came after this place."""
-        return self._closer.T_map_camera(place, T_odom_camera)
+    def T_map_camera(self, pose: FromPlace) -> Array:
+        """4x4, by what is known now."""
+        return pose.in_map(self._closer.graph.T_map)

@@ -15,6 +15,7 @@ from drivers.geometry import Array, are_near, inverse
 from vo_service.mapping.graph.edges import Edge
 from vo_service.mapping.graph.pose_graph import PoseGraph, Removal
 from vo_service.mapping.loops.candidates import Candidates
+from vo_service.mapping.loops.from_place import FromPlace
 from vo_service.mapping.loops.hop import Hop
 from vo_service.mapping.loops.joining import Joining
 from vo_service.mapping.places.map_file import MapContents
@@ -23,6 +24,7 @@ from vo_service.mapping.places.places import Places
 from vo_service.mapping.places.recognition import Recogniser, Recognition
 from vo_service.mapping.places.redundancy import most_redundant
 from vo_service.mapping.places.view import LOST, PlaceView
+from vo_service.mapping.spacing import steps_between
 from vo_service.odometry.relocalising import Located
 from vo_service.outputs.map_snapshot import MapSnapshot
 
@@ -30,6 +32,8 @@ from vo_service.outputs.map_snapshot import MapSnapshot
 # places have come since the last time.
 AT_ONCE_M, AT_ONCE_RAD = 0.005, 0.005
 PLACES_BETWEEN = 10
+# A place that shows another from no more steps away, of 15 cm or 10 degrees, is no other place.
+REPEATED_STEPS = 1.5
 # Of fewer places than these none is spared, whatever they take.
 FEWEST_PLACES = 3
 
@@ -72,6 +76,7 @@ class LoopCloser:
         self._joining = Joining()
         self._last: Place | None = None
         self._next_number = next_number
+        self._repeated: int | None = None  # the last place, where it tells nothing new
         self._waiting = 0  # places since the graph was last corrected, once there is a new loop
 
     @property
@@ -87,22 +92,12 @@ class LoopCloser:
         """That the camera is in: the last place's; 0 before the first."""
         return 0 if self._last is None else self._last.world
 
-    @property
-    def last_number(self) -> int | None:
-        """Of the last place."""
-        return None if self._last is None else self._last.number
-
-    def T_map_camera(self, place: int | None, T_world_camera: Array) -> Array:
-        """4x4 pose in the map of a camera that came after this place, in its world.
-
-        Where that was left out since, what is known of the one before it is as good.
-        """
-        older = [each for each in self.places if place is not None and each.number <= place]
-        if not older:
-            return T_world_camera
-        before = max(older, key=lambda each: each.number)
-        T_map_world = self.graph.T_map(before.number) @ inverse(before.T_world_place)
-        return np.asarray(T_map_world @ T_world_camera)
+    def from_last(self, T_world_camera: Array) -> FromPlace:
+        """A pose in the world of the last place, as seen from there."""
+        last = self._last
+        if last is None:
+            return FromPlace(None, T_world_camera)
+        return FromPlace(last.number, np.asarray(inverse(last.T_world_place) @ T_world_camera))
 
     @property
     def contents(self) -> MapContents:
@@ -140,10 +135,13 @@ class LoopCloser:
         older = self._candidates.of_a_loop(view, sight.world, T_map_place)
         recognised = self._recognised(view, place, older)
         # Is that plausible? Then the map is corrected.
-        self._close([loop for each in recognised for loop in self._loops(place, each)])
+        loops = [loop for each in recognised for loop in self._loops(place, each)]
+        self._close(loops)
         self.places.add(place)
         self._candidates.passed(place)
-        return Change(place, self._make_room())
+        # Places that tell nothing new go: the map grows with what was seen, not with time.
+        repeated, self._repeated = self._repeated, place.number if _repeats(loops) else None
+        return Change(place, self._leave_out(repeated) + self._make_room())
 
     def correct(self) -> None:
         """Correct the map by the loops that have waited for it."""
@@ -225,15 +223,24 @@ class LoopCloser:
 
     def _make_room(self) -> list[Removal]:
         """Leave out what is told by its neighbours, where there are too many places."""
-        removals = []
+        removals: list[Removal] = []
         while self.places.is_over and len(self.places) >= FEWEST_PLACES:
-            number = self._redundant()
-            self.places.remove(number)
-            removals.append(self.graph.remove(number))
+            removals += self._leave_out(self._redundant())
         return removals
+
+    def _leave_out(self, number: int | None) -> list[Removal]:
+        if number is None:
+            return []
+        self.places.remove(number)
+        return [self.graph.remove(number)]
 
     def _redundant(self) -> int:
         numbers = list(self.graph.nodes)
         part_of = {number: n for n, part in enumerate(self.graph.parts()) for number in part}
         T_map_place = np.array([self.graph.T_map(number) for number in numbers])
         return numbers[most_redundant(T_map_place, np.array([part_of[n] for n in numbers]))]
+
+
+def _repeats(loops: Sequence[Edge]) -> bool:
+    """Whether the newest place tells nothing that one that it shows has not told."""
+    return any(steps_between(np.eye(4), loop.T_a_b) < REPEATED_STEPS for loop in loops)

@@ -30,8 +30,9 @@ def most_redundant(T_map_place: Array, part: NDArray[np.int64]) -> int:
 
 def _distances(T: Array) -> Array:
     """(N, N) how far poses are from each other, in the units above."""
-    way_m = np.linalg.norm(T[:, None, :3, 3] - T[None, :, :3, 3], axis=2)
+    at_m, squared_m2 = T[:, :3, 3], np.sum(T[:, :3, 3] ** 2, axis=1)
+    way_m2 = squared_m2[:, None] + squared_m2 - 2.0 * at_m @ at_m.T
     rows = T[:, :3, :3].reshape(len(T), 9)
     cosine = np.clip((rows @ rows.T - 1.0) / 2.0, -1.0, 1.0)
-    apart: Array = way_m / NEAR_M + np.arccos(cosine) / NEAR_RAD
+    apart: Array = np.sqrt(np.maximum(way_m2, 0.0)) / NEAR_M + np.arccos(cosine) / NEAR_RAD
     return apart

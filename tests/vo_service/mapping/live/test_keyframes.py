@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from drivers.geometry import rigid_transform
 from tests.vo_service.mapping.live.views import CAMERA
 from tests.vo_service.recorder import moments
+from vo_service.mapping.graph.pose_graph import Removal
 from vo_service.mapping.live.keyframes import Keyframe, Keyframes
+from vo_service.mapping.loops.from_place import FromPlace
 from vo_service.mapping.spacing import STEP_M
 from vo_service.recorder.depth_packing import pack_depth
 from vo_service.recorder.frame_record import put_frame
@@ -30,7 +32,8 @@ def ring() -> Iterator[RingWriter]:
 def at(x_m: float, epoch: int = 0) -> Keyframe:
     """A keyframe of `SIZE` bytes."""
     T = rigid_transform(np.eye(3), [x_m, 0.0, 0.0])
-    return Keyframe(epoch, T, CAMERA, 1000.0, b"j" * (SIZE // 2), b"d" * (SIZE // 2))
+    images = b"j" * (SIZE // 2), b"d" * (SIZE // 2)
+    return Keyframe(epoch, T, CAMERA, 1000.0, *images, FromPlace(None, T))
 
 
 def places_m(keyframes: Keyframes) -> list[float]:
@@ -44,12 +47,24 @@ def test_depth_stays_exact_and_colour_nearly(ring: RingWriter) -> None:
     put_frame(ring, update, pack_depth)
     record = RingReader(ring.memory).record(0)
     assert record is not None
-    keyframe = Keyframe.of(record)
+    keyframe = Keyframe.of(record, FromPlace(None, np.eye(4)))
     np.testing.assert_array_equal(keyframe.depth_m, update.frame.depth_m)
     assert np.abs(keyframe.colour_bgr.astype(int) - smooth).max() <= 4
     assert (keyframe.epoch, keyframe.camera) == (update.epoch, update.frame.camera)
     np.testing.assert_array_equal(keyframe.T_odom_camera, update.T_world_camera)
     assert keyframe.size < len(record.payload)
+
+
+def test_what_was_seen_from_a_place_that_is_no_more_is_told_from_its_neighbour() -> None:
+    keyframes = Keyframes(100 * SIZE)
+    ahead = rigid_transform(np.eye(3), [0.0, 0.0, 0.2])
+    for x_m, place in ((0.0, 4), (1.0, 5)):
+        keyframes.add(replace(at(x_m), from_place=FromPlace(place, ahead)))
+    keyframes.carry_over(Removal(5, 4, ahead))
+    kept, carried = (keyframe.from_place for keyframe in keyframes)
+    assert (kept.place, carried.place) == (4, 4)
+    np.testing.assert_allclose(kept.T_place_camera[2, 3], 0.2)
+    np.testing.assert_allclose(carried.T_place_camera[2, 3], 0.4)
 
 
 def test_the_first_keyframe_of_an_epoch_begins_a_new_map() -> None:

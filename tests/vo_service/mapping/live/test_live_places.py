@@ -48,6 +48,10 @@ def go(opened: LiveMapper, first: int, last: int, by: int = 2) -> None:
         wait_for(partial(_has, opened, wanted), f"for place {wanted}")
 
 
+def _has_keyframes(opened: LiveMapper, keyframes: int) -> bool:
+    return opened.state.keyframes >= keyframes
+
+
 def _has(opened: LiveMapper, places: int) -> bool:
     return opened.loops.snapshot.places >= places
 
@@ -95,7 +99,10 @@ def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
         assert not opened.loops.snapshot.is_located
         places = opened.loops.snapshot.places
         assert places > STEPS // 2
-        go(opened, STEPS + 1, STEPS + 7, by=3)
+        before = opened.state.keyframes
+        for keyframes, step in enumerate((STEPS + 1, STEPS + 4, STEPS + 7), before + 1):
+            opened.pose(update(step))
+            wait_for(partial(_has_keyframes, opened, keyframes), "for a keyframe")
         wait_for(lambda: opened.loops.snapshot.is_located, "for a place that is known")
         T_map_camera = opened.loops.snapshot.T_map_odom @ T_BODY_CAMERA @ told(STEPS + 7)
         expected = T_BODY_CAMERA @ truth(STEPS + 7)

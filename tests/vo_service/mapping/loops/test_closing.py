@@ -16,8 +16,10 @@ from tests.vo_service.mapping.loops.scripted import (
     walked,
 )
 from vo_service.mapping.graph.pose_graph import Removal
-from vo_service.mapping.loops.loop_closer import LoopCloser
+from vo_service.mapping.loops.from_place import FromPlace
+from vo_service.mapping.loops.loop_closer import REPEATED_STEPS, LoopCloser
 from vo_service.mapping.places.view import FOLLOWED, LOST
+from vo_service.mapping.spacing import STEP_M as ONE_STEP_M
 
 LAST = 9
 LAST_M = LAST * STEP_M
@@ -67,12 +69,40 @@ def test_motions_and_loops_are_as_sure_and_as_long_as_was_said() -> None:
 
 def test_a_pose_of_before_is_corrected_as_the_place_before_it() -> None:
     made, _ = walked(off_m=0.02)
-    assert way_m(made.T_map_camera(0, ahead(0.1))) == pytest.approx(0.1)
-    assert way_m(made.T_map_camera(LAST, ahead(2.8))) == pytest.approx(2.82, abs=1e-3)
-    assert way_m(made.T_map_camera(None, ahead(0.1))) == 0.1
-    made.places.remove(1)
-    made.graph.remove(1)
-    assert way_m(made.T_map_camera(1, ahead(0.4))) == pytest.approx(0.4)  # as place 0
+    T_map = made.graph.T_map
+    seen = made.from_last(ahead(2.8))
+    assert seen.place == LAST
+    assert way_m(seen.in_map(T_map)) == pytest.approx(2.82, abs=1e-3)
+    assert way_m(FromPlace(0, ahead(0.1)).in_map(T_map)) == pytest.approx(0.1)
+    assert way_m(FromPlace(None, ahead(0.1)).in_map(T_map)) == 0.1
+    seen = FromPlace(1, ahead(0.4))
+    before = seen.in_map(T_map)
+    seen = seen.carried_over(made.graph.remove(1))
+    assert seen.place in (0, 2)
+    assert np.allclose(seen.in_map(T_map), before)
+
+
+@pytest.mark.parametrize(("steps", "stays"), [(REPEATED_STEPS - 0.1, False), (2.0, True)])
+def test_a_place_that_is_nearly_where_one_was_goes_when_the_next_has_come(
+    steps: float, stays: bool
+) -> None:
+    made, scripted = walked(off_m=0.0)
+    scripted.shows = {1: ahead(ONE_STEP_M * steps)}
+    repeated = made.see(sight(STEP_M + ONE_STEP_M * steps)).place.number
+    scripted.shows = {}
+    assert repeated in made.places
+    change = made.see(sight(LAST_M))
+    assert (repeated in made.places) is stays
+    assert [removal.number for removal in change.removals] == ([] if stays else [repeated])
+    assert set(made.graph.nodes) == {place.number for place in made.places}
+
+
+def test_a_place_that_shows_one_nearby_that_is_not_plausible_stays() -> None:
+    made, scripted = walked(off_m=0.0)
+    scripted.shows = {1: ahead(0.1)}
+    repeated = made.see(sight(LAST_M + 5.0)).place.number
+    made.see(sight(LAST_M + 5.3))
+    assert repeated in made.places
 
 
 def test_until_a_new_world_is_joined_the_correction_stays_and_no_old_place_is_told() -> None:

@@ -18,13 +18,12 @@ from vo_service.mapping.loops.candidates import Candidates
 from vo_service.mapping.loops.from_place import FromPlace
 from vo_service.mapping.loops.hop import Hop
 from vo_service.mapping.loops.joining import Joining
+from vo_service.mapping.loops.thinning import Thinning
 from vo_service.mapping.places.map_file import MapContents
 from vo_service.mapping.places.place import Place
 from vo_service.mapping.places.places import Places
 from vo_service.mapping.places.recognition import Recogniser, Recognition
-from vo_service.mapping.places.redundancy import most_redundant
 from vo_service.mapping.places.view import LOST, PlaceView
-from vo_service.mapping.spacing import steps_between
 from vo_service.odometry.relocalising import Located
 from vo_service.outputs.map_snapshot import MapSnapshot
 
@@ -32,10 +31,6 @@ from vo_service.outputs.map_snapshot import MapSnapshot
 # places have come since the last time.
 AT_ONCE_M, AT_ONCE_RAD = 0.005, 0.005
 PLACES_BETWEEN = 10
-# A place that shows another from no more steps away, of 15 cm or 10 degrees, is no other place.
-REPEATED_STEPS = 1.5
-# Of fewer places than these none is spared, whatever they take.
-FEWEST_PLACES = 3
 
 
 @dataclass(frozen=True)
@@ -74,9 +69,9 @@ class LoopCloser:
         self._recogniser = recogniser
         self._candidates = Candidates(places, graph)
         self._joining = Joining()
+        self._thinning = Thinning(places, graph)
         self._last: Place | None = None
         self._next_number = next_number
-        self._repeated: int | None = None  # the last place, where it tells nothing new
         self._waiting = 0  # places since the graph was last corrected, once there is a new loop
 
     @property
@@ -140,8 +135,7 @@ class LoopCloser:
         self.places.add(place)
         self._candidates.passed(place)
         # Places that tell nothing new go: the map grows with what was seen, not with time.
-        repeated, self._repeated = self._repeated, place.number if _repeats(loops) else None
-        return Change(place, self._leave_out(repeated) + self._make_room())
+        return Change(place, self._thinning.after(place, loops))
 
     def correct(self) -> None:
         """Correct the map by the loops that have waited for it."""
@@ -220,27 +214,3 @@ class LoopCloser:
     def _moves_the_map(self, loop: Edge) -> bool:
         T_a_b = inverse(self.graph.T_map(loop.a)) @ self.graph.T_map(loop.b)
         return not are_near(T_a_b, loop.T_a_b, AT_ONCE_M, AT_ONCE_RAD)
-
-    def _make_room(self) -> list[Removal]:
-        """Leave out what is told by its neighbours, where there are too many places."""
-        removals: list[Removal] = []
-        while self.places.is_over and len(self.places) >= FEWEST_PLACES:
-            removals += self._leave_out(self._redundant())
-        return removals
-
-    def _leave_out(self, number: int | None) -> list[Removal]:
-        if number is None:
-            return []
-        self.places.remove(number)
-        return [self.graph.remove(number)]
-
-    def _redundant(self) -> int:
-        numbers = list(self.graph.nodes)
-        part_of = {number: n for n, part in enumerate(self.graph.parts()) for number in part}
-        T_map_place = np.array([self.graph.T_map(number) for number in numbers])
-        return numbers[most_redundant(T_map_place, np.array([part_of[n] for n in numbers]))]
-
-
-def _repeats(loops: Sequence[Edge]) -> bool:
-    """Whether the newest place tells nothing that one that it shows has not told."""
-    return any(steps_between(np.eye(4), loop.T_a_b) < REPEATED_STEPS for loop in loops)

@@ -17,9 +17,8 @@ from tests.vo_service.mapping.loops.scripted import (
 )
 from vo_service.mapping.graph.pose_graph import Removal
 from vo_service.mapping.loops.from_place import FromPlace
-from vo_service.mapping.loops.loop_closer import REPEATED_STEPS, LoopCloser
+from vo_service.mapping.loops.loop_closer import LoopCloser
 from vo_service.mapping.places.view import FOLLOWED, LOST
-from vo_service.mapping.spacing import STEP_M as ONE_STEP_M
 
 LAST = 9
 LAST_M = LAST * STEP_M
@@ -80,29 +79,6 @@ def test_a_pose_of_before_is_corrected_as_the_place_before_it() -> None:
     seen = seen.carried_over(made.graph.remove(1))
     assert seen.place in (0, 2)
     assert np.allclose(seen.in_map(T_map), before)
-
-
-@pytest.mark.parametrize(("steps", "stays"), [(REPEATED_STEPS - 0.1, False), (2.0, True)])
-def test_a_place_that_is_nearly_where_one_was_goes_when_the_next_has_come(
-    steps: float, stays: bool
-) -> None:
-    made, scripted = walked(off_m=0.0)
-    scripted.shows = {1: ahead(ONE_STEP_M * steps)}
-    repeated = made.see(sight(STEP_M + ONE_STEP_M * steps)).place.number
-    scripted.shows = {}
-    assert repeated in made.places
-    change = made.see(sight(LAST_M))
-    assert (repeated in made.places) is stays
-    assert [removal.number for removal in change.removals] == ([] if stays else [repeated])
-    assert set(made.graph.nodes) == {place.number for place in made.places}
-
-
-def test_a_place_that_shows_one_nearby_that_is_not_plausible_stays() -> None:
-    made, scripted = walked(off_m=0.0)
-    scripted.shows = {1: ahead(0.1)}
-    repeated = made.see(sight(LAST_M + 5.0)).place.number
-    made.see(sight(LAST_M + 5.3))
-    assert repeated in made.places
 
 
 def test_until_a_new_world_is_joined_the_correction_stays_and_no_old_place_is_told() -> None:

@@ -1,0 +1,55 @@
+"""Which places go again: the map grows with what was seen, not with time, and no further."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vo_service.mapping.graph.edges import Edge
+from vo_service.mapping.graph.pose_graph import PoseGraph, Removal
+from vo_service.mapping.places.place import Place
+from vo_service.mapping.places.places import Places
+from vo_service.mapping.places.redundancy import most_redundant
+from vo_service.mapping.spacing import steps_between
+
+# A place that shows another from no more steps away, of 15 cm or 10 degrees, is no other place.
+REPEATED_STEPS = 1.5
+# Of fewer places than these none is spared, whatever they take.
+FEWEST_PLACES = 3
+
+
+class Thinning:
+    """Leaves places out of a map; what they were joined by is passed on in its graph."""
+
+    def __init__(self, places: Places, graph: PoseGraph) -> None:
+        self._places = places
+        self._graph = graph
+        self._repeated: int | None = None  # the newest place, where it tells nothing new
+
+    def after(self, place: Place, loops: Sequence[Edge]) -> list[Removal]:
+        """Those that go now that there is a new place; `loops` are those that it has closed.
+
+        The newest always stays: the poses that come next are told from there.
+        """
+        removals: list[Removal] = []
+        if self._repeated is not None:
+            removals.append(self._leave_out(self._repeated))
+        self._repeated = place.number if _repeats(place, loops) else None
+        while self._places.is_over and len(self._places) >= FEWEST_PLACES:
+            removals.append(self._leave_out(self._redundant()))
+        return removals
+
+    def _leave_out(self, number: int) -> Removal:
+        self._places.remove(number)
+        return self._graph.remove(number)
+
+    def _redundant(self) -> int:
+        numbers = list(self._graph.nodes)
+        part_of = {number: n for n, part in enumerate(self._graph.parts()) for number in part}
+        T_map_place = np.array([self._graph.T_map(number) for number in numbers])
+        return numbers[most_redundant(T_map_place, np.array([part_of[n] for n in numbers]))]
+
+
+def _repeats(place: Place, loops: Sequence[Edge]) -> bool:
+    """Whether the place tells nothing that one that it shows has not told."""
+    own = [loop for loop in loops if loop.b == place.number]
+    return any(steps_between(np.eye(4), loop.T_a_b) < REPEATED_STEPS for loop in own)

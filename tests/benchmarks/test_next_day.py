@@ -43,6 +43,7 @@ def test_a_camera_that_begins_where_it_was_the_day_before_is_known_there(
     outcome = second_day("keyframe", tour, file, T_room_map, tour.noon)
     assert (outcome.frames, outcome.is_wrong) == (1, False)
     assert 0.0 < outcome.away_m <= outcome.later_m < 0.02
+    assert 0.0 < outcome.near_m < 0.02
     # The same poses, but the room said to lie elsewhere.
     aside = T_room_map.copy()
     aside[0, 3] += 0.06
@@ -50,10 +51,10 @@ def test_a_camera_that_begins_where_it_was_the_day_before_is_known_there(
 
 
 def test_starts_are_counted_by_what_became_of_them() -> None:
-    known, never = Outcome(3, 0.004, 0.1, 0.012, 0.2), Outcome(None, 0.0, 0.0, 0.0, 0.0)
-    wrong = Outcome(5, 0.006, 0.1, 0.06, 0.2)
+    known, never = Outcome(3, 0.004, 0.1, 0.003, 0.012, 0.2), Outcome(None, 0, 0, 0, 0, 0)
+    wrong = Outcome(5, 0.006, 0.1, 0.002, 0.06, 0.2)
     cells = next_day.as_text("seed 1", [known, wrong, never]).split()
-    assert cells == ["seed", "1", "3", "2", "1", "4", "5.0", "6.0", "0.10", "60.0", "0.20"]
+    assert cells == ["seed", "1", "3", "2", "1", "4", "5.0", "6.0", "0.10", "3.0", "60.0", "0.20"]
     assert next_day.as_text("seed 1", [never]).split()[2:] == ["1", "0", "0"]
 
 

@@ -23,7 +23,7 @@ from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
 from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
 from vo_service.odometry.keyframe.parameters import FEWEST_POINTS, PATIENCE_FRAMES
-from vo_service.odometry.keyframe.recovery import Found, Recovery
+from vo_service.odometry.keyframe.recovery import Found, Recovery, doubted
 from vo_service.odometry.keyframe.second_look import look_again
 from vo_service.odometry.keyframe.steadiness import steadied
 from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
@@ -89,7 +89,7 @@ class KeyframeOdometry:
                 found = self._recovery.find(frame, images, found, self._track.way, self._map)
         # The shutter bent a first keyframe, while the velocity was not known: now it is.
         found = self._with_first_unbent(images, found, self._track)
-        if reason := doubt(found.alignment) or cover(found.alignment):
+        if reason := doubted(found.alignment, self._track.way, images) or cover(found.alignment):
             return self._fail(frame, images, self._track, found, reason)
         # Does what is in view hold the camera in all six directions?
         with self._stopwatch.stage("certainty"):

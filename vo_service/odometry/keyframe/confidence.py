@@ -84,6 +84,13 @@ def doubt(found: Alignment) -> str:
     return ""
 
 
+def doubt_anywhere(found: Alignment) -> str:
+    """The same where the camera may be anywhere by now: there something always fits somehow."""
+    if reason := doubt(found):
+        return reason
+    return "it may be another place: the keyframe fits badly" if oddness(found) > 1.0 else ""
+
+
 def hidden(found: Alignment) -> float:
     """Share of the view in which something stands in front of what the keyframe has seen."""
     count = np.count_nonzero(found.readings[:, OTHER] == HIDDEN)

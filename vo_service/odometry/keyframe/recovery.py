@@ -7,7 +7,7 @@ from math import log
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from vo_service.odometry.keyframe.alignment import Alignment, Tie, align, all_alike, depth_alone
-from vo_service.odometry.keyframe.confidence import doubt, misfit, oddness
+from vo_service.odometry.keyframe.confidence import doubt, doubt_anywhere, misfit, oddness
 from vo_service.odometry.keyframe.features import FeatureSearch
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap
@@ -80,7 +80,7 @@ class Recovery:
             again = align(keyframe.points, images, [start], tie, light, all_alike())
             if _is_better(again, best.alignment):
                 best = Found(keyframe, again, tie)
-            if not doubt(again):
+            if not doubted(again, way, images):
                 break
         return best
 
@@ -99,6 +99,11 @@ class Recovery:
         if doubt(again):
             return best
         return Found(keyframe, again, tie, lack=f"by depth alone: {doubt(best.alignment)}")
+
+
+def doubted(found: Alignment, way: Way, images: Images) -> str:
+    """Why an alignment is not to be believed, by how long ago it was known where the camera is."""
+    return doubt(found) if way.is_soon(images.stamp_s) else doubt_anywhere(found)
 
 
 def is_other_light(ratio: float) -> bool:

@@ -31,6 +31,8 @@ from vo_service.odometry.keyframe_odometry import (
 )
 
 SHAPE = (CAMERA.height, CAMERA.width)
+# Noise of the brightness, grey levels: bad, and still to be recognised.
+GRAIN = 45.0
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +105,20 @@ def test_depth_alone_is_not_believed_when_the_camera_may_be_anywhere(
         follow(odometry, views)
         late = replace(dark(views[-1]), stamp_s=views[-1].stamp_s + later_s)
         assert odometry.estimate(late).ok is is_believed
+
+
+@pytest.mark.parametrize(("later_s", "is_believed"), [(0.0, True), (1.0, False)])
+def test_what_fits_badly_is_not_believed_when_the_camera_may_be_anywhere(
+    views: list[RgbdFrame], later_s: float, is_believed: bool
+) -> None:
+    odometry = KeyframeOdometry()
+    follow(odometry, views[:3])
+    grain = np.random.default_rng(0).normal(0.0, GRAIN, (*SHAPE, 1))
+    colour_bgr = np.clip(views[3].colour_bgr + grain, 0, 255).astype(np.uint8)
+    late = replace(views[3], stamp_s=views[3].stamp_s + later_s, colour_bgr=colour_bgr)
+    estimate = odometry.estimate(late)
+    assert estimate.ok is is_believed
+    assert ("another place" in estimate.reason) is not is_believed
 
 
 def test_it_starts_in_the_dark_and_goes_on_in_the_light(views: list[RgbdFrame]) -> None:

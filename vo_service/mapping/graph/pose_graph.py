@@ -157,11 +157,24 @@ class PoseGraph:
         for node, T in zip(list(self._nodes.values()), solved, strict=True):
             self._nodes[node.number] = replace(node, T_map_place=T)
 
+    def leave_out(self, number: int) -> Removal:
+        """Forget a place that tells nothing new: the way past it stays, its loops go with it.
+
+        A loop that is passed on again and again would be counted for as many. Where no way leads
+        past, they are all that joins it to others: as `remove`.
+        """
+        others = [edge for edge in self._edges if number not in (edge.a, edge.b)]
+        motions = [edge for edge in self._edges if number in (edge.a, edge.b) and not edge.is_loop]
+        if len(motions) == 2:
+            self._edges = [*others, *motions]
+        return self.remove(number)
+
     def remove(self, number: int) -> Removal:
         """Forget a place. What was connected by it stays connected, and all stay where they are."""
         way, T_map_removed = way_to_heir(number, self._edges), self.T_map(number)
         inherited = passed_on(number, self._edges)
-        around = neighbours(edge for edge in self.believed() if number not in (edge.a, edge.b))
+        believed = self.believed() if any(edge.is_loop for edge in inherited) else []
+        around = neighbours(edge for edge in believed if number not in (edge.a, edge.b))
         self._edges = [edge for edge in self._edges if number not in (edge.a, edge.b)]
         del self._nodes[number]
         for edge in inherited:

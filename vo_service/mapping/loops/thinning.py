@@ -32,15 +32,14 @@ class Thinning:
         """
         removals: list[Removal] = []
         if self._repeated is not None:
-            removals.append(self._leave_out(self._repeated))
+            self._places.remove(self._repeated)
+            removals.append(self._graph.leave_out(self._repeated))
         self._repeated = place.number if _repeats(place, loops) else None
         while self._places.is_over and len(self._places) >= FEWEST_PLACES:
-            removals.append(self._leave_out(self._redundant()))
+            number = self._redundant()
+            self._places.remove(number)
+            removals.append(self._graph.remove(number))
         return removals
-
-    def _leave_out(self, number: int) -> Removal:
-        self._places.remove(number)
-        return self._graph.remove(number)
 
     def _redundant(self) -> int:
         numbers = list(self._graph.nodes)

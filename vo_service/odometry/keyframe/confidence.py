@@ -38,13 +38,15 @@ def agrees(counts: Array) -> bool:
 def oddness(found: Alignment) -> float:
     """How badly a keyframe fits: above 1 there may be a better motion."""
     seen = max(found.counts[measure.IN_IMAGE], 1.0)
-    odd = max(
-        found.fit[SIGMA_DEPTH] / ODD_SPREADS[1],
-        found.counts[measure.DISREGARDED] / seen / ODD_SHARE,
-    )
-    if found.by_brightness:
-        odd = max(odd, found.fit[SIGMA_BRIGHTNESS] / ODD_SPREADS[0])
-    return float(odd)
+    return float(max(_spread(found), found.counts[measure.DISREGARDED] / seen / ODD_SHARE))
+
+
+def _spread(found: Alignment) -> float:
+    """The spreads of what fits: above 1 either is odd."""
+    by_depth = float(found.fit[SIGMA_DEPTH] / ODD_SPREADS[1])
+    if not found.by_brightness:
+        return by_depth
+    return max(by_depth, float(found.fit[SIGMA_BRIGHTNESS] / ODD_SPREADS[0]))
 
 
 def misfit(found: Alignment) -> float:
@@ -88,7 +90,7 @@ def doubt_anywhere(found: Alignment) -> str:
     """The same where the camera may be anywhere by now: there something always fits somehow."""
     if reason := doubt(found):
         return reason
-    return "it may be another place: the keyframe fits badly" if oddness(found) > 1.0 else ""
+    return "it may be another place: the keyframe fits badly" if _spread(found) > 1.0 else ""
 
 
 def hidden(found: Alignment) -> float:

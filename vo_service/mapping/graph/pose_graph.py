@@ -157,17 +157,21 @@ class PoseGraph:
         for node, T in zip(list(self._nodes.values()), solved, strict=True):
             self._nodes[node.number] = replace(node, T_map_place=T)
 
-    def leave_out(self, number: int) -> Removal:
-        """Forget a place that tells nothing new: the way past it stays, its loops go with it.
+    def leave_out(self, loop: Edge) -> Removal:
+        """Forget a place, `loop.b`, that tells nothing that `loop.a` has not told.
 
-        A loop that is passed on again and again would be counted for as many. Where no way leads
-        past, they are all that joins it to others: as `remove`.
+        The way past it stays, its loops go with it: passed on again and again, a loop would be
+        counted for as many. Where no way leads past, they are all that joins it to others, and
+        stay. What was told from there can be told from the older place, which does not go with
+        every correction of the newest.
         """
+        number = loop.b
         others = [edge for edge in self._edges if number not in (edge.a, edge.b)]
         motions = [edge for edge in self._edges if number in (edge.a, edge.b) and not edge.is_loop]
         if len(motions) == 2:
             self._edges = [*others, *motions]
-        return self.remove(number)
+        removal = self.remove(number)
+        return Removal(number, loop.a, loop.T_a_b) if loop.a in self._nodes else removal
 
     def remove(self, number: int) -> Removal:
         """Forget a place. What was connected by it stays connected, and all stay where they are."""

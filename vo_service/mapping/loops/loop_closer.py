@@ -7,6 +7,7 @@ Pose graphs as in Kuemmerle et al., "g2o" (ICRA 2011); views are summed up as in
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -31,6 +32,8 @@ from vo_service.outputs.map_snapshot import MapSnapshot
 # places have come since the last time.
 AT_ONCE_M, AT_ONCE_RAD = 0.005, 0.005
 PLACES_BETWEEN = 10
+# So many loops of a place say where it is; more cost time and say the same.
+MOST_LOOPS = 3
 
 
 @dataclass(frozen=True)
@@ -175,7 +178,7 @@ class LoopCloser:
     def _recognised(
         self, view: PlaceView, place: Place, candidates: Sequence[Place]
     ) -> list[Recognition]:
-        """All of the candidates that the view of a new place shows.
+        """The first of the candidates that the view of a new place shows.
 
         Of places in another world, whose way from here is not known, none may contradict.
         """
@@ -183,7 +186,7 @@ class LoopCloser:
         if others and self._recogniser.recognise(view, others, self._T_map(others)) is None:
             candidates = [each for each in candidates if each not in others]
         found = (self._recogniser.recognise(view, [candidate]) for candidate in candidates)
-        return [each for each in found if each is not None]
+        return list(islice((each for each in found if each is not None), MOST_LOOPS))
 
     def _T_map(self, places: Sequence[Place]) -> dict[int, Array]:
         return {place.number: self.graph.T_map(place.number) for place in places}

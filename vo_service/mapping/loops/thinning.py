@@ -23,7 +23,7 @@ class Thinning:
     def __init__(self, places: Places, graph: PoseGraph) -> None:
         self._places = places
         self._graph = graph
-        self._repeated: int | None = None  # the newest place, where it tells nothing new
+        self._repeated: Edge | None = None  # to the newest place, where that tells nothing new
 
     def after(self, place: Place, loops: Sequence[Edge]) -> list[Removal]:
         """Those that go now that there is a new place; `loops` are those that it has closed.
@@ -32,9 +32,9 @@ class Thinning:
         """
         removals: list[Removal] = []
         if self._repeated is not None:
-            self._places.remove(self._repeated)
+            self._places.remove(self._repeated.b)
             removals.append(self._graph.leave_out(self._repeated))
-        self._repeated = place.number if _repeats(place, loops) else None
+        self._repeated = _repeated(place, loops)
         while self._places.is_over and len(self._places) >= FEWEST_PLACES:
             number = self._redundant()
             self._places.remove(number)
@@ -48,7 +48,8 @@ class Thinning:
         return numbers[most_redundant(T_map_place, np.array([part_of[n] for n in numbers]))]
 
 
-def _repeats(place: Place, loops: Sequence[Edge]) -> bool:
-    """Whether the place tells nothing that one that it shows has not told."""
+def _repeated(place: Place, loops: Sequence[Edge]) -> Edge | None:
+    """The loop of the place from one nearby, which has told all that it tells."""
     own = [loop for loop in loops if loop.b == place.number]
-    return any(steps_between(np.eye(4), loop.T_a_b) < REPEATED_STEPS for loop in own)
+    near = [loop for loop in own if steps_between(np.eye(4), loop.T_a_b) < REPEATED_STEPS]
+    return near[0] if near else None

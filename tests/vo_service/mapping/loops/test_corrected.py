@@ -54,5 +54,28 @@ def test_frames_of_a_place_that_is_forgotten_stay_where_they_are() -> None:
     assert np.allclose(inverse(corrected.trajectory.T_world_camera[0]), np.eye(4))
 
 
+def test_of_frames_with_one_stamp_the_last_counts_though_the_place_of_the_first_goes() -> None:
+    places = graph()
+    corrected = CorrectedTrajectory(places)
+    corrected.add(1.0, 0, np.eye(4))
+    corrected.add(2.0, 1, AHEAD @ AHEAD)
+    corrected.add(2.0, 0, AHEAD)
+    corrected.carry_over(places.remove(1))
+    found = corrected.trajectory
+    assert found.stamps_s.tolist() == [1.0, 2.0]
+    assert np.allclose(found.T_world_camera[1], AHEAD)
+
+
+def test_frames_are_carried_over_from_neighbour_to_neighbour() -> None:
+    places = graph()
+    places.extend(Edge(1, 2, AHEAD, VAGUE, False, 1.0))
+    corrected = CorrectedTrajectory(places)
+    corrected.add(1.0, 0, np.eye(4))
+    corrected.add(2.0, 2, AHEAD)
+    for number in (2, 1):
+        corrected.carry_over(places.remove(number))
+    assert np.allclose(corrected.trajectory.T_world_camera[1][:3, 3], [0.0, 0.0, 3.0])
+
+
 def test_nothing_seen_is_an_empty_trajectory() -> None:
     assert len(CorrectedTrajectory(PoseGraph()).trajectory) == 0

@@ -16,6 +16,7 @@ from drivers.geometry import Array, are_near, inverse
 from vo_service.mapping.graph.edges import Edge
 from vo_service.mapping.graph.pose_graph import PoseGraph, Removal
 from vo_service.mapping.loops.candidates import Candidates
+from vo_service.mapping.loops.correction_due import CorrectionDue
 from vo_service.mapping.loops.from_place import FromPlace
 from vo_service.mapping.loops.hop import Hop
 from vo_service.mapping.loops.joining import Joining
@@ -28,10 +29,8 @@ from vo_service.mapping.places.view import LOST, PlaceView
 from vo_service.odometry.relocalising import Located
 from vo_service.outputs.map_snapshot import MapSnapshot
 
-# A loop that says that the map is off by so much corrects it at once; the others when so many
-# places have come since the last time.
-AT_ONCE_M, AT_ONCE_RAD = 0.005, 0.005
-PLACES_BETWEEN = 10
+# A loop that says that the map is off by so much calls for a correction.
+OFF_M, OFF_RAD = 0.005, 0.005
 # So many loops of a place say where it is; more cost time and say the same.
 MOST_LOOPS = 3
 
@@ -75,7 +74,7 @@ class LoopCloser:
         self._thinning = Thinning(places, graph)
         self._last: Place | None = None
         self._next_number = next_number
-        self._waiting = 0  # places since the graph was last corrected, once there is a new loop
+        self._due = CorrectionDue()
 
     @property
     def T_map_world(self) -> Array:
@@ -142,9 +141,9 @@ class LoopCloser:
 
     def correct(self) -> None:
         """Correct the map by the loops that have waited for it."""
-        if self._waiting:
+        if self._due.has_loops:
             self.graph.optimise()
-        self._waiting = 0
+            self._due.corrected()
 
     def locate(self, frame: RgbdFrame) -> Located | None:
         """Where a frame was taken, in the world of the last place; None if no place is known."""
@@ -205,15 +204,14 @@ class LoopCloser:
         return one.world == other.world or self.graph.is_joined(one.world, other.world)
 
     def _close(self, loops: Sequence[Edge]) -> None:
-        """Add loops to the graph; correct it where they say that it is off, or now and then."""
+        """Add loops to the graph, and correct it when that is due."""
         is_off = any(self._moves_the_map(loop) for loop in loops)
         for loop in loops:
             self.graph.close(loop)
         self.loops += len(loops)
-        self._waiting += bool(loops or self._waiting)
-        if is_off or self._waiting > PLACES_BETWEEN:
+        if self._due.next(len(self.graph.nodes), has_loops=bool(loops), is_off=is_off):
             self.correct()
 
     def _moves_the_map(self, loop: Edge) -> bool:
         T_a_b = inverse(self.graph.T_map(loop.a)) @ self.graph.T_map(loop.b)
-        return not are_near(T_a_b, loop.T_a_b, AT_ONCE_M, AT_ONCE_RAD)
+        return not are_near(T_a_b, loop.T_a_b, OFF_M, OFF_RAD)

@@ -24,18 +24,26 @@ class PoseCovariance:
         self.pose = diagonal(FLOOR_SIGMA_M, FLOOR_SIGMA_RAD)
         self.step = np.zeros((6, 6))
         self._of_reference = self.pose  # in the reference's axes
-        self._since_reference = np.zeros((6, 6))  # of the last good frame
+        self._last: Array | None = None  # since the reference, of a last good frame that is none
 
     def add(self, estimate: Estimate, T_last_camera: Array) -> None:
         """The next good estimate, and the 4x4 motion since the good one before."""
         T_reference_camera, since = estimate.T_reference_camera, estimate.covariance
         self.pose = carried(self._of_reference, T_reference_camera) + since
-        # Both frames were laid on the reference: the errors of both are in the step.
-        self.step = carried(self._since_reference, T_last_camera) + since
-        self._since_reference = since
+        self.step = since if self._last is None else _between(self._last, since, T_last_camera)
+        self._last = since
         if estimate.is_next_reference:
             self._of_reference = self.pose
-            self._since_reference = np.zeros((6, 6))
+            self._last = None
+
+
+def _between(last: Array, this: Array, T_last_this: Array) -> Array:
+    """Of the motion between two frames that were laid on one reference, as sure as is said.
+
+    A reading that is compared with the reference's is as wrong as both, and one is no better than
+    the other: half of either error is the reference's, which is the same in both frames.
+    """
+    return 0.5 * (carried(last, T_last_this) + this)
 
 
 def diagonal(sigma_m: float, sigma_rad: float) -> Array:

@@ -55,12 +55,12 @@ def test_against_one_reference_nothing_is_added_up() -> None:
         last = T
 
 
-def test_a_step_between_frames_of_one_reference_has_the_errors_of_both() -> None:
+def test_a_step_between_frames_of_one_reference_has_the_errors_of_both_but_not_its_own() -> None:
     covariance, T, further = PoseCovariance(), moved(0.1), moved(0.2)
     covariance.add(motion(T, is_next_reference=False), T)
     step = inverse(T) @ further
     covariance.add(motion(further, is_next_reference=True), step)
-    np.testing.assert_allclose(covariance.step, carried(STEP, step) + STEP)
+    np.testing.assert_allclose(covariance.step, 0.5 * (carried(STEP, step) + STEP))
     # The last frame is the reference itself now.
     covariance.add(motion(T), T)
     np.testing.assert_allclose(covariance.step, STEP)
@@ -87,15 +87,15 @@ def test_a_new_beginning_forgets_all() -> None:
 
 @settings(max_examples=25)
 @given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.booleans()), min_size=1, max_size=8))
-def test_it_is_always_symmetric_and_never_surer_than_its_last_motion(
+def test_it_is_always_symmetric_and_a_step_never_surer_than_half_its_last_motion(
     motions: list[tuple[float, bool]],
 ) -> None:
     covariance = PoseCovariance()
     for k, is_next_reference in motions:
         covariance.add(motion(moved(k), is_next_reference), moved(k))
-        for each in (covariance.pose, covariance.step):
+        for each, least in ((covariance.pose, STEP), (covariance.step, 0.5 * STEP)):
             np.testing.assert_allclose(each, each.T, atol=1e-12)
-            assert np.linalg.eigvalsh(each - STEP).min() > -1e-12
+            assert np.linalg.eigvalsh(each - least).min() > -1e-12
 
 
 def test_poses_scatter_as_they_say() -> None:
@@ -113,6 +113,20 @@ def test_poses_scatter_as_they_say() -> None:
     np.testing.assert_allclose(covariance.pose, expected, atol=1e-6)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(np.cov(np.array(errors).T) / scale, expected / scale, atol=0.12)
+
+
+def test_steps_scatter_as_they_say() -> None:
+    """Two frames, each off by errors of its own and by those of the keyframe, in equal parts."""
+    random, errors, covariance = np.random.default_rng(3), [], PoseCovariance()
+    for _ in range(2):
+        covariance.add(motion(np.eye(4), is_next_reference=False), np.eye(4))
+    for _ in range(2000):
+        of_keyframe, of_last, of_this = random.normal(size=(3, 6)) * SIGMAS * np.sqrt(0.5)
+        errors.append((of_keyframe + of_this) - (of_keyframe + of_last))
+    scale = np.outer(SIGMAS, SIGMAS)
+    np.testing.assert_allclose(
+        np.cov(np.array(errors).T) / scale, covariance.step / scale, atol=0.1
+    )
 
 
 def shaken(T: Array, random: np.random.Generator) -> Array:

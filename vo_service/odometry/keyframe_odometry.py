@@ -33,8 +33,6 @@ from vo_service.odometry.surf import SurfExtractor
 # After so many frames without a pose, tracking begins anew; after fewer where none has been laid on
 # the first keyframe yet, which a fast turn may have bent.
 MOST_FAILURES_AT_FIRST, MOST_FAILURES = PATIENCE_FRAMES
-# A first keyframe has so many points at least.
-*_, FEWEST_AT_FIRST = FEWEST_POINTS
 
 
 @dataclass(frozen=True)
@@ -143,7 +141,7 @@ class KeyframeOdometry:
 
     def _why_no_start(self, keyframe: Keyframe, images: Images) -> str:
         """Why a frame is no good first keyframe: the next ones could not be laid on it."""
-        if len(keyframe.points[0]) < FEWEST_AT_FIRST:
+        if len(keyframe.points[0]) < 2 * FEWEST_POINTS:
             return f"only {len(keyframe.points[0])} points with depth"
         itself = align(keyframe.points, images, [np.eye(4)], STANDING, SAME_LIGHT, all_alike())
         return (

@@ -11,14 +11,8 @@ from vo_service.odometry.keyframe import measure
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
 from vo_service.odometry.keyframe.descent import FIRST_SWEEPS, body_velocity, descend
-from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import (
-    FINE_LEVELS,
-    START_SPREADS,
-    STEPS,
-    UNSURE,
-    VELOCITY_SIGMA,
-)
+from vo_service.odometry.keyframe.images import FINE_LEVELS, Images
+from vo_service.odometry.keyframe.parameters import SPREADS, VELOCITY_RANGE, VELOCITY_SIGMA
 from vo_service.odometry.keyframe.readings import read_points
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import (
@@ -31,6 +25,8 @@ from vo_service.odometry.keyframe.system import (
 
 Points = Sequence[Array]
 
+# Steps at most, by level.
+STEPS = (24, 24, 15, 12)
 # A step of so few metres and radians, well below the noise, is the last one of its level.
 LAST_STEP = 1e-4
 
@@ -52,7 +48,7 @@ class Tie:
 
     def loosened(self) -> "Tie":
         """Where the way since the last frame is not known: a velocity that may have changed."""
-        information = np.repeat((UNSURE * np.array(VELOCITY_SIGMA)) ** -2, 3)
+        information = np.repeat((VELOCITY_RANGE[1] * np.array(VELOCITY_SIGMA)) ** -2, 3)
         return replace(self, rate_hz=0.0, information=information)
 
 
@@ -117,7 +113,7 @@ def start_fit(light: tuple[float, float] = (1.0, 0.0)) -> Array:
     """A fit to begin with."""
     fit = np.empty(4)
     fit[GAIN], fit[OFFSET] = light
-    fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = START_SPREADS
+    fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = SPREADS
     return fit
 
 

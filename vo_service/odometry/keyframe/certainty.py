@@ -14,8 +14,11 @@ from vo_service.odometry.directions import Directions, directions, point_informa
 from vo_service.odometry.keyframe.alignment import Alignment, Points, Tie
 from vo_service.odometry.keyframe.images import Images, Shutter
 from vo_service.odometry.keyframe.noise import weigh
-from vo_service.odometry.keyframe.parameters import KNOWN, SHARED, STRAY, SUREST
+from vo_service.odometry.keyframe.parameters import SHARED, SIGMAS
 from vo_service.odometry.keyframe.system import UPPER, band_times, sum_bands, with_times
+
+# Nothing is surer than this: what calibration and timing leave over, in m and rad.
+SUREST = (1e-4, 1e-4)
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class Certainty:
     @property
     def doubt(self) -> str:
         """Why the motion is not to be believed, though the keyframe fits; "" if it is."""
-        unknown = np.count_nonzero(self.directions.clarity < KNOWN)
+        unknown = np.count_nonzero(self.directions.clarity < SIGMAS)
         return f"too plain a view: {unknown} of 6 directions of motion are open" if unknown else ""
 
 
@@ -94,7 +97,8 @@ def _of_strays(H: Array, bands: Array, shutter: Shutter, agitation: Array) -> Ar
     if shutter.is_instant:
         return np.zeros((6, 6))
     span_s = shutter.readout_s + abs(shutter.skew_s)
-    stray = np.repeat((STRAY * span_s * agitation) ** 2, 3)
+    # Rows are spread evenly over that time, and each is off by as long as it is from its middle.
+    stray = np.repeat((span_s * agitation) ** 2 / 12.0, 3)
     of_band = bands[:, UPPER]
     spread = 2.0 * np.einsum("kij,j,klj->il", of_band, stray, of_band)
     bread = np.linalg.inv(_regular(H[:6, :6]))

@@ -7,38 +7,24 @@ import numpy as np
 from drivers.geometry import Array
 from vo_service.odometry.keyframe import measure
 from vo_service.odometry.keyframe.alignment import Alignment
-from vo_service.odometry.keyframe.parameters import (
-    FEWEST_POINTS,
-    GAINS,
-    LEAST_AGREEING,
-    LEAST_SAY,
-    LITTLE,
-    MOST_COVERED,
-    MOST_MOVING,
-    ODD_SHARE,
-    ODD_SPREADS,
-    WRONG_SPREADS,
-)
+from vo_service.odometry.keyframe.limits import GAINS, MOST, ODD_SPREADS, WRONG_SPREADS
+from vo_service.odometry.keyframe.parameters import FEWEST_POINTS, HALF, LITTLE, SLIGHT
 from vo_service.odometry.keyframe.readings import HIDDEN, OTHER
 from vo_service.odometry.keyframe.system import GAIN, SIGMA_BRIGHTNESS, SIGMA_DEPTH
-
-# Fewer points in view, or readings of them, tell nothing of a motion.
-_, FEWEST_IN_VIEW, _ = FEWEST_POINTS
 
 
 def agrees(counts: Array) -> bool:
     """Whether most of what is seen of a keyframe agrees with it."""
-    by_brightness, by_depth = LEAST_AGREEING
     return bool(
-        counts[measure.DEPTH_AGREES] >= by_depth * counts[measure.WITH_DEPTH]
-        and counts[measure.BRIGHTNESS_AGREES] >= by_brightness * counts[measure.WITH_BRIGHTNESS]
+        counts[measure.DEPTH_AGREES] >= MOST * counts[measure.WITH_DEPTH]
+        and counts[measure.BRIGHTNESS_AGREES] >= MOST * counts[measure.WITH_BRIGHTNESS]
     )
 
 
 def oddness(found: Alignment) -> float:
     """How badly a keyframe fits: above 1 there may be a better motion."""
     seen = max(found.counts[measure.IN_IMAGE], 1.0)
-    return float(max(_spread(found), found.counts[measure.DISREGARDED] / seen / ODD_SHARE))
+    return float(max(_spread(found), found.counts[measure.DISREGARDED] / seen / SLIGHT))
 
 
 def _spread(found: Alignment) -> float:
@@ -67,12 +53,12 @@ def doubt(found: Alignment) -> str:
     """Why an alignment is not to be believed; "" if it is."""
     counts, fit, points = found.counts, found.fit, len(found.readings)
     seen = int(counts[measure.IN_IMAGE])
-    if seen < max(LITTLE * points, FEWEST_IN_VIEW):
+    if seen < max(LITTLE * points, FEWEST_POINTS):
         return f"{seen} of {points} points of the keyframe are in view"
-    if counts[measure.DISREGARDED] > MOST_MOVING * seen:
+    if counts[measure.DISREGARDED] > HALF * seen:
         return f"{100 * counts[measure.DISREGARDED] / seen:.0f} % of the view does not fit"
     read = int(counts[measure.WITH_DEPTH] + counts[measure.WITH_BRIGHTNESS])
-    if read < FEWEST_IN_VIEW:
+    if read < FEWEST_POINTS:
         return f"only {read} readings of what is in view"
     if not agrees(counts):
         agreeing = int(counts[measure.DEPTH_AGREES] + counts[measure.BRIGHTNESS_AGREES])
@@ -103,13 +89,13 @@ def cover(found: Alignment) -> str:
     """Why an alignment that fits may be that of a thing in front of the room; "" if it is not."""
     moving = found.counts[measure.DISREGARDED] / max(found.counts[measure.IN_IMAGE], 1.0)
     share = 1.0 - (1.0 - hidden(found)) * (1.0 - moving)
-    return _told(share) if share > MOST_COVERED else ""
+    return _told(share) if share > HALF else ""
 
 
 def lack(found: Alignment) -> str:
     """What an alignment has to do without; "" if both have a say in nearly all of the view."""
     counts = found.counts
-    enough = LEAST_SAY * counts[measure.IN_IMAGE]
+    enough = SLIGHT * counts[measure.IN_IMAGE]
     if counts[measure.WITH_BRIGHTNESS] < enough:
         return "by depth alone: no texture in view"
     if counts[measure.WITH_DEPTH] < enough:

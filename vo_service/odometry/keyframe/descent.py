@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
-from vo_service.odometry.keyframe.parameters import LOOSE
+from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
 from vo_service.odometry.keyframe.readings import read_points
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import fit_light, sum_bands, with_times
@@ -14,6 +14,9 @@ from vo_service.odometry.keyframe.twists import exponential, logarithm, product
 
 # The spreads are found with the first step, in so many sweeps; then once a step.
 FIRST_SWEEPS = 3
+# Directions that nothing in view settles are left alone: steps along them cost as if they were
+# known to what the velocity makes of them in this time.
+LOOSE_S = 1.0
 
 
 @kernel
@@ -80,10 +83,10 @@ def descend(
 
 @kernel
 def hold_loosely(H: Array) -> None:
-    """Leave alone what nothing in view settles: see `LOOSE`."""
+    """Leave alone what nothing in view settles: see `LOOSE_S`."""
     for i in range(3):
-        H[i, i] += 1.0 / LOOSE[0] ** 2
-        H[3 + i, 3 + i] += 1.0 / LOOSE[1] ** 2
+        H[i, i] += 1.0 / (LOOSE_S * VELOCITY_SIGMA[0]) ** 2
+        H[3 + i, 3 + i] += 1.0 / (LOOSE_S * VELOCITY_SIGMA[1]) ** 2
 
 
 @kernel

@@ -16,15 +16,14 @@ from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.alignment import Alignment
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import Keyframe
-from vo_service.odometry.keyframe.parameters import (
-    FALLOFF_FADING,
-    FALLOFF_SIGMAS,
-    FREEDOM,
-    MOST_FALLOFF,
-)
+from vo_service.odometry.keyframe.parameters import FADING, FREEDOM, HALF, SLIGHT
 from vo_service.odometry.keyframe.points import BRIGHTNESS, HAS_TEXTURE, VARIANCE
 from vo_service.odometry.keyframe.readings import further_out
 from vo_service.odometry.keyframe.system import GAIN, OFFSET, SIGMA_BRIGHTNESS
+
+# A single view is off by this (sigma), how many readings it may have: surfaces shine, and lamps are
+# near.
+OF_A_VIEW = HALF * SLIGHT
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Falloff:
     """
 
     value: float = 0.0
-    information: float = FALLOFF_SIGMAS[0] ** -2
+    information: float = SLIGHT**-2
 
     def with_view(self, keyframe: Keyframe, images: Images, found: Alignment) -> "Falloff":
         """The same, by a view in which the keyframe's points have moved far."""
@@ -47,10 +46,10 @@ class Falloff:
             return self
         inverse = np.linalg.inv(H + 1e-9 * np.diag(np.diag(H)) + 1e-9 * np.eye(3))
         told = images.falloff + float(inverse[2] @ g)
-        known = FALLOFF_FADING * self.information
-        more = 1.0 / (FALLOFF_SIGMAS[1] ** 2 + float(inverse[2, 2]))
+        known = FADING * self.information
+        more = 1.0 / (OF_A_VIEW**2 + float(inverse[2, 2]))
         value = (known * self.value + more * told) / (known + more)
-        return Falloff(min(max(value, -MOST_FALLOFF), MOST_FALLOFF), known + more)
+        return Falloff(min(max(value, -HALF), HALF), known + more)
 
 
 @kernel

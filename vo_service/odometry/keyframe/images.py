@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import Array
 from drivers.jit import kernel
-from vo_service.odometry.keyframe.parameters import BLOCKS_PX, GAINS
+from vo_service.odometry.keyframe.limits import GAINS
+from vo_service.odometry.keyframe.parameters import BLOCKS_PX
 
 # Brightness in a half, a quarter, an eighth and a sixteenth of the frame's size. The whole size
 # gains nothing: a Kinect's colours are interpolated, and edges in it are 2 pixels wide.
 LEVELS = len(BLOCKS_PX)
+# Of these, those on which regions that move by themselves are told, and a motion that is nearly
+# right is made exact.
+FINE_LEVELS = 2
 # Smaller images than this are left out, but for the largest.
 SMALLEST_PX = 12
 

@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from drivers.jit import kernel
-from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import FINE_LEVELS, KEYFRAMES
+from vo_service.odometry.keyframe.images import FINE_LEVELS, Images
+from vo_service.odometry.keyframe.parameters import KEYFRAMES
 from vo_service.odometry.keyframe.points import find_points
 from vo_service.odometry.keyframe.readings import NEAREST_M
 from vo_service.odometry.keyframe.rows import project
 from vo_service.odometry.keyframe.twists import transformed
+
+*_, MOST_KEYFRAMES = KEYFRAMES
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,7 @@ class LocalMap:
 
     def add(self, keyframe: Keyframe) -> None:
         """The next one; the one that was longest out of use goes."""
-        self.keyframes = [*self.keyframes, keyframe][-KEYFRAMES:]
+        self.keyframes = [*self.keyframes, keyframe][-MOST_KEYFRAMES:]
 
     def use(self, keyframe: Keyframe) -> None:
         """It is in use again."""

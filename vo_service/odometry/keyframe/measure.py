@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
-from vo_service.odometry.keyframe.parameters import FREEDOM, SIGMAS
+from vo_service.odometry.keyframe.parameters import FREEDOM, HALF, SIGMAS
 from vo_service.odometry.keyframe.points import BRIGHTNESS, HAS_SHAPE, HAS_TEXTURE, VARIANCE
 from vo_service.odometry.keyframe.readings import HIDDEN
 from vo_service.odometry.keyframe.system import (
@@ -28,7 +28,7 @@ AGREEING = SIGMAS**2
 # What a point costs at most, whose brightness and depth are both wrong.
 MOST_COST = 2.0 * log(1.0 + AGREEING / FREEDOM)
 # A region of less weight hardly counts.
-LEAST_WEIGHT = 0.5
+LEAST_WEIGHT = HALF
 
 
 @kernel

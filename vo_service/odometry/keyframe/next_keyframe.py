@@ -1,11 +1,13 @@
 """When the next keyframe is due, and which it is: this frame, or one that was in use before."""
 
 from dataclasses import replace
+from math import sqrt
 
 from drivers.camera import RgbdFrame
 from vo_service.odometry.keyframe.confidence import hidden, lack
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.joint import align_jointly
+from vo_service.odometry.keyframe.limits import MOST
 from vo_service.odometry.keyframe.local_map import (
     Keyframe,
     LocalMap,
@@ -14,20 +16,19 @@ from vo_service.odometry.keyframe.local_map import (
     overlap,
 )
 from vo_service.odometry.keyframe.parameters import (
-    JOINT_KEYFRAMES,
+    HALF,
     KEYFRAME_FLOW_PX,
-    KEYFRAME_OVERLAP,
-    LEAST_DEPTH,
+    KEYFRAMES,
     LITTLE,
     OTHER_LIGHT,
 )
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.strangers import without_strangers
 
-# Shares of a keyframe in view: of the one in use, and of another that has a say.
-IN_USE, HAS_A_SAY = KEYFRAME_OVERLAP
-# How far the one in use may move in the image, and another that is used again.
-IN_USE_PX, REUSE_PX = KEYFRAME_FLOW_PX
+# So many others have a say in where the next one is.
+JOINT_KEYFRAMES, *_ = KEYFRAMES
+# One that is used again has moved so little in the image.
+REUSE_PX = KEYFRAME_FLOW_PX / sqrt(2.0)
 
 
 def is_due(found: Found, images: Images) -> bool:
@@ -36,7 +37,7 @@ def is_due(found: Found, images: Images) -> bool:
     if lack(found.alignment) and images.light_against(found.keyframe.images) > OTHER_LIGHT:
         return True
     seen = overlap(found.keyframe, found.alignment.T_camera_keyframe)
-    return not _is_near(seen, IN_USE_PX)
+    return not _is_near(seen, KEYFRAME_FLOW_PX)
 
 
 def settle(found: Found, images: Images, local_map: LocalMap) -> Found:
@@ -45,7 +46,7 @@ def settle(found: Found, images: Images, local_map: LocalMap) -> Found:
     others = [
         other
         for other, seen in local_map.in_view(found.T_world_camera)
-        if other is not keyframe and seen.share >= HAS_A_SAY
+        if other is not keyframe and seen.share >= HALF
     ][:JOINT_KEYFRAMES]
     T = align_jointly(keyframe, others, images, alignment)
     return replace(found, alignment=replace(alignment, T_camera_keyframe=T))
@@ -64,11 +65,11 @@ def choose(frame: RgbdFrame, images: Images, found: Found, local_map: LocalMap) 
         frame, images, T_world_camera, found.alignment.camera_velocity, found.alignment.is_still
     )
     keyframe = without_strangers(keyframe, local_map.keyframes)
-    if len(keyframe.points[0]) < LEAST_DEPTH * len(found.keyframe.points[0]):
+    if len(keyframe.points[0]) < LITTLE * len(found.keyframe.points[0]):
         return found.keyframe
     local_map.add(keyframe)
     return keyframe
 
 
 def _is_near(seen: Overlap, flow_px: float) -> bool:
-    return seen.share >= IN_USE and seen.flow_px <= flow_px
+    return seen.share >= MOST and seen.flow_px <= flow_px

@@ -12,15 +12,15 @@ from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe.cells import cell_of
 from vo_service.odometry.keyframe.images import Images
+from vo_service.odometry.keyframe.limits import SURFACE_STEP_PER_M
 from vo_service.odometry.keyframe.parameters import (
     BLOCKS_PX,
     INTERPOLATION_PX,
-    LEAST_GRADIENT,
     LEAST_SUPPORT,
-    MOST_RMS_PER_M,
-    PLANE_RADIUS,
-    PLANE_STEP_PX,
-    SURFACE_STEP_PER_M,
+    NOISE,
+    PLANE_RADIUS_PX,
+    SIGMAS,
+    SPREADS,
 )
 from vo_service.odometry.keyframe.rows import ROUNDS, moved, project, row_time
 from vo_service.odometry.plane_fit import fit_plane
@@ -30,6 +30,13 @@ from vo_service.odometry.plane_fit import fit_plane
 # differs from its own with its place (3, 1/m / m), and whether brightness and depth count (0 or 1).
 X, BRIGHTNESS, VARIANCE, TO_BRIGHTNESS, TO_DEPTH, HAS_TEXTURE, HAS_SHAPE = 0, 3, 4, 5, 8, 11, 12
 COLUMNS = 13
+# A point has texture where brightness changes by so many grey levels a pixel.
+LEAST_GRADIENT = SIGMAS * NOISE[0]
+# Readings of the plane around a point are so many pixels apart; to either side there are so many.
+PLANE_STEP_PX = 2
+PLANE_READINGS = PLANE_RADIUS_PX // PLANE_STEP_PX
+# A plane leaves over at most this root mean square.
+MOST_RMS_PER_M = SPREADS[1]
 
 
 def find_points(images: Images, velocity: Array, is_still: NDArray[np.bool_]) -> tuple[Array, ...]:
@@ -205,7 +212,7 @@ def _surface(
     none = (0.0, 0.0, 0.0, False)
     height, width = inverse_depth.shape
     column, row = int(u + 0.5), int(v + 0.5)
-    reach = PLANE_RADIUS * PLANE_STEP_PX
+    reach = PLANE_READINGS * PLANE_STEP_PX
     if not (reach <= column < width - reach and reach <= row < height - reach):
         return none
     middle = inverse_depth[row, column]
@@ -216,7 +223,7 @@ def _surface(
             if not abs(inverse_depth[row + dv, column + du] - middle) <= SURFACE_STEP_PER_M:
                 return none
     w, wu, wv, squared = fit_plane(
-        inverse_depth, column, row, PLANE_RADIUS, PLANE_STEP_PX, SURFACE_STEP_PER_M, LEAST_SUPPORT
+        inverse_depth, column, row, PLANE_READINGS, PLANE_STEP_PX, SURFACE_STEP_PER_M, LEAST_SUPPORT
     )
     if w <= 0.0:
         return float(middle), 0.0, 0.0, False

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe.cells import cell_of
-from vo_service.odometry.keyframe.parameters import SURFACE_STEP_PER_M
+from vo_service.odometry.keyframe.limits import SURFACE_STEP_PER_M
 from vo_service.odometry.keyframe.rows import project, project_moving
 from vo_service.odometry.keyframe.twists import transformed
 

@@ -11,16 +11,13 @@ from vo_service.odometry.keyframe.confidence import doubt, doubt_anywhere, misfi
 from vo_service.odometry.keyframe.features import FeatureSearch
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap
-from vo_service.odometry.keyframe.parameters import (
-    CLEARLY,
-    MOST_SIGHTINGS,
-    OTHER_LIGHT,
-    PATIENCE_FRAMES,
-    SEARCHED_KEYFRAMES,
-)
+from vo_service.odometry.keyframe.parameters import KEYFRAMES, OTHER_LIGHT, PATIENCE_FRAMES, SLIGHT
 from vo_service.odometry.keyframe.way import Way
 from vo_service.odometry.surf import SurfExtractor
 
+# So many are searched for features, and so many that are found are followed up: a thing that moves
+# may be seen in the best of them.
+_, MOST_SIGHTINGS, SEARCHED_KEYFRAMES, _ = KEYFRAMES
 # After a try that changed nothing, so many odd frames are taken as they are.
 REST_FRAMES = PATIENCE_FRAMES[0]
 
@@ -114,4 +111,4 @@ def is_other_light(ratio: float) -> bool:
 def _is_better(another: Alignment, best: Alignment) -> bool:
     if bool(doubt(another)) != bool(doubt(best)):
         return not doubt(another)
-    return misfit(another) < CLEARLY * misfit(best)
+    return misfit(another) < (1.0 - SLIGHT) * misfit(best)

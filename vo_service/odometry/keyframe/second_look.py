@@ -16,8 +16,8 @@ from vo_service.odometry.keyframe import measure
 from vo_service.odometry.keyframe.alignment import Alignment, align, all_alike
 from vo_service.odometry.keyframe.cells import CELL_COLUMNS, CELL_ROWS
 from vo_service.odometry.keyframe.confidence import doubt
-from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.parameters import FINE_LEVELS, FREEDOM, SIGMAS, SURPRISE_SHARE
+from vo_service.odometry.keyframe.images import FINE_LEVELS, Images
+from vo_service.odometry.keyframe.parameters import FREEDOM, SIGMAS, SLIGHT
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import SIGMA_BRIGHTNESS
@@ -38,7 +38,7 @@ def look_again(found: Found, images: Images, way: Way) -> Found:
 
     def cost(motion: Alignment) -> float:
         surprise = way.surprise(motion.camera_velocity, images.stamp_s)
-        return _misfit(points, motion, spreads) + SURPRISE_SHARE * log(1 + surprise**2 / FREEDOM)
+        return _misfit(points, motion, spreads) + SLIGHT * log(1 + surprise**2 / FREEDOM)
 
     return replace(found, alignment=min(motions, key=cost))
 

@@ -12,12 +12,10 @@ from math import sqrt
 import numpy as np
 
 from drivers.geometry import Array, adjoint, inverse
+from vo_service.odometry.keyframe.parameters import SLIGHT
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.twists import exponential, logarithm
 from vo_service.odometry.keyframe.way import Way
-
-# Even where a camera stands still, a frame has this share in the pose.
-LEAST_SHARE = 0.1
 
 
 def steadied(found: Found, covariance: Array, way: Way, stamp_s: float) -> tuple[Found, float]:
@@ -38,7 +36,7 @@ def steadied(found: Found, covariance: Array, way: Way, stamp_s: float) -> tuple
 
 def shares(unrest: float) -> tuple[float, float]:
     """A frame's shares in the pose and in the velocity, up to 1: all where it is unexpected."""
-    of_pose = min(max(unrest - 1.0, LEAST_SHARE), 1.0)
+    of_pose = min(max(unrest - 1.0, SLIGHT), 1.0)
     return of_pose, min(2.0 * (2.0 - of_pose) - 4.0 * sqrt(1.0 - of_pose), 1.0)
 
 

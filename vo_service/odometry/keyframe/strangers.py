@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 
 from drivers.geometry import Array, inverse
 from drivers.jit import inline_kernel, kernel
+from vo_service.odometry.keyframe.limits import SURFACE_STEP_PER_M
 from vo_service.odometry.keyframe.local_map import Keyframe
-from vo_service.odometry.keyframe.parameters import (
-    AROUND_PX,
-    LEAST_SEEN,
-    SURFACE_STEP_PER_M,
-)
+from vo_service.odometry.keyframe.parameters import LITTLE
 from vo_service.odometry.keyframe.readings import NEAREST_M, OTHER_SURFACE_PER_M
 from vo_service.odometry.keyframe.rows import project
 from vo_service.odometry.keyframe.twists import transformed
 
 # The view is looked at in blocks of so many pixels, by the one in their middle.
 BLOCK_PX, MIDDLE_PX = 8, 4
+# A place is seen through if all that is so many pixels around it is further away: edges are not
+# where they were by some pixels, and rows are not of one instant.
+AROUND_PX = BLOCK_PX
 # What others tell of a block.
 UNKNOWN, SEEN, SEEN_THROUGH = 0, 1, 2
 
@@ -45,7 +45,7 @@ def without_strangers(keyframe: Keyframe, others: Iterable[Keyframe]) -> Keyfram
         T_other_keyframe = inverse(other.T_world_keyframe) @ keyframe.T_world_keyframe
         seen = other.images
         look_from(T_other_keyframe, seen.inverse_depth, seen.intrinsics[0], places, known)
-    if np.count_nonzero(known) < LEAST_SEEN * np.count_nonzero(blocks):
+    if np.count_nonzero(known) < LITTLE * np.count_nonzero(blocks):
         return keyframe
     strange = find_strange(blocks, known)
     points = tuple(level[~is_in(level, images.intrinsics[0], strange)] for level in keyframe.points)
@@ -119,7 +119,7 @@ def find_strange(blocks: Depths, known: Blocks) -> NDArray[np.bool_]:
             for a, b in surface[:size]:
                 seen += known[a, b] == SEEN
                 through += known[a, b] == SEEN_THROUGH
-            is_strange = through > seen or seen < LEAST_SEEN * size
+            is_strange = through > seen or seen < LITTLE * size
             for a, b in surface[:size]:
                 if is_strange or known[a, b] == SEEN_THROUGH:
                     strange[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2] = True

@@ -11,13 +11,13 @@ import numpy as np
 from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe import readings as reading_columns
+from vo_service.odometry.keyframe.limits import GAINS, MOST_SPREADS
 from vo_service.odometry.keyframe.parameters import (
     BRIGHTNESS_SHARE,
     FEWEST_POINTS,
     FREEDOM,
-    GAINS,
-    LEAST_SPREADS,
-    MOST_SPREADS,
+    HALF,
+    NOISE,
 )
 from vo_service.odometry.keyframe.points import (
     BRIGHTNESS,
@@ -69,16 +69,16 @@ def fit_light(points: Array, readings: Array, cell_weights: Array, fit: Array) -
             squared = depth * depth / variance_depth
             n_depth += cell_weight
             chi_depth += cell_weight * squared * (FREEDOM + 1.0) / (FREEDOM + squared)
-    if n >= FEWEST_POINTS[0]:
+    if n >= HALF * FEWEST_POINTS:
         sigma = fit[SIGMA_BRIGHTNESS] * np.sqrt(chi / n)
-        fit[SIGMA_BRIGHTNESS] = min(max(sigma, LEAST_SPREADS[0]), MOST_SPREADS[0])
+        fit[SIGMA_BRIGHTNESS] = min(max(sigma, NOISE[0]), MOST_SPREADS[0])
         spread = skk - sk * sk / s
         if spread > 1e-9 * skk:
             fit[GAIN] = min(max((skc - sk * sc / s) / spread, GAINS[0]), GAINS[1])
         fit[OFFSET] = (sc - fit[GAIN] * sk) / s
-    if n_depth >= FEWEST_POINTS[0]:
+    if n_depth >= HALF * FEWEST_POINTS:
         sigma = fit[SIGMA_DEPTH] * np.sqrt(chi_depth / n_depth)
-        fit[SIGMA_DEPTH] = min(max(sigma, LEAST_SPREADS[1]), MOST_SPREADS[1])
+        fit[SIGMA_DEPTH] = min(max(sigma, NOISE[1]), MOST_SPREADS[1])
 
 
 @kernel

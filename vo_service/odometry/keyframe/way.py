@@ -8,11 +8,11 @@ from drivers.geometry import Array, adjoint, inverse
 from vo_service.odometry.keyframe.alignment import Tie
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.parameters import (
-    CALM,
     FADING,
-    LEAST_AGITATION,
-    LIGHT_JUMP,
+    HALF,
     LONGEST_S,
+    SLIGHT,
+    VELOCITY_RANGE,
     VELOCITY_SIGMA,
 )
 from vo_service.odometry.keyframe.twists import exponential
@@ -58,7 +58,7 @@ class Way:
         """What is known of the velocity at a stamp: it changes no more than it did of late."""
         T_keyframe_last = inverse(T_world_keyframe) @ self.T_world_camera
         usual = np.array(VELOCITY_SIGMA)
-        information = np.repeat(np.clip(self.agitation, CALM * usual, usual) ** -2, 3)
+        information = np.repeat(np.clip(self.agitation, VELOCITY_RANGE[0] * usual, usual) ** -2, 3)
         velocity = -adjoint(T_keyframe_last) @ self.velocity
         duration_s = stamp_s - self.stamp_s
         tie = Tie(T_keyframe_last, 1.0 / max(duration_s, 1e-3), velocity, information)
@@ -72,7 +72,7 @@ class Way:
         """How many times as much as of late a velocity (6,) has changed; 0 after a long time."""
         if self.is_long_ago(stamp_s):
             return 0.0
-        usual = np.maximum(self.agitation, LEAST_AGITATION * np.array(VELOCITY_SIGMA))
+        usual = np.maximum(self.agitation, HALF * np.array(VELOCITY_SIGMA))
         return float((_change(velocity, self.velocity) / usual).max())
 
     def agitation_with(self, velocity: Array) -> Array:
@@ -104,7 +104,7 @@ class Way:
     def light_at(self, images: Images) -> tuple[float, float]:
         """Gain and offset to begin with: as they were, or changed as the mean brightness."""
         change = (images.mean_brightness + 1.0) / (self.mean_brightness + 1.0)
-        if abs(change - 1.0) <= LIGHT_JUMP:
+        if abs(change - 1.0) <= SLIGHT:
             return self.light
         return change * self.light[0], change * self.light[1]
 

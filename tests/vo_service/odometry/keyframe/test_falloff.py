@@ -13,7 +13,7 @@ from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.falloff import Falloff
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, make_keyframe
-from vo_service.odometry.keyframe.parameters import MOST_FALLOFF
+from vo_service.odometry.keyframe.parameters import HALF
 from vo_service.odometry.keyframe.system import SIGMA_BRIGHTNESS
 from vo_service.odometry.keyframe_odometry import KeyframeOdometry
 
@@ -77,7 +77,7 @@ def test_the_dark_tells_nothing() -> None:
 def test_it_is_never_more_than_a_lens_may_lose() -> None:
     keyframe, images, found = looked(0.2)
     absurd = replace(images, falloff=9.0)
-    assert Falloff().with_view(keyframe, absurd, found).value == MOST_FALLOFF
+    assert Falloff().with_view(keyframe, absurd, found).value == HALF
 
 
 def test_views_fit_better_where_it_is_known() -> None:

@@ -23,8 +23,8 @@ from vo_service.odometry.keyframe.drawing import EACH, draw, draw_points
 from vo_service.odometry.keyframe.features import FeatureSearch
 from vo_service.odometry.keyframe.first_keyframe import made_anew
 from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.limits import ODD_SPREADS
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
-from vo_service.odometry.keyframe.parameters import ODD_SPREADS
 from vo_service.odometry.keyframe.recovery import Found, Recovery
 from vo_service.odometry.keyframe.way import Way
 from vo_service.odometry.keyframe_odometry import KeyframeOdometry

@@ -22,13 +22,13 @@ from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.joint import align_jointly
 from vo_service.odometry.keyframe.local_map import (
+    MOST_KEYFRAMES,
     Keyframe,
     LocalMap,
     make_keyframe,
     overlap,
 )
 from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
-from vo_service.odometry.keyframe.parameters import KEYFRAMES
 from vo_service.odometry.keyframe.recovery import Found
 
 
@@ -81,7 +81,7 @@ def test_the_map_tells_first_what_is_seen_most_of() -> None:
 
 def test_the_map_forgets_what_was_longest_out_of_use() -> None:
     local_map = LocalMap()
-    many = [replace(AHEAD) for _ in range(KEYFRAMES + 1)]
+    many = [replace(AHEAD) for _ in range(MOST_KEYFRAMES + 1)]
     local_map.begin(many[0])
     for keyframe in many[1:-1]:
         local_map.add(keyframe)

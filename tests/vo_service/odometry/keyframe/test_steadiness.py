@@ -11,8 +11,9 @@ from vo_service.odometry.keyframe.alignment import Alignment, start_fit
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.local_map import make_keyframe
+from vo_service.odometry.keyframe.parameters import SLIGHT
 from vo_service.odometry.keyframe.recovery import Found
-from vo_service.odometry.keyframe.steadiness import LEAST_SHARE, shares, steadied
+from vo_service.odometry.keyframe.steadiness import shares, steadied
 from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
 
 T_WORLD_KEYFRAME = BRISK.at(-0.1)
@@ -43,11 +44,11 @@ def steady(times: float, way: Way = WAY, stamp_s: float = STAMP_S) -> tuple[Foun
 def test_what_lies_within_its_noise_hardly_moves_a_calm_camera() -> None:
     _, calm, unrest = steady(1.0)
     assert unrest == pytest.approx(np.mean((OFF / SIGMA) ** 2))
-    expected = BRISK.at(STAMP_S) @ series_exponential(LEAST_SHARE * OFF)
+    expected = BRISK.at(STAMP_S) @ series_exponential(SLIGHT * OFF)
     np.testing.assert_allclose(calm.T_world_camera, expected, atol=1e-12)
     change = calm.alignment.camera_velocity - BRISK.velocity
     np.testing.assert_allclose(change, shares(unrest)[1] * FASTER, atol=1e-12)
-    assert 0.0 < shares(unrest)[1] < LEAST_SHARE
+    assert 0.0 < shares(unrest)[1] < SLIGHT
 
 
 def test_what_is_beyond_its_noise_is_taken_as_it_was_found() -> None:
@@ -68,7 +69,7 @@ def test_after_a_long_time_nothing_is_expected() -> None:
 
 def test_the_shares_of_a_frame_grow_with_the_unrest() -> None:
     of_pose, of_velocity = np.array([shares(unrest) for unrest in (0.0, 1.3, 1.6, 2.0, 9.0)]).T
-    assert of_pose[0] == LEAST_SHARE
+    assert of_pose[0] == SLIGHT
     assert np.all(np.diff(of_pose[:4]) > 0)
     assert np.all(np.diff(of_velocity[:3]) > 0)
     assert of_pose[-1] == of_velocity[-1] == 1.0

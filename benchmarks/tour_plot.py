@@ -6,6 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from benchmarks.tour_record import TourRecord
 from drivers.geometry import Array
@@ -40,14 +41,22 @@ def _draw(axes: list[Axes], name: str, record: TourRecord) -> None:
     for what, poses in (("as given", record.trajectory), ("corrected", record.corrected)):
         stamps_s, errors_m = _errors(poses, record.truth)
         axes[0].plot(stamps_s / 60.0, 1e3 * errors_m, label=f"{name}, {what}", linewidth=1)
-    window = (record.stamp_s // WINDOW_S).astype(int)
-    minutes = (np.unique(window) + 0.5) * WINDOW_S / 60.0
-    cpu_ms = [record.cpu_ms[window == each] for each in np.unique(window)]
-    memory_mb = [record.memory_mb[window == each].mean() for each in np.unique(window)]
-    axes[1].plot(minutes, [part.mean() for part in cpu_ms], label=f"{name}, mean", linewidth=1)
-    p99_ms = [np.percentile(part, 99) for part in cpu_ms]
-    axes[1].plot(minutes, p99_ms, label=f"{name}, 99 %", linewidth=1)
-    axes[2].plot(minutes, memory_mb, label=name, linewidth=1)
+    parts = _parts(record)
+    minutes = [(n + 0.5) * WINDOW_S / 60.0 for n in range(len(parts))]
+    lines = (
+        (axes[1], "poses, mean", [record.cpu_ms[part].mean() for part in parts]),
+        (axes[1], "poses, 99 %", [np.percentile(record.cpu_ms[part], 99) for part in parts]),
+        (axes[1], "loops, mean", [record.loops_ms[part].mean() for part in parts]),
+        (axes[2], "", [record.memory_mb[part].mean() for part in parts]),
+    )
+    for axis, what, values in lines:
+        axis.plot(minutes, values, label=f"{name}, {what}".rstrip(", "), linewidth=1)
+
+
+def _parts(record: TourRecord) -> list[NDArray[np.intp]]:
+    """Frames of each window, in order."""
+    window = ((record.stamp_s - record.stamp_s[0]) // WINDOW_S).astype(int)
+    return [np.flatnonzero(window == each) for each in np.unique(window)]
 
 
 def _errors(poses: StampedPoses, truth: StampedPoses) -> tuple[Array, Array]:

@@ -16,8 +16,9 @@ from tests.vo_service.mapping.loops.scripted import (
     walked,
 )
 from vo_service.mapping.graph.pose_graph import Removal
+from vo_service.mapping.loops import correction_due
 from vo_service.mapping.loops.from_place import FromPlace
-from vo_service.mapping.loops.loop_closer import LoopCloser
+from vo_service.mapping.loops.loop_closer import MOST_LOOPS, LoopCloser
 from vo_service.mapping.places.view import FOLLOWED, LOST
 
 LAST = 9
@@ -51,6 +52,39 @@ def test_a_loop_that_says_little_corrects_the_map_ten_places_later() -> None:
     assert way_m(made.graph.T_map(LAST)) == pytest.approx(LAST_M, abs=1e-9)
     made.see(sight(LAST_M + STEP_M * 10))
     assert way_m(made.graph.T_map(LAST)) == pytest.approx(LAST_M + 0.003, abs=2e-4)
+
+
+def test_a_map_is_corrected_once_by_a_loop_that_says_that_it_is_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made, _ = walked(off_m=0.02)
+    corrections: list[None] = []
+    monkeypatch.setattr(made.graph, "optimise", lambda: corrections.append(None))
+    for step in range(1, 15):
+        made.see(sight(LAST_M + STEP_M * step))
+    made.correct()
+    assert not corrections
+
+
+def test_a_map_of_many_places_waits_for_more_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, scripted = walked(off_m=0.02)
+    monkeypatch.setattr(correction_due, "SHARE_BETWEEN", 0.2)
+    off_m = []
+    for step in range(1, 5):
+        scripted.shows = {0: ahead(LAST_M + STEP_M * step + 0.05)}
+        made.see(sight(LAST_M + STEP_M * step))
+        off_m.append(way_m(made.graph.T_map(LAST + step)) - LAST_M - STEP_M * step)
+    assert max(off_m[:2]) < 0.03
+    assert off_m[2] > 0.03  # three places of thirteen
+
+
+def test_a_view_that_shows_many_places_closes_three_loops() -> None:
+    made, scripted = closer()
+    for step in range(15):
+        made.see(sight(STEP_M * step))
+    scripted.shows = {number: ahead(STEP_M * (15 - number)) for number in range(7)}
+    made.see(sight(STEP_M * 15))
+    assert made.loops == MOST_LOOPS == 3
 
 
 def test_motions_and_loops_are_as_sure_and_as_long_as_was_said() -> None:

@@ -31,6 +31,7 @@ from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.certainty import Certainty, certainty
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, make_keyframe
+from vo_service.odometry.keyframe.readings import BANDS
 
 # 95 % of what is normally distributed in six directions is nearer.
 CHI_SQUARED_95 = 12.59
@@ -143,6 +144,17 @@ def test_with_a_rolling_shutter_it_is_less_sure_of_what_it_did_meanwhile(how: st
         else:
             other = np.trace(laid(keyframe, frame, VAGUE)[0].covariance)
         assert (other > 1.1 * calm) == (readout_s > 0)
+
+
+def test_an_agitated_camera_strays_about_as_far_as_in_one_row() -> None:
+    keyframe, frame = keyframe_of(noisy(seen(), 0)), noisy(seen(readout_s=0.02), 1)
+    calm, agitated = (
+        np.trace(laid(keyframe, frame, STANDING, np.array([mps, 0.0]))[0].covariance[:3, :3])
+        for mps in (0.0, 0.5)
+    )
+    in_a_row = 3 * (0.02 * 0.5) ** 2 / 12.0
+    # Bands of rows even it out where all hold the camera; where few do, they pull against others.
+    assert in_a_row / (2 * BANDS) < agitated - calm < 4.0 * in_a_row
 
 
 def test_over_many_noises_the_error_is_of_the_size_that_it_says() -> None:

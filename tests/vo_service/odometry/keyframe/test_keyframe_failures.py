@@ -1,5 +1,6 @@
 """Frames that tell little, nothing or nonsense: an answer each time, never an error."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -143,6 +144,17 @@ def test_a_bare_wall_is_no_place_to_start_and_it_does_not_slide_along_one(times:
     assert not any(e.ok for e in lost)
     np.testing.assert_array_equal(lost[-1].T_world_camera, before.T_world_camera)
     assert odometry.estimate(wall[4]).ok
+
+
+def test_a_first_keyframe_needs_more_points_than_a_frame(views: list[RgbdFrame]) -> None:
+    """Depth in the middle alone: 157 points, and a frame of 100 is believed."""
+    depth_raw = np.zeros_like(views[0].depth_raw)
+    middle = np.s_[SHAPE[0] // 2 - 65 : SHAPE[0] // 2 + 65, SHAPE[1] // 2 - 65 : SHAPE[1] // 2 + 65]
+    depth_raw[middle] = views[0].depth_raw[middle]
+    estimate = KeyframeOdometry().estimate(replace(views[0], depth_raw=depth_raw))
+    points = re.fullmatch(r"cannot start: only (\d+) points with depth", estimate.reason)
+    assert points
+    assert 100 < int(points[1]) < 200
 
 
 @pytest.mark.parametrize("spoil", [nothing, noise, without_depth])

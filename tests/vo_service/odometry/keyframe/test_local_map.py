@@ -107,13 +107,17 @@ def test_what_is_far_from_all_others_becomes_a_keyframe_itself() -> None:
     np.testing.assert_array_equal(chosen.T_world_keyframe, found.T_world_camera)
 
 
-def test_an_older_keyframe_that_is_near_is_used_again() -> None:
-    (found, images), local_map, aside = found_at(0.35), LocalMap(), keyframe_at(0.33, 7)
+# The image moves by 31 pixels, and by 47: a keyframe in use may move by 60 before the next is due.
+@pytest.mark.parametrize(("beside_rad", "is_near"), [(0.1, True), (0.15, False)])
+def test_an_older_keyframe_that_is_near_is_used_again(beside_rad: float, is_near: bool) -> None:
+    (found, images), local_map = found_at(0.35), LocalMap()
+    aside = keyframe_at(0.35 - beside_rad, 7)
     local_map.begin(aside)
     local_map.add(AHEAD)
     frame = noisy(seen(Hand(T_world_start=turned(0.35))), 5)
-    assert choose(frame, images, found, local_map) is aside
-    assert local_map.keyframes == [AHEAD, aside]
+    chosen = choose(frame, images, found, local_map)
+    assert (chosen is aside) is is_near
+    assert local_map.keyframes == ([AHEAD, aside] if is_near else [aside, AHEAD, chosen])
 
 
 def test_a_frame_without_depth_is_no_keyframe() -> None:

@@ -153,8 +153,13 @@ def test_light_and_spreads_are_found(seed: int) -> None:
     assert 1.2e-3 < fit[SIGMA_DEPTH] < 2.3e-3
 
 
-def test_too_few_readings_change_nothing() -> None:
-    readings = look_at(POINTS, IMAGES, np.eye(4), np.zeros(6), 0)
+@pytest.mark.parametrize(("readings_each", "is_enough"), [(49, False), (50, True)])
+def test_too_few_readings_change_nothing(readings_each: int, is_enough: bool) -> None:
+    both = (POINTS[0][:, HAS_TEXTURE] > 0) & (POINTS[0][:, HAS_SHAPE] > 0)
+    chosen = np.flatnonzero(both)[:readings_each]
+    readings = look_at(POINTS, IMAGES, np.eye(4), np.zeros(6), 0)[chosen]
+    assert np.isfinite(readings[:, [BRIGHTNESS, DEPTH]]).all()
     fit = start_fit()
-    fit_light(POINTS[0][:10], readings[:10], all_alike(), fit)
-    np.testing.assert_array_equal(fit, start_fit())
+    fit_light(POINTS[0][chosen], readings, all_alike(), fit)
+    for spread in (SIGMA_BRIGHTNESS, SIGMA_DEPTH):
+        assert bool(fit[spread] != start_fit()[spread]) is is_enough

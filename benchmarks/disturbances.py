@@ -16,8 +16,9 @@ from pathlib import Path
 
 from benchmarks.pose_arrivals import listening
 from tests.belongings import child_running
+from tests.ports import free_port
 from tests.stand_ins.zenoh_router import running_router
-from tests.vo_service.played_service import PlayedService, free_port
+from tests.vo_service.played_service import PlayedService
 from vo_service.client import CommandRefused, PoseClient
 
 Act = Callable[[PlayedService], None]

@@ -25,7 +25,8 @@ import numpy as np
 from benchmarks.fleet_files import fleet_files
 from benchmarks.processor_use import processor_use
 from drivers.geometry import Array
-from tests.vo_service.played_service import KINECT_VO, free_port
+from tests.ports import free_port
+from tests.vo_service.played_service import KINECT_VO
 
 POSES_PER_SECOND = 30
 ROUTER = (KINECT_VO, "router")

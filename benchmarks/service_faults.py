@@ -21,10 +21,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tests.belongings import wait_for
+from tests.ports import free_port
 from tests.stand_ins.zenoh_router import running_router
 from tests.vo_service.live_faults import LIVE_FAULTS, Around, pass_through
 from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
-from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S, free_port
+from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
 from tests.vo_service.service_faults import Passed
 from vo_service.folders import kernel_folder
 

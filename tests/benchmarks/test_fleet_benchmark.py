@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks import fleet
 from benchmarks.fleet_files import fleet_files
-from tests.vo_service.played_service import free_port
+from tests.ports import free_port
 from vo_service.outputs.zenoh_check import check_zenoh
 from vo_service.outputs.zenoh_session import ZenohConfig
 

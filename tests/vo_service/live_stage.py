@@ -11,13 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from tests.ports import free_port
 from tests.vo_service.heard_check import check_heard
-from tests.vo_service.played_service import (
-    PATIENCE_S,
-    PATIENT_KINECT_VO,
-    PlayedService,
-    free_port,
-)
+from tests.vo_service.played_service import PATIENCE_S, PATIENT_KINECT_VO, PlayedService
 from tests.vo_service.subscriber import Subscriber
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 

@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -13,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tests.belongings import belongings_of, child_running
+from tests.ports import free_port, is_listening
 from tests.vo_service.subscriber import Status, Subscriber
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
@@ -157,19 +157,10 @@ def running_service(
         process.wait()
 
 
-def free_port() -> int:
-    """A port of 127.0.0.1 that the kernel has just found free."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
 def _until_listening(port: int, process: "subprocess.Popen[bytes]", log: Path) -> None:
-    here, deadline_s = f"0100007F:{port:04X}", time.monotonic() + START_LIMIT_S
+    deadline_s = time.monotonic() + START_LIMIT_S
     while time.monotonic() < deadline_s:
-        rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
-        if any(row[1] == here and row[3] == "0A" for row in rows):
+        if is_listening(port):
             return
         assert process.poll() is None, f"the service has ended: {log.read_text()}"
         time.sleep(0.05)

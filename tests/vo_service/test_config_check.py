@@ -7,6 +7,7 @@ import pytest
 
 from drivers.errors import InputError
 from tests.belongings import open_files
+from tests.ports import is_listening
 from tests.vo_service.security.tls_network import FILES, HOST, make_keys, new_network
 from vo_service.config_check import check_config
 
@@ -109,5 +110,4 @@ def test_nothing_is_opened(tmp_path: Path, keys: Path) -> None:
     before = open_files()
     check_config(configuration)
     assert open_files() <= before
-    port = f":{network.tls_port:04X} "
-    assert port not in Path("/proc/net/tcp").read_text()
+    assert not is_listening(network.tls_port)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.geometry import Array
+from tests.ports import free_port
 from tests.vo_service.corner_film import corner_pose
 from tests.vo_service.fakes import Collector
 from tests.vo_service.frame_faults import (
@@ -20,7 +21,6 @@ from tests.vo_service.frame_faults import (
     view_at,
 )
 from tests.vo_service.heard_check import check_heard
-from tests.vo_service.played_service import free_port
 from tests.vo_service.subscriber import HeardPose, Subscriber
 from vo_service import session
 from vo_service.config import Config

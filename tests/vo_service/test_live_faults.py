@@ -12,15 +12,11 @@ from pathlib import Path
 import pytest
 
 from tests.belongings import children_of, is_alive, wait_for
+from tests.ports import free_port
 from tests.stand_ins.zenoh_router import running_router
 from tests.vo_service.live_faults import LIVE_FAULTS, Around, LiveFault, pass_through
 from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
-from tests.vo_service.played_service import (
-    PATIENCE_S,
-    START_LIMIT_S,
-    WITHOUT_PLACES,
-    free_port,
-)
+from tests.vo_service.played_service import PATIENCE_S, START_LIMIT_S, WITHOUT_PLACES
 
 # So that a pose is not lost for another reason: a machine that is busy for a tenth of a second.
 SLOWLY = "rate_hz = 5.0\n"

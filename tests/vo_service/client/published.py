@@ -1,7 +1,6 @@
 """A service as a client sees it: poses, statuses and the token, sent by hand over real Zenoh."""
 
 import json
-import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ import numpy as np
 import zenoh
 
 from drivers.geometry import rigid_transform
+from tests.ports import free_port
 from vo_service.client import Pose, PoseClient
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
 from vo_service.outputs.cdr_transform import TransformMessage, encode_transform
@@ -20,10 +20,8 @@ PATIENCE_S = 100.0
 
 
 def free_endpoint() -> str:
-    """On a port of 127.0.0.1 that the kernel has just found free."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    """On a port of 127.0.0.1 that nobody has."""
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 class Robot:

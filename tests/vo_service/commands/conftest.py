@@ -1,10 +1,10 @@
 """Surroundings for commands: a cache of their own, one set of compiled kernels, a free port."""
 
-import socket
 from pathlib import Path
 
 import pytest
 
+from tests.ports import free_port
 from tests.vo_service.played_service import WITHOUT_MAP
 
 
@@ -17,11 +17,8 @@ def surroundings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def port() -> int:
-    """A port of 127.0.0.1 that the kernel has just found free."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        found: int = probe.getsockname()[1]
-        return found
+    """A port of 127.0.0.1 that nobody has."""
+    return free_port()
 
 
 @pytest.fixture

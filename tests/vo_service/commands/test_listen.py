@@ -3,7 +3,6 @@
 import argparse
 import json
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -16,6 +15,7 @@ import pytest
 
 from drivers.errors import InputError
 from drivers.geometry import rigid_transform
+from tests.ports import free_port
 from vo_service.commands import listen
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
 from vo_service.outputs.cdr_transform import TransformMessage, encode_transform
@@ -33,9 +33,7 @@ ABOUT = {"schema": 1, "seq": 7, "state": "tracking", "epoch": 2, "reason": ""}
 
 @pytest.fixture
 def endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @contextmanager

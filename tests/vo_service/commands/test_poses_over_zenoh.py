@@ -13,7 +13,8 @@ from rosbags.typesys import Stores, get_typestore
 from drivers.geometry import Array, inverse, transform_from_pose
 from drivers.trajectory import StampedPoses, read_trajectory
 from tests.conftest import FRAMES
-from tests.vo_service.commands.command_line import is_listening, running, wait_for
+from tests.ports import is_listening
+from tests.vo_service.commands.command_line import running, wait_for
 from vo_service.pose_tracker import T_BODY_CAMERA
 
 READER = Path(__file__).parents[1] / "outputs" / "plain_zenoh_reader.py"

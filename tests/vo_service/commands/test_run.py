@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import FRAMES
+from tests.ports import is_listening
 from tests.vo_service.commands.command_line import (
     call,
-    is_listening,
     line_count,
     run,
     running,

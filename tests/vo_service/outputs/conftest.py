@@ -10,6 +10,7 @@ import pytest
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import rigid_transform, rotation_from_vector
+from tests import ports
 from tests.vo_service.fakes import a_status
 from vo_service.odometry.estimate import Estimate, Evidence
 from vo_service.outputs.output import Level, PoseUpdate, Status, TrackingState
@@ -20,11 +21,8 @@ START_S = 1305031453.359684
 
 @pytest.fixture
 def free_port() -> int:
-    """A port of 127.0.0.1 that the kernel has just found free."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+    """A port of 127.0.0.1 that nobody has."""
+    return ports.free_port()
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ import pytest
 import zenoh
 
 from drivers.errors import InputError
+from tests import ports
 from tests.vo_service.outputs.ros_node import (
     FRAMES,
     ODOMETRY_KEY,
@@ -23,7 +24,6 @@ from tests.vo_service.outputs.ros_node import (
     session,
     tokens,
 )
-from tests.vo_service.played_service import free_port as another_free_port
 from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.ros2_names import ODOMETRY, TF_MESSAGE
 from vo_service.outputs.ros2_publisher import ros2_output
@@ -107,7 +107,7 @@ def test_without_tf_there_is_no_such_topic(free_port: int) -> None:
 def test_a_node_finds_us_beside_the_router_of_its_own(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    router_port = another_free_port()
+    router_port = ports.free_port()
     router = session(ROS_ROUTER | {"listen/endpoints": [f"tcp/127.0.0.1:{router_port}"]})
     with router, publishing(free_port) as ours, ros_node(router_port, free_port) as node:
         reader = Reader(node, ODOMETRY_KEY)

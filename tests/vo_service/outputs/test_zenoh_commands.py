@@ -8,6 +8,7 @@ import pytest
 import zenoh
 
 from drivers.sensor_settings import Led
+from tests import ports
 from tests.vo_service.outputs.zenoh_asking import (
     answers,
     ask,
@@ -15,7 +16,6 @@ from tests.vo_service.outputs.zenoh_asking import (
     commanded,
     config,
     content,
-    free_port_now,
     obey,
     taken,
 )
@@ -35,7 +35,7 @@ MakeUpdate = Callable[..., PoseUpdate]
 @pytest.fixture(scope="module")
 def desk() -> Iterator[tuple[Inbox[Command], zenoh.Session]]:
     """An inbox that takes commands without a limit, and a session to send them from."""
-    with commanded(free_port_now()) as (_, inbox, session):
+    with commanded(ports.free_port()) as (_, inbox, session):
         yield inbox, session
 
 

@@ -12,7 +12,8 @@ from queue import SimpleQueue
 import pytest
 import zenoh
 
-from tests.vo_service.outputs.zenoh_asking import asking, free_port_now
+from tests import ports
+from tests.vo_service.outputs.zenoh_asking import asking
 from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.zenoh_opening import KeepTrying
 from vo_service.outputs.zenoh_output import LIVE, ZenohOutput
@@ -104,7 +105,7 @@ def test_a_frozen_or_killed_subscriber_costs_the_others_nothing(
 def test_a_killed_router_costs_those_who_are_connected_nothing(
     free_port: int, updates: list[PoseUpdate]
 ) -> None:
-    router_at = f"tcp/127.0.0.1:{free_port_now()}"
+    router_at = f"tcp/127.0.0.1:{ports.free_port()}"
     plan = ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",), connect=(router_at,))
     with running(ROUTER, router_at) as router:
         until_it_speaks(router)

@@ -11,13 +11,8 @@ import pytest
 import zenoh
 
 from drivers.errors import InputError, UserFacingError
-from tests.vo_service.outputs.zenoh_asking import (
-    answers,
-    asking,
-    config,
-    free_port_now,
-    wait_for,
-)
+from tests import ports
+from tests.vo_service.outputs.zenoh_asking import answers, asking, config, wait_for
 from vo_service.outputs import zenoh_opening
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.zenoh_opening import KeepTrying, OpenAtOnce
@@ -155,7 +150,7 @@ def test_a_router_that_is_away_is_named_until_it_is_there(free_port: int, status
 
 
 def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
-    other = free_port_now()
+    other = ports.free_port()
     plan = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{free_port}", f"tcp/127.0.0.1:{other}"))
     with router(free_port), closing(ZenohOutput(plan, LIVE, KeepTrying)) as output:
         ticking(output, status, lambda: output.warning == "")

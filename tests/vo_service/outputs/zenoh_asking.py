@@ -1,7 +1,6 @@
 """Asking a Zenoh output in this process, as a program elsewhere would."""
 
 import json
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,14 +16,6 @@ from vo_service.outputs.zenoh_output import LIVE, Extras, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
 PATIENCE_S = 100.0
-
-
-def free_port_now() -> int:
-    """A port of 127.0.0.1 that the kernel has just found free."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def config(port: int, **changes: Any) -> ZenohConfig:

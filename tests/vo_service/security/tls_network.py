@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from pathlib import Path
 import zenoh
 
 from drivers.errors import UserFacingError
+from tests.ports import free_port
 from tests.vo_service.made_up_map import a_map
 from vo_service.certificates.authority import Authority
 from vo_service.control.commands import Command
@@ -135,14 +135,6 @@ def heard_poses(session: zenoh.Session) -> Iterator[list[int]]:
 def are_all(heard: list[int]) -> bool:
     """Whether none is missing between the first and the last, and none came twice."""
     return heard == list(range(heard[0], heard[0] + len(heard)))
-
-
-def free_port() -> int:
-    """A port of 127.0.0.1 that the kernel has just found free."""
-    with socket.socket() as probe:
-        probe.bind((HOST, 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def answers(session: zenoh.Session, key: str, payload: bytes = b"{}") -> list[bytes]:

@@ -9,6 +9,7 @@ from http.client import HTTPConnection, HTTPResponse
 import pytest
 import rerun as rr
 
+from tests import ports
 from tests.belongings import children, is_alive
 from vo_service.outputs.output import PoseUpdate
 from vo_service.viewer import targets
@@ -21,10 +22,7 @@ from vo_service.viewer.sinks import PortTakenError
 
 @pytest.fixture
 def other_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+    return ports.free_port()
 
 
 def get(port: int, path: str) -> tuple[HTTPResponse, bytes]:

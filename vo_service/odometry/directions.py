@@ -43,6 +43,13 @@ class Directions:
         """(6, K) those axes."""
         return self.axes[:, self.is_known]
 
+    @property
+    def share(self) -> Array:
+        """(6, 6) of a small motion that was found, what is more than noise: 1 - 1 / clarity."""
+        shares = 1.0 - 1.0 / np.maximum(self.clarity, 1.0)
+        share: Array = (self.axes * shares) @ np.linalg.inv(self.axes)
+        return share
+
 
 def directions(information: Array, of_noise: Array) -> Directions:
     """Compare two 6x6 information matrices: of the planes, and of the noise of their normals."""

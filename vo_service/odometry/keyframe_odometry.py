@@ -23,6 +23,7 @@ from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
 from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
 from vo_service.odometry.keyframe.parameters import FEWEST_POINTS, PATIENCE_FRAMES
+from vo_service.odometry.keyframe.plain_view import carried_on
 from vo_service.odometry.keyframe.recovery import Found, Recovery, doubted
 from vo_service.odometry.keyframe.second_look import look_again
 from vo_service.odometry.keyframe.steadiness import steadied
@@ -94,7 +95,10 @@ class KeyframeOdometry:
             agitation = self._track.way.agitation_with(found.alignment.camera_velocity)
             sure = certainty(found.keyframe.points, images, found.alignment, found.tie, agitation)
         if sure.doubt:
-            return self._fail(frame, images, self._track, found, sure.doubt)
+            if not self._track.way.is_held(images.stamp_s):
+                return self._fail(frame, images, self._track, found, sure.doubt)
+            # For a moment, it goes on as it moved.
+            found, sure = carried_on(found, sure, self._track.way, images.stamp_s)
         # A calm camera's pose is that of many frames.
         found, unrest = steadied(found, sure.covariance, self._track.way, images.stamp_s)
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
@@ -133,7 +137,12 @@ class KeyframeOdometry:
             return self._estimate(False, f"cannot start: {reason}", evidence)
         self._map.begin(keyframe)
         way = Way(
-            self._T_world_camera, np.zeros(6), images.stamp_s, SAME_LIGHT, images.mean_brightness
+            self._T_world_camera,
+            np.zeros(6),
+            images.stamp_s,
+            SAME_LIGHT,
+            images.mean_brightness,
+            held_s=images.stamp_s,
         )
         self._track = Track(keyframe, way, self._T_world_camera, is_first=True)
         self._failures = 0
@@ -174,6 +183,7 @@ class KeyframeOdometry:
             images,
             found.alignment.light if keyframe is found.keyframe else SAME_LIGHT,
             unrest,
+            track.way.held_s if sure.doubt else images.stamp_s,
         )
         T_reference_camera = inverse(track.T_world_reference) @ found.T_world_camera
         T_world_reference = found.T_world_camera if is_next_reference else track.T_world_reference

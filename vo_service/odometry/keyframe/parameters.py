@@ -13,11 +13,11 @@ BLOCKS_PX = (5, 3, 3, 2)
 # Interpolated brightness is as wrong as a shift by this many pixels of the whole image.
 INTERPOLATION_PX = 0.15
 # The plane around a point has depth readings up to so many pixels away, in both directions.
-PLANE_RADIUS_PX = 8
+PLANE_RADIUS_PX = 6
 # At least this share of them is of the same surface.
 LEAST_SUPPORT = 0.6
 # Noise of its slopes, a pixel: of brightness, grey levels, and of depth, 1/m.
-SLOPE_NOISE = (0.7, 5e-5)
+SLOPE_NOISE = (0.7, 8.9e-5)
 
 # WHAT READINGS WEIGH
 # The sensor's noise: no spread is less.
@@ -26,7 +26,7 @@ NOISE = (1.0, 6e-4)
 SPREADS = (10.0, 3e-3)
 # Student's t: degrees of freedom, and what brightness weighs beside depth.
 FREEDOM = 4.0
-BRIGHTNESS_SHARE = 0.5
+BRIGHTNESS_SHARE = 0.45
 # What is off by more standard deviations does not agree; or surprises; or is more than noise.
 SIGMAS = 3.0
 # Brightness so many times as great, or one part in so many, is another light.
@@ -46,7 +46,8 @@ VELOCITY_SIGMA = (0.03, 0.1)
 VELOCITY_RANGE = (0.003, 10.0)
 # After more seconds than the first the camera may be far from where it is expected, and another
 # place near to that may fit: features tell. At the sensor's 30 Hz, this is two frames without a
-# pose. After more than the second, the last frames say nothing of the velocity.
+# pose. After more than the second, the last frames say nothing of the velocity; and a view that
+# leaves directions of motion open is not believed so long after the last one that did not.
 LONGEST_S = (0.08, 0.4)
 
 # SHARES
@@ -77,7 +78,7 @@ KEYFRAMES = (2, 3, 8, 30)
 # Patience, in frames. The first: features that changed nothing are asked again after so many odd
 # frames, for blur lasts, and so does the dark; and a first keyframe is given up that so many did
 # not fit. The second: so do all keyframes.
-PATIENCE_FRAMES = (3, 30)
+PATIENCE_FRAMES = (3, 60)
 # The next keyframe is due when the last has moved by so much in the image.
 KEYFRAME_FLOW_PX = 60.0
 

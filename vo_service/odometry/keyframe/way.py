@@ -36,6 +36,7 @@ class Way:
                      a fading mean of squares over its three components; infinite: not known
     unrest           how far poses are from where they are expected: 1 is as far as their covariance
                      says; a fading mean of normalised squares, not below the last of them
+    held_s           stamp of the last frame whose view held the camera in all six directions
     """
 
     T_world_camera: Array
@@ -45,6 +46,7 @@ class Way:
     mean_brightness: float
     agitation: Array = field(default_factory=lambda: np.full(2, np.inf))
     unrest: float = 0.0
+    held_s: float = 0.0
 
     def starts(self, T_world_keyframe: Array, stamp_s: float) -> list[Array]:
         """4x4 motions T_camera_keyframe to begin with: as it moves on, and as it stands still."""
@@ -95,11 +97,19 @@ class Way:
         images: Images,
         light: tuple[float, float],
         unrest: float,
+        held_s: float,
     ) -> "Way":
         """The way up to the next good frame; the arguments are this class's."""
-        agitation = self.agitation_with(velocity)
-        brightness = images.mean_brightness
-        return Way(T_world_camera, velocity, images.stamp_s, light, brightness, agitation, unrest)
+        return Way(
+            T_world_camera,
+            velocity,
+            images.stamp_s,
+            light,
+            images.mean_brightness,
+            self.agitation_with(velocity),
+            unrest,
+            held_s,
+        )
 
     def light_at(self, images: Images) -> tuple[float, float]:
         """Gain and offset to begin with: as they were, or changed as the mean brightness."""
@@ -107,6 +117,10 @@ class Way:
         if abs(change - 1.0) <= SLIGHT:
             return self.light
         return change * self.light[0], change * self.light[1]
+
+    def is_held(self, stamp_s: float) -> bool:
+        """Whether a plain view may leave directions open at a stamp: it was held a moment ago."""
+        return self.is_soon(stamp_s) and stamp_s - self.held_s <= LONGEST_STEP_S
 
     def is_soon(self, stamp_s: float) -> bool:
         """Whether the last frames say anything of where the camera is at a stamp."""

@@ -1,13 +1,14 @@
 """Laying planes on surfaces: the motion found, and which directions of it are known."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.geometry import Array, adjoint, inverse, rigid_transform, rotation_from_vector
 from tests.vo_service.odometry.icp.views import FLOOR, ROOM, WALL, noisy, pose, view_of
 from tests.vo_service.odometry.walk import assert_close
-from vo_service.odometry.directions import directions, point_information
+from vo_service.odometry.directions import Directions, directions, point_information
 from vo_service.odometry.icp.alignment import COARSE_TO_FINE, align, measure
 from vo_service.odometry.icp.pyramid import Level, make_pyramid
 from vo_service.odometry.icp.residuals import locate
@@ -75,10 +76,19 @@ def test_what_is_known_depends_neither_on_units_nor_on_the_origin(seed: int, uni
     np.testing.assert_allclose(plain.clarity, changed.clarity, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.parametrize(("clarity", "share"), [(0.5, 0.0), (1.0, 0.0), (4.0, 0.75), (1e9, 1.0)])
+def test_a_motion_keeps_what_is_more_than_noise(clarity: float, share: float) -> None:
+    axes = np.random.default_rng(3).normal(size=(6, 6))
+    found = Directions(np.array([clarity, *[1e9] * 5]), axes).share
+    np.testing.assert_allclose(found @ axes[:, 0], share * axes[:, 0], atol=1e-6)
+    np.testing.assert_allclose(found @ axes[:, 1:], axes[:, 1:], atol=1e-6)
+
+
 def test_no_information_is_no_knowledge() -> None:
     nothing = directions(np.zeros((6, 6)), np.zeros((6, 6)))
     assert not nothing.clarity.any()
     assert nothing.known.shape == (6, 0)
+    assert not nothing.share.any()
 
 
 def test_the_step_is_the_derivative_of_the_residuals() -> None:

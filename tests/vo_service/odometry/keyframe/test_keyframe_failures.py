@@ -25,6 +25,8 @@ from tests.vo_service.odometry.keyframe.rolling_views import (
     without_depth,
 )
 from tests.vo_service.odometry.walk import assert_close, follow
+from vo_service.odometry.keyframe.twists import logarithm
+from vo_service.odometry.keyframe.way import LONGEST_STEP_S
 from vo_service.odometry.keyframe_odometry import (
     MOST_FAILURES,
     MOST_FAILURES_AT_FIRST,
@@ -34,6 +36,8 @@ from vo_service.odometry.keyframe_odometry import (
 SHAPE = (CAMERA.height, CAMERA.width)
 # Noise of the brightness, grey levels: bad, and still to be recognised.
 GRAIN = 45.0
+# 99 of 100 normalised squares of a motion's six errors are below it.
+CHI_SQUARED_99 = 16.8
 
 
 @pytest.fixture(scope="module")
@@ -144,6 +148,21 @@ def test_a_bare_wall_is_no_place_to_start_and_it_does_not_slide_along_one(times:
     assert not any(e.ok for e in lost)
     np.testing.assert_array_equal(lost[-1].T_world_camera, before.T_world_camera)
     assert odometry.estimate(wall[4]).ok
+
+
+def test_a_view_too_plain_is_followed_for_a_moment_and_told_and_then_lost() -> None:
+    """A painted wall, and the light goes out: the depth holds the camera in three directions."""
+    odometry = KeyframeOdometry()
+    wall = [noisy(seen(BRISK, k / 30, (WALL,)), k) for k in range(18)]
+    follow(odometry, wall[:4])
+    plain = follow(odometry, [dark(frame) for frame in wall[4:]])
+    assert {e.reason for e in plain} == {"too plain a view: 3 of 6 directions of motion are open"}
+    # The last frame that was held is of 0.1 s.
+    assert [e.ok for e in plain] == [k / 30 <= 0.1 + LONGEST_STEP_S for k in range(4, 18)]
+    for k, estimate in enumerate(plain[:12], start=4):
+        off = logarithm(inverse(estimate.T_world_camera) @ BRISK.at(k / 30))
+        assert off @ np.linalg.solve(estimate.covariance, off) < CHI_SQUARED_99
+    assert np.trace(plain[11].covariance) > 10.0 * np.trace(plain[0].covariance)
 
 
 def test_a_first_keyframe_needs_more_points_than_a_frame(views: list[RgbdFrame]) -> None:

@@ -87,12 +87,20 @@ def test_calm_says_nothing_of_the_velocity_after_a_long_time() -> None:
 
 def test_it_goes_on_from_the_next_good_frame() -> None:
     images = make_images(seen())
-    there = WAY.on(BRISK.at(1.1), BRISK.velocity, images, (1.2, 0.0), 0.7)
+    there = WAY.on(BRISK.at(1.1), BRISK.velocity, images, (1.2, 0.0), 0.7, 1.05)
     assert there.stamp_s == images.stamp_s
     assert there.light == (1.2, 0.0)
     assert there.unrest == 0.7
+    assert there.held_s == 1.05
     np.testing.assert_array_equal(there.agitation, WAY.agitation_with(BRISK.velocity))
     np.testing.assert_array_equal(there.T_world_camera, BRISK.at(1.1))
+
+
+@pytest.mark.parametrize(
+    ("held_s", "stamp_s", "is_held"), [(1.0, 1.35, True), (0.9, 1.35, False), (1.0, 1.45, False)]
+)
+def test_a_view_is_held_for_a_moment(held_s: float, stamp_s: float, is_held: bool) -> None:
+    assert replace(WAY, held_s=held_s).is_held(stamp_s) is is_held
 
 
 def expected_light(gain: float) -> Array:

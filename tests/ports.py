@@ -3,25 +3,24 @@
 import os
 import random
 import socket
+from collections.abc import Iterator
+from functools import cache
+from itertools import cycle
 from pathlib import Path
 
 LOWEST = 20000
-AT_ONCE = 16
+# So many workers have ports of their own.
+AT_ONCE = 4
 
 
 def free_port() -> int:
     """A port that nobody has, and that nobody else is given before the test uses it.
 
     Not from the range that the kernel takes ports of outgoing connections from, which a test that
-    runs beside this one may open at any time; and each of pytest's workers has ports of its own.
+    runs beside this one may open at any time. Each of pytest's workers has ports of its own, and
+    gives none again before it has given all.
     """
-    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-    outgoing = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
-    of_worker = range(LOWEST + worker % AT_ONCE, outgoing, AT_ONCE)
-    while True:
-        port = random.SystemRandom().choice(of_worker)
-        if _is_free(port):
-            return port
+    return next(port for port in _ports() if _is_free(port))
 
 
 def is_listening(port: int) -> bool:
@@ -38,3 +37,13 @@ def _is_free(port: int) -> bool:
         except OSError:
             return False
     return True
+
+
+@cache
+def _ports() -> Iterator[int]:
+    """Of this worker, in no order: another run of the tests begins with others."""
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    outgoing = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
+    ports = list(range(LOWEST + worker % AT_ONCE, outgoing, AT_ONCE))
+    random.SystemRandom().shuffle(ports)
+    return cycle(ports)

@@ -164,9 +164,9 @@ def _no_twist() -> tuple[Array, Array]:
 def _judge(estimate: Estimate) -> tuple[TrackingState, str]:
     if not estimate.ok:
         return TrackingState.LOST, estimate.reason
+    if estimate.reason:
+        return TrackingState.DEGRADED, estimate.reason
     if 0 < estimate.inliers < FEW_INLIERS:
         reason = f"only {estimate.inliers} of {estimate.matches} matches agree"
         return TrackingState.DEGRADED, reason
-    if estimate.reason:
-        return TrackingState.DEGRADED, estimate.reason
     return TrackingState.TRACKING, ""

@@ -23,7 +23,7 @@ def test_every_constant_has_another_value_that_can_be_read_again() -> None:
 
 
 def test_counts_stay_whole_and_what_would_not_change_is_left_out() -> None:
-    assert scaled("PLANE_RADIUS_PX", 1.2) == "PLANE_RADIUS_PX=10"
+    assert scaled("PLANE_RADIUS_PX", 1.2) == "PLANE_RADIUS_PX=7"
     assert scaled("PLANE_RADIUS_PX", 1.01) == ""
     assert scaled("VELOCITY_SIGMA", 0.5) == "VELOCITY_SIGMA=(0.015, 0.05)"
 

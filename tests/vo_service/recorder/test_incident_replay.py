@@ -27,8 +27,9 @@ from vo_service.settings import RecorderSettings
 
 
 def blinded(frame: RgbdFrame) -> RgbdFrame:
-    """The same, but black."""
-    return replace(frame, colour_bgr=np.zeros_like(frame.colour_bgr))
+    """The same, but black, and with no depth."""
+    colour_bgr, depth_raw = np.zeros_like(frame.colour_bgr), np.zeros_like(frame.depth_raw)
+    return replace(frame, colour_bgr=colour_bgr, depth_raw=depth_raw)
 
 
 class OneByOne(Collector):

@@ -15,11 +15,11 @@ from vo_service.mapping.places.landmarks import find_landmarks
 from vo_service.mapping.places.place import PackedPoints, Place
 from vo_service.mapping.places.view import FOLLOWED, PlaceView
 from vo_service.mapping.places.words import Words
-from vo_service.odometry.chance import ChanceTest
 from vo_service.odometry.keyframe.alignment import Alignment, Tie, align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.certainty import certainty
 from vo_service.odometry.keyframe.confidence import cover, doubt
+from vo_service.odometry.keyframe.features import IS_SIGHTED
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.measure import IN_IMAGE
 from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
@@ -33,8 +33,6 @@ from vo_service.odometry.surf import SurfExtractor
 
 # Features sought in a view, and those kept of them that have depth.
 SOUGHT, KEPT = 800, 500
-# A sighting is only where the alignment begins.
-SIGHTED = ChanceTest(if_right=0.2, by_chance=0.03)
 # This share of the place at least is in view.
 LEAST_IN_VIEW = 0.3
 # Features and the dense alignment agree to this,
@@ -131,7 +129,7 @@ class Recogniser:
             consensus = find_consensus(matches, parameters.max_hypotheses, parameters.seed)
             motion = refine_motion(consensus, matches)
             inliers = int(motion.inlier.sum())
-            if inliers >= parameters.min_inliers and SIGHTED.is_passed(inliers, len(matches)):
+            if inliers >= parameters.min_inliers and IS_SIGHTED.is_passed(inliers, len(matches)):
                 yield Sighting(place, motion.T_reference_camera, inliers)
 
     def confirm(self, view: PlaceView, sighting: Sighting) -> Recognition | None:

@@ -15,10 +15,18 @@ from vo_service.odometry.keyframe.system import GAIN, SIGMA_BRIGHTNESS, SIGMA_DE
 
 def agrees(counts: Array) -> bool:
     """Whether most of what is seen of a keyframe agrees with it."""
-    return bool(
-        counts[measure.DEPTH_AGREES] >= MOST * counts[measure.WITH_DEPTH]
-        and counts[measure.BRIGHTNESS_AGREES] >= MOST * counts[measure.WITH_BRIGHTNESS]
-    )
+    return not _disagreement(counts)
+
+
+def _disagreement(counts: Array) -> str:
+    """What does not agree with a keyframe; "" if both do."""
+    for what, agreeing, read in (
+        ("depths", counts[measure.DEPTH_AGREES], counts[measure.WITH_DEPTH]),
+        ("brightnesses", counts[measure.BRIGHTNESS_AGREES], counts[measure.WITH_BRIGHTNESS]),
+    ):
+        if agreeing < MOST * read:
+            return f"{agreeing:.0f} of {read:.0f} {what} agree with the keyframe's"
+    return ""
 
 
 def oddness(found: Alignment) -> float:
@@ -60,9 +68,8 @@ def doubt(found: Alignment) -> str:
     read = int(counts[measure.WITH_DEPTH] + counts[measure.WITH_BRIGHTNESS])
     if read < FEWEST_POINTS:
         return f"only {read} readings of what is in view"
-    if not agrees(counts):
-        agreeing = int(counts[measure.DEPTH_AGREES] + counts[measure.BRIGHTNESS_AGREES])
-        return f"{agreeing} of {read} readings agree with the keyframe"
+    if reason := _disagreement(counts):
+        return reason
     if fit[SIGMA_DEPTH] > WRONG_SPREADS[1]:
         return "the depth does not fit the keyframe's"
     if found.by_brightness and fit[SIGMA_BRIGHTNESS] > WRONG_SPREADS[0]:

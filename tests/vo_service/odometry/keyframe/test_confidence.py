@@ -50,8 +50,8 @@ def test_a_good_alignment_is_believed_and_lacks_nothing() -> None:
     [
         (counted(IN_IMAGE=40), "40 of "),
         (counted(DISREGARDED=0.9 * GOOD.counts[measure.IN_IMAGE]), "90 % of the view does not fit"),
-        (counted(DEPTH_AGREES=0), "readings agree with the keyframe"),
-        (counted(BRIGHTNESS_AGREES=0), "readings agree with the keyframe"),
+        (counted(DEPTH_AGREES=0), "depths agree with the keyframe's"),
+        (counted(BRIGHTNESS_AGREES=0), "brightnesses agree with the keyframe's"),
         (counted(WITH_DEPTH=0, WITH_BRIGHTNESS=9), "only 9 readings"),
         (fitted(SIGMA_DEPTH=1.0), "the depth does not fit"),
         (fitted(SIGMA_BRIGHTNESS=100.0), "the brightness does not fit"),

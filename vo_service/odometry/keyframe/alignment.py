@@ -27,8 +27,9 @@ Points = Sequence[Array]
 
 # Steps at most, by level.
 STEPS = (24, 24, 15, 12)
-# A step of so few metres and radians, well below the noise, is the last one of its level.
-LAST_STEP = 1e-4
+# A step of so few metres and radians is the last one of its level: of the finest it is well below
+# the noise, of the others below what the next finer one mends.
+LAST_STEPS = (2e-4, 7e-4, 2e-3, 4e-3)
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ def align(
             weights if level < FINE_LEVELS else at_start,
             fit,
             STEPS[level],
-            LAST_STEP,
+            LAST_STEPS[level],
         )
     T = orthonormal(T)
     readings = look_at(points, images, T, velocity, 0)

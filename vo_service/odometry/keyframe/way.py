@@ -119,8 +119,11 @@ class Way:
         return change * self.light[0], change * self.light[1]
 
     def is_held(self, stamp_s: float) -> bool:
-        """Whether a plain view may leave directions open at a stamp: it was held a moment ago."""
-        return self.is_soon(stamp_s) and stamp_s - self.held_s <= LONGEST_STEP_S
+        """Whether a view may leave directions open at a stamp: it was held a moment ago.
+
+        Not between frames further apart: how it moved before says too little then.
+        """
+        return not self.is_long_ago(stamp_s) and stamp_s - self.held_s <= LONGEST_STEP_S
 
     def is_soon(self, stamp_s: float) -> bool:
         """Whether the last frames say anything of where the camera is at a stamp."""

@@ -21,7 +21,8 @@ from benchmarks.boot_again import SECOND_BOOT
 from benchmarks.boot_checks import FIRST_BOOT
 from benchmarks.boot_computer import Computer
 from benchmarks.boot_container import booted, make_tree, why_not
-from benchmarks.boot_listener import free_port, listening
+from benchmarks.boot_listener import listening
+from tests.ports import free_port
 
 CHECKOUT = Path(__file__).parents[1]
 COMMAND = CHECKOUT / ".venv" / "bin" / "kinect-vo"

@@ -9,7 +9,8 @@ from pathlib import Path
 import zenoh
 
 from benchmarks.boot_computer import RENDER_LIMIT_S, Computer
-from benchmarks.boot_listener import Listener, free_port, listening
+from benchmarks.boot_listener import Listener, listening
+from tests.ports import free_port
 
 PROFILES = Path(__file__).parents[1] / "config" / "zenoh"
 INSTALLED = "/usr/local/bin/kinect-vo"

@@ -1,7 +1,6 @@
 """A subscriber outside the container, which hears what the service inside publishes."""
 
 import json
-import socket
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -59,11 +58,3 @@ def listening(port: int, prefix: str = "kinect") -> Iterator[Listener]:
     """One for a service that listens on a port of this computer."""
     with zenoh.open(zenoh.Config.from_json5(SETTINGS.format(port=port))) as session:
         yield Listener(session, prefix)
-
-
-def free_port() -> int:
-    """A port of 127.0.0.1 that the kernel has just found free."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port

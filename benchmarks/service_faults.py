@@ -10,7 +10,6 @@ measured by `benchmarks.sensor_faults`.
 
 import argparse
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -27,7 +26,6 @@ from tests.vo_service.live_faults import LIVE_FAULTS, Around, pass_through
 from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
 from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
 from tests.vo_service.service_faults import Passed
-from vo_service.folders import kernel_folder
 
 Measurement = Callable[[], Passed]
 
@@ -42,7 +40,6 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=3, help="of each (default: 3)")
     rounds = parser.parse_args().rounds
     # Kernels that a service has to compile first would say nothing of the faults.
-    os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())
     subprocess.run([KINECT_VO, "warm-up"], check=True)
     # What is killed may leave a recorder that still writes.
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:

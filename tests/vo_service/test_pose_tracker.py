@@ -187,6 +187,13 @@ def test_few_inliers_degrade_the_pose(inliers: int, state: TrackingState, reason
     assert (found.state, found.reason) == (state, reason)
 
 
+@pytest.mark.parametrize("inliers", [15, 200])
+def test_what_a_method_says_of_itself_is_told_first(inliers: int) -> None:
+    estimate = replace(good(np.eye(4)), inliers=inliers, reason="by depth alone")
+    found = update(PoseTracker(), estimate)
+    assert (found.state, found.reason) == (TrackingState.DEGRADED, "by depth alone")
+
+
 def test_a_lost_frame_holds_the_last_pose_and_says_why() -> None:
     tracker = PoseTracker()
     walk(tracker, [motion(1.0)])

@@ -21,6 +21,7 @@ from vo_service.odometry.keyframe.falloff import Falloff
 from vo_service.odometry.keyframe.first_keyframe import made_anew
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
+from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
 from vo_service.odometry.keyframe.parameters import FEWEST_POINTS, PATIENCE_FRAMES
 from vo_service.odometry.keyframe.plain_view import carried_on
@@ -131,7 +132,7 @@ class KeyframeOdometry:
 
     def _start(self, frame: RgbdFrame, images: Images, restarted: bool) -> Estimate:
         """Make this frame the first keyframe, if it has enough points to be laid on others."""
-        keyframe = make_keyframe(frame, images, self._T_world_camera, np.zeros(6), ALL_STILL)
+        keyframe = make_keyframe(frame, images, self._T_world_camera, at_rest(), ALL_STILL)
         evidence = Evidence(keypoints_px=draw_points(keyframe))
         if reason := self._why_no_start(keyframe, images):
             return self._estimate(False, f"cannot start: {reason}", evidence)

@@ -9,7 +9,8 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.depth_noise import depth_sigma_m, lateral_sigma_m
-from vo_service.odometry.keyframe.rows import moved, row_time
+from vo_service.odometry.keyframe.movement import at_constant, later, moved
+from vo_service.odometry.keyframe.rows import row_time
 from vo_service.odometry.points import FeaturePoints, locate_features
 from vo_service.odometry.surf import SurfExtractor
 
@@ -67,7 +68,7 @@ def find_landmarks(
         features.position_px[chosen, 1].astype(np.float64),
         frame.camera.height,
         frame.readout_s,
-        velocity,
+        at_constant(velocity),
     )
     return Landmarks(
         look=np.clip(features.descriptor[chosen], -127, 127).astype(np.int8),
@@ -78,12 +79,15 @@ def find_landmarks(
 
 @kernel
 def at_stamp(
-    position_m: Array, row_px: Array, height: int, readout_s: float, velocity: Array
+    position_m: Array, row_px: Array, height: int, readout_s: float, movement: Array
 ) -> Array:
-    """Points (N, 3), each seen by its row (N,), as they are at the instant of the middle row."""
+    """Points (N, 3), each seen by its row (N,), as they are at the instant of the middle row.
+
+    movement  (9,) of the camera in its own axes, see `movement`
+    """
     settled = np.empty_like(position_m)
     for n in range(len(position_m)):
         x, y, z = position_m[n]
-        early_s = -row_time(row_px[n], height, readout_s)
-        settled[n, 0], settled[n, 1], settled[n, 2] = moved(velocity, x, y, z, early_s)
+        tau = row_time(row_px[n], height, readout_s)
+        settled[n, 0], settled[n, 1], settled[n, 2] = moved(later(movement, tau), x, y, z, -tau)
     return settled

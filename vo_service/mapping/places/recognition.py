@@ -10,18 +10,25 @@ from types import MappingProxyType
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, adjoint, are_near, inverse
+from drivers.geometry import Array, are_near, inverse
 from vo_service.mapping.places.landmarks import find_landmarks
 from vo_service.mapping.places.place import PackedPoints, Place
 from vo_service.mapping.places.view import FOLLOWED, PlaceView
 from vo_service.mapping.places.words import Words
-from vo_service.odometry.keyframe.alignment import Alignment, Tie, align, all_alike
+from vo_service.odometry.keyframe.alignment import (
+    Alignment,
+    Tie,
+    align,
+    all_alike,
+    known_within,
+)
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.certainty import certainty
 from vo_service.odometry.keyframe.confidence import cover, doubt
 from vo_service.odometry.keyframe.features import IS_SIGHTED
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.measure import IN_IMAGE
+from vo_service.odometry.keyframe.movement import at_constant, in_axes
 from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
 from vo_service.odometry.keyframe.points import find_points
 from vo_service.odometry.matching import match_features
@@ -90,7 +97,7 @@ class Recogniser:
 
     def place(self, view: PlaceView, number: int, world: int, T_world_place: Array) -> Place:
         """Make a place of a view."""
-        points = find_points(view.images, view.velocity, ALL_STILL)
+        points = find_points(view.images, at_constant(view.velocity), ALL_STILL)
         return Place(
             number=number,
             world=world,
@@ -162,9 +169,8 @@ def _contradict(best: Sighting, other: Sighting, T_map_place: Poses) -> bool:
 
 def _tie(view: PlaceView, T_place_camera: Array) -> Tie:
     """What is known of the velocity: no frame before ties it to the motion."""
-    velocity = -adjoint(T_place_camera) @ view.velocity
-    information = np.repeat(np.array(view.known_to) ** -2, 3)
-    return Tie(T_place_camera, 0.0, velocity, information)
+    movement = in_axes(at_constant(-view.velocity), T_place_camera)
+    return Tie(T_place_camera, 0.0, movement, known_within(np.array(view.known_to)))
 
 
 def _is_doubtful(found: Alignment) -> bool:

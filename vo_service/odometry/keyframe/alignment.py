@@ -10,9 +10,15 @@ from drivers.geometry import Array, orthonormal
 from vo_service.odometry.keyframe import measure
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
-from vo_service.odometry.keyframe.descent import FIRST_SWEEPS, body_velocity, descend
+from vo_service.odometry.keyframe.descent import FIRST_SWEEPS, descend
 from vo_service.odometry.keyframe.images import FINE_LEVELS, Images
-from vo_service.odometry.keyframe.parameters import SPREADS, VELOCITY_RANGE, VELOCITY_SIGMA
+from vo_service.odometry.keyframe.movement import ACCELERATION, COLUMNS, at_rest, body_movement
+from vo_service.odometry.keyframe.parameters import (
+    SPANS_S,
+    SPREADS,
+    VELOCITY_RANGE,
+    VELOCITY_SIGMA,
+)
 from vo_service.odometry.keyframe.readings import read_points
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import (
@@ -25,6 +31,8 @@ from vo_service.odometry.keyframe.system import (
 
 Points = Sequence[Array]
 
+# In this time a hand's turning changes by as much as from one frame to the next.
+TREMOR_S, *_ = SPANS_S
 # Steps at most, by level.
 STEPS = (24, 24, 15, 12)
 # A step of so few metres and radians is the last one of its level: of the finest it is well below
@@ -34,27 +42,34 @@ LAST_STEPS = (2e-4, 7e-4, 2e-3, 4e-3)
 
 @dataclass(frozen=True)
 class Tie:
-    """What is known of the velocity before a frame is looked at.
+    """What is known of the movement before a frame is looked at.
 
     T_keyframe_last  4x4, camera to keyframe, of the frame before
     rate_hz          1 / the time since that frame; 0 without one
-    velocity         (6,) expected, of the motion in the keyframe's axes, m/s and rad/s
-    information      (6,) how well it is known by the mean since the frame before
+    movement         (9,) expected, of the motion in the keyframe's axes, see `movement`
+    information      (9,) how well it is known by the mean velocity since the frame before
     """
 
     T_keyframe_last: Array
     rate_hz: float
-    velocity: Array
+    movement: Array
     information: Array
 
     def loosened(self) -> "Tie":
         """Where the way since the last frame is not known: a velocity that may have changed."""
-        information = np.repeat((VELOCITY_RANGE[1] * np.array(VELOCITY_SIGMA)) ** -2, 3)
-        return replace(self, rate_hz=0.0, information=information)
+        sigma = VELOCITY_RANGE[1] * np.array(VELOCITY_SIGMA)
+        return replace(self, rate_hz=0.0, information=known_within(sigma))
 
 
 # Of a frame laid on itself.
-STANDING = Tie(np.eye(4), 0.0, np.zeros(6), np.full(6, 1e6))
+STANDING = Tie(np.eye(4), 0.0, at_rest(), np.full(COLUMNS, 1e6))
+
+
+def known_within(sigma: Array) -> Array:
+    """(9,) information of a movement whose velocity is known to sigma (2,), m/s and rad/s."""
+    translation, rotation = sigma**-2.0
+    acceleration = rotation * TREMOR_S**2
+    return np.repeat([translation, rotation, acceleration], 3)
 
 
 @dataclass(frozen=True)
@@ -62,7 +77,7 @@ class Alignment:
     """Where a keyframe's points came to lie.
 
     T_camera_keyframe  4x4
-    velocity           (6,) twist of the motion in the keyframe's axes, m/s and rad/s
+    movement           (9,) of the motion in the keyframe's axes, see `movement`
     fit                (4,) gain, offset and the two spreads, see `system`
     counts             (7,) see `measure`, of the finest level
     readings           (N, COLUMNS), see `readings`, of the finest level's points
@@ -70,16 +85,21 @@ class Alignment:
     """
 
     T_camera_keyframe: Array
-    velocity: Array
+    movement: Array
     fit: Array
     counts: Array
     readings: Array
     weights: Array
 
     @property
+    def camera_movement(self) -> Array:
+        """(9,) of the camera in its own axes, see `movement`."""
+        return body_movement(self.T_camera_keyframe, self.movement)
+
+    @property
     def camera_velocity(self) -> Array:
         """(6,) twist of the camera in its own axes, m/s and rad/s."""
-        return body_velocity(self.T_camera_keyframe, self.velocity)
+        return self.camera_movement[:ACCELERATION]
 
     @property
     def is_still(self) -> NDArray[np.bool_]:
@@ -135,12 +155,12 @@ def align(
     # A camera that comes back may have images of another size.
     coarsest = min(len(images.grey), len(points)) - 1
     fit = start_fit(light)
-    costs = [_cost(points, images, T, tie.velocity, fit, coarsest) for T in starts]
-    T, velocity = starts[int(np.argmin(costs))], tie.velocity
+    costs = [_cost(points, images, T, tie.movement, fit, coarsest) for T in starts]
+    T, movement = starts[int(np.argmin(costs))], tie.movement
     # Coarse levels have too few points to tell regions by: those of the start are taken there.
-    at_start = _regions(points, images, T, velocity, fit.copy(), weights)
+    at_start = _regions(points, images, T, movement, fit.copy(), weights)
     for level in range(coarsest, -1, -1):
-        T, velocity = descend(
+        T, movement = descend(
             points[level],
             images.grey[level],
             images.intrinsics[level + 1],
@@ -150,7 +170,7 @@ def align(
             images.shutter.skew_s,
             images.falloff,
             T,
-            velocity,
+            movement,
             tie.T_keyframe_last,
             tie.rate_hz,
             tie.information,
@@ -160,30 +180,30 @@ def align(
             LAST_STEPS[level],
         )
     T = orthonormal(T)
-    readings = look_at(points, images, T, velocity, 0)
+    readings = look_at(points, images, T, movement, 0)
     by_region = weigh_regions(points[0], readings, fit, weights)
     counts = measure.count(points[0], readings, fit, by_region)
-    return Alignment(T, velocity, fit, counts, readings, by_region)
+    return Alignment(T, movement, fit, counts, readings, by_region)
 
 
 def _regions(
-    points: Points, images: Images, T: Array, velocity: Array, fit: Array, weights: Array
+    points: Points, images: Images, T: Array, movement: Array, fit: Array, weights: Array
 ) -> Array:
     """(2, CELLS) weights by how regions fit where the motion is begun."""
     level = min(FINE_LEVELS, len(images.grey)) - 1
-    readings = look_at(points, images, T, velocity, level)
+    readings = look_at(points, images, T, movement, level)
     for _ in range(FIRST_SWEEPS):
         fit_light(points[level], readings, weights, fit)
     return weigh_regions(points[level], readings, fit, weights)
 
 
-def look_at(points: Points, images: Images, T: Array, velocity: Array, level: int) -> Array:
+def look_at(points: Points, images: Images, T: Array, movement: Array, level: int) -> Array:
     """(N, COLUMNS) readings of a level's points at a motion that is given."""
     readings = np.empty((len(points[level]), reading_columns.COLUMNS))
     read_points(
         points[level],
         T,
-        body_velocity(T, velocity),
+        body_movement(T, movement),
         images.grey[level],
         images.intrinsics[level + 1],
         images.inverse_depth,
@@ -197,10 +217,10 @@ def look_at(points: Points, images: Images, T: Array, velocity: Array, level: in
 
 
 def _cost(
-    points: Points, images: Images, T: Array, velocity: Array, fit: Array, level: int
+    points: Points, images: Images, T: Array, movement: Array, fit: Array, level: int
 ) -> float:
     """Mean robust cost of all points; those out of view cost as much as the worst."""
-    readings = look_at(points, images, T, velocity, level)
+    readings = look_at(points, images, T, movement, level)
     counts = measure.count(points[level], readings, fit, all_alike())
     missing = len(points[level]) - counts[measure.IN_IMAGE]
     return float(counts[measure.COST] + measure.MOST_COST * missing) / max(len(points[level]), 1)

@@ -13,6 +13,7 @@ from drivers.geometry import Array, carried, inverse
 from vo_service.odometry.directions import Directions, directions, point_information
 from vo_service.odometry.keyframe.alignment import Alignment, Points, Tie
 from vo_service.odometry.keyframe.images import Images, Shutter
+from vo_service.odometry.keyframe.movement import ACCELERATION, UNKNOWNS
 from vo_service.odometry.keyframe.noise import weigh
 from vo_service.odometry.keyframe.parameters import SHARED, SIGMAS
 from vo_service.odometry.keyframe.system import UPPER, band_times, sum_bands, with_times
@@ -73,20 +74,20 @@ def certainty(
 
 
 def _of_readings(H: Array, pulls: Array, tie: Tie) -> Array:
-    """6x6 for what the readings disagree about, and for the velocities of frame and keyframe."""
+    """6x6 for what the readings disagree about, and for the movements of frame and keyframe."""
     of_tie = _information(tie)
     bread = np.linalg.inv(_regular(H + of_tie))
     both = bread @ (pulls.T @ pulls + of_tie) @ bread
-    # The keyframe's rows were brought to one instant by a velocity that is no better known.
+    # The keyframe's rows were brought to one instant by a movement that is no better known.
     moves = np.linalg.solve(_regular(H[:6, :6]), H[:6, 6:])
     covariance: Array = both[:6, :6] + moves @ both[6:, 6:] @ moves.T
     return covariance
 
 
 def _pulls_of_bands(bands: Array, shutter: Shutter) -> Array:
-    """(2 BANDS, 12) what each band of rows pulls the motion and the velocity by."""
-    pulls = bands[:, 21:]
-    return np.hstack([pulls, band_times(shutter.readout_s, shutter.skew_s)[:, None] * pulls])
+    """(2 BANDS, 15) what each band of rows pulls the motion and the movement by."""
+    pulls, times_s = bands[:, 21:], band_times(shutter.readout_s, shutter.skew_s)[:, None]
+    return np.hstack([pulls, times_s * pulls, 0.5 * times_s**2 * pulls[:, 3:]])
 
 
 def _of_strays(H: Array, bands: Array, shutter: Shutter, agitation: Array) -> Array:
@@ -106,12 +107,13 @@ def _of_strays(H: Array, bands: Array, shutter: Shutter, agitation: Array) -> Ar
 
 
 def _information(tie: Tie) -> Array:
-    """(12, 12) of the tie between motion and velocity."""
-    both, rate_hz = np.zeros((12, 12)), tie.rate_hz
-    motion, velocity = np.arange(6), np.arange(6, 12)
-    both[motion, motion] = rate_hz**2 * tie.information
-    both[motion, velocity] = both[velocity, motion] = -rate_hz * tie.information
-    both[velocity, velocity] = tie.information
+    """(15, 15) of the tie between motion and movement."""
+    both, rate_hz = np.zeros((UNKNOWNS, UNKNOWNS)), tie.rate_hz
+    motion, velocity, movement = np.arange(6), np.arange(6, 12), np.arange(6, UNKNOWNS)
+    of_velocity = tie.information[:ACCELERATION]
+    both[motion, motion] = rate_hz**2 * of_velocity
+    both[motion, velocity] = both[velocity, motion] = -rate_hz * of_velocity
+    both[movement, movement] = tie.information
     return both
 
 

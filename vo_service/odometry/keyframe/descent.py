@@ -1,4 +1,4 @@
-"""Gauss-Newton on one level: the motion that lays a keyframe on a frame, and its velocity."""
+"""Gauss-Newton on one level: the motion that lays a keyframe on a frame, and its movement."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
+from vo_service.odometry.keyframe.movement import ACCELERATION, COLUMNS, body_movement
 from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
 from vo_service.odometry.keyframe.readings import read_points
 from vo_service.odometry.keyframe.regions import weigh_regions
@@ -30,32 +31,32 @@ def descend(
     skew_s: float,
     falloff: float,
     T_camera_keyframe: Array,
-    velocity: Array,
+    movement: Array,
     T_keyframe_last: Array,
     rate_hz: float,
-    velocity_information: Array,
+    information: Array,
     basic_weights: Array,
     fit: Array,
     steps: int,
     last_step: float,
 ) -> tuple[Array, Array]:
-    """T_camera_keyframe and the velocity after some steps.
+    """T_camera_keyframe and the movement after some steps.
 
-    velocity              (6,) expected, twist of the motion in the keyframe's axes, m/s and rad/s
-    falloff               see `read_points`
-    T_keyframe_last       4x4, camera to keyframe, of the frame before
-    rate_hz               frames a second since that; 0 ties the velocity to nothing but itself
-    velocity_information  (6,) how well the velocity is known by the way since the frame before
-    fit                   see `system`; in and out
-    last_step             a step as small as this, in m and rad, is the last
+    movement         (9,) expected, of the motion in the keyframe's axes, see `movement`
+    falloff          see `read_points`
+    T_keyframe_last  4x4, camera to keyframe, of the frame before
+    rate_hz          frames a second since that; 0 ties the velocity to nothing but itself
+    information      (9,) how well the movement is known by the way since the frame before
+    fit              see `system`; in and out
+    last_step        a step as small as this, in m and rad, is the last
     """
-    T, expected, velocity = T_camera_keyframe.copy(), velocity, velocity.copy()
+    T, expected, movement = T_camera_keyframe.copy(), movement.copy(), movement.copy()
     readings = np.empty((len(points), reading_columns.COLUMNS))
     for step in range(steps):
         read_points(
             points,
             T,
-            body_velocity(T, velocity),
+            body_movement(T, movement),
             grey,
             intrinsics,
             inverse_depth,
@@ -70,15 +71,16 @@ def descend(
             fit_light(points, readings, cell_weights, fit)
         bands = sum_bands(points, readings, cell_weights, fit)
         H, g = with_times(bands, readout_s, skew_s)
-        mean = expected if rate_hz == 0.0 else logarithm(product(T_keyframe_last, T)) * rate_hz
-        tie_velocity(H, g, velocity - mean, rate_hz, velocity_information)
+        if rate_hz != 0.0:
+            expected[:ACCELERATION] = logarithm(product(T_keyframe_last, T)) * rate_hz
+        tie_movement(H, g, movement - expected, rate_hz, information)
         hold_loosely(H)
         x = solve(H, g)
         T = product(T, exponential(-x[:6]))
-        velocity -= x[6:]
+        movement -= x[6:]
         if np.max(np.abs(x[:6])) < last_step:
             break
-    return T, velocity
+    return T, movement
 
 
 @kernel
@@ -90,37 +92,20 @@ def hold_loosely(H: Array) -> None:
 
 
 @kernel
-def body_velocity(T_camera_keyframe: Array, velocity: Array) -> Array:
-    """The camera's velocity in its own axes (6,), of that of the motion in the keyframe's axes.
+def tie_movement(H: Array, g: Array, off: Array, rate_hz: float, information: Array) -> None:
+    """Add what is known of the movement: its velocity is about the mean since the frame before.
 
-    The points move through the camera's axes as the camera does not: minus the adjoint.
+    off  (9,) how far it is from that now
     """
-    T = T_camera_keyframe
-    own = np.empty(6)
-    for i in range(3):
-        own[i] = -(T[i, 0] * velocity[0] + T[i, 1] * velocity[1] + T[i, 2] * velocity[2])
-        own[3 + i] = -(T[i, 0] * velocity[3] + T[i, 1] * velocity[4] + T[i, 2] * velocity[5])
-    tx, ty, tz = T[0, 3], T[1, 3], T[2, 3]
-    own[0] += ty * own[5] - tz * own[4]
-    own[1] += tz * own[3] - tx * own[5]
-    own[2] += tx * own[4] - ty * own[3]
-    return own
-
-
-@kernel
-def tie_velocity(H: Array, g: Array, off: Array, rate_hz: float, information: Array) -> None:
-    """Add what is known of the velocity: it is about the mean since the frame before.
-
-    off  (6,) how far it is from that now
-    """
-    for i in range(6):
+    for i in range(COLUMNS):
         P = information[i]
         H[6 + i, 6 + i] += P
-        H[6 + i, i] -= P * rate_hz
-        H[i, 6 + i] -= P * rate_hz
-        H[i, i] += P * rate_hz * rate_hz
         g[6 + i] += P * off[i]
-        g[i] -= P * rate_hz * off[i]
+        if i < ACCELERATION:
+            H[6 + i, i] -= P * rate_hz
+            H[i, 6 + i] -= P * rate_hz
+            H[i, i] += P * rate_hz * rate_hz
+            g[i] -= P * rate_hz * off[i]
 
 
 @kernel

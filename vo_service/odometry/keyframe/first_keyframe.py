@@ -5,6 +5,7 @@ from vo_service.odometry.keyframe.alignment import align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import make_keyframe
+from vo_service.odometry.keyframe.movement import at_constant
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.twists import logarithm
 from vo_service.odometry.keyframe.way import Way
@@ -19,9 +20,9 @@ def made_anew(found: Found, images: Images, way: Way) -> Found:
     for _ in range(ROUNDS):
         before = found.keyframe
         T_first_second = inverse(found.alignment.T_camera_keyframe)
-        velocity = logarithm(T_first_second) * found.tie.rate_hz
+        movement = at_constant(logarithm(T_first_second) * found.tie.rate_hz)
         keyframe = make_keyframe(
-            before.frame, before.images, before.T_world_keyframe, velocity, ALL_STILL
+            before.frame, before.images, before.T_world_keyframe, movement, ALL_STILL
         )
         start = found.alignment.T_camera_keyframe
         again = align(keyframe.points, images, [start], found.tie, way.light, all_alike())

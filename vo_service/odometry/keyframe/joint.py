@@ -17,6 +17,7 @@ from vo_service.odometry.keyframe.descent import solve
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import Keyframe
 from vo_service.odometry.keyframe.measure import count
+from vo_service.odometry.keyframe.movement import in_axes
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import UPPER, fit_light, sum_bands
 from vo_service.odometry.keyframe.twists import exponential, product
@@ -39,10 +40,10 @@ def align_jointly(
 ) -> Array:
     """4x4 T_camera_active that fits the active keyframe and the others best.
 
-    The keyframes stay where they are, and so does the velocity. One that does not agree with the
+    The keyframes stay where they are, and so does the movement. One that does not agree with the
     frame is left out.
     """
-    T, velocity = found.T_camera_keyframe, found.velocity
+    T = found.T_camera_keyframe
     pairs = [_Pair(active, np.eye(4), found.fit.copy())]
     for other in others:
         T_other_active = inverse(other.T_world_keyframe) @ active.T_world_keyframe
@@ -53,7 +54,8 @@ def align_jointly(
             Ad = adjoint(pair.T_keyframe_active)
             T_camera_keyframe = T @ inverse(pair.T_keyframe_active)
             points = pair.keyframe.points[0]
-            readings = look_at(pair.keyframe.points, images, T_camera_keyframe, Ad @ velocity, 0)
+            movement = in_axes(found.movement, pair.T_keyframe_active)
+            readings = look_at(pair.keyframe.points, images, T_camera_keyframe, movement, 0)
             cells = weigh_regions(points, readings, pair.fit, all_alike())
             for _ in range(3 if step == 0 else 1):
                 fit_light(points, readings, cells, pair.fit)

@@ -6,15 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, adjoint, inverse
+from drivers.geometry import Array, inverse
 from vo_service.odometry.keyframe.alignment import Tie, align, all_alike
-from vo_service.odometry.keyframe.cells import CELLS
+from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.images import Images, Shutter, make_images
+from vo_service.odometry.keyframe.movement import COLUMNS, at_constant, in_axes
 from vo_service.odometry.keyframe.points import find_points
 from vo_service.odometry.keyframe.system import SIGMA_BRIGHTNESS
 
-# Information of a velocity that is given: no image changes it.
-GIVEN = np.full(6, 1e12)
+# Information of a movement that is given: no image changes it.
+GIVEN = np.full(COLUMNS, 1e12)
 
 
 @dataclass(frozen=True)
@@ -45,13 +46,13 @@ def brightness_spreads(reference: Moment, others: Iterable[Moment]) -> list[floa
 
     Only the poses are found anew, from those that are given; the velocities are taken as they are.
     """
-    points = find_points(reference.images, reference.velocity, np.ones(CELLS, np.bool_))
+    points = find_points(reference.images, at_constant(reference.velocity), ALL_STILL)
     spreads = []
     for other in others:
         T_reference_other = inverse(reference.T_world_camera) @ other.T_world_camera
         # The motion's twist in the reference's axes: minus the camera's.
-        velocity = -adjoint(T_reference_other) @ other.velocity
-        tie = Tie(T_reference_other, 0.0, velocity, GIVEN)
+        movement = in_axes(at_constant(-other.velocity), T_reference_other)
+        tie = Tie(T_reference_other, 0.0, movement, GIVEN)
         start = inverse(T_reference_other)
         found = align(points, other.images, [start], tie, (1.0, 0.0), all_alike())
         spreads.append(float(found.fit[SIGMA_BRIGHTNESS]))

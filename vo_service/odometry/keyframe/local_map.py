@@ -24,14 +24,14 @@ class Keyframe:
 
     points            (N, COLUMNS) of each level, in its camera's axes at its stamp
     T_world_keyframe  4x4
-    velocity          (6,) twist of its camera in its own axes, m/s and rad/s
+    movement          (9,) of its camera in its own axes, see `movement`
     frame             for features, where those are needed
     """
 
     points: tuple[Array, ...]
     images: Images
     T_world_keyframe: Array
-    velocity: Array
+    movement: Array
     frame: RgbdFrame
 
 
@@ -39,12 +39,12 @@ def make_keyframe(
     frame: RgbdFrame,
     images: Images,
     T_world_keyframe: Array,
-    velocity: Array,
+    movement: Array,
     is_still: NDArray[np.bool_],
 ) -> Keyframe:
-    """A keyframe of a frame whose pose and velocity are known; see `find_points`."""
-    points = find_points(images, velocity, is_still)
-    return Keyframe(points, images, T_world_keyframe, velocity, frame)
+    """A keyframe of a frame whose pose and movement are known; see `find_points`."""
+    points = find_points(images, movement, is_still)
+    return Keyframe(points, images, T_world_keyframe, movement, frame)
 
 
 @dataclass(frozen=True)

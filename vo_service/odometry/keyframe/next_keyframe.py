@@ -62,7 +62,7 @@ def choose(frame: RgbdFrame, images: Images, found: Found, local_map: LocalMap) 
     if hidden(found.alignment) > LITTLE:
         return found.keyframe
     keyframe = make_keyframe(
-        frame, images, T_world_camera, found.alignment.camera_velocity, found.alignment.is_still
+        frame, images, T_world_camera, found.alignment.camera_movement, found.alignment.is_still
     )
     keyframe = without_strangers(keyframe, local_map.keyframes)
     if len(keyframe.points[0]) < LITTLE * len(found.keyframe.points[0]):

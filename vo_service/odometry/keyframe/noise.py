@@ -3,9 +3,10 @@
 import numpy as np
 
 from drivers.geometry import Array
-from drivers.jit import kernel
+from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.cells import CELLS
+from vo_service.odometry.keyframe.movement import UNKNOWNS
 from vo_service.odometry.keyframe.parameters import BRIGHTNESS_SHARE, FREEDOM, SLOPE_NOISE
 from vo_service.odometry.keyframe.points import (
     BRIGHTNESS,
@@ -36,12 +37,12 @@ def weigh(
     focal_px: float,
     depth_focal_px: float,
 ) -> tuple[Array, Array]:
-    """(CELLS, 12) what each cell pulls the motion and the velocity by, and moments (4, 4).
+    """(CELLS, 15) what each cell pulls the motion and the movement by, and moments (4, 4).
 
-    A cell's pull is sum w [J, tau J] r, see `sum_system`. The moments are sum w v^2 q q^T, with q
+    A cell's pull is sum w J' r, see `with_times`. The moments are sum w v^2 q q^T, with q
     the point (x, y, z, 1) and v^2 the variance of its derivative for the noise of its slopes.
     """
-    pulls, moments = np.zeros((CELLS, 12)), np.zeros((4, 4))
+    pulls, moments = np.zeros((CELLS, UNKNOWNS)), np.zeros((4, 4))
     J, q = np.empty(6), np.ones(4)
     gain, offset = fit[GAIN], fit[OFFSET]
     variance, variance_depth = fit[SIGMA_BRIGHTNESS] ** 2, fit[SIGMA_DEPTH] ** 2
@@ -58,22 +59,27 @@ def weigh(
             noise += w * (gain * SLOPE_NOISE[0] * focal_px / points[i, 2]) ** 2
             jacobian(points[i], TO_BRIGHTNESS, gain, J)
             row = (readings[i, reading_columns.COLOUR_BAND] + 0.5) / BANDS - 0.5
-            for k in range(6):
-                pulls[cell, k] += w * J[k] * residual
-                pulls[cell, 6 + k] += row * readout_s * w * J[k] * residual
+            _pull(pulls[cell], J, row * readout_s, w * residual)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
             w = (FREEDOM + 1.0) / (FREEDOM + depth * depth / variance_depth) / variance_depth
             w *= weights[1, cell]
             noise += w * (SLOPE_NOISE[1] * depth_focal_px / points[i, 2]) ** 2
             jacobian(points[i], TO_DEPTH, 1.0, J)
             row = (readings[i, reading_columns.DEPTH_BAND] + 0.5) / BANDS - 0.5
-            tau = row * readout_s + skew_s
-            for k in range(6):
-                pulls[cell, k] += w * J[k] * depth
-                pulls[cell, 6 + k] += tau * w * J[k] * depth
+            _pull(pulls[cell], J, row * readout_s + skew_s, w * depth)
         if noise > 0.0:
             q[:3] = points[i, :3]
             for a in range(4):
                 for b in range(4):
                     moments[a, b] += noise * q[a] * q[b]
     return pulls, moments
+
+
+@inline_kernel
+def _pull(pulls: Array, J: Array, tau: float, weighted: float) -> None:
+    """Add what a reading of a time, by its weighted residual, pulls by."""
+    for k in range(6):
+        pulls[k] += weighted * J[k]
+        pulls[6 + k] += tau * weighted * J[k]
+        if k >= 3:
+            pulls[9 + k] += 0.5 * tau * tau * weighted * J[k]

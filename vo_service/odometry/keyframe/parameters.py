@@ -44,11 +44,13 @@ VELOCITY_SIGMA = (0.03, 0.1)
 # It does so by this share of that at least, even when it stands; and by so many times as much where
 # the last frame does not tell it.
 VELOCITY_RANGE = (0.003, 10.0)
-# After more seconds than the first the camera may be far from where it is expected, and another
-# place near to that may fit: features tell. At the sensor's 30 Hz, this is two frames without a
-# pose. After more than the second, the last frames say nothing of the velocity; and a view that
-# leaves directions of motion open is not believed so long after the last one that did not.
-LONGEST_S = (0.08, 0.4)
+# In the first of these times a hand's turning changes by as much as from one frame to the next: the
+# shutter's rows show it. After more seconds than the second the camera may be far from where it is
+# expected, and another place near to that may fit: features tell. At the sensor's 30 Hz, this is
+# two frames without a pose. After more than the third, the last frames say nothing of the velocity;
+# and a view that leaves directions of motion open is not believed so long after the last one that
+# did not.
+SPANS_S = (0.01, 0.08, 0.4)
 
 # SHARES
 # What is worth a second look: of the view that does not fit, of a change of brightness, of a better

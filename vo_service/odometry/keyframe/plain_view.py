@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers.geometry import carried, inverse
 from vo_service.odometry.keyframe.certainty import Certainty
+from vo_service.odometry.keyframe.movement import ACCELERATION
 from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.twists import exponential, logarithm
@@ -25,12 +26,14 @@ def carried_on(found: Found, sure: Certainty, way: Way, stamp_s: float) -> tuple
     share, alignment = sure.directions.share, found.alignment
     T_world_keyframe = found.keyframe.T_world_keyframe
     T_expected = way.starts(T_world_keyframe, stamp_s)[0]
-    velocity = way.tie(T_world_keyframe, stamp_s).velocity
+    movement = way.tie(T_world_keyframe, stamp_s).movement
+    change = (alignment.movement - movement)[:ACCELERATION]
+    movement[:ACCELERATION] += share @ change
     off = logarithm(inverse(T_expected) @ alignment.T_camera_keyframe)
     alignment = replace(
         alignment,
         T_camera_keyframe=T_expected @ exponential(share @ off),
-        velocity=velocity + share @ (alignment.velocity - velocity),
+        movement=movement,
     )
     strayed = (np.eye(6) - share) * (stamp_s - way.held_s) * np.repeat(VELOCITY_SIGMA, 3)
     of_stray = carried(strayed @ strayed.T, inverse(alignment.T_camera_keyframe))

@@ -13,6 +13,7 @@ from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe.cells import cell_of
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.limits import SURFACE_STEP_PER_M
+from vo_service.odometry.keyframe.movement import later, moved
 from vo_service.odometry.keyframe.parameters import (
     BLOCKS_PX,
     INTERPOLATION_PX,
@@ -22,7 +23,7 @@ from vo_service.odometry.keyframe.parameters import (
     SIGMAS,
     SPREADS,
 )
-from vo_service.odometry.keyframe.rows import ROUNDS, moved, project, row_time
+from vo_service.odometry.keyframe.rows import ROUNDS, project, row_time
 from vo_service.odometry.plane_fit import fit_plane
 
 # Columns of a point: where it is (x, y, z in m), its brightness, the variance of that for the
@@ -39,11 +40,11 @@ PLANE_READINGS = PLANE_RADIUS_PX // PLANE_STEP_PX
 MOST_RMS_PER_M = SPREADS[1]
 
 
-def find_points(images: Images, velocity: Array, is_still: NDArray[np.bool_]) -> tuple[Array, ...]:
+def find_points(images: Images, movement: Array, is_still: NDArray[np.bool_]) -> tuple[Array, ...]:
     """(N, COLUMNS) points of each level, in the axes of the camera at the frame's stamp.
 
-    velocity  (6,) twist of the camera in its own axes, m/s and rad/s: rows that were taken earlier
-              or later are brought to the stamp
+    movement  (9,) of the camera in its own axes, see `movement`: rows that were taken earlier or
+              later are brought to the stamp
     is_still  (CELLS,) which cells of the image to take points from: things that move are none
     """
     whole, *halved = images.intrinsics
@@ -57,7 +58,7 @@ def find_points(images: Images, velocity: Array, is_still: NDArray[np.bool_]) ->
             whole,
             readout_s,
             skew_s,
-            velocity,
+            movement,
             is_still,
         )
         for level, (grey, level_intrinsics) in enumerate(zip(images.grey, halved, strict=True))
@@ -73,7 +74,7 @@ def _find(
     depth_intrinsics: Array,
     readout_s: float,
     skew_s: float,
-    velocity: Array,
+    movement: Array,
     is_still: NDArray[np.bool_],
 ) -> Array:
     height, width = grey.shape
@@ -95,7 +96,7 @@ def _find(
                 depth_intrinsics,
                 readout_s,
                 skew_s,
-                velocity,
+                movement,
                 point,
             ):
                 continue
@@ -145,7 +146,7 @@ def _locate(
     depth_intrinsics: Array,
     readout_s: float,
     skew_s: float,
-    velocity: Array,
+    movement: Array,
     point: Array,
 ) -> bool:
     """Fill in the place of a pixel and how its depth changes; False where there is no depth."""
@@ -157,14 +158,14 @@ def _locate(
     shift_m = 0.0
     if readout_s != 0.0 or skew_s != 0.0:
         u_depth, v_depth, shift_m = _follow(
-            ray_x, ray_y, tau, inverse_depth, depth_intrinsics, readout_s, skew_s, velocity
+            ray_x, ray_y, tau, inverse_depth, depth_intrinsics, readout_s, skew_s, movement
         )
     w, wu, wv, has_shape = _surface(inverse_depth, u_depth, v_depth)
     if w <= 0.0:
         return False
     # Back to the instant of the colour, on its ray; then to the frame's stamp.
     z = 1.0 / w - shift_m
-    x, y, z = moved(velocity, ray_x * z, ray_y * z, z, -tau)
+    x, y, z = moved(later(movement, tau), ray_x * z, ray_y * z, z, -tau)
     fx, fy = depth_intrinsics[0], depth_intrinsics[1]
     point[X], point[X + 1], point[X + 2] = x, y, z
     point[TO_DEPTH] = wu * fx / z
@@ -183,7 +184,7 @@ def _follow(
     depth_intrinsics: Array,
     readout_s: float,
     skew_s: float,
-    velocity: Array,
+    movement: Array,
 ) -> tuple[float, float, float]:
     """Where the depth image, taken later, has what the colour's ray met at `tau`; how much further.
 
@@ -191,14 +192,14 @@ def _follow(
     """
     height, width = inverse_depth.shape
     u, v = project(ray_x, ray_y, 1.0, depth_intrinsics)
-    shift_m = 0.0
+    then, shift_m = later(movement, tau), 0.0
     for _ in range(ROUNDS):
         column, row = int(u + 0.5), int(v + 0.5)
         if not (0 <= column < width and 0 <= row < height) or inverse_depth[row, column] <= 0:
             return -1.0, -1.0, 0.0
         z = 1.0 / inverse_depth[row, column]
         delay_s = skew_s + row_time(v, height, readout_s) - tau
-        x_then, y_then, z_then = moved(velocity, ray_x * z, ray_y * z, z, delay_s)
+        x_then, y_then, z_then = moved(then, ray_x * z, ray_y * z, z, delay_s)
         shift_m = z_then - z
         u, v = project(x_then, y_then, z_then, depth_intrinsics)
     return u, v, shift_m

@@ -29,7 +29,7 @@ OTHER_SURFACE_PER_M = 2.0 * SURFACE_STEP_PER_M
 def read_points(
     points: Array,
     T_camera_keyframe: Array,
-    velocity: Array,
+    movement: Array,
     grey: NDArray[np.uint8],
     intrinsics: Array,
     inverse_depth: NDArray[np.float32],
@@ -41,7 +41,7 @@ def read_points(
 ) -> None:
     """Fill in the readings (N, COLUMNS) of points.
 
-    velocity  (6,) twist of the camera in its own axes at the frame's stamp, m/s and rad/s
+    movement  (9,) of the camera in its own axes at the frame's stamp, see `movement`
     falloff   brightness is told as the lens shows it at the point's place in the keyframe
     """
     height, width = inverse_depth.shape
@@ -55,9 +55,9 @@ def read_points(
         u, v = project(x, y, z, depth_intrinsics)
         u_depth, v_depth, z_depth = u, v, z
         if not is_instant:
-            u, v, _ = project_moving(velocity, x, y, z, depth_intrinsics, height, readout_s, 0.0)
+            u, v, _ = project_moving(movement, x, y, z, depth_intrinsics, height, readout_s, 0.0)
             u_depth, v_depth, z_depth = project_moving(
-                velocity, x, y, z, depth_intrinsics, height, readout_s, skew_s
+                movement, x, y, z, depth_intrinsics, height, readout_s, skew_s
             )
         scale = intrinsics[0] / depth_intrinsics[0]
         brightness = _brightness(grey, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)

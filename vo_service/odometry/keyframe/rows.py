@@ -2,28 +2,10 @@
 
 from drivers.geometry import Array
 from drivers.jit import inline_kernel
+from vo_service.odometry.keyframe.movement import moved
 
 # A row's time depends on where the point is, and that on the time: so many rounds settle it.
 ROUNDS = 2
-
-
-@inline_kernel
-def moved(
-    velocity: Array, x: float, y: float, z: float, delay_s: float
-) -> tuple[float, float, float]:
-    """Where a standing point is in the camera's axes after some time, to the second order.
-
-    velocity  (6,) twist of the camera in its own axes, m/s and rad/s
-    """
-    vx, vy, vz, wx, wy, wz = velocity
-    # What the point does in the camera's axes: minus (v + w x p), which itself turns with the axes.
-    ax, ay, az = wz * y - wy * z - vx, wx * z - wz * x - vy, wy * x - wx * y - vz
-    half = 0.5 * delay_s * delay_s
-    return (
-        x + delay_s * ax + half * (wz * ay - wy * az),
-        y + delay_s * ay + half * (wx * az - wz * ax),
-        z + delay_s * az + half * (wy * ax - wx * ay),
-    )
 
 
 @inline_kernel
@@ -43,7 +25,7 @@ def project(x: float, y: float, z: float, intrinsics: Array) -> tuple[float, flo
 
 @inline_kernel
 def project_moving(
-    velocity: Array,
+    movement: Array,
     x: float,
     y: float,
     z: float,
@@ -54,12 +36,13 @@ def project_moving(
 ) -> tuple[float, float, float]:
     """Pixel u, v and depth of a point in the row that sees it.
 
-    late_s  the middle row after the instant that the point is given for
+    movement  of the camera in its own axes, see `movement`
+    late_s    the middle row after the instant that the point is given for
     """
     u, v = project(x, y, z, intrinsics)
     z_then = z
     for _ in range(ROUNDS):
         delay_s = late_s + row_time(v, height, readout_s)
-        x_then, y_then, z_then = moved(velocity, x, y, z, delay_s)
+        x_then, y_then, z_then = moved(movement, x, y, z, delay_s)
         u, v = project(x_then, y_then, z_then, intrinsics)
     return u, v, z_then

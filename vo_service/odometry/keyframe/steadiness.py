@@ -12,6 +12,7 @@ from math import sqrt
 import numpy as np
 
 from drivers.geometry import Array, adjoint, inverse
+from vo_service.odometry.keyframe.movement import ACCELERATION
 from vo_service.odometry.keyframe.parameters import SLIGHT
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.twists import exponential, logarithm
@@ -43,6 +44,7 @@ def shares(unrest: float) -> tuple[float, float]:
 def _moved(found: Found, T_world_camera: Array, velocity: Array) -> Found:
     """The same with another pose (4x4) and velocity (6,) of the camera, this in its own axes."""
     T_camera_keyframe = inverse(T_world_camera) @ found.keyframe.T_world_keyframe
-    in_keyframe = -adjoint(inverse(T_camera_keyframe)) @ velocity
-    alignment = replace(found.alignment, T_camera_keyframe=T_camera_keyframe, velocity=in_keyframe)
+    movement = found.alignment.movement.copy()
+    movement[:ACCELERATION] = -adjoint(inverse(T_camera_keyframe)) @ velocity
+    alignment = replace(found.alignment, T_camera_keyframe=T_camera_keyframe, movement=movement)
     return replace(found, alignment=alignment)

@@ -12,6 +12,7 @@ from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe import readings as reading_columns
 from vo_service.odometry.keyframe.limits import GAINS, MOST_SPREADS
+from vo_service.odometry.keyframe.movement import UNKNOWNS
 from vo_service.odometry.keyframe.parameters import (
     BRIGHTNESS_SHARE,
     FEWEST_POINTS,
@@ -143,31 +144,40 @@ def band_times(readout_s: float, skew_s: float) -> Array:
 
 @kernel
 def with_times(sums: Array, readout_s: float, skew_s: float) -> tuple[Array, Array]:
-    """Information (12, 12) and vector (12,) of the motion and of the velocity.
+    """Information (15, 15) and vector (15,) of the motion and of the movement.
 
-    With r = J (d + tau e), e a small change of the velocity, and tau when the reading was taken:
-    sum w [J, tau J]^T [J, tau J] and sum w [J, tau J]^T r.
+    With r = J (d + tau e + tau^2 f / 2), e and f small changes of the velocity and of the angular
+    acceleration (this with J's rotation only), and tau when the reading was taken: J' = [J, tau J,
+    tau^2 J / 2], and sum w J'^T J' and sum w J'^T r.
     """
-    H, g = np.zeros((12, 12)), np.zeros(12)
+    H, g = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
     times = band_times(readout_s, skew_s)
+    of_band = np.empty((6, 6))
     for n in range(2 * BANDS):
         tau = times[n]
+        half = 0.5 * tau * tau
         k = 0
         for i in range(6):
             for j in range(i, 6):
-                value = sums[n, k]
+                of_band[i, j] = of_band[j, i] = sums[n, k]
                 k += 1
+        for i in range(6):
+            for j in range(6):
+                value = of_band[i, j]
                 H[i, j] += value
                 H[i, 6 + j] += tau * value
                 H[6 + i, 6 + j] += tau * tau * value
-            g[i] += sums[n, 21 + i]
-            g[6 + i] += tau * sums[n, 21 + i]
-    for i in range(6):
+                if j >= 3:
+                    H[i, 9 + j] += half * value
+                    H[6 + i, 9 + j] += tau * half * value
+                    if i >= 3:
+                        H[9 + i, 9 + j] += half * half * value
+            r = sums[n, 21 + i]
+            g[i] += r
+            g[6 + i] += tau * r
+            if i >= 3:
+                g[9 + i] += half * r
+    for i in range(UNKNOWNS):
         for j in range(i):
             H[i, j] = H[j, i]
-            H[i, 6 + j] = H[j, 6 + i]
-            H[6 + i, 6 + j] = H[6 + j, 6 + i]
-    for i in range(6):
-        for j in range(6):
-            H[6 + i, j] = H[j, 6 + i]
     return H, g

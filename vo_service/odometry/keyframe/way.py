@@ -4,21 +4,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivers.geometry import Array, adjoint, inverse
-from vo_service.odometry.keyframe.alignment import Tie
+from drivers.geometry import Array, inverse
+from vo_service.odometry.keyframe.alignment import Tie, known_within
 from vo_service.odometry.keyframe.images import Images
+from vo_service.odometry.keyframe.movement import at_constant, in_axes
 from vo_service.odometry.keyframe.parameters import (
     FADING,
     HALF,
-    LONGEST_S,
     SLIGHT,
+    SPANS_S,
     VELOCITY_RANGE,
     VELOCITY_SIGMA,
 )
 from vo_service.odometry.keyframe.twists import exponential
 
 # For so long it is known where the camera may be, and how it moves.
-SURE_S, LONGEST_STEP_S = LONGEST_S
+_, SURE_S, LONGEST_STEP_S = SPANS_S
 # Gain and offset of a view's brightness against its own.
 SAME_LIGHT = (1.0, 0.0)
 
@@ -60,10 +61,10 @@ class Way:
         """What is known of the velocity at a stamp: it changes no more than it did of late."""
         T_keyframe_last = inverse(T_world_keyframe) @ self.T_world_camera
         usual = np.array(VELOCITY_SIGMA)
-        information = np.repeat(np.clip(self.agitation, VELOCITY_RANGE[0] * usual, usual) ** -2, 3)
-        velocity = -adjoint(T_keyframe_last) @ self.velocity
+        information = known_within(np.clip(self.agitation, VELOCITY_RANGE[0] * usual, usual))
+        movement = in_axes(at_constant(-self.velocity), T_keyframe_last)
         duration_s = stamp_s - self.stamp_s
-        tie = Tie(T_keyframe_last, 1.0 / max(duration_s, 1e-3), velocity, information)
+        tie = Tie(T_keyframe_last, 1.0 / max(duration_s, 1e-3), movement, information)
         return tie if self.is_soon(stamp_s) else tie.loosened()
 
     def is_long_ago(self, stamp_s: float) -> bool:

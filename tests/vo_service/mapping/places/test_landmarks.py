@@ -29,11 +29,11 @@ def test_points_seen_by_other_rows_are_brought_to_the_stamp() -> None:
     for n, row_px in enumerate(rows_px):
         instant_s = (row_px - 0.5 * (CAMERA.height - 1)) * READOUT_S / CAMERA.height
         seen[n] = transform_points(inverse(BRISK.at(instant_s)), P_world[n : n + 1])[0]
-    settled = at_stamp(seen, rows_px, CAMERA.height, READOUT_S, BRISK.velocity)
+    settled = at_stamp(seen, rows_px, CAMERA.height, READOUT_S, BRISK.movement)
     assert np.abs(seen - P_world).max() > 5e-3
     assert_allclose(settled, P_world, atol=2e-5)
 
 
 def test_points_of_an_instant_stay_where_they_are() -> None:
     P = np.random.default_rng(4).normal(size=(5, 3))
-    assert np.array_equal(at_stamp(P, np.arange(5.0), 480, 0.0, BRISK.velocity), P)
+    assert np.array_equal(at_stamp(P, np.arange(5.0), 480, 0.0, BRISK.movement), P)

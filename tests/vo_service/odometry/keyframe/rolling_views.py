@@ -41,19 +41,32 @@ def series_exponential(twist: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """A camera that moves by a constant twist (6,) in its own axes, m/s and rad/s."""
+    """A camera that moves by a twist (6,) in its own axes, m/s and rad/s.
+
+    acceleration_rad_s2  (3,) of its rotation at the start; only there the movement is known
+    """
 
     velocity: Array = field(default_factory=lambda: np.zeros(6))
     T_world_start: Array = field(default_factory=lambda: np.eye(4))
+    acceleration_rad_s2: Array = field(default_factory=lambda: np.zeros(3))
 
     def at(self, time_s: float) -> Array:
         """4x4 T_world_camera."""
-        return self.T_world_start @ series_exponential(time_s * self.velocity)
+        twist = time_s * self.velocity
+        twist[3:] += 0.5 * time_s**2 * self.acceleration_rad_s2
+        return self.T_world_start @ series_exponential(twist)
+
+    @property
+    def movement(self) -> Array:
+        """(9,) at the start; of a constant twist, at any time."""
+        return np.concatenate([self.velocity, self.acceleration_rad_s2])
 
 
 STILL = Hand()
 # 0.3 m/s and 20 degrees/s, in no special direction.
 BRISK = Hand(np.array([0.2, -0.12, 0.18, -0.15, 0.25, 0.2]))
+# The same with the tremor of a hand that is tired.
+TREMBLING = Hand(BRISK.velocity, acceleration_rad_s2=np.array([15.0, -20.0, 12.0]))
 
 
 def seen(

@@ -31,16 +31,17 @@ from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.certainty import Certainty, certainty
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, make_keyframe
+from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.readings import BANDS
 
 # 95 % of what is normally distributed in six directions is nearer.
 CHI_SQUARED_95 = 12.59
 CALM = np.zeros(2)
-VAGUE = replace(STANDING, information=np.ones(6))
+VAGUE = replace(STANDING, information=np.ones(9))
 
 
 def keyframe_of(frame: RgbdFrame) -> Keyframe:
-    return make_keyframe(frame, make_images(frame), np.eye(4), np.zeros(6), ALL_STILL)
+    return make_keyframe(frame, make_images(frame), np.eye(4), at_rest(), ALL_STILL)
 
 
 def laid(

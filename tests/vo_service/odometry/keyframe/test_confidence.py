@@ -19,9 +19,10 @@ from vo_service.odometry.keyframe.alignment import (
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.confidence import agrees, cover, doubt, lack, misfit, oddness
 from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.points import find_points
 
-POINTS = find_points(make_images(noisy(seen(), 0)), np.zeros(6), ALL_STILL)
+POINTS = find_points(make_images(noisy(seen(), 0)), at_rest(), ALL_STILL)
 GOOD = align(POINTS, make_images(noisy(seen(), 1)), [np.eye(4)], STANDING, (1.0, 0.0), all_alike())
 
 

@@ -13,6 +13,7 @@ from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.falloff import Falloff
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, make_keyframe
+from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.parameters import HALF
 from vo_service.odometry.keyframe.system import SIGMA_BRIGHTNESS
 from vo_service.odometry.keyframe_odometry import KeyframeOdometry
@@ -30,7 +31,7 @@ def through_a_lens(frame: RgbdFrame, falloff: float) -> RgbdFrame:
 
 
 def keyframe_of(frame: RgbdFrame) -> Keyframe:
-    return make_keyframe(frame, make_images(frame), np.eye(4), np.zeros(6), ALL_STILL)
+    return make_keyframe(frame, make_images(frame), np.eye(4), at_rest(), ALL_STILL)
 
 
 def laid(keyframe: Keyframe, images: Images, hand: Hand = STILL) -> Alignment:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, adjoint, inverse, is_rigid
+from drivers.geometry import Array, inverse, is_rigid, rotation_vector
 from tests.vo_service.odometry.keyframe.rolling_views import (
     BRISK,
     STILL,
+    TREMBLING,
     Hand,
     dark,
     lit,
@@ -25,15 +26,17 @@ from vo_service.odometry.keyframe.alignment import (
     align,
     all_alike,
     depth_alone,
+    known_within,
 )
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.confidence import doubt, lack
 from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.movement import ACCELERATION, at_rest, in_axes
 from vo_service.odometry.keyframe.points import find_points
 
-POINTS = find_points(make_images(seen()), np.zeros(6), ALL_STILL)
+POINTS = find_points(make_images(seen()), at_rest(), ALL_STILL)
 # Nothing is known of the velocity.
-LOOSE = replace(STANDING, information=np.full(6, 1e-3))
+LOOSE = replace(STANDING, information=np.full(9, 1e-3))
 
 
 def laid(
@@ -88,6 +91,23 @@ def test_a_rolling_views_motion_and_velocity_are_found(readout_s: float, skew_s:
     np.testing.assert_allclose(found.camera_velocity, BRISK.velocity, atol=0.06)
 
 
+@pytest.mark.parametrize("skew_s", [-0.012, 0.0, 0.012])
+def test_a_tremor_while_rows_are_read_is_found_and_bends_no_motion(skew_s: float) -> None:
+    frame = seen(TREMBLING, readout_s=0.02, skew_s=skew_s)
+    steady = LOOSE.information.copy()
+    steady[ACCELERATION:] = 1e6
+    found, held = laid(frame), laid(frame, replace(LOOSE, information=steady))
+    told_rad_s2 = found.camera_movement[ACCELERATION:]
+    np.testing.assert_allclose(told_rad_s2, TREMBLING.acceleration_rad_s2, atol=3.0)
+    assert not np.abs(held.camera_movement[ACCELERATION:]).max() > 1.0
+    assert off_rad(found) < min(2e-4, 0.4 * off_rad(held))
+
+
+def off_rad(found: Alignment) -> float:
+    """How far a motion that is none is turned."""
+    return float(np.linalg.norm(rotation_vector(found.T_camera_keyframe[:3, :3])))
+
+
 def test_depth_that_is_late_tells_no_velocity_but_the_motion_of_the_colour() -> None:
     late = seen(BRISK, 0.1, skew_s=0.012)
     told, untold = laid(late, moving()), laid(replace(late, skew_s=0.0), moving())
@@ -102,7 +122,7 @@ def test_depth_that_is_late_tells_no_velocity_but_the_motion_of_the_colour() -> 
 def moving() -> Tie:
     """The velocity is known as well as from frame to frame."""
     last = BRISK.at(0.1 - 1 / 30)
-    return Tie(last, 30.0, -adjoint(last) @ BRISK.velocity, np.repeat([1e3, 1e2], 3))
+    return Tie(last, 30.0, -in_axes(BRISK.movement, last), known_within(np.array([0.03, 0.1])))
 
 
 def test_an_instant_shutter_is_a_shutter_of_no_time() -> None:
@@ -111,7 +131,7 @@ def test_an_instant_shutter_is_a_shutter_of_no_time() -> None:
     instant = laid(frame, moving())
     nearly = laid(replace(frame, readout_s=1e-9, skew_s=1e-9), moving())
     np.testing.assert_allclose(nearly.T_camera_keyframe, instant.T_camera_keyframe, atol=1e-6)
-    np.testing.assert_allclose(nearly.velocity, instant.velocity, atol=1e-4)
+    np.testing.assert_allclose(nearly.movement, instant.movement, atol=1e-4)
 
 
 def test_depth_alone_is_enough_in_a_corner() -> None:

@@ -10,6 +10,7 @@ from tests.vo_service.odometry.keyframe.rolling_views import (
     BRISK,
     CAMERA,
     CORNER,
+    TREMBLING,
     WALL,
     noisy,
     painted,
@@ -17,6 +18,7 @@ from tests.vo_service.odometry.keyframe.rolling_views import (
 )
 from vo_service.odometry.keyframe.cells import ALL_STILL, CELL_COLUMNS, CELL_ROWS, CELLS
 from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.points import (
     BRIGHTNESS,
     HAS_SHAPE,
@@ -26,7 +28,7 @@ from vo_service.odometry.keyframe.points import (
     find_points,
 )
 
-STANDING = np.zeros(6)
+STANDING = at_rest()
 
 
 def off_planes_m(places: Array) -> Array:
@@ -124,7 +126,7 @@ def test_rows_taken_at_other_times_are_brought_to_the_stamp(
 ) -> None:
     frame = seen(BRISK, planes=(WALL,), readout_s=readout_s, skew_s=skew_s)
     images, instant = make_images(frame), make_images(seen(planes=(WALL,)))
-    points = find_points(images, BRISK.velocity, ALL_STILL)[level]
+    points = find_points(images, BRISK.movement, ALL_STILL)[level]
     left = find_points(images, STANDING, ALL_STILL)[level]
     assert off_wall_m(points[:, :3]).max() < 3e-4
     assert off_paint(points) < 1.1 * off_paint(find_points(instant, STANDING, ALL_STILL)[level])
@@ -133,10 +135,19 @@ def test_rows_taken_at_other_times_are_brought_to_the_stamp(
     assert off_paint(left) > off_paint(points)
 
 
+@pytest.mark.parametrize("skew_s", [-0.012, 0.0, 0.012])
+def test_rows_that_a_tremor_has_bent_are_straightened(skew_s: float) -> None:
+    images = make_images(seen(TREMBLING, planes=(WALL,), readout_s=0.03, skew_s=skew_s))
+    straight = find_points(images, TREMBLING.movement, ALL_STILL)[0]
+    bent = find_points(images, BRISK.movement, ALL_STILL)[0]
+    assert off_wall_m(straight[:, :3]).max() < 4e-4
+    assert off_paint(straight) < 0.8 * off_paint(bent)
+
+
 def test_the_points_of_a_rolled_image_are_in_the_axes_of_the_camera_at_its_stamp() -> None:
     stamp_s = 0.4
     frame = seen(BRISK, stamp_s, readout_s=0.03, skew_s=0.01)
-    points = find_points(make_images(frame), BRISK.velocity, ALL_STILL)[0]
+    points = find_points(make_images(frame), BRISK.movement, ALL_STILL)[0]
     places = transform_points(BRISK.at(stamp_s), points[:, :3])
     assert np.percentile(off_planes_m(places), 80) < 3e-4
 
@@ -145,7 +156,7 @@ def test_for_an_instant_shutter_the_velocity_does_not_matter() -> None:
     images = make_images(seen())
     for standing, moving in zip(
         find_points(images, STANDING, ALL_STILL),
-        find_points(images, BRISK.velocity, ALL_STILL),
+        find_points(images, BRISK.movement, ALL_STILL),
         strict=True,
     ):
         np.testing.assert_array_equal(standing, moving)

@@ -25,6 +25,7 @@ from vo_service.odometry.keyframe.first_keyframe import made_anew
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.limits import ODD_SPREADS
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
+from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.recovery import Found, Recovery
 from vo_service.odometry.keyframe.way import Way
 from vo_service.odometry.keyframe_odometry import KeyframeOdometry
@@ -40,7 +41,7 @@ def looking(angle_rad: float, k: int = 0) -> RgbdFrame:
 
 
 def keyframe_of(frame: RgbdFrame, T: Array) -> Keyframe:
-    return make_keyframe(frame, make_images(frame), T, np.zeros(6), ALL_STILL)
+    return make_keyframe(frame, make_images(frame), T, at_rest(), ALL_STILL)
 
 
 AHEAD, ASIDE = keyframe_of(looking(0.0), np.eye(4)), keyframe_of(looking(0.5), turned(0.5))
@@ -160,13 +161,13 @@ def test_a_jump_is_followed_without_a_restart() -> None:
 def test_a_first_keyframe_is_made_anew_once_the_velocity_is_known() -> None:
     first, second = film(BRISK, 2, readout_s=0.03, skew_s=0.01)
     images = make_images(first)
-    keyframe = make_keyframe(first, images, np.eye(4), np.zeros(6), ALL_STILL)
+    keyframe = make_keyframe(first, images, np.eye(4), at_rest(), ALL_STILL)
     way = Way(np.eye(4), np.zeros(6), 0.0, (1.0, 0.0), images.mean_brightness)
     tie = way.tie(np.eye(4), second.stamp_s)
     starts = way.starts(np.eye(4), second.stamp_s)
     laid = align(keyframe.points, make_images(second), starts, tie, (1.0, 0.0), all_alike())
     found = made_anew(Found(keyframe, laid, tie), make_images(second), way)
-    np.testing.assert_allclose(found.keyframe.velocity, BRISK.velocity, atol=0.04)
+    np.testing.assert_allclose(found.keyframe.movement, BRISK.movement, atol=0.04)
     assert found.keyframe.frame is first
     assert_close(T_world_of(found), BRISK.at(1 / 30), 0.0007, 0.03)
 

@@ -12,6 +12,7 @@ from vo_service.odometry.keyframe.alignment import STANDING, align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
+from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.next_keyframe import choose
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.strangers import without_strangers
@@ -40,7 +41,7 @@ def with_a_thing(frame: RgbdFrame, left: int, right: int) -> RgbdFrame:
 
 def keyframe_at(T: Array, thing: tuple[int, int] = (0, 0), seed: int = 0) -> Keyframe:
     frame = noisy(with_a_thing(seen(Hand(T_world_start=T)), *thing), seed)
-    return make_keyframe(frame, make_images(frame), T, np.zeros(6), ALL_STILL)
+    return make_keyframe(frame, make_images(frame), T, at_rest(), ALL_STILL)
 
 
 def parts_kept(keyframe: Keyframe, others: list[Keyframe]) -> tuple[float, float]:
@@ -101,7 +102,7 @@ def test_all_is_kept_where_others_know_little_of_the_view() -> None:
 def test_a_camera_that_came_back_with_smaller_images_is_compared_all_the_same() -> None:
     small = PinholeCamera(160, 120, 145.0, 145.0, 79.5, 59.5)
     frame = noisy(seen(camera=small), 1)
-    half = make_keyframe(frame, make_images(frame), np.eye(4), np.zeros(6), ALL_STILL)
+    half = make_keyframe(frame, make_images(frame), np.eye(4), at_rest(), ALL_STILL)
     assert parts_kept(half, [EMPTY])[1] > 0.9
 
 

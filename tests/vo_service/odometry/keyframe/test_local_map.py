@@ -28,6 +28,7 @@ from vo_service.odometry.keyframe.local_map import (
     make_keyframe,
     overlap,
 )
+from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
 from vo_service.odometry.keyframe.recovery import Found
 
@@ -42,7 +43,7 @@ def looking(angle_rad: float, seed: int = 0) -> Images:
 
 def keyframe_at(angle_rad: float, seed: int = 0) -> Keyframe:
     frame = noisy(seen(Hand(T_world_start=turned(angle_rad))), seed)
-    return make_keyframe(frame, make_images(frame), turned(angle_rad), np.zeros(6), ALL_STILL)
+    return make_keyframe(frame, make_images(frame), turned(angle_rad), at_rest(), ALL_STILL)
 
 
 AHEAD = keyframe_at(0.0)
@@ -172,7 +173,7 @@ def test_before_the_next_keyframe_those_in_view_have_a_say() -> None:
 def test_a_rolling_frame_is_laid_on_several_keyframes_too() -> None:
     hand = Hand(BRISK.velocity, turned(0.2))
     images = make_images(seen(hand, readout_s=0.02, skew_s=0.01, planes=CORNER))
-    tie = replace(STANDING, information=np.full(6, 1e-3))
+    tie = replace(STANDING, information=np.full(9, 1e-3))
     start = inverse(turned(0.2))
     found = align(AHEAD.points, images, [start], tie, (1.0, 0.0), all_alike())
     T = align_jointly(AHEAD, [keyframe_at(0.3, 3)], images, found)

@@ -10,6 +10,7 @@ from drivers.geometry import Array, inverse, transform_points
 from tests.vo_service.odometry.keyframe.rolling_views import (
     BRISK,
     CAMERA,
+    TREMBLING,
     WALL,
     Hand,
     seen,
@@ -17,6 +18,7 @@ from tests.vo_service.odometry.keyframe.rolling_views import (
 )
 from vo_service.odometry.keyframe.cells import ALL_STILL, CELL_COLUMNS, CELL_ROWS
 from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.points import BRIGHTNESS as POINT_BRIGHTNESS
 from vo_service.odometry.keyframe.points import find_points
 from vo_service.odometry.keyframe.readings import (
@@ -33,7 +35,7 @@ from vo_service.odometry.keyframe.readings import (
     read_points,
 )
 
-STANDING = np.zeros(6)
+STANDING = at_rest()
 POINTS = find_points(make_images(seen()), STANDING, ALL_STILL)[0]
 AWAY = series_exponential(np.array([0.05, -0.03, 0.08, 0.04, -0.05, 0.06]))
 
@@ -41,7 +43,7 @@ AWAY = series_exponential(np.array([0.05, -0.03, 0.08, 0.04, -0.05, 0.06]))
 def readings_of(
     frame: RgbdFrame,
     T_camera_keyframe: Array,
-    velocity: Array,
+    movement: Array,
     points: Array = POINTS,
     falloff: float = 0.0,
 ) -> Array:
@@ -50,7 +52,7 @@ def readings_of(
     read_points(
         points,
         T_camera_keyframe,
-        velocity,
+        movement,
         images.grey[0],
         images.intrinsics[1],
         images.inverse_depth,
@@ -79,7 +81,7 @@ def test_every_point_is_looked_for_where_it_is_when_its_row_is_taken(
     readout_s: float, skew_s: float
 ) -> None:
     frame = replace(seen(), readout_s=readout_s, skew_s=skew_s)
-    readings = readings_of(frame, AWAY, BRISK.velocity)
+    readings = readings_of(frame, AWAY, BRISK.movement)
     in_view = readings[:, U] >= 0
     assert in_view.sum() > 500
     places = transform_points(AWAY, POINTS[in_view, :3])
@@ -93,7 +95,7 @@ def test_every_point_is_looked_for_where_it_is_when_its_row_is_taken(
 def test_a_rolling_view_reads_as_the_keyframe_does(readout_s: float, skew_s: float) -> None:
     """With the true motion and velocity little is left over, though every row has its own pose."""
     frame = seen(BRISK, 0.2, readout_s=readout_s, skew_s=skew_s)
-    readings = readings_of(frame, inverse(BRISK.at(0.2)), BRISK.velocity)
+    readings = readings_of(frame, inverse(BRISK.at(0.2)), BRISK.movement)
     brightness = readings[:, BRIGHTNESS] - POINTS[:, POINT_BRIGHTNESS]
     assert np.isfinite(brightness).mean() > 0.7
     assert np.nanmedian(np.abs(brightness)) < 1.0
@@ -103,13 +105,22 @@ def test_a_rolling_view_reads_as_the_keyframe_does(readout_s: float, skew_s: flo
         assert np.nanmedian(np.abs(without[:, DEPTH])) > 1e-4
 
 
+def test_a_trembling_view_reads_as_the_keyframe_does() -> None:
+    frame = seen(TREMBLING, readout_s=0.03, skew_s=0.01)
+    told, untold = (
+        readings_of(frame, np.eye(4), hand.movement)[:, DEPTH] for hand in (TREMBLING, BRISK)
+    )
+    assert np.nanmedian(np.abs(told)) < 5e-5
+    assert np.nanmedian(np.abs(untold)) > 3 * np.nanmedian(np.abs(told))
+
+
 def test_depth_is_late_by_the_skew() -> None:
     """A camera that comes nearer: what was taken later is nearer."""
     forward = Hand(np.array([0.0, 0.0, 0.6, 0.0, 0.0, 0.0]))
     points = find_points(make_images(seen(planes=(WALL,))), STANDING, ALL_STILL)[0]
     frame = seen(forward, planes=(WALL,), skew_s=0.02)
-    told = readings_of(frame, np.eye(4), forward.velocity, points)
-    untold = readings_of(replace(frame, skew_s=0.0), np.eye(4), forward.velocity, points)
+    told = readings_of(frame, np.eye(4), forward.movement, points)
+    untold = readings_of(replace(frame, skew_s=0.0), np.eye(4), forward.movement, points)
     assert np.nanmax(np.abs(told[:, DEPTH])) < 1e-4
     # Closer by 12 mm at 2.2 m.
     assert np.nanmedian(untold[:, DEPTH]) == pytest.approx(0.012 / 2.2**2, rel=0.1)

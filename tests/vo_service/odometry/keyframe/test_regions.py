@@ -20,13 +20,14 @@ from vo_service.odometry.keyframe.alignment import (
 )
 from vo_service.odometry.keyframe.cells import ALL_STILL, CELL_COLUMNS, CELL_ROWS
 from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.points import find_points
 from vo_service.odometry.keyframe.readings import BRIGHTNESS, CELL, DEPTH, HIDDEN, OTHER
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import SIGMA_BRIGHTNESS, SIGMA_DEPTH
 
 FRAME = noisy(seen(), 0)
-POINTS = find_points(make_images(FRAME), np.zeros(6), ALL_STILL)
+POINTS = find_points(make_images(FRAME), at_rest(), ALL_STILL)
 # Rows and columns of cells.
 PATCH = (slice(2, 4), slice(3, 6))
 OTHER_WAY = Hand(np.array([-0.6, 0.5, -1.0, 0.0, 0.0, 0.0]))
@@ -85,7 +86,7 @@ def test_what_does_not_count_from_the_start_still_does_not() -> None:
 def readings_at_rest() -> tuple[Array, Array]:
     fit = start_fit()
     fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = 3.0, 1e-3
-    return look_at(POINTS, make_images(noisy(seen(), 1)), np.eye(4), np.zeros(6), 0), fit
+    return look_at(POINTS, make_images(noisy(seen(), 1)), np.eye(4), at_rest(), 0), fit
 
 
 @pytest.mark.parametrize("worse_by", [15.0, 60.0, 120.0])

@@ -15,6 +15,7 @@ from vo_service.odometry.keyframe.alignment import Alignment, Points, Tie, align
 from vo_service.odometry.keyframe.cells import ALL_STILL, CELL_COLUMNS, CELL_ROWS
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import make_keyframe
+from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.second_look import look_again
 from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
@@ -29,7 +30,7 @@ LEFT = 3
 # It has stood still, calmly.
 WAY = Way(np.eye(4), np.zeros(6), 0.0, SAME_LIGHT, 128.0, np.array([0.01, 0.02]))
 KEYFRAME = make_keyframe(
-    noisy(seen(), 0), make_images(noisy(seen(), 0)), np.eye(4), np.zeros(6), ALL_STILL
+    noisy(seen(), 0), make_images(noisy(seen(), 0)), np.eye(4), at_rest(), ALL_STILL
 )
 
 

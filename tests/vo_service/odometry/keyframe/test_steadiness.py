@@ -5,19 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.geometry import Array, adjoint, inverse
+from drivers.geometry import Array, inverse
 from tests.vo_service.odometry.keyframe.rolling_views import BRISK, seen, series_exponential
 from vo_service.odometry.keyframe.alignment import Alignment, start_fit
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.local_map import make_keyframe
+from vo_service.odometry.keyframe.movement import at_constant, at_rest, in_axes
 from vo_service.odometry.keyframe.parameters import SLIGHT
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.steadiness import shares, steadied
 from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
 
 T_WORLD_KEYFRAME = BRISK.at(-0.1)
-KEYFRAME = make_keyframe(seen(), make_images(seen()), T_WORLD_KEYFRAME, np.zeros(6), ALL_STILL)
+KEYFRAME = make_keyframe(seen(), make_images(seen()), T_WORLD_KEYFRAME, at_rest(), ALL_STILL)
 WAY = Way(BRISK.at(1.0), BRISK.velocity, 1.0, SAME_LIGHT, 120.0)
 STAMP_S = 1.0 + 1 / 30
 # A millimetre, and a milliradian.
@@ -29,9 +30,9 @@ FASTER = np.array([0.01, 0.02, -0.01, 0.02, 0.01, 0.03])
 def found_at(off: Array) -> Found:
     """So far from where it is expected, and with another velocity."""
     T_camera_keyframe = inverse(BRISK.at(STAMP_S) @ series_exponential(off)) @ T_WORLD_KEYFRAME
-    velocity = -adjoint(inverse(T_camera_keyframe)) @ (BRISK.velocity + FASTER)
+    movement = in_axes(-at_constant(BRISK.velocity + FASTER), inverse(T_camera_keyframe))
     nothing = np.zeros((0, 0))
-    alignment = Alignment(T_camera_keyframe, velocity, start_fit(), nothing, nothing, nothing)
+    alignment = Alignment(T_camera_keyframe, movement, start_fit(), nothing, nothing, nothing)
     return Found(KEYFRAME, alignment, WAY.tie(T_WORLD_KEYFRAME, STAMP_S))
 
 

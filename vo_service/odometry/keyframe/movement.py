@@ -1,0 +1,80 @@
+"""How the camera moves while the rows of a frame are taken.
+
+A movement (9,) is a twist, m/s and rad/s, and the angular acceleration, rad/s^2, at the instant
+that everything is counted from. A hand's tremor changes how it turns within a frame: in 10 ms by a
+good part of a pixel. What it changes of the place is below the sensor's noise.
+"""
+
+import numpy as np
+
+from drivers.geometry import Array, adjoint
+from drivers.jit import inline_kernel, kernel
+
+COLUMNS = 9
+# Of the acceleration among them; and among the unknowns of a step: motion, velocity, acceleration.
+ACCELERATION = 6
+UNKNOWNS = 6 + COLUMNS
+
+
+def at_rest() -> Array:
+    """(9,) of a camera that stands still."""
+    return np.zeros(COLUMNS)
+
+
+def at_constant(velocity: Array) -> Array:
+    """(9,) of a velocity (6,) that stays as it is."""
+    return np.concatenate([velocity, np.zeros(3)])
+
+
+def in_axes(movement: Array, T: Array) -> Array:
+    """(9,) the same movement in the axes that T (4x4) leads to."""
+    Ad = adjoint(T)
+    turned = Ad[3:, 3:] @ movement[ACCELERATION:]
+    return np.concatenate([Ad @ movement[:ACCELERATION], turned])
+
+
+@kernel
+def body_movement(T_camera_keyframe: Array, movement: Array) -> Array:
+    """The camera's movement in its own axes (9,), of that of the motion in the keyframe's axes.
+
+    The points move through the camera's axes as the camera does not: minus the adjoint.
+    """
+    T = T_camera_keyframe
+    own = np.empty(COLUMNS)
+    for first in (0, 3, 6):
+        x, y, z = movement[first], movement[first + 1], movement[first + 2]
+        for i in range(3):
+            own[first + i] = -(T[i, 0] * x + T[i, 1] * y + T[i, 2] * z)
+    tx, ty, tz = T[0, 3], T[1, 3], T[2, 3]
+    own[0] += ty * own[5] - tz * own[4]
+    own[1] += tz * own[3] - tx * own[5]
+    own[2] += tx * own[4] - ty * own[3]
+    return own
+
+
+@inline_kernel
+def later(movement: Array, delay_s: float) -> Array:
+    """(9,) the movement after some time: it turns otherwise by then."""
+    then = movement.copy()
+    for i in range(3):
+        then[3 + i] += delay_s * movement[ACCELERATION + i]
+    return then
+
+
+@inline_kernel
+def moved(
+    movement: Array, x: float, y: float, z: float, delay_s: float
+) -> tuple[float, float, float]:
+    """Where a standing point is in the camera's axes after some time, to the second order."""
+    vx, vy, vz = movement[0], movement[1], movement[2]
+    wx, wy, wz = movement[3], movement[4], movement[5]
+    bx, by, bz = movement[6], movement[7], movement[8]
+    # What the point does in the camera's axes: minus (v + w x p), which itself turns with the axes,
+    # and faster by b.
+    ax, ay, az = wz * y - wy * z - vx, wx * z - wz * x - vy, wy * x - wx * y - vz
+    half = 0.5 * delay_s * delay_s
+    return (
+        x + delay_s * ax + half * (wz * ay - wy * az + bz * y - by * z),
+        y + delay_s * ay + half * (wx * az - wz * ax + bx * z - bz * x),
+        z + delay_s * az + half * (wy * ax - wx * ay + by * x - bx * y),
+    )

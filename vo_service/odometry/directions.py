@@ -44,11 +44,14 @@ class Directions:
         return self.axes[:, self.is_known]
 
     @property
-    def share(self) -> Array:
-        """(6, 6) of a small motion that was found, what is more than noise: 1 - 1 / clarity."""
+    def without_noise(self) -> Array:
+        """(6, 6), W: of an information J of motions, W^T J W leaves out what is but noise.
+
+        Of a direction's information this is one part in its clarity, and no more than all.
+        """
         shares = 1.0 - 1.0 / np.maximum(self.clarity, 1.0)
-        share: Array = (self.axes * shares) @ np.linalg.inv(self.axes)
-        return share
+        W: Array = (self.axes * np.sqrt(shares)) @ np.linalg.inv(self.axes)
+        return W
 
 
 def directions(information: Array, of_noise: Array) -> Directions:

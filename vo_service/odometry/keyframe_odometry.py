@@ -43,12 +43,20 @@ class Track:
 
     T_world_reference  4x4 pose of the frame from which on the keyframe has been in use
     is_first           the keyframe is the very first frame, and the camera's velocity not known
+    clarity            of the keyframe's first view, see `Certainty`; None before that
     """
 
     keyframe: Keyframe
     way: Way
     T_world_reference: Array
     is_first: bool = False
+    clarity: float | None = None
+
+    def clarity_at_first(self, found: Found, sure: Certainty) -> float:
+        """Of the first view of the keyframe that was found: this one, if it was not in use."""
+        if self.clarity is None or found.keyframe is not self.keyframe:
+            return sure.clarity
+        return self.clarity
 
 
 class KeyframeOdometry:
@@ -104,10 +112,11 @@ class KeyframeOdometry:
         found, unrest = steadied(found, sure.covariance, self._track.way, images.stamp_s)
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
         keyframe = found.keyframe
-        if is_due(found, images):
+        if is_due(found, images, sure.clarity, self._track.clarity_at_first(found, sure)):
             self._falloff = self._falloff.with_view(keyframe, images, found.alignment)
-            with self._stopwatch.stage("settle"):
-                found = settle(found, images, self._map)
+            if not sure.doubt:
+                with self._stopwatch.stage("settle"):
+                    found = settle(found, images, self._map)
             with self._stopwatch.stage("keyframe"):
                 keyframe = choose(frame, images, found, self._map)
         return self._advance(images, self._track, found, sure, keyframe, unrest)
@@ -189,7 +198,8 @@ class KeyframeOdometry:
         T_reference_camera = inverse(track.T_world_reference) @ found.T_world_camera
         T_world_reference = found.T_world_camera if is_next_reference else track.T_world_reference
         self._T_world_camera = found.T_world_camera
-        self._track = Track(keyframe, way, T_world_reference)
+        clarity = track.clarity_at_first(found, sure) if keyframe is found.keyframe else None
+        self._track = Track(keyframe, way, T_world_reference, clarity=clarity)
         self._failures = 0
         return self._estimate(
             True,

@@ -35,6 +35,11 @@ class Certainty:
     directions: Directions
 
     @property
+    def clarity(self) -> float:
+        """Of the direction that the readings say the least of: see `Directions`."""
+        return float(self.directions.clarity[0])
+
+    @property
     def doubt(self) -> str:
         """Why the motion is not to be believed, though the keyframe fits; "" if it is."""
         unknown = np.count_nonzero(self.directions.clarity < SIGMAS)

@@ -21,6 +21,7 @@ from vo_service.odometry.keyframe.parameters import (
     KEYFRAMES,
     LITTLE,
     OTHER_LIGHT,
+    SIGMAS,
 )
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.strangers import without_strangers
@@ -31,10 +32,16 @@ JOINT_KEYFRAMES, *_ = KEYFRAMES
 REUSE_PX = KEYFRAME_FLOW_PX / sqrt(2.0)
 
 
-def is_due(found: Found, images: Images) -> bool:
-    """Whether the keyframe in use is going out of view, or is of the dark and there is light."""
+def is_due(found: Found, images: Images, clarity: float, clarity_at_first: float) -> bool:
+    """Whether the keyframe in use is going out of view, or says little, or knows but the dark.
+
+    clarity  of the direction that the view says the least of, now and in the keyframe's first view;
+             the ratio of entropies of Kerl, Sturm and Cremers (IROS 2013), where it matters
+    """
     # Where the light is back there is texture that a keyframe without it does not know of.
     if lack(found.alignment) and images.light_against(found.keyframe.images) > OTHER_LIGHT:
+        return True
+    if SIGMAS <= clarity < min(2.0 * SIGMAS, HALF * clarity_at_first):
         return True
     seen = overlap(found.keyframe, found.alignment.T_camera_keyframe)
     return not _is_near(seen, KEYFRAME_FLOW_PX)

@@ -1,16 +1,16 @@
 """A view too plain to hold the camera: along what it leaves open, it goes on as it moved before.
 
-An estimate shrunk by its own noise, towards what was expected of it: James and Stein, "Estimation
-with Quadratic Loss" (Fourth Berkeley Symposium, 1961).
+What was expected and what was found are weighed by how sure each is: Kalman, "A New Approach to
+Linear Filtering and Prediction Problems" (Journal of Basic Engineering 82, 1960). What readings say
+of their own noise is left out: noise looks like knowledge where there is nothing else.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from drivers.geometry import carried, inverse
+from drivers.geometry import adjoint, inverse
 from vo_service.odometry.keyframe.certainty import Certainty
-from vo_service.odometry.keyframe.movement import ACCELERATION
 from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.twists import exponential, logarithm
@@ -18,26 +18,22 @@ from vo_service.odometry.keyframe.way import Way
 
 
 def carried_on(found: Found, sure: Certainty, way: Way, stamp_s: float) -> tuple[Found, Certainty]:
-    """The same between what was expected and what was found, which says so, and is less sure.
+    """The same between what was expected and what was found, which says so, and as sure as both.
 
-    Each direction of motion has the share of what was found that is more than noise. Of the rest,
-    the longer ago the camera was held the less is known.
+    The longer ago a view held the camera, the less is expected of it.
     """
-    share, alignment = sure.directions.share, found.alignment
-    T_world_keyframe = found.keyframe.T_world_keyframe
-    T_expected = way.starts(T_world_keyframe, stamp_s)[0]
-    movement = way.tie(T_world_keyframe, stamp_s).movement
-    change = (alignment.movement - movement)[:ACCELERATION]
-    movement[:ACCELERATION] += share @ change
-    off = logarithm(inverse(T_expected) @ alignment.T_camera_keyframe)
-    alignment = replace(
-        alignment,
-        T_camera_keyframe=T_expected @ exponential(share @ off),
-        movement=movement,
-    )
-    strayed = (np.eye(6) - share) * (stamp_s - way.held_s) * np.repeat(VELOCITY_SIGMA, 3)
-    of_stray = carried(strayed @ strayed.T, inverse(alignment.T_camera_keyframe))
+    T_world_expected = way.expected(stamp_s)
+    off = logarithm(inverse(T_world_expected) @ found.T_world_camera)
+    change = found.alignment.camera_velocity - way.velocity
+    T_camera_keyframe = found.alignment.T_camera_keyframe
+    W = sure.directions.without_noise
+    W = adjoint(T_camera_keyframe) @ W @ adjoint(inverse(T_camera_keyframe))
+    information = W.T @ np.linalg.inv(sure.covariance) @ W
+    strayed = (stamp_s - way.held_s) * np.array(VELOCITY_SIGMA)
+    covariance = np.linalg.inv(np.diag(np.repeat(strayed**-2.0, 3)) + information)
+    share = covariance @ information
+    found = found.moved(T_world_expected @ exponential(share @ off), way.velocity + share @ change)
     return (
-        replace(found, alignment=alignment, lack=sure.doubt),
-        replace(sure, covariance=sure.covariance + of_stray),
+        replace(found, lack=sure.doubt),
+        replace(sure, covariance=0.5 * (covariance + covariance.T)),
     )

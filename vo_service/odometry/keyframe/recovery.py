@@ -1,16 +1,17 @@
 """What else is tried with a frame that does not fit the keyframe, or may fit it by chance."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from math import log
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, inverse
+from drivers.geometry import Array, adjoint, inverse
 from vo_service.odometry.keyframe.alignment import Alignment, Tie, align, all_alike, depth_alone
 from vo_service.odometry.keyframe.confidence import doubt, doubt_anywhere, misfit, oddness
 from vo_service.odometry.keyframe.features import FeatureSearch
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap
+from vo_service.odometry.keyframe.movement import ACCELERATION
 from vo_service.odometry.keyframe.parameters import KEYFRAMES, OTHER_LIGHT, PATIENCE_FRAMES, SLIGHT
 from vo_service.odometry.keyframe.way import Way
 from vo_service.odometry.surf import SurfExtractor
@@ -35,6 +36,14 @@ class Found:
     def T_world_camera(self) -> Array:
         """4x4 pose of the camera."""
         return self.keyframe.T_world_keyframe @ inverse(self.alignment.T_camera_keyframe)
+
+    def moved(self, T_world_camera: Array, velocity: Array) -> "Found":
+        """The same with another pose (4x4) and velocity (6,) of the camera in its own axes."""
+        T_camera_keyframe = inverse(T_world_camera) @ self.keyframe.T_world_keyframe
+        movement = self.alignment.movement.copy()
+        movement[:ACCELERATION] = -adjoint(inverse(T_camera_keyframe)) @ velocity
+        moved = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, movement=movement)
+        return replace(self, alignment=moved)
 
     @property
     def is_better_tried_again(self) -> bool:

@@ -6,13 +6,11 @@ Parameter for alpha-beta and alpha-beta-gamma Target Trackers" (IEEE Transaction
 Electronic Systems 20, 1984).
 """
 
-from dataclasses import replace
 from math import sqrt
 
 import numpy as np
 
-from drivers.geometry import Array, adjoint, inverse
-from vo_service.odometry.keyframe.movement import ACCELERATION
+from drivers.geometry import Array, inverse
 from vo_service.odometry.keyframe.parameters import SLIGHT
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.twists import exponential, logarithm
@@ -24,7 +22,7 @@ def steadied(found: Found, covariance: Array, way: Way, stamp_s: float) -> tuple
 
     covariance  6x6 of the pose that was found, as a small motion in the camera's axes
     """
-    T_world_expected = way.T_world_camera @ exponential((stamp_s - way.stamp_s) * way.velocity)
+    T_world_expected = way.expected(stamp_s)
     off = logarithm(inverse(T_world_expected) @ found.T_world_camera)
     unrest = way.unrest_with(float(off @ np.linalg.solve(covariance, off)) / len(off))
     of_pose, of_velocity = shares(unrest)
@@ -32,19 +30,10 @@ def steadied(found: Found, covariance: Array, way: Way, stamp_s: float) -> tuple
         return found, unrest
     change = found.alignment.camera_velocity - way.velocity
     T_world_camera = T_world_expected @ exponential(of_pose * off)
-    return _moved(found, T_world_camera, way.velocity + of_velocity * change), unrest
+    return found.moved(T_world_camera, way.velocity + of_velocity * change), unrest
 
 
 def shares(unrest: float) -> tuple[float, float]:
     """A frame's shares in the pose and in the velocity, up to 1: all where it is unexpected."""
     of_pose = min(max(unrest - 1.0, SLIGHT), 1.0)
     return of_pose, min(2.0 * (2.0 - of_pose) - 4.0 * sqrt(1.0 - of_pose), 1.0)
-
-
-def _moved(found: Found, T_world_camera: Array, velocity: Array) -> Found:
-    """The same with another pose (4x4) and velocity (6,) of the camera, this in its own axes."""
-    T_camera_keyframe = inverse(T_world_camera) @ found.keyframe.T_world_keyframe
-    movement = found.alignment.movement.copy()
-    movement[:ACCELERATION] = -adjoint(inverse(T_camera_keyframe)) @ velocity
-    alignment = replace(found.alignment, T_camera_keyframe=T_camera_keyframe, movement=movement)
-    return replace(found, alignment=alignment)

@@ -57,6 +57,11 @@ class Way:
         T_camera_last = exponential((self.stamp_s - stamp_s) * self.velocity)
         return [T_camera_last @ T_last_keyframe, T_last_keyframe]
 
+    def expected(self, stamp_s: float) -> Array:
+        """4x4 pose T_world_camera at a stamp, at the velocity of the last good frame."""
+        moved: Array = exponential((stamp_s - self.stamp_s) * self.velocity)
+        return np.asarray(self.T_world_camera @ moved, np.float64)
+
     def tie(self, T_world_keyframe: Array, stamp_s: float) -> Tie:
         """What is known of the velocity at a stamp: it changes no more than it did of late."""
         T_keyframe_last = inverse(T_world_keyframe) @ self.T_world_camera

@@ -77,18 +77,21 @@ def test_what_is_known_depends_neither_on_units_nor_on_the_origin(seed: int, uni
 
 
 @pytest.mark.parametrize(("clarity", "share"), [(0.5, 0.0), (1.0, 0.0), (4.0, 0.75), (1e9, 1.0)])
-def test_a_motion_keeps_what_is_more_than_noise(clarity: float, share: float) -> None:
+def test_information_without_noise_is_what_is_beyond_it(clarity: float, share: float) -> None:
     axes = np.random.default_rng(3).normal(size=(6, 6))
-    found = Directions(np.array([clarity, *[1e9] * 5]), axes).share
-    np.testing.assert_allclose(found @ axes[:, 0], share * axes[:, 0], atol=1e-6)
-    np.testing.assert_allclose(found @ axes[:, 1:], axes[:, 1:], atol=1e-6)
+    clarities = np.array([clarity, *[1e9] * 5])
+    W = Directions(clarities, axes).without_noise
+    information = np.linalg.inv(axes).T @ np.diag(clarities) @ np.linalg.inv(axes)
+    left = axes.T @ W.T @ information @ W @ axes
+    np.testing.assert_allclose(np.diag(left)[0], share * clarity, rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(np.diag(left)[1:], clarities[1:], rtol=1e-5)
 
 
 def test_no_information_is_no_knowledge() -> None:
     nothing = directions(np.zeros((6, 6)), np.zeros((6, 6)))
     assert not nothing.clarity.any()
     assert nothing.known.shape == (6, 0)
-    assert not nothing.share.any()
+    assert not nothing.without_noise.any()
 
 
 def test_the_step_is_the_derivative_of_the_residuals() -> None:

@@ -32,6 +32,9 @@ from vo_service.odometry.keyframe.movement import at_rest
 from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
 from vo_service.odometry.keyframe.recovery import Found
 
+# Clarity of a view, now and at first, that settles all directions.
+CLEAR = (1e3, 1e3)
+
 
 def turned(angle_rad: float) -> Array:
     return rigid_transform(rotation_from_vector([0.0, angle_rad, 0.0]), np.zeros(3))
@@ -94,8 +97,19 @@ def test_the_map_forgets_what_was_longest_out_of_use() -> None:
 
 
 def test_the_next_keyframe_is_due_when_the_last_goes_out_of_view() -> None:
-    assert not is_due(*found_at(0.03))
-    assert is_due(*found_at(0.35))
+    assert not is_due(*found_at(0.03), *CLEAR)
+    assert is_due(*found_at(0.35), *CLEAR)
+
+
+@pytest.mark.parametrize(
+    ("clarity", "at_first", "expected"),
+    [(4.0, 9.0, True), (5.0, 9.0, False), (6.1, 20.0, False), (2.9, 9.0, False)],
+    ids=["half as clear", "nearly as clear", "clear enough", "too plain to stand on"],
+)
+def test_the_next_keyframe_is_due_while_the_view_is_still_clear(
+    clarity: float, at_first: float, expected: bool
+) -> None:
+    assert is_due(*found_at(0.03), clarity, at_first) is expected
 
 
 def test_what_is_far_from_all_others_becomes_a_keyframe_itself() -> None:

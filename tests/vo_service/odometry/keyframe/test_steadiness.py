@@ -5,40 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.geometry import Array, inverse
-from tests.vo_service.odometry.keyframe.rolling_views import BRISK, seen, series_exponential
-from vo_service.odometry.keyframe.alignment import Alignment, start_fit
-from vo_service.odometry.keyframe.cells import ALL_STILL
-from vo_service.odometry.keyframe.images import make_images
-from vo_service.odometry.keyframe.local_map import make_keyframe
-from vo_service.odometry.keyframe.movement import at_constant, at_rest, in_axes
+from tests.vo_service.odometry.keyframe.found_motions import STAMP_S, WAY, found_at
+from tests.vo_service.odometry.keyframe.rolling_views import BRISK, series_exponential
 from vo_service.odometry.keyframe.parameters import SLIGHT
 from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.steadiness import shares, steadied
-from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
+from vo_service.odometry.keyframe.way import Way
 
-T_WORLD_KEYFRAME = BRISK.at(-0.1)
-KEYFRAME = make_keyframe(seen(), make_images(seen()), T_WORLD_KEYFRAME, at_rest(), ALL_STILL)
-WAY = Way(BRISK.at(1.0), BRISK.velocity, 1.0, SAME_LIGHT, 120.0)
-STAMP_S = 1.0 + 1 / 30
 # A millimetre, and a milliradian.
 SIGMA = 1e-3
 OFF = SIGMA * np.array([0.5, -0.3, 0.2, 0.4, 0.1, -0.3])
 FASTER = np.array([0.01, 0.02, -0.01, 0.02, 0.01, 0.03])
 
 
-def found_at(off: Array) -> Found:
-    """So far from where it is expected, and with another velocity."""
-    T_camera_keyframe = inverse(BRISK.at(STAMP_S) @ series_exponential(off)) @ T_WORLD_KEYFRAME
-    movement = in_axes(-at_constant(BRISK.velocity + FASTER), inverse(T_camera_keyframe))
-    nothing = np.zeros((0, 0))
-    alignment = Alignment(T_camera_keyframe, movement, start_fit(), nothing, nothing, nothing)
-    return Found(KEYFRAME, alignment, WAY.tie(T_WORLD_KEYFRAME, STAMP_S))
-
-
 def steady(times: float, way: Way = WAY, stamp_s: float = STAMP_S) -> tuple[Found, Found, float]:
     """What was found, the same steadied, and the unrest."""
-    found = found_at(times * OFF)
+    found = found_at(times * OFF, FASTER)
     return found, *steadied(found, SIGMA**2 * np.eye(6), way, stamp_s)
 
 

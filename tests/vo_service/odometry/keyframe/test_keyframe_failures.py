@@ -165,6 +165,17 @@ def test_a_view_too_plain_is_followed_for_a_moment_and_told_and_then_lost() -> N
     assert np.trace(plain[11].covariance) > 10.0 * np.trace(plain[0].covariance)
 
 
+def test_where_a_keyframe_begins_in_a_plain_view_is_told_by_the_way_there() -> None:
+    """Laid on other keyframes in view as well, it would turn before the wall."""
+    odometry, hand = KeyframeOdometry(), Hand(3.0 * BRISK.velocity)
+    wall = [noisy(seen(hand, k / 30, (WALL,)), k) for k in range(16)]
+    follow(odometry, wall[:8])
+    plain = follow(odometry, [dark(frame) for frame in wall[8:]])
+    assert any(e.is_next_reference for e in plain)
+    for k, estimate in enumerate(plain, start=8):
+        assert_close(estimate.T_world_camera, hand.at(k / 30), 0.015, 0.15)
+
+
 def test_a_first_keyframe_needs_more_points_than_a_frame(views: list[RgbdFrame]) -> None:
     """Depth in the middle alone: 157 points, and a frame of 100 is believed."""
     depth_raw = np.zeros_like(views[0].depth_raw)

@@ -129,7 +129,7 @@ class Way:
 
         Not between frames further apart: how it moved before says too little then.
         """
-        return not self.is_long_ago(stamp_s) and stamp_s - self.held_s <= LONGEST_STEP_S
+        return not self.is_long_ago(stamp_s) and 0.0 < stamp_s - self.held_s <= LONGEST_STEP_S
 
     def is_soon(self, stamp_s: float) -> bool:
         """Whether the last frames say anything of where the camera is at a stamp."""

@@ -165,6 +165,15 @@ def test_a_view_too_plain_is_followed_for_a_moment_and_told_and_then_lost() -> N
     assert np.trace(plain[11].covariance) > 10.0 * np.trace(plain[0].covariance)
 
 
+def test_a_plain_view_at_the_same_instant_as_the_last_one_is_not_carried_on() -> None:
+    odometry = KeyframeOdometry()
+    wall = [noisy(seen(BRISK, k / 30, (WALL,)), k) for k in range(4)]
+    follow(odometry, wall)
+    again = odometry.estimate(replace(dark(wall[3]), stamp_s=wall[3].stamp_s))
+    assert_is_sound(again)
+    assert not again.ok
+
+
 def test_where_a_keyframe_begins_in_a_plain_view_is_told_by_the_way_there() -> None:
     """Laid on other keyframes in view as well, it would turn before the wall."""
     odometry, hand = KeyframeOdometry(), Hand(3.0 * BRISK.velocity)

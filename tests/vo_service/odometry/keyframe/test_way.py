@@ -98,7 +98,14 @@ def test_it_goes_on_from_the_next_good_frame() -> None:
 
 
 @pytest.mark.parametrize(
-    ("held_s", "stamp_s", "is_held"), [(0.7, 1.05, True), (0.6, 1.05, False), (1.0, 1.15, False)]
+    ("held_s", "stamp_s", "is_held"),
+    [
+        (0.7, 1.05, True),
+        (0.6, 1.05, False),
+        (1.0, 1.15, False),
+        (1.0, 1.0, False),
+        (1.0, 0.95, False),
+    ],
 )
 def test_a_view_is_held_for_a_moment(held_s: float, stamp_s: float, is_held: bool) -> None:
     assert replace(WAY, held_s=held_s).is_held(stamp_s) is is_held

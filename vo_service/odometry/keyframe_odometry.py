@@ -108,6 +108,9 @@ class KeyframeOdometry:
                 return self._fail(frame, images, self._track, found, sure.doubt)
             # For a moment, it goes on as it moved.
             found, sure = carried_on(found, sure, self._track.way, images.stamp_s)
+        elif self._track.way.is_carried_on:
+            # From there to where it is found is no way that the camera went.
+            found = found.moved(found.T_world_camera, self._track.way.velocity)
         # A calm camera's pose is that of many frames.
         found, unrest = steadied(found, sure.covariance, self._track.way, images.stamp_s)
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.

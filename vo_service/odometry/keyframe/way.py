@@ -131,6 +131,11 @@ class Way:
         """
         return not self.is_long_ago(stamp_s) and 0.0 < stamp_s - self.held_s <= LONGEST_STEP_S
 
+    @property
+    def is_carried_on(self) -> bool:
+        """Whether the last good frame was too plain a view, carried on from those before it."""
+        return self.held_s < self.stamp_s
+
     def is_soon(self, stamp_s: float) -> bool:
         """Whether the last frames say anything of where the camera is at a stamp."""
         return 0.0 < stamp_s - self.stamp_s <= LONGEST_STEP_S

@@ -174,6 +174,18 @@ def test_a_plain_view_at_the_same_instant_as_the_last_one_is_not_carried_on() ->
     assert not again.ok
 
 
+def test_the_jump_from_where_it_was_carried_on_to_is_no_velocity_to_carry_on_with() -> None:
+    """The light goes out, is seen for one frame, and goes out again."""
+    odometry = KeyframeOdometry()
+    wall = [noisy(seen(BRISK, k / 30, (WALL,)), k) for k in range(18)]
+    follow(odometry, wall[:4])
+    frames = [wall[k] if k == 12 else dark(wall[k]) for k in range(4, 18)]
+    estimates = follow(odometry, frames)
+    assert [k for k, e in enumerate(estimates, start=4) if not e.reason] == [12]
+    for k, estimate in enumerate(estimates[8:], start=12):
+        assert_close(estimate.T_world_camera, BRISK.at(k / 30), 0.005, 0.15)
+
+
 def test_where_a_keyframe_begins_in_a_plain_view_is_told_by_the_way_there() -> None:
     """Laid on other keyframes in view as well, it would turn before the wall."""
     odometry, hand = KeyframeOdometry(), Hand(3.0 * BRISK.velocity)

@@ -111,6 +111,11 @@ def test_a_view_is_held_for_a_moment(held_s: float, stamp_s: float, is_held: boo
     assert replace(WAY, held_s=held_s).is_held(stamp_s) is is_held
 
 
+def test_it_was_carried_on_if_the_last_good_frame_did_not_hold_it() -> None:
+    assert not replace(WAY, held_s=1.0).is_carried_on
+    assert replace(WAY, held_s=0.9).is_carried_on
+
+
 def expected_light(gain: float) -> Array:
     images = make_images(lit(seen(), gain))
     way = replace(WAY, mean_brightness=make_images(seen()).mean_brightness)

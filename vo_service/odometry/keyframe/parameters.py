@@ -65,7 +65,8 @@ LITTLE = 0.25
 # No more of a view that is believed is hidden or does not fit; another keyframe that has a say in
 # where the next one is has at least this share of its points in view. A region of less weight
 # hardly counts; a change of the velocity by less of what is usual surprises nobody; no lens takes
-# more light from a corner, and no gain more of it.
+# more light from a corner, and no gain more of it. A view that says little is followed by the next
+# keyframe when it is less than so much as clear as at first.
 HALF = 0.5
 
 # WHETHER IT IS RIGHT, AND WHAT ELSE IS TRIED

@@ -19,6 +19,7 @@ from vo_service.odometry.keyframe.confidence import cover, doubt, lack
 from vo_service.odometry.keyframe.drawing import draw, draw_points
 from vo_service.odometry.keyframe.falloff import Falloff
 from vo_service.odometry.keyframe.first_keyframe import made_anew
+from vo_service.odometry.keyframe.good_frame import GoodFrame
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
 from vo_service.odometry.keyframe.movement import at_rest
@@ -43,6 +44,7 @@ class Track:
 
     T_world_reference  4x4 pose of the frame from which on the keyframe has been in use
     is_first           the keyframe is the very first frame, and the camera's velocity not known
+    last               the last good frame, from the second on
     clarity            of the keyframe's first view, see `Certainty`; None before that
     """
 
@@ -50,6 +52,7 @@ class Track:
     way: Way
     T_world_reference: Array
     is_first: bool = False
+    last: GoodFrame | None = None
     clarity: float | None = None
 
     def clarity_at_first(self, found: Found, sure: Certainty) -> float:
@@ -114,15 +117,16 @@ class KeyframeOdometry:
         # A calm camera's pose is that of many frames.
         found, unrest = steadied(found, sure.covariance, self._track.way, images.stamp_s)
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
+        good = GoodFrame(frame, images, found, self._track.way, is_held=not sure.doubt)
         keyframe = found.keyframe
         if is_due(found, images, sure.clarity, self._track.clarity_at_first(found, sure)):
             self._falloff = self._falloff.with_view(keyframe, images, found.alignment)
-            if not sure.doubt:
-                with self._stopwatch.stage("settle"):
-                    found = settle(found, images, self._map)
+            good = good.with_falloff(self.falloff)
+            with self._stopwatch.stage("settle"):
+                settled, good = settle(self._track.last, good, self._map)
             with self._stopwatch.stage("keyframe"):
-                keyframe = choose(frame, images, found, self._map)
-        return self._advance(images, self._track, found, sure, keyframe, unrest)
+                keyframe = choose(settled, self._map)
+        return self._advance(self._track, good, sure, keyframe, unrest)
 
     def _align(self, images: Images, track: Track) -> Found:
         keyframe, way = track.keyframe, track.way
@@ -180,15 +184,10 @@ class KeyframeOdometry:
         return self._estimate(False, reason, draw(found.keyframe, found.alignment))
 
     def _advance(
-        self,
-        images: Images,
-        track: Track,
-        found: Found,
-        sure: Certainty,
-        keyframe: Keyframe,
-        unrest: float,
+        self, track: Track, good: GoodFrame, sure: Certainty, keyframe: Keyframe, unrest: float
     ) -> Estimate:
         """Go on from here, with this keyframe."""
+        images, found = good.images, good.found
         is_next_reference = keyframe is not track.keyframe
         way = track.way.on(
             found.T_world_camera,
@@ -196,13 +195,13 @@ class KeyframeOdometry:
             images,
             found.alignment.light if keyframe is found.keyframe else SAME_LIGHT,
             unrest,
-            track.way.held_s if sure.doubt else images.stamp_s,
+            images.stamp_s if good.is_held else track.way.held_s,
         )
         T_reference_camera = inverse(track.T_world_reference) @ found.T_world_camera
         T_world_reference = found.T_world_camera if is_next_reference else track.T_world_reference
         self._T_world_camera = found.T_world_camera
         clarity = track.clarity_at_first(found, sure) if keyframe is found.keyframe else None
-        self._track = Track(keyframe, way, T_world_reference, clarity=clarity)
+        self._track = Track(keyframe, way, T_world_reference, last=good, clarity=clarity)
         self._failures = 0
         return self._estimate(
             True,

@@ -7,8 +7,9 @@ good part of a pixel. What it changes of the place is below the sensor's noise.
 
 import numpy as np
 
-from drivers.geometry import Array, adjoint
+from drivers.geometry import Array, adjoint, inverse
 from drivers.jit import inline_kernel, kernel
+from vo_service.odometry.keyframe.twists import logarithm
 
 COLUMNS = 9
 # Of the acceleration among them; and among the unknowns of a step: motion, velocity, acceleration.
@@ -24,6 +25,20 @@ def at_rest() -> Array:
 def at_constant(velocity: Array) -> Array:
     """(9,) of a velocity (6,) that stays as it is."""
     return np.concatenate([velocity, np.zeros(3)])
+
+
+def through(poses: tuple[Array, Array, Array], stamps_s: tuple[float, float, float]) -> Array:
+    """(9,) of a camera in its own axes at the second of three poses T_world_camera (4x4).
+
+    As if the way through them were a parabola.
+    """
+    before, now, after = poses
+    since_s, until_s = stamps_s[1] - stamps_s[0], stamps_s[2] - stamps_s[1]
+    since = logarithm(inverse(before) @ now) / since_s
+    until = logarithm(inverse(now) @ after) / until_s
+    velocity = (until_s * since + since_s * until) / (since_s + until_s)
+    acceleration = 2.0 * (until - since) / (since_s + until_s)
+    return np.concatenate([velocity, acceleration[3:]])
 
 
 def in_axes(movement: Array, T: Array) -> Array:

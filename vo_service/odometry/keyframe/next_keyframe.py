@@ -3,8 +3,9 @@
 from dataclasses import replace
 from math import sqrt
 
-from drivers.camera import RgbdFrame
+from drivers.geometry import inverse
 from vo_service.odometry.keyframe.confidence import hidden, lack
+from vo_service.odometry.keyframe.good_frame import GoodFrame, movement_before
 from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.joint import align_jointly
 from vo_service.odometry.keyframe.limits import MOST
@@ -47,29 +48,55 @@ def is_due(found: Found, images: Images, clarity: float, clarity_at_first: float
     return not _is_near(seen, KEYFRAME_FLOW_PX)
 
 
-def settle(found: Found, images: Images, local_map: LocalMap) -> Found:
-    """The same frame, laid on other keyframes in view as well."""
-    keyframe, alignment = found.keyframe, found.alignment
+def settle(
+    before: GoodFrame | None, now: GoodFrame, local_map: LocalMap
+) -> tuple[GoodFrame, GoodFrame]:
+    """The frame to make the next keyframe of, laid on others in view as well; and now, from there.
+
+    before  the good frame before this one: a rolling shutter's keyframe is made of that, for by now
+            it is known how the camera moved in it
+    """
+    movement = movement_before(before, now)
+    if before is None or movement is None:
+        settled = _settled(now, local_map)
+        return settled, settled
+    settled = _settled(before, local_map)
+    T_before_now = inverse(before.found.T_world_camera) @ now.found.T_world_camera
+    T_world_camera = settled.found.T_world_camera @ T_before_now
+    found = now.found.moved(T_world_camera, now.found.alignment.camera_velocity)
+    return settled.with_movement(movement), replace(now, found=found)
+
+
+def _settled(good: GoodFrame, local_map: LocalMap) -> GoodFrame:
+    """The same on other keyframes in view as well; as it is where the view is plain."""
+    if not good.is_held:
+        return good
+    keyframe, alignment = good.found.keyframe, good.found.alignment
     others = [
         other
-        for other, seen in local_map.in_view(found.T_world_camera)
+        for other, seen in local_map.in_view(good.found.T_world_camera)
         if other is not keyframe and seen.share >= HALF
     ][:JOINT_KEYFRAMES]
-    T = align_jointly(keyframe, others, images, alignment)
-    return replace(found, alignment=replace(alignment, T_camera_keyframe=T))
+    T = align_jointly(keyframe, others, good.images, alignment)
+    found = replace(good.found, alignment=replace(alignment, T_camera_keyframe=T))
+    return replace(good, found=found)
 
 
-def choose(frame: RgbdFrame, images: Images, found: Found, local_map: LocalMap) -> Keyframe:
+def choose(good: GoodFrame, local_map: LocalMap) -> Keyframe:
     """One of the map that is near enough, else the frame itself, which joins the map."""
-    T_world_camera = found.T_world_camera
-    for other, seen in local_map.in_view(T_world_camera):
+    found, alignment = good.found, good.found.alignment
+    for other, seen in local_map.in_view(found.T_world_camera):
         if other is not found.keyframe and _is_near(seen, REUSE_PX):
             local_map.use(other)
             return other
-    if hidden(found.alignment) > LITTLE:
+    if hidden(alignment) > LITTLE:
         return found.keyframe
     keyframe = make_keyframe(
-        frame, images, T_world_camera, found.alignment.camera_movement, found.alignment.is_still
+        good.frame,
+        good.images,
+        found.T_world_camera,
+        alignment.camera_movement,
+        alignment.is_still,
     )
     keyframe = without_strangers(keyframe, local_map.keyframes)
     if len(keyframe.points[0]) < LITTLE * len(found.keyframe.points[0]):

@@ -25,7 +25,7 @@ NOISE = (1.0, 6e-4)
 # What readings are off by before anything is known, of noise, interpolation and planes together.
 SPREADS = (10.0, 3e-3)
 # Student's t: degrees of freedom, and what brightness weighs beside depth.
-FREEDOM = 4.0
+FREEDOM = 3.0
 BRIGHTNESS_SHARE = 0.45
 # What is off by more standard deviations does not agree; or surprises; or is more than noise.
 SIGMAS = 3.0
@@ -83,7 +83,7 @@ KEYFRAMES = (2, 3, 8, 30)
 # not fit. The second: so do all keyframes.
 PATIENCE_FRAMES = (3, 60)
 # The next keyframe is due when the last has moved by so much in the image.
-KEYFRAME_FLOW_PX = 60.0
+KEYFRAME_FLOW_PX = 70.0
 
 # HOW SURE IT IS
 # What all of the image is wrong about alike does not show: so many times what does.

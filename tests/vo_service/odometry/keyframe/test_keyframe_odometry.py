@@ -20,6 +20,7 @@ from tests.vo_service.odometry.keyframe.rolling_views import (
 )
 from tests.vo_service.odometry.walk import assert_close, follow
 from vo_service.odometry.estimate import Estimate
+from vo_service.odometry.keyframe import next_keyframe
 from vo_service.odometry.keyframe_odometry import KeyframeOdometry
 
 TIMINGS = [(0.0, 0.0), (0.02, 0.01), (0.02, -0.012)]
@@ -146,7 +147,7 @@ def turned(angle_rad: float) -> Array:
 
 
 def sweep() -> list[float]:
-    there = [0.06 * k for k in range(7)]
+    there = [0.06 * k for k in range(9)]
     return there + there[::-1]
 
 
@@ -158,7 +159,7 @@ def swept() -> list[Estimate]:
 
 def test_a_long_way_passes_from_keyframe_to_keyframe(swept: list[Estimate]) -> None:
     assert all(e.ok for e in swept)
-    assert sum(e.is_next_reference for e in swept[:7]) >= 3
+    assert sum(e.is_next_reference for e in swept[:9]) >= 3
     for angle_rad, estimate in zip(sweep(), swept, strict=True):
         assert_close(estimate.T_world_camera, turned(angle_rad), 0.003, 0.08)
 
@@ -203,3 +204,29 @@ def test_a_camera_that_stands_still_from_the_start_has_no_velocity() -> None:
     frames = [replace(noisy(seen(STILL, readout_s=0.02), k), stamp_s=k / 30) for k in range(3)]
     for estimate in follow(KeyframeOdometry(), frames):
         assert_close(estimate.T_world_camera, np.eye(4), 0.001, 0.03)
+
+
+class Trembling(Hand):
+    """A hand that turns aside, and trembles five times a second."""
+
+    def at(self, time_s: float) -> Array:
+        tremor_rad = 0.015 * np.sin(2 * np.pi * 5.0 * time_s) * np.array([1.0, 0.6, -0.5])
+        turn = np.array([0.0, 0.9, 0.0]) * (time_s - 0.5) + tremor_rad
+        return rigid_transform(rotation_from_vector(turn), np.array([0.25, 0.05, 0.1]) * time_s)
+
+
+def drift_of(frames: list[RgbdFrame]) -> float:
+    """Mean distance from the way of a trembling hand, m."""
+    way = way_of(follow(KeyframeOdometry(), frames))
+    T_start_world = inverse(Trembling().at(0.0))
+    truth = [(T_start_world @ Trembling().at(frame.stamp_s))[:3, 3] for frame in frames]
+    return float(np.linalg.norm(way - truth, axis=1).mean())
+
+
+def test_a_trembling_hand_bends_no_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keyframes are un-bent by the poses around them, not by what bent ones before made of it."""
+    frames = [noisy(f, k) for k, f in enumerate(film(Trembling(), 36, 0.02, 0.012))]
+    told = drift_of(frames)
+    monkeypatch.setattr(next_keyframe, "movement_before", lambda before, now: None)
+    assert told < 0.001
+    assert told < 0.7 * drift_of(frames)

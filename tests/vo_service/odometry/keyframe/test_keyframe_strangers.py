@@ -7,9 +7,11 @@ import pytest
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from tests.vo_service.odometry.keyframe.found_motions import WAY
 from tests.vo_service.odometry.keyframe.rolling_views import CAMERA, Hand, noisy, seen
 from vo_service.odometry.keyframe.alignment import STANDING, align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL
+from vo_service.odometry.keyframe.good_frame import GoodFrame
 from vo_service.odometry.keyframe.images import make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
 from vo_service.odometry.keyframe.movement import at_rest
@@ -111,7 +113,8 @@ def test_a_frame_that_becomes_the_next_keyframe_has_no_points_of_what_came() -> 
     images, local_map = make_images(frame), LocalMap()
     local_map.begin(EMPTY)
     laid = align(EMPTY.points, images, [np.eye(4)], STANDING, (1.0, 0.0), all_alike())
-    chosen = choose(frame, images, Found(EMPTY, laid, STANDING), local_map)
+    found = Found(EMPTY, laid, STANDING)
+    chosen = choose(GoodFrame(frame, images, found, WAY, is_held=True), local_map)
     assert chosen.frame is frame
     assert local_map.keyframes == [EMPTY, chosen]
     for level in chosen.points:

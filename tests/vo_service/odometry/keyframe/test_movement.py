@@ -10,7 +10,14 @@ from tests.vo_service.odometry.keyframe.rolling_views import (
     TREMBLING,
     series_exponential,
 )
-from vo_service.odometry.keyframe.movement import at_constant, body_movement, in_axes, later, moved
+from vo_service.odometry.keyframe.movement import (
+    at_constant,
+    body_movement,
+    in_axes,
+    later,
+    moved,
+    through,
+)
 
 FEW = settings(max_examples=30)
 NUMBERS = st.floats(-1.0, 1.0, allow_subnormal=False)
@@ -65,3 +72,23 @@ def test_what_was_seen_at_another_time_is_brought_back(early_s: float) -> None:
     np.testing.assert_allclose(back, POINT, atol=3e-5)
     wrong = moved(TREMBLING.movement, x, y, z, -early_s)
     assert np.linalg.norm(wrong - POINT) > 1e-3
+
+
+@FEW
+@given(TWISTS, TWISTS)
+def test_three_poses_on_the_way_of_a_constant_twist_tell_it(start: Array, velocity: Array) -> None:
+    stamps_s = (10.0, 10.03, 10.07)
+    T = series_exponential(start)
+    before, now, after = (T @ series_exponential(t * velocity) for t in stamps_s)
+    told = through((before, now, after), stamps_s)
+    np.testing.assert_allclose(told, at_constant(velocity), atol=1e-9)
+
+
+@pytest.mark.parametrize("until_s", [0.03, 0.04])
+def test_three_poses_of_a_trembling_hand_tell_its_acceleration(until_s: float) -> None:
+    stamps_s = (-0.03, 0.0, until_s)
+    before, now, after = (TREMBLING.at(t) for t in stamps_s)
+    # Where the axes turn, so does the velocity that is the same for each pose's own.
+    np.testing.assert_allclose(
+        through((before, now, after), stamps_s), TREMBLING.movement, rtol=0.02, atol=0.15
+    )

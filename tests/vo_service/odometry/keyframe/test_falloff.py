@@ -8,9 +8,11 @@ import pytest
 from drivers.camera import RgbdFrame
 from drivers.geometry import inverse
 from tests.vo_service.odometry.keyframe.rolling_views import CAMERA, STILL, Hand, dark, noisy, seen
+from tests.vo_service.odometry.walk import follow
 from vo_service.odometry.keyframe.alignment import STANDING, Alignment, align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.falloff import Falloff
+from vo_service.odometry.keyframe.good_frame import GoodFrame
 from vo_service.odometry.keyframe.images import Images, make_images
 from vo_service.odometry.keyframe.local_map import Keyframe, make_keyframe
 from vo_service.odometry.keyframe.movement import at_rest
@@ -94,3 +96,19 @@ def test_the_odometry_learns_it_as_it_goes() -> None:
         frame = through_a_lens(noisy(seen(TURN, k / 8), k), 0.25)
         assert odometry.estimate(frame).ok
     assert odometry.falloff == pytest.approx(0.25, abs=0.07)
+
+
+def test_what_the_first_way_tells_of_it_counts_in_the_next_keyframe_already(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def off_m() -> float:
+        """Mean distance from the truth on the second keyframe."""
+        frames = [through_a_lens(noisy(seen(TURN, k / 6), k), 0.25) for k in range(11)]
+        estimates = follow(KeyframeOdometry(), frames)
+        assert [k for k, e in enumerate(estimates) if e.is_next_reference] == [0, 6]
+        off = [e.T_world_camera - TURN.at(k / 6) for k, e in enumerate(estimates)][6:]
+        return float(np.linalg.norm(np.array(off)[:, :3, 3], axis=1).mean())
+
+    told = off_m()
+    monkeypatch.setattr(GoodFrame, "with_falloff", lambda self, falloff: self)
+    assert told < 0.7 * off_m()

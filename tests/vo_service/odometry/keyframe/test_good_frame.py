@@ -79,6 +79,9 @@ def test_the_next_keyframe_is_the_frame_before_and_this_one_goes_with_it(
     chosen, after = settle(before, now, local_map)
     assert chosen.frame is before.frame
     assert after.frame is now.frame
+    alone, _ = settle(None, before, local_map)
+    np.testing.assert_array_equal(chosen.found.T_world_camera, alone.found.T_world_camera)
+    assert not np.array_equal(chosen.found.T_world_camera, before.found.T_world_camera)
     np.testing.assert_allclose(chosen.found.alignment.camera_movement, told, atol=1e-9)
     T_before_now = inverse(before.found.T_world_camera) @ now.found.T_world_camera
     np.testing.assert_allclose(

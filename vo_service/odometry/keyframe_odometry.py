@@ -119,7 +119,7 @@ class KeyframeOdometry:
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
         good = GoodFrame(frame, images, found, self._track.way, is_held=not sure.doubt)
         keyframe = found.keyframe
-        if is_due(found, images, sure.clarity, self._track.clarity_at_first(found, sure)):
+        if is_due(good, sure.clarity, self._track.clarity_at_first(found, sure)):
             self._falloff = self._falloff.with_view(keyframe, images, found.alignment)
             good = good.with_falloff(self.falloff)
             with self._stopwatch.stage("settle"):

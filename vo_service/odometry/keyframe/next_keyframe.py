@@ -6,7 +6,6 @@ from math import sqrt
 from drivers.geometry import inverse
 from vo_service.odometry.keyframe.confidence import hidden, lack
 from vo_service.odometry.keyframe.good_frame import GoodFrame, movement_before
-from vo_service.odometry.keyframe.images import Images
 from vo_service.odometry.keyframe.joint import align_jointly
 from vo_service.odometry.keyframe.limits import MOST
 from vo_service.odometry.keyframe.local_map import (
@@ -24,28 +23,30 @@ from vo_service.odometry.keyframe.parameters import (
     OTHER_LIGHT,
     SIGMAS,
 )
-from vo_service.odometry.keyframe.recovery import Found
 from vo_service.odometry.keyframe.strangers import without_strangers
 
 # So many others have a say in where the next one is.
 JOINT_KEYFRAMES, *_ = KEYFRAMES
-# One that is used again has moved so little in the image.
-REUSE_PX = KEYFRAME_FLOW_PX / sqrt(2.0)
+# One that is used again has moved by no more in the image. Where frames come seldom the next one is
+# far on, and the next keyframe is due when the last has moved by more.
+NEAR_PX = KEYFRAME_FLOW_PX / sqrt(2.0)
 
 
-def is_due(found: Found, images: Images, clarity: float, clarity_at_first: float) -> bool:
+def is_due(good: GoodFrame, clarity: float, clarity_at_first: float) -> bool:
     """Whether the keyframe in use is going out of view, or says little, or knows but the dark.
 
     clarity  of the direction that the view says the least of, now and in the keyframe's first view;
              the ratio of entropies of Kerl, Sturm and Cremers (IROS 2013), where it matters
     """
+    found, images = good.found, good.images
     # Where the light is back there is texture that a keyframe without it does not know of.
     if lack(found.alignment) and images.light_against(found.keyframe.images) > OTHER_LIGHT:
         return True
     if SIGMAS <= clarity < min(2.0 * SIGMAS, HALF * clarity_at_first):
         return True
     seen = overlap(found.keyframe, found.alignment.T_camera_keyframe)
-    return not _is_near(seen, KEYFRAME_FLOW_PX)
+    is_seldom = good.way.is_long_ago(images.stamp_s)
+    return not _is_near(seen, NEAR_PX if is_seldom else KEYFRAME_FLOW_PX)
 
 
 def settle(
@@ -86,7 +87,7 @@ def choose(good: GoodFrame, local_map: LocalMap) -> Keyframe:
     """One of the map that is near enough, else the frame itself, which joins the map."""
     found, alignment = good.found, good.found.alignment
     for other, seen in local_map.in_view(found.T_world_camera):
-        if other is not found.keyframe and _is_near(seen, REUSE_PX):
+        if other is not found.keyframe and _is_near(seen, NEAR_PX):
             local_map.use(other)
             return other
     if hidden(alignment) > LITTLE:

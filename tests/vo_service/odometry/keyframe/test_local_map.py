@@ -66,7 +66,8 @@ def found_at(angle_rad: float, keyframe: Keyframe = AHEAD) -> tuple[Found, Image
 def good_at(angle_rad: float) -> GoodFrame:
     found, images = found_at(angle_rad)
     frame = noisy(seen(Hand(T_world_start=turned(angle_rad))), 5)
-    return GoodFrame(frame, images, found, WAY, is_held=True)
+    way = replace(WAY, stamp_s=images.stamp_s - 1 / 30)
+    return GoodFrame(frame, images, found, way, is_held=True)
 
 
 def test_a_camera_that_has_not_moved_sees_all_of_its_keyframe() -> None:
@@ -105,8 +106,21 @@ def test_the_map_forgets_what_was_longest_out_of_use() -> None:
 
 
 def test_the_next_keyframe_is_due_when_the_last_goes_out_of_view() -> None:
-    assert not is_due(*found_at(0.03), *CLEAR)
-    assert is_due(*found_at(0.35), *CLEAR)
+    assert not is_due(good_at(0.03), *CLEAR)
+    assert is_due(good_at(0.35), *CLEAR)
+
+
+@pytest.mark.parametrize(
+    ("turn_rad", "after_s", "expected"),
+    [(0.17, 1 / 30, False), (0.17, 0.3, True), (0.14, 0.3, False)],
+)
+def test_where_frames_come_seldom_the_next_keyframe_is_due_sooner(
+    turn_rad: float, after_s: float, expected: bool
+) -> None:
+    """The image has moved by 53 pixels of 70, or by 44: the next frame may be far on."""
+    good = good_at(turn_rad)
+    way = replace(good.way, stamp_s=good.images.stamp_s - after_s)
+    assert is_due(replace(good, way=way), *CLEAR) is expected
 
 
 @pytest.mark.parametrize(
@@ -117,7 +131,7 @@ def test_the_next_keyframe_is_due_when_the_last_goes_out_of_view() -> None:
 def test_the_next_keyframe_is_due_while_the_view_is_still_clear(
     clarity: float, at_first: float, expected: bool
 ) -> None:
-    assert is_due(*found_at(0.03), clarity, at_first) is expected
+    assert is_due(good_at(0.03), clarity, at_first) is expected
 
 
 def test_what_is_far_from_all_others_becomes_a_keyframe_itself() -> None:

@@ -53,12 +53,14 @@ def movement_before(before: GoodFrame | None, now: GoodFrame) -> Array | None:
 
 
 def _are_alike(before: GoodFrame, now: GoodFrame) -> bool:
-    """Whether both, and the one before them, were laid well on one keyframe, in a short time."""
+    """Whether both, and the one before them, were laid well on one keyframe, soon after another."""
     return (
         before.found.keyframe is now.found.keyframe
         and before.is_held
         and now.is_held
         and not before.way.is_carried_on
         and not before.found.lack
+        and before.way.is_soon(before.images.stamp_s)
+        and now.way.is_soon(now.images.stamp_s)
         and not before.way.is_long_ago(now.images.stamp_s)
     )

@@ -101,7 +101,17 @@ def test_a_frame_with_none_before_it_is_told_nothing(now: GoodFrame) -> None:
 
 
 @pytest.mark.parametrize(
-    "odd", ["plain", "plain now", "plain before", "another keyframe", "in the dark", "long ago"]
+    "odd",
+    [
+        "plain",
+        "plain now",
+        "plain before",
+        "another keyframe",
+        "in the dark",
+        "long ago",
+        "at once",
+        "at once now",
+    ],
 )
 def test_poses_that_are_not_alike_tell_nothing(before: GoodFrame, now: GoodFrame, odd: str) -> None:
     way = before.way
@@ -111,10 +121,14 @@ def test_poses_that_are_not_alike_tell_nothing(before: GoodFrame, now: GoodFrame
         "another keyframe": replace(before, found=replace(before.found, keyframe=replace(BENT))),
         "in the dark": replace(before, found=replace(before.found, lack="by depth alone")),
         "long ago": replace(before, way=replace(way, stamp_s=way.stamp_s - FRAME_S)),
+        "at once": replace(before, way=replace(way, stamp_s=0.0, held_s=0.0)),
     }
-    after = replace(now, is_held=False) if odd == "plain now" else now
+    nows = {
+        "plain now": replace(now, is_held=False),
+        "at once now": replace(now, way=replace(now.way, stamp_s=now.images.stamp_s)),
+    }
     assert movement_before(before, now) is not None
-    assert movement_before(befores.get(odd, before), after) is None
+    assert movement_before(befores.get(odd, before), nows.get(odd, now)) is None
 
 
 def test_what_is_known_of_the_lens_is_taken_along(now: GoodFrame) -> None:

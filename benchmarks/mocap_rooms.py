@@ -12,12 +12,13 @@ import argparse
 import os
 import sys
 import time
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.rendered import render_all
 from drivers.errors import InputError, UserFacingError
 from drivers.synthetic.config import SyntheticConfig, Timing
+from drivers.trajectory import read_trajectory
 
 SUFFIX = "-groundtruth.txt"
 SEEDS = (11, 12, 13)
@@ -43,15 +44,13 @@ def main() -> int:
     parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="of the rooms")
     parser.add_argument("--timing", nargs="+", choices=TIMINGS, default=list(TIMINGS))
     parser.add_argument("--start", type=float, default=START_S, help="where in the track, seconds")
-    parser.add_argument("--seconds", type=float, default=DURATION_S, help="length of each")
+    parser.add_argument("--seconds", type=float, default=DURATION_S, help="of each, if it has them")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     args = parser.parse_args()
     begin_s = time.monotonic()
     try:
-        wanted = {
-            args.output / name: replace(config, track_start_s=args.start, duration_s=args.seconds)
-            for name, config in rooms(args.tracks, args.seeds, args.timing).items()
-        }
+        shown = rooms(args.tracks, args.seeds, args.timing, args.start, args.seconds)
+        wanted = {args.output / name: config for name, config in shown.items()}
         args.output.mkdir(parents=True, exist_ok=True)
         render_all(wanted, lambda line: print(line, flush=True), args.processes)
     except UserFacingError as error:
@@ -61,19 +60,40 @@ def main() -> int:
     return 0
 
 
-def rooms(tracks: Path, seeds: list[int], timings: list[str]) -> dict[str, SyntheticConfig]:
-    """What to render, by name. Raises InputError if there are no tracks."""
+def rooms(
+    tracks: Path,
+    seeds: Sequence[int],
+    timings: Sequence[str],
+    start_s: float = START_S,
+    duration_s: float = DURATION_S,
+) -> dict[str, SyntheticConfig]:
+    """What to render, by name: `duration_s` of each track, or what it holds if that is less.
+
+    Raises InputError if there are no tracks, one is broken, or one ends before `start_s`.
+    """
     files = sorted(tracks.glob(f"*{SUFFIX}"))
     if not files:
         raise InputError(f"{tracks}: holds no *{SUFFIX}; name a folder of TUM trajectories")
     return {
         f"{file.name.removesuffix(SUFFIX)}-room{seed}-{timing}": SyntheticConfig(
-            seed=seed, track=file.resolve(), timing=TIMINGS[timing]
+            seed=seed,
+            track=file.resolve(),
+            track_start_s=start_s,
+            duration_s=min(duration_s, _rest_s(file, start_s)),
+            timing=TIMINGS[timing],
         )
         for file in files
         for seed in seeds
         for timing in timings
     }
+
+
+def _rest_s(track: Path, start_s: float) -> float:
+    stamps_s = read_trajectory(track).stamps_s
+    length_s = float(stamps_s[-1] - stamps_s[0])
+    if length_s <= start_s:
+        raise InputError(f"{track}: ends after {length_s:g} s; begin earlier than at {start_s:g} s")
+    return length_s - start_s
 
 
 if __name__ == "__main__":

@@ -55,14 +55,29 @@ def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
     assert (tmp_path / "thesis.txt").exists()
 
 
+def track_of(folder: Path, seconds: int) -> Path:
+    file = folder / "fr1_xyz-groundtruth.txt"
+    file.write_text("".join(f"{stamp} 0 0 0 0 0 0 1\n" for stamp in range(seconds + 1)))
+    return folder
+
+
 def test_each_track_is_seen_in_each_room_with_each_timing(tmp_path: Path) -> None:
-    (tmp_path / "fr1_xyz-groundtruth.txt").write_text("")
-    wanted = rooms(tmp_path, [11, 12], list(TIMINGS))
+    wanted = rooms(track_of(tmp_path, 30), [11, 12], list(TIMINGS))
     assert len(wanted) == 8
     config = wanted["fr1_xyz-room12-rolling--12"]
     assert (config.seed, config.timing.readout_s, config.timing.skew_s) == (12, 0.02, -0.012)
     with pytest.raises(InputError, match="name a folder of TUM trajectories"):
         rooms(tmp_path / "fr1", [11], ["ideal"])
+
+
+def test_of_a_track_that_is_shorter_all_is_rendered(tmp_path: Path) -> None:
+    def config(start_s: float) -> SyntheticConfig:
+        return rooms(track_of(tmp_path, 23), [11], ["ideal"], start_s, 10.0)["fr1_xyz-room11-ideal"]
+
+    assert (config(4.0).track_start_s, config(4.0).duration_s) == (4.0, 10.0)
+    assert config(20.0).duration_s == 3.0
+    with pytest.raises(InputError, match="ends after 23 s; begin earlier than at 25 s"):
+        config(25.0)
 
 
 def test_a_still_view_has_other_noise_in_each_frame_and_nothing_else_that_differs() -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from vo_service.odometry.estimate import Odometry
+from vo_service.odometry.keyframe.budget import BUDGET_MS
 from vo_service.odometry.stopwatch import Stopwatch
 
 DEFAULT_METHOD = "keyframe"
@@ -57,3 +58,6 @@ METHODS: Mapping[str, Callable[[FeatureSettings, Stopwatch], Odometry]] = {
     "sfm": _sfm,
     "keyframe": _keyframe,
 }
+
+# Milliseconds of processor time a frame that stages may take, of methods that have such budgets.
+BUDGETS_MS: Mapping[str, Mapping[str, float]] = {"keyframe": BUDGET_MS}

@@ -12,6 +12,7 @@ from vo_service.feed import Feed
 from vo_service.load.governor import FixedEffort, Governor
 from vo_service.load.meter import FrameLoad
 from vo_service.mapping.loops.contract import Loops, NoLoops
+from vo_service.methods import BUDGETS_MS
 from vo_service.odometry.estimate import Estimate, Odometry
 from vo_service.outputs.output import Output, PoseUpdate, Status, TrackingState, Troubled
 from vo_service.pose_tracker import PoseTracker, StampedFrame
@@ -168,6 +169,8 @@ class Service:
             warnings=warnings,
             cpu_ms_per_frame=rolling.cpu_ms_per_frame,
             stage_ms=rolling.stage_ms,
+            stage_mean_ms=rolling.stage_mean_ms,
+            stage_budget_ms=BUDGETS_MS.get(self._method, {}),
         )
 
 

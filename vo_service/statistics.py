@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
-from statistics import median, pstdev
+from statistics import fmean, median, pstdev
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class Rolling:
     jitter_ms: float
     cpu_ms_per_frame: float
     stage_ms: Mapping[str, float]
+    stage_mean_ms: Mapping[str, float]
 
 
 @dataclass
@@ -52,6 +53,9 @@ class Statistics:
     _arrived_s: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
     _cpu_ms: deque[float] = field(default_factory=lambda: deque(maxlen=LONGEST_RECORD))
     _stages_ms: dict[str, deque[float]] = field(default_factory=dict)
+    _recent_stages_ms: deque[Mapping[str, float]] = field(
+        default_factory=lambda: deque(maxlen=WINDOW)
+    )
 
     def add(self, update: PoseUpdate, cpu_ms: float) -> None:
         """Take one frame's figures."""
@@ -63,6 +67,7 @@ class Statistics:
         self._latency_ms.append(update.latency_s * 1e3)
         self._arrived_s.append(self.end_s)
         self._add_stamp(update.frame)
+        self._recent_stages_ms.append(update.stage_ms)
         for stage, spent_ms in update.stage_ms.items():
             record = self._stages_ms.setdefault(stage, deque(maxlen=LONGEST_RECORD))
             record.append(spent_ms)
@@ -92,7 +97,11 @@ class Statistics:
             jitter_ms=pstdev(self._interval_ms) if self._interval_ms else 0.0,
             cpu_ms_per_frame=_recent(self._cpu_ms),
             stage_ms={stage: _recent(spent) for stage, spent in self._stages_ms.items()},
+            stage_mean_ms={stage: self._recent_mean_ms(stage) for stage in self._stages_ms},
         )
+
+    def _recent_mean_ms(self, stage: str) -> float:
+        return fmean(spent_ms.get(stage, 0.0) for spent_ms in self._recent_stages_ms)
 
     def _recent_fps(self) -> float:
         now_s = self.now_s()

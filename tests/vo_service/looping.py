@@ -31,6 +31,7 @@ def make_service(
     inbox: Inbox[Order] | None = None,
     odometry: ScriptedOdometry | None = None,
     loops: Loops | None = None,
+    method: str = "surf",
 ) -> Service:
     camera, tracker = camera or ScriptedCamera(), PoseTracker()
     return Service(
@@ -41,7 +42,7 @@ def make_service(
         clock=stamps or RecordedClock(),
         outputs=outputs,
         camera=camera,
-        method="surf",
+        method=method,
         control=Control(tracker, camera, inbox),
         loops=loops or NoLoops(),
     )

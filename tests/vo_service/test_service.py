@@ -1,6 +1,7 @@
 """The loop: every frame to every output, and a status that is never silent without a reason."""
 
 import threading
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from tests.vo_service.made_up_map import ScriptedLoops, a_map
 from vo_service import service as service_module
 from vo_service.feed import PersistentFeed, PlainFeed
 from vo_service.odometry.estimate import Estimate
+from vo_service.odometry.keyframe.budget import BUDGET_MS
 from vo_service.outputs.output import TrackingState
 from vo_service.stamps import LiveClock, RecordedClock
 
@@ -88,6 +90,14 @@ def test_the_status_counts_failures_and_shows_the_last_frames_matches(clock: Fak
     last = collector.statuses[-1]
     assert (last.frames, last.failed) == (2, 1)
     assert (last.features, last.matches, last.inliers) == (20, 9, 3)
+
+
+@pytest.mark.parametrize(("method", "budget_ms"), [("keyframe", BUDGET_MS), ("surf", {})])
+def test_the_status_says_what_stages_may_cost(method: str, budget_ms: Mapping[str, float]) -> None:
+    camera, collector = ScriptedCamera([frame(0)]), Collector()
+    with camera:
+        make_service(PlainFeed(camera), [collector], method=method).run(threading.Event())
+    assert collector.statuses[-1].stage_budget_ms == budget_ms
 
 
 def test_every_pose_carries_the_map_and_the_status_says_what_there_is_of_it() -> None:

@@ -73,6 +73,16 @@ def test_processor_times_are_medians() -> None:
     assert statistics.stage_ms == {"surf": 3.0}
 
 
+def test_the_means_of_stages_are_of_the_last_hundred_frames_and_add_up() -> None:
+    statistics = Statistics(FakeClock())
+    of_frames = [{"align": 900.0}] * 50 + [{"align": 2.0}] * 90 + [{"align": 2.0, "new": 4.0}] * 10
+    for stage_ms in of_frames:
+        statistics.add(replace(result(good(np.eye(4))), stage_ms=stage_ms), cpu_ms=1.0)
+    rolling = statistics.rolling()
+    assert rolling.stage_ms == {"align": 2.0, "new": 4.0}
+    assert rolling.stage_mean_ms == pytest.approx({"align": 2.0, "new": 0.4})
+
+
 def test_failed_frames_are_counted() -> None:
     statistics = Statistics(FakeClock())
     for estimate in (good(np.eye(4)), bad(), replace(good(np.eye(4)), inliers=16)):

@@ -91,6 +91,7 @@ class Status:
     is_located    see `PoseUpdate`; of the last one
     warnings      what the outputs complain of, and what was given up for want of time
     cpu_ms_per_frame, stage_ms  processor time of the odometry, whole and by stage: medians
+    stage_mean_ms, stage_budget_ms  the mean of all frames, and what it may be
     """
 
     state: TrackingState
@@ -127,6 +128,8 @@ class Status:
     warnings: tuple[str, ...] = ()
     cpu_ms_per_frame: float = 0.0
     stage_ms: Mapping[str, float] = field(default_factory=dict)
+    stage_mean_ms: Mapping[str, float] = field(default_factory=dict)
+    stage_budget_ms: Mapping[str, float] = field(default_factory=dict)
 
 
 # Asked for the ground truth once frames come: a live camera's truth has no stamps before that.

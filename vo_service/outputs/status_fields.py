@@ -37,6 +37,8 @@ STATUS_FIELDS: Mapping[str, str] = {
     "the load of a map, until one of its places is known again",
     "warnings": "what is wrong beside the tracking, one clause each",
     "cpu_ms_per_frame": "processor time of the odometry, median of the last 100 frames",
-    "stage_ms": "the same by stage",
+    "stage_ms": "the same by stage, over the frames in which it ran",
+    "stage_mean_ms": "mean of the last 100 frames by stage: adds up to what a frame costs",
+    "stage_budget_ms": "what each of these may be; empty for a method without such a budget",
     "versions": "of the program, of Python and of the libraries that make the poses",
 }

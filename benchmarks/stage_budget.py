@@ -1,0 +1,145 @@
+"""What each stage of the odometry takes of a frame, beside what it may take.
+
+    python -m benchmarks.stage_budget FOLDER... [--method keyframe] [--every 1] [--json]
+
+Each FOLDER is a TUM folder, followed from its first frame to its last. Times are CPU milliseconds
+of one thread, decoding not counted. "mean" is over all frames: these add up to what a frame costs,
+and the budget is for them. The others are over the frames in which the stage ran. Exit code 1 if a
+mean is beyond its budget.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.camera_frames import all_frames
+from drivers.camera import Pace, RgbdFrame
+from drivers.errors import UserFacingError
+from drivers.tum.camera import TumCamera
+from vo_service.methods import BUDGETS_MS, METHODS, FeatureSettings
+from vo_service.stage_clock import StageClock
+from vo_service.warm_up import warm_up
+
+WHOLE = "whole frame"
+TIMES = ("median", "99 %", "most", "mean", "budget", "share")
+HEAD = f"{'stage':<12}{'frames':>8}" + "".join(f"{name:>8}" for name in TIMES)
+
+
+@dataclass(frozen=True)
+class Spent:
+    """Processor time of a stage, in milliseconds.
+
+    frames              in which it ran
+    median, p99, most   over those
+    mean                over all frames
+    budget              of the mean; None without one
+    """
+
+    frames: int
+    median: float
+    p99: float
+    most: float
+    mean: float
+    budget: float | None
+
+    @classmethod
+    def of(cls, spent_ms: Sequence[float], frames: int, budget_ms: float | None) -> "Spent":
+        """A stage that took so long in each of the frames, so many in all, in which it ran."""
+        median, p99 = (float(p) for p in np.percentile(spent_ms, (50, 99)))
+        mean = sum(spent_ms) / frames
+        return cls(len(spent_ms), median, p99, max(spent_ms), mean, budget_ms)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it takes more than it may."""
+        return self.budget is not None and self.mean > self.budget
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.stage_budget",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
+    parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="only every Nth frame")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    args = parser.parse_args()
+    if args.every < 1:
+        parser.error(f"--every {args.every}: at least 1")
+    cv2.setNumThreads(1)
+    warm_up(args.method, lambda stage: None)
+    found: dict[str, dict[str, Spent]] = {}
+    try:
+        for folder in args.folder:
+            with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
+                frames = islice(all_frames(camera), None, None, args.every)
+                found[str(folder)] = budgeted(args.method, list(stage_times(args.method, frames)))
+            if not args.json:
+                print(f"{folder}\n{table(found[str(folder)])}\n", flush=True)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    if args.json:
+        print(json.dumps({name: _as_json(stages) for name, stages in found.items()}))
+    return int(any(spent.is_over for stages in found.values() for spent in stages.values()))
+
+
+def stage_times(method: str, frames: Iterator[RgbdFrame]) -> Iterator[Mapping[str, float]]:
+    """Milliseconds by stage of each frame, the whole among them."""
+    clock = StageClock()
+    odometry = METHODS[method](FeatureSettings(), clock)
+    for frame in frames:
+        begun_s = time.thread_time()
+        odometry.estimate(frame)
+        whole_ms = (time.thread_time() - begun_s) * 1e3
+        yield {**clock.take(), WHOLE: whole_ms}
+
+
+def budgeted(method: str, times_ms: Sequence[Mapping[str, float]]) -> dict[str, Spent]:
+    """By stage, as `stage_times` gives them; what has a budget first, the whole last."""
+    budget_ms = BUDGETS_MS.get(method, {})
+    ran = {stage: None for of_frame in times_ms for stage in of_frame}
+    stages = [*budget_ms, *(s for s in ran if s not in budget_ms and s != WHOLE), WHOLE]
+    limits_ms = {**budget_ms, WHOLE: sum(budget_ms.values()) or None}
+    spent_ms = {stage: [t[stage] for t in times_ms if stage in t] for stage in stages}
+    return {
+        stage: Spent.of(spent, len(times_ms), limits_ms.get(stage))
+        for stage, spent in spent_ms.items()
+        if spent
+    }
+
+
+def table(stages: Mapping[str, Spent]) -> str:
+    """A line each stage."""
+    lines = [HEAD]
+    for stage, spent in stages.items():
+        times_ms = (spent.median, spent.p99, spent.most, spent.mean)
+        cells = "".join(f"{time_ms:8.2f}" for time_ms in times_ms)
+        limit = f"{'-':>8}{'-':>8}"
+        if spent.budget is not None:
+            limit = f"{spent.budget:8.1f}{spent.mean / spent.budget:8.0%}"
+        lines.append(f"{stage:<12}{spent.frames:8d}{cells}{limit}{'  OVER' * spent.is_over}")
+    return "\n".join(lines)
+
+
+def _as_json(stages: Mapping[str, Spent]) -> dict[str, object]:
+    return {stage: asdict(spent) for stage, spent in stages.items()}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

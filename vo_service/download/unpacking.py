@@ -36,6 +36,24 @@ class UnsafeArchiveError(UserFacingError):
     """It holds what a recording does not: another copy will, too."""
 
 
+class _CheckedHeader(tarfile.TarInfo):
+    """A member's header; a size below zero is refused as it is read, from any kind of header.
+
+    Some versions of tarfile go back by such a size, for ever; others call the archive damaged.
+    """
+
+    @property
+    def size(self) -> int:  # type: ignore[override]
+        """Bytes of the member."""
+        return self._size
+
+    @size.setter
+    def size(self, size: int) -> None:
+        if size < 0:
+            raise UnsafeArchiveError(f"{self.name!r}, of {size} bytes")
+        self._size = size
+
+
 class _BoundedGzip(gzip.GzipFile):
     """A stream with an end. `last` is what was read last: zeros mark the end of an archive."""
 
@@ -75,7 +93,7 @@ def unpack(archive: Path, folder: Path, progress: Progress) -> None:
 
 
 def _unpack_all(stream: _BoundedGzip, folder: Path, tick: Callable[[], None]) -> None:
-    with tarfile.open(fileobj=stream, mode="r:") as tar:
+    with tarfile.open(fileobj=stream, mode="r:", tarinfo=_CheckedHeader) as tar:
         for count, member in enumerate(tar):
             if count == MOST_MEMBERS:
                 raise UnsafeArchiveError(f"more than {MOST_MEMBERS} files")
@@ -97,8 +115,6 @@ def _unpack_one(
         return
     if member.type not in (tarfile.REGTYPE, tarfile.AREGTYPE) or member.issparse():
         raise UnsafeArchiveError(f"{member.name!r}, which is neither a file nor a folder")
-    if member.size < 0:  # tarfile would go back, for ever
-        raise UnsafeArchiveError(f"{member.name!r}, of {member.size} bytes")
     path.parent.mkdir(parents=True, exist_ok=True)
     source = tar.extractfile(member)
     assert source is not None  # it is a file

@@ -158,13 +158,30 @@ def test_a_header_that_would_fill_the_memory_is_refused(tmp_path: Path) -> None:
         unpacked(tgz((member, b"")), tmp_path)
 
 
-def test_a_size_below_zero_does_not_go_round_for_ever(tmp_path: Path) -> None:
+def of_negative_size(kind: bytes) -> bytes:
+    """A header of that kind which says -512 bytes."""
     header = bytearray(tarfile.TarInfo("a").tobuf(tarfile.GNU_FORMAT))
-    header[124:136] = b"\xff" * 10 + b"\xfe\x00"  # -512
+    header[124:136] = b"\xff" * 10 + b"\xfe\x00"
+    header[156:157] = kind
     header[148:156] = b" " * 8
     header[148:156] = b"%06o\0 " % sum(header)
+    return bytes(header) + bytes(1024)
+
+
+@pytest.mark.parametrize("kind", [tarfile.REGTYPE, tarfile.XHDTYPE, tarfile.GNUTYPE_LONGNAME, b"Z"])
+def test_a_negative_size_is_refused_whatever_the_header(tmp_path: Path, kind: bytes) -> None:
     with pytest.raises(UnsafeArchiveError, match="of -512 bytes"):
-        unpacked(gzip.compress(bytes(header) + bytes(1024)), tmp_path)
+        unpacked(gzip.compress(of_negative_size(kind)), tmp_path)
+
+
+@pytest.mark.parametrize("before", [(), (file_member("b"),)])
+def test_a_negative_size_in_an_extended_header_is_refused(
+    tmp_path: Path, before: tuple[tuple[tarfile.TarInfo, bytes], ...]
+) -> None:
+    member = tarfile.TarInfo("a")
+    member.pax_headers = {"size": "-512"}
+    with pytest.raises(UnsafeArchiveError, match="'a', of -512 bytes"):
+        unpacked(tgz(*before, (member, b"")), tmp_path)
 
 
 def test_headers_without_end_are_damage(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from benchmarks.feature_methods import Method, all_methods
 from benchmarks.feature_scores import Score, score
 from benchmarks.image_changes import Grey, all_changes
 from drivers.errors import InputError, UserFacingError
-from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.folder import paired_frames
 
@@ -92,7 +92,7 @@ def load(sources: list[Path], frames: int) -> Iterator[Grey]:
     Raises InputError if one cannot be read.
     """
     if not sources:
-        with SyntheticCamera(SYNTHETIC, preparation=Preparation(preload=False)) as camera:
+        with SyntheticCamera(SYNTHETIC) as camera:
             for _ in range(SYNTHETIC.frame_count):
                 yield camera.read(timeout_s=60.0).grey
     for source in sources:

@@ -13,8 +13,8 @@ from benchmarks.virtual_frames import THREADS
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.faults import Source
-from drivers.synthetic.film import film_source, load_or_render
+from drivers.synthetic.faults import Images, Source
+from drivers.synthetic.rendering import render_all
 from vo_service.terminal import Terminal
 
 # Frames before the cover, covered, and after it.
@@ -50,7 +50,14 @@ def kept_film(folder: Path, config: SyntheticConfig, terminal: Terminal) -> Sour
     # A folder of its own for each: a film cache holds no more than one of this length.
     name = f"{'twins' if config.twin_corners else 'tour'}-{config.seed}"
     progress = terminal.counter(f"rendering room {config.seed}: frame")
-    return film_source(load_or_render(config, folder / "films" / name, progress, THREADS))
+    sequence = render_all(config, folder / "films" / name, progress, THREADS)
+
+    def images(index: int) -> Images:
+        found = sequence.read(index % config.frame_count)
+        assert found is not None, "it was rendered"
+        return found
+
+    return images
 
 
 def frames_of(a_try: Try, config: SyntheticConfig, film: Source) -> Iterator[RgbdFrame]:

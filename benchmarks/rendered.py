@@ -59,7 +59,7 @@ def render(folder: Path, config: SyntheticConfig) -> None:
     part = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     once = replace(config, loop=False)
-    with SyntheticCamera(once, Pace.LOCKSTEP, Preparation(preload=False, threads=1)) as camera:
+    with SyntheticCamera(once, Pace.LOCKSTEP, Preparation(threads=1)) as camera:
         _write(camera, part)
     (part / NOTE).write_text(f"{config}\n")
     part.rename(folder)

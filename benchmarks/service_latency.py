@@ -16,7 +16,6 @@ which the host takes more than 1 % ("steal") proves nothing either way; the tabl
 """
 
 import argparse
-import os
 import sys
 import tempfile
 import time
@@ -31,10 +30,11 @@ from benchmarks.disturbances import CASES, Case, Scene
 from benchmarks.pose_arrivals import Listener, listening
 from benchmarks.processor_use import ProcessorUse, descendants_of, processor_use
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.film import load_or_render, silent
+from drivers.synthetic.rendering import render_all
 from tests.vo_service.played_service import PlayedService, running_service
 from tests.vo_service.subscriber import Status
 from vo_service.folders import cache_folder
+from vo_service.terminal import Terminal
 
 WARM_UP_S = 4.0
 # Poses of the last frames may still be under way.
@@ -91,8 +91,8 @@ def arguments() -> argparse.Namespace:
 def render_the_room() -> None:
     """Where nobody has done so yet; services that are started later find it."""
     print("rendering the room (a minute or two, unless it is kept already)", file=sys.stderr)
-    threads = os.cpu_count() or 1
-    load_or_render(SyntheticConfig.light(), cache_folder() / "films", silent, threads)
+    progress = Terminal().counter("rendering the room: frame")
+    render_all(SyntheticConfig.light(), cache_folder() / "films", progress).close()
 
 
 def run(case: Case, seconds: float) -> Outcome:

@@ -13,7 +13,6 @@ Exit code 1 if memory grows by 1 MB or more in 10,000 frames, or anything else i
 """
 
 import argparse
-import os
 import sys
 import tempfile
 import time
@@ -26,11 +25,12 @@ from benchmarks.processor_use import descendants_of, processor_use
 from benchmarks.soak_plot import save_plot
 from benchmarks.soak_record import Record, Sample, verdicts
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.film import load_or_render, silent
+from drivers.synthetic.rendering import render_all
 from tests.belongings import is_alive, open_files_of, resident_kb
 from tests.vo_service.played_service import PlayedService, running_service
 from vo_service.config import read_config
 from vo_service.folders import cache_folder
+from vo_service.terminal import Terminal
 
 FRAMES_OF_SAMPLE = 1000
 # The service keeps the processor times of its last 20,000 frames; until then its memory grows.
@@ -101,7 +101,8 @@ def render_the_room(folder: Path, config: str) -> None:
     file = folder / "room.toml"
     file.write_text(f"schema = 1\n{config}")
     synthetic: SyntheticConfig = read_config(file).synthetic
-    load_or_render(synthetic, cache_folder() / "films", silent, os.cpu_count() or 1)
+    progress = Terminal().counter("rendering the room: frame")
+    render_all(synthetic, cache_folder() / "films", progress).close()
 
 
 class Soak:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array, transform_points
-from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import NO_DISTORTION, SyntheticConfig
 from drivers.trajectory import read_trajectory
 
@@ -132,7 +132,7 @@ def errors_m(views: list[View], detector: cv2.Feature2D, norm: int) -> list[floa
 def virtual_views(config: SyntheticConfig) -> list[View]:
     """Frames of the virtual camera."""
     views = []
-    with SyntheticCamera(config, preparation=Preparation(preload=False)) as camera:
+    with SyntheticCamera(config) as camera:
         truth = camera.ground_truth
         assert truth is not None
         for T in truth.T_world_camera:

@@ -10,13 +10,11 @@ from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import KINECT_COLOUR, SyntheticConfig
 from drivers.trajectory import StampedPoses
 from vo_service.folders import cache_folder
-from vo_service.terminal import Terminal
 
 
 def frames_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Array]]:
     """Each frame, and T_world_camera: its true pose in the room."""
-    progress = Terminal().counter("rendering the room: frame")
-    preparation = Preparation(cache_dir=cache_folder() / "films", progress=progress)
+    preparation = Preparation(cache_folder() / "films")
     with SyntheticCamera(config, Pace.LOCKSTEP, preparation) as camera:
         truth: StampedPoses | None = None
         for frame in all_frames(camera):

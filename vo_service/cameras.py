@@ -12,7 +12,6 @@ from drivers.sensor_settings import SensorSettings
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.folders import cache_folder
 
-Progress = Callable[[int, int], None]
 ONI_SUFFIX = ".oni"
 
 
@@ -25,7 +24,6 @@ class CameraRequest:
     pace       for sources that have a choice
     sensor     a real sensor's settings
     synthetic  the virtual Kinect's settings
-    progress   gets (done, total) while a virtual camera renders
     """
 
     source: str
@@ -33,7 +31,6 @@ class CameraRequest:
     pace: Pace
     sensor: SensorSettings
     synthetic: SyntheticConfig
-    progress: Progress
 
 
 def make_camera(request: CameraRequest) -> RgbdCamera:
@@ -64,7 +61,7 @@ def _synthetic(argument: str, request: CameraRequest) -> RgbdCamera:
         )
     if request.file is not None:
         raise InputError(f"{request.file}: the virtual Kinect knows its own camera; leave it out")
-    preparation = Preparation(cache_dir=cache_folder() / "films", progress=request.progress)
+    preparation = Preparation(cache_folder() / "films")
     return SyntheticCamera(request.synthetic, request.pace, preparation)
 
 

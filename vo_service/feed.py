@@ -1,5 +1,6 @@
 """Frames for the loop: straight from the camera, or from one that may go and come back."""
 
+import math
 import threading
 import time
 from collections.abc import Iterable, Iterator
@@ -77,6 +78,20 @@ class PlainFeed:
         if quiet_s <= QUIET_S:  # else a camera that loses every other frame would come and go
             return ""
         return condition.reason or "the camera is there but sends no frames"
+
+
+class SteadyFeed(PlainFeed):
+    """One pass through a recording, every frame, no faster than it was recorded."""
+
+    def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
+        """Yield until the last frame. A frame that comes late delays those after it."""
+        due_s, last_stamp_s = -math.inf, 0.0
+        for frame in super().frames(stop):
+            if frame is not None:
+                due_s = max(due_s + frame.stamp_s - last_stamp_s, time.monotonic())
+                last_stamp_s = frame.stamp_s
+                stop.wait(due_s - time.monotonic())
+            yield frame
 
 
 class PersistentFeed:

@@ -1,42 +1,51 @@
-"""The virtual Kinect as a camera: rendered once, then played like a real one."""
+"""The virtual Kinect as a camera: played like a real one, while it is rendered."""
 
-import os
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from drivers.camera import CameraCounters, EndOfStream, Pace, RgbdCamera, RgbdFrame
+from drivers.camera import (
+    CameraCounters,
+    CameraState,
+    Condition,
+    EndOfStream,
+    NoFrameYet,
+    Pace,
+    RgbdCamera,
+    RgbdFrame,
+)
 from drivers.errors import CameraLostError, CameraNotFoundError
 from drivers.gravity import STANDARD_GRAVITY_M_S2, Vector
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.faults import FaultKind, FaultySource, Source
-from drivers.synthetic.film import Progress, film_source, load_or_render, silent
+from drivers.synthetic.faults import FaultKind, FaultySource
 from drivers.synthetic.motion import make_path
 from drivers.synthetic.pacing import HostClock, make_pacer
-from drivers.synthetic.render import make_renderer
+from drivers.synthetic.rendering import BackgroundRendering, DirectRendering, Rendering
 from drivers.synthetic.scene import ROOM_HEIGHT_M
 from drivers.trajectory import StampedPoses
+
+# How often a live reader looks which frame is due, while none is rendered.
+TICK_S = 0.02
 
 
 @dataclass(frozen=True)
 class Preparation:
-    """How frames are made: `preload` renders all of them in `open`, which then plays from memory.
+    """How frames are made: rendered ahead by a process of its own and kept in `cache_dir`.
 
-    With a `cache_dir` they are kept there and rendered only once. 0 threads: one a core.
+    Without a `cache_dir` each frame is rendered when it is read. 0 threads: one a core.
     """
 
-    preload: bool = True
     cache_dir: Path | None = None
-    progress: Progress = silent
     threads: int = 0
 
 
 class SyntheticCamera(RgbdCamera):
     """A camera in a virtual room, see `SyntheticConfig`. Stamps are exact to the microsecond.
 
-    In lockstep, stamps start at a fixed value: two runs give the same bytes.
+    In lockstep, stamps start at a fixed value: two runs give the same bytes. Live, frames that are
+    not rendered in time are dropped.
     """
 
     def __init__(
@@ -46,29 +55,29 @@ class SyntheticCamera(RgbdCamera):
         preparation: Preparation = Preparation(),
         host: HostClock = HostClock(),  # noqa: B008 (frozen)
     ) -> None:
-        """Raises InputError if the track of `config` cannot be used."""
+        """Raises InputError if `config` cannot be used: its track, or too many frames to keep."""
         self.name = "synthetic"
         self._config = config
-        self._preparation = preparation
         self._host = host
         latency_s = config.timing.readout_s / 2 + max(config.timing.skew_s, 0.0)
         self._pacer = make_pacer(pace, config.rate_hz, latency_s, host)
         self.clock = self._pacer.clock
         self._path = make_path(config, ROOM_HEIGHT_M)
         self._last_seq = sys.maxsize if config.loop else config.frame_count - 1
-        self._frames: FaultySource | None = None
+        self._rendering = _rendering(config, pace, preparation)
+        self._frames = FaultySource(self._rendering.images, config.faults, config.seed)
         self._unplugs = [f for f in config.faults if f.kind is FaultKind.UNPLUGGED]
-        self._open = self._lost = False
+        self._open = self._lost = self._has_started = False
         self._next_seq = 0
         self._back_at_s = 0.0
         self._counters = CameraCounters()
 
     def open(self) -> None:
-        """See `RgbdCamera`. The first time, frames are rendered or read from the cache."""
+        """See `RgbdCamera`. Until the room is painted, `condition` says that it is opening."""
         if self._lost and self._host.now_s() < self._back_at_s:
             raise CameraNotFoundError("synthetic camera: unplugged; it comes back by itself")
-        if self._frames is None:
-            self._frames = FaultySource(self._prepare(), self._config.faults, self._config.seed)
+        self._rendering.start()
+        self._has_started = False
         if self._lost:
             self._next_seq = self._pacer.resume(self._next_seq)
         else:
@@ -80,15 +89,20 @@ class SyntheticCamera(RgbdCamera):
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """See `RgbdCamera`."""
-        if not self._open or self._frames is None:
+        if not self._open:
             raise CameraLostError("synthetic camera: not open; open it again")
+        self._wait_for_start(timeout_s)
         deadline_s = self._host.now_s() + timeout_s
         while True:
             if self._next_seq > self._last_seq:
                 raise EndOfStream
-            remaining_s = max(0.0, deadline_s - self._host.now_s())
-            seq = self._pacer.take(self._next_seq, self._last_seq, remaining_s)
-            self._unplug_by(seq)
+            due = self._pacer.take(self._next_seq, self._last_seq, self._left_s(deadline_s))
+            self._unplug_by(due)
+            seq = self._rendering.newest(self._next_seq, due, min(TICK_S, self._left_s(deadline_s)))
+            if seq is None:
+                if self._left_s(deadline_s) <= 0.0:
+                    raise NoFrameYet
+                continue
             while seq > self._next_seq and self._frames.strikes(FaultKind.DROPPED, seq):
                 seq -= 1
             passed_over, self._next_seq = seq - self._next_seq, seq + 1
@@ -101,6 +115,14 @@ class SyntheticCamera(RgbdCamera):
     def close(self) -> None:
         """See `RgbdCamera`."""
         self._open = False
+        self._rendering.close()
+
+    @property
+    def condition(self) -> Condition:
+        """See `RgbdCamera`."""
+        if self._open and not self._has_started:
+            return Condition(CameraState.OPENING, "preparing its room")
+        return Condition(CameraState.STREAMING)
 
     @property
     def counters(self) -> CameraCounters:
@@ -124,13 +146,15 @@ class SyntheticCamera(RgbdCamera):
         stamps_s = np.array([self._pacer.stamp_s(int(seq)) for seq in seqs])
         return StampedPoses(stamps_s, self._path.poses(seqs / self._config.rate_hz))
 
-    def _prepare(self) -> Source:
-        config, way = self._config, self._preparation
-        threads = way.threads or os.cpu_count() or 1
-        if way.preload:
-            return film_source(load_or_render(config, way.cache_dir, way.progress, threads))
-        renderer = make_renderer(config, threads)
-        return lambda seq: renderer.render(seq % config.frame_count)
+    def _wait_for_start(self, timeout_s: float) -> None:
+        """The camera is open once its first frame is rendered. Raises NoFrameYet."""
+        if not self._has_started:
+            if not self._rendering.wait_until_started(timeout_s):
+                raise NoFrameYet
+            self._has_started = True
+
+    def _left_s(self, deadline_s: float) -> float:
+        return max(0.0, deadline_s - self._host.now_s())
 
     def _unplug_by(self, seq: int) -> None:
         """Raise CameraLostError if the camera is to be unplugged at a frame up to `seq`."""
@@ -174,3 +198,10 @@ class SyntheticCamera(RgbdCamera):
             dropped=now.dropped + dropped,
             skipped=now.skipped + skipped,
         )
+
+
+def _rendering(config: SyntheticConfig, pace: Pace, preparation: Preparation) -> Rendering:
+    if preparation.cache_dir is None:
+        return DirectRendering(config, preparation.threads)
+    rate_hz = config.rate_hz if pace is Pace.REALTIME else 0.0
+    return BackgroundRendering(config, preparation.cache_dir, rate_hz, preparation.threads)

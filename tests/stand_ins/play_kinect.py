@@ -115,21 +115,18 @@ def _play(args: argparse.Namespace) -> int:
 
 
 def _film(folder: Path, args: argparse.Namespace) -> WireFilm:
-    terminal = Terminal()
     if args.folder is not None:
-        terminal.show("writing the film ...")
-        film = fitted_film(folder, folder_frames(args.folder, most=args.frames))
+        frames = folder_frames(args.folder, most=args.frames)
     else:
-        film = fitted_film(folder, _synthetic_frames(terminal, args.frames))
-    terminal.clear()
-    return film
+        frames = _synthetic_frames(args.frames)
+    with Terminal().busy("writing the film"):
+        return fitted_film(folder, frames)
 
 
-def _synthetic_frames(terminal: Terminal, most: int | None) -> Iterator[tuple[ColourBgr, DepthMm]]:
+def _synthetic_frames(most: int | None) -> Iterator[tuple[ColourBgr, DepthMm]]:
     config = SyntheticConfig(duration_s=SYNTHETIC_S, loop=True)
     count = round(config.duration_s * config.rate_hz)
-    progress = terminal.counter("rendering the room: frame")
-    preparation = Preparation(cache_dir=cache_folder() / "films", progress=progress)
+    preparation = Preparation(cache_folder() / "films")
     return camera_frames(
         SyntheticCamera(config, preparation=preparation), min(most or count, count)
     )

@@ -18,7 +18,6 @@ LIGHT = CameraRequest(
     pace=Pace.REALTIME,
     sensor=SensorSettings(),
     synthetic=SyntheticConfig.light(),
-    progress=lambda *_: None,
 )
 
 

@@ -8,7 +8,7 @@ from drivers.camera import CameraState, Condition, NoFrameYet
 from drivers.errors import CameraLostError, CameraNotFoundError, InputError
 from tests.vo_service.fakes import After, Event, FakeClock, PatientStop, ScriptedCamera, frame
 from vo_service import feed
-from vo_service.feed import TICK_S, PersistentFeed, PlainFeed
+from vo_service.feed import TICK_S, PersistentFeed, PlainFeed, SteadyFeed
 
 LOST = CameraLostError("unplugged; plug it in again")
 MISSING = CameraNotFoundError("no Kinect found; plug one in")
@@ -31,6 +31,32 @@ def test_one_pass_lets_a_lost_camera_reach_the_caller() -> None:
     camera.open()
     with pytest.raises(CameraLostError, match="unplugged"):
         seqs(threading.Event(), PlainFeed(camera))
+
+
+class ClockStop(threading.Event):
+    """Never set; whoever waits for it moves the clock."""
+
+    def __init__(self, clock: FakeClock) -> None:
+        super().__init__()
+        self._clock = clock
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self._clock.now_s += max(0.0, timeout or 0.0)
+        return False
+
+
+def test_a_steady_pass_is_no_faster_than_the_recording_and_never_hurries_to_make_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = FakeClock(now_s=50.0)
+    monkeypatch.setattr(feed, "time", clock)
+    late = After(1.0, frame(2, stamp_s=7.2))
+    camera = ScriptedCamera(
+        [frame(0, 7.0), frame(1, 7.1), late, frame(3, 7.3), frame(4, 7.4)], clock=clock
+    )
+    camera.open()
+    taken_s = [clock.now_s for _ in SteadyFeed(camera).frames(ClockStop(clock))]
+    assert taken_s == pytest.approx([50.0, 50.1, 51.1, 51.2, 51.3])
 
 
 def test_a_short_pause_is_no_reason_and_a_quiet_second_is(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -87,7 +87,6 @@ def _raw_camera(request: LiveRequest) -> Iterator[RgbdCamera]:
                 # Drivers mirror what they have undistorted and registered.
                 sensor=replace(request.sensor, mirror=False),
                 synthetic=SyntheticConfig.light(),
-                progress=lambda done, total: None,
             )
         )
         with camera:

@@ -62,7 +62,6 @@ def film_live(
         pace=Pace.LOCKSTEP,
         sensor=sensor,
         synthetic=SyntheticConfig.light(),
-        progress=lambda done, total: None,
     )
 
     def report(seen: BriskestPieces, seconds: float) -> None:

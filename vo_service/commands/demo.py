@@ -20,7 +20,7 @@ from vo_service.commands.options import (
 )
 from vo_service.evaluation.association import FEWEST_MATCHES
 from vo_service.evaluation.picture import write_picture
-from vo_service.feed import PlainFeed
+from vo_service.feed import SteadyFeed
 from vo_service.folders import make_output_folder
 from vo_service.interrupts import stop_on_signals
 from vo_service.outputs.opening import OutputRequest, opened_outputs
@@ -37,9 +37,10 @@ examples:
   kinect-vo demo
   kinect-vo demo --seconds 5 --output /tmp/demo
 
-Renders a room once (a minute or two; kept for the next time), then plays it at 30 frames a second
-as a Kinect would. Poses go out over Zenoh on this computer alone: kinect-vo listen prints them.
-OUTPUT gets trajectory.txt, groundtruth.txt, trajectory.png and, with Rerun, demo.rrd.
+Plays a room at 30 frames a second while it is rendered: in slow motion where this computer renders
+more slowly. The frames are kept for the next time. Poses go out over Zenoh on this computer alone:
+kinect-vo listen prints them. OUTPUT gets trajectory.txt, groundtruth.txt, trajectory.png and, with
+Rerun, demo.rrd.
 """
 
 
@@ -65,21 +66,19 @@ def run(args: argparse.Namespace) -> int:
     config = config_of(args)
     make_output_folder(args.output)
     terminal = Terminal()
-    with stop_on_signals() as stop:
-        prepare_kernels(config, terminal, stop)
     camera = make_camera(
         CameraRequest(
             source="synthetic",
             file=None,
-            pace=Pace.REALTIME,
+            pace=Pace.LOCKSTEP,
             sensor=config.sensor,
             synthetic=replace(SyntheticConfig(), duration_s=args.seconds),
-            progress=terminal.counter("rendering the room: frame"),
         )
     )
     memory = TrajectoryMemory()
-    with camera:
-        terminal.clear()
+    with camera:  # its room is prepared meanwhile
+        with stop_on_signals() as stop:
+            prepare_kernels(config, terminal, stop)
         request = OutputRequest(
             pace=Pace.REALTIME,
             zenoh=None if args.no_publish else config.zenoh,
@@ -91,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         with opened_outputs(request) as opened, stop_on_signals() as stop:
             progress = ProgressOutput(terminal, "demo", camera.frame_count)
             outputs = [*opened.outputs, memory, progress]
-            ending = run_loop(config, camera, PlainFeed(camera), outputs, stop)
+            ending = run_loop(config, camera, SteadyFeed(camera), outputs, stop)
         terminal.clear()
         truth = camera.ground_truth
         if truth is None:  # stopped before the first frame

@@ -93,7 +93,6 @@ def _patient(args: argparse.Namespace) -> _Patient:
         pace=Pace.REALTIME,
         sensor=config.sensor,
         synthetic=config.synthetic,
-        progress=terminal.counter("rendering the room: frame"),
     )
     return _Patient(source, make_camera(request), terminal)
 

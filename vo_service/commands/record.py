@@ -4,11 +4,12 @@ import argparse
 import math
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
-from drivers.camera import EndOfStream, NoFrameYet, Pace, RgbdCamera, RgbdFrame
+from drivers.camera import CameraState, EndOfStream, NoFrameYet, Pace, RgbdCamera, RgbdFrame
 from drivers.errors import CameraError, CameraLostError, CameraNotFoundError
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.encode import ColourFormat
@@ -34,8 +35,10 @@ The folder can be replayed at once, and whenever the recording is cut off: an im
 when it is there. PNG keeps every bit, so a replay gives the same trajectory as the camera did.
 """
 TICK_S = 0.25
-# Without a frame for this long, the camera is not waited for any more.
+# Without a frame for this long, the camera is not waited for any more: a room takes long to paint
+# on a slow computer, and its kernels to compile.
 PATIENCE_S = 10.0
+OPENING_PATIENCE_S = 120.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,7 +66,6 @@ def run(args: argparse.Namespace) -> int:
             pace=Pace.LOCKSTEP,
             sensor=config.sensor,
             synthetic=_played_once(config.synthetic, args.seconds),
-            progress=terminal.counter("rendering the room: frame"),
         )
     )
     with camera, stop_on_signals() as stop:
@@ -105,24 +107,40 @@ def _frames(camera: RgbdCamera, terminal: Terminal, stop: Stop) -> Iterator[Rgbd
     Raises CameraNotFoundError or, after the first frame, CameraLostError if it sends none for long.
     """
     clock = stamp_clock(camera.clock, 0.0)
-    last_s, is_first = time.monotonic(), True
+    is_first = True
     while not stop.event.is_set():
         try:
-            frame = camera.read(TICK_S)
-        except NoFrameYet:
-            if time.monotonic() - last_s > PATIENCE_S:
-                raise _given_up(camera, is_first) from None
-            terminal.show(f"recording: waiting for the camera ({camera.condition})")
+            frame = _next_frame(camera, terminal, stop, is_first)
         except EndOfStream:
             return
-        else:
+        if frame is not None:
             yield replace(frame, stamp_s=clock.published_s(frame.stamp_s))
-            last_s, is_first = time.monotonic(), False
+            is_first = False
 
 
-def _given_up(camera: RgbdCamera, is_first: bool) -> CameraError:
+def _next_frame(
+    camera: RgbdCamera, terminal: Terminal, stop: Stop, is_first: bool
+) -> RgbdFrame | None:
+    """The next frame; None when a stop is asked for before it comes."""
+    with suppress(NoFrameYet):
+        return camera.read(TICK_S)
+    begin_s = time.monotonic()
+    with terminal.busy("recording: waiting for the camera") as busy:
+        while not stop.event.is_set():
+            with suppress(NoFrameYet):
+                return camera.read(TICK_S)
+            condition = camera.condition
+            busy.detail(str(condition))
+            is_opening = condition.state is CameraState.OPENING
+            patience_s = OPENING_PATIENCE_S if is_opening else PATIENCE_S
+            if time.monotonic() - begin_s > patience_s:
+                raise _given_up(camera, is_first, patience_s)
+    return None
+
+
+def _given_up(camera: RgbdCamera, is_first: bool, patience_s: float) -> CameraError:
     """Why nothing, or nothing more, is recorded."""
-    what = f"{camera.name}: no frame for {PATIENCE_S:g} s, the camera is {camera.condition}"
+    what = f"{camera.name}: no frame for {patience_s:g} s, the camera is {camera.condition}"
     if is_first:
         return CameraNotFoundError(f"{what}; see to the camera and record again")
     return CameraLostError(f"{what}; the frames recorded so far are complete")

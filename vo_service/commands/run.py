@@ -7,7 +7,6 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from drivers.background_opening import BackgroundOpening, Cancellable
 from drivers.camera import Pace, RgbdCamera
 from drivers.errors import InputError
 from vo_service.cameras import CameraRequest, make_camera
@@ -101,7 +100,7 @@ def _serve(
     hangup: Hangup,
 ) -> None:
     """Put the parts together, run the loop, and take them apart: the last one opened first."""
-    camera = _camera(args, config, terminal)
+    camera = _camera(args, config)
     inbox: Inbox[Order] = Inbox()
     reloader = Reloader(config, lambda: config_of(args))
     systemd = SystemdOutput()
@@ -158,20 +157,13 @@ def _keep_trajectory(path: Path | None) -> None:
             ) from error
 
 
-def _camera(args: argparse.Namespace, config: Config, terminal: Terminal) -> RgbdCamera:
-    """The camera; a virtual one renders its room first, in the background."""
-    progress = Cancellable(terminal.counter("rendering the room: frame"))
-    source = args.camera or config.camera.source
-    camera = make_camera(
+def _camera(args: argparse.Namespace, config: Config) -> RgbdCamera:
+    return make_camera(
         CameraRequest(
-            source=source,
+            source=args.camera or config.camera.source,
             file=args.camera_file or config.camera.file,
             pace=args.pace,
             sensor=config.sensor,
             synthetic=config.synthetic,
-            progress=progress,
         )
     )
-    if source == "synthetic":
-        return BackgroundOpening(camera, progress, "preparing its room")
-    return camera

@@ -43,7 +43,7 @@ class _CheckedHeader(tarfile.TarInfo):
     """
 
     @property
-    def size(self) -> int:  # type: ignore[override]
+    def size(self) -> int:
         """Bytes of the member."""
         return self._size
 

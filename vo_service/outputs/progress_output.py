@@ -1,6 +1,6 @@
 """How far a run is, for the person at the terminal."""
 
-from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.outputs.output import PoseUpdate, Status, TrackingState
 from vo_service.terminal import Terminal
 
 
@@ -20,7 +20,9 @@ class ProgressOutput:
         self._terminal.progress(label, update.frame.seq + 1, self._total)
 
     def status(self, status: Status) -> None:
-        """Nothing to draw: the next frame tells."""
+        """Draw why there is no camera; otherwise the next frame tells."""
+        if status.state is TrackingState.NO_CAMERA:
+            self._terminal.show(f"{self._label}: {status.reason}")
 
     def close(self) -> None:
         """Take the line away."""

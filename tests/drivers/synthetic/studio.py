@@ -9,6 +9,8 @@ from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Fault
 from drivers.synthetic.pacing import HostClock
+from drivers.synthetic.render import make_renderer
+from drivers.synthetic.rendered_sequence import create_sequence, sequence_files
 
 
 class FakeHost:
@@ -29,8 +31,19 @@ def frames_of(camera: SyntheticCamera) -> list[RgbdFrame]:
     frames: list[RgbdFrame] = []
     with contextlib.suppress(EndOfStream):
         while len(frames) < 100:
-            frames.append(camera.read(1.0))
+            frames.append(camera.read(60.0))
     return frames
+
+
+def fill_sequence(config: SyntheticConfig, folder: Path) -> None:
+    """Render what is missing in this process: quicker than in another for a few frames."""
+    sequence = create_sequence(sequence_files(config, folder))
+    missing = sequence.missing()
+    if missing.size:
+        renderer = make_renderer(config, threads=2)
+        for index in missing:
+            sequence.write(int(index), renderer.render(int(index)))
+    sequence.close()
 
 
 class Studio:
@@ -45,6 +58,7 @@ class Studio:
         pace: Pace = Pace.LOCKSTEP,
         host: FakeHost | None = None,
     ) -> SyntheticCamera:
+        fill_sequence(config, self._films)
         clock = HostClock() if host is None else host.clock
         return SyntheticCamera(config, pace, Preparation(cache_dir=self._films), clock)
 

@@ -3,7 +3,8 @@
 import io
 from collections.abc import Callable
 
-from vo_service.outputs.output import PoseUpdate
+from tests.vo_service.fakes import a_status
+from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.terminal import Terminal
 
@@ -25,3 +26,12 @@ def test_it_shows_the_frame_the_state_and_the_inliers_and_takes_the_line_away(
     assert screen.getvalue().split("\r\x1b[K") == [
         "", "replay: tracking, 7 inliers, frame 10/40 (25%)", ""
     ]  # fmt: skip
+
+
+def test_it_shows_why_there_is_no_camera_and_leaves_the_rest_to_the_frames() -> None:
+    screen = Screen()
+    progress = ProgressOutput(Terminal(screen), "demo", 40)
+    progress.status(a_status())
+    opening = "opening: preparing its room"
+    progress.status(a_status(state=TrackingState.NO_CAMERA, reason=opening))
+    assert screen.getvalue() == "\r\x1b[Kdemo: opening: preparing its room"

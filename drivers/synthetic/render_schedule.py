@@ -1,0 +1,69 @@
+"""Which frame is rendered next: the first that can still be ready when the reader comes to it."""
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+from drivers.synthetic.rendered_sequence import RenderedSequence
+
+
+class RenderSchedule:
+    """Hands out the frames of a sequence that are missing, each once, to any number of threads.
+
+    In lockstep (`rate_hz` 0) the reader waits, so frames come in order. A live reader does not
+    wait: frames that it will have passed before they can be ready are left for later.
+    """
+
+    def __init__(
+        self,
+        sequence: RenderedSequence,
+        rate_hz: float,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._sequence = sequence
+        self._rate_hz = rate_hz
+        self._now_s = now_s
+        self._lock = threading.Lock()
+        self._urgent: deque[int] = deque()
+        self._begun: dict[int, float] = {}  # frames being rendered, and since when
+        self._reader = (0, math.inf)  # index of the reader's next frame, and when it was there
+        self._render_s = 0.0  # how long the last frame took
+
+    def reader_is_at(self, index: int) -> None:
+        """The frame that the reader wants next."""
+        self._reader = (index, self._now_s())
+
+    def add_urgent(self, index: int) -> None:
+        """Render this frame before all others."""
+        self._urgent.append(index)
+
+    def take(self) -> int | None:
+        """The frame to render now; None when none is missing."""
+        with self._lock:
+            now_s = self._now_s()
+            index = self._next(now_s)
+            if index is not None:
+                self._begun[index] = now_s
+            return index
+
+    def finish(self, index: int) -> None:
+        """A frame that was taken has been written."""
+        with self._lock:
+            self._render_s = self._now_s() - self._begun.pop(index)
+
+    def _next(self, now_s: float) -> int | None:
+        while self._urgent:
+            index = self._urgent.popleft()
+            if index not in self._begun and not self._sequence.has(index):
+                return index
+        missing = [int(i) for i in self._sequence.missing() if i not in self._begun]
+        first = self._first_in_time(now_s)
+        return next((i for i in missing if i >= first), missing[0] if missing else None)
+
+    def _first_in_time(self, now_s: float) -> int:
+        """The first frame that is not due before it can be ready."""
+        index, since_s = self._reader
+        ahead_s = max(0.0, now_s - since_s) + self._render_s
+        return min(index + int(ahead_s * self._rate_hz), self._sequence.files.count - 1)

@@ -1,0 +1,224 @@
+"""Rendered frames on disk: each is rendered once, by whichever process needs it first.
+
+KEY.frames holds the frames one after another, KEY.index a 64-bit number for each: 0 until the frame
+is written, then its checksum with the highest bit set. A frame therefore counts only when it is
+whole, even if a process was killed. Processes that render the same frame write the same bytes.
+"""
+
+import fcntl
+import hashlib
+import mmap
+import os
+import zlib
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import CameraError, InputError
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.faults import Images
+
+MAX_SEQUENCE_BYTES = 3 << 30
+MAX_FOLDER_BYTES = 4 << 30
+_WRITTEN = 1 << 63
+
+
+@dataclass(frozen=True)
+class SequenceFiles:
+    """Where a sequence lies, and its frames: `count` of `height` x `width` pixels."""
+
+    folder: Path
+    key: str
+    count: int
+    height: int
+    width: int
+
+    @property
+    def frames(self) -> Path:
+        """The file of the frames."""
+        return self.folder / f"{self.key}.frames"
+
+    @property
+    def index(self) -> Path:
+        """The file of the checksums."""
+        return self.folder / f"{self.key}.index"
+
+    @property
+    def frame_bytes(self) -> int:
+        """Size of a frame: BGR color (3 bytes a pixel), then depth (2)."""
+        return 5 * self.height * self.width
+
+    @property
+    def total_bytes(self) -> int:
+        """Size of all frames."""
+        return self.count * self.frame_bytes
+
+
+def sequence_files(config: SyntheticConfig, folder: Path) -> SequenceFiles:
+    """The files for a configuration; the key changes with whatever changes a pixel.
+
+    Raises InputError if the frames are too many to keep or the track cannot be read.
+    """
+    camera = config.camera
+    files = SequenceFiles(folder, _key(config), config.frame_count, camera.height, camera.width)
+    if files.total_bytes > MAX_SEQUENCE_BYTES:
+        raise InputError(
+            f"synthetic camera: {files.count} frames are {files.total_bytes / 1e9:.1f} GB, at most "
+            f"{MAX_SEQUENCE_BYTES / 1e9:.1f} GB are kept: ask for a shorter duration, or loop"
+        )
+    return files
+
+
+def _key(config: SyntheticConfig) -> str:
+    """A digest of the configuration, the renderer's code and its libraries; faults come later."""
+    digest = hashlib.sha256(repr(replace(config, faults=(), track=None)).encode())
+    digest.update(f"{np.__version__} {cv2.__version__}".encode())
+    here = Path(__file__).parent
+    try:
+        for source in sorted([*here.glob("*.py"), *here.parent.glob("*.py")]):
+            digest.update(source.read_bytes())
+        if config.track is not None:
+            digest.update(config.track.read_bytes())
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
+    return digest.hexdigest()[:24]
+
+
+class RenderedSequence:
+    """The frames of a sequence. Any number of threads and processes may use the same files."""
+
+    def __init__(self, files: SequenceFiles) -> None:
+        """Open files that `create_sequence` has made. Raises OSError."""
+        self.files = files
+        self._frames = os.open(files.frames, os.O_RDWR | os.O_CLOEXEC)
+        index = os.open(files.index, os.O_RDWR | os.O_CLOEXEC)
+        try:
+            shared = mmap.mmap(index, 8 * files.count)
+        finally:
+            os.close(index)
+        self._index: NDArray[np.uint64] = np.frombuffer(shared, np.uint64)
+        self._checked = np.zeros(files.count, np.bool_)
+
+    def close(self) -> None:
+        """Release the files. Safe to call twice."""
+        if self._frames >= 0:
+            os.close(self._frames)
+            self._frames = -1
+
+    def has(self, index: int) -> bool:
+        """Whether a frame is rendered."""
+        return bool(self._index[index])
+
+    def missing(self) -> NDArray[np.intp]:
+        """Indices of the frames that are not rendered, rising."""
+        return np.flatnonzero(self._index == 0)
+
+    def read(self, index: int) -> Images | None:
+        """A frame; None if it is not rendered, or damaged: then it is to be rendered again."""
+        if not self.has(index):
+            return None
+        size = self.files.height, self.files.width
+        images = Images(np.empty((*size, 3), np.uint8), np.empty(size, np.uint16))
+        offset = index * self.files.frame_bytes
+        length = os.preadv(self._frames, [images.colour.data, images.depth.data], offset)
+        # A checksum costs a millisecond: once for each frame is enough.
+        is_whole = length == self.files.frame_bytes and (
+            self._checked[index] or _entry(images) == int(self._index[index])
+        )
+        if not is_whole:
+            self._index[index] = 0
+            return None
+        self._checked[index] = True
+        return images
+
+    def write(self, index: int, images: Images) -> None:
+        """Keep a frame. Raises OSError."""
+        parts = [np.ascontiguousarray(part).data for part in (images.colour, images.depth)]
+        length = os.pwritev(self._frames, parts, index * self.files.frame_bytes)
+        if length != self.files.frame_bytes:
+            raise OSError(f"{self.files.frames}: only {length} bytes of a frame were written")
+        self._index[index] = _entry(images)
+
+
+def _entry(images: Images) -> int:
+    """What the index holds for a whole frame."""
+    return _WRITTEN | zlib.crc32(images.depth.tobytes(), zlib.crc32(images.colour.tobytes()))
+
+
+def create_sequence(files: SequenceFiles) -> RenderedSequence:
+    """Open a sequence; where there is none yet, take its disk space, all frames missing.
+
+    The sequences that were unused longest go when the folder becomes too large. Raises InputError
+    if the folder cannot be written, CameraError if the disk is full.
+    """
+    try:
+        files.folder.mkdir(parents=True, exist_ok=True)
+        with _locked(files.folder):
+            _make_room(files)
+            _reserve(files.frames, files.total_bytes)
+            _reserve(files.index, 8 * files.count)
+            return RenderedSequence(files)
+    except (PermissionError, NotADirectoryError, FileExistsError) as error:
+        raise InputError(
+            f"{files.folder}: frames cannot be kept there: {error.strerror}"
+        ) from error
+    except OSError as error:
+        raise CameraError(
+            f"{files.folder}: cannot keep {files.total_bytes / 1e6:.0f} MB of frames: "
+            f"{error.strerror}; free some space or ask for a shorter duration"
+        ) from error
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder."""
+    fd = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(fd)
+
+
+def _reserve(path: Path, size: int) -> None:
+    """Make a file of that size, zeros at first; one that has it already is left alone.
+
+    A full disk under a memory map would kill the process, so the space is taken now.
+    """
+    fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        if os.fstat(fd).st_size != size:
+            os.ftruncate(fd, 0)
+            os.posix_fallocate(fd, 0, size)
+        os.utime(fd)  # used now
+    except OSError:
+        path.unlink()
+        raise
+    finally:
+        os.close(fd)
+
+
+def _make_room(files: SequenceFiles) -> None:
+    """Delete what was unused longest until this sequence fits.
+
+    Another process may be playing it: files that are open stay readable after this.
+    """
+    others: dict[str, dict[Path, os.stat_result]] = defaultdict(dict)
+    for path in files.folder.iterdir():
+        if path.stem != files.key and path.is_file():
+            others[path.stem][path] = path.stat()
+    sizes = {key: sum(state.st_size for state in found.values()) for key, found in others.items()}
+    used_s = {key: max(state.st_mtime for state in found.values()) for key, found in others.items()}
+    total = files.total_bytes + sum(sizes.values())
+    for key in sorted(others, key=lambda key: used_s[key]):
+        if total <= MAX_FOLDER_BYTES:
+            return
+        total -= sizes[key]
+        for path in others[key]:
+            path.unlink(missing_ok=True)

@@ -1,0 +1,216 @@
+"""Where the virtual Kinect's frames come from: rendered when they are read, or ahead of that."""
+
+import os
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
+
+from drivers.errors import CameraLostError
+from drivers.isolation.process import ChildProcess, Program
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.faults import Images
+from drivers.synthetic.render import Renderer, make_renderer
+from drivers.synthetic.render_messages import (
+    AllRendered,
+    ReaderIsAt,
+    RenderingFailed,
+    RenderJob,
+    RenderNow,
+)
+from drivers.synthetic.rendered_sequence import RenderedSequence, create_sequence, sequence_files
+
+RENDERER = Program("drivers.synthetic.render_worker", "renderer")
+# It is killed rather than waited for: what it has written stays.
+PATIENCE_S = 2.0
+# A single frame takes a second on a slow board; the first one is preceded by painting the room.
+MAX_FRAME_S = 120.0
+
+Progress = Callable[[int, int], None]  # frames done, frames in all
+
+
+class Rendering(Protocol):
+    """The frames of a configuration, which is played round and round: frame 0 follows the last."""
+
+    def start(self) -> None:
+        """Begin. Returns at once. Raises InputError or CameraError if it cannot."""
+        ...
+
+    def wait_until_started(self, timeout_s: float) -> bool:
+        """Wait until the first frame is there. Raises as `newest`."""
+        ...
+
+    def newest(self, first: int, last: int, timeout_s: float) -> int | None:
+        """The newest frame from `first` to `last` that is rendered; waits for one of them.
+
+        None if there is none after `timeout_s`. Raises InputError or CameraError if none will come.
+        """
+        ...
+
+    def images(self, seq: int) -> Images:
+        """A frame, whether or not it is rendered already. Raises as `newest`."""
+        ...
+
+    def close(self) -> None:
+        """Stop. Safe to call twice."""
+        ...
+
+
+class DirectRendering:
+    """Renders each frame when it is read, and keeps none."""
+
+    def __init__(self, config: SyntheticConfig, threads: int) -> None:
+        self._config = config
+        self._threads = threads or os.cpu_count() or 1
+        self._renderers: list[Renderer] = []
+
+    def start(self) -> None:
+        """Paint the room, the first time."""
+        if not self._renderers:
+            self._renderers.append(make_renderer(self._config, self._threads))
+
+    def wait_until_started(self, timeout_s: float) -> bool:
+        """See `Rendering`."""
+        return True
+
+    def newest(self, first: int, last: int, timeout_s: float) -> int | None:
+        """See `Rendering`."""
+        return last
+
+    def images(self, seq: int) -> Images:
+        """See `Rendering`."""
+        return self._renderers[0].render(seq % self._config.frame_count)
+
+    def close(self) -> None:
+        """See `Rendering`."""
+
+
+class BackgroundRendering:
+    """Frames that a process of its own renders ahead of the reader and that are kept on disk.
+
+    The process runs while frames are missing. A live reader (`rate_hz` above 0) finds the frames
+    that could be rendered in time.
+    """
+
+    def __init__(self, config: SyntheticConfig, folder: Path, rate_hz: float, threads: int) -> None:
+        """Raises InputError if the frames are too many to keep or the track cannot be read."""
+        self._files = sequence_files(config, folder)
+        self._job = RenderJob(config, self._files, rate_hz, threads or os.cpu_count() or 1, wake=-1)
+        self._resources = ExitStack()
+        self._wake = -1  # eventfd: the process has written a frame
+        self._sequence: RenderedSequence | None = None
+        self._process: ChildProcess | None = None
+
+    def start(self) -> None:
+        """See `Rendering`."""
+        self.close()
+        self._sequence = create_sequence(self._files)
+        self._resources.callback(self._sequence.close)
+        self._wake = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
+        self._resources.callback(os.close, self._wake)
+        if self._sequence.missing().size:
+            self._start_process()
+
+    def wait_until_started(self, timeout_s: float) -> bool:
+        """See `Rendering`."""
+        return self._wait_for(0, 0, timeout_s) is not None
+
+    def newest(self, first: int, last: int, timeout_s: float) -> int | None:
+        """See `Rendering`."""
+        self._tell(ReaderIsAt(last % self._files.count))
+        return self._wait_for(first, last, timeout_s)
+
+    def images(self, seq: int) -> Images:
+        """See `Rendering`."""
+        index = seq % self._files.count
+        deadline_s = time.monotonic() + MAX_FRAME_S
+        while (images := self._opened.read(index)) is None:
+            if time.monotonic() > deadline_s:
+                raise CameraLostError(f"synthetic camera: frame {index} is not rendered in time")
+            if self._process is None:
+                self._start_process()
+            self._tell(RenderNow(index))
+            self._wait_for(seq, seq, 1.0)
+        return images
+
+    def finish(self, progress: Progress) -> None:
+        """Wait until no frame is missing. Raises as `newest`, and what `progress` raises."""
+        while missing := self._opened.missing().size:
+            progress(self._files.count - missing, self._files.count)
+            self._receive(0.1)
+
+    def close(self) -> None:
+        """See `Rendering`."""
+        self._stop_process()
+        self._resources.close()
+        self._sequence = None
+
+    @property
+    def _opened(self) -> RenderedSequence:
+        if self._sequence is None:
+            raise CameraLostError("synthetic camera: not open; open it again")
+        return self._sequence
+
+    def _wait_for(self, first: int, last: int, timeout_s: float) -> int | None:
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            for seq in range(last, max(first, last - self._files.count + 1) - 1, -1):
+                if self._opened.has(seq % self._files.count):
+                    return seq
+            left_s = deadline_s - time.monotonic()
+            if left_s <= 0.0:
+                return None
+            self._receive(left_s)
+
+    def _start_process(self) -> None:
+        self._process = ChildProcess(RENDERER, (self._wake,), PATIENCE_S)
+        self._process.tell(replace(self._job, wake=self._wake))
+
+    def _stop_process(self) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            with process:
+                pass  # leaving it reaps it
+
+    def _tell(self, message: object) -> None:
+        if self._process is not None:
+            self._process.tell(message)
+
+    def _receive(self, timeout_s: float) -> None:
+        """Wait until the process has written a frame. Raises InputError or CameraError."""
+        if self._process is None:  # all frames were there once; one was damaged since
+            self._start_process()
+            return
+        try:
+            message = self._process.receive(timeout_s, self._wake)
+            with suppress(BlockingIOError):
+                os.eventfd_read(self._wake)
+        except EOFError:
+            process = self._process
+            self._stop_process()
+            raise CameraLostError(f"synthetic camera: the renderer {process.ending}") from None
+        match message:
+            case AllRendered():
+                self._stop_process()
+            case RenderingFailed(error):
+                self._stop_process()
+                raise error
+
+
+def render_all(
+    config: SyntheticConfig, folder: Path, progress: Progress, threads: int = 0
+) -> RenderedSequence:
+    """Render what is missing of a configuration, and open the result.
+
+    Raises InputError or CameraError, and what `progress` raises.
+    """
+    rendering = BackgroundRendering(config, folder, 0.0, threads)
+    try:
+        rendering.start()
+        rendering.finish(progress)
+    finally:
+        rendering.close()
+    return create_sequence(sequence_files(config, folder))

@@ -1,0 +1,95 @@
+"""Frames that a process renders ahead of the reader."""
+
+import os
+import signal
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import CameraState, NoFrameYet, Pace, RgbdFrame
+from drivers.errors import CameraLostError
+from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.rendered_sequence import create_sequence, sequence_files
+from drivers.synthetic.rendering import render_all
+from tests.belongings import children
+from tests.drivers.synthetic.studio import frames_of
+
+START_S = 60.0
+
+
+@contextmanager
+def opened(camera: SyntheticCamera) -> Iterator[RgbdFrame]:
+    """The first frame of a camera."""
+    with camera:
+        yield camera.read(START_S)
+
+
+def pixels(frames: list[RgbdFrame]) -> list[bytes]:
+    return [frame.colour_bgr.tobytes() + frame.depth_raw.tobytes() for frame in frames]
+
+
+def test_the_frames_are_those_rendered_on_demand_and_no_process_is_left(
+    faulty: SyntheticConfig, tmp_path: Path
+) -> None:
+    with SyntheticCamera(faulty) as camera:
+        on_demand = pixels(frames_of(camera))
+    camera = SyntheticCamera(faulty, Pace.LOCKSTEP, Preparation(tmp_path))
+    with opened(camera) as first:
+        assert pixels([first, *frames_of(camera)]) == on_demand
+    assert children() == []
+    with SyntheticCamera(faulty, Pace.LOCKSTEP, Preparation(tmp_path)) as again:
+        assert children() == []  # all frames are there: none is rendered
+        assert pixels(frames_of(again)) == on_demand
+
+
+def test_the_camera_is_opening_until_the_room_is_painted(
+    faulty: SyntheticConfig, tmp_path: Path
+) -> None:
+    with SyntheticCamera(faulty, Pace.REALTIME, Preparation(tmp_path)) as camera:
+        with pytest.raises(NoFrameYet):
+            camera.read(0.0)
+        assert str(camera.condition) == "opening: preparing its room"
+        assert camera.read(START_S).seq == 0
+        assert camera.condition.state is CameraState.STREAMING
+
+
+def test_a_damaged_frame_is_rendered_again(faulty: SyntheticConfig, tmp_path: Path) -> None:
+    files = sequence_files(faulty, tmp_path)
+    render_all(faulty, tmp_path, lambda done, total: None).close()
+    whole = files.frames.read_bytes()
+    with files.frames.open("r+b") as file:
+        file.seek(3 * files.frame_bytes + 100)
+        file.write(b"damaged")
+    with SyntheticCamera(faulty, Pace.LOCKSTEP, Preparation(tmp_path)) as camera:
+        assert len(frames_of(camera)) == 6
+    assert files.frames.read_bytes() == whole
+
+
+def test_a_renderer_that_is_killed_is_reported_and_started_again(
+    faulty: SyntheticConfig, tmp_path: Path
+) -> None:
+    camera = SyntheticCamera(replace(faulty, duration_s=60.0), Pace.LOCKSTEP, Preparation(tmp_path))
+    with opened(camera):
+        (renderer,) = children()
+        os.kill(renderer, signal.SIGKILL)
+        with pytest.raises(CameraLostError, match="the renderer crashed"):
+            deque(iter(lambda: camera.read(START_S), None), maxlen=0)
+    with opened(camera) as first:
+        assert first.seq == 0
+
+
+def test_what_was_rendered_before_a_kill_is_kept(faulty: SyntheticConfig, tmp_path: Path) -> None:
+    long = replace(faulty, duration_s=60.0)
+    with opened(SyntheticCamera(long, Pace.LOCKSTEP, Preparation(tmp_path))):
+        for renderer in children():
+            with suppress(ProcessLookupError):
+                os.kill(renderer, signal.SIGKILL)
+    sequence = create_sequence(sequence_files(long, tmp_path))
+    assert 0 < sequence.missing().size < 1800
+    assert sequence.read(0) is not None
+    sequence.close()

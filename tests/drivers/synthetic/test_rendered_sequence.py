@@ -1,0 +1,145 @@
+"""Frames on disk: whole or not there, shared by processes, in a folder of bounded size."""
+
+import errno
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import CameraError, InputError
+from drivers.synthetic import rendered_sequence
+from drivers.synthetic.config import Motion, SyntheticConfig
+from drivers.synthetic.faults import Fault, FaultKind, Images
+from drivers.synthetic.rendered_sequence import (
+    RenderedSequence,
+    SequenceFiles,
+    create_sequence,
+    sequence_files,
+)
+
+BYTES = 5 * (5 * 4 * 6 + 8)  # of five frames and their index
+
+
+def files(folder: Path, key: str = "key", count: int = 5) -> SequenceFiles:
+    return SequenceFiles(folder, key, count, 4, 6)
+
+
+def frame(value: int) -> Images:
+    return Images(np.full((4, 6, 3), value, np.uint8), np.full((4, 6), 1000 + value, np.uint16))
+
+
+def filled(folder: Path, key: str = "key") -> RenderedSequence:
+    sequence = create_sequence(files(folder, key))
+    for index in range(5):
+        sequence.write(index, frame(index))
+    return sequence
+
+
+def test_a_frame_that_one_wrote_is_read_by_another(tmp_path: Path) -> None:
+    writer, reader = create_sequence(files(tmp_path)), create_sequence(files(tmp_path))
+    assert reader.read(3) is None
+    writer.write(3, frame(7))
+    assert reader.missing().tolist() == [0, 1, 2, 4]
+    images = reader.read(3)
+    assert images is not None
+    np.testing.assert_array_equal(images.colour, frame(7).colour)
+    np.testing.assert_array_equal(images.depth, frame(7).depth)
+
+
+def test_a_damaged_frame_is_missing_and_the_others_are_not(tmp_path: Path) -> None:
+    filled(tmp_path)
+    with files(tmp_path).frames.open("r+b") as file:
+        file.seek(2 * files(tmp_path).frame_bytes + 5)
+        file.write(b"damaged")
+    sequence = create_sequence(files(tmp_path))
+    assert [sequence.read(index) is None for index in range(5)] == [
+        False,
+        False,
+        True,
+        False,
+        False,
+    ]
+    assert sequence.missing().tolist() == [2]
+
+
+@pytest.mark.parametrize("damage", ["short frames", "short index", "no index", "nonsense index"])
+def test_damaged_files_never_give_a_wrong_frame(tmp_path: Path, damage: str) -> None:
+    filled(tmp_path)
+    frames, index = files(tmp_path).frames, files(tmp_path).index
+    if damage == "short frames":
+        os.truncate(frames, 100)
+    elif damage == "short index":
+        os.truncate(index, 12)
+    elif damage == "no index":
+        index.unlink()
+    else:
+        index.write_bytes(os.urandom(40))
+    sequence = create_sequence(files(tmp_path))
+    assert [sequence.read(index) for index in range(5)] == [None] * 5
+    assert sequence.missing().tolist() == [0, 1, 2, 3, 4]
+
+
+def test_what_changes_a_pixel_changes_the_key_and_faults_on_request_do_not(
+    tmp_path: Path, faulty: SyntheticConfig
+) -> None:
+    track = tmp_path / "track.txt"
+    track.write_text("0 0 0 0 0 0 0 1\n")
+    others = [
+        replace(faulty, seed=2),
+        replace(faulty, motion=Motion.STILL),
+        replace(faulty, track=track),
+    ]
+    keys = {sequence_files(config, tmp_path).key for config in [faulty, *others]}
+    assert len(keys) == 4
+    with_fault = replace(faulty, faults=(Fault(FaultKind.BLACK, 1),))
+    assert sequence_files(with_fault, tmp_path).key in keys
+    track.write_text("0 0 0 1 0 0 0 1\n")
+    assert sequence_files(others[2], tmp_path).key not in keys
+
+
+def test_the_folder_forgets_what_was_unused_longest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rendered_sequence, "MAX_FOLDER_BYTES", int(2.9 * BYTES))
+    for age, key in enumerate(("a", "b")):
+        filled(tmp_path, key).close()
+        for path in (files(tmp_path, key).frames, files(tmp_path, key).index):
+            os.utime(path, (age, age))
+    create_sequence(files(tmp_path, "a")).close()
+    filled(tmp_path, "c")
+    assert {path.stem for path in tmp_path.iterdir()} == {"a", "c"}
+
+
+def test_a_sequence_that_is_open_stays_readable_when_it_is_deleted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sequence = filled(tmp_path, "a")
+    monkeypatch.setattr(rendered_sequence, "MAX_FOLDER_BYTES", int(1.5 * BYTES))
+    create_sequence(files(tmp_path, "b"))
+    assert not files(tmp_path, "a").frames.exists()
+    assert sequence.read(4) is not None
+
+
+def test_a_full_disk_is_a_clear_error_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*arguments: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(CameraError, match=r"No space left on device; free some space"):
+        create_sequence(files(tmp_path))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_made_is_the_user_s_mistake(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="file: frames cannot be kept there"):
+        create_sequence(files(tmp_path / "file"))
+
+
+def test_more_frames_than_are_kept_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"18000 frames are 27\.6 GB"):
+        sequence_files(SyntheticConfig(duration_s=600.0), tmp_path)

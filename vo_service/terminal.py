@@ -1,4 +1,4 @@
-"""Progress for a person at a terminal; silence in a log."""
+"""Progress for a person at a terminal; in a log, only what is worth a line."""
 
 import sys
 import threading
@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
+
+from vo_service.announcements import announce
 
 REDRAW_S = 0.1
 BUSY_REDRAW_S = 0.5
@@ -20,7 +22,7 @@ def wipe(stream: TextIO) -> None:
 
 
 class Terminal:
-    """One line on stderr that is drawn over and over. Silent unless stderr is a terminal."""
+    """One line on stderr that is drawn over and over, where stderr is a terminal."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or sys.stderr
@@ -49,11 +51,13 @@ class Terminal:
         return lambda done, total: self.progress(label, done, total)
 
     def say(self, text: str) -> None:
-        """Leave a line that stays."""
-        if not self._is_quiet:
-            self.clear()
-            self._stream.write(f"{text}\n")
-            self._stream.flush()
+        """Leave a line that stays; in a log, a line of level info."""
+        if self._is_quiet:
+            announce(text)
+            return
+        self.clear()
+        self._stream.write(f"{text}\n")
+        self._stream.flush()
 
     @contextmanager
     def busy(self, label: str) -> Iterator["Busy"]:

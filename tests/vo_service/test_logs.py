@@ -55,6 +55,11 @@ def test_the_journal_gets_the_level_as_a_number() -> None:
     assert lines == ["<3>e", "<4>w", "<6>i", "<7>d", "<3>c"]
 
 
+def test_an_announcement_is_shown_at_the_default_level_and_has_its_own() -> None:
+    code = "from vo_service.announcements import announce; announce('shown'); "
+    assert journal_of(code + "set_level('error'); announce('hidden')") == ["<6>shown"]
+
+
 def test_every_line_of_a_long_message_has_its_level() -> None:
     assert journal_of(r"logging.getLogger('x').error('one\ntwo')") == ["<3>one", "<3>two"]
 

@@ -1,4 +1,4 @@
-"""Progress for a person at a terminal; silence in a log."""
+"""Progress for a person at a terminal; in a log, only what is worth a line."""
 
 import io
 import os
@@ -8,6 +8,7 @@ import pytest
 
 from tests.vo_service.fakes import FakeClock
 from vo_service import terminal as terminal_module
+from vo_service.logs import log_to_stderr
 from vo_service.terminal import Terminal, wipe
 
 
@@ -25,13 +26,27 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     return clock
 
 
-def test_a_log_gets_nothing() -> None:
+def test_a_log_gets_no_progress() -> None:
     log = io.StringIO()
     terminal = Terminal(log)
     terminal.show("busy")
     terminal.progress("frame", 1, 1)
     terminal.clear()
     assert log.getvalue() == ""
+
+
+def test_what_is_said_is_a_line_of_the_log_where_there_is_no_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with log_to_stderr():
+        Terminal().say("pictures: http://127.0.0.1:9090")
+    assert capsys.readouterr().err == "kinect-vo: info: pictures: http://127.0.0.1:9090\n"
+
+
+def test_what_is_said_is_a_plain_line_on_a_terminal() -> None:
+    screen = Screen()
+    Terminal(screen).say("pictures: http://127.0.0.1:9090")
+    assert screen.getvalue() == "pictures: http://127.0.0.1:9090\n"
 
 
 def test_a_line_is_drawn_over_the_one_before_and_taken_away() -> None:

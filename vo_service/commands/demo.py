@@ -26,6 +26,7 @@ from vo_service.interrupts import stop_on_signals
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.trajectory_memory import TrajectoryMemory
+from vo_service.outputs.zenoh_opening import OpenOnFreePort
 from vo_service.session import prepare_kernels, run_loop
 from vo_service.summary import Summary
 from vo_service.terminal import Terminal
@@ -39,7 +40,8 @@ examples:
 
 Plays a room at 30 frames a second while it is rendered: in slow motion where this computer renders
 more slowly. The frames are kept for the next time. Poses go out over Zenoh on this computer alone:
-kinect-vo listen prints them. OUTPUT gets trajectory.txt, groundtruth.txt, trajectory.png and, with
+kinect-vo listen prints them. Where the default port is taken, by a service for instance, they go
+out on a free one: printed. OUTPUT gets trajectory.txt, groundtruth.txt, trajectory.png and, with
 Rerun, demo.rrd.
 """
 
@@ -82,6 +84,7 @@ def run(args: argparse.Namespace) -> int:
         request = OutputRequest(
             pace=Pace.REALTIME,
             zenoh=None if args.no_publish else config.zenoh,
+            way_to_open=OpenOnFreePort,
             rerun=replace(config.rerun, targets=_rerun_targets(args)),
             trajectory=args.output / "trajectory.txt",
             ground_truth=lambda: camera.ground_truth,

@@ -31,6 +31,7 @@ from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.output import Output
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.trajectory_memory import TrajectoryMemory
+from vo_service.outputs.zenoh_opening import OpenAtOnce, OpenOnFreePort
 from vo_service.session import prepare_kernels, run_loop
 from vo_service.summary import Summary
 from vo_service.terminal import Terminal
@@ -49,6 +50,10 @@ The folder needs FOLDER/camera.toml, a name that says freiburg1, freiburg2 or fr
 
 lockstep runs every frame as fast as it goes and repeats bit for bit; subscribers get every pose.
 realtime keeps the recording's own clock and drops what comes too late, as on the robot.
+
+Several replays can run at once, and beside the service: where the default port is taken, poses are
+published on a free one, which is printed. A port of your own (zenoh.listen) that is taken is an
+error, as is any with --wait-for-subscriber.
 
 With --loops, places that are seen again are known again: after a loss the camera finds back, and
 the summary says what closing the loops has gained. The poses that are published stay smooth; what
@@ -91,6 +96,8 @@ def run(args: argparse.Namespace) -> int:
         request = OutputRequest(
             pace=args.pace,
             zenoh=None if args.no_publish else config.zenoh,
+            # Who is waited for comes to the port that was agreed on.
+            way_to_open=OpenAtOnce if args.wait_for_subscriber else OpenOnFreePort,
             wait_for_subscriber_s=args.wait_for_subscriber,
             rerun=config.rerun,
             trajectory=args.trajectory,

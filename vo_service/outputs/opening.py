@@ -84,8 +84,8 @@ def opened_outputs(request: OutputRequest) -> Iterator[Opened]:
                 closing(ZenohOutput(request.zenoh, delivery, request.way_to_open, request.extras))
             )
             outputs.append(publisher)
-            where = ", ".join(request.zenoh.listen + request.zenoh.connect)
-            request.tell(f"poses: {request.zenoh.prefix}/odom at {where} (kinect-vo listen)")
+            if not publisher.warning:  # which says what keeps it from there
+                request.tell(f"poses: {publisher.where}")
             if request.wait_for_subscriber_s:
                 publisher.wait_for_subscriber(request.wait_for_subscriber_s)
         for target in request.rerun.targets:

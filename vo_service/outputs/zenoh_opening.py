@@ -1,21 +1,32 @@
-"""Two ways to come to a Zenoh session: at once or not at all, and whenever it can be had."""
+"""Ways to come to a Zenoh session: at once or not at all, on any port, whenever it can be had."""
 
 import logging
+import socket
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import replace
 from typing import Protocol
 
 import zenoh
 
 from drivers.errors import UserFacingError
-from vo_service.outputs.zenoh_routers import connect_endpoints, is_connected
-from vo_service.outputs.zenoh_session import ZenohConfig, ZenohNotNowError, open_session
+from vo_service.outputs.zenoh_routers import connect_endpoints, is_connected, named_endpoints
+from vo_service.outputs.zenoh_session import (
+    DEFAULT_ENDPOINT,
+    ZenohConfig,
+    ZenohNotNowError,
+    ZenohPortTakenError,
+    open_session,
+)
 
 logger = logging.getLogger(__name__)
 
 RETRY_S = 2.0
 # A router may take this long to take us up before we complain.
 GRACE_S = 3.0
+# How often a free port is looked for, as somebody else may take it before Zenoh has it.
+ATTEMPTS = 5
 
 
 class Opening(Protocol):
@@ -24,6 +35,11 @@ class Opening(Protocol):
     @property
     def warning(self) -> str:
         """What is wrong, one clause; "" while all is well."""
+        ...
+
+    @property
+    def where(self) -> str:
+        """The session's endpoints, and how to listen there: for a person."""
         ...
 
     def sessions(self) -> list[zenoh.Session]:
@@ -43,6 +59,34 @@ class OpenAtOnce:
     def __init__(self, config: ZenohConfig) -> None:
         """Raises InputError or ZenohNotNowError."""
         self._session = open_session(config)
+        self.where = _where(config)
+
+    def sessions(self) -> list[zenoh.Session]:
+        """The session, open or (later) closed."""
+        return [self._session]
+
+
+class OpenOnFreePort:
+    """For a replay: a free port of this computer where the default one is taken.
+
+    Where the user has set another endpoint, or Zenoh's configuration, a taken port is an error.
+    """
+
+    warning = ""
+
+    def __init__(self, config: ZenohConfig) -> None:
+        """Raises InputError or ZenohNotNowError."""
+        try:
+            self._session = open_session(config)
+            self.where = _where(config)
+        except ZenohPortTakenError:
+            if config.listen != (DEFAULT_ENDPOINT,) or config.config_file is not None:
+                raise
+            self._session, endpoint = _open_on_free_port(config)
+            self.where = (
+                f"{endpoint}, as {DEFAULT_ENDPOINT} is taken (kinect-vo listen --connect "
+                f"{endpoint})"
+            )
 
     def sessions(self) -> list[zenoh.Session]:
         """The session, open or (later) closed."""
@@ -56,6 +100,7 @@ class KeepTrying:
         """Raises InputError where trying again would not help."""
         self._config = config
         self._now_s = now_s
+        self.where = _where(config)
         self._routers = _RouterWatch(connect_endpoints(config), now_s)
         self._opened: list[zenoh.Session] = []
         self._tried_s = now_s()
@@ -92,6 +137,27 @@ class KeepTrying:
             return
         self.warning = warning
         logger.warning("%s", warning or "zenoh: all is well again")
+
+
+def _where(config: ZenohConfig) -> str:
+    return f"{', '.join(named_endpoints(config))} (kinect-vo listen)"
+
+
+def _open_on_free_port(config: ZenohConfig) -> tuple[zenoh.Session, str]:
+    """A session on a port that the kernel names, and its endpoint. Raises ZenohNotNowError."""
+    for _ in range(ATTEMPTS - 1):
+        endpoint = _free_endpoint()
+        with suppress(ZenohPortTakenError):
+            return open_session(replace(config, listen=(endpoint,))), endpoint
+    endpoint = _free_endpoint()
+    return open_session(replace(config, listen=(endpoint,))), endpoint
+
+
+def _free_endpoint() -> str:
+    """One that was free a moment ago: given port 0, Zenoh does not say which port it has."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 class _RouterWatch:

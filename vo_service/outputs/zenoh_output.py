@@ -106,6 +106,11 @@ class ZenohOutput:
         return self._opening.warning or self._failure
 
     @property
+    def where(self) -> str:
+        """The prefix and the endpoints, and how to listen there: for a person."""
+        return f"{self._programme.prefix}/odom at {self._opening.where}"
+
+    @property
     def dropped(self) -> int:
         """Results that newer ones replaced before they were published."""
         return self._worker.dropped

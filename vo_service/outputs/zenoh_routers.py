@@ -1,4 +1,4 @@
-"""Which of the routers (or peers) that a session connects to are there."""
+"""The endpoints of a session: which it has, and which routers (or peers) are there."""
 
 from collections.abc import Iterable
 
@@ -11,6 +11,12 @@ from vo_service.outputs.zenoh_session import ZenohConfig, session_settings
 def connect_endpoints(config: ZenohConfig) -> tuple[str, ...]:
     """Where a session with this configuration connects to. Raises InputError."""
     return tuple(endpoints_in(session_settings(config), "connect"))
+
+
+def named_endpoints(config: ZenohConfig) -> tuple[str, ...]:
+    """Where a session listens and connects, by its configuration. Raises InputError."""
+    settings = session_settings(config)
+    return (*endpoints_in(settings, "listen"), *endpoints_in(settings, "connect"))
 
 
 def is_connected(session: zenoh.Session, endpoints: Iterable[str]) -> bool:

@@ -61,39 +61,47 @@ class ZenohNotNowError(UserFacingError):
         self.clause = clause
 
 
+class ZenohPortTakenError(ZenohNotNowError):
+    """Somebody else listens on the port."""
+
+
 def open_session(config: ZenohConfig) -> zenoh.Session:
     """Open a session: a peer that listens and connects only where `config` says.
 
     Returns within a few seconds. Raises InputError for an endpoint or a configuration file that is
-    wrong, ZenohNotNowError for what time may mend, such as a port that is taken.
+    wrong, ZenohNotNowError for what time may mend: ZenohPortTakenError for a port that is taken.
     """
     settings = session_settings(config)
     try:
         return zenoh.open(settings)
     except zenoh.ZError as error:
         endpoints = ", ".join(config.listen + config.connect)
-        for sign, (clause, advice) in _NOT_NOW.items():
+        for sign, (kind, clause, advice) in _NOT_NOW.items():
             if sign in str(error):
                 where = _named_endpoint(str(error)) or endpoints
-                raise ZenohNotNowError(clause.format(where), advice) from error
+                raise kind(clause.format(where), advice) from error
         raise InputError(f"zenoh cannot use {endpoints}: {_plain(error)}") from error
 
 
 # What time may mend, by Zenoh's own words.
 _NOT_NOW = {
     "Address already in use": (
+        ZenohPortTakenError,
         "cannot listen on {}: the port is taken, probably by another kinect-vo",
         "stop that one, set zenoh.listen to a free port, or use --no-publish",
     ),
     "Cannot assign requested address": (
+        ZenohNotNowError,
         "cannot listen on {}: this computer does not have that address now",
         "set zenoh.listen to an address that it has",
     ),
     "failed to lookup address": (
+        ZenohNotNowError,
         "cannot listen on {}: the name has no address now",
         "set zenoh.listen to an address of this computer",
     ),
     "Unable to connect to any": (
+        ZenohNotNowError,
         "cannot connect to {}: nobody answers there",
         "start the router, or mend connect.endpoints in the Zenoh configuration",
     ),

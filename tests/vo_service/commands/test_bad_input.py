@@ -11,6 +11,7 @@ import pytest
 
 from drivers.errors import InputError
 from tests.vo_service.commands.command_line import Outcome, call, run
+from vo_service.outputs import zenoh_opening
 
 CopyRecording = Callable[..., Path]
 
@@ -159,6 +160,20 @@ def test_a_busy_port_is_named_and_the_trajectory_kept(
         outcome = call(capfd, "replay", recording, "--config", config, "--trajectory", kept)
     assert_one_line(outcome, 1, f"zenoh cannot listen on tcp/127.0.0.1:{port}: the port is taken")
     assert kept.read_text() == "precious\n"
+
+
+def test_who_is_waited_for_comes_to_the_agreed_port(
+    recording: Path,
+    config: Path,
+    port: int,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(zenoh_opening, "DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{port}")
+    options = ("--config", config, "--wait-for-subscriber", "1")
+    with socket.create_server(("127.0.0.1", port)):
+        outcome = call(capfd, "replay", recording, *options)
+    assert_one_line(outcome, 1, f"zenoh cannot listen on tcp/127.0.0.1:{port}: the port is taken")
 
 
 ARGUMENTS = {

@@ -2,7 +2,9 @@
 
 import json
 import signal
+import socket
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from tests.vo_service.commands.command_line import (
     stretched,
     wait_for,
 )
+from vo_service.outputs import zenoh_opening
 
 FIGURES = (
     *("frames", "failed", "skipped", "coverage", "stage_ms", "cpu_ms_per_frame", "ate_rmse_m"),
@@ -132,3 +135,32 @@ def test_a_recording_is_not_overwritten_by_its_own_trajectory(
     outcome = call(capfd, "replay", folder, "--trajectory", folder / "groundtruth.txt")
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
     assert (folder / "groundtruth.txt").read_bytes() == before
+
+
+def test_eight_replays_at_once_all_end_well_with_the_same_trajectory(
+    recording: Path, tmp_path: Path
+) -> None:
+    files = [tmp_path / f"{number}.txt" for number in range(8)]
+    with ThreadPoolExecutor(len(files)) as pool:
+        outcomes = list(
+            pool.map(lambda file: run("replay", recording, "--trajectory", file), files)
+        )
+    assert [outcome.code for outcome in outcomes] == [0] * len(files), outcomes
+    assert len({file.read_bytes() for file in files}) == 1
+    assert line_count(files[0]) == FRAMES
+
+
+def test_a_taken_default_port_is_one_line_of_a_log_and_no_error(
+    recording: Path,
+    config: Path,
+    port: int,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(zenoh_opening, "DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{port}")
+    with socket.create_server(("127.0.0.1", port)):
+        outcome = call(capfd, "replay", recording, "--config", config, "--json")
+    assert (outcome.code, json.loads(outcome.out)["frames"]) == (0, FRAMES)
+    assert outcome.err.startswith("kinect-vo: info: poses: kinect/odom at tcp/127.0.0.1:")
+    assert f"as tcp/127.0.0.1:{port} is taken (kinect-vo listen --connect tcp/" in outcome.err
+    assert outcome.err.count("\n") == 1

@@ -12,6 +12,7 @@ from drivers.errors import InputError, UserFacingError
 from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.trajectory_output import TrajectoryOutput
+from vo_service.outputs.zenoh_opening import KeepTrying
 from vo_service.outputs.zenoh_output import ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig
 from vo_service.settings import RerunSettings
@@ -64,6 +65,26 @@ def test_a_port_that_is_taken_leaves_the_trajectory_that_is_there(
     ):
         pass
     assert (tmp_path / "poses.txt").read_text() == "precious"
+
+
+def test_where_poses_are_is_told_and_not_where_they_cannot_be(free_port: int) -> None:
+    told: list[str] = []
+    request = OutputRequest(
+        Pace.REALTIME, zenoh_at(free_port), way_to_open=KeepTrying, tell=told.append
+    )
+    with socket.create_server(("127.0.0.1", free_port)), opened_outputs(request):
+        assert told == []
+    with opened_outputs(request):
+        assert told == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
+
+
+def test_an_endpoint_of_a_file_is_the_one_that_is_told(free_port: int, tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text(f"{{listen: {{endpoints: ['tcp/127.0.0.1:{free_port}']}}}}")
+    told: list[str] = []
+    request = OutputRequest(Pace.REALTIME, ZenohConfig(config_file=file), tell=told.append)
+    with opened_outputs(request):
+        assert told == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
 
 
 def test_waiting_for_a_subscriber_that_does_not_come_ends(free_port: int) -> None:

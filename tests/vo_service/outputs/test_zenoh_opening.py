@@ -1,4 +1,4 @@
-"""A session that is had at once or not at all, and one that is tried for again and again."""
+"""A session that is had at once or not at all, on any port, or tried for again and again."""
 
 import logging
 import socket
@@ -15,9 +15,9 @@ from tests import ports
 from tests.vo_service.outputs.zenoh_asking import answers, asking, config, wait_for
 from vo_service.outputs import zenoh_opening
 from vo_service.outputs.output import PoseUpdate, Status
-from vo_service.outputs.zenoh_opening import KeepTrying, OpenAtOnce
+from vo_service.outputs.zenoh_opening import KeepTrying, OpenAtOnce, OpenOnFreePort
 from vo_service.outputs.zenoh_output import LIVE, ZenohOutput
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import ZenohConfig, ZenohPortTakenError, open_session
 
 MakeUpdate = Callable[..., PoseUpdate]
 
@@ -65,6 +65,60 @@ def test_at_once_or_not_at_all(free_port: int) -> None:
     with taken(free_port), pytest.raises(UserFacingError, match="the port is taken") as caught:
         ZenohOutput(config(free_port), LIVE, OpenAtOnce)
     assert caught.value.exit_code == 1
+
+
+@pytest.fixture
+def default_endpoint(free_port: int, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A default that is free, whoever uses the real one now."""
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    monkeypatch.setattr(zenoh_opening, "DEFAULT_ENDPOINT", endpoint)
+    return endpoint
+
+
+def test_a_replay_takes_the_default_port_where_it_is_free(
+    free_port: int, default_endpoint: str
+) -> None:
+    with closing(ZenohOutput(config(free_port), LIVE, OpenOnFreePort)) as output:
+        assert output.where == f"kinect/odom at {default_endpoint} (kinect-vo listen)"
+        with asking(free_port) as session:
+            wait_for(lambda: bool(answers(session, "kinect/schema")))
+
+
+def test_a_replay_publishes_on_a_free_port_where_the_default_one_is_taken(
+    free_port: int, default_endpoint: str
+) -> None:
+    with (
+        taken(free_port),
+        closing(ZenohOutput(config(free_port), LIVE, OpenOnFreePort)) as output,
+    ):
+        endpoint, why = output.where.removeprefix("kinect/odom at ").split(", ")
+        assert why == f"as {default_endpoint} is taken (kinect-vo listen --connect {endpoint})"
+        with asking(int(endpoint.rsplit(":")[-1])) as session:
+            wait_for(lambda: bool(answers(session, "kinect/schema")))
+
+
+def test_a_free_port_that_is_gone_meanwhile_is_looked_for_again(
+    free_port: int, default_endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = f"tcp/127.0.0.1:{ports.free_port()}"
+    found = iter([default_endpoint, free])
+    monkeypatch.setattr(zenoh_opening, "_free_endpoint", lambda: next(found))
+    with (
+        taken(free_port),
+        closing(ZenohOutput(config(free_port), LIVE, OpenOnFreePort)) as output,
+    ):
+        assert f"--connect {free})" in output.where
+
+
+@pytest.mark.usefixtures("default_endpoint")
+def test_a_port_that_the_user_has_set_is_never_another(free_port: int, tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text("{}")
+    other = ports.free_port()
+    plans = [(other, config(other)), (free_port, config(free_port, config_file=file))]
+    for port, plan in plans:
+        with taken(port), pytest.raises(ZenohPortTakenError, match="the port is taken"):
+            OpenOnFreePort(plan)
 
 
 def test_a_taken_port_is_a_warning_and_no_error(free_port: int) -> None:

@@ -3,14 +3,13 @@
 import fcntl
 import json
 import os
-import shutil
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from drivers.errors import UserFacingError
-from drivers.full_disk import is_full
+from drivers.full_disk import free_bytes, is_full
 from drivers.tum.whole_files import write_whole
 
 
@@ -80,7 +79,7 @@ class PartialFile:
 
     def need(self, size: int) -> None:
         """Raise UserFacingError unless the disk has room for so many bytes more."""
-        free = shutil.disk_usage(self.path.parent).free
+        free = free_bytes(self.path.parent)
         if free < size:
             raise UserFacingError(
                 f"{self.path.parent}: {size / 1e9:.2f} GB are needed and {free / 1e9:.2f} GB are "

@@ -1,6 +1,5 @@
 """Recording on command: frames go from the ring into a TUM folder until told to stop."""
 
-import shutil
 import sys
 import threading
 from collections.abc import Callable
@@ -8,6 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from drivers.errors import UserFacingError
+from drivers.full_disk import free_bytes
 from drivers.tum.encode import ColourFormat
 from drivers.tum.writer import TumWriter
 from vo_service.recorder.frame_record import frame_of, note_of
@@ -83,7 +83,7 @@ class Recording:
                 self._write(record, stack)
 
     def _write(self, record: Record, stack: ExitStack) -> None:
-        if shutil.disk_usage(self.folder.parent).free < LEFT_FREE_BYTES:
+        if free_bytes(self.folder.parent) < LEFT_FREE_BYTES:
             raise UserFacingError(
                 f"{self.folder}: less than {LEFT_FREE_BYTES / 1e9:g} GB are left on the disk; "
                 "free some space and record into a new folder"

@@ -1,12 +1,12 @@
 """Recordings in .rrd files of bounded size and number."""
 
-import shutil
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 from drivers.camera import Pace
 from drivers.errors import InputError
+from drivers.full_disk import free_bytes, is_full
 from vo_service.numbered_files import put_aside
 from vo_service.outputs.worker import DropOldest, HandOver, Wait
 from vo_service.settings import MEGABYTE
@@ -60,6 +60,7 @@ class RecordingFile:
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
         """Create the file."""
         try:
+            self._refuse_unwritable()
             self._refuse_full_disk(2 * RESERVE_BYTES)
             put_aside(self._path, self._files_kept)
             stream.save(self.address)
@@ -67,9 +68,7 @@ class RecordingFile:
             self._layout = self._layout or self._file_of(blueprint)
             stream.log_file_from_contents("layout.rbl", self._layout)
         except (OSError, RuntimeError, UnicodeError) as error:
-            raise InputError(
-                f"{self.address}: cannot write the Rerun recording: {error}"
-            ) from error
+            raise self._unwritable(str(error)) from error
         self._whole_bytes = 0
 
     def check(self, stream: "rr.RecordingStream") -> None:
@@ -101,8 +100,32 @@ class RecordingFile:
             blueprint.save(APPLICATION, file)
             return file.read_bytes()
 
+    def _refuse_unwritable(self) -> None:
+        """Raises InputError with the cause, before anything is put aside; DiskFullError."""
+        folder = self._path.parent
+        self.address.encode()  # Rerun takes text alone
+        if self._path.exists() and not self._path.is_file():
+            what = "a folder" if self._path.is_dir() else "no file but a device or the like"
+            raise self._unwritable(f"it is {what}")
+        if not folder.is_dir():
+            raise self._unwritable(f"there is no folder {folder}")
+        try:
+            TemporaryFile(dir=folder).close()
+        except OSError as error:
+            if is_full(error):
+                raise self._disk_full() from error
+            raise self._unwritable(f"{folder} takes no new file: {error.strerror}") from error
+
     def _refuse_full_disk(self, needed_bytes: int) -> None:
-        if shutil.disk_usage(self._path.parent).free < needed_bytes:
-            raise DiskFullError(
-                f"{self.address}: the disk is full; nothing is recorded until there is space again"
-            )
+        if free_bytes(self._path.parent) < needed_bytes:
+            raise self._disk_full()
+
+    def _unwritable(self, cause: str) -> InputError:
+        return InputError(
+            f"{self.address}: cannot write the Rerun recording: {cause}; name another file"
+        )
+
+    def _disk_full(self) -> DiskFullError:
+        return DiskFullError(
+            f"{self.address}: the disk is full; nothing is recorded until there is space again"
+        )

@@ -176,6 +176,13 @@ def test_who_is_waited_for_comes_to_the_agreed_port(
     assert_one_line(outcome, 1, f"zenoh cannot listen on tcp/127.0.0.1:{port}: the port is taken")
 
 
+def test_a_rerun_recording_that_cannot_be_written_is_an_error_with_its_cause(
+    recording: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    outcome = call(capfd, "replay", recording, "--no-publish", "--rerun", "/proc/a.rrd")
+    assert_one_line(outcome, 2, "/proc/a.rrd: cannot write the Rerun recording: /proc takes no new")
+
+
 ARGUMENTS = {
     "method": (["replay", "X", "--method", "orb"], "--method: invalid choice: 'orb'"),
     "pace": (

@@ -1,12 +1,12 @@
 """Recordings of bounded size and number, and what a full disk makes of them."""
 
 import dataclasses
+import errno
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -50,12 +50,12 @@ def free_bytes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """What the disk has free, one answer after another, the last for ever; asked at any time."""
     answers = [10**12]
 
-    def disk_usage(path: Path) -> SimpleNamespace:
-        return SimpleNamespace(free=answers.pop(0) if len(answers) > 1 else answers[0])
+    def free_bytes(path: Path) -> int:
+        return answers.pop(0) if len(answers) > 1 else answers[0]
 
     monkeypatch.setattr(drawing, "CHECK_PERIOD_S", 0.0)
     monkeypatch.setattr(drawing, "RETRY_PERIOD_S", 0.0)
-    monkeypatch.setattr(recording_file, "shutil", SimpleNamespace(disk_usage=disk_usage))
+    monkeypatch.setattr(recording_file, "free_bytes", free_bytes)
     return answers
 
 
@@ -187,7 +187,48 @@ def test_a_file_that_cannot_grow_can_be_read_up_to_there(
     assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
 
 
-def test_a_name_that_is_no_text_is_one_line(tmp_path: Path) -> None:
+def test_a_name_that_is_no_text_is_one_line_and_what_is_there_stays(tmp_path: Path) -> None:
+    path = tmp_path / "not\udcffutf8.rrd"
+    path.touch()
     with pytest.raises(InputError, match="cannot write the Rerun recording") as caught:
-        Drawing(job(RecordingFile(tmp_path / "not\udcffutf8.rrd")))
+        Drawing(job(RecordingFile(path)))
     assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("folder.rrd", "it is a folder; name another file"),
+        ("device.rrd", "it is no file but a device or the like; name another file"),
+        ("none/a.rrd", "there is no folder"),
+        ("file/a.rrd", "there is no folder"),
+        ("/proc/a.rrd", "/proc takes no new file: No such file or directory; name another file"),
+        ("/sys/a.rrd", "/sys takes no new file: "),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_told_with_its_own_cause(
+    tmp_path: Path, name: str, cause: str
+) -> None:
+    (tmp_path / "folder.rrd").mkdir()
+    (tmp_path / "device.rrd").symlink_to("/dev/full")
+    (tmp_path / "file").touch()
+    there = set(tmp_path.rglob("*"))
+    with pytest.raises(InputError, match="cannot write the Rerun recording") as caught:
+        Drawing(job(RecordingFile(tmp_path / name)))
+    assert cause in str(caught.value)
+    assert set(tmp_path.rglob("*")) == there
+
+
+def test_a_folder_that_takes_no_new_file_keeps_what_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(**kwargs: Path) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(recording_file, "TemporaryFile", refuse)  # root may write everywhere
+    path = tmp_path / "out.rrd"
+    path.touch()
+    with pytest.raises(InputError, match="takes no new file: Read-only file system"):
+        Drawing(job(RecordingFile(path)))
+    assert list(tmp_path.iterdir()) == [path]

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from decimal import Context, Decimal, InvalidOperation
 from itertools import pairwise
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from drivers.errors import InputError
 
@@ -43,8 +43,9 @@ class FramePair:
 def read_image_list(path: Path) -> list[ListedImage]:
     """Read ``rgb.txt`` or ``depth.txt``: lines of ``stamp file``, ``#`` comments.
 
-    Files are relative to the list's folder. Raises InputError naming file and line if the list
-    cannot be read, is empty, does not parse, or if stamps repeat or go backwards.
+    Files are below the list's folder. Raises InputError naming file and line if the list cannot be
+    read, is empty, does not parse, if a path leads out of the folder by what it says (absolute, or
+    with ``..``; links are followed), or if stamps repeat or go backwards.
     """
     images = [_image(words, path, n) for n, words in _image_rows(path, "stamp file")]
     _check_rising(images)
@@ -105,7 +106,21 @@ def _image(words: list[str], path: Path, number: int) -> ListedImage:
         ) from error
     if not stamp.is_finite() or abs(stamp) > _FAR_FUTURE_S:
         raise InputError(f"{where}: stamp {words[0]} is not in seconds; rewrite the list")
-    return ListedImage(stamp, path.parent / words[1], where)
+    return ListedImage(stamp, path.parent / _below(words[1], where), where)
+
+
+def _below(text: str, where: str) -> PurePath:
+    """The path of an image, from the list's folder. Raises InputError if it leads out of that.
+
+    What the list says counts, not what is on the disk: a folder may be a link to another disk.
+    """
+    path = PurePath(text)
+    if path.is_absolute() or ".." in path.parts:
+        raise InputError(
+            f'{where}: "{text}" leads out of the recording\'s folder; put the image (or a link to '
+            "it) into that folder, and write its path from there"
+        )
+    return path
 
 
 def _check_rising(images: list[ListedImage]) -> None:

@@ -1,3 +1,4 @@
+import os
 from decimal import Decimal
 from pathlib import Path
 
@@ -45,6 +46,12 @@ def test_associations_become_pairs_with_the_exact_skew(tmp_path: Path) -> None:
         ("2.0 a\n1.5 b\n", r"rgb\.txt:2: stamp 1\.5 goes back \(the one before is 2\.0\)"),
         ("2.0 a\n2.0 b\n", r"rgb\.txt:2: stamp 2\.0 repeats \(the one before"),
         ("1305031102.0 a\n1305031102.00000001 b\n", r"rgb\.txt:2: stamp .* repeats"),
+        ("1 a\n2 ../../etc/passwd\n", r'rgb\.txt:2: "\.\./\.\./etc/passwd" leads out of the'),
+        (
+            "1 rgb/../a.png\n",
+            r'rgb\.txt:1: "rgb/\.\./a\.png" leads out .* write its path from there',
+        ),
+        ("1 /etc/passwd\n", r'rgb\.txt:1: "/etc/passwd" leads out of the recording\'s folder'),
     ],
 )
 def test_a_list_that_is_wrong_is_named_by_its_line(
@@ -61,6 +68,8 @@ def test_a_list_that_is_wrong_is_named_by_its_line(
         ("1 a 1 b\n2 c 1 d\n", r"associations\.txt:2: stamp 1 repeats"),
         ("2 a 1 b\n1 c 2 d\n", r"associations\.txt:2: stamp 1 goes back"),
         ("1 a x b\n", r'associations\.txt:1: "x" is not a stamp'),
+        ("1 /a 1 b\n", r'associations\.txt:1: "/a" leads out of the recording'),
+        ("1 a 1 ../b\n", r'associations\.txt:1: "\.\./b" leads out of the recording'),
     ],
 )
 def test_associations_that_are_wrong_are_named_by_their_line(
@@ -76,6 +85,31 @@ def test_a_list_that_cannot_be_read_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "rgb.txt").write_bytes(b"\x89PNG\xff")
     with pytest.raises(InputError, match="is not a text file"):
         read_image_list(tmp_path / "rgb.txt")
+
+
+def test_a_folder_of_images_may_be_a_link_to_another_disk(tmp_path: Path) -> None:
+    disk, folder = tmp_path / "disk", tmp_path / "recording"
+    disk.mkdir()
+    folder.mkdir()
+    (folder / "rgb").symlink_to(disk)
+    (disk / "a.png").write_text("an image")
+    (image,) = read_image_list(write(folder, "1 rgb/a.png\n"))
+    assert image.file.read_text() == "an image"
+
+
+@given(parts=st.lists(st.sampled_from(["..", ".", "", "a", "...", "..a", "~"]), min_size=1))
+def test_a_path_that_is_let_through_stays_below_the_folder(
+    tmp_path_factory: pytest.TempPathFactory, parts: list[str]
+) -> None:
+    folder = tmp_path_factory.mktemp("list")
+    file = write(folder, f"1 {'/'.join(parts) or 'a'}\n")
+    is_absolute = len(parts) > 1 and parts[0] == ""
+    try:
+        (image,) = read_image_list(file)
+    except InputError:
+        assert ".." in parts or is_absolute
+    else:
+        assert Path(os.path.normpath(image.file)).is_relative_to(folder)
 
 
 @given(text=st.text(max_size=60) | st.text("0123456789.e-+ \nnaif_#,", max_size=60))

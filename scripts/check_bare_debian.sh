@@ -20,6 +20,7 @@ case "$*" in
     *) refuse "$* is unknown: name demo or test, or neither for both" ;;
 esac
 [ "$(id -u)" = 0 ] || refuse "run it as root: it mounts file systems and changes its root"
+changes=$(git -C "$checkout" status --porcelain) || refuse "$checkout has to be a clone, to be cloned by git"
 
 job=
 work=$(realpath "$(mktemp -d)")
@@ -66,12 +67,11 @@ inside() {
         mount -t sysfs -o ro sysfs "$root/sys"
         mount -t devpts -o newinstance,ptmxmode=666,mode=620,gid=5 devpts "$root/dev/pts"
         mount -t tmpfs -o mode=1777,nosuid,nodev tmpfs "$root/dev/shm"
-        set -- chroot "$root" "$@"
         for name in PIP_INDEX_URL PIP_EXTRA_INDEX_URL PIP_TRUSTED_HOST PIP_CERT PIP_PROXY UV_INDEX UV_DEFAULT_INDEX \
             SSL_CERT_FILE REQUESTS_CA_BUNDLE http_proxy https_proxy no_proxy HTTP_PROXY HTTPS_PROXY NO_PROXY; do
             value=$(printenv "$name") && set -- "$name=$value" "$@"
         done
-        env -i HOME=/root LANG=C.UTF-8 TERM="${TERM:-dumb}" \
+        chroot "$root" env -i HOME=/root LANG=C.UTF-8 TERM="${TERM:-dumb}" \
             PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin "$@" || exit' inside "$@"
 }
 
@@ -86,9 +86,10 @@ mirror() {
 make_debian() {
     debian=$(mirror bookworm http://deb.debian.org/debian)
     security=$(mirror bookworm-security http://deb.debian.org/debian-security)
-    eval "$(apt-config shell http_proxy Acquire::http::Proxy https_proxy Acquire::https::Proxy)"
-    http_proxy=${http_proxy:-} https_proxy=${https_proxy:-} \
-        contained debootstrap --variant=minbase bookworm "$base" "$debian" >"$work/log" 2>&1 ||
+    http= https=
+    eval "$(apt-config shell http Acquire::http::Proxy https Acquire::https::Proxy)"
+    contained env http_proxy="${http:-${http_proxy:-}}" https_proxy="${https:-${https_proxy:-}}" \
+        debootstrap --variant=minbase bookworm "$base" "$debian" >"$work/log" 2>&1 ||
         { tail -n 5 "$work/log" >&2 && return 1; }
     cat >"$base/etc/apt/sources.list" <<END
 deb $debian bookworm main
@@ -136,7 +137,7 @@ check() {
     say "${0##*/}: $1 passed in $on"
 }
 
-[ -z "$(git -C "$checkout" status --porcelain)" ] || say "Not checked: what is not committed"
+[ -z "$changes" ] || say "Not checked: what is not committed"
 command -v debootstrap >/dev/null || {
     step "Reading Debian's package lists" apt_get update
     step "Installing from Debian: debootstrap" apt_get install --yes --no-install-recommends debootstrap

@@ -19,13 +19,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.belongings import wait_for
 from tests.ports import free_port
 from tests.stand_ins.zenoh_router import running_router
 from tests.vo_service.live_faults import LIVE_FAULTS, Around, pass_through
 from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
 from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
 from tests.vo_service.service_faults import Passed
+from tests.waiting import wait_until
 
 Measurement = Callable[[], Passed]
 
@@ -87,7 +87,7 @@ def port_taken(stage: LiveStage) -> Passed:
         taken.listen()
         begin_s = time.monotonic()
         service = stage.start()
-        wait_for(lambda: "the port is taken" in service.log)
+        wait_until(lambda: "the port is taken" in service.log)
         told_s = time.monotonic() - begin_s
     free_s = time.monotonic()
     heard_s = service.until_streaming(free_s, START_LIMIT_S)

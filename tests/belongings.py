@@ -4,12 +4,8 @@ import gc
 import os
 import re
 import threading
-import time
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
-
-PATIENCE_S = 100.0
 
 
 def belongings() -> Counter[str]:
@@ -87,14 +83,6 @@ def is_alive(process: int) -> bool:
         return " Z " not in Path(f"/proc/{process}/stat").read_text()
     except OSError:
         return False
-
-
-def wait_for(holds: Callable[[], bool], what: str = "") -> None:
-    """Until something holds; a test that waits in vain fails."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline_s, f"waited in vain {what}"
-        time.sleep(0.01)
 
 
 def _text(file: Path) -> str:

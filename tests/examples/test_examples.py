@@ -15,11 +15,11 @@ from typing import Any
 
 import pytest
 
-from tests.belongings import wait_for
 from tests.examples.conftest import RATE_HZ, Lines
 from tests.json_schema import complaints
 from tests.vo_service.client.published import free_endpoint, robot
 from tests.vo_service.played_service import KINECT_VO
+from tests.waiting import wait_until
 from vo_service.client import CommandRefused, NoPose, PoseClient, Why
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -237,7 +237,7 @@ def test_after_a_pause_only_poses_under_way_come_and_the_client_says_why(endpoin
         with pytest.raises(NoPose):
             next(islice(client.poses(timeout_s=1.0), UNDER_WAY, None))
         # On a busy machine the status may be late as well.
-        wait_for(lambda: why_there_is_no_pose(client) is Why.PAUSED)
+        wait_until(lambda: why_there_is_no_pose(client) is Why.PAUSED)
         client.resume()
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.stand_ins.needed import missing
-from tests.vo_service.commands.command_line import wait_for
+from tests.waiting import wait_until
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "check_bare_debian.sh"
 # One that mounts something in the root, as the real one does.
@@ -130,7 +130,7 @@ def test_an_interrupted_check_leaves_nothing(
     # What it starts ignores signals, and holds the output that is read to its end below.
     hangs = f"trap '' HUP INT TERM\nsleep 1000 &\ntouch {tmp_path}/hangs\nsleep 1000"
     check = starts("test", **stand_ins | {where: f"{stand_ins.get(where, '')}\n{hangs}"})
-    wait_for((tmp_path / "hangs").exists)
+    wait_until((tmp_path / "hangs").exists)
     assert list((tmp_path / "roots").iterdir()) != []
     check.send_signal(signum)
     check.communicate(timeout=60)

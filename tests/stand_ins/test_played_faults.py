@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import usb.core
 from tests.stand_ins.fixtures import PlayKinect
 from tests.stand_ins.freenect_probe import MOTOR_AND_CAMERA, FreenectProbe
 from tests.stand_ins.played_kinect import Model, PlayedKinect, Stream
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
 ROOT = Path(__file__).parents[2]
@@ -31,13 +31,6 @@ def running_probe(kinect: PlayedKinect) -> FreenectProbe:
 
 def logged(probe: FreenectProbe, text: str) -> bool:
     return any(text in line for line in probe.log)
-
-
-def wait_for(condition: Callable[[], bool], limit_s: float = 20.0) -> None:
-    deadline_s = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
 
 
 def test_unplugging_ends_it_and_plugging_in_begins_anew(play_kinect: PlayKinect) -> None:
@@ -68,10 +61,10 @@ def test_a_stalled_camera_falls_silent_and_comes_back(play_kinect: PlayKinect) -
         kinect.stall(True, Stream.COLOUR)
         probe.process()
         seen, depth_seen = len(probe.video.stamps), len(probe.depth.stamps)
-        wait_for(lambda: probe.process() == 0 and len(probe.depth.stamps) > depth_seen + 5)
+        wait_until(lambda: probe.process() == 0 and len(probe.depth.stamps) > depth_seen + 5)
         assert len(probe.video.stamps) <= seen + 1
         kinect.stall(False)
-        wait_for(lambda: probe.process() == 0 and len(probe.video.stamps) > seen + 3)
+        wait_until(lambda: probe.process() == 0 and len(probe.video.stamps) > seen + 3)
 
 
 def test_one_lost_packet_leaves_the_frame_with_stale_pixels(play_kinect: PlayKinect) -> None:
@@ -191,7 +184,7 @@ def test_replies_without_bytes_let_opening_hang_until_they_come(play_kinect: Pla
     kinect = play_kinect()
     kinect.freeze_control()
     with start_probe(kinect, seconds=0) as probe:
-        wait_for(lambda: kinect.open_handles > 0)
+        wait_until(lambda: kinect.open_handles > 0)
         with pytest.raises(subprocess.TimeoutExpired):
             probe.wait(timeout=0.5)
         kinect.freeze_control(False)
@@ -201,7 +194,7 @@ def test_replies_without_bytes_let_opening_hang_until_they_come(play_kinect: Pla
 def test_a_killed_program_holds_nothing(play_kinect: PlayKinect) -> None:
     kinect = play_kinect()
     with start_probe(kinect, seconds=60) as probe:
-        wait_for(lambda: min(kinect.frames_sent) > 0)
+        wait_until(lambda: min(kinect.frames_sent) > 0)
         assert kinect.open_handles == 1
         kinect.load()
         with FreenectProbe() as second:

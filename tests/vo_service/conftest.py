@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.belongings import PATIENCE_S
 from tests.made_once import made_once
 from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
+from tests.waiting import PATIENCE_S
 from vo_service.background import keeper
 
 

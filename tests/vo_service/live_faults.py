@@ -11,10 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.belongings import child_running, wait_for
+from tests.belongings import child_running
 from tests.stand_ins.zenoh_router import RouterProcess
 from tests.vo_service.live_stage import LiveStage
 from tests.vo_service.service_faults import Passed
+from tests.waiting import wait_until
 
 RECORDER = "vo_service.recorder.child"
 MAPPER = "vo_service.mapping.live.child"
@@ -81,7 +82,7 @@ def kill_mapper(around: Around) -> None:
 def fill_disk(around: Around) -> None:
     """While it records: from now on no file of the recorder can grow."""
     folder = start_recording(around)
-    wait_for(lambda: any((folder / "rgb").glob("*")), "for a recorded image")
+    wait_until(lambda: any((folder / "rgb").glob("*")), "a recorded image")
     resource.prlimit(recorder_of(around), resource.RLIMIT_FSIZE, (0, NO_LIMIT))
 
 
@@ -96,7 +97,7 @@ def start_recording(around: Around) -> Path:
     """Into a new folder, as soon as the recorder is there."""
     recordings = around.stage.state_folder / "recordings"
     name = f"room-{len(list(recordings.glob('*')))}"
-    wait_for(lambda: around.stage.is_obeyed("start-recording", name=name), "for the recorder")
+    wait_until(lambda: around.stage.is_obeyed("start-recording", name=name), "the recorder")
     return recordings / name
 
 

@@ -13,8 +13,9 @@ from typing import Any
 
 from tests.ports import free_port
 from tests.vo_service.heard_check import check_heard
-from tests.vo_service.played_service import PATIENCE_S, PATIENT_KINECT_VO, PlayedService
+from tests.vo_service.played_service import PATIENT_KINECT_VO, PlayedService
 from tests.vo_service.subscriber import Subscriber
+from tests.waiting import PATIENCE_S
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
 CAMERA = """

@@ -14,6 +14,7 @@ from pathlib import Path
 from tests.belongings import belongings_of, child_running
 from tests.ports import free_port, is_listening
 from tests.vo_service.subscriber import Status, Subscriber
+from tests.waiting import PATIENCE_S
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
 KINECT_VO = str(Path(sys.executable).with_name("kinect-vo"))
@@ -32,7 +33,6 @@ cli.main()
 )
 # Kernels that nobody has compiled yet, on a machine that is busy.
 START_LIMIT_S = 120.0
-PATIENCE_S = 100.0
 ENDING_S = 100.0
 
 

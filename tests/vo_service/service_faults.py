@@ -10,7 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from tests.stand_ins.played_kinect import PlayedKinect, Stream
-from tests.vo_service.played_service import PATIENCE_S, PlayedService
+from tests.vo_service.played_service import PlayedService
+from tests.waiting import PATIENCE_S
 
 GONE = "no Kinect on the USB"
 TOLD_S, BACK_S = 2.0, 3.0

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from drivers.camera import EndOfStream, Pace, RgbdCamera, RgbdFrame
 from drivers.tum.camera import TumCamera
-from tests.belongings import wait_for
 from tests.vo_service.live_stage import CAMERA, LiveStage
 from tests.vo_service.played_service import START_LIMIT_S
+from tests.waiting import wait_until
 
 # From this frame on.
 FAULT = '[[synthetic.faults]]\nkind = "{}"\nfirst = 5\ncount = {}\nseconds = {}\n'
@@ -40,7 +40,7 @@ class Stage:
 def starting(stage: LiveStage) -> None:
     """It heeds signals, but does not publish yet."""
     process = stage.service.process.pid
-    wait_for(lambda: signal.SIGTERM in caught_by(process), "for the service to heed signals")
+    wait_until(lambda: signal.SIGTERM in caught_by(process), "the service to heed signals")
     assert not stage.service.heard.statuses
 
 
@@ -63,9 +63,9 @@ def lost(stage: LiveStage) -> None:
 def recording(stage: LiveStage) -> None:
     """Frames go to the disk."""
     streaming(stage)
-    wait_for(lambda: stage.is_obeyed("start-recording", name="room"), "for the recorder")
+    wait_until(lambda: stage.is_obeyed("start-recording", name="room"), "the recorder")
     folder = stage.state_folder / "recordings" / "room" / "rgb"
-    wait_for(lambda: any(folder.glob("*")), "for a recorded image")
+    wait_until(lambda: any(folder.glob("*")), "a recorded image")
 
 
 def recording_is_whole(stage: LiveStage) -> None:

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.belongings import children_of, is_alive, wait_for
+from tests.belongings import children_of, is_alive
 from tests.ports import free_port
 from tests.stand_ins.zenoh_router import running_router
 from tests.vo_service.live_faults import LIVE_FAULTS, Around, LiveFault, pass_through
 from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
-from tests.vo_service.played_service import PATIENCE_S, START_LIMIT_S, WITHOUT_PLACES
+from tests.vo_service.played_service import START_LIMIT_S, WITHOUT_PLACES
+from tests.waiting import PATIENCE_S, wait_until
 
 # So that a pose is not lost for another reason: a machine that is busy for a tenth of a second.
 SLOWLY = "rate_hz = 5.0\n"
@@ -65,7 +66,7 @@ def test_a_service_that_was_killed_leaves_nothing_behind_and_is_heard_again_once
     service.process.wait()
     again = stage.start()
     again.until_streaming(time.monotonic(), START_LIMIT_S)
-    wait_for(lambda: not any(is_alive(child) for child in children), "for its children to go")
+    wait_until(lambda: not any(is_alive(child) for child in children), "its children to go")
     assert again.heard.poses[0].epoch == 0
     assert again.end() == 0
     stage.check()
@@ -77,7 +78,7 @@ def test_a_port_that_is_taken_is_said_and_waited_for(stage: LiveStage) -> None:
         taken.bind(("127.0.0.1", stage.port))
         taken.listen()
         service = stage.start()
-        wait_for(lambda: f"cannot listen on tcp/127.0.0.1:{stage.port}" in service.log)
+        wait_until(lambda: f"cannot listen on tcp/127.0.0.1:{stage.port}" in service.log)
         assert "the port is taken" in service.log
     service.until_streaming(time.monotonic(), START_LIMIT_S)
     service.until(lambda status: not status["warnings"])

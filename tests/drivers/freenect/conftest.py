@@ -1,6 +1,5 @@
 """Cameras on a played Kinect, in this process."""
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -52,11 +51,3 @@ def plug_in(play_kinect: PlayKinect, **options: Any) -> PlayedKinect:
     kinect.load()
     need_library(SONAME, PACKAGE)
     return kinect
-
-
-def wait_until(is_so: Callable[[], bool], limit_s: float = 20.0) -> None:
-    """Wait for a condition, and say so if it never comes."""
-    deadline_s = time.monotonic() + limit_s
-    while not is_so():
-        assert time.monotonic() < deadline_s, "waited in vain"
-        time.sleep(0.01)

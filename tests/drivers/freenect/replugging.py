@@ -15,8 +15,9 @@ from drivers.freenect.recipes import kinect_camera
 from drivers.isolation.camera import IsolatedCamera
 from drivers.isolation.limits import TimeLimits
 from drivers.sensor_settings import SensorSettings
-from tests.belongings import PATIENCE_S, belongings_of, children, resident_kb, wait_for
+from tests.belongings import belongings_of, children, resident_kb
 from tests.stand_ins.played_kinect import PlayedKinect
+from tests.waiting import PATIENCE_S, wait_until
 
 # The back-off is not what is looked at, nor how busy the machine is.
 AT_ONCE = TimeLimits(
@@ -49,7 +50,7 @@ def isolated_kinect() -> Iterator[IsolatedCamera]:
 def replug(camera: IsolatedCamera, kinect: PlayedKinect) -> None:
     """Unplug it while it streams and plug it in again, until it streams again."""
     kinect.unplug()
-    wait_for(lambda: camera.condition.state is not CameraState.STREAMING)
+    wait_until(lambda: camera.condition.state is not CameraState.STREAMING)
     _forget_what_came_before(camera)
     kinect.plug()
     camera.read(PATIENCE_S)

@@ -13,11 +13,12 @@ from drivers.isolation.camera import IsolatedCamera
 from drivers.kinect_usb import kinect_base
 from drivers.kinect_usb.kinect_base import KinectBase
 from drivers.sensor_settings import Led, SensorSettings
-from tests.belongings import PATIENCE_S, children, wait_for
+from tests.belongings import children
 from tests.drivers.freenect.conftest import MakeCamera
 from tests.drivers.freenect.replugging import isolated_kinect
 from tests.stand_ins.played_kinect import Led as PlayedLed
 from tests.stand_ins.played_kinect import PlayedKinect
+from tests.waiting import PATIENCE_S, wait_until
 
 
 @pytest.fixture
@@ -26,12 +27,12 @@ def isolated(kinect: PlayedKinect) -> Iterator[IsolatedCamera]:
     kinect.tilt_deg_per_s = 1000
     with isolated_kinect() as camera:
         camera.read(PATIENCE_S)
-        wait_for(lambda: camera.condition.state is CameraState.STREAMING)
+        wait_until(lambda: camera.condition.state is CameraState.STREAMING)
         yield camera
 
 
 def wait_for_base(kinect: PlayedKinect, tilt_deg: int, led: PlayedLed) -> None:
-    wait_for(
+    wait_until(
         lambda: (kinect.tilt_deg, kinect.led) == (tilt_deg, led),
         f"for {tilt_deg} degrees and {led}: {kinect.tilt_deg}, {kinect.led}",
     )
@@ -53,7 +54,7 @@ def test_a_kinect_that_was_unplugged_does_it_again(
     isolated.set_tilt_deg(9.0)
     wait_for_base(kinect, 9, PlayedLed.YELLOW)
     kinect.unplug()
-    wait_for(lambda: isolated.condition.state is CameraState.ABSENT)
+    wait_until(lambda: isolated.condition.state is CameraState.ABSENT)
     with pytest.raises(CameraError, match="freenect: not open now"):
         isolated.set_led(Led.RED)
     kinect.plug()
@@ -67,8 +68,8 @@ def test_a_driver_that_was_killed_does_it_again(
     wait_for_base(kinect, 0, PlayedLed.RED)
     (driver,) = children()
     os.kill(driver, signal.SIGKILL)
-    wait_for(lambda: isolated.condition.state is not CameraState.STREAMING)
-    wait_for(lambda: isolated.condition.state is CameraState.STREAMING)
+    wait_until(lambda: isolated.condition.state is not CameraState.STREAMING)
+    wait_until(lambda: isolated.condition.state is CameraState.STREAMING)
     # The next driver opened the base, and would have made the light green as its settings say.
     wait_for_base(kinect, 0, PlayedLed.RED)
 
@@ -92,7 +93,7 @@ def test_what_was_asked_for_outlives_the_settings_and_a_base_that_was_away(
         wait_for_base(kinect, 4, PlayedLed.YELLOW)
         camera.set_led(Led.GREEN)
         kinect.unplug()
-        wait_for(lambda: away(camera, 7.0))
+        wait_until(lambda: away(camera, 7.0))
         kinect.plug()
         wait_for_base(kinect, 7, PlayedLed.GREEN)
         camera.open()

@@ -13,10 +13,11 @@ from drivers.freenect.images import USUAL
 from drivers.freenect.kinect import list_kinects
 from drivers.sensor_settings import SensorSettings
 from drivers.undistort import undistorter
-from tests.drivers.freenect.conftest import MakeCamera, plug_in, wait_until
+from tests.drivers.freenect.conftest import MakeCamera, plug_in
 from tests.stand_ins.fixtures import FILM_FRAMES, PlayKinect, pattern
 from tests.stand_ins.kinect_registration import quantised_mm
 from tests.stand_ins.played_kinect import Model, PlayedKinect
+from tests.waiting import wait_until
 
 # Where the colour sensor's firmware keeps its automatic functions.
 SWITCHES = 0x106

@@ -10,9 +10,10 @@ from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.kinect import list_kinects
 from drivers.freenect.library import load_library
 from tests.belongings import belongings
-from tests.drivers.freenect.conftest import MakeCamera, wait_until
+from tests.drivers.freenect.conftest import MakeCamera
 from tests.stand_ins.fixtures import FILM_FRAMES
 from tests.stand_ins.played_kinect import PlayedKinect, Stream
+from tests.waiting import wait_until
 
 
 def pixels(frame: RgbdFrame) -> tuple[bytes, bytes]:

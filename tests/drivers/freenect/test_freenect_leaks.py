@@ -1,10 +1,11 @@
 import pytest
 
-from tests.belongings import belongings, wait_for
+from tests.belongings import belongings
 from tests.drivers.freenect.conftest import plug_in
 from tests.drivers.freenect.replugging import Held, held, isolated_kinect, replug
 from tests.stand_ins.fixtures import PlayKinect
 from tests.stand_ins.played_kinect import Model
+from tests.waiting import wait_until
 
 # What is kept of a time that is over would be the images of both streams, 12 MB.
 GROWTH_KB = 30_000
@@ -29,6 +30,6 @@ def test_a_kinect_that_comes_and_goes_leaves_nothing_in_either_process(
         for _ in range(9):
             replug(camera, kinect)
         # What comes and goes by itself may be there at one instant; what leaked stays.
-        wait_for(lambda: holds_no_more(held(kinect), first), f"to hold no more than {first}")
+        wait_until(lambda: holds_no_more(held(kinect), first), f"to hold no more than {first}")
     assert belongings() <= before
     assert (kinect.open_handles, kinect.submitted_transfers) == (0, (0, 0))

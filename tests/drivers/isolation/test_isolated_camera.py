@@ -11,7 +11,7 @@ from drivers.camera import CameraState, Condition, NoFrameYet, RgbdFrame
 from drivers.errors import CameraLostError, InputError
 from drivers.isolation.camera import IsolatedCamera
 from drivers.isolation.limits import TimeLimits
-from tests.belongings import belongings, children, wait_for
+from tests.belongings import belongings, children
 from tests.drivers.isolation.conftest import PATIENT, Isolate
 from tests.drivers.isolation.trial_cameras import (
     LOST_PACKETS,
@@ -20,6 +20,7 @@ from tests.drivers.isolation.trial_cameras import (
     Puppet,
     is_whole,
 )
+from tests.waiting import wait_until
 
 STREAMING = Condition(CameraState.STREAMING)
 SHORT = TimeLimits(opening_s=1.0, heartbeat_s=1.0, closing_s=1.0, first_frame_s=0.5)
@@ -30,14 +31,14 @@ def frames(camera: IsolatedCamera, count: int) -> list[RgbdFrame]:
 
 
 def wait_for_reason(camera: IsolatedCamera, words: str) -> Condition:
-    wait_for(lambda: words in camera.condition.reason, f"for {words!r}: {camera.condition}")
+    wait_until(lambda: words in camera.condition.reason, f"{words!r}: {camera.condition}")
     return camera.condition
 
 
 def assert_works_again(camera: IsolatedCamera, script: Path) -> None:
     """The cause goes away: frames come, whole ones, and the condition says so."""
     script.write_text("")
-    wait_for(lambda: camera.condition == STREAMING, f"to stream: {camera.condition}")
+    wait_until(lambda: camera.condition == STREAMING, f"to stream: {camera.condition}")
     assert all(is_whole(frame) for frame in frames(camera, 5))
 
 
@@ -55,7 +56,7 @@ def test_an_unplugged_camera_is_away_and_then_back(isolate: Isolate, script: Pat
         before = frames(camera, 5)[-1]
         script.write_text("absent")
         missing = Condition(CameraState.ABSENT, "no puppet found; plug one in")
-        wait_for(lambda: camera.condition == missing)
+        wait_until(lambda: camera.condition == missing)
         assert_works_again(camera, script)
         after = camera.read(100.0)
     assert after.seq > before.seq
@@ -76,7 +77,7 @@ def test_the_condition_is_what_the_camera_said(
     with isolate() as camera:
         frames(camera, 1)
         script.write_text(words)
-        wait_for(lambda: camera.condition == expected, str(camera.condition))
+        wait_until(lambda: camera.condition == expected, str(camera.condition))
         assert_works_again(camera, script)
 
 
@@ -152,14 +153,14 @@ def test_what_a_camera_says_of_its_frames_reaches_the_reader(isolate: Isolate) -
     complaint = Condition(CameraState.STREAMING, "losing strings: 3 of 5 frames torn")
     with isolate(Grumbler) as camera:
         frames(camera, 1)
-        wait_for(lambda: camera.condition == complaint)
+        wait_until(lambda: camera.condition == complaint)
 
 
 def test_a_camera_that_sends_nothing_is_asked_why(isolate: Isolate, script: Path) -> None:
     script.write_text("silent in read")
     complaint = Condition(CameraState.LOST, "losing strings: 3 of 5 frames torn")
     with isolate(Grumbler, limits=replace(PATIENT, first_frame_s=0.2)) as camera:
-        wait_for(lambda: camera.condition == complaint)
+        wait_until(lambda: camera.condition == complaint)
 
 
 def test_what_is_wrong_for_good_reaches_the_reader(isolate: Isolate, script: Path) -> None:
@@ -168,7 +169,7 @@ def test_what_is_wrong_for_good_reaches_the_reader(isolate: Isolate, script: Pat
         for _ in range(2):
             with pytest.raises(InputError, match="no such file"):
                 camera.read(100.0)
-        wait_for(lambda: children() == [])
+        wait_until(lambda: children() == [])
 
 
 def test_counts_go_on_over_openings_and_processes(isolate: Isolate, script: Path) -> None:
@@ -180,7 +181,7 @@ def test_counts_go_on_over_openings_and_processes(isolate: Isolate, script: Path
         script.write_text("exit in read")
         wait_for_reason(camera, "exit code 1")
         assert_works_again(camera, script)
-        wait_for(lambda: camera.counters.lost_packets >= 3 * LOST_PACKETS)
+        wait_until(lambda: camera.counters.lost_packets >= 3 * LOST_PACKETS)
         assert camera.counters.delivered == 13
     assert camera.counters.lost_packets % LOST_PACKETS == 0
 
@@ -233,7 +234,7 @@ def test_what_the_driver_logs_and_prints_reaches_the_log(
     script.write_text("say in open")
     with isolate() as camera:
         camera.read(100.0)
-        wait_for(lambda: "libpuppet: mind the strings" in caplog.text)
+        wait_until(lambda: "libpuppet: mind the strings" in caplog.text)
     said = {(record.name, record.levelname, record.getMessage()) for record in caplog.records}
     assert ("puppet", "WARNING", "2 strings left") in said
     assert ("drivers.isolation.process", "DEBUG", "driver: libpuppet: mind the strings") in said

@@ -12,10 +12,11 @@ from drivers.camera import CameraState
 from drivers.errors import CameraError
 from drivers.isolation.camera import IsolatedCamera
 from drivers.sensor_settings import Led
-from tests.belongings import children, wait_for
+from tests.belongings import children
 from tests.drivers.isolation.conftest import PATIENT, Isolate
 from tests.drivers.isolation.nodding import STUCK_DEG, Nodding, done_by
 from tests.drivers.isolation.trial_cameras import Puppet
+from tests.waiting import wait_until
 
 AT_ONCE = replace(PATIENT, first_retry_s=0.01, longest_retry_s=0.01)
 
@@ -26,13 +27,13 @@ def done(script: Path) -> list[str]:
 
 
 def wait_for_done(script: Path, *expected: str) -> None:
-    wait_for(lambda: done(script) == list(expected), f"for {expected}: {done(script)}")
+    wait_until(lambda: done(script) == list(expected), f"{expected}: {done(script)}")
 
 
 def wait_until_streaming(camera: IsolatedCamera) -> None:
     """Frames come by another way than what is told of the camera, and may be there before it."""
     camera.read(100.0)
-    wait_for(lambda: camera.condition.state is CameraState.STREAMING, "to hear that it streams")
+    wait_until(lambda: camera.condition.state is CameraState.STREAMING, "to hear that it streams")
 
 
 @pytest.fixture
@@ -78,12 +79,12 @@ def test_a_camera_that_is_away_says_so_at_once_and_does_it_when_it_is_back(
     nodding: IsolatedCamera, script: Path
 ) -> None:
     script.write_text("absent")
-    wait_for(lambda: nodding.condition.state is CameraState.ABSENT)
+    wait_until(lambda: nodding.condition.state is CameraState.ABSENT)
     with pytest.raises(CameraError, match=r"not open now \(absent: no puppet found; plug one in\)"):
         nodding.set_tilt_deg(3.0)
     assert done(script) == []
     script.write_text("")
-    wait_for(lambda: "tilt 3" in done(script))
+    wait_until(lambda: "tilt 3" in done(script))
 
 
 def test_a_camera_that_was_never_opened_does_it_then(isolate: Isolate, script: Path) -> None:
@@ -99,7 +100,7 @@ def test_a_head_that_is_stuck_is_said_in_the_log(
 ) -> None:
     with caplog.at_level(logging.WARNING):
         nodding.set_tilt_deg(STUCK_DEG)
-        wait_for(lambda: "the puppet's neck is stuck" in caplog.text)
+        wait_until(lambda: "the puppet's neck is stuck" in caplog.text)
     nodding.set_led(Led.OFF)
     wait_for_done(script, "light off")
     nodding.read(100.0)
@@ -118,6 +119,6 @@ def test_a_thousand_wishes_are_no_trouble(nodding: IsolatedCamera, script: Path)
     for n in range(1000):
         nodding.set_tilt_deg(float(n % 20))
     nodding.set_led(Led.YELLOW)
-    wait_for(lambda: done(script)[-1:] == ["light yellow"])
+    wait_until(lambda: done(script)[-1:] == ["light yellow"])
     assert len(done(script)) == 1001
     nodding.read(100.0)

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.belongings import is_alive, wait_for
+from tests.belongings import is_alive
+from tests.waiting import wait_until
 
 SERVICE = """
 import sys
@@ -69,7 +70,7 @@ def test_the_driver_ends_when_the_service_is_killed(script: Path, words: str) ->
         driver = first_line(process)
         script.write_text(words)
         process.kill()
-    wait_for(lambda: not is_alive(driver))
+    wait_until(lambda: not is_alive(driver))
 
 
 @pytest.mark.parametrize("action", ["read", "close"])

@@ -11,9 +11,10 @@ import pytest
 
 from drivers.camera import Pace
 from drivers.isolation.limits import TimeLimits
-from tests.belongings import belongings, children, wait_for
+from tests.belongings import belongings, children
 from tests.drivers.isolation.conftest import PATIENT, Isolate
 from tests.drivers.isolation.trial_cameras import OnceLost, is_whole
+from tests.waiting import wait_until
 
 IMPATIENT = TimeLimits(closing_s=0.2)
 
@@ -21,7 +22,7 @@ IMPATIENT = TimeLimits(closing_s=0.2)
 def kill(process: int) -> None:
     """Kill the driver and wait until it has been reaped."""
     os.kill(process, signal.SIGKILL)
-    wait_for(lambda: process not in children())
+    wait_until(lambda: process not in children())
 
 
 def test_200_times_unplugged_leaks_nothing(isolate: Isolate) -> None:

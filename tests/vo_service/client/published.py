@@ -1,8 +1,7 @@
 """A service as a client sees it: poses, statuses and the token, sent by hand over real Zenoh."""
 
 import json
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -11,12 +10,11 @@ import zenoh
 
 from drivers.geometry import rigid_transform
 from tests.ports import free_port
+from tests.waiting import wait_until
 from vo_service.client import Pose, PoseClient
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
 from vo_service.outputs.cdr_transform import TransformMessage, encode_transform
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
-
-PATIENCE_S = 100.0
 
 
 def free_endpoint() -> str:
@@ -34,7 +32,7 @@ class Robot:
 
     def wait_for_reader(self) -> None:
         """Until somebody has subscribed to the poses."""
-        wait_for(lambda: self._odom.matching_status.matching)  # type: ignore[attr-defined]
+        wait_until(lambda: self._odom.matching_status.matching)  # type: ignore[attr-defined]
 
     def pose(self, seq: int, x_m: float = 0.0, **about: Any) -> None:
         """One pose, `x_m` ahead."""
@@ -91,14 +89,6 @@ def robot(endpoint: str) -> Iterator[Robot]:
         it.close()
 
 
-def wait_for(holds: Callable[[], bool]) -> None:
-    """Until something holds; a test that waits in vain fails."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline_s, "waited in vain"
-        time.sleep(0.01)
-
-
 Talk = tuple[Robot, PoseClient]
 
 
@@ -109,7 +99,7 @@ def heard(client: PoseClient, seq: int) -> None:
         found = client._hearing.pose.item
         return found is not None and found.about["seq"] == seq
 
-    wait_for(is_there)
+    wait_until(is_there)
 
 
 def take(publisher: Robot, poses: Iterator[Pose], seq: int, **about: Any) -> Pose:

@@ -9,7 +9,8 @@ import pytest
 import zenoh
 
 from drivers.geometry import rigid_transform
-from tests.vo_service.client.published import Robot, free_endpoint, robot, wait_for
+from tests.vo_service.client.published import Robot, free_endpoint, robot
+from tests.waiting import wait_until
 from vo_service.client import CommandRefused, NoAnswer, PoseClient
 from vo_service.control.commands import COMMAND_NAMES, parse_command
 
@@ -58,7 +59,7 @@ def answering(talk: Talk, name: str, answer: dict[str, Any]) -> list[Any]:
     publisher, client = talk
     asked = publisher.answers(name, answer)
     querier: Any = client._connecting.sessions[0].declare_querier(f"kinect/{name}")
-    wait_for(lambda: bool(querier.matching_status.matching))
+    wait_until(lambda: bool(querier.matching_status.matching))
     return asked
 
 
@@ -117,7 +118,7 @@ def test_a_service_that_is_stuck_is_no_answer_in_the_same_words(lone: Talk) -> N
     kept: list[zenoh.Query] = []
     publisher.session.declare_queryable("kinect/command/pause", kept.append)
     querier: Any = client._connecting.sessions[0].declare_querier("kinect/command/pause")
-    wait_for(lambda: bool(querier.matching_status.matching))
+    wait_until(lambda: bool(querier.matching_status.matching))
     with pytest.raises(NoAnswer, match=r"kinect/command/pause: no answer within 0\.3 s: .* stuck"):
         client.command("pause", timeout_s=0.3)
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from tests.vo_service.client.published import free_endpoint, robot, wait_for
+from tests.vo_service.client.published import free_endpoint, robot
+from tests.waiting import wait_until
 from vo_service.client import NoAnswer, NoPose, PoseClient, Why
 
 
@@ -35,8 +36,8 @@ def test_a_service_that_goes_and_comes_back_is_read_again_but_not_as_if_nothing_
                 publisher.wait_for_reader()
                 assert client.wait_for_publisher(20)
                 publisher.pose(5, x_m)
-                wait_for(lambda x_m=x_m: newest_x_m(client) == x_m)  # type: ignore[misc]
-            wait_for(lambda: not client.is_alive)
+                wait_until(lambda x_m=x_m: newest_x_m(client) == x_m)  # type: ignore[misc]
+            wait_until(lambda: not client.is_alive)
             with pytest.raises(NoPose) as caught:
                 client.newest(max_age_s=0.0)
             assert caught.value.why is Why.NO_PUBLISHER
@@ -61,12 +62,12 @@ def test_the_same_number_in_another_run_is_not_continuous() -> None:
                 assert client.wait_for_publisher(20)
                 count = client._hearing.pose.count
                 publisher.pose(5)
-                wait_for(lambda count=count: client._hearing.pose.count > count)  # type: ignore[misc]
+                wait_until(lambda count=count: client._hearing.pose.count > count)  # type: ignore[misc]
                 seen.append(client.newest(max_age_s=20).is_continuous)
                 publisher.pose(6)
-                wait_for(lambda count=count: client._hearing.pose.count > count + 1)  # type: ignore[misc]
+                wait_until(lambda count=count: client._hearing.pose.count > count + 1)  # type: ignore[misc]
                 seen.append(client.newest(max_age_s=20).is_continuous)
-            wait_for(lambda: not client.is_alive)
+            wait_until(lambda: not client.is_alive)
     assert seen == [False, True, False, True]
 
 

@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.vo_service.client.published import (
-    Talk,
-    free_endpoint,
-    robot,
-    take,
-    wait_for,
-)
+from tests.vo_service.client.published import Talk, free_endpoint, robot, take
+from tests.waiting import wait_until
 from vo_service.client import CommandRefused, MapOdom, PoseClient
 
 
@@ -22,7 +17,7 @@ def heard(talk: Talk, seq: int) -> MapOdom:
         found = client._hearing.map_odom.item
         return found is not None and found.seq == seq
 
-    wait_for(is_there)
+    wait_until(is_there)
     return client.map_odom()
 
 
@@ -74,7 +69,7 @@ def test_one_that_cannot_be_read_is_passed_over_and_the_next_one_read(
 ) -> None:
     publisher, client = talk
     publisher.session.put("kinect/map_odom", payload, attachment=attachment)
-    wait_for(lambda: words in client._hearing.map_odom.unreadable)
+    wait_until(lambda: words in client._hearing.map_odom.unreadable)
     assert heard(talk, 9).seq == 9
     assert caplog.text.count("passed over") == 1
 
@@ -85,5 +80,5 @@ def test_what_another_run_of_the_service_said_is_forgotten() -> None:
         with robot(endpoint) as publisher:
             publisher.wait_for_reader()
             assert heard((publisher, client), 1).seq == 1
-        wait_for(lambda: not client.is_alive)
+        wait_until(lambda: not client.is_alive)
         assert client._hearing.map_odom.item is None

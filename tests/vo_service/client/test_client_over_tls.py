@@ -7,10 +7,10 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from tests.vo_service.client.published import wait_for
 from tests.vo_service.outputs.conftest import make_update
 from tests.vo_service.security.conftest import keys, network, robot
 from tests.vo_service.security.tls_network import Network, Robot
+from tests.waiting import wait_until
 from vo_service.client import NoAnswer, NoPose, PoseClient, Why, connecting
 from vo_service.control.commands import Pause
 from vo_service.outputs.output import PoseUpdate
@@ -73,7 +73,7 @@ def test_a_key_that_is_away_for_a_while_is_told_of_once_and_waited_for(
     with PoseClient(config_file=file) as client:
         certificate.rename(file.with_name("away.pem"))
         before = len(tries)
-        wait_for(lambda: len(tries) > before + 3)
+        wait_until(lambda: len(tries) > before + 3)
         file.with_name("away.pem").rename(certificate)
         with running_robot(network, make_update):
             assert next(client.poses(timeout_s=100)).state == "tracking"

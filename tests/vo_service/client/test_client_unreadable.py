@@ -2,7 +2,8 @@
 
 import pytest
 
-from tests.vo_service.client.published import Talk, take, wait_for
+from tests.vo_service.client.published import Talk, take
+from tests.waiting import wait_until
 from vo_service.client import NoPose, Why
 
 
@@ -23,7 +24,7 @@ def test_a_message_that_cannot_be_read_is_said_and_the_next_one_read(
 ) -> None:
     publisher, client = talk
     publisher.raw(payload, attachment)
-    wait_for(lambda: client._hearing.unreadable != "")
+    wait_until(lambda: client._hearing.unreadable != "")
     with pytest.raises(NoPose, match=words) as caught:
         client.newest()
     assert caught.value.why is Why.UNREADABLE
@@ -43,12 +44,12 @@ def test_a_status_that_cannot_be_read_is_said_until_one_can(
 ) -> None:
     publisher, client = talk
     publisher.session.put("kinect/status", status)
-    wait_for(lambda: client._hearing.unreadable != "")
+    wait_until(lambda: client._hearing.unreadable != "")
     with pytest.raises(NoPose, match=words) as caught:
         client.newest()
     assert caught.value.why is Why.UNREADABLE
     publisher.status(paused=True)
-    wait_for(lambda: client._hearing.unreadable == "")
+    wait_until(lambda: client._hearing.unreadable == "")
     with pytest.raises(NoPose, match="the service is paused"):
         client.newest()
 
@@ -56,9 +57,9 @@ def test_a_status_that_cannot_be_read_is_said_until_one_can(
 def test_a_status_says_nothing_about_poses_that_cannot_be_read(talk: Talk) -> None:
     publisher, client = talk
     publisher.raw(b"nonsense")
-    wait_for(lambda: client._hearing.unreadable != "")
+    wait_until(lambda: client._hearing.unreadable != "")
     publisher.status()
-    wait_for(lambda: client._hearing.status.item is not None)
+    wait_until(lambda: client._hearing.status.item is not None)
     with pytest.raises(NoPose, match="without its attachment") as caught:
         client.newest()
     assert caught.value.why is Why.UNREADABLE

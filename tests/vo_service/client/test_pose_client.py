@@ -7,12 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from tests.vo_service.client.published import (
-    Talk,
-    heard,
-    take,
-    wait_for,
-)
+from tests.vo_service.client.published import Talk, heard, take
+from tests.waiting import wait_until
 from vo_service.client import NoPose, Pose, Why
 
 
@@ -74,7 +70,7 @@ def test_an_old_pose_is_not_given_out_as_the_newest(talk: Talk) -> None:
     publisher.pose(41)
     heard(client, 41)
     publisher.status()
-    wait_for(lambda: client._hearing.status.item is not None)
+    wait_until(lambda: client._hearing.status.item is not None)
     time.sleep(0.02)
     with pytest.raises(NoPose, match=r"no pose for \d+\.\d s, though the service says") as caught:
         client.newest(max_age_s=0.01)
@@ -96,7 +92,7 @@ def test_the_status_says_why_there_is_no_pose(
 ) -> None:
     publisher, client = talk
     publisher.status(**status)
-    wait_for(lambda: client._hearing.status.item is not None)
+    wait_until(lambda: client._hearing.status.item is not None)
     with pytest.raises(NoPose, match=words) as caught:
         client.newest()
     assert (caught.value.why, caught.value.last) == (why, None)

@@ -1,8 +1,7 @@
 """kinect-vo as a user runs it: in a process of its own, or (much quicker) within this one."""
 
 import subprocess
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +10,8 @@ from typing import Any
 import pytest
 
 from tests.vo_service.played_service import KINECT_VO, PATIENT_KINECT_VO
+from tests.waiting import PATIENCE_S
 from vo_service import cli
-
-PATIENCE_S = 100.0
 
 
 @dataclass(frozen=True)
@@ -51,14 +49,6 @@ def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
             yield process
         finally:
             process.kill()
-
-
-def wait_for(holds: Callable[[], bool]) -> None:
-    """Until something holds; a test that waits in vain fails."""
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline_s, "waited in vain"
-        time.sleep(0.02)
 
 
 def line_count(path: Path) -> int:

@@ -12,8 +12,9 @@ import pytest
 
 from drivers.strict_toml import read_toml
 from tests.conftest import FRAMES
-from tests.vo_service.commands.command_line import call, wait_for
+from tests.vo_service.commands.command_line import call
 from tests.vo_service.runs.trial_methods import trials
+from tests.waiting import wait_until
 from vo_service.bench.peers import catalogue
 from vo_service.bench.peers.catalogue import PEERS, Package, Peer
 from vo_service.commands import bench
@@ -96,7 +97,7 @@ def test_with_an_output_it_goes_on_where_it_was(
     runs = tmp_path / "out" / "runs" / "corner"
 
     def interrupt() -> None:
-        wait_for((runs / "surf" / "result.json").exists)
+        wait_until((runs / "surf" / "result.json").exists)
         os.kill(os.getpid(), signal.SIGINT)
 
     # The source may be edited while the tests run, and what is kept is kept for one source.

@@ -13,8 +13,9 @@ import pytest
 
 from tests.belongings import child_running, children_of, command_of, is_alive
 from tests.conftest import FRAMES
-from tests.vo_service.commands.command_line import call, wait_for
+from tests.vo_service.commands.command_line import call
 from tests.vo_service.runs.trial_methods import trials
+from tests.waiting import wait_until
 from vo_service.commands import compare
 from vo_service.runs import campaign
 
@@ -140,7 +141,7 @@ def test_ctrl_c_leaves_a_report_of_what_was_done(
     runs = tmp_path / "out" / "runs" / "corner"
 
     def interrupt() -> None:
-        wait_for((runs / "surf" / "result.json").exists)
+        wait_until((runs / "surf" / "result.json").exists)
         os.kill(os.getpid(), signal.SIGINT)
 
     threading.Thread(target=interrupt).start()
@@ -174,12 +175,12 @@ def test_killed_it_leaves_no_process_and_goes_on_where_it_was(
     options = [str(recording), "--output", str(tmp_path / "out")]
     command = [sys.executable, "-c", SCRIPT, "hang", *options]
     with subprocess.Popen(command) as process:
-        wait_for(result.exists)
-        wait_for(lambda: any(CHILD in command_of(c) for c in children_of(process.pid)))
+        wait_until(result.exists)
+        wait_until(lambda: any(CHILD in command_of(c) for c in children_of(process.pid)))
         child = child_running(process.pid, CHILD)
         process.kill()
         process.wait()
-        wait_for(lambda: not is_alive(child))
+        wait_until(lambda: not is_alive(child))
     kept = result.stat().st_mtime_ns
     monkeypatch.setattr(compare, "recipes_of", trials(surf="go on", icp="go on"))
     monkeypatch.setattr(campaign, "versions", dict)

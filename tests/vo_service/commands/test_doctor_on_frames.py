@@ -16,11 +16,10 @@ import pytest
 
 from tests.stand_ins.played_kinect import Model, PlayedKinect, Stream
 from tests.stand_ins.wire_film import WireFilm
-from tests.vo_service.commands.command_line import wait_for
 from tests.vo_service.commands.diagnosis import Diagnosis, check_of, failures
 from tests.vo_service.played_service import KINECT_VO
+from tests.waiting import PATIENCE_S, wait_until
 
-PATIENCE_S = 100.0
 AT_ONCE = 4
 QUICK = ("--seconds", "1", "--json")
 
@@ -39,7 +38,7 @@ def in_the_middle(fault: Callable[[PlayedKinect], None]) -> Callable[[PlayedKine
     """The fault, once a few frames have come."""
 
     def strike(kinect: PlayedKinect) -> None:
-        wait_for(lambda: min(kinect.frames_sent) > 20)
+        wait_until(lambda: min(kinect.frames_sent) > 20)
         fault(kinect)
 
     return strike

@@ -18,8 +18,9 @@ from tests.stand_ins.fakenect_dump import write_fakenect_dump
 from tests.stand_ins.oni_writer import images_of, write_oni
 from tests.stand_ins.played_kinect import Loop, PlayedKinect
 from tests.stand_ins.wire_film import ColourBgr, DepthMm, wire_film
-from tests.vo_service.commands.command_line import call, line_count, running, wait_for
+from tests.vo_service.commands.command_line import call, line_count, running
 from tests.vo_service.corner_film import corner_frames, corner_kinect
+from tests.waiting import wait_until
 
 COUNT = 8
 # Slow enough for any machine, as a live camera's late frames are dropped.
@@ -56,7 +57,7 @@ def served(source: str, camera_file: Path, *options: str, count: int = COUNT) ->
     trajectory = camera_file.parents[1] / "served.txt"
     given = ("--camera-file", camera_file, "--no-publish", "--trajectory", trajectory)
     with running("run", "--camera", source, *given, *options) as process:
-        wait_for(lambda: line_count(trajectory) >= count or process.poll() is not None)
+        wait_until(lambda: line_count(trajectory) >= count or process.poll() is not None)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=100)
     assert process.returncode == 0, err

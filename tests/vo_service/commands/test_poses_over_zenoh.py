@@ -14,7 +14,8 @@ from drivers.geometry import Array, inverse, transform_from_pose
 from drivers.trajectory import StampedPoses, read_trajectory
 from tests.conftest import FRAMES
 from tests.ports import is_listening
-from tests.vo_service.commands.command_line import running, wait_for
+from tests.vo_service.commands.command_line import running
+from tests.waiting import wait_until
 from vo_service.pose_tracker import T_BODY_CAMERA
 
 READER = Path(__file__).parents[1] / "outputs" / "plain_zenoh_reader.py"
@@ -29,7 +30,7 @@ def received(
     written = tmp_path / "poses.txt"
     options = ("--config", config, "--wait-for-subscriber", "20", "--trajectory", written)
     with running("replay", recording, *options) as replay:
-        wait_for(lambda: is_listening(port))
+        wait_until(lambda: is_listening(port))
         command = [sys.executable, str(READER), str(port), str(FRAMES), "0.02"]
         reader = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True)
         assert replay.wait(100) == 0

@@ -18,8 +18,8 @@ from tests.vo_service.commands.command_line import (
     run,
     running,
     stretched,
-    wait_for,
 )
+from tests.waiting import wait_until
 from vo_service.outputs import zenoh_opening
 
 FIGURES = (
@@ -117,7 +117,7 @@ def test_ctrl_c_ends_it_and_keeps_whole_lines(
     folder, written = stretched(copy_recording(lists=True), 0.5), tmp_path / "poses.txt"
     options = ("--no-publish", "--json", "--pace", "realtime", "--trajectory", written)
     with running("replay", folder, *options) as process:
-        wait_for(lambda: line_count(written) >= 2)
+        wait_until(lambda: line_count(written) >= 2)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=100)
     assert (process.returncode, err.count("\n")) == (130, err.count("no evaluation"))

@@ -9,14 +9,8 @@ import pytest
 
 from tests.conftest import FRAMES
 from tests.ports import is_listening
-from tests.vo_service.commands.command_line import (
-    call,
-    line_count,
-    run,
-    running,
-    stretched,
-    wait_for,
-)
+from tests.vo_service.commands.command_line import call, line_count, run, running, stretched
+from tests.waiting import wait_until
 
 CopyRecording = Callable[..., Path]
 
@@ -29,7 +23,7 @@ def test_a_service_in_lockstep_writes_what_a_replay_writes_and_ends_with_0(
     call(capfd, "replay", recording, "--no-publish", "--trajectory", replayed)
     options = ("--pace", "lockstep", "--no-publish", "--trajectory", served)
     with running("run", "--camera", f"tum:{recording}", *options) as process:
-        wait_for(lambda: line_count(served) == FRAMES)
+        wait_until(lambda: line_count(served) == FRAMES)
         process.send_signal(number)
         out, err = process.communicate(timeout=100)
     assert (process.returncode, out) == (0, "")
@@ -42,7 +36,7 @@ def test_listen_prints_what_a_service_publishes(
 ) -> None:
     source = f"tum:{stretched(copy_recording(lists=True), 0.5)}"
     with running("run", "--camera", source, "--config", config) as service:
-        wait_for(lambda: is_listening(port))
+        wait_until(lambda: is_listening(port))
         outcome = run("listen", "--connect", f"tcp/127.0.0.1:{port}", "--count", "3", "--json")
         service.send_signal(signal.SIGTERM)
         assert service.wait(100) == 0
@@ -62,7 +56,7 @@ def test_a_closed_terminal_ends_it_and_an_older_trajectory_is_kept(
     trajectory.write_text("precious")
     options = ("--pace", "lockstep", "--no-publish", "--trajectory", trajectory)
     with running("run", "--camera", f"tum:{recording}", *options) as process:
-        wait_for(lambda: line_count(trajectory) == FRAMES)
+        wait_until(lambda: line_count(trajectory) == FRAMES)
         process.send_signal(signal.SIGHUP)
         assert process.wait(100) == 0
     assert (tmp_path / "poses-0001.txt").read_text() == "precious"

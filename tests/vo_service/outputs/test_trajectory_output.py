@@ -11,7 +11,8 @@ import pytest
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import read_trajectory
 from tests.full_disk import files_up_to
-from tests.vo_service.commands.command_line import line_count, wait_for
+from tests.vo_service.commands.command_line import line_count
+from tests.waiting import wait_until
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.trajectory_output import TrajectoryOutput
 from vo_service.outputs.worker import DropOldest, Wait
@@ -37,7 +38,7 @@ def test_lines_are_on_disk_before_close(tmp_path: Path, make_update: MakeUpdate)
     output = TrajectoryOutput(tmp_path / "out.txt", Wait(8))
     output.pose(make_update(0))
     output.pose(make_update(1))
-    wait_for(lambda: line_count(tmp_path / "out.txt") == 2)
+    wait_until(lambda: line_count(tmp_path / "out.txt") == 2)
     output.close()
 
 
@@ -62,7 +63,7 @@ def test_a_full_disk_keeps_whole_lines_and_is_told_once(
     with files_up_to(250):
         for seq in range(6):
             output.pose(make_update(seq))
-        wait_for(lambda: "the trajectory stops after" in output.warning)
+        wait_until(lambda: "the trajectory stops after" in output.warning)
     with pytest.raises(UserFacingError, match=r"out\.txt: the trajectory is not complete"):
         output.close()
     output.close()
@@ -82,6 +83,6 @@ def test_a_disk_that_hangs_holds_nobody_up_and_is_told_of(
         output.pose(make_update(seq))
     assert "out.txt: the disk is too slow" in output.warning
     os.close(reader)  # the write that hangs fails now
-    wait_for(lambda: "the trajectory stops" in output.warning)
+    wait_until(lambda: "the trajectory stops" in output.warning)
     with pytest.raises(UserFacingError):
         output.close()

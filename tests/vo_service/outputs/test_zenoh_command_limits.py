@@ -7,13 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.vo_service.outputs.zenoh_asking import (
-    answers,
-    commanded,
-    content,
-    obey,
-    wait_for,
-)
+from tests.vo_service.outputs.zenoh_asking import answers, commanded, content, obey
+from tests.waiting import wait_until
 from vo_service.control.errors import CommandError
 from vo_service.control.inbox import Inbox
 from vo_service.outputs.output import PoseUpdate
@@ -26,7 +21,7 @@ MakeUpdate = Callable[..., PoseUpdate]
 def test_when_too_many_wait_the_next_is_told_so(free_port: int) -> None:
     with commanded(free_port) as (_, inbox, session):
         waiting = [session.get("kinect/command/pause", timeout=100) for _ in range(8)]
-        wait_for(lambda: len(inbox._waiting) == 8)
+        wait_until(lambda: len(inbox._waiting) == 8)
         assert answers(session, "kinect/command/pause")[0]["error"] == "busy"
         inbox.close()
         assert {content(reply)["error"] for one in waiting for reply in one} == {"not-possible"}
@@ -67,7 +62,9 @@ def test_after_a_flood_commands_work_again(free_port: int) -> None:
         for channel in [session.get("kinect/command/dance", timeout=100) for _ in range(500)]:
             list(channel)
         obey(inbox, {"paused": True})
-        wait_for(lambda: {"schema": 1, "paused": True} in answers(session, "kinect/command/pause"))
+        wait_until(
+            lambda: {"schema": 1, "paused": True} in answers(session, "kinect/command/pause")
+        )
 
 
 def test_the_rate_limit_says_how_many_it_refused(caplog: pytest.LogCaptureFixture) -> None:

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from tests.belongings import PATIENCE_S
+from tests.waiting import PATIENCE_S
 
 BEGIN = "import os, subprocess, sys\nfrom vo_service.outputs.zenoh_log import zenoh_log_as_ours\n"
 

@@ -11,7 +11,8 @@ import pytest
 import zenoh
 
 from tests.vo_service.made_up_map import a_map
-from tests.vo_service.outputs.zenoh_asking import ask, asking, config, content, wait_for
+from tests.vo_service.outputs.zenoh_asking import ask, asking, config, content
+from tests.waiting import wait_until
 from vo_service.outputs.cdr_transform import decode_transform
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.zenoh_output import LOCKSTEP, ZenohOutput
@@ -54,7 +55,7 @@ def test_it_goes_out_with_its_frames_and_the_stamp_of_the_pose(
     update = replace(make_update(7), map=a_map())
     with talk_at(free_port) as talk:
         talk.output.pose(update)
-        wait_for(lambda: len(talk.maps) == 1)
+        wait_until(lambda: len(talk.maps) == 1)
     message = decode_transform(talk.maps[0].payload.to_bytes())
     assert str(talk.maps[0].encoding) == "application/cdr;geometry_msgs/msg/TransformStamped"
     assert (message.frame_id, message.child_frame_id) == ("map", "odom")
@@ -74,7 +75,7 @@ def test_it_goes_out_when_the_map_or_the_epoch_is_another(
             (0, first, 0), (1, first, 0), (2, second, 0), (3, second, 0), (4, second, 1),
         ]:  # fmt: skip
             talk.output.pose(replace(make_update(seq), map=the_map, epoch=epoch))
-        wait_for(lambda: len(talk.maps) >= 3)
+        wait_until(lambda: len(talk.maps) >= 3)
     assert [about(sample)["seq"] for sample in talk.maps] == [0, 2, 4]
 
 
@@ -84,7 +85,7 @@ def test_a_map_of_the_epoch_before_does_not_know_where_odom_lies(
     with talk_at(free_port) as talk:
         for epoch in (1, 2):
             talk.output.pose(replace(make_update(epoch), map=a_map(epoch=1), epoch=epoch))
-        wait_for(lambda: len(talk.maps) >= 2)
+        wait_until(lambda: len(talk.maps) >= 2)
     assert [about(sample)["is_located"] for sample in talk.maps] == [True, False]
 
 
@@ -97,7 +98,7 @@ def test_it_goes_out_again_with_each_status_and_the_newest_stamp(
             talk.output.pose(replace(make_update(seq), map=the_map))
         talk.output.status(status)
         talk.output.status(status)
-        wait_for(lambda: len(talk.maps) >= 3)
+        wait_until(lambda: len(talk.maps) >= 3)
     assert [about(sample)["seq"] for sample in talk.maps] == [0, 1, 1]
 
 
@@ -109,7 +110,7 @@ def test_nothing_goes_out_where_there_is_no_map(
         talk.output.status(status)
         (refusal,) = map(content, ask(talk.session, KEY))
         talk.output.pose(replace(make_update(1), map=a_map()))
-        wait_for(lambda: len(talk.maps) >= 1)
+        wait_until(lambda: len(talk.maps) >= 1)
     assert refusal == {"schema": 1, "error": "not-possible", "message": "there is no map yet"}
     assert [about(sample)["seq"] for sample in talk.maps] == [1]
 
@@ -121,7 +122,7 @@ def test_it_can_be_asked_for_and_has_the_stamp_of_the_newest_pose(
     with talk_at(free_port) as talk:
         for seq in range(6):
             talk.output.pose(replace(make_update(seq), map=the_map))
-        wait_for(lambda: seq_of(ask(talk.session, KEY)) == 5)
+        wait_until(lambda: seq_of(ask(talk.session, KEY)) == 5)
         (reply,) = ask(talk.session, KEY)
     assert reply.ok is not None
     assert about(reply.ok)["is_located"] is False
@@ -141,8 +142,8 @@ def test_one_that_is_not_finite_is_kept_back_and_takes_no_pose_with_it(
     with talk_at(free_port) as talk:
         talk.output.pose(replace(make_update(0), map=a_map(T_map_odom=np.full((4, 4), bad))))
         talk.output.pose(replace(make_update(1), map=a_map()))
-        wait_for(lambda: len(talk.maps) >= 1)
-        wait_for(lambda: {0, 1} <= {about(pose)["seq"] for pose in talk.poses})
+        wait_until(lambda: len(talk.maps) >= 1)
+        wait_until(lambda: {0, 1} <= {about(pose)["seq"] for pose in talk.poses})
     assert [about(sample)["seq"] for sample in talk.maps] == [1]
     assert "holds a number that is not finite" in caplog.text
     assert talk.output.errors == 1
@@ -154,7 +155,7 @@ def test_a_frame_of_another_name_is_taken_from_the_configuration(
     named = config(free_port, map_frame_id="house", odom_frame_id="robot1/odom")
     with closing(ZenohOutput(named)) as output, asking(free_port) as session:
         output.pose(replace(make_update(0), map=a_map()))
-        wait_for(lambda: seq_of(ask(session, KEY)) == 0)
+        wait_until(lambda: seq_of(ask(session, KEY)) == 0)
         (reply,) = ask(session, KEY)
     assert reply.ok is not None
     message = decode_transform(reply.ok.payload.to_bytes())

@@ -12,7 +12,8 @@ import zenoh
 
 from drivers.errors import InputError, UserFacingError
 from tests import ports
-from tests.vo_service.outputs.zenoh_asking import answers, asking, config, wait_for
+from tests.vo_service.outputs.zenoh_asking import answers, asking, config
+from tests.waiting import wait_until
 from vo_service.outputs import zenoh_opening
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.zenoh_opening import KeepTrying, OpenAtOnce, OpenOnFreePort
@@ -58,7 +59,7 @@ def ticking(output: ZenohOutput, status: Status, holds: Callable[[], bool]) -> N
         output.status(status)
         return holds()
 
-    wait_for(tick)
+    wait_until(tick)
 
 
 def test_at_once_or_not_at_all(free_port: int) -> None:
@@ -81,7 +82,7 @@ def test_a_replay_takes_the_default_port_where_it_is_free(
     with closing(ZenohOutput(config(free_port), LIVE, OpenOnFreePort)) as output:
         assert output.where == f"kinect/odom at {default_endpoint} (kinect-vo listen)"
         with asking(free_port) as session:
-            wait_for(lambda: bool(answers(session, "kinect/schema")))
+            wait_until(lambda: bool(answers(session, "kinect/schema")))
 
 
 def test_a_replay_publishes_on_a_free_port_where_the_default_one_is_taken(
@@ -94,7 +95,7 @@ def test_a_replay_publishes_on_a_free_port_where_the_default_one_is_taken(
         endpoint, why = output.where.removeprefix("kinect/odom at ").split(", ")
         assert why == f"as {default_endpoint} is taken (kinect-vo listen --connect {endpoint})"
         with asking(int(endpoint.rsplit(":")[-1])) as session:
-            wait_for(lambda: bool(answers(session, "kinect/schema")))
+            wait_until(lambda: bool(answers(session, "kinect/schema")))
 
 
 def test_a_free_port_that_is_gone_meanwhile_is_looked_for_again(
@@ -143,7 +144,7 @@ def test_once_the_port_is_free_all_is_published(
         with asking(free_port) as session:
             assert answers(session, "kinect/status")[0]["state"] == "degraded"
             # It is the last thing that is declared: a question may be answered a moment before.
-            wait_for(lambda: len(list(session.liveliness().get("kinect/alive", timeout=60))) == 1)
+            wait_until(lambda: len(list(session.liveliness().get("kinect/alive", timeout=60))) == 1)
         assert (output.errors, output.warning) == (0, "")
 
 
@@ -200,7 +201,7 @@ def test_a_router_that_is_away_is_named_until_it_is_there(free_port: int, status
         ticking(output, status, lambda: where in output.warning)
         with router(free_port) as there:
             ticking(output, status, lambda: output.warning == "")
-            wait_for(lambda: bool(answers(there, "kinect/status")))
+            wait_until(lambda: bool(answers(there, "kinect/status")))
 
 
 def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
@@ -226,7 +227,7 @@ def test_a_client_without_its_router_is_waited_for(
         )
         with router(free_port) as there:
             ticking(output, status, lambda: output.warning == "")
-            wait_for(lambda: bool(answers(there, "kinect/status")))
+            wait_until(lambda: bool(answers(there, "kinect/status")))
 
 
 def test_a_session_that_was_closed_under_us_is_opened_anew(free_port: int, status: Status) -> None:
@@ -245,7 +246,7 @@ def test_a_file_that_goes_away_later_is_a_warning(free_port: int, tmp_path: Path
     with taken(free_port):
         opening = KeepTrying(config(free_port, config_file=file))
         file.unlink()
-        wait_for(lambda: not opening.sessions() and "zenoh.json5" in opening.warning)
+        wait_until(lambda: not opening.sessions() and "zenoh.json5" in opening.warning)
 
 
 def test_opening_a_session_on_a_port_of_its_own_leaves_no_warning(free_port: int) -> None:

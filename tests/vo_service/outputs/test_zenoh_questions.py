@@ -7,7 +7,8 @@ from contextlib import closing
 
 import numpy as np
 
-from tests.vo_service.outputs.zenoh_asking import answers, ask, asking, config, content, wait_for
+from tests.vo_service.outputs.zenoh_asking import answers, ask, asking, config, content
+from tests.waiting import wait_until
 from vo_service.outputs.cdr import decode_odometry
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.zenoh_output import ZenohOutput
@@ -29,7 +30,7 @@ def test_the_last_pose_is_the_message_that_subscribers_got(
     with closing(ZenohOutput(config(free_port))) as output, asking(free_port) as session:
         output.pose(make_update(6))
         output.pose(make_update(7))
-        wait_for(lambda: latest_seq(session) == 7)
+        wait_until(lambda: latest_seq(session) == 7)
         (reply,) = ask(session, "kinect/latest")
         assert reply.ok is not None
         message = decode_odometry(reply.ok.payload.to_bytes())
@@ -46,7 +47,7 @@ def latest_seq(session: object) -> int:
 def test_the_last_status_is_the_one_that_was_published(free_port: int, status: Status) -> None:
     with closing(ZenohOutput(config(free_port))) as output, asking(free_port) as session:
         output.status(status)
-        wait_for(lambda: "error" not in answers(session, "kinect/status")[0])
+        wait_until(lambda: "error" not in answers(session, "kinect/status")[0])
         (answer,) = answers(session, "kinect/status")
     assert (answer["schema"], answer["state"], answer["fps"]) == (1, "degraded", 29.9)
 
@@ -56,7 +57,7 @@ def test_a_service_that_is_stuck_answers_all_the_same(
 ) -> None:
     with closing(ZenohOutput(config(free_port))) as output, asking(free_port) as session:
         output.pose(make_update(3))
-        wait_for(lambda: latest_seq(session) == 3)
+        wait_until(lambda: latest_seq(session) == 3)
         # Nobody hands over anything any more, and nobody waits for anybody.
         assert [latest_seq(session) for _ in range(20)] == [3] * 20
 
@@ -67,7 +68,7 @@ def test_one_question_to_everything_gets_each_answer_under_its_own_key(
     with closing(ZenohOutput(config(free_port))) as output, asking(free_port) as session:
         output.status(status)
         output.pose(make_update(0))
-        wait_for(lambda: latest_seq(session) == 0)
+        wait_until(lambda: latest_seq(session) == 0)
         keys = {str(reply.ok.key_expr) for reply in ask(session, "kinect/**") if reply.ok}
     assert keys == {"kinect/latest", "kinect/status", "kinect/schema"}
 
@@ -85,7 +86,7 @@ def test_a_flood_of_questions_leaves_poses_alone_and_answers_go_on(
             output.pose(make_update(seq))
             assert came.acquire(timeout=100)
         heard = [1 for channel in flood for reply in channel]
-        wait_for(lambda: latest_seq(session) == 19)
+        wait_until(lambda: latest_seq(session) == 19)
     assert 0 < len(heard) < 3000
     assert output.dropped == output.errors == 0
 

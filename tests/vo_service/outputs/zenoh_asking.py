@@ -2,20 +2,18 @@
 
 import json
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Any
 
 import zenoh
 
+from tests.waiting import PATIENCE_S, wait_until
 from vo_service.control.commands import Command
 from vo_service.control.inbox import Inbox, Ticket
 from vo_service.outputs.zenoh_commands import CommandsFor
 from vo_service.outputs.zenoh_output import LIVE, Extras, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
-
-PATIENCE_S = 100.0
 
 
 def config(port: int, **changes: Any) -> ZenohConfig:
@@ -27,7 +25,7 @@ def config(port: int, **changes: Any) -> ZenohConfig:
 def asking(port: int) -> Iterator[zenoh.Session]:
     """A session connected to that port."""
     with open_session(ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{port}",))) as session:
-        wait_for(lambda: bool(session.info.links()))
+        wait_until(lambda: bool(session.info.links()))
         yield session
 
 
@@ -42,7 +40,7 @@ def commanded(
         closing(ZenohOutput(config(port), LIVE, extras=extras)) as output,
         asking(port) as session,
     ):
-        wait_for(lambda: bool(answers(session, "kinect/schema")))
+        wait_until(lambda: bool(answers(session, "kinect/schema")))
         yield output, inbox, session
 
 
@@ -69,14 +67,6 @@ def error_of(reply: zenoh.Reply) -> zenoh.ReplyError:
     return reply.err
 
 
-def wait_for(holds: Callable[[], bool], limit_s: float = PATIENCE_S) -> None:
-    """Until something holds; a test that waits in vain fails."""
-    deadline_s = time.monotonic() + limit_s
-    while not holds():
-        assert time.monotonic() < deadline_s, "waited in vain"
-        time.sleep(0.01)
-
-
 def taken(inbox: Inbox[Command]) -> Ticket[Command]:
     """The next command that comes."""
     found: list[Ticket[Command]] = []
@@ -85,7 +75,7 @@ def taken(inbox: Inbox[Command]) -> Ticket[Command]:
         found.extend(inbox.take())
         return bool(found)
 
-    wait_for(is_there)
+    wait_until(is_there)
     return found[0]
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import rigid_transform
-from tests.belongings import wait_for
 from tests.vo_service.fakes import a_status
+from tests.waiting import wait_until
 from vo_service.control.errors import CommandError
 from vo_service.odometry.estimate import Estimate
 from vo_service.outputs.output import PoseUpdate, Status, TrackingState
@@ -82,7 +82,7 @@ def recorder(state: Path, settings: RecorderSettings | None = None) -> Iterator[
     """A flight recorder that is up; closed at the end."""
     opened = FlightRecorder(settings or RecorderSettings(max_mb=20), state, ABOUT)
     try:
-        wait_for(lambda: opened.is_up, "for the recorder's process")
+        wait_until(lambda: opened.is_up, "the recorder's process")
         yield opened
     finally:
         opened.close()
@@ -93,7 +93,7 @@ def feed(recorder: FlightRecorder, *updates: PoseUpdate) -> None:
     for one in updates:
         expected = recorder.remembered + 1
         recorder.pose(one)
-        wait_for(partial(_has_remembered, recorder, expected), "for a frame to be taken")
+        wait_until(partial(_has_remembered, recorder, expected), "a frame to be taken")
 
 
 def _has_remembered(recorder: FlightRecorder, expected: int) -> bool:
@@ -111,7 +111,7 @@ def incident(state: Path, reason: str) -> Path:
     def whole() -> list[Path]:
         return [path for path in incidents(state) if path.name.endswith(reason)]
 
-    wait_for(lambda: bool(whole()), f"for an incident {reason!r}")
+    wait_until(lambda: bool(whole()), f"an incident {reason!r}")
     (found,) = whole()
     return found
 
@@ -119,7 +119,7 @@ def incident(state: Path, reason: str) -> Path:
 def saved(recorder: FlightRecorder, reason: str) -> Path:
     """The folder of an incident that has been asked for, when it is whole."""
     folder = Path(recorder.save(reason))
-    wait_for(lambda: not recorder.is_saving, f"for {folder}")
+    wait_until(lambda: not recorder.is_saving, f"{folder}")
     assert folder.exists()
     return folder
 

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.camera import PinholeCamera
 from drivers.trajectory import read_trajectory
-from tests.belongings import belongings, wait_for
+from tests.belongings import belongings
 from tests.drivers.tum.replaying import replayed
 from tests.vo_service.recorder.moments import (
     feed,
@@ -22,6 +22,7 @@ from tests.vo_service.recorder.moments import (
     status,
     update,
 )
+from tests.waiting import wait_until
 from vo_service.outputs.output import TrackingState
 from vo_service.settings import RecorderSettings
 
@@ -115,7 +116,7 @@ def test_a_loss_is_written_with_what_came_after_it(tmp_path: Path) -> None:
             recording.status(status())
             return bool(incidents(tmp_path))
 
-        wait_for(next_status, "for the loss to be due")
+        wait_until(next_status, "the loss to be due")
         assert len(replayed(incident(tmp_path, "lost"))) == 6
 
 

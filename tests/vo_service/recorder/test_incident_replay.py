@@ -11,12 +11,12 @@ import pytest
 
 from drivers.camera import Clock, Pace, RgbdFrame
 from drivers.isolation.camera import IsolatedCamera
-from tests.belongings import wait_for
 from tests.drivers.isolation.trial_cameras import Puppet, is_whole
 from tests.drivers.tum.replaying import replayed
 from tests.vo_service.commands.command_line import call
 from tests.vo_service.fakes import Collector, ScriptedCamera
 from tests.vo_service.recorder.moments import feed, incident, recorder, update
+from tests.waiting import wait_until
 from vo_service.config import Config
 from vo_service.feed import PlainFeed
 from vo_service.interrupts import Stop
@@ -42,7 +42,7 @@ class OneByOne(Collector):
     def pose(self, update: PoseUpdate) -> None:
         """Wait for it."""
         super().pose(update)
-        wait_for(lambda: self._recorder.remembered == len(self.poses))
+        wait_until(lambda: self._recorder.remembered == len(self.poses))
 
 
 def test_a_loss_of_tracking_replays_to_the_poses_that_the_service_gave(

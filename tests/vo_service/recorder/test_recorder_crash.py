@@ -8,10 +8,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.belongings import children_of, is_alive, wait_for
+from tests.belongings import children_of, is_alive
 from tests.drivers.tum.replaying import replayed
 from tests.vo_service.recorder.crashing_service import FRAMES
 from tests.vo_service.recorder.moments import incident, incidents
+from tests.waiting import wait_until
 
 COMMAND = [sys.executable, "-P", "-m", "tests.vo_service.recorder.crashing_service"]
 ROOT = Path(__file__).parents[3]
@@ -47,7 +48,7 @@ def service(state: Path, how: str) -> Iterator[Crashing]:
         crashing = Crashing(process)
         try:
             yield crashing
-            wait_for(lambda: not is_alive(crashing.recorder), "for the recorder's end")
+            wait_until(lambda: not is_alive(crashing.recorder), "the recorder's end")
         finally:
             process.kill()
 

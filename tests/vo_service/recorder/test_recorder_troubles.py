@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.belongings import children, wait_for
+from tests.belongings import children
 from tests.drivers.tum.replaying import replayed
 from tests.full_disk import files_up_to
 from tests.vo_service.recorder.moments import (
@@ -19,6 +19,7 @@ from tests.vo_service.recorder.moments import (
     refusal,
     update,
 )
+from tests.waiting import wait_until
 from vo_service.outputs.output import TrackingState
 from vo_service.recorder.contract import NoRecorder
 from vo_service.recorder.opening import open_recorder
@@ -41,8 +42,8 @@ def test_its_process_that_is_killed_comes_back_and_the_frames_are_still_there(
         feed(recording, *map(update, range(4)))
         first = only_child()
         os.kill(first, signal.SIGKILL)
-        wait_for(lambda: "started again" in recording.warning)
-        wait_for(lambda: recording.is_up and first not in children())
+        wait_until(lambda: "started again" in recording.warning)
+        wait_until(lambda: recording.is_up and first not in children())
         recording.save("command")
         assert len(replayed(incident(tmp_path, "command"))) == 4
         assert recording.warning == ""
@@ -57,7 +58,7 @@ def test_a_full_disk_is_said_and_leaves_nothing_half_written(
         resource.prlimit(only_child(), resource.RLIMIT_FSIZE, (1000, 1000))
         for _ in range(2):
             recording.save("command")
-            wait_for(lambda: not recording.is_saving)
+            wait_until(lambda: not recording.is_saving)
             assert "incidents: the disk is full" in recording.warning
         feed(recording, update(4))
     assert incidents(tmp_path) == []
@@ -70,9 +71,9 @@ def test_a_folder_that_cannot_be_used_is_told_and_no_reason_to_end(
     closed = tmp_path / "elsewhere"
     closed.symlink_to("x" * 300)  # refused to root too, and not as one that is not there
     with recorder(tmp_path, replace(SMALL, folder=closed)) as recording:
-        wait_for(lambda: "elsewhere: cannot be used: File name too long" in recording.warning)
+        wait_until(lambda: "elsewhere: cannot be used: File name too long" in recording.warning)
         closed.unlink()
-        wait_for(lambda: recording.warning == "")
+        wait_until(lambda: recording.warning == "")
     assert [record.levelname for record in caplog.records] == ["ERROR"]
 
 
@@ -81,11 +82,11 @@ def test_incidents_and_recordings_have_each_their_own_trouble(tmp_path: Path) ->
         feed(recording, update(0))
         resource.prlimit(only_child(), resource.RLIMIT_FSIZE, (1000, 1000))
         recording.save("command")
-        wait_for(lambda: "incidents: the disk is full" in recording.warning)
+        wait_until(lambda: "incidents: the disk is full" in recording.warning)
         recording.start_recording("desk")
         for seq in range(1, 10):  # a frame is written when its images are packed, so a little later
             feed(recording, update(seq))
-        wait_for(lambda: "desk" in recording.warning)
+        wait_until(lambda: "desk" in recording.warning)
         assert "incidents: the disk is full" in recording.warning
         recording.start_recording("table")
         assert "desk" not in recording.warning

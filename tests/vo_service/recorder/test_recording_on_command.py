@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera
-from tests.belongings import children, wait_for
+from tests.belongings import children
 from tests.drivers.tum.replaying import replayed
 from tests.vo_service.recorder.moments import feed, frame, recorder, refusal, update
+from tests.waiting import wait_until
 from vo_service.recorder import recording as recording_module
 from vo_service.recorder.depth_packing import pack_depth
 from vo_service.recorder.frame_record import put_frame
@@ -51,7 +52,7 @@ def test_more_frames_than_the_ring_holds_are_recorded(tmp_path: Path) -> None:
         folder = Path(opened.start_recording("long"))
         for begin in range(0, 60, 10):
             feed(opened, *map(update, range(begin, begin + 10)))
-            wait_for(partial(has_written, folder, begin + 5))
+            wait_until(partial(has_written, folder, begin + 5))
         opened.stop_recording()
     assert len(replayed(folder)) == 60
 
@@ -87,7 +88,7 @@ def test_another_camera_ends_the_recording_and_the_reason_is_said(tmp_path: Path
     with recorder(tmp_path, SMALL) as opened:
         folder = Path(opened.start_recording("desk"))
         feed(opened, update(0), update(1), update(2, camera=other))
-        wait_for(lambda: opened.recording == "")
+        wait_until(lambda: opened.recording == "")
         assert "the camera changed while it was recorded" in opened.warning
     assert len(replayed(folder)) == 2
 
@@ -96,10 +97,10 @@ def test_a_process_that_dies_ends_the_recording_and_that_is_said(tmp_path: Path)
     with recorder(tmp_path, SMALL) as opened:
         folder = Path(opened.start_recording("desk"))
         feed(opened, *map(update, range(4)))
-        wait_for((folder / "associations.txt").exists)
+        wait_until((folder / "associations.txt").exists)
         (child,) = children()
         os.kill(child, signal.SIGKILL)
-        wait_for(lambda: opened.recording == "")
+        wait_until(lambda: opened.recording == "")
         assert opened.warning == f"recorder: its process ended and cut off {folder}"
 
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.belongings import wait_for
 from tests.full_disk import files_up_to
+from tests.waiting import wait_until
 from vo_service.recorder.shared_ring import RingReader, RingWriter
 
 MOST = 4096
@@ -123,7 +123,7 @@ def test_a_reader_beside_a_hurried_writer_never_sees_half_a_record() -> None:
         thread = threading.Thread(target=write)
         thread.start()
         try:
-            wait_for(lambda: reader.count > 0)
+            wait_until(lambda: reader.count > 0)
             seen = sum(len(held(reader, last=3)) for _ in range(2000))
         finally:
             stop.set()

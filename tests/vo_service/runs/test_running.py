@@ -13,12 +13,11 @@ from drivers.trajectory import read_trajectory
 from tests.belongings import belongings
 from tests.conftest import FRAMES
 from tests.vo_service.runs.trial_methods import Trial
+from tests.waiting import PATIENCE_S
 from vo_service.runs.child import stay_on_one_processor
 from vo_service.runs.messages import Job, Preparing, Progress
 from vo_service.runs.run import Outcome, RunState
 from vo_service.runs.running import run_in_child
-
-PATIENCE_S = 100.0
 
 
 def ran(folder: Path, act: str, limit_s: float = PATIENCE_S) -> Outcome:

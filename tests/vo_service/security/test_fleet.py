@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from tests.belongings import wait_for
 from tests.vo_service.security.tls_network import Network, answers
+from tests.waiting import wait_until
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def test_one_subscriber_reads_all_robots(network: Network, robot1: zenoh.Session
             robot2.put("robot2/odom", b"pose")
             return heard == {"robot1/odom", "robot2/odom"}
 
-        wait_for(both_are_heard)
+        wait_until(both_are_heard)
 
 
 def test_a_robot_cannot_publish_below_the_prefix_of_another(
@@ -62,7 +62,7 @@ def test_a_robot_cannot_publish_below_the_prefix_of_another(
             robot1.put("robot1/odom", b"own")
             return len(heard) > 5
 
-        wait_for(is_heard)
+        wait_until(is_heard)
     assert set(heard) == {("robot1/odom", b"own")}
 
 
@@ -81,16 +81,16 @@ def test_operators_command_a_robot_and_readers_do_not(
     network: Network, robot1: zenoh.Session
 ) -> None:
     with reader(network) as session:
-        wait_for(lambda: answers(session, "robot1/latest") == [b"done"])
+        wait_until(lambda: answers(session, "robot1/latest") == [b"done"])
         assert answers(session, "robot1/command/reset") == []
         session.put("robot1/odom", b"forged")
     with network.session("operator-tls.json5", "ours/operator") as operator:
-        wait_for(lambda: answers(operator, "robot1/command/reset") == [b"done"])
+        wait_until(lambda: answers(operator, "robot1/command/reset") == [b"done"])
 
 
 def test_a_robot_commands_no_other(network: Network, robot1: zenoh.Session) -> None:
     with network.session("fleet-robot.json5", "ours/robot2") as robot2:
-        wait_for(lambda: bool(robot2.info.links()))
+        wait_until(lambda: bool(robot2.info.links()))
         assert answers(robot2, "robot1/command/reset") == []
         assert answers(robot2, "robot1/latest") == []
 
@@ -101,7 +101,7 @@ def test_readers_see_which_robots_are_there(network: Network, robot1: zenoh.Sess
         return [str(reply.ok.key_expr) for reply in replies if reply.ok]
 
     with reader(network) as session:
-        wait_for(lambda: alive() == ["robot1/alive"])
+        wait_until(lambda: alive() == ["robot1/alive"])
 
 
 def test_a_robot_of_another_authority_is_not_taken_in(

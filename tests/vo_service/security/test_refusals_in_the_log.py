@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.belongings import wait_for
 from tests.vo_service.played_service import KINECT_VO
 from tests.vo_service.security.tls_network import HOST, Network, answers, connects
+from tests.waiting import wait_until
 
 
 class RunningRouter:
@@ -22,7 +22,7 @@ class RunningRouter:
         return self._log.read_text()
 
     def until_said(self, words: str) -> None:
-        wait_for(lambda: words in self.log, f"for {words!r}")
+        wait_until(lambda: words in self.log, f"{words!r}")
 
 
 @contextmanager

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.belongings import children_of, wait_for
+from tests.belongings import children_of
 from tests.vo_service.outputs.conftest import listening
 from tests.vo_service.played_service import PlayedService, running_service
+from tests.waiting import wait_until
 
 __all__ = ["listening"]
 
@@ -17,7 +18,7 @@ def service(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     """``kinect-vo run`` with all its defaults but the number of the port."""
     folder = tmp_path_factory.mktemp("service")
     with running_service(folder, {}, source=f"tum:{recording}") as service:
-        wait_for(lambda: bool(service.heard.statuses), "for a status")
+        wait_until(lambda: bool(service.heard.statuses), "a status")
         yield service
 
 

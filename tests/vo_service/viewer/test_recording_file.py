@@ -17,9 +17,10 @@ from rerun.error_utils import RerunWarning
 from drivers.camera import Pace
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import StampedPoses
-from tests.belongings import resident_kb, wait_for
+from tests.belongings import resident_kb
 from tests.full_disk import files_up_to
 from tests.vo_service.viewer.drawn import column, draw, is_whole, job, rows
+from tests.waiting import wait_until
 from vo_service.numbered_files import put_aside
 from vo_service.outputs.output import PoseUpdate
 from vo_service.viewer import drawing, recording_file
@@ -179,7 +180,7 @@ def test_a_file_that_cannot_grow_can_be_read_up_to_there(
         time.sleep(0.4)
         return "the recording stops after" in output.warning
 
-    wait_for(is_told_after_another)
+    wait_until(is_told_after_another)
     with pytest.raises(UserFacingError, match="the recording is not complete"):
         output.close()
     with pytest.warns(RerunWarning, match="no footer"):

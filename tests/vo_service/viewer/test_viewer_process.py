@@ -14,9 +14,10 @@ import pytest
 
 from drivers.camera import Pace
 from drivers.errors import InputError, UserFacingError
-from tests.belongings import belongings, children, is_alive, resident_kb, wait_for
+from tests.belongings import belongings, children, is_alive, resident_kb
 from tests.vo_service.viewer.drawn import column, is_whole, rows
 from tests.vo_service.viewer.odd_sinks import FullDisk, Glutton, Stuck
+from tests.waiting import wait_until
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.settings import RerunSettings
 from vo_service.viewer.output import ViewerOutput, open_viewer
@@ -62,7 +63,7 @@ def show_until(output: ViewerOutput, update: PoseUpdate, warning: str) -> None:
         output.pose(update)
         return output.warning == warning
 
-    wait_for(warned)
+    wait_until(warned)
 
 
 def test_results_reach_the_file_and_nothing_is_left(
@@ -109,7 +110,7 @@ def test_a_frozen_process_holds_nothing_up(
         output.close()
     assert time.monotonic() - start_s < 60.0  # 2.5 on a computer with nothing else to do
     assert "did not take all data in time" in caplog.text
-    wait_for(lambda: not is_alive(process))
+    wait_until(lambda: not is_alive(process))
 
 
 def test_a_killed_process_comes_back_and_draws_what_was_there(
@@ -119,10 +120,10 @@ def test_a_killed_process_comes_back_and_draws_what_was_there(
     with shown(RecordingFile(path), pace=Pace.LOCKSTEP) as (output, process):
         for seq in range(0, 60, 3):
             output.pose(make_update(seq))
-        wait_for(lambda: path.stat().st_size > 10_000)
+        wait_until(lambda: path.stat().st_size > 10_000)
         os.kill(process, signal.SIGKILL)
-        wait_for(lambda: "crashed (signal 9, Killed)" in output.warning)
-        wait_for(lambda: output.warning == "")
+        wait_until(lambda: "crashed (signal 9, Killed)" in output.warning)
+        wait_until(lambda: output.warning == "")
         for seq in range(60, 90, 3):
             output.pose(make_update(seq))
     assert caplog.text.count("crashed (signal 9, Killed); starting it again") == 1
@@ -144,7 +145,7 @@ def test_the_process_ends_with_a_service_that_is_killed(tmp_path: Path) -> None:
         assert service.stdout is not None
         process = int(service.stdout.readline())
         service.kill()
-    wait_for(lambda: not is_alive(process))
+    wait_until(lambda: not is_alive(process))
 
 
 def test_a_process_that_is_stuck_in_rerun_says_so(make_update: MakeUpdate) -> None:
@@ -165,8 +166,8 @@ def test_a_process_that_grows_too_large_is_started_again(
             largest_mb = max(largest_mb, resident_mb(process))
             output.pose(make_update(0))
             time.sleep(0.2)
-        wait_for(lambda: "passed 300 MB (rerun.memory_mb)" in output.warning)
-        wait_for(lambda: output.warning == "")
+        wait_until(lambda: "passed 300 MB (rerun.memory_mb)" in output.warning)
+        wait_until(lambda: output.warning == "")
     assert largest_mb < 300 + 200
     assert caplog.text.count("passed 300 MB") == 1
 

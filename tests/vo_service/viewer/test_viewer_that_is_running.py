@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.belongings import children, resident_kb, wait_for
+from tests.belongings import children, resident_kb
+from tests.waiting import wait_until
 from vo_service.outputs.output import PoseUpdate
 from vo_service.settings import RerunSettings
 from vo_service.viewer.output import ViewerOutput, open_viewer
@@ -39,7 +40,7 @@ def viewer(port: int) -> Iterator["subprocess.Popen[bytes]"]:
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         try:
             with closing_presence(port) as presence:
-                wait_for(presence.begin)
+                wait_until(presence.begin)
             yield process
         finally:
             process.kill()
@@ -76,10 +77,10 @@ def test_a_viewer_that_comes_late_goes_and_comes_again_is_fed(
     for _ in range(2):
         assert ABSENT in output.warning
         with viewer(free_port):
-            wait_for(lambda: output.warning == "")
+            wait_until(lambda: output.warning == "")
             output.pose(make_update(30))
             assert len(processes()) >= 1
-        wait_for(lambda: ABSENT in output.warning)
+        wait_until(lambda: ABSENT in output.warning)
 
 
 def test_a_frozen_viewer_is_given_up_and_memory_stays_bounded(
@@ -91,7 +92,7 @@ def test_a_frozen_viewer_is_given_up_and_memory_stays_bounded(
     settings = RerunSettings(memory_mb=400, picture_hz=1000.0)
     with viewer(free_port) as frozen:
         output = open_viewer(f"connect:127.0.0.1:{free_port}", settings)
-        wait_for(lambda: output.warning == "")
+        wait_until(lambda: output.warning == "")
         (process,) = set(children()) - {frozen.pid}
         frozen.send_signal(signal.SIGSTOP)
         largest_kb, longest_s = 0, 0.0

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.belongings import belongings, children_of, is_alive, wait_for
+from tests.belongings import belongings, children_of, is_alive
 from tests.full_disk import files_up_to
 from tests.vo_service.mapping.live.views import (
     COARSE,
@@ -22,6 +22,7 @@ from tests.vo_service.mapping.live.views import (
     walk,
 )
 from tests.vo_service.recorder.moments import refusal
+from tests.waiting import wait_until
 from vo_service.mapping.live.contract import NoMapper
 from vo_service.mapping.live.mapper import LiveMapper
 from vo_service.mapping.live.opening import open_mapper
@@ -70,7 +71,7 @@ def test_there_are_keyframes_of_this_epoch_alone_and_as_many_as_may_be_now(tmp_p
         walk(opened, 2)
         walk(opened, 3, epoch=1)
         opened.configure(replace(COARSE, max_mb=0))  # less than any configuration file may say
-        wait_for(lambda: opened.state.keyframes == 1)
+        wait_until(lambda: opened.state.keyframes == 1)
 
 
 def test_only_one_map_is_made_at_a_time_and_one_that_is_ended_is_told(
@@ -80,9 +81,9 @@ def test_only_one_map_is_made_at_a_time_and_one_that_is_ended_is_told(
         walk(opened, 1)
         opened.save("wall")
         assert "is being made already" in refusal(lambda: opened.save("other"))
-        wait_for(lambda: bool(children_of(process())), "for the process that makes it")
+        wait_until(lambda: bool(children_of(process())), "the process that makes it")
         os.kill(children_of(process())[0], signal.SIGKILL)
-        wait_for(lambda: not opened.state.saving)
+        wait_until(lambda: not opened.state.saving)
         assert "wall.ply: its process was ended" in opened.warning
         assert opened.state.saved == ""
         assert opened.state.keyframes == 1
@@ -94,16 +95,16 @@ def test_a_process_that_is_killed_begins_an_empty_map_and_says_so(tmp_path: Path
         walk(opened, 3)
         opened.save("wall")
         first = process()
-        wait_for(lambda: bool(children_of(first)), "for the process that makes it")
+        wait_until(lambda: bool(children_of(first)), "the process that makes it")
         (maker,) = children_of(first)
         os.kill(first, signal.SIGKILL)
-        wait_for(lambda: "is started again; the map begins anew" in opened.warning)
-        wait_for(lambda: opened.is_up and first != process())
+        wait_until(lambda: "is started again; the map begins anew" in opened.warning)
+        wait_until(lambda: opened.is_up and first != process())
         assert opened.warning.endswith("wall.ply was cut off")
         assert (opened.state.keyframes, opened.state.saving) == (0, "")
         opened.pose(view(9, 0.4))  # where it stood before: a camera that stands has a map again
-        wait_for(lambda: opened.state.keyframes == 1)
-        wait_for(lambda: not is_alive(maker))
+        wait_until(lambda: opened.state.keyframes == 1)
+        wait_until(lambda: not is_alive(maker))
     assert not list(tmp_path.glob("maps/*"))
 
 
@@ -124,9 +125,9 @@ def test_an_end_gives_up_what_is_being_made_and_leaves_nothing(
 def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path) -> None:
     (tmp_path / "maps").write_text("a file")
     with mapper(tmp_path / "maps") as opened:
-        wait_for(lambda: "maps: cannot be used" in opened.warning)
+        wait_until(lambda: "maps: cannot be used" in opened.warning)
         (tmp_path / "maps").unlink()
-        wait_for(lambda: opened.warning == "")
+        wait_until(lambda: opened.warning == "")
 
 
 def test_the_service_goes_on_without_a_map_that_has_no_memory(

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from drivers.geometry import Array, inverse
-from tests.belongings import wait_for
 from tests.vo_service.mapping.live.views import COARSE, mapper, process
 from tests.vo_service.mapping.loops.corner_walk import STEPS, told, truth, update
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 from tests.vo_service.recorder.moments import refusal
+from tests.waiting import wait_until
 from vo_service.mapping.live.live_loops import LiveLoops
 from vo_service.mapping.live.mapper import LiveMapper
 from vo_service.mapping.loops.warm_up import warm_up_loops
@@ -45,7 +45,7 @@ def go(opened: LiveMapper, first: int, last: int, by: int = 2) -> None:
     before = opened.loops.snapshot.places
     for wanted, step in enumerate(range(first, last + 1, by), before + 1):
         opened.pose(update(step))
-        wait_for(partial(_has, opened, wanted), f"for place {wanted}")
+        wait_until(partial(_has, opened, wanted), f"place {wanted}")
 
 
 def _has_keyframes(opened: LiveMapper, keyframes: int) -> bool:
@@ -67,7 +67,7 @@ def asked(opened: LiveMapper, T_world_camera: Array) -> Located:
         return bool(answers)
 
     loops.look(view_of_a_corner(T_world_camera, 99))
-    wait_for(has_come, "for an answer")
+    wait_until(has_come, "an answer")
     return answers[0]
 
 
@@ -77,7 +77,7 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("state") / "maps"
     with walking(folder) as opened:
         file = opened.save(NAME).saving
-        wait_for(lambda: opened.state.saved == file, f"for {file}")
+        wait_until(lambda: opened.state.saved == file, f"{file}")
     return folder
 
 
@@ -93,17 +93,17 @@ def test_a_view_of_a_known_place_is_located_by_the_process(tmp_path: Path) -> No
 def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
     assert sorted(file.name for file in saved.iterdir()) == ["corner.places", "corner.ply"]
     with mapper(saved, replace(WITH_PLACES, load=NAME)) as opened:
-        wait_for(lambda: opened.state.loaded.endswith("corner.places"), "for the map")
+        wait_until(lambda: opened.state.loaded.endswith("corner.places"), "the map")
         assert "bad-request" in refusal(lambda: opened.load("../corner"))
-        wait_for(lambda: "there are: corner" in refusal(lambda: opened.load("attic")))
+        wait_until(lambda: "there are: corner" in refusal(lambda: opened.load("attic")))
         assert not opened.loops.snapshot.is_located
         places = opened.loops.snapshot.places
         assert places > STEPS // 2
         before = opened.state.keyframes
         for keyframes, step in enumerate((STEPS + 1, STEPS + 4, STEPS + 7), before + 1):
             opened.pose(update(step))
-            wait_for(partial(_has_keyframes, opened, keyframes), "for a keyframe")
-        wait_for(lambda: opened.loops.snapshot.is_located, "for a place that is known")
+            wait_until(partial(_has_keyframes, opened, keyframes), "a keyframe")
+        wait_until(lambda: opened.loops.snapshot.is_located, "a place that is known")
         T_map_camera = opened.loops.snapshot.T_map_odom @ T_BODY_CAMERA @ told(STEPS + 7)
         expected = T_BODY_CAMERA @ truth(STEPS + 7)
         assert np.linalg.norm((inverse(expected) @ T_map_camera)[:3, 3]) < 0.05
@@ -112,13 +112,13 @@ def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
 def test_a_camera_that_stands_still_knows_where_it_is_in_a_map_that_is_loaded(saved: Path) -> None:
     with mapper(saved, WITH_PLACES) as opened:
         opened.pose(update(STEPS))
-        wait_for(lambda: opened.state.keyframes == 1, "for a keyframe")
+        wait_until(lambda: opened.state.keyframes == 1, "a keyframe")
         opened.load(NAME)
-        wait_for(lambda: opened.state.loaded.endswith("corner.places"), "for the map")
-        wait_for(lambda: opened.state.keyframes == 0, "for the keyframe of before to go")
+        wait_until(lambda: opened.state.loaded.endswith("corner.places"), "the map")
+        wait_until(lambda: opened.state.keyframes == 0, "the keyframe of before to go")
         opened.pose(update(STEPS))
-        wait_for(lambda: opened.loops.snapshot.is_located, "for a place that is known")
-        wait_for(lambda: opened.state.keyframes == 1, "for a keyframe in that map")
+        wait_until(lambda: opened.loops.snapshot.is_located, "a place that is known")
+        wait_until(lambda: opened.state.keyframes == 1, "a keyframe in that map")
 
 
 def test_a_damaged_map_is_told_in_one_line_and_the_service_goes_on(
@@ -128,7 +128,7 @@ def test_a_damaged_map_is_told_in_one_line_and_the_service_goes_on(
     data[len(data) // 2] ^= 1
     (tmp_path / "bad.places").write_bytes(data)
     with mapper(tmp_path, replace(WITH_PLACES, load="bad")) as opened:
-        wait_for(lambda: "bad.places: a damaged map" in opened.warning, "for the warning")
+        wait_until(lambda: "bad.places: a damaged map" in opened.warning, "the warning")
         assert "\n" not in opened.warning
         go(opened, 0, 2)
         assert opened.state.keyframes > 0
@@ -138,8 +138,8 @@ def test_places_of_a_process_that_is_killed_are_forgotten_and_come_anew(tmp_path
     with walking(tmp_path / "maps") as opened:
         first = process()
         os.kill(first, signal.SIGKILL)
-        wait_for(lambda: opened.loops.snapshot.places == 0, "for the loss")
-        wait_for(lambda: opened.is_up and process() != first, "for another process")
+        wait_until(lambda: opened.loops.snapshot.places == 0, "the loss")
+        wait_until(lambda: opened.is_up and process() != first, "another process")
         go(opened, STEPS, STEPS)
 
 
@@ -147,6 +147,6 @@ def test_without_places_there_are_no_loops_and_no_map_can_be_loaded(tmp_path: Pa
     with mapper(tmp_path, COARSE) as opened:
         assert opened.loops.snapshot.places == 0
         (tmp_path / "some.places").write_bytes(b"")
-        wait_for(lambda: "there are: some" in refusal(lambda: opened.load("x")), "for the folder")
+        wait_until(lambda: "there are: some" in refusal(lambda: opened.load("x")), "the folder")
         opened.load("some")
-        wait_for(lambda: "no places are remembered" in opened.warning, "for the warning")
+        wait_until(lambda: "no places are remembered" in opened.warning, "the warning")

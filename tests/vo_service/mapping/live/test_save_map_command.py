@@ -10,7 +10,8 @@ import pytest
 
 from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
 from tests.vo_service.mapping.live.views import vertices_m
-from tests.vo_service.played_service import KINECT_VO, PATIENCE_S, START_LIMIT_S
+from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
+from tests.waiting import PATIENCE_S
 
 SMALL = '\n[map]\nvoxel_m = 0.1\nmaking_mb = 50\n[log]\nlevel = "info"\n'
 

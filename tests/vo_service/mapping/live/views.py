@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import inverse, rigid_transform
-from tests.belongings import children, wait_for
+from tests.belongings import children
 from tests.vo_service.recorder import moments
+from tests.waiting import wait_until
 from vo_service.mapping.live.mapper import LiveMapper
 from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.pose_tracker import T_BODY_CAMERA
@@ -52,7 +53,7 @@ def mapper(folder: Path, settings: MapSettings = COARSE) -> Iterator[LiveMapper]
     """A mapper that is up, whose maps go into a folder; closed at the end."""
     opened = LiveMapper(settings, folder)
     try:
-        wait_for(lambda: opened.is_up, "for the mapper's process")
+        wait_until(lambda: opened.is_up, "the mapper's process")
         yield opened
     finally:
         opened.close()
@@ -62,7 +63,7 @@ def walk(mapper: LiveMapper, steps: int, *, epoch: int = 0) -> None:
     """Go along the wall, so that each frame is a keyframe; the map begins with the first."""
     for seq in range(steps):
         mapper.pose(view(seq, 0.2 * seq, epoch=epoch))
-        wait_for(partial(_has, mapper, seq + 1), f"for keyframe {seq}")
+        wait_until(partial(_has, mapper, seq + 1), f"keyframe {seq}")
 
 
 def _has(mapper: LiveMapper, keyframes: int) -> bool:
@@ -72,7 +73,7 @@ def _has(mapper: LiveMapper, keyframes: int) -> bool:
 def saved(mapper: LiveMapper, name: str) -> Path:
     """The file of a map that is asked for, when the mapper says that it is there."""
     file = mapper.save(name).saving
-    wait_for(lambda: not mapper.state.saving, f"for {file}")
+    wait_until(lambda: not mapper.state.saving, f"{file}")
     assert mapper.state.saved == file, mapper.warning
     return Path(file)
 

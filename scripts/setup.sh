@@ -46,3 +46,5 @@ check_python
 cmp -s scripts/uv.txt .tools/installed.txt ||
     step "Installing uv into .tools/ ($(sed -n 's/^uv==\([0-9.]*\).*/\1/p' scripts/uv.txt))" install_uv
 step "Installing the locked Python packages into .venv/" sync
+# Into the environment itself: whoever uses it, and with whatever cache, need not compile.
+CACHE_DIRECTORY=$PWD/.venv/share/kinect-vo step "Compiling the numeric kernels" .venv/bin/kinect-vo warm-up

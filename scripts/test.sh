@@ -25,7 +25,6 @@ if [ $# = 0 ]; then
     step "Checking types" mypy
     step "Checking that the lock file is up to date" .tools/bin/uv lock --check --python .venv/bin/python
     step "Checking that every locked package is a wheel" python scripts/check_lock.py
-    step "Compiling the virtual Kinect's kernels" python -m tests.drivers.synthetic.compile_kernels
     step "Waiting for the numeric kernels" wait $!
 fi
 say "Running the tests"

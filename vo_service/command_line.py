@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from drivers.errors import UserFacingError
+from drivers.memory import limit_arenas
 from vo_service.folders import kernel_folder
 from vo_service.interrupts import INTERRUPTED
 from vo_service.logs import log_to_stderr
@@ -151,6 +152,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
 
 def _prepare_libraries() -> None:
     """Settings that numeric libraries read when they are imported: before any of them is."""
+    limit_arenas()
     # One thread each: a frame is too small to share, and idle threads spin on the other core.
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")

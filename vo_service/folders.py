@@ -4,6 +4,7 @@ import hashlib
 import os
 import shutil
 import stat
+import sys
 import tempfile
 from contextlib import suppress
 from pathlib import Path
@@ -11,6 +12,8 @@ from pathlib import Path
 from drivers.errors import InputError, UserFacingError
 
 PACKAGES = ("drivers", "vo_service")
+# Below the environment's prefix: what set-up has compiled for all who use the environment.
+INSTALLED_KERNELS = "share/kinect-vo/kernels"
 # Several checkouts and versions may share a computer.
 KERNEL_FOLDERS_KEPT = 4
 
@@ -65,17 +68,32 @@ def kernel_folder() -> Path:
     """Where compiled kernels of this very source are kept; those of older sources are removed.
 
     Numba's own cache looks at a kernel's file alone: it would go on using the old code of a helper
-    that was inlined from another file. So each state of the source has a folder of its own.
+    that was inlined from another file. So each state of the source has a folder of its own. Where
+    set-up has compiled kernels into the Python environment, the folder begins with a copy of them:
+    the environment may belong to another user.
     """
-    kernels = cache_folder() / "kernels"
-    folder = kernels / _source_digest()
+    kernels, state = cache_folder() / "kernels", _source_digest()
+    folder = kernels / state
     with suppress(OSError):
+        if not folder.exists():
+            _copy_whole(Path(sys.prefix) / INSTALLED_KERNELS / state, folder)
         folder.mkdir(parents=True, exist_ok=True)
         folder.touch()
         kept = sorted(kernels.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
         for old in kept[KERNEL_FOLDERS_KEPT:]:
             shutil.rmtree(old, ignore_errors=True)
     return folder
+
+
+def _copy_whole(source: Path, folder: Path) -> None:
+    """Copy a folder that may not exist; `folder` appears when all of it is there."""
+    if source.is_dir():
+        part = folder.with_name(f"{folder.name}.{os.getpid()}.part")
+        try:
+            shutil.copytree(source, part)
+            part.rename(folder)  # fails if another process was quicker
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
 
 
 def _source_digest() -> str:

@@ -10,6 +10,7 @@ import cv2
 from drivers.camera import RgbdCamera
 from drivers.errors import UserFacingError
 from drivers.jit import interruptible
+from drivers.memory import release_memory
 from vo_service.config import Config, make_odometry
 from vo_service.control.control import Control
 from vo_service.feed import Feed
@@ -80,6 +81,7 @@ def prepared(work: Callable[[Callable[[str], None]], T], terminal: Terminal, sto
                 "some space, or name a folder elsewhere in XDG_CACHE_HOME"
             ) from error
         stop.check()
+    release_memory()
     return result
 
 

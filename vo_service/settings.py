@@ -30,7 +30,7 @@ class RecorderSettings:
     """`[recorder]`: the flight recorder, which keeps the last seconds of frames."""
 
     enabled: bool = setting(True, "false keeps no frames, and cannot record on command")
-    seconds: float = setting(5.0, "how much of the past an incident holds", low=0.5, high=600.0)
+    seconds: float = setting(3.0, "how much of the past an incident holds", low=0.5, high=600.0)
     max_mb: int = setting(200, "most memory of the ring of frames", low=10)
     folder: Path | None = setting(None, "where incidents go; unset = below the state folder")
     total_mb: int = setting(2000, "of all incidents; the oldest are deleted first", low=1)

@@ -16,6 +16,7 @@ import cv2
 
 from drivers.errors import CameraError, UserFacingError
 from drivers.isolation.outbox import Outbox, leave_signals_to_service
+from drivers.memory import release_memory
 from drivers.synthetic.render import make_renderer
 from drivers.synthetic.render_messages import (
     AllRendered,
@@ -28,7 +29,7 @@ from drivers.synthetic.render_schedule import RenderSchedule
 from drivers.synthetic.rendered_sequence import RenderedSequence
 
 # Live readers of the frames come first.
-NICE = 5
+NICE = 10
 
 
 def main(connection: "Connection[Any, Any]") -> None:
@@ -54,14 +55,23 @@ def _render_missing(job: RenderJob, connection: "Connection[Any, Any]", outbox: 
     threading.Thread(target=_listen, args=(connection, schedule), daemon=True).start()
     renderer = make_renderer(job.config, job.threads)
 
-    def render_next() -> None:
-        while (index := schedule.take()) is not None:
-            sequence.write(index, renderer.render(index))
-            schedule.finish(index)
-            os.eventfd_write(job.wake, 1)
+    def render_next() -> bool:
+        index = schedule.take()
+        if index is None:
+            return False
+        sequence.write(index, renderer.render(index))
+        schedule.finish(index)
+        os.eventfd_write(job.wake, 1)
+        return True
 
+    def render_all() -> None:
+        while render_next():
+            pass
+
+    render_next()  # with it, all kernels are there
+    release_memory()
     with ThreadPoolExecutor(job.threads) as pool:
-        for done in [pool.submit(render_next) for _ in range(job.threads)]:
+        for done in [pool.submit(render_all) for _ in range(job.threads)]:
             done.result()
     outbox.tell(AllRendered())
 

@@ -100,6 +100,8 @@ trap 'exit 130' INT
 trap 'exit 143' TERM
 step "Installing kinect-vo into $target" install
 installed=$("$target/bin/kinect-vo" --version) || fail "what was installed does not start"
+# Into the environment itself: whoever uses it, and with whatever cache, need not compile.
+CACHE_DIRECTORY=$target/share/kinect-vo step "Compiling the numeric kernels" "$target/bin/kinect-vo" warm-up
 trap - EXIT
 [ ! -e "$before" ] || mv "$before" "$beside/before" # no longer to be put back
 rm -rf "$beside"

@@ -103,6 +103,21 @@ def test_another_state_of_the_source_has_another_folder_for_kernels(
     assert kernel_folder() != before
 
 
+def test_kernels_that_set_up_has_compiled_are_where_the_user_s_begin(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.prefix", str(tmp_path / "venv"))
+    monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "venv" / "share" / "kinect-vo"))
+    (kernel_folder() / "kernel.nbi").write_text("compiled")
+    monkeypatch.delenv("CACHE_DIRECTORY")
+    mine = kernel_folder()
+    assert mine.is_relative_to(home)
+    assert [path.read_text() for path in mine.iterdir()] == ["compiled"]
+    (mine / "kernel.nbi").write_text("changed since")
+    assert (kernel_folder() / "kernel.nbi").read_text() == "changed since"
+    assert [path.name for path in mine.parent.iterdir()] == [mine.name]
+
+
 def test_only_the_latest_folders_of_kernels_are_kept(home: Path) -> None:
     mine = kernel_folder()
     for number in range(6):

@@ -1,6 +1,7 @@
 """``kinect-vo warm-up``: compile the numeric kernels ahead of time."""
 
 import argparse
+from collections.abc import Callable
 
 from vo_service.commands.options import add_config_options, config_of
 from vo_service.interrupts import stop_on_signals
@@ -15,7 +16,8 @@ examples:
   kinect-vo warm-up                     as the user who will run kinect-vo
 
 The kernels are kept in the cache folder: $CACHE_DIRECTORY (systemd), else
-$XDG_CACHE_HOME/kinect-vo, else ~/.cache/kinect-vo. $NUMBA_CACHE_DIR names another.
+$XDG_CACHE_HOME/kinect-vo, else ~/.cache/kinect-vo. $NUMBA_CACHE_DIR names another. Where set-up has
+compiled them already, they are copied from there.
 """
 
 
@@ -33,6 +35,15 @@ def run(args: argparse.Namespace) -> int:
         if config.map.enabled:
             taken_s += prepared(warm_up_mapping, terminal, stop)
             taken_s += prepare_loops(terminal, stop)
+        if config.camera.source == "synthetic":
+            taken_s += prepared(_warm_up_renderer, terminal, stop)
     maps = " and of maps" if config.map.enabled else ""
     print(f"the kernels of {config.odometry.method}{maps} are ready ({taken_s:.1f} s)")
     return 0
+
+
+def _warm_up_renderer(tell: Callable[[str], None]) -> float:
+    from drivers.synthetic.warm_up import warm_up_renderer
+
+    tell("virtual Kinect")
+    return warm_up_renderer()

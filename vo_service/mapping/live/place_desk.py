@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from drivers.geometry import Array
+from drivers.memory import release_memory
 from vo_service.mapping.graph.pose_graph import Removal
 from vo_service.mapping.live.maps_folder import MapsFolder
 from vo_service.mapping.live.messages import Asked, Tell
@@ -27,6 +28,7 @@ class PlaceDesk:
         self._closer = new_closer(settings)
         self._tell = tell
         self._asked: Record | None = None
+        self._has_compiler = True  # until the first frame has been seen
 
     def take_in(self, record: Record) -> Sequence[Removal]:
         """Make a place of a frame, or remember that it was asked about; which places went."""
@@ -38,6 +40,9 @@ class PlaceDesk:
             sight = Sight(frame, said.epoch, said.T_world_camera, note.more)
             change = self._closer.see(sight)
             self._tell(self._closer.snapshot)
+            if self._has_compiler:
+                self._has_compiler = False
+                release_memory()
             return change.removals
         return ()
 

@@ -9,7 +9,7 @@ from drivers.errors import InputError
 from drivers.geometry import Array
 from drivers.trajectory import StampedPoses
 from vo_service.evaluation import Evaluation, evaluate
-from vo_service.evaluation.report import aligned
+from vo_service.evaluation.report import aligned, millimetres
 from vo_service.statistics import Statistics
 
 logger = logging.getLogger(__name__)
@@ -110,8 +110,8 @@ class WithLoops:
         rows = [("places, loops", f"{self.places:6d}, {self.loops}")]
         if self.evaluation is not None:
             corrected = self.evaluation
-            rows.append(("corrected ATE, RMSE", f"{corrected.ate_rmse_m:9.4f} m"))
-            rows.append(("corrected global error", f"{corrected.mean_global_error_m:9.4f} m"))
+            rows.append(("corrected ATE, RMSE", millimetres(corrected.ate_rmse_m)))
+            rows.append(("corrected global error", millimetres(corrected.mean_global_error_m)))
         return rows
 
 

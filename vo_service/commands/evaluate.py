@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     except InputError as error:
         raise InputError(f"{args.trajectory} against {truth_file}: {error}") from error
     if args.picture is not None:
-        title = f"{args.trajectory.name}: ATE RMSE {evaluation.ate_rmse_m:.4f} m"
+        title = f"{args.trajectory.name}: ATE RMSE {1e3 * evaluation.ate_rmse_m:.2f} mm"
         write_picture(args.picture, trajectory, truth, title)
     print(_as_json(evaluation, frames_s) if args.json else evaluation.as_table())
     return 0

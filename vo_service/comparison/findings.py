@@ -34,9 +34,9 @@ def _order(result: SequenceResults) -> str:
         return "no method could be judged over most of the frames."
     (least_m, best), *others = known
     if not others:
-        return f"the mean global error of {best} is {least_m:.3f} m."
-    rest = ", ".join(f"{name} {error_m:.3f} m" for error_m, name in others)
-    return f"{best} has the smallest mean global error, {least_m:.3f} m; {rest}."
+        return f"the mean global error of {best} is {1e3 * least_m:.2f} mm."
+    rest = ", ".join(f"{name} {1e3 * error_m:.2f} mm" for error_m, name in others)
+    return f"{best} has the smallest mean global error, {1e3 * least_m:.2f} mm; {rest}."
 
 
 def _error_m(judged: Judgement) -> float:

@@ -9,7 +9,8 @@ from vo_service.runs.metric import Metric, corrected, evaluated, of_loops, of_ru
 from vo_service.runs.results import SequenceResults
 from vo_service.runs.table import Cell, Table, number, words
 
-ERROR = Metric("mean_global_error_m", "m", evaluated("mean_global_error_m"), 3)
+MM = 1e3
+ERROR = Metric("mean_global_error_m", "mm", evaluated("mean_global_error_m"), 2, MM)
 CPU = Metric("cpu_s", "CPU s", of_run(lambda run: run.cpu_s), 1)
 WALL = Metric("wall_s", "wall s", of_run(lambda run: run.wall_s), 1)
 METRICS = (
@@ -18,11 +19,11 @@ METRICS = (
     Metric("new_epochs", "new epochs", of_run(lambda run: run.new_epochs), 0),
     Metric("gross_errors", "gross errors", lambda judged: judged.gross_errors, 0),
     ERROR,
-    Metric("ate_rmse_m", "ATE m", evaluated("ate_rmse_m"), 3),
-    Metric("rpe_frame_m", "RPE frame mm", evaluated("rpe_frame_m"), 1, 1e3),
-    Metric("rpe_frame_deg", "RPE frame °", evaluated("rpe_frame_deg"), 2),
-    Metric("rpe_1s_m", "RPE 1 s mm", evaluated("rpe_1s_m"), 1, 1e3),
-    Metric("rpe_1s_deg", "RPE 1 s °", evaluated("rpe_1s_deg"), 2),
+    Metric("ate_rmse_m", "ATE mm", evaluated("ate_rmse_m"), 2, MM),
+    Metric("rpe_frame_m", "RPE frame mm", evaluated("rpe_frame_m"), 2, MM),
+    Metric("rpe_frame_deg", "RPE frame °", evaluated("rpe_frame_deg"), 3),
+    Metric("rpe_1s_m", "RPE 1 s mm", evaluated("rpe_1s_m"), 2, MM),
+    Metric("rpe_1s_deg", "RPE 1 s °", evaluated("rpe_1s_deg"), 3),
     Metric(
         "cpu_ms_per_frame", "CPU ms a frame",
         of_run(lambda run: run.cpu_ms_per_frame), 1,
@@ -32,12 +33,12 @@ METRICS = (
     Metric("memory_mb", "memory MB", of_run(lambda run: run.memory_mb), 0),
 )  # fmt: skip
 LOOPS = (
-    Metric("ate_rmse_m", "ATE m", evaluated("ate_rmse_m"), 3),
-    Metric("corrected_ate_rmse_m", "corrected ATE m", corrected("ate_rmse_m"), 3),
+    Metric("ate_rmse_m", "ATE mm", evaluated("ate_rmse_m"), 2, MM),
+    Metric("corrected_ate_rmse_m", "corrected ATE mm", corrected("ate_rmse_m"), 2, MM),
     ERROR,
     Metric(
-        "corrected_mean_global_error_m", "corrected global error m",
-        corrected("mean_global_error_m"), 3,
+        "corrected_mean_global_error_m", "corrected global error mm",
+        corrected("mean_global_error_m"), 2, MM,
     ),
     Metric("places", "places", of_loops(lambda loops: loops.places), 0),
     Metric("loops", "loops", of_loops(lambda loops: loops.loops), 0),
@@ -45,14 +46,14 @@ LOOPS = (
 )  # fmt: skip
 # Of the frames: where fewer have a pose, the share stands beside the figure.
 WHOLE = 0.99
-HEADINGS = {ERROR.key: "mean global error m"}
+HEADINGS = {ERROR.key: "mean global error mm"}
 
 
 def error_table(results: Sequence[SequenceResults]) -> Table:
     """Table I: the mean global error."""
     return Table(
         "table_1_mean_global_error",
-        "Table I: mean global error, in metres",
+        "Table I: mean global error, in millimetres",
         *_by_method(results, (ERROR,), lambda figures: figures.mean_global_error_m),
     )
 
@@ -97,7 +98,7 @@ def _by_run(
 
 def gap_table(results: Sequence[SequenceResults]) -> Table:
     """Every pause of every recording, and what each method did across it."""
-    head = ["sequence", "at s", "pause s", "method", "across", "error m", "error °"]
+    head = ["sequence", "at s", "pause s", "method", "across", "error mm", "error °"]
     keys = ["sequence", "at_s", "length_s", "method", "across", "error_m", "error_deg"]
     return Table("gaps", "Pauses", keys, head, [row for r in results for row in gap_rows(r)])
 
@@ -118,8 +119,8 @@ def gap_rows(result: SequenceResults) -> list[list[Cell]]:
                     number(gap.length_s, 2),
                     words(method, about(method).name),
                     words(str(judged.crossings[k])),
-                    number(None if jump is None else float(jump.translation_m[0]), 3),
-                    number(None if jump is None else float(jump.rotation_deg[0]), 2),
+                    number(None if jump is None else float(jump.translation_m[0]), 2, MM),
+                    number(None if jump is None else float(jump.rotation_deg[0]), 3),
                 ]
             )
     return rows
@@ -145,7 +146,7 @@ def _by_method(
             for metric in metrics
         ]
         theirs = [papers(figures[method]) if method in figures else None for method in known]
-        beside = [number(value, 2 if metrics[0] is ERROR else 0) for value in theirs]
+        beside = [number(value, 0, metrics[0].factor) for value in theirs]
         rows.append([words(result.recording.name), *cells, *beside])
     keys += [f"paper_{method}" for method in known]
     return keys, head + [f"paper: {about(method).name}" for method in known], rows

@@ -49,13 +49,13 @@ class Evaluation:
     def rows(self) -> list[tuple[str, str]]:
         """Label and value of each line of the table; "-" for what could not be computed."""
         return [
-            ("ATE, RMSE", _metres(self.ate_rmse_m)),
-            ("ATE, mean", _metres(self.ate_mean_m)),
-            ("ATE, median", _metres(self.ate_median_m)),
-            ("ATE, largest", _metres(self.ate_max_m)),
-            ("mean global error", _metres(self.mean_global_error_m)),
-            ("RPE, one frame", f"{_metres(self.rpe_frame_m)}  {_degrees(self.rpe_frame_deg)}"),
-            ("RPE, one second", f"{_metres(self.rpe_1s_m)}  {_degrees(self.rpe_1s_deg)}"),
+            ("ATE, RMSE", millimetres(self.ate_rmse_m)),
+            ("ATE, mean", millimetres(self.ate_mean_m)),
+            ("ATE, median", millimetres(self.ate_median_m)),
+            ("ATE, largest", millimetres(self.ate_max_m)),
+            ("mean global error", millimetres(self.mean_global_error_m)),
+            ("RPE, one frame", f"{millimetres(self.rpe_frame_m)}  {_degrees(self.rpe_frame_deg)}"),
+            ("RPE, one second", f"{millimetres(self.rpe_1s_m)}  {_degrees(self.rpe_1s_deg)}"),
             ("coverage", _percent(self.coverage)),
             ("poses", f"{self.poses:9d}"),
             ("matched", f"{self.matched:9d}"),
@@ -103,8 +103,9 @@ def aligned(rows: list[tuple[str, str]]) -> str:
     return "\n".join(f"{label:<{width}}  {value}".rstrip() for label, value in rows)
 
 
-def _metres(value: float | None) -> str:
-    return f"{'-':>9}  " if value is None else f"{value:9.4f} m"
+def millimetres(value_m: float | None) -> str:
+    """Metres as people read them, in a column."""
+    return f"{'-':>9}   " if value_m is None else f"{1e3 * value_m:9.2f} mm"
 
 
 def _degrees(value: float | None) -> str:

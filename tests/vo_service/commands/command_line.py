@@ -22,6 +22,12 @@ class Outcome:
     out: str
     err: str
 
+    @property
+    def complaints(self) -> str:
+        """What stderr has beside lines that only inform."""
+        lines = self.err.splitlines(keepends=True)
+        return "".join(line for line in lines if not line.startswith("kinect-vo: info: "))
+
 
 def call(capfd: pytest.CaptureFixture[str], *arguments: object) -> Outcome:
     """Run a command in this process; what native libraries print counts too."""

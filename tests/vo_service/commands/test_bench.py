@@ -30,7 +30,7 @@ def test_a_peer_is_measured_at_each_rate_and_the_report_has_it_all(
     output = tmp_path / "out"
     options = ("--methods", "cv2-rgb-depth", "--every", 1, 3, "--frames", 10, "--output", output)
     done = call(capfd, "bench", recording, *options, "--json")
-    assert (done.code, done.err) == (0, "")
+    assert (done.code, done.complaints) == (0, "")
     report = json.loads(done.out)
     assert report == json.loads((output / "report.json").read_text())
     assert [(r["every"], r["frames"]) for r in report["results"]] == [(1, 10), (3, 4)]
@@ -52,7 +52,7 @@ def test_for_people_there_are_two_tables_a_sequence_and_a_note_of_what_is_left_o
     monkeypatch.setitem(catalogue.PEERS, "open3d-icp", missing)
     monkeypatch.setattr(bench, "recipes_of", trials(surf="go on", icp="segfault"))
     done = call(capfd, "bench", recording, "--methods", "surf", "icp", "open3d-icp")
-    assert (done.code, done.err.count("\n")) == (1, 1)
+    assert (done.code, done.complaints.count("\n")) == (1, 1)
     assert "corner, icp (run 2 of 2): crashed (signal 11" in done.err
     title, head, surf, icp, _, cost, *_, note = done.out.splitlines()
     assert title == f"corner, every frame: {FRAMES} frames in 0.4 s; in () times that of surf"
@@ -105,7 +105,7 @@ def test_with_an_output_it_goes_on_where_it_was(
     monkeypatch.setattr(bench, "recipes_of", trials(surf="go on", icp="hang"))
     threading.Thread(target=interrupt).start()
     stopped = call(capfd, "bench", *options)
-    assert (stopped.code, stopped.err) == (130, "")
+    assert (stopped.code, stopped.complaints) == (130, "")
     methods = json.loads(stopped.out)["results"][0]["methods"]
     assert (methods["surf"]["state"], methods["icp"]["state"]) == ("done", "not run")
     kept = (runs / "surf" / "result.json").stat().st_mtime_ns

@@ -29,7 +29,7 @@ def test_a_comparison_leaves_a_report_and_the_poses_of_a_replay(
 ) -> None:
     output = tmp_path / "report"
     done = call(capfd, "compare", recording, "--methods", "surf", "--output", output, "--json")
-    assert (done.code, done.err) == (0, "")
+    assert (done.code, done.complaints) == (0, "")
     assert json.loads(done.out) == json.loads((output / "report.json").read_text())
     surf = json.loads(done.out)["sequences"][0]["methods"]["surf"]
     assert (surf["state"], surf["frames"], surf["failed"], surf["coverage"]) == (
@@ -57,7 +57,7 @@ def test_for_people_there_are_two_tables_and_a_crash_is_a_row_a_line_and_an_exit
         "kinect-vo: error: corner, surf (run 1 of 1): crashed (signal 11, Segmentation fault)\n",
     )
     title, _, row, _, second, *_, last = done.out.splitlines()
-    assert title == "Table I: mean global error, in metres"
+    assert title == "Table I: mean global error, in millimetres"
     assert row.split() == ["corner", "crashed"]
     assert second == "Table II: processing time of the whole recording, in seconds"
     assert last == f"report: {tmp_path / 'out' / 'report.html'}"
@@ -69,10 +69,10 @@ def test_with_loops_there_is_a_table_of_what_they_have_gained(
     monkeypatch.setattr(compare, "recipes_of", trials(surf="go on"))
     options = ("--methods", "surf", "--loops", "--output", tmp_path / "out")
     done = call(capfd, "compare", recording, *options)
-    assert (done.code, done.err) == (0, "")
+    assert (done.code, done.complaints) == (0, "")
     *_, title, head, row, _, _ = done.out.splitlines()
     assert title == "With loops"
-    assert "corrected ATE m" in head
+    assert "corrected ATE mm" in head
     _, _, _, ate, corrected_ate, *_, places, loops, _, state = row.split()
     assert (corrected_ate, places, loops, state) == (ate, "1", "0", "done")
     assert (tmp_path / "out" / "loops.csv").exists()
@@ -88,7 +88,7 @@ def test_without_truth_coverage_and_times_are_reported(
     (folder / "groundtruth.txt").unlink()
     options = ("--methods", "surf", "--output", tmp_path / "out", "--json")
     done = call(capfd, "compare", folder, *options)
-    assert (done.code, done.err) == (0, "")
+    assert (done.code, done.complaints) == (0, "")
     surf = json.loads(done.out)["sequences"][0]["methods"]["surf"]
     assert (surf["coverage"], surf["ate_rmse_m"]) == (0.25, None)
     assert surf["no_evaluation"] == "there is no groundtruth.txt"
@@ -146,7 +146,7 @@ def test_ctrl_c_leaves_a_report_of_what_was_done(
 
     threading.Thread(target=interrupt).start()
     done = call(capfd, "compare", recording, "--output", tmp_path / "out", "--json")
-    assert (done.code, done.err) == (130, "")
+    assert (done.code, done.complaints) == (130, "")
     methods = json.loads(done.out)["sequences"][0]["methods"]
     assert (methods["surf"]["state"], methods["icp"]["state"]) == ("done", "not run")
     assert not (runs / "icp").exists()

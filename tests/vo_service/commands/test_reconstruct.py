@@ -62,7 +62,7 @@ def test_a_given_trajectory_makes_a_map_in_its_own_world(
     output, rerun = tmp_path / "maps" / "corner", tmp_path / "map.rrd"
     given = ("--output", output, "--rerun", rerun, "--voxel-m", 0.02)
     outcome = call(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert f"in the map              {FRAMES}" in outcome.out
     assert names(output) == FILES
     mesh = read_ply(output / "map.ply")
@@ -80,7 +80,7 @@ def test_without_a_trajectory_the_odometry_runs_and_leaves_its_own(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     outcome = call(capfd, "reconstruct", recording, "--output", tmp_path, "--json", *COARSE)
-    assert (outcome.code, outcome.err, outcome.out.count("\n")) == (0, "", 1)
+    assert (outcome.code, outcome.complaints, outcome.out.count("\n")) == (0, "", 1)
     figures = json.loads(outcome.out)
     assert json.loads((tmp_path / "reconstruction.json").read_text()) == figures
     assert (figures["frames"], figures["fused"], figures["without_pose"]) == (FRAMES, FRAMES, 0)
@@ -106,7 +106,7 @@ def test_a_full_map_is_one_line_of_warning_and_still_a_map(
 ) -> None:
     tight = ("--voxel-m", 0.01, "--memory-mb", 20, "--output", tmp_path, "--json")
     outcome = call(capfd, "reconstruct", recording, recording / "groundtruth.txt", *tight)
-    assert (outcome.code, outcome.err.count("\n")) == (0, 1)
+    assert (outcome.code, outcome.complaints.count("\n")) == (0, 1)
     assert "the map was full at frame 1 of 12: what came into view later is left out" in outcome.err
     assert "--memory-mb 20, or larger voxels than --voxel-m 0.01" in outcome.err
     assert json.loads(outcome.out)["full_at_frame"] == 1

@@ -84,7 +84,7 @@ def test_with_loops_a_map_is_made_with_the_corrected_poses(
 ) -> None:
     given = ("--method", "surf", "--loops", "--voxel-m", 0.04, "--memory-mb", 100)
     outcome = call(capfd, "reconstruct", replayed.folder, *given, "--output", tmp_path / "map")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     figures = json.loads((tmp_path / "map" / "reconstruction.json").read_text())
     assert figures["places"] > 1
     assert f"loops {figures['loops']}" in " ".join(outcome.out.split())

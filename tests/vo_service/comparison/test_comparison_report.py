@@ -94,7 +94,7 @@ def test_the_page_needs_nothing_from_elsewhere(written: Path) -> None:
 def test_the_page_tells_what_came_out_and_what_went_wrong(written: Path) -> None:
     text = Page((written / "report.html").read_text()).text
     for told in (
-        "SURF (proposed) has the smallest mean global error, 0.000 m; ICP 0.195 m.",
+        "SURF (proposed) has the smallest mean global error, 0.00 mm; ICP 195.00 mm.",
         "SfM: crashed (signal 11, Segmentation fault)",
         "<b>odd & #1: without ground truth, errors cannot be told.",
         "SfM: error: ValueError: <oh>",

@@ -49,9 +49,9 @@ def test_table_two_has_both_times_and_the_papers(floor: SequenceResults) -> None
 
 def test_for_people_the_best_has_a_star_and_a_crash_says_so(floor: SequenceResults) -> None:
     title, head, row = error_table([floor]).as_text().splitlines()
-    assert title == "Table I: mean global error, in metres"
+    assert title == "Table I: mean global error, in millimetres"
     assert head.split("  ")[0] == "sequence"
-    assert row.split() == [FLOOR, "0.000", "(95", "%)*", "0.195", "crashed", "0.05", "0.12", "0.51"]
+    assert row.split() == [FLOOR, "0.00", "(95", "%)*", "195.00", "crashed", "50", "120", "510"]
 
 
 def test_a_method_of_few_frames_is_never_the_best() -> None:
@@ -59,7 +59,15 @@ def test_a_method_of_few_frames_is_never_the_best() -> None:
     few, all_frames = done(of, lost=range(10, 40)), done(of, step_m=0.02)
     (row,) = error_table([results(of, surf=few, icp=all_frames, sfm=all_frames)]).rows
     assert [cell.is_best for cell in row] == [False, False, True, False]
-    assert row[1].text == "0.000 (25 %)"
+    assert row[1].text == "0.00 (25 %)"
+
+
+def test_errors_below_a_millimetre_differ_for_people_and_are_metres_for_scripts() -> None:
+    of = recording()
+    table = error_table([results(of, surf=done(of, step_m=0.01002), icp=done(of, step_m=0.01004))])
+    assert [cell.text for cell in table.rows[0][1:]] == ["0.39", "0.78"]
+    (row,) = rows(table.as_csv())
+    assert float(row["surf_mean_global_error_m"]) == pytest.approx(0.00039)
 
 
 def test_other_sequences_have_no_paper_columns() -> None:

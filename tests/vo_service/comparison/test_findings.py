@@ -10,7 +10,7 @@ def test_the_finding_names_the_best_the_partial_and_the_missing() -> None:
         results(walk, icp=done(walk, step_m=0.02), surf=done(walk, lost=range(4)), sfm=CRASH)
     )
     assert text == (
-        "SURF (proposed) has the smallest mean global error, 0.000 m; ICP 0.195 m. "
+        "SURF (proposed) has the smallest mean global error, 0.00 mm; ICP 195.00 mm. "
         "SURF (proposed) placed 90 % of the frames only. SfM has no result (crashed)."
     )
 

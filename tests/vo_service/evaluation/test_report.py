@@ -61,10 +61,10 @@ def test_the_table_is_aligned_and_shows_a_dash_for_what_is_not_known() -> None:
     evaluation = dataclasses.replace(
         evaluate(*walk(seconds=0.5)), ate_rmse_m=0.01234, rpe_frame_deg=1.5, coverage=None
     )
-    assert evaluation.as_table().splitlines()[:1] == ["ATE, RMSE             0.0123 m"]
+    assert evaluation.as_table().splitlines()[:1] == ["ATE, RMSE              12.34 mm"]
     assert evaluation.as_table().splitlines()[5:] == [
-        "RPE, one frame        0.0100 m     1.500 deg",
-        "RPE, one second            -           -",
+        "RPE, one frame         10.00 mm     1.500 deg",
+        "RPE, one second            -            -",
         "coverage                   -",
         "poses                      6",
         "matched                    6",

@@ -11,8 +11,8 @@ from vo_service.runs.table import Cell, Table, number, words
 
 MM = 1e3
 ERROR = Metric("mean_global_error_m", "mm", evaluated("mean_global_error_m"), 2, MM)
-CPU = Metric("cpu_s", "CPU s", of_run(lambda run: run.cpu_s), 1)
-WALL = Metric("wall_s", "wall s", of_run(lambda run: run.wall_s), 1)
+CPU = Metric("cpu_s", "CPU s", of_run(lambda run: run.cpu_s), 2)
+WALL = Metric("wall_s", "wall s", of_run(lambda run: run.wall_s), 2)
 METRICS = (
     Metric("coverage", "coverage %", lambda judged: judged.coverage, 1, 100.0),
     Metric("failed", "lost frames", of_run(lambda run: run.failed), 0),

@@ -96,7 +96,7 @@ class _Run:
         if outcome.state is not RunState.DONE:
             logger.error("%s: %s", label, outcome)
             return outcome
-        terminal.say(f"{label}: {outcome.run.cpu_s:.1f} s of processor time")
+        terminal.say(f"{label}: {outcome.run.cpu_s:.2f} s of processor time")
         return folder.load(key) or outcome  # the same figures as when it is kept from before
 
     def _job(self) -> Job:

@@ -34,8 +34,8 @@ clean_up() {
 }
 trap clean_up EXIT
 trap 'exit 129' HUP
-trap 'exit 130' INT
-trap 'exit 143' TERM
+trap 'say "Interrupted: removing what was made"; exit 130' INT
+trap 'say "Interrupted: removing what was made"; exit 143' TERM
 
 # Kill the first process of the job's namespace: it ends after all others there, so that nothing writes any more.
 kill_job() {

@@ -86,7 +86,7 @@ mirror() {
 make_debian() {
     debian=$(mirror bookworm http://deb.debian.org/debian)
     security=$(mirror bookworm-security http://deb.debian.org/debian-security)
-    http= https=
+    http='' https=''
     eval "$(apt-config shell http Acquire::http::Proxy https Acquire::https::Proxy)"
     contained env http_proxy="${http:-${http_proxy:-}}" https_proxy="${https:-${https_proxy:-}}" \
         debootstrap --variant=minbase bookworm "$base" "$debian" >"$work/log" 2>&1 ||
@@ -106,8 +106,8 @@ copy_settings() {
         [ ! -e "$file" ] || cp -rL --parents "$file" "$base" || return
     done
     apt-config dump Acquire >"$base/etc/apt/apt.conf.d/90here" || return
-    [ ! -e /etc/ssl/certs/ca-certificates.crt ] ||
-        cp -L /etc/ssl/certs/ca-certificates.crt "$base/etc/apt/certificates.crt" &&
+    [ -e /etc/ssl/certs/ca-certificates.crt ] || return 0
+    cp -L /etc/ssl/certs/ca-certificates.crt "$base/etc/apt/certificates.crt" &&
         echo 'Acquire::https::CaInfo "/etc/apt/certificates.crt";' >>"$base/etc/apt/apt.conf.d/90here"
 }
 

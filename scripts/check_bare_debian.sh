@@ -56,7 +56,7 @@ contained() {
 }
 
 # inside ROOT COMMAND...: as root on a fresh system. Of this computer's environment it has what pip and uv need to
-# reach their registry from here. The root is bound to itself, so that programs inside can make namespaces too.
+# reach their registry from here. ROOT becomes the root of the mounts: in a chroot alone the kernel denies user namespaces.
 inside() {
     # shellcheck disable=SC2016  # the inner shell's
     contained sh -euc '
@@ -71,7 +71,9 @@ inside() {
             SSL_CERT_FILE REQUESTS_CA_BUNDLE http_proxy https_proxy no_proxy HTTP_PROXY HTTPS_PROXY NO_PROXY; do
             value=$(printenv "$name") && set -- "$name=$value" "$@"
         done
-        chroot "$root" env -i HOME=/root LANG=C.UTF-8 TERM="${TERM:-dumb}" \
+        cd "$root"
+        mount --move . /
+        chroot . env -i HOME=/root LANG=C.UTF-8 TERM="${TERM:-dumb}" \
             PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin "$@" || exit' inside "$@"
 }
 

@@ -12,6 +12,7 @@ import argparse
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 from drivers.errors import UserFacingError
@@ -54,7 +55,8 @@ def measure(folder: Path, kinect: PlayedKinect) -> bool:
     with running_service(folder, kinect.environment) as service:
         results = [report("no Kinect at start", plugged_in(kinect, service), TOLD_S, BACK_S)]
         for fault in FAULTS:
-            slowest = worst([pass_through(fault, kinect, service, last_s) for last_s in LASTING_S])
+            pauses = [partial(time.sleep, last_s) for last_s in LASTING_S]
+            slowest = worst([pass_through(fault, kinect, service, pause) for pause in pauses])
             results.append(report_fault(fault, slowest))
         if service.end() != 0:
             raise UserFacingError(f"the service did not end in order: {service.log}")

@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import islice
@@ -86,10 +85,8 @@ def test_poses_of_the_maps_own_epoch_are_printed_in_the_map() -> None:
             service.pose(1, 3.0, epoch=4)
 
         with program("pose_in_map.py", here) as lines:
+            service.wait_for_reader("kinect/map_odom")  # it is not asked for, but heard first
             service.wait_for_reader()
-            for _ in range(20):  # this made-up service cannot be asked: it has to be heard first
-                service.map_odom(2.0, epoch=4)
-                time.sleep(0.05)
             with again_and_again(tell):
                 for _ in range(5):
                     x_m, y_m = lines.until(rf"^12\.5 \[ *({NUMBER}) +({NUMBER}) ").groups()

@@ -106,7 +106,7 @@ def test_a_program_that_is_late_loses_packets(play_kinect: PlayKinect) -> None:
     with FreenectProbe() as probe:
         probe.start()
         probe.watch(3)
-        time.sleep(0.1)
+        time.sleep(0.1)  # three frames late by the bus's own clock
         probe.watch(6)
     assert any("Lost" in line for line in probe.log)
 
@@ -116,6 +116,6 @@ def test_the_bus_may_wait_for_a_program_that_is_late(play_kinect: PlayKinect) ->
     with FreenectProbe() as probe:
         probe.start()
         probe.watch(3)
-        time.sleep(0.2)
+        time.sleep(0.2)  # late by the bus's own clock: nothing tells that it waits
         probe.watch(9)
     assert probe.depth.stamps[:9] == [TICKS_A_FRAME * seq for seq in range(9)]

@@ -1,7 +1,6 @@
 """Tilt, light and accelerometer, on both protocols, through the real libfreenect and pyusb."""
 
 import struct
-import time
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import usb.core
 from tests.stand_ins.fixtures import PlayKinect
 from tests.stand_ins.freenect_probe import MOTOR_AND_CAMERA, FreenectProbe
 from tests.stand_ins.played_kinect import Led, Model, PlayedKinect
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
 MOTOR, AUDIO = 0x02B0, 0x02AD
@@ -25,8 +25,7 @@ def device(kinect: PlayedKinect, product: int) -> Any:
 
 
 def settle(kinect: PlayedKinect) -> None:
-    while kinect.tilt_moving:
-        time.sleep(0.01)
+    wait_until(lambda: not kinect.tilt_moving)
 
 
 def motor_state(motor: Any) -> tuple[int, ...]:

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -14,7 +13,7 @@ from pathlib import Path
 from tests.belongings import belongings_of, child_running
 from tests.ports import free_port, is_listening
 from tests.vo_service.subscriber import Status, Subscriber
-from tests.waiting import PATIENCE_S
+from tests.waiting import PATIENCE_S, wait_until
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
 KINECT_VO = str(Path(sys.executable).with_name("kinect-vo"))
@@ -158,10 +157,8 @@ def running_service(
 
 
 def _until_listening(port: int, process: "subprocess.Popen[bytes]", log: Path) -> None:
-    deadline_s = time.monotonic() + START_LIMIT_S
-    while time.monotonic() < deadline_s:
-        if is_listening(port):
-            return
+    def listens() -> bool:
         assert process.poll() is None, f"the service has ended: {log.read_text()}"
-        time.sleep(0.05)
-    raise AssertionError(f"the service does not listen: {log.read_text()}")
+        return is_listening(port)
+
+    wait_until(listens, f"the service to listen; its log is {log}", timeout_s=START_LIMIT_S)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from tests.stand_ins.played_kinect import PlayedKinect, Stream
 from tests.vo_service.played_service import PlayedService
-from tests.waiting import PATIENCE_S
+from tests.waiting import wait_until
 
 GONE = "no Kinect on the USB"
 TOLD_S, BACK_S = 2.0, 3.0
@@ -46,12 +46,12 @@ class Passed:
 
 
 def pass_through(
-    fault: ServiceFault, kinect: PlayedKinect, service: PlayedService, longer_s: float = 0.0
+    fault: ServiceFault,
+    kinect: PlayedKinect,
+    service: PlayedService,
+    while_it_lasts: Callable[[], object] = lambda: None,
 ) -> Passed:
-    """Let it begin while the Kinect streams, wait until it is said, let it end, wait for poses.
-
-    It lasts `longer_s` longer: the camera is tried again less and less often.
-    """
+    """Let it begin while the Kinect streams, wait until it is said, let it end, wait for poses."""
     service.until_streaming(time.monotonic())
     before_s = time.monotonic()
     fault.begin(kinect, service)
@@ -60,7 +60,7 @@ def pass_through(
     # What ends by itself (a driver that died is started again) began to end when it began.
     if fault.end is by_itself:
         return Passed(told_s - begin_s, service.until_streaming(told_s) - begin_s)
-    time.sleep(longer_s)
+    while_it_lasts()
     end_s = time.monotonic()
     fault.end(kinect, service)
     return Passed(told_s - begin_s, service.until_streaming(end_s) - end_s)
@@ -87,10 +87,7 @@ def _hang(kinect: PlayedKinect, service: PlayedService) -> None:
     service.until_said(GONE, time.monotonic())
     kinect.freeze_control(True)
     kinect.plug()
-    deadline_s = time.monotonic() + PATIENCE_S
-    while kinect.open_handles == 0:
-        assert time.monotonic() < deadline_s, "it was never opened"
-        time.sleep(0.01)
+    wait_until(lambda: kinect.open_handles > 0, "the Kinect to be opened")
 
 
 def _lose(every: int) -> Action:

@@ -51,12 +51,12 @@ def test_a_hangup_is_an_event_for_whoever_heeds_it() -> None:
 
 
 HANGING = """
-import time
+import signal
 from vo_service.interrupts import ended_by_force, stop_on_signals
 with stop_on_signals() as stop, ended_by_force(stop, 0.2):
     print("ready", flush=True)
     while True:
-        time.sleep(1)
+        signal.pause()
 """
 
 

@@ -12,6 +12,11 @@ from drivers.errors import CameraError, CameraLostError, CameraNotFoundError, In
 LONG_S = 3600
 
 
+def pause(duration_s: float) -> None:
+    """Let time pass in a camera."""
+    time.sleep(duration_s)  # a camera's own pace, for which nobody can wait
+
+
 def _act_absent() -> None:
     raise CameraNotFoundError("no puppet found; plug one in")
 
@@ -63,7 +68,7 @@ def _act_hang_and_talk() -> None:
 def _talk() -> None:
     while True:
         _act_say()
-        time.sleep(0.1)
+        pause(0.1)
 
 
 def _act_hang_with_lock() -> None:

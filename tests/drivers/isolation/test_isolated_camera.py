@@ -1,7 +1,6 @@
 """Live cameras in a process of their own: whatever they do there, the service goes on."""
 
 import logging
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -186,10 +185,13 @@ def test_counts_go_on_over_openings_and_processes(isolate: Isolate, script: Path
     assert camera.counters.lost_packets % LOST_PACKETS == 0
 
 
-def test_in_realtime_frames_that_a_late_reader_missed_are_counted(isolate: Isolate) -> None:
+def test_in_realtime_frames_that_a_late_reader_missed_are_counted(
+    isolate: Isolate, script: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     with isolate() as camera:
         first = camera.read(100.0)
-        time.sleep(0.1)
+        script.write_text("say in read")  # a line with every frame
+        wait_until(lambda: caplog.text.count("2 strings left") > 20)
         seqs = [frame.seq for frame in frames(camera, 20)]
         gaps = seqs[-1] - first.seq - 20
         assert camera.counters.dropped >= gaps > 0

@@ -19,7 +19,7 @@ from drivers.camera import (
 )
 from drivers.errors import CameraLostError
 from tests.belongings import open_files
-from tests.drivers.isolation.puppet_acts import ACTS
+from tests.drivers.isolation.puppet_acts import ACTS, pause
 
 SMALL = (64, 48)
 LOST_PACKETS = 3
@@ -68,7 +68,7 @@ class Puppet(RgbdCamera):
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """A frame, or whatever."""
-        time.sleep(self._period_s)
+        pause(self._period_s)
         self._obey("read")
         frame = patterned(self._seq, time.monotonic(), self._size)
         self._seq += 1
@@ -86,7 +86,7 @@ class Puppet(RgbdCamera):
 
     def wait_to_retry(self, timeout_s: float) -> None:
         """Notice at once that it is back."""
-        time.sleep(min(timeout_s, 0.005))
+        pause(min(timeout_s, 0.005))
 
     def _obey(self, where: str) -> None:
         word, _, place = self._script.read_text().partition(" in ")
@@ -101,6 +101,20 @@ class Grumbler(Puppet):
     def condition(self) -> Condition:
         """Some complaint."""
         return Condition(CameraState.STREAMING, "losing strings: 3 of 5 frames torn")
+
+
+def opening_mark(script: Path) -> Path:
+    """The file that `Marking` makes as soon as it begins to open."""
+    return script.with_suffix(".opening")
+
+
+class Marking(Puppet):
+    """Leaves a mark beside its script as soon as it begins to open."""
+
+    def open(self) -> None:
+        """Say so, then open."""
+        opening_mark(self._script).touch()
+        super().open()
 
 
 class OnceLost(Puppet):

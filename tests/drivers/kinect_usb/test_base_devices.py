@@ -1,6 +1,5 @@
 """Tilt, light and accelerometer of all models, as packets on the wire of a played Kinect."""
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 
@@ -15,15 +14,10 @@ from drivers.kinect_usb.motor import Motor
 from drivers.sensor_settings import Led
 from tests.stand_ins.played_kinect import COUNTS_PER_G, Model, PlayedKinect
 from tests.stand_ins.played_kinect import Led as PlayedLed
+from tests.waiting import wait_until
 
 PlugIn = Callable[..., PlayedKinect]
 G = 9.80665
-
-
-def until(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 100
-    while not condition() and time.monotonic() < deadline_s:
-        time.sleep(0.01)
 
 
 @contextmanager
@@ -89,7 +83,7 @@ def test_the_tilt_is_told_when_the_head_has_come_to_rest(kinect: PlayedKinect) -
     kinect.tilt_deg_per_s = 1000
     with opened() as device:
         device.set_tilt_deg(-20.0)
-        until(lambda: not kinect.tilt_moving)
+        wait_until(lambda: not kinect.tilt_moving)
         reading = device.read()
     assert (reading.tilt_deg, reading.is_moving) == (-20.0, False)
 

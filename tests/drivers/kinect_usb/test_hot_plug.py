@@ -1,10 +1,10 @@
 """A hint that something was plugged in; never more than the time given, and never an error."""
 
-import time
 from dataclasses import dataclass, field
 
 import pytest
 
+from drivers.kinect_usb import hot_plug
 from drivers.kinect_usb.hot_plug import wait_for_device
 from tests.belongings import belongings
 
@@ -21,25 +21,45 @@ class Event:
         self.properties = {"PRODUCT": self.product}
 
 
+class Clock:
+    """Stands still but for who waits."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def sleep(self, duration_s: float) -> None:
+        self.now_s += duration_s
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(hot_plug, "time", clock)
+    return clock
+
+
 class Monitor:
     """Gives its events at once, then waits as pyudev's does."""
 
-    def __init__(self, *events: Event) -> None:
-        self.events = list(events)
+    def __init__(self, *events: Event, clock: Clock) -> None:
+        self.events, self._clock = list(events), clock
 
     def poll(self, timeout: float) -> Event | None:
         if self.events:
             return self.events.pop(0)
-        time.sleep(timeout)
+        self._clock.sleep(timeout)
         return None
 
 
 @pytest.mark.parametrize("product", ["45e/2ae/10b", "45e/2bf/210", "1d27/601/1"])
-def test_a_camera_that_is_plugged_in_ends_the_wait(product: str) -> None:
+def test_a_camera_that_is_plugged_in_ends_the_wait(product: str, clock: Clock) -> None:
     events = Event("add", "46d/c52b/1200"), Event("remove", product), Event("add", product)
-    begin_s = time.monotonic()
-    assert wait_for_device(NEVER_S, lambda: Monitor(*events))
-    assert time.monotonic() - begin_s < NEVER_S
+    begin_s = clock.now_s
+    assert wait_for_device(NEVER_S, lambda: Monitor(*events, clock=clock))
+    assert clock.now_s - begin_s < NEVER_S
 
 
 @pytest.mark.parametrize(
@@ -52,17 +72,17 @@ def test_a_camera_that_is_plugged_in_ends_the_wait(product: str) -> None:
         Event("add", ""),
     ],
 )
-def test_everything_else_does_not(event: Event) -> None:
-    assert not wait_for_device(0.1, lambda: Monitor(event))
+def test_everything_else_does_not(event: Event, clock: Clock) -> None:
+    assert not wait_for_device(0.1, lambda: Monitor(event, clock=clock))
 
 
-def test_without_udev_it_waits_all_the_same() -> None:
+def test_without_udev_it_waits_all_the_same(clock: Clock) -> None:
     def no_netlink() -> Monitor:
         raise OSError("no netlink here")
 
-    begin_s = time.monotonic()
+    begin_s = clock.now_s
     assert not wait_for_device(0.2, no_netlink)
-    assert time.monotonic() - begin_s >= 0.2
+    assert clock.now_s - begin_s >= 0.2
 
 
 def test_the_real_udev_gives_nothing_in_time_and_leaves_nothing_open() -> None:

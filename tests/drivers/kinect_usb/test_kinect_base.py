@@ -2,7 +2,6 @@
 
 import logging
 import threading
-import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -10,22 +9,18 @@ import pytest
 from drivers.errors import CameraError, UserFacingError
 from drivers.kinect_usb import kinect_base
 from drivers.kinect_usb.base import Base, NoBase
+from drivers.kinect_usb.base_device import BaseDevice, BaseReading
 from drivers.kinect_usb.kinect_base import KinectBase
+from drivers.kinect_usb.motor import Motor
 from drivers.sensor_settings import Led, SensorSettings
 from tests.belongings import belongings
 from tests.stand_ins.played_kinect import Led as PlayedLed
 from tests.stand_ins.played_kinect import Model, PlayedKinect
+from tests.waiting import wait_until
 
 PlugIn = Callable[..., PlayedKinect]
 LEVEL = pytest.approx((0.0, 9.80665, 0.0))
 SETTINGS = SensorSettings(led=Led.RED, tilt_deg=10.0)
-
-
-def until(condition: Callable[[], object]) -> bool:
-    deadline_s = time.monotonic() + 100
-    while not condition() and time.monotonic() < deadline_s:
-        time.sleep(0.01)
-    return bool(condition())
 
 
 def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
@@ -33,11 +28,22 @@ def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
 
 
 @pytest.fixture
-def base(monkeypatch: pytest.MonkeyPatch) -> Iterator[KinectBase]:
+def looks() -> list[str]:
+    """One for each time that the base has looked for its device."""
+    return []
+
+
+@pytest.fixture
+def base(monkeypatch: pytest.MonkeyPatch, looks: list[str]) -> Iterator[KinectBase]:
     """One that looks for what is gone without waiting for long."""
     monkeypatch.setattr(kinect_base, "LOOK_AGAIN_S", 0.05)
     monkeypatch.setattr(kinect_base, "READ_EVERY_S", 0.02)
-    base = KinectBase()
+
+    def look(serial: str) -> BaseDevice:
+        looks.append(serial)
+        return kinect_base.open_base_device(serial)
+
+    base = KinectBase(look)
     yield base
     base.close()
 
@@ -56,7 +62,7 @@ def test_gravity_follows_the_head(plug_in: PlugIn, base: KinectBase) -> None:
     base.open("")
     kinect.set_accelerometer(0, 700, -425)
     looking_down = pytest.approx((0.0, 8.38, 5.09), abs=0.01)
-    assert until(lambda: base.gravity_m_s2 == looking_down)
+    wait_until(lambda: base.gravity_m_s2 == looking_down)
 
 
 def test_gravity_is_mirrored_with_the_picture(plug_in: PlugIn, base: KinectBase) -> None:
@@ -128,10 +134,10 @@ def test_unplugged_it_goes_quiet_and_plugged_in_again_it_is_set_up_anew(
     base.open("")
     base.apply(SETTINGS)
     kinect.unplug()
-    assert until(lambda: base.gravity_m_s2 is None)
-    assert until(lambda: len(warnings(caplog)) > 0)
+    wait_until(lambda: base.gravity_m_s2 is None)
+    wait_until(lambda: len(warnings(caplog)) > 0)
     kinect.plug()
-    assert until(lambda: base.gravity_m_s2 == LEVEL)
+    wait_until(lambda: base.gravity_m_s2 == LEVEL)
     assert kinect.led == PlayedLed.RED
     (told,) = warnings(caplog)
     assert told.endswith("unplugged; plug it in again")
@@ -144,17 +150,17 @@ def test_it_comes_when_it_is_plugged_in_later(plug_in: PlugIn, base: KinectBase)
     base.apply(SETTINGS)
     assert base.gravity_m_s2 is None
     kinect.plug()
-    assert until(lambda: base.gravity_m_s2 == LEVEL)
+    wait_until(lambda: base.gravity_m_s2 == LEVEL)
     assert kinect.led == PlayedLed.RED
 
 
 def test_without_permission_it_is_quiet_and_says_so_once(
-    plug_in: PlugIn, base: KinectBase, caplog: pytest.LogCaptureFixture
+    plug_in: PlugIn, base: KinectBase, caplog: pytest.LogCaptureFixture, looks: list[str]
 ) -> None:
     plug_in().forbid()
     base.open("")
     base.apply(SETTINGS)
-    time.sleep(0.3)  # a few more looks
+    wait_until(lambda: len(looks) > 5)
     assert base.gravity_m_s2 is None
     assert [text.partition(";")[0] for text in warnings(caplog)] == [
         "Kinect 1414 motor: no permission"
@@ -169,7 +175,7 @@ def test_firmware_that_comes_later_brings_gravity(
     base.open("")
     assert base.gravity_m_s2 is None
     kinect.firmware(True)
-    assert until(lambda: base.gravity_m_s2 == LEVEL)
+    wait_until(lambda: base.gravity_m_s2 == LEVEL)
     assert len(warnings(caplog)) == 1
 
 
@@ -178,11 +184,20 @@ def test_readings_that_are_no_gravity_are_none_and_said_once(
     plug_in: PlugIn,
     base: KinectBase,
     caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
     counts: tuple[int, int, int],
 ) -> None:
+    readings: list[BaseReading] = []
+    read = Motor.read
+
+    def remembered(motor: Motor) -> BaseReading:
+        readings.append(read(motor))
+        return readings[-1]
+
+    monkeypatch.setattr(Motor, "read", remembered)
     plug_in().set_accelerometer(*counts)
     base.open("")
-    time.sleep(0.2)  # a few more readings
+    wait_until(lambda: len(readings) > 2 * kinect_base.READINGS_AT_ONCE)
     assert base.gravity_m_s2 is None
     assert warnings(caplog) == [
         "Kinect 1414 motor: gives no gravity; the first view counts as level"
@@ -201,7 +216,7 @@ def test_the_tilt_can_be_asked_for(plug_in: PlugIn, base: KinectBase) -> None:
     plug_in(model=Model.K4W).tilt_deg_per_s = 1000
     base.open("")
     base.set_tilt_deg(-12.0)
-    assert until(lambda: base.read().tilt_deg == -12.0)
+    wait_until(lambda: base.read().tilt_deg == -12.0)
 
 
 def test_a_machine_without_libusb_has_no_base_either(caplog: pytest.LogCaptureFixture) -> None:

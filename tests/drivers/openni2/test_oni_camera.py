@@ -1,9 +1,9 @@
 """Recordings played by the real libOpenNI2."""
 
-import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 from drivers.camera import EndOfStream, Pace, RgbdFrame
 from drivers.camera_file import camera_file_text, read_camera_file
 from drivers.errors import CameraError, InputError
+from drivers.openni2 import playback
 from drivers.openni2.oni_camera import OniCamera
+from drivers.openni2.pace import RealtimePacer
 from drivers.sensor_settings import SensorSettings
 from drivers.tum.camera import TumCamera
 from tests.belongings import belongings
@@ -127,12 +129,14 @@ def test_images_without_a_partner_are_counted(tmp_path: Path, camera_file: Path)
 
 
 def test_realtime_drops_what_is_not_taken_in_time_and_counts_it(
-    tmp_path: Path, camera_file: Path
+    tmp_path: Path, camera_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = written(tmp_path / "long.oni", steady(30))
+    path, now_s = written(tmp_path / "long.oni", steady(30)), [100.0]
+    pacer = partial(RealtimePacer, clock=lambda: now_s[0])
+    monkeypatch.setattr(playback, "make_pacer", lambda pace, stamps_s: pacer(stamps_s))
     with OniCamera(path, camera_file, Pace.REALTIME) as camera:
         first = camera.read(5.0)
-        time.sleep(0.3)
+        now_s[0] += 0.3
         second = camera.read(5.0)
         counters = camera.counters
     assert first.seq == 0

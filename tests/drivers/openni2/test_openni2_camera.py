@@ -98,7 +98,7 @@ def test_slow_reader_gets_the_newest_and_the_rest_is_counted(
 ) -> None:
     with OpenNI2Camera(sensor(tmp_path / "a.oni", steady(60)), depth_camera_file) as camera:
         first = camera.read(2.0)
-        time.sleep(0.3)
+        time.sleep(0.3)  # frames pass in the library, which tells nobody
         second = camera.read(2.0)
         counters = camera.counters
     assert second.seq > first.seq + 3

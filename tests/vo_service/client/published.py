@@ -30,9 +30,10 @@ class Robot:
         self._odom = self.session.declare_publisher("kinect/odom")
         self._token = self.session.liveliness().declare_token("kinect/alive")
 
-    def wait_for_reader(self) -> None:
-        """Until somebody has subscribed to the poses."""
-        wait_until(lambda: self._odom.matching_status.matching)  # type: ignore[attr-defined]
+    def wait_for_reader(self, key: str = "kinect/odom") -> None:
+        """Until somebody has subscribed to this, the poses by default."""
+        with self.session.declare_publisher(key) as probe:
+            wait_until(lambda: probe.matching_status.matching)  # type: ignore[attr-defined]
 
     def pose(self, seq: int, x_m: float = 0.0, **about: Any) -> None:
         """One pose, `x_m` ahead."""

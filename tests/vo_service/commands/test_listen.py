@@ -5,7 +5,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -16,6 +15,7 @@ import pytest
 from drivers.errors import InputError
 from drivers.geometry import rigid_transform
 from tests.ports import free_port
+from tests.waiting import wait_until
 from vo_service.commands import listen
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
 from vo_service.outputs.cdr_transform import TransformMessage, encode_transform
@@ -69,8 +69,7 @@ class Publisher:
 
     def wait(self) -> None:
         """Until the listener's subscriptions have reached us."""
-        while not self._odom.matching_status.matching:  # type: ignore[attr-defined]
-            time.sleep(0.01)
+        wait_until(lambda: self._odom.matching_status.matching)  # type: ignore[attr-defined]
 
     def pose(self, x_m: float) -> None:
         self.wait()

@@ -20,7 +20,7 @@ done = threading.Event()
 
 
 def on_sample(sample: zenoh.Sample) -> None:
-    time.sleep(seconds_per_sample)
+    time.sleep(seconds_per_sample)  # a reader that is slow
     attachment = sample.attachment
     samples.append(
         {

@@ -5,11 +5,13 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
+from tests.waiting import wait_until
 from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.ros2_names import ODOMETRY, TF_MESSAGE
 from vo_service.outputs.ros2_publisher import Ros2Publisher
@@ -77,12 +79,13 @@ class Publishing:
 
     def wait_for_readers(self, *keys: str) -> None:
         """Until someone on the network wants each of these."""
-        deadline_s = time.monotonic() + 100
         for key in keys:
             with self._session.declare_publisher(key) as probe:
-                while not probe.matching_status.matching:  # type: ignore[attr-defined]
-                    assert time.monotonic() < deadline_s, f"nobody wants {key}"
-                    time.sleep(0.01)
+                wait_until(partial(_is_wanted, probe), f"a reader of {key}")
+
+
+def _is_wanted(publisher: zenoh.Publisher) -> bool:
+    return bool(publisher.matching_status.matching)  # type: ignore[attr-defined]
 
 
 @contextmanager

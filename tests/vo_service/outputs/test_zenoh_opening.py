@@ -2,9 +2,9 @@
 
 import logging
 import socket
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -28,6 +28,19 @@ def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Zenoh's own waits are long enough."""
     monkeypatch.setattr(zenoh_opening, "RETRY_S", 0.05)
     monkeypatch.setattr(zenoh_opening, "GRACE_S", 0.05)
+
+
+@pytest.fixture
+def attempts(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
+    """All attempts to open a session."""
+    made: list[ZenohConfig] = []
+
+    def attempt(config: ZenohConfig) -> zenoh.Session:
+        made.append(config)
+        return open_session(config)
+
+    monkeypatch.setattr(zenoh_opening, "open_session", attempt)
+    return made
 
 
 @contextmanager
@@ -131,13 +144,12 @@ def test_a_taken_port_is_a_warning_and_no_error(free_port: int) -> None:
 
 
 def test_once_the_port_is_free_all_is_published(
-    free_port: int, make_update: MakeUpdate, status: Status
+    free_port: int, make_update: MakeUpdate, status: Status, attempts: list[ZenohConfig]
 ) -> None:
     with taken(free_port):
         output = ZenohOutput(config(free_port), LIVE, KeepTrying)
         output.pose(make_update(4))
-        output.status(status)
-        time.sleep(0.1)
+        ticking(output, status, lambda: len(attempts) > 1)
         assert "the port is taken" in output.warning
     with closing(output):
         ticking(output, status, lambda: output.warning == "")
@@ -149,13 +161,14 @@ def test_once_the_port_is_free_all_is_published(
 
 
 def test_trouble_and_its_end_are_logged_once_each(
-    free_port: int, status: Status, caplog: pytest.LogCaptureFixture
+    free_port: int,
+    status: Status,
+    caplog: pytest.LogCaptureFixture,
+    attempts: list[ZenohConfig],
 ) -> None:
     with taken(free_port):
         output = ZenohOutput(config(free_port), LIVE, KeepTrying)
-        for _ in range(5):
-            output.status(status)
-            time.sleep(0.06)
+        ticking(output, status, lambda: len(attempts) > 5)
     with closing(output):
         ticking(output, status, lambda: output.warning == "")
     lines = [record.message for record in caplog.records if record.levelno == logging.WARNING]
@@ -207,9 +220,11 @@ def test_a_router_that_is_away_is_named_until_it_is_there(free_port: int, status
 def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
     other = ports.free_port()
     plan = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{free_port}", f"tcp/127.0.0.1:{other}"))
-    with router(free_port), closing(ZenohOutput(plan, LIVE, KeepTrying)) as output:
+    now_s = [0.0]
+    keep_trying = partial(KeepTrying, now_s=lambda: now_s[0])
+    with router(free_port), closing(ZenohOutput(plan, LIVE, keep_trying)) as output:
         ticking(output, status, lambda: output.warning == "")
-        time.sleep(0.2)
+        now_s[0] += 2 * zenoh_opening.GRACE_S
         output.status(status)
         assert output.warning == ""
 

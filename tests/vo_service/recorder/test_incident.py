@@ -5,11 +5,13 @@ import logging
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from tests.drivers.tum.replaying import replayed
 from tests.vo_service.recorder.moments import update
+from vo_service.recorder import incident as incident_module
 from vo_service.recorder.depth_packing import pack_depth
 from vo_service.recorder.desk import Desk
 from vo_service.recorder.frame_record import put_frame
@@ -31,17 +33,19 @@ def frames() -> Iterator[RingWriter]:
 
 
 def test_the_oldest_frames_are_left_out_where_the_time_runs_out(
-    tmp_path: Path, frames: RingWriter
+    tmp_path: Path, frames: RingWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    reader = RingReader(frames.memory)
+    reader, now_s = RingReader(frames.memory), [100.0]
+    clock = SimpleNamespace(monotonic=lambda: now_s[0], time=time.time)
+    monkeypatch.setattr(incident_module, "time", clock)
 
     def slow(number: int) -> Record | None:
-        time.sleep(0.05)
+        now_s[0] += 0.05
         return reader.record(number)
 
     numbers = last_frames(reader, 5.0)
     incident = Incident("crash", numbers, slow, [], "{}")
-    incident.hurry(time.monotonic() + 0.5)
+    incident.hurry(now_s[0] + 0.5)
     incident(tmp_path)
     stamps_s = [found.stamp_s for found in replayed(tmp_path)]
     summary = json.loads((tmp_path / "incident.json").read_text())

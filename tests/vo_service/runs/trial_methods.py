@@ -3,7 +3,7 @@
 import os
 import signal
 import sys
-import time
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -72,7 +72,7 @@ def _refuse() -> None:
 
 
 def _hang() -> None:
-    time.sleep(1000)
+    threading.Event().wait()
 
 
 def _nothing() -> None:

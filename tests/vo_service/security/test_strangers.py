@@ -3,8 +3,7 @@
 import json
 import subprocess
 import sys
-import threading
-import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -18,6 +17,7 @@ from tests.vo_service.security.tls_network import (
     connects,
     heard_poses,
 )
+from tests.waiting import wait_until
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
 FLOOD = Path(__file__).with_name("command_flood.py")
@@ -66,13 +66,17 @@ def test_an_operator_is_obeyed(network: Network, robot: Robot) -> None:
 
 
 def test_a_certificate_that_no_rule_names_gets_nothing(network: Network, robot: Robot) -> None:
-    with network.session("reader-tls.json5", "ours/robot1") as nobody:
+    with (
+        network.session("reader-tls.json5", "ours/robot1") as nobody,
+        network.session("reader-tls.json5", "ours/reader") as reader,
+    ):
         heard: list[object] = []
         with nobody.declare_subscriber("kinect/odom", heard.append):
             assert answers(nobody, "kinect/latest") == []
             assert answers(nobody, "kinect/map_odom") == []
             assert answers(nobody, "kinect/status") == []
-            time.sleep(0.3)
+            with heard_poses(reader) as others:
+                wait_until(lambda: len(others) > 10)
     assert heard == []
 
 
@@ -82,10 +86,14 @@ def test_nobody_else_can_publish_poses(network: Network, robot: Robot) -> None:
         network.session("reader-tls.json5", "ours/reader") as reader,
         heard_poses(reader) as heard,
     ):
-        for _ in range(20):
+        for count in range(1, 21):
             operator.put("kinect/odom", b"forged")
-            time.sleep(0.02)
+            wait_until(partial(_are_more_than, heard, count))
     assert are_all(heard)
+
+
+def _are_more_than(heard: list[int], count: int) -> bool:
+    return len(heard) > count
 
 
 def test_programs_on_the_robot_need_no_certificate(network: Network, robot: Robot) -> None:
@@ -126,9 +134,7 @@ def test_a_flood_of_commands_costs_a_healthy_subscriber_no_pose(
             check=True,
         )
         sent = int(done.stdout)
-        enough = threading.Event()
-        while len(heard) < 50:
-            enough.wait(0.02)
+        wait_until(lambda: len(heard) >= 50)
     assert are_all(heard)
     assert sent > 200
     assert len(robot.obeyed) < 60

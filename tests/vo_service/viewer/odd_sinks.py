@@ -1,6 +1,6 @@
 """Places for pictures that fail in one way or another, in the viewer's process."""
 
-import time
+import threading
 from typing import TYPE_CHECKING
 
 from vo_service.viewer.sinks import DiskFullError, LiveSink
@@ -25,7 +25,7 @@ class Stuck(_Memory):
 
     def check(self, stream: "rr.RecordingStream") -> None:
         """Wait."""
-        time.sleep(600)
+        threading.Event().wait()
 
 
 class Glutton(_Memory):

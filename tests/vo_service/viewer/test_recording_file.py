@@ -5,6 +5,7 @@ import errno
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from itertools import count
 from pathlib import Path
 
@@ -60,18 +61,35 @@ def free_bytes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return answers
 
 
-def paced(updates: Iterable[PoseUpdate]) -> Iterator[PoseUpdate]:
-    """Results no faster than Rerun writes them: it does so five times a second."""
+@pytest.fixture
+def written_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rerun writes a hundred times a second, not five."""
+    monkeypatch.setenv("RERUN_FLUSH_TICK_SECS", "0.01")
+
+
+def paced(updates: Iterable[PoseUpdate], folder: Path) -> Iterator[PoseUpdate]:
+    """Results no faster than Rerun writes them to the files of a folder."""
     for update in updates:
+        before = sizes(folder)
         yield update
-        time.sleep(0.1)
+        wait_until(partial(_differ, folder, before))
 
 
+def sizes(folder: Path) -> dict[str, int]:
+    """Length of every file of a folder."""
+    return {file.name: file.stat().st_size for file in folder.iterdir()}
+
+
+def _differ(folder: Path, before: dict[str, int]) -> bool:
+    return sizes(folder) != before
+
+
+@pytest.mark.usefixtures("written_at_once")
 def test_a_full_file_is_followed_by_the_next_and_the_oldest_goes(
     tmp_path: Path, heavy: Callable[[int], PoseUpdate]
 ) -> None:
     path = tmp_path / "out.rrd"
-    draw(RecordingFile(path, file_mb=1, files_kept=3), paced(map(heavy, range(20))))
+    draw(RecordingFile(path, file_mb=1, files_kept=3), paced(map(heavy, range(20)), tmp_path))
     names = sorted(file.name for file in tmp_path.iterdir())
     assert len(names) == 3
     assert names[-1] == "out.rrd"
@@ -81,11 +99,12 @@ def test_a_full_file_is_followed_by_the_next_and_the_oldest_goes(
     assert all(map(is_whole, tmp_path.iterdir()))
 
 
+@pytest.mark.usefixtures("written_at_once")
 def test_every_file_opens_by_itself(tmp_path: Path, heavy: Callable[[int], PoseUpdate]) -> None:
     updates = [heavy(seq) for seq in range(8)]
     stamps_s = np.array([update.stamp_s for update in updates])
     truth = StampedPoses(stamps_s, np.array([update.T_world_camera for update in updates]))
-    draw(RecordingFile(tmp_path / "out.rrd", file_mb=1), paced(updates), truth=truth)
+    draw(RecordingFile(tmp_path / "out.rrd", file_mb=1), paced(updates, tmp_path), truth=truth)
     assert len(list(tmp_path.iterdir())) > 1
     for file in tmp_path.iterdir():
         counted = rows(file)
@@ -107,10 +126,11 @@ def test_file_after_file_takes_no_more_memory(tmp_path: Path) -> None:
     assert taken_kb[-1] - taken_kb[4] < 10_000
 
 
+@pytest.mark.usefixtures("written_at_once")
 def test_the_trajectory_goes_on_in_the_next_file(
     tmp_path: Path, heavy: Callable[[int], PoseUpdate]
 ) -> None:
-    draw(RecordingFile(tmp_path / "out.rrd", file_mb=1), paced(map(heavy, range(8))))
+    draw(RecordingFile(tmp_path / "out.rrd", file_mb=1), paced(map(heavy, range(8)), tmp_path))
     so_far = column(tmp_path / "out.rrd", "/world/trajectory/so_far", "LineStrips3D:strips")
     assert len(so_far[0][0]) > 2
     assert so_far[0][0][0] == [0.0, 0.0, 0.0]
@@ -177,6 +197,7 @@ def test_a_file_that_cannot_grow_can_be_read_up_to_there(
 
     def is_told_after_another() -> bool:
         output.pose(next(updates))
+        # Rerun gathers for a while, and all that it has gathered must not be too long at once.
         time.sleep(0.4)
         return "the recording stops after" in output.warning
 

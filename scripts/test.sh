@@ -1,6 +1,10 @@
 #!/bin/sh
 # Set up what is missing, then check everything: style, types, lock file, tests.
-# With arguments: only pytest, with these arguments: scripts/test.sh tests/drivers -k stamps
+#
+# Usage: scripts/test.sh                       everything
+#        scripts/test.sh --fast [ARGUMENT...]  style, types and the quick tests alone
+#        scripts/test.sh ARGUMENT...           only pytest, with these arguments:
+#                                              scripts/test.sh tests/drivers -k stamps
 set -eu
 cd "$(dirname "$0")/.."
 . scripts/steps.sh
@@ -17,18 +21,30 @@ compile_kernels() {
         kinect-vo warm-up --method "$method" || return
     done
 }
-if [ $# = 0 ]; then
-    say "Compiling the numeric kernels, while all else is checked"
-    compile_kernels &
+check_code() {
     step "Checking the layout of the code" ruff format --check
     step "Checking the style of the code" ruff check
     step "Checking types" mypy
+}
+# More of them at once than there are processors: many wait for a sensor, a viewer or a time-out.
+at_once=$(($(nproc) * 2))
+case ${1:-} in
+--fast)
+    shift
+    check_code
+    # The markers' meanings are in pyproject.toml. Quick tests wait for nothing: one to a processor.
+    set -- -m "not (slow or subprocess or zenoh or rerun or hardware_simulator)" \
+        --numprocesses="$(nproc)" --durations=5 "$@"
+    ;;
+"")
+    say "Compiling the numeric kernels, while all else is checked"
+    compile_kernels &
+    check_code
     step "Checking that the lock file is up to date" .tools/bin/uv lock --check --python .venv/bin/python
     step "Checking that every locked package is a wheel" python scripts/check_lock.py
     step "Waiting for the numeric kernels" wait $!
-fi
+    set -- --numprocesses=$((at_once > 8 ? 8 : at_once)) --dist=worksteal --timeout=600
+    ;;
+esac
 say "Running the tests"
-# More of them at once than there are processors: many wait for a sensor, a viewer or a time-out.
-at_once=$(($(nproc) * 2))
-[ $# != 0 ] || set -- --numprocesses=$((at_once > 8 ? 8 : at_once)) --dist=worksteal --timeout=600
 exec pytest "$@"

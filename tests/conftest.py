@@ -46,6 +46,14 @@ hypothesis.settings.register_profile("patient", deadline=None)
 hypothesis.settings.load_profile("patient")
 
 FRAMES = 12
+# Who asks for one of these runs libfreenect, OpenNI2 or pyusb on a simulated device.
+SIMULATOR_FIXTURES = {"played_libusb", "real_libfreenect", "real_openni2", "fakenect"}
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark the tests that need a simulated device, directly or through another fixture."""
+    if SIMULATOR_FIXTURES & set(getattr(item, "fixturenames", ())):
+        item.add_marker(pytest.mark.hardware_simulator)
 
 
 def pytest_collection_finish() -> None:

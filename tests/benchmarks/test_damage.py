@@ -22,6 +22,7 @@ def test_pieces_are_spread_evenly_and_the_rest_is_left_alone(still: list[RgbdFra
     assert [frame.seq for frame in left] == [0, 3, 4, 7]
 
 
+@pytest.mark.slow
 def test_a_swung_camera_sees_what_it_would_see(still: list[RgbdFrame]) -> None:
     swing = Swing((0.04, 0.15, 0.03), rate_hz=1.0, exposure_s=0.0)
     estimates = follow(SurfOdometry(), swung(still, swing))

@@ -10,6 +10,8 @@ from tests.ports import free_port
 from vo_service.outputs.zenoh_check import check_zenoh
 from vo_service.outputs.zenoh_session import ZenohConfig
 
+pytestmark = pytest.mark.subprocess
+
 
 def test_a_small_fleet_loses_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     assert fleet.main(["--robots", "2", "--seconds", "1", "--processes", "2"]) == 0
@@ -19,6 +21,7 @@ def test_a_small_fleet_loses_nothing(capsys: pytest.CaptureFixture[str]) -> None
     assert 0 < float(cells["p50 ms"]) <= float(cells["p99 ms"]) <= float(cells["max ms"]) + 0.05
 
 
+@pytest.mark.zenoh
 def test_each_robot_has_its_lines_in_the_routers_file(tmp_path: Path) -> None:
     files = fleet_files(tmp_path, ["robot1", "robot7", "arm"], free_port())
     assert check_zenoh(ZenohConfig(config_file=files.router)) == ""

@@ -60,6 +60,7 @@ def told(monkeypatch: pytest.MonkeyPatch, odometry: Told) -> str:
     return "told"
 
 
+@pytest.mark.slow
 def test_what_is_lost_for_a_while_is_told_with_the_time_until_it_was_found(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:

@@ -9,6 +9,8 @@ import pytest
 from benchmarks.icp_methods import OPENCV, OURS, OURS_FRAME_TO_FRAME, methods
 from tests.vo_service.odometry.icp.views import CAMERA, ROOM, frame_of, noisy, pose, view_of
 
+pytestmark = pytest.mark.subprocess
+
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     root = str(Path(__file__).parents[2])

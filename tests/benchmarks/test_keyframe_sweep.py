@@ -35,6 +35,7 @@ def test_a_row_tells_what_was_lost_and_what_was_grossly_wrong() -> None:
     assert "failed: out of memory" in as_text("SIGMAS=6.0", {"failed": "out of memory"}, [])
 
 
+@pytest.mark.subprocess
 def test_constants_are_changed_before_anything_is_made_with_them() -> None:
     look = (
         "import sys, benchmarks.keyframe_sweep_row;"

@@ -14,6 +14,7 @@ def switches(seed: int = 0) -> Array:
     return 100.0 + np.cumsum(np.random.default_rng(seed).uniform(0.2, 0.5, 10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay_s", [-0.020, 0.0, 0.0333])
 def test_the_delay_of_the_exposure_is_found_to_a_millisecond(delay_s: float) -> None:
     noise = np.random.default_rng(1).normal(0.0, 2.0, len(STAMPS_S))
@@ -23,6 +24,7 @@ def test_the_delay_of_the_exposure_is_found_to_a_millisecond(delay_s: float) -> 
     assert timing.explained > 0.95
 
 
+@pytest.mark.slow
 def test_a_light_that_is_not_seen_explains_nothing() -> None:
     brightness = np.random.default_rng(2).normal(50.0, 2.0, len(STAMPS_S))
     assert fit_timing(STAMPS_S, brightness, switches()).explained < 0.2

@@ -34,6 +34,7 @@ def tour() -> Tour:
     return Tour(config, film, true_poses(config)[WAY])
 
 
+@pytest.mark.slow
 def test_a_camera_that_begins_where_it_was_the_day_before_is_known_there(
     tour: Tour, tmp_path: Path
 ) -> None:

@@ -10,6 +10,8 @@ from benchmarks.odometry_methods import METHODS, make_odometry
 from tests.vo_service.odometry.synthetic_views import frame_of, view_of_a_corner
 from vo_service.odometry.stopwatch import NullStopwatch
 
+pytestmark = pytest.mark.subprocess
+
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     root = str(Path(__file__).parents[2])

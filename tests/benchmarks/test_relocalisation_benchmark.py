@@ -201,6 +201,7 @@ def test_all_tries_together_are_counted_by_what_became_of_them() -> None:
     assert "300.0" in relocalisation.as_text("together", all_of_them)
 
 
+@pytest.mark.slow
 def test_seeds_that_are_finished_are_not_measured_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

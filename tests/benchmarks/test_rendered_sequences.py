@@ -32,6 +32,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_sequence_is_whole_with_its_truth_and_its_faults(kept: Path) -> None:
     opened = open_folder(kept, None)
     assert len(opened.frames.pairs) == 5
@@ -80,6 +81,7 @@ def test_of_a_track_that_is_shorter_all_is_rendered(tmp_path: Path) -> None:
         config(25.0)
 
 
+@pytest.mark.slow
 def test_a_still_view_has_other_noise_in_each_frame_and_nothing_else_that_differs() -> None:
     view = StillView.of(CONFIG)
     frames = list(view.frames(8))

@@ -90,6 +90,7 @@ def test_what_is_made_ahead_comes_in_order_and_only_a_few_are_waiting() -> None:
     assert taken == 40
 
 
+@pytest.mark.slow
 def test_a_tour_is_the_virtual_kinect_s_own_frames() -> None:
     config = tiny_tour(1, 0.2, twins=False)
     streamed, renderer = list(rendered_frames(config)), make_renderer(config, 1)
@@ -135,6 +136,7 @@ def test_what_was_measured_can_be_read_again_and_drawn(truth: Array, tmp_path: P
     assert (tmp_path / "tour.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_tour_that_is_finished_is_not_run_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -21,6 +21,8 @@ from tests.vo_service.played_service import KINECT_VO
 from tests.waiting import wait_until
 from vo_service.client import CommandRefused, NoPose, PoseClient, Why
 
+pytestmark = pytest.mark.subprocess
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # At most so many poses wait to be sent, or are read late, when a pause is answered.
 UNDER_WAY = 8
@@ -75,6 +77,7 @@ def again_and_again(tell: Callable[[], None]) -> Iterator[None]:
         thread.join()
 
 
+@pytest.mark.zenoh
 def test_poses_of_the_maps_own_epoch_are_printed_in_the_map() -> None:
     here = free_endpoint()
     with robot(here) as service:
@@ -93,6 +96,7 @@ def test_poses_of_the_maps_own_epoch_are_printed_in_the_map() -> None:
                     assert (float(x_m), float(y_m)) == (3.0, 2.5)
 
 
+@pytest.mark.zenoh
 def test_a_service_without_a_map_is_said(endpoint: str) -> None:
     done = finished("pose_in_map.py", endpoint)
     assert (done.stderr, done.returncode) == ("there is no map yet\n", 1)
@@ -104,6 +108,7 @@ def test_poses_are_printed(endpoint: str) -> None:
         lines.until(rf"^{NUMBER} \[.*\] tracking$")
 
 
+@pytest.mark.zenoh
 def test_a_loop_drives_while_there_are_poses_and_stops_with_the_reason(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client, program("drive.py", endpoint) as lines:
         lines.until(r"^drive: \d\.\d\d m to go$")
@@ -113,6 +118,7 @@ def test_a_loop_drives_while_there_are_poses_and_stops_with_the_reason(endpoint:
         lines.until("^drive: ")
 
 
+@pytest.mark.zenoh
 def test_changes_of_the_status_are_said(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client, program("watch_status.py", endpoint) as lines:
         lines.until(r"^tracking: \d+ poses a second")
@@ -122,6 +128,7 @@ def test_changes_of_the_status_are_said(endpoint: str) -> None:
         lines.until("^tracking: ")
 
 
+@pytest.mark.zenoh
 def test_a_command_begins_a_new_epoch_at_the_place_it_names(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client:
         poses = client.poses(timeout_s=100)
@@ -177,6 +184,7 @@ def test_the_shell_sends_commands_and_hears_why_not(endpoint: str) -> None:
     assert "(not-possible)" in refused.stderr
 
 
+@pytest.mark.zenoh
 def test_all_that_a_running_service_sends_agrees_with_its_schemas(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client:
         schemas = client.schemas()
@@ -221,6 +229,7 @@ def test_a_program_in_the_documentation_runs_as_it_stands(endpoint: str, page: s
             lines.end()
 
 
+@pytest.mark.zenoh
 def test_what_this_service_cannot_do_is_a_typed_error(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client:
         with pytest.raises(CommandRefused) as caught:
@@ -228,6 +237,7 @@ def test_what_this_service_cannot_do_is_a_typed_error(endpoint: str) -> None:
         assert caught.value.code == "not-possible"
 
 
+@pytest.mark.zenoh
 def test_after_a_pause_only_poses_under_way_come_and_the_client_says_why(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client:
         client.pause()

@@ -16,6 +16,8 @@ import pytest
 
 from tests.stand_ins.needed import missing
 
+pytestmark = pytest.mark.subprocess
+
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 MACHINE = platform.machine()
 # Not the environment that the tests run in, but what it was made with.

@@ -7,9 +7,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.stand_ins.fakenect_dump import write_fakenect_dump
 from tests.stand_ins.fixtures import pattern
+
+pytestmark = pytest.mark.subprocess
 
 ROOT = Path(__file__).parents[2]
 FRAMES = 6

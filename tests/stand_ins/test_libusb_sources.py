@@ -11,7 +11,7 @@ from tests.stand_ins.compiled_libusb import SOURCES, compiler
 from tests.stand_ins.fixtures import PlayKinect
 from tests.stand_ins.kinect_control import Control, StreamControl
 
-pytestmark = pytest.mark.usefixtures("played_libusb")
+pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("played_libusb")]
 
 
 def compiled(code: str, folder: Path) -> Path:

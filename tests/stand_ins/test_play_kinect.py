@@ -46,6 +46,7 @@ def play(*arguments: str, typed: str = "") -> "subprocess.CompletedProcess[str]"
     )
 
 
+@pytest.mark.subprocess
 def test_a_command_sees_a_kinect_that_plays_a_folder(folder: Path) -> None:
     done = play("--folder", str(folder), "--patient", "--", *PROBE, typed="jump\n")
     assert done.returncode == 0, done.stderr
@@ -55,11 +56,13 @@ def test_a_command_sees_a_kinect_that_plays_a_folder(folder: Path) -> None:
     assert min(map(int, frames.split()[1:])) > 0
 
 
+@pytest.mark.subprocess
 def test_faults_happen_when_they_were_ordered(folder: Path) -> None:
     done = play("--folder", str(folder), "--fault", "busy", "--", *PROBE)
     assert done.stdout.startswith("opened -")
 
 
+@pytest.mark.subprocess
 def test_the_exit_code_is_the_commands_own(folder: Path) -> None:
     code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
     assert play("--folder", str(folder), "--", sys.executable, "-c", code).returncode == 137

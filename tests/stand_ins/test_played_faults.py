@@ -123,6 +123,7 @@ def test_without_bandwidth_the_streams_start_and_nothing_comes(
     assert probe.depth.stamps == probe.video.stamps == []
 
 
+@pytest.mark.subprocess
 def test_a_kernel_driver_is_taken_off_and_put_back(play_kinect: PlayKinect) -> None:
     kinect = play_kinect()
     kinect.kernel_driver()
@@ -180,6 +181,7 @@ def start_probe(kinect: PlayedKinect, seconds: float) -> "subprocess.Popen[str]"
     return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
 
 
+@pytest.mark.subprocess
 def test_replies_without_bytes_let_opening_hang_until_they_come(play_kinect: PlayKinect) -> None:
     kinect = play_kinect()
     kinect.freeze_control()
@@ -191,6 +193,7 @@ def test_replies_without_bytes_let_opening_hang_until_they_come(play_kinect: Pla
         assert probe.communicate(timeout=100)[0].startswith("opened 0")
 
 
+@pytest.mark.subprocess
 def test_a_killed_program_holds_nothing(play_kinect: PlayKinect) -> None:
     kinect = play_kinect()
     with start_probe(kinect, seconds=60) as probe:

@@ -64,6 +64,7 @@ def test_a_kinect_has_the_usual_focal_length() -> None:
     assert NOMINAL.focal_px == pytest.approx(575.8, abs=0.1)
 
 
+@pytest.mark.slow
 @given(st.floats(7.45, 7.55), st.floats(118.8, 121.2))
 def test_the_kinect_that_recorded_is_found_by_its_readings(
     emitter_cm: float, reference_cm: float

@@ -11,6 +11,8 @@ from tests.ports import is_listening
 from tests.vo_service.security.tls_network import FILES, HOST, make_keys, new_network
 from vo_service.config_check import check_config
 
+pytestmark = pytest.mark.zenoh
+
 
 @pytest.fixture(scope="module")
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -68,6 +70,7 @@ def test_what_anyone_may_connect_to_is_warned_of(tmp_path: Path) -> None:
     assert "anyone in the network may connect to tcp/0.0.0.0:7450" in warning
 
 
+@pytest.mark.subprocess
 @pytest.mark.parametrize("name", sorted(file.name for file in FILES.iterdir()))
 def test_the_ready_made_files_are_right_beside_their_keys(
     tmp_path: Path, keys: Path, name: str

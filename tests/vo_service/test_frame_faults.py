@@ -32,6 +32,8 @@ from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 from vo_service.pose_tracker import R_BODY_OPTICAL
 from vo_service.stamps import LiveClock
 
+pytestmark = pytest.mark.zenoh
+
 # What odometry may be off after all faults of the table.
 DRIFT_M = 0.03
 HOUR_S = 3600.0

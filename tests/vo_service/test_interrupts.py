@@ -60,6 +60,7 @@ with stop_on_signals() as stop, ended_by_force(stop, 0.2):
 """
 
 
+@pytest.mark.subprocess
 def test_what_does_not_end_is_ended_by_force() -> None:
     command = [sys.executable, "-c", HANGING]
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.subprocess
+
 EXAMPLE = Path(__file__).parents[2] / "config" / "kinect.toml"
 HEAVY = ("numba", "matplotlib", "rerun", "scipy")
 PROGRAM = f"""

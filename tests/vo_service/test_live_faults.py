@@ -19,6 +19,8 @@ from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
 from tests.vo_service.played_service import START_LIMIT_S, WITHOUT_PLACES
 from tests.waiting import PATIENCE_S, wait_until
 
+pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
+
 # So that a pose is not lost for another reason: a machine that is busy for a tenth of a second.
 SLOWLY = "rate_hz = 5.0\n"
 

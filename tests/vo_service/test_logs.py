@@ -49,21 +49,25 @@ def test_a_person_reads_program_and_level(capsys: pytest.CaptureFixture[str]) ->
     assert capsys.readouterr().err == "kinect-vo: warning: the camera is gone\n"
 
 
+@pytest.mark.subprocess
 def test_the_journal_gets_the_level_as_a_number() -> None:
     code = "set_level('debug'); l = logging.getLogger('x'); l.error('e'); l.warning('w'); "
     lines = journal_of(code + "l.info('i'); l.debug('d'); l.critical('c')")
     assert lines == ["<3>e", "<4>w", "<6>i", "<7>d", "<3>c"]
 
 
+@pytest.mark.subprocess
 def test_an_announcement_is_shown_at_the_default_level_and_has_its_own() -> None:
     code = "from vo_service.announcements import announce; announce('shown'); "
     assert journal_of(code + "set_level('error'); announce('hidden')") == ["<6>shown"]
 
 
+@pytest.mark.subprocess
 def test_every_line_of_a_long_message_has_its_level() -> None:
     assert journal_of(r"logging.getLogger('x').error('one\ntwo')") == ["<3>one", "<3>two"]
 
 
+@pytest.mark.subprocess
 def test_a_child_that_only_inherits_the_variable_writes_for_a_person() -> None:
     lines = journal_of("logging.getLogger('x').error('e')", is_journal=False)
     assert lines == ["kinect-vo: error: e"]

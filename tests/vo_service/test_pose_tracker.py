@@ -147,6 +147,7 @@ def test_a_camera_that_never_saw_anything_gets_less_sure_too() -> None:
     np.testing.assert_allclose(lost[-1], [0.5] * 3 + [1.0] * 3, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_accumulated_covariance_predicts_the_spread_of_the_pose_errors() -> None:
     random = np.random.default_rng(3)
     step = motion(0.1, 0.02) @ turn(yaw_right=0.1)

@@ -76,6 +76,8 @@ def late_1473(
             assert service.end() == 0
 
 
+@pytest.mark.subprocess
+@pytest.mark.zenoh
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
 def test_a_fault_is_named_lived_through_and_leaves_nothing_behind(
     fault: ServiceFault, kinect: PlayedKinect, service: PlayedService
@@ -144,6 +146,8 @@ def test_the_wrap_of_the_kinects_clock_is_not_seen(
     check_poses(poses)
 
 
+@pytest.mark.subprocess
+@pytest.mark.zenoh
 def test_a_service_that_is_there_before_its_kinect_waits_for_it(late_1473: PlayedService) -> None:
     first_pose_s = late_1473.heard.poses[0].heard_s
     waited = [status for status in late_1473.heard.statuses if status.heard_s < first_pose_s]

@@ -49,6 +49,7 @@ def test_what_goes_wrong_does_so_in_the_middle(name: str, begin_s: float, end_s:
     assert fault.first + fault.count == end_s * config.rate_hz
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_each_is_recorded_with_its_camera_and_the_exact_ground_truth(
     motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

@@ -10,6 +10,8 @@ from tests.vo_service.live_stage import live_stage
 from tests.vo_service.played_service import ENDING_S, WITHOUT_MAP
 from tests.vo_service.stages import STAGES, Stage
 
+pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
+
 # Both signals have one handler: each stage is left by one of them, and each of them leaves three.
 CASES = tuple(zip(STAGES, cycle((signal.SIGTERM, signal.SIGINT)), strict=False))
 

@@ -63,6 +63,7 @@ def test_every_sensor_has_its_rule(line: UsbId) -> None:
     assert f'{rule}MODE:="0660", GROUP:="plugdev", TAG+="uaccess"\n' in rules_text()
 
 
+@pytest.mark.subprocess
 @pytest.mark.parametrize(("vendor", "product"), [(0x045E, 0x02AE), (0x1D27, 0x0609)])
 def test_our_rules_win_over_those_that_open_the_camera_to_everybody(
     tmp_path: Path, vendor: int, product: int
@@ -74,11 +75,13 @@ def test_our_rules_win_over_those_that_open_the_camera_to_everybody(
     assert "0666" not in said
 
 
+@pytest.mark.subprocess
 def test_without_our_rules_the_camera_is_open_to_everybody(tmp_path: Path) -> None:
     (tmp_path / "60-libopenni2-0.rules").write_text(OPEN_TO_ALL)
     assert judgement(tmp_path, 0x045E, 0x02AE)[-1] == "0666"
 
 
+@pytest.mark.subprocess
 def test_other_devices_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / RULES_FILE.name).write_text(rules_text())
     assert "0660" not in judgement(tmp_path, 0x046D, 0x0825)

@@ -11,7 +11,7 @@ from tests.stand_ins.fixtures import pattern
 
 FRAMES = 12
 
-pytestmark = pytest.mark.usefixtures("fakenect")
+pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("fakenect")]
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,8 @@ from tests.stand_ins.played_kinect import Led as PlayedLed
 from tests.stand_ins.played_kinect import PlayedKinect
 from tests.waiting import PATIENCE_S, wait_until
 
+pytestmark = pytest.mark.subprocess
+
 
 @pytest.fixture
 def isolated(kinect: PlayedKinect) -> Iterator[IsolatedCamera]:

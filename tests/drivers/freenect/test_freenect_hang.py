@@ -4,7 +4,11 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 from tests.stand_ins.played_kinect import PlayedKinect
+
+pytestmark = pytest.mark.subprocess
 
 HANGS = "libfreenect hangs: the Kinect does not answer; unplug it and start this program again"
 LIMIT_S = 100.0

@@ -7,6 +7,8 @@ from tests.stand_ins.fixtures import PlayKinect
 from tests.stand_ins.played_kinect import Model
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.subprocess
+
 # What is kept of a time that is over would be the images of both streams, 12 MB.
 GROWTH_KB = 30_000
 

@@ -38,5 +38,6 @@ def test_a_camera_file_of_no_use_is_refused_at_once(tmp_path: Path) -> None:
         kinect_camera("", SensorSettings(), tmp_path / "camera.toml")
 
 
+@pytest.mark.subprocess
 def test_waiting_for_the_next_try_has_an_end() -> None:
     kinect_camera("", SensorSettings(), None).wait_to_retry(0.05)

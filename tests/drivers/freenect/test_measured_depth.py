@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,6 +24,7 @@ def test_without_values_too_far_the_table_ends_where_it_falls() -> None:
     assert measured_mm(table(300, 401, 0)).tolist() == list(range(400, 5400, 5))
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(0, 65535), max_size=300))
 def test_only_the_rising_part_below_10_m_is_measured(ends: list[int]) -> None:
     values = table(*ends)

@@ -21,6 +21,8 @@ from tests.drivers.isolation.trial_cameras import (
 )
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.subprocess
+
 STREAMING = Condition(CameraState.STREAMING)
 SHORT = TimeLimits(opening_s=1.0, heartbeat_s=1.0, closing_s=1.0, first_frame_s=0.5)
 

@@ -13,6 +13,8 @@ from tests.belongings import belongings
 from tests.drivers.isolation.conftest import PATIENT, Isolate
 from tests.drivers.isolation.trial_cameras import Film, is_whole, patterned
 
+pytestmark = pytest.mark.subprocess
+
 
 def test_in_lockstep_every_frame_comes_in_order_and_bit_for_bit(isolate: Isolate) -> None:
     with isolate(Film, pace=Pace.LOCKSTEP, count=100) as camera:

@@ -18,6 +18,8 @@ from tests.drivers.isolation.nodding import STUCK_DEG, Nodding, done_by
 from tests.drivers.isolation.trial_cameras import Puppet
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.subprocess
+
 AT_ONCE = replace(PATIENT, first_retry_s=0.01, longest_retry_s=0.01)
 
 

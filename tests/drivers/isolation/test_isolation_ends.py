@@ -14,6 +14,8 @@ import pytest
 from tests.belongings import is_alive
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.subprocess
+
 SERVICE = """
 import sys
 from contextlib import suppress

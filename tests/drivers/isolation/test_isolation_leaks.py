@@ -17,6 +17,8 @@ from tests.drivers.isolation.conftest import PATIENT, Isolate
 from tests.drivers.isolation.trial_cameras import Marking, OnceLost, is_whole, opening_mark
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.subprocess
+
 IMPATIENT = TimeLimits(closing_s=0.2)
 
 

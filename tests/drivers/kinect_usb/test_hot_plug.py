@@ -85,6 +85,7 @@ def test_without_udev_it_waits_all_the_same(clock: Clock) -> None:
     assert clock.now_s - begin_s >= 0.2
 
 
+@pytest.mark.subprocess
 def test_the_real_udev_gives_nothing_in_time_and_leaves_nothing_open() -> None:
     wait_for_device(0.01)
     before = belongings()

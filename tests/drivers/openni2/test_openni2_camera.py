@@ -192,6 +192,7 @@ def test_missing_library_is_one_line_with_the_package(monkeypatch: pytest.Monkey
         OpenNI2Camera().open()
 
 
+@pytest.mark.subprocess
 def test_dummy_device_opens_and_closes_without_a_crash(tmp_path: Path) -> None:
     text = (CAMERA_FILE + DEPTH_CAMERA).replace("64", "320").replace("48", "240")
     camera_file = tmp_path / "camera.toml"

@@ -48,6 +48,7 @@ def changed(renderer: Renderer, index: int) -> NDArray[np.bool_]:
     return result
 
 
+@pytest.mark.slow
 def test_it_covers_as_much_of_the_view_as_its_size_says_and_then_it_is_gone(
     shoot: Shoot,
 ) -> None:
@@ -104,6 +105,7 @@ def test_a_person_stands_on_the_floor_before_the_camera() -> None:
     assert T_camera_body[2, 1] > 0.8  # its back to where the camera looks
 
 
+@pytest.mark.slow
 def test_what_moves_is_the_same_whoever_renders_it(shoot: Shoot) -> None:
     a, b = shoot(STILL).render(11), make_renderer(STILL, 1).render(11)
     np.testing.assert_array_equal(a.colour, b.colour)

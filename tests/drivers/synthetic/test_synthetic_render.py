@@ -14,6 +14,8 @@ from drivers.synthetic.motion import make_path
 from drivers.synthetic.render import Renderer, make_renderer
 from drivers.synthetic.scene import ROOM_HEIGHT_M
 
+pytestmark = pytest.mark.slow
+
 FREIBURG1 = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)
 Shoot = Callable[[SyntheticConfig], Renderer]
 LARGER = PinholeCamera(320, 240, 262.5, 262.5, 159.5, 119.5)

@@ -3,12 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from drivers.geometry import Array, transform_points
 from drivers.synthetic.config import Motion, SyntheticConfig
 from drivers.synthetic.motion import make_path
 from drivers.synthetic.render import make_renderer, pixel_rays
 from drivers.synthetic.scene import ROOM_HEIGHT_M
+
+pytestmark = pytest.mark.slow
 
 
 def heights_m(config: SyntheticConfig) -> Array:

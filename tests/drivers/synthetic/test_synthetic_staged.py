@@ -28,6 +28,7 @@ def test_for_a_third_of_the_time_it_looks_at_the_wall_and_first_and_last_aside()
     assert T[:, 1, 3].min() > 0.3
 
 
+@pytest.mark.slow
 def test_before_the_bare_wall_there_is_depth_but_no_texture(ideal: SyntheticConfig) -> None:
     config = replace(ideal, motion=Motion.WALL, bare_wall=True, duration_s=10.0, rate_hz=1.0)
     renderer = make_renderer(config, 2)

@@ -94,6 +94,7 @@ def looking(towards_rad: float) -> Array:
     return T
 
 
+@pytest.mark.slow
 def test_two_corners_look_the_same_and_the_other_two_do_not(ideal: SyntheticConfig) -> None:
     config = replace(ideal, twin_corners=True, texel_m=0.03)
     room = Room.build(config, make_path(config, ROOM_HEIGHT_M), threads=2)

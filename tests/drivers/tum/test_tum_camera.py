@@ -212,6 +212,7 @@ def test_nothing_is_printed_for_broken_images(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_redkitchen_is_500_frames(recordings: Path) -> None:
     with TumCamera(recordings / "redkitchen") as camera:
         assert camera.frame_count == 500

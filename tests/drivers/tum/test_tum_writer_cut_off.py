@@ -10,6 +10,8 @@ import pytest
 
 from tests.drivers.tum.replaying import replayed
 
+pytestmark = pytest.mark.subprocess
+
 RECORD_FOR_EVER = """
 import sys
 import weakref

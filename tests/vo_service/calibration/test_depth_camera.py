@@ -73,6 +73,7 @@ def test_the_table_holds_what_was_found(depth: DepthCalibration) -> None:
     assert (table.fx, table.scale) == (depth.model.lens.fx, depth.model.scale)
 
 
+@pytest.mark.slow
 def test_a_lens_that_bends_is_found_all_over_the_image(board: Chessboard) -> None:
     bent = Kinect(depth=replace(DEPTH, distortion=(-0.12, 0.2, 0.0, 0.0, 0.0)))
     colour = calibrate_colour(bent.views(board, stances(board, 24, 6)))
@@ -90,6 +91,7 @@ def _with(
     return replace(colour, views=views)
 
 
+@pytest.mark.slow
 def test_readings_that_are_not_on_the_board_are_left_out(
     colour: ColourCalibration, board: Chessboard
 ) -> None:
@@ -108,6 +110,7 @@ def test_no_depth_on_the_board_is_refused(colour: ColourCalibration, board: Ches
         calibrate_depth(_with(colour, np.zeros_like), board.layout, 1000.0, silent)
 
 
+@pytest.mark.slow
 def test_a_few_views_are_fitted_too_and_known_to_be_few(board: Chessboard) -> None:
     colour = calibrate_colour(Kinect().views(board, stances(board, 8, 4)))
     few = calibrate_depth(colour, board.layout, 1000.0, silent)
@@ -130,6 +133,7 @@ def test_a_wrong_depth_factor_is_refused(colour: ColourCalibration, board: Chess
         calibrate_depth(colour, board.layout, 5000.0, silent)
 
 
+@pytest.mark.slow
 def test_depth_that_is_registered_to_colour_already_is_refused(board: Chessboard) -> None:
     same = Kinect(depth=COLOUR, T_color_depth=np.eye(4))
     colour = calibrate_colour(same.views(board, stances(board, 12, 4)))

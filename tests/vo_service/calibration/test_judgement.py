@@ -21,6 +21,7 @@ def test_good_views_give_no_warning(colour: ColourCalibration, depth: DepthCalib
     assert check_depth(depth, colour, []) == []
 
 
+@pytest.mark.slow
 def test_boards_that_all_face_the_camera_are_refused_with_what_to_do(board: Chessboard) -> None:
     places = [(x, y, z) for x in (-0.25, -0.1) for y in (-0.2, -0.05) for z in (0.8, 1.0, 1.2)]
     views = Kinect().views(board, [rigid_transform(np.eye(3), place) for place in places])

@@ -27,6 +27,7 @@ def verdicts(board: Chessboard, frames: list[Snapshot]) -> list[Verdict]:
     return [picker.offer(frame) for frame in frames]
 
 
+@pytest.mark.slow
 def test_in_a_film_a_view_is_taken_once_the_board_is_still(board: Chessboard) -> None:
     found = verdicts(board, film(board, [0.0, 0.01, 0.02, 0.02]))
     # The first frame could be the only one: a photograph.

@@ -32,6 +32,7 @@ def test_a_shaken_camera_has_the_velocity_of_the_instant() -> None:
     np.testing.assert_allclose(velocity[:3], translation_m / 0.0002, atol=0.01)
 
 
+@pytest.mark.slow
 def test_the_true_timing_costs_less_than_any_other(piece: Sequence[RgbdFrame]) -> None:
     readouts = [TRUE, Timing(0.004, -0.007), Timing(0.020, -0.007)]
     offsets = [Timing(0.012, -0.013), Timing(0.012, -0.001)]

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from drivers.errors import InputError, UserFacingError
 from vo_service.certificates.authority import Authority, check_name
 
+pytestmark = pytest.mark.subprocess
+
 
 @pytest.fixture(scope="module")
 def authority(tmp_path_factory: pytest.TempPathFactory) -> Authority:

@@ -21,6 +21,7 @@ def alone() -> Iterator[PoseClient]:
         yield client
 
 
+@pytest.mark.zenoh
 @pytest.mark.parametrize(
     "call",
     [
@@ -55,6 +56,7 @@ def test_a_place_in_32_bits_is_rigid_enough() -> None:
     assert sent["position_m"] == [1.0, 2.0, 3.0]
 
 
+@pytest.mark.zenoh
 @pytest.mark.parametrize("ask", [PoseClient.latest, PoseClient.pause, PoseClient.schemas])
 def test_a_closed_client_says_so(ask: Call) -> None:
     client = PoseClient(connect=free_endpoint())

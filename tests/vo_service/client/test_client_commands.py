@@ -14,6 +14,8 @@ from tests.waiting import wait_until
 from vo_service.client import CommandRefused, NoAnswer, PoseClient
 from vo_service.control.commands import COMMAND_NAMES, parse_command
 
+pytestmark = pytest.mark.zenoh
+
 Talk = tuple[Robot, PoseClient]
 FOLDER = {"folder": "/var/lib/kinect-vo/desk"}
 T_ODOM_BASE = rigid_transform(np.eye(3), [1.0, 2.0, 0.5])

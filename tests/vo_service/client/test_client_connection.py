@@ -12,6 +12,8 @@ from tests.vo_service.client.published import free_endpoint, robot
 from tests.waiting import wait_until
 from vo_service.client import NoAnswer, NoPose, PoseClient, Why
 
+pytestmark = pytest.mark.zenoh
+
 
 def test_a_service_that_is_not_there_yet_is_waited_for() -> None:
     endpoint = free_endpoint()
@@ -91,6 +93,7 @@ def test_nobody_there_is_no_answer() -> None:
         client.command("pause", timeout_s=0.1)
 
 
+@pytest.mark.subprocess
 def test_the_client_needs_zenoh_and_numpy_alone() -> None:
     program = "import sys, json, vo_service.client; print(json.dumps(list(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)

@@ -7,6 +7,8 @@ from tests.vo_service.client.published import Talk, free_endpoint, robot, take
 from tests.waiting import wait_until
 from vo_service.client import CommandRefused, MapOdom, PoseClient
 
+pytestmark = pytest.mark.zenoh
+
 
 def heard(talk: Talk, seq: int) -> MapOdom:
     """What the client gives out once this has come."""

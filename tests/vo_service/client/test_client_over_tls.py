@@ -16,9 +16,12 @@ from vo_service.control.commands import Pause
 from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
+pytestmark = pytest.mark.zenoh
+
 __all__ = ["keys", "make_update", "network", "robot"]
 
 
+@pytest.mark.subprocess
 def test_a_reader_gets_poses_but_no_answer_to_a_command(network: Network, robot: Robot) -> None:
     with PoseClient(config_file=network.file("reader-tls.json5", "ours/reader")) as client:
         assert next(client.poses(timeout_s=100)).state == "tracking"

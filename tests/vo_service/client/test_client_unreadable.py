@@ -6,6 +6,8 @@ from tests.vo_service.client.published import Talk, take
 from tests.waiting import wait_until
 from vo_service.client import NoPose, Why
 
+pytestmark = pytest.mark.zenoh
+
 
 @pytest.mark.parametrize(
     ("payload", "attachment", "words"),

@@ -10,6 +10,8 @@ from tests.vo_service.client.published import Talk, heard, take
 from tests.waiting import wait_until
 from vo_service.client import NoPose, Pose, Why
 
+pytestmark = pytest.mark.zenoh
+
 
 def test_a_pose_has_all_that_the_message_says(talk: Talk) -> None:
     publisher, client = talk

@@ -129,6 +129,7 @@ def test_a_folder_without_use_is_named_and_a_trajectory_that_is_there_is_kept(
     assert kept.read_text() == "precious\n"
 
 
+@pytest.mark.subprocess
 @pytest.mark.parametrize("fault", ["no folder", "depth factor 0"])
 def test_a_service_says_the_same_and_ends(
     fault: str, copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
@@ -139,6 +140,7 @@ def test_a_service_says_the_same_and_ends(
     assert_one_line(outcome, InputError.exit_code, said)
 
 
+@pytest.mark.subprocess
 def test_a_process_of_its_own_shows_no_traceback_either(tmp_path: Path) -> None:
     assert_one_line(run("replay", tmp_path / "none", "--no-publish"), 2, "none: no such folder")
 
@@ -151,6 +153,7 @@ def test_a_trajectory_that_cannot_be_written_is_an_error(
     assert_one_line(outcome, 2, "cannot write the trajectory")
 
 
+@pytest.mark.zenoh
 def test_a_busy_port_is_named_and_the_trajectory_kept(
     recording: Path, config: Path, port: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -210,6 +213,7 @@ ARGUMENTS = {
 }
 
 
+@pytest.mark.zenoh
 @pytest.mark.parametrize("mistake", ARGUMENTS)
 def test_a_mistake_on_the_command_line_is_one_line(
     mistake: str, capfd: pytest.CaptureFixture[str]

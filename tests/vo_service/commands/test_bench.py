@@ -20,6 +20,8 @@ from vo_service.bench.peers.catalogue import PEERS, Package, Peer
 from vo_service.commands import bench
 from vo_service.config import Config
 
+pytestmark = pytest.mark.subprocess
+
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
 

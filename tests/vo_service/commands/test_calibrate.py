@@ -52,6 +52,7 @@ def assert_is_the_cameras(camera: CameraFile, within_px: float = 1.0) -> None:
         assert camera.depth.T_color_depth.translation_m[0] == pytest.approx(-0.025, abs=0.004)
 
 
+@pytest.mark.slow
 def test_a_folder_becomes_a_camera_file_with_a_table_and_a_picture(
     folder: Path, tmp_path: Path, capfd: Capture
 ) -> None:
@@ -67,6 +68,7 @@ def test_a_folder_becomes_a_camera_file_with_a_table_and_a_picture(
     assert cv2.imread("coverage.png") is not None
 
 
+@pytest.mark.slow
 def test_json_is_all_that_is_printed(folder: Path, capfd: Capture) -> None:
     outcome = call(capfd, *OPTIONS, folder, "--json", "--output", "mine.toml")
     told = json.loads(outcome.out)
@@ -75,6 +77,7 @@ def test_json_is_all_that_is_printed(folder: Path, capfd: Capture) -> None:
     assert_is_the_cameras(read_camera_file(Path("mine.toml")))
 
 
+@pytest.mark.slow
 def test_the_file_goes_where_the_configuration_says_and_the_old_one_is_kept(
     folder: Path, tmp_path: Path, capfd: Capture
 ) -> None:
@@ -98,6 +101,8 @@ def held(photographs: Sequence[Snapshot], frames: int) -> Iterator[Snapshot]:
     return (each for each in photographs for _ in range(frames))
 
 
+@pytest.mark.subprocess
+@pytest.mark.rerun
 @pytest.mark.usefixtures("real_openni2")
 def test_a_camera_of_openni2_is_calibrated_live_from_its_raw_images(
     photographs: Sequence[Snapshot], tmp_path: Path, capfd: Capture
@@ -122,6 +127,7 @@ def test_a_camera_of_openni2_is_calibrated_live_from_its_raw_images(
     assert read_camera_file(tmp_path / "again.toml") == live
 
 
+@pytest.mark.subprocess
 @pytest.mark.usefixtures("real_libfreenect")
 def test_a_kinect_is_calibrated_live_from_its_raw_images(
     photographs: Sequence[Snapshot],
@@ -171,6 +177,7 @@ def few(folder: Path, tmp_path: Path) -> Path:
     return few
 
 
+@pytest.mark.slow
 def test_images_of_another_board_say_which(few: Path, capfd: Capture) -> None:
     outcome = call(capfd, "calibrate", "--board", "chessboard:8x6", "--square", "0.035", few)
     assert_one_line(outcome, 2, "but some show another one: give --board chessboard:9x6\n")
@@ -183,6 +190,7 @@ def test_too_few_views_are_a_failure_that_says_how_many_are_needed(
     assert_one_line(outcome, 1, "only 3 different views of the board; at least 6 are needed")
 
 
+@pytest.mark.slow
 def test_a_wrong_square_is_told_by_the_depth_and_nothing_is_saved(
     folder: Path, tmp_path: Path, capfd: Capture
 ) -> None:

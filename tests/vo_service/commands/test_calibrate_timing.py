@@ -31,6 +31,7 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_shaken_camera_gets_its_readout_and_its_offset(recording: Path, capfd: Capture) -> None:
     camera = replace(read_camera_file(recording / FILE_NAME), depth_offset_s=0.002)
     Path("sensor.toml").write_text(f"# mine\n{camera_file_text(camera)}")

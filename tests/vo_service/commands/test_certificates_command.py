@@ -7,6 +7,7 @@ import pytest
 from tests.vo_service.commands.command_line import call
 
 
+@pytest.mark.subprocess
 def test_it_says_what_goes_where(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     names = ("--host", "localhost", "--robot", "robot1", "--reader", "tablet", "--operator", "desk")
     outcome = call(capfd, "certificates", tmp_path / "keys", *names)

@@ -16,6 +16,7 @@ from vo_service.command_line import COMMANDS
 from vo_service.commands import warm_up
 
 
+@pytest.mark.subprocess
 def test_help_names_every_command_with_examples_and_exit_codes() -> None:
     outcome = run("--help")
     assert (outcome.code, outcome.err) == (0, "")
@@ -32,6 +33,7 @@ def test_each_command_has_help_with_an_example(
     assert f"examples:\n  kinect-vo {command}" in outcome.out
 
 
+@pytest.mark.subprocess
 def test_the_version_is_the_packages() -> None:
     outcome = run("--version")
     assert (outcome.code, outcome.out) == (0, f"kinect-vo {version('kinect-vo')}\n")
@@ -58,6 +60,7 @@ def test_a_call_leaves_the_signals_as_they_were(
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
+@pytest.mark.zenoh
 def test_a_good_configuration_is_said_to_be_good(
     config: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -90,6 +93,7 @@ def test_warming_up_prepares_loops_where_there_is_a_map(
     )
 
 
+@pytest.mark.subprocess
 def test_a_reader_that_has_gone_is_no_error(recording: Path) -> None:
     ours, theirs = os.pipe()
     os.close(ours)
@@ -102,6 +106,7 @@ def test_a_reader_that_has_gone_is_no_error(recording: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.subprocess
 def test_a_full_disk_under_standard_output_is_one_line() -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
@@ -113,6 +118,7 @@ def test_a_full_disk_under_standard_output_is_one_line() -> None:
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.subprocess
 def test_help_onto_a_full_disk_is_one_line() -> None:
     done = _in_shell("exec >/dev/full", "--help")
     assert done.returncode == 1
@@ -120,6 +126,7 @@ def test_help_onto_a_full_disk_is_one_line() -> None:
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.subprocess
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 def test_without_standard_streams_it_does_the_same(closed: str) -> None:
     done = _in_shell(f"exec {closed}", "udev", "show")

@@ -5,6 +5,8 @@ import pytest
 from tests.vo_service.client.published import free_endpoint, robot
 from tests.vo_service.commands.command_line import call
 
+pytestmark = pytest.mark.zenoh
+
 
 def test_a_value_that_is_no_json_goes_out_as_text_however_deep(
     capfd: pytest.CaptureFixture[str],

@@ -19,6 +19,8 @@ from tests.waiting import wait_until
 from vo_service.commands import compare
 from vo_service.runs import campaign
 
+pytestmark = pytest.mark.subprocess
+
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
 CHILD = "vo_service.runs.child"

@@ -8,6 +8,8 @@ import pytest
 from drivers.trajectory import read_trajectory
 from tests.vo_service.commands.command_line import call
 
+pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
+
 # Half a second of them. A busy machine drops most of them, as a robot would.
 FRAMES = 15
 

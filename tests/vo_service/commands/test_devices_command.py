@@ -33,6 +33,7 @@ def plug_in(
     return plug
 
 
+@pytest.mark.subprocess
 def test_each_kinect_is_listed_with_its_camera_argument(
     plug_in: Callable[..., list[PlayedKinect]], capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -45,6 +46,7 @@ def test_each_kinect_is_listed_with_its_camera_argument(
     ]
 
 
+@pytest.mark.subprocess
 def test_the_json_has_the_same_with_keys_that_stay(
     plug_in: Callable[..., list[PlayedKinect]], capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -65,6 +67,7 @@ def test_the_json_has_the_same_with_keys_that_stay(
     }
 
 
+@pytest.mark.subprocess
 def test_nothing_there_says_what_to_do(
     plug_in: Callable[..., list[PlayedKinect]], capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,6 +13,8 @@ from tests.stand_ins.played_kinect import PlayedKinect
 from tests.vo_service.commands.command_line import call
 from tests.vo_service.commands.diagnosis import check_of, failures
 
+pytestmark = pytest.mark.subprocess
+
 
 @pytest.fixture
 def kinect(

@@ -99,6 +99,7 @@ def examined(kinect: PlayedKinect, case: Case) -> Diagnosis:
     return diagnosis
 
 
+@pytest.mark.subprocess
 @pytest.mark.parametrize(
     "name",
     ["libraries", "sensor", "usb-speed", "permission", "sole-use", "first-frames", "gravity"],
@@ -107,6 +108,7 @@ def test_a_healthy_kinect_passes(diagnoses: dict[str, Future[Diagnosis]], name: 
     assert check_of(diagnoses["healthy"].result(), name)["verdict"] == "pass"
 
 
+@pytest.mark.subprocess
 @pytest.mark.parametrize(
     ("case", "check", "cause"),
     [

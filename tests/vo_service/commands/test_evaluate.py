@@ -31,6 +31,7 @@ def half(recording: Path, tmp_path: Path) -> Path:
     )
 
 
+@pytest.mark.subprocess
 def test_json_is_one_object_with_every_key_and_nothing_else(half: Path, recording: Path) -> None:
     outcome = run("evaluate", half, recording, "--json")
     assert (outcome.code, outcome.err) == (0, "")

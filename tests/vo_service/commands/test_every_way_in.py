@@ -22,6 +22,8 @@ from tests.vo_service.commands.command_line import call, line_count, running
 from tests.vo_service.corner_film import corner_frames, corner_kinect
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.subprocess
+
 COUNT = 8
 # Slow enough for any machine, as a live camera's late frames are dropped.
 PLAYED_HZ = 3

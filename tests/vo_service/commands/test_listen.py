@@ -21,6 +21,8 @@ from vo_service.outputs.cdr import OdometryMessage, encode_odometry
 from vo_service.outputs.cdr_transform import TransformMessage, encode_transform
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
+pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
+
 COMMAND = """
 import argparse, sys
 from vo_service.commands import listen

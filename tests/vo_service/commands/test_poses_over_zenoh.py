@@ -18,6 +18,8 @@ from tests.vo_service.commands.command_line import running
 from tests.waiting import wait_until
 from vo_service.pose_tracker import T_BODY_CAMERA
 
+pytestmark = pytest.mark.subprocess
+
 READER = Path(__file__).parents[1] / "outputs" / "plain_zenoh_reader.py"
 ROS = get_typestore(Stores.ROS2_JAZZY)
 

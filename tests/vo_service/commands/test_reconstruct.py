@@ -56,6 +56,7 @@ def likeness(one: Path, other: Path) -> float:
     return float(np.corrcoef(a, b)[0, 1])
 
 
+@pytest.mark.rerun
 def test_a_given_trajectory_makes_a_map_in_its_own_world(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -76,6 +77,7 @@ def test_a_given_trajectory_makes_a_map_in_its_own_world(
     assert rerun.stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_without_a_trajectory_the_odometry_runs_and_leaves_its_own(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -101,6 +103,7 @@ def test_loops_cannot_correct_a_given_trajectory(
     assert not output.exists()
 
 
+@pytest.mark.slow
 def test_a_full_map_is_one_line_of_warning_and_still_a_map(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -172,6 +175,7 @@ def test_an_empty_folder_is_refused_before_anything_is_made(
     assert not output.exists()
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_the_map_of_the_frames_until_then(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

@@ -29,6 +29,7 @@ FIGURES = (
 CopyRecording = Callable[..., Path]
 
 
+@pytest.mark.subprocess
 def test_json_is_one_object_on_stdout_and_nothing_else(recording: Path, tmp_path: Path) -> None:
     outcome = run("replay", recording, "--no-publish", "--json")
     assert (outcome.code, outcome.err) == (0, "")
@@ -79,6 +80,7 @@ def test_the_trajectory_starts_at_the_identity_and_follows_the_truth(
     np.testing.assert_allclose(found.T_world_camera, truth.T_world_camera, atol=0.004)
 
 
+@pytest.mark.subprocess
 def test_a_replay_repeats_bit_for_bit_also_in_another_process(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -111,6 +113,7 @@ def test_a_camera_file_on_the_command_line_wins(
     assert call(capfd, "replay", folder, "--no-publish", "--camera", given).code == 0
 
 
+@pytest.mark.subprocess
 def test_ctrl_c_ends_it_and_keeps_whole_lines(
     copy_recording: CopyRecording, tmp_path: Path
 ) -> None:

@@ -41,6 +41,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Replayed:
     return Replayed(folder, corrected, run("replay", folder, *GIVEN, corrected, "--json"))
 
 
+@pytest.mark.subprocess
 def test_the_corrected_trajectory_has_every_frame_from_the_identity_on(replayed: Replayed) -> None:
     assert (replayed.outcome.code, replayed.outcome.err) == (0, "")
     found = read_trajectory(replayed.corrected)
@@ -57,6 +58,7 @@ def test_loops_bring_the_trajectory_nearer_to_the_truth(replayed: Replayed) -> N
     assert figures["corrected_mean_global_error_m"] < 0.6 * figures["mean_global_error_m"]
 
 
+@pytest.mark.slow
 def test_what_is_published_and_written_beside_it_knows_nothing_of_loops_without_a_loss(
     replayed: Replayed, tmp_path: Path, capfd: Capture
 ) -> None:
@@ -68,6 +70,7 @@ def test_what_is_published_and_written_beside_it_knows_nothing_of_loops_without_
     assert written.read_bytes() != replayed.corrected.read_bytes()
 
 
+@pytest.mark.slow
 def test_with_loops_a_replay_repeats_bit_for_bit_also_in_another_process(
     replayed: Replayed, tmp_path: Path, capfd: Capture
 ) -> None:
@@ -79,6 +82,7 @@ def test_with_loops_a_replay_repeats_bit_for_bit_also_in_another_process(
         assert f"\n{label}  " in f"\n{outcome.out}"
 
 
+@pytest.mark.slow
 def test_with_loops_a_map_is_made_with_the_corrected_poses(
     replayed: Replayed, tmp_path: Path, capfd: Capture
 ) -> None:

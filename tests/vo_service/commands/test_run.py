@@ -12,6 +12,8 @@ from tests.ports import is_listening
 from tests.vo_service.commands.command_line import call, line_count, run, running, stretched
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.subprocess
+
 CopyRecording = Callable[..., Path]
 
 

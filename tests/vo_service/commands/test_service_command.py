@@ -12,6 +12,8 @@ from tests.vo_service.installation.conftest import tree
 from vo_service.installation import systemd
 from vo_service.installation.unit import UNITS, text_of
 
+pytestmark = pytest.mark.subprocess
+
 __all__ = ["tree"]
 CONFIG = "etc/kinect-vo/kinect.toml"
 Service = Callable[..., Outcome]

@@ -121,6 +121,7 @@ def test_a_run_of_few_poses_can_be_drawn(lost: range) -> None:
     assert "trajectory" in figures(results(of, surf=done(of, lost=lost)))
 
 
+@pytest.mark.slow
 def test_the_files_are_images_and_the_same_every_time() -> None:
     one, same = (next(iter(path_figures(walk()))) for _ in range(2))
     svg = image(one, "svg")

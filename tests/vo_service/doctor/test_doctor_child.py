@@ -11,6 +11,8 @@ from drivers.errors import UserFacingError
 from vo_service.doctor.child import in_child
 from vo_service.doctor.loaded import load
 
+pytestmark = pytest.mark.subprocess
+
 PLENTY_S = 100.0
 
 

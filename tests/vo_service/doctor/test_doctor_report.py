@@ -87,6 +87,7 @@ def test_a_file_that_cannot_be_is_refused_at_once(
         pass
 
 
+@pytest.mark.subprocess
 def test_the_versions_name_what_matters() -> None:
     found = versions()
     assert {"kinect-vo", "python", "os", "kernel", "numpy", "libfreenect0.5"} <= found.keys()
@@ -108,6 +109,7 @@ def test_a_kernel_without_usb_is_said(tmp_path: Path) -> None:
     assert usb_listing(tmp_path) == "the kernel shows no USB devices here\n"
 
 
+@pytest.mark.subprocess
 def test_a_command_that_is_not_there_says_nothing() -> None:
     assert output_of(["no-such-command-here"]) == ""
     assert output_of(["false"]) == ""

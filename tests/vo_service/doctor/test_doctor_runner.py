@@ -141,6 +141,7 @@ def test_a_camera_without_permission_is_not_opened() -> None:
     assert {"sole-use", "first-frames", "frame-rate", "gravity"} <= skipped
 
 
+@pytest.mark.subprocess
 @pytest.mark.usefixtures("real_libfreenect")
 def test_a_good_machine_passes_every_check() -> None:
     found = list(results(checks_for("freenect"), context([sensor()], watched()), quiet))

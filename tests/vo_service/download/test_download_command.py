@@ -84,6 +84,7 @@ def test_two_at_once_do_not_mix(download: Download, server: WebServer, output: P
     assert server.asked == []
 
 
+@pytest.mark.subprocess
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interruption_is_at_once_and_keeps_what_has_come(
     server: WebServer, output: Path, number: signal.Signals, code: int

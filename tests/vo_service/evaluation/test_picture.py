@@ -88,6 +88,7 @@ def test_both_views_show_metres_to_one_scale_with_a_legend(
     assert [text.get_text() for text in legend.get_texts()] == ["ground truth", "trajectory"]
 
 
+@pytest.mark.slow
 def test_the_suffix_says_png_or_svg(
     tmp_path: Path, trajectory: StampedPoses, truth: StampedPoses
 ) -> None:
@@ -127,6 +128,7 @@ def test_a_full_disk_is_no_mistake_of_the_user(
     assert caught.value.exit_code == 1
 
 
+@pytest.mark.subprocess
 def test_drawing_needs_no_pyplot_and_evaluating_no_matplotlib() -> None:
     program = """
 import sys

@@ -12,6 +12,8 @@ from vo_service.installation import program
 from vo_service.installation.distributions import files_of, runtime_distributions
 from vo_service.installation.program import FOLDER, install_program, remove_program
 
+pytestmark = pytest.mark.subprocess
+
 CHECKOUT = Path(__file__).parents[3]
 
 

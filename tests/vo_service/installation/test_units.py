@@ -43,17 +43,20 @@ def lines_of(name: str) -> list[str]:
     return [line for line in text_of(name).splitlines() if line and not line.startswith("#")]
 
 
+@pytest.mark.subprocess
 @pytest.mark.parametrize("name", UNITS)
 def test_systemd_has_nothing_to_say_against_a_unit(tmp_path: Path, name: str) -> None:
     assert analyzed("verify", str(placed(tmp_path) / name)) == ""
 
 
+@pytest.mark.subprocess
 def test_systemd_would_say_so_if_a_key_were_wrong(tmp_path: Path) -> None:
     unit = placed(tmp_path) / UNITS[0]
     unit.write_text(unit.read_text().replace("WatchdogSec=", "WatchdogSek="))
     assert "WatchdogSek" in analyzed("verify", str(unit))
 
 
+@pytest.mark.subprocess
 @pytest.mark.parametrize("name", UNITS)
 def test_a_unit_is_little_exposed(tmp_path: Path, name: str) -> None:
     said = analyzed("security", "--offline=true", str(placed(tmp_path) / name))

@@ -160,6 +160,7 @@ def test_a_fixed_effort_stays() -> None:
     assert effort.warning == ""
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(fixed=st.floats(0.0, 1.5), features=st.floats(0.0, 1.5), viewer=st.floats(0.0, 0.2))
 def test_a_constant_load_settles(fixed: float, features: float, viewer: float) -> None:
@@ -190,6 +191,7 @@ def test_all_comes_back_when_the_load_goes(past: list[tuple[float, float]], room
     assert not machine.viewers[0].is_resting
 
 
+@pytest.mark.slow
 def test_waits_grow_with_every_return_that_fails_but_not_for_ever() -> None:
     machine = Machine(viewers=(), min_features=700)
     machine.run(5000.0, lambda now_s, e: (1.2 if e.features == 1000 else 0.3) * INTERVAL_S)

@@ -12,6 +12,8 @@ from vo_service.mapping.mesh import Mesh
 from vo_service.mapping.watching import MapSoFar, Sight, watching
 
 
+@pytest.mark.subprocess
+@pytest.mark.rerun
 def test_each_camera_and_each_new_surface_is_in_the_recording(
     seen_ball: Mesh, tmp_path: Path
 ) -> None:

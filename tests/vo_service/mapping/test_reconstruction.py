@@ -62,6 +62,7 @@ def truth(camera: SyntheticCamera) -> StampedPoses:
     return truth
 
 
+@pytest.mark.slow
 def test_true_surfaces_are_what_the_camera_sees() -> None:
     ideal = replace(
         SyntheticConfig.ideal(), camera=ROOM.camera, duration_s=1.0, rate_hz=1.0, texel_m=0.05
@@ -79,6 +80,7 @@ def test_true_surfaces_are_what_the_camera_sees() -> None:
     assert np.median(distances_m(moved_m, solids_of(ideal))) > 0.01
 
 
+@pytest.mark.slow
 def test_with_true_poses_the_map_lies_on_the_true_surfaces(
     frames: list[RgbdFrame], truth: StampedPoses
 ) -> None:

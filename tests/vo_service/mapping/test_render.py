@@ -1,6 +1,7 @@
 """Pictures show the nearest surface, in its colour, where it belongs."""
 
 import numpy as np
+import pytest
 
 from drivers.camera import PinholeCamera
 from drivers.geometry import rigid_transform, rotation_from_vector
@@ -38,6 +39,7 @@ def columns_of(image: np.ndarray, colour: tuple[int, int, int]) -> list[int]:
     return [int(column) for column in np.flatnonzero(near)]
 
 
+@pytest.mark.slow
 def test_a_square_covers_the_pixels_that_it_projects_to() -> None:
     image = draw_perspective(square(0.5, 2.0, GREEN), CAMERA, np.eye(4))
     # Half a metre at 2 m with 40 pixels of focal length: 10 pixels each way of column 19.5.

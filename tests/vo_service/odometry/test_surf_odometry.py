@@ -66,6 +66,7 @@ def test_the_same_frames_twice_give_the_same_bits(views: list[RgbdFrame]) -> Non
         assert np.array_equal(a.covariance, b.covariance)
 
 
+@pytest.mark.subprocess
 def test_the_number_of_threads_changes_no_bit() -> None:
     script = str(Path(__file__).with_name("trajectory_bits.py"))
     root = str(Path(__file__).parents[3])
@@ -113,6 +114,7 @@ def all_frames(camera: TumCamera) -> Iterator[RgbdFrame]:
             return
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "frames"),
     [("freiburg1_xyz_head", 10), ("freiburg1_desk_piece", 9), ("redkitchen", 100)],

@@ -17,6 +17,8 @@ from vo_service.outputs.zenoh_output import ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig
 from vo_service.settings import RerunSettings
 
+pytestmark = pytest.mark.zenoh
+
 
 def zenoh_at(port: int) -> ZenohConfig:
     return ZenohConfig(listen=(f"tcp/127.0.0.1:{port}",))

@@ -14,6 +14,8 @@ from tests.vo_service.outputs.ros_node import ROS, TF_KEY, published
 from vo_service.outputs.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.outputs.output import PoseUpdate
 
+pytestmark = pytest.mark.zenoh
+
 MakeUpdate = Callable[..., PoseUpdate]
 
 

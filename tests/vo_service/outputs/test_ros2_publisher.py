@@ -30,6 +30,8 @@ from vo_service.outputs.ros2_publisher import ros2_output
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 from vo_service.settings import Ros2Settings
 
+pytestmark = pytest.mark.zenoh
+
 MakeUpdate = Callable[..., PoseUpdate]
 
 

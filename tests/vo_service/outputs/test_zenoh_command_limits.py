@@ -15,6 +15,8 @@ from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.zenoh_commands import CommandsFor, RateLimit, commands_for
 from vo_service.settings import CommandSettings
 
+pytestmark = pytest.mark.zenoh
+
 MakeUpdate = Callable[..., PoseUpdate]
 
 

@@ -3,7 +3,11 @@
 import subprocess
 import sys
 
+import pytest
+
 from tests.waiting import PATIENCE_S
+
+pytestmark = pytest.mark.subprocess
 
 BEGIN = "import os, subprocess, sys\nfrom vo_service.outputs.zenoh_log import zenoh_log_as_ours\n"
 

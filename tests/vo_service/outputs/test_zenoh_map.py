@@ -17,6 +17,8 @@ from vo_service.outputs.cdr_transform import decode_transform
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.zenoh_output import LOCKSTEP, ZenohOutput
 
+pytestmark = pytest.mark.zenoh
+
 MakeUpdate = Callable[..., PoseUpdate]
 KEY = "kinect/map_odom"
 

@@ -19,6 +19,8 @@ from vo_service.outputs.zenoh_opening import KeepTrying
 from vo_service.outputs.zenoh_output import LIVE, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig
 
+pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
+
 COUNT = 300
 READER = """
 import sys, zenoh

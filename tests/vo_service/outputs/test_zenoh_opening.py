@@ -20,6 +20,8 @@ from vo_service.outputs.zenoh_opening import KeepTrying, OpenAtOnce, OpenOnFreeP
 from vo_service.outputs.zenoh_output import LIVE, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig, ZenohPortTakenError, open_session
 
+pytestmark = pytest.mark.zenoh
+
 MakeUpdate = Callable[..., PoseUpdate]
 
 

@@ -21,6 +21,8 @@ from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, ZenohOutput
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
+pytestmark = pytest.mark.zenoh
+
 MakeUpdate = Callable[..., PoseUpdate]
 READER = Path(__file__).with_name("plain_zenoh_reader.py")
 ROS = get_typestore(Stores.ROS2_JAZZY)
@@ -73,6 +75,7 @@ def receive(handler: Any, timeout_s: float = 10.0) -> zenoh.Sample:
     raise AssertionError("no sample came")
 
 
+@pytest.mark.subprocess
 @pytest.mark.parametrize("attempt", range(3))
 def test_a_stranger_gets_every_pose_of_a_replay_in_order(
     free_port: int, make_update: MakeUpdate, attempt: int
@@ -81,12 +84,14 @@ def test_a_stranger_gets_every_pose_of_a_replay_in_order(
     assert [sample["attachment"]["seq"] for sample in samples] == list(range(1000))
 
 
+@pytest.mark.subprocess
 def test_a_slow_stranger_gets_the_last_poses_too(free_port: int, make_update: MakeUpdate) -> None:
     updates = [make_update(0)] * 900
     # Longer than Zenoh's keep-alive period: closing at once would lose the tail.
     assert len(read_by_stranger(free_port, updates, seconds_per_sample=0.005)) == 900
 
 
+@pytest.mark.subprocess
 def test_rosbags_reads_the_same_numbers(free_port: int, make_update: MakeUpdate) -> None:
     updates = [make_update(seq) for seq in range(20)]
     for update, sample in zip(updates, read_by_stranger(free_port, updates), strict=True):
@@ -103,6 +108,7 @@ def test_rosbags_reads_the_same_numbers(free_port: int, make_update: MakeUpdate)
         assert [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z] == list(update.twist)
 
 
+@pytest.mark.subprocess
 def test_the_attachment_says_how_far_to_trust_the_pose(
     free_port: int, make_update: MakeUpdate
 ) -> None:
@@ -172,6 +178,7 @@ def test_publishing_to_nobody_loses_nothing_and_ends(
     assert output.errors == 0
 
 
+@pytest.mark.subprocess
 def test_a_frozen_subscriber_does_not_hold_up_a_robot(
     free_port: int, make_update: MakeUpdate
 ) -> None:

@@ -6,12 +6,15 @@ from collections.abc import Callable
 from contextlib import closing
 
 import numpy as np
+import pytest
 
 from tests.vo_service.outputs.zenoh_asking import answers, ask, asking, config, content
 from tests.waiting import wait_until
 from vo_service.outputs.cdr import decode_odometry
 from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.zenoh_output import ZenohOutput
+
+pytestmark = pytest.mark.zenoh
 
 MakeUpdate = Callable[..., PoseUpdate]
 

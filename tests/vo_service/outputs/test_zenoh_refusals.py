@@ -57,6 +57,7 @@ def test_what_is_allowed_or_only_not_passed_on_is_no_refusal() -> None:
     assert clause(refusals, f"{on} unauthorized to Declare Queryable (egress) on a", **where) == ""
 
 
+@pytest.mark.slow
 @given(st.text())
 def test_no_line_is_too_strange_to_read(text: str) -> None:
     parsed = parse_line(text)

@@ -13,6 +13,7 @@ from drivers.errors import InputError, UserFacingError
 from vo_service.outputs.zenoh_session import ZenohConfig, check_prefix, open_session
 
 
+@pytest.mark.zenoh
 def test_a_taken_port_is_one_line_that_says_what_to_do() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -28,12 +29,14 @@ def test_a_taken_port_is_one_line_that_says_what_to_do() -> None:
     assert "\n" not in text
 
 
+@pytest.mark.zenoh
 def test_a_second_session_on_the_same_port_is_refused(free_port: int) -> None:
     config = ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",))
     with open_session(config), pytest.raises(UserFacingError, match="the port is taken"):
         open_session(config)
 
 
+@pytest.mark.subprocess
 def test_zenoh_itself_prints_nothing_about_it(free_port: int) -> None:
     script = (
         "from vo_service.outputs.zenoh_session import *\n"
@@ -47,6 +50,7 @@ def test_zenoh_itself_prints_nothing_about_it(free_port: int) -> None:
     assert (done.stdout, done.stderr, done.returncode) == ("refused\n", "", 0)
 
 
+@pytest.mark.zenoh
 @pytest.mark.parametrize(
     "endpoint",
     ["nonsense", "tcp/127.0.0.1", "tcp/127.0.0.1:99999", "tcp/127.0.0.1:80x", "foo/127.0.0.1:7450"],
@@ -72,12 +76,14 @@ def test_anything_else_is_no_prefix(prefix: str) -> None:
         check_prefix(prefix)
 
 
+@pytest.mark.zenoh
 def test_a_session_without_listen_listens_nowhere(listening: Callable[[int], set[str]]) -> None:
     before = listening(os.getpid())
     with open_session(ZenohConfig(listen=())):
         assert listening(os.getpid()) == before
 
 
+@pytest.mark.zenoh
 def test_a_file_that_sets_nothing_exposes_nothing(
     tmp_path: Path, free_port: int, listening: Callable[[int], set[str]]
 ) -> None:
@@ -89,6 +95,7 @@ def test_a_file_that_sets_nothing_exposes_nothing(
         assert listening(os.getpid()) == before | {"127.0.0.1"}
 
 
+@pytest.mark.zenoh
 def test_what_a_file_sets_is_kept(tmp_path: Path, free_port: int) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text(f"{{ listen: {{ endpoints: ['tcp/127.0.0.1:{free_port}'] }}, }}")

@@ -1,5 +1,6 @@
 """What is declared on a session goes with it, whatever fails on the way."""
 
+import pytest
 import zenoh
 
 from vo_service.outputs.zenoh_commands import NoCommands
@@ -8,6 +9,8 @@ from vo_service.outputs.zenoh_questions import Memory, Questions
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 from vo_service.outputs.zenoh_station import Programme, Station
 from vo_service.settings import Ros2Settings
+
+pytestmark = pytest.mark.zenoh
 
 
 def test_a_token_that_cannot_be_taken_back_keeps_nothing_else_open() -> None:

@@ -26,6 +26,8 @@ from tests.waiting import wait_until
 from vo_service.outputs.output import TrackingState
 from vo_service.settings import RecorderSettings
 
+pytestmark = pytest.mark.subprocess
+
 SMALL = RecorderSettings(max_mb=20)
 LOST = TrackingState.LOST
 

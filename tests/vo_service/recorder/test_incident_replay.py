@@ -25,6 +25,8 @@ from vo_service.recorder.recorder import FlightRecorder
 from vo_service.session import run_loop
 from vo_service.settings import RecorderSettings
 
+pytestmark = pytest.mark.subprocess
+
 
 def blinded(frame: RgbdFrame) -> RgbdFrame:
     """The same, but black, and with no depth."""

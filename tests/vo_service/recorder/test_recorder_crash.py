@@ -8,11 +8,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from tests.belongings import children_of, is_alive
 from tests.drivers.tum.replaying import replayed
 from tests.vo_service.recorder.crashing_service import FRAMES
 from tests.vo_service.recorder.moments import incident, incidents
 from tests.waiting import wait_until
+
+pytestmark = pytest.mark.subprocess
 
 COMMAND = [sys.executable, "-P", "-m", "tests.vo_service.recorder.crashing_service"]
 ROOT = Path(__file__).parents[3]

@@ -25,6 +25,8 @@ from vo_service.recorder.contract import NoRecorder
 from vo_service.recorder.opening import open_recorder
 from vo_service.settings import RecorderSettings
 
+pytestmark = pytest.mark.subprocess
+
 SMALL = RecorderSettings(max_mb=20)
 LOST = TrackingState.LOST
 

@@ -22,6 +22,8 @@ from vo_service.recorder.recording import Recording
 from vo_service.recorder.shared_ring import RingReader, RingWriter
 from vo_service.settings import RecorderSettings
 
+pytestmark = pytest.mark.subprocess
+
 SMALL = RecorderSettings(max_mb=20)
 
 

@@ -109,6 +109,7 @@ def test_memory_that_cannot_be_had_is_an_error_at_once() -> None:
         RingWriter("trial", 1.0, MOST)
 
 
+@pytest.mark.slow
 def test_a_reader_beside_a_hurried_writer_never_sees_half_a_record() -> None:
     random = np.random.default_rng(1)
     stop = threading.Event()

@@ -55,6 +55,7 @@ def states(entries: list[Entry]) -> list[RunState]:
     return [entry.outcome.state for entry in entries]
 
 
+@pytest.mark.subprocess
 def test_a_failure_does_not_keep_the_others_from_running_and_is_tried_again(
     recording: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -69,6 +70,7 @@ def test_a_failure_does_not_keep_the_others_from_running_and_is_tried_again(
     assert "good (run 2 of 2): kept from before" in seen
 
 
+@pytest.mark.subprocess
 def test_what_is_kept_is_made_anew_when_asked_for_or_when_the_settings_change(
     recording: Path, tmp_path: Path
 ) -> None:
@@ -121,6 +123,7 @@ def test_runs_with_loops_are_told_apart_from_those_without(recording: Path) -> N
     assert key(recording, Trial(), listener=LoopsRecipe(MapSettings(enabled=False))) == keys[1]
 
 
+@pytest.mark.subprocess
 def test_a_run_with_loops_is_kept_with_them(recording: Path, tmp_path: Path) -> None:
     loops = LoopsRecipe(MapSettings())
     first, _ = compare(recording, tmp_path, {"trial": Trial()}, listener=loops)

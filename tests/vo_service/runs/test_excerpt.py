@@ -42,6 +42,7 @@ def test_an_excerpt_of_a_recording_has_its_own_name_and_frames_and_the_same_trut
     assert whole.only(WHOLE).name == "walk"
 
 
+@pytest.mark.subprocess
 def test_the_method_sees_the_frames_of_the_excerpt_alone(recording: Path) -> None:
     excerpt = Excerpt(every=2, first=9)
     expected_s = open_recordings([recording], None)[0].only(excerpt).frames_s

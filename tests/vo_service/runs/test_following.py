@@ -85,6 +85,7 @@ def test_a_broken_frame_at_the_start_is_skipped_once(copy_recording: Callable[..
     assert (len(run.frames), run.skipped) == (FRAMES - 1, 1)
 
 
+@pytest.mark.slow
 def test_where_kernels_had_to_be_compiled_no_frame_is_counted_unless_it_has_to(
     recording: Path,
 ) -> None:
@@ -96,6 +97,7 @@ def test_where_kernels_had_to_be_compiled_no_frame_is_counted_unless_it_has_to(
     assert len(follow(job, lambda word: None).frames) == FRAMES
 
 
+@pytest.mark.subprocess
 def test_what_another_process_compiles_meanwhile_does_not_count(
     recording: Path, tmp_path: Path
 ) -> None:

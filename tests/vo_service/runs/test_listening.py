@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.conftest import FRAMES
 from tests.vo_service.fakes import good
@@ -38,6 +39,7 @@ def heard_of_a_way_there_and_back(last: int) -> LoopsRun:
     return listener.result
 
 
+@pytest.mark.slow
 def test_what_a_method_says_is_the_same_bit_for_bit_whoever_listens(recording: Path) -> None:
     alone, heard = followed(recording, NOBODY), followed(recording, LOOPS)
     assert alone.with_loops is None

@@ -19,6 +19,8 @@ from vo_service.runs.messages import Job, Preparing, Progress
 from vo_service.runs.run import Outcome, RunState
 from vo_service.runs.running import run_in_child
 
+pytestmark = pytest.mark.subprocess
+
 
 def ran(folder: Path, act: str, limit_s: float = PATIENCE_S) -> Outcome:
     """The outcome of a trial; nothing may be left of its process."""

@@ -8,6 +8,8 @@ import zenoh
 from tests.vo_service.security.tls_network import Network, answers
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.zenoh
+
 
 @pytest.fixture
 def router(network: Network) -> Iterator[zenoh.Session]:
@@ -29,6 +31,7 @@ def reader(network: Network) -> zenoh.Session:
     return network.session("reader-tls.json5", "ours/reader")
 
 
+@pytest.mark.subprocess
 def test_one_subscriber_reads_all_robots(network: Network, robot1: zenoh.Session) -> None:
     heard: set[str] = set()
     with (

@@ -8,9 +8,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from tests.vo_service.played_service import KINECT_VO
 from tests.vo_service.security.tls_network import HOST, Network, answers, connects
 from tests.waiting import wait_until
+
+pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
 
 class RunningRouter:

@@ -20,6 +20,8 @@ from tests.vo_service.security.tls_network import (
 from tests.waiting import wait_until
 from vo_service.outputs.zenoh_session import ZenohConfig, open_session
 
+pytestmark = pytest.mark.zenoh
+
 FLOOD = Path(__file__).with_name("command_flood.py")
 
 
@@ -121,6 +123,7 @@ def test_a_command_of_enormous_size_never_reaches_the_service(
     assert len(robot.obeyed) == 1
 
 
+@pytest.mark.subprocess
 @pytest.mark.parametrize("flooder", ["operator", "reader"])
 def test_a_flood_of_commands_costs_a_healthy_subscriber_no_pose(
     network: Network, robot: Robot, flooder: str

@@ -30,6 +30,8 @@ def processes(service: PlayedService) -> list[int]:
     return found
 
 
+@pytest.mark.subprocess
+@pytest.mark.zenoh
 def test_it_listens_on_loopback_alone(
     service: PlayedService, listening: Callable[[int], set[str]]
 ) -> None:
@@ -37,6 +39,7 @@ def test_it_listens_on_loopback_alone(
     assert addresses == {"127.0.0.1"}
 
 
+@pytest.mark.slow
 def test_it_has_no_udp_socket_and_so_is_in_no_multicast_group(service: PlayedService) -> None:
     datagrams = {
         line.split()[9]

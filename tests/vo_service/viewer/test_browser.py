@@ -19,6 +19,8 @@ from vo_service.viewer.output import ViewerOutput, open_viewer
 from vo_service.viewer.page import free_port as any_port
 from vo_service.viewer.sinks import PortTakenError
 
+pytestmark = pytest.mark.subprocess
+
 
 @pytest.fixture
 def other_port() -> int:
@@ -66,6 +68,7 @@ def test_everything_listens_on_loopback_alone(
     assert not is_alive(process)
 
 
+@pytest.mark.rerun
 @pytest.mark.parametrize("which", ["data", "page"])
 def test_a_taken_port_is_one_line(free_port: int, which: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:

@@ -30,6 +30,8 @@ from vo_service.viewer.drawing import Drawing
 from vo_service.viewer.output import ViewerOutput
 from vo_service.viewer.recording_file import RecordingFile
 
+pytestmark = pytest.mark.rerun
+
 MakeUpdate = Callable[..., PoseUpdate]
 
 
@@ -84,6 +86,7 @@ def _differ(folder: Path, before: dict[str, int]) -> bool:
     return sizes(folder) != before
 
 
+@pytest.mark.subprocess
 @pytest.mark.usefixtures("written_at_once")
 def test_a_full_file_is_followed_by_the_next_and_the_oldest_goes(
     tmp_path: Path, heavy: Callable[[int], PoseUpdate]
@@ -164,6 +167,7 @@ def test_room_is_made_among_our_own_files_alone(
     assert {file.name for file in tmp_path.iterdir()} == set(left)
 
 
+@pytest.mark.subprocess
 def test_a_disk_that_fills_up_ends_the_file_in_order_and_begins_another_when_there_is_space(
     tmp_path: Path, make_update: MakeUpdate, free_bytes: list[int]
 ) -> None:
@@ -187,6 +191,7 @@ def test_a_disk_that_is_full_at_the_start_is_trouble_but_no_refusal(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.subprocess
 def test_a_file_that_cannot_grow_can_be_read_up_to_there(
     tmp_path: Path, heavy: Callable[[int], PoseUpdate]
 ) -> None:

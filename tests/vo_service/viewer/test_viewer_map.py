@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector
 from tests.vo_service.made_up_map import a_map
@@ -45,6 +46,7 @@ def seen(updates: Sequence[PoseUpdate]) -> MapSketch:
     return sketch
 
 
+@pytest.mark.rerun
 def test_places_and_what_joins_them_are_drawn(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
     the_map = a_map(5)
@@ -62,6 +64,7 @@ def test_places_and_what_joins_them_are_drawn(tmp_path: Path, make_update: MakeU
     assert motions[2] == [places[2], places[3]]
 
 
+@pytest.mark.rerun
 def test_without_a_map_nothing_is_drawn_of_one(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
     draw(RecordingFile(path), [make_update(seq) for seq in range(40)])
@@ -134,6 +137,7 @@ def test_a_map_of_the_epoch_before_does_not_say_where_the_camera_is(
     assert list(sketch.corrected(replace(update, epoch=2))) == []
 
 
+@pytest.mark.rerun
 def test_a_map_that_changes_all_the_time_is_drawn_once_a_second_and_at_the_end(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
@@ -146,6 +150,7 @@ def test_a_map_that_changes_all_the_time_is_drawn_once_a_second_and_at_the_end(
     assert [len(places) for places in drawn] == [2, 29, 57, 76]
 
 
+@pytest.mark.rerun
 def test_a_map_that_rests_is_drawn_again_now_and_then_for_who_comes_late(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
@@ -157,6 +162,7 @@ def test_a_map_that_rests_is_drawn_again_now_and_then_for_who_comes_late(
     assert counted["/world/map/latest"] == 250
 
 
+@pytest.mark.rerun
 def test_the_next_file_has_the_map_too(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
     the_map = a_map()

@@ -24,6 +24,8 @@ from vo_service.viewer.output import ViewerOutput, open_viewer
 from vo_service.viewer.recording_file import RecordingFile
 from vo_service.viewer.sinks import Sink
 
+pytestmark = pytest.mark.subprocess
+
 MakeUpdate = Callable[..., PoseUpdate]
 # Far more than any call takes that does not wait for the viewer, on a busy computer too.
 AT_ONCE_S = 10.0

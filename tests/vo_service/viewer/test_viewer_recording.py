@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from drivers.geometry import rigid_transform, transform_points
 from drivers.trajectory import StampedPoses
@@ -14,6 +15,8 @@ from vo_service.viewer.recording_file import RecordingFile
 from vo_service.viewer.scene import back_project
 from vo_service.viewer.throttle import Throttle
 
+pytestmark = pytest.mark.rerun
+
 MakeUpdate = Callable[..., PoseUpdate]
 
 
@@ -21,6 +24,7 @@ def record(path: Path, updates: list[PoseUpdate], truth: StampedPoses | None = N
     draw(RecordingFile(path), updates, truth=truth)
 
 
+@pytest.mark.subprocess
 def test_a_recording_is_whole_and_holds_everything(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
     record(path, [make_update(seq) for seq in range(30)])

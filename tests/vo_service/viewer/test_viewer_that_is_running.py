@@ -70,6 +70,7 @@ def test_a_viewer_that_never_comes_costs_no_process(
     assert sum(ABSENT in message for message in logged) == 1
 
 
+@pytest.mark.subprocess
 def test_a_viewer_that_comes_late_goes_and_comes_again_is_fed(
     free_port: int, output: ViewerOutput, make_update: MakeUpdate
 ) -> None:
@@ -83,6 +84,7 @@ def test_a_viewer_that_comes_late_goes_and_comes_again_is_fed(
         wait_until(lambda: ABSENT in output.warning)
 
 
+@pytest.mark.subprocess
 def test_a_frozen_viewer_is_given_up_and_memory_stays_bounded(
     free_port: int, make_update: MakeUpdate
 ) -> None:
@@ -166,6 +168,7 @@ def test_something_that_sends_a_frame_nobody_may_send_is_given_up_at_once() -> N
                 presence.answers()
 
 
+@pytest.mark.subprocess
 def test_a_viewer_that_is_replaced_by_another_is_noticed_at_once(free_port: int) -> None:
     with closing_presence(free_port) as presence:
         with viewer(free_port):

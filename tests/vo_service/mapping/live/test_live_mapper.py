@@ -28,6 +28,8 @@ from vo_service.mapping.live.mapper import LiveMapper
 from vo_service.mapping.live.opening import open_mapper
 from vo_service.settings import MapSettings
 
+pytestmark = pytest.mark.subprocess
+
 
 @dataclass
 class Walk:
@@ -141,6 +143,7 @@ def test_the_service_goes_on_without_a_map_that_has_no_memory(
     assert refusal(lambda: opened.save("x")).startswith("not-possible: map: switched off")
 
 
+@pytest.mark.slow
 def test_a_map_that_is_switched_off_says_so_to_whoever_asks() -> None:
     opened = open_mapper(MapSettings(enabled=False))
     assert opened.warning == ""

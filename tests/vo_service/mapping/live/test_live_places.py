@@ -23,6 +23,8 @@ from vo_service.mapping.loops.warm_up import warm_up_loops
 from vo_service.odometry.relocalising import Located
 from vo_service.pose_tracker import T_BODY_CAMERA
 
+pytestmark = pytest.mark.subprocess
+
 WITH_PLACES = replace(COARSE, loops=True)
 NAME = "corner"
 

@@ -13,6 +13,8 @@ from tests.vo_service.mapping.live.views import vertices_m
 from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
 from tests.waiting import PATIENCE_S
 
+pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
+
 SMALL = '\n[map]\nvoxel_m = 0.1\nmaking_mb = 50\n[log]\nlevel = "info"\n'
 
 

@@ -34,6 +34,7 @@ def test_a_place_that_shows_one_nearby_that_is_not_plausible_stays() -> None:
     assert repeated in made.places
 
 
+@pytest.mark.slow
 def test_who_comes_by_again_adds_few_places() -> None:
     made = closer_after(STEPS + 1)
     once = len(made.places)

@@ -198,6 +198,7 @@ def test_with_nothing_to_begin_anew_from_the_old_keyframes_are_kept(views: list[
     assert_close(found.T_world_camera, BRISK.at(2 / 30), 0.0015, 0.05)
 
 
+@pytest.mark.slow
 def test_one_failure_does_not_count_towards_the_next(views: list[RgbdFrame]) -> None:
     odometry = KeyframeOdometry()
     frames = [views[0], *[views[1], nothing(views[2])] * (MOST_FAILURES + 2)]

@@ -118,6 +118,7 @@ def test_standing_still_does_not_creep_and_needs_no_other_keyframe(readout_s: fl
     assert way[30:].std(axis=0).max() < 7e-5
 
 
+@pytest.mark.slow
 def test_a_start_from_rest_is_followed_at_once() -> None:
     going = Hand(np.array([0.012, 0.0, 0.016, 0.0, 0.0, 0.0]))
     rest = [seen(readout_s=0.02) for _ in range(20)]
@@ -128,6 +129,7 @@ def test_a_start_from_rest_is_followed_at_once() -> None:
     np.testing.assert_allclose(way[20:] - way[10:20].mean(), 0.02 * np.arange(10) / 30, atol=0.7e-3)
 
 
+@pytest.mark.slow
 def test_slow_motion_is_not_swallowed() -> None:
     slow = Hand(np.array([0.9e-3, 0.0, 1.2e-3, 0.0, 0.0, 0.0]))
     frames = [noisy(frame, k) for k, frame in enumerate(film(slow, 50))]
@@ -223,6 +225,7 @@ def drift_of(frames: list[RgbdFrame]) -> float:
     return float(np.linalg.norm(way - truth, axis=1).mean())
 
 
+@pytest.mark.slow
 def test_a_trembling_hand_bends_no_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
     """Keyframes are un-bent by the poses around them, not by what bent ones before made of it."""
     frames = [noisy(f, k) for k, f in enumerate(film(Trembling(), 36, 0.02, 0.012))]

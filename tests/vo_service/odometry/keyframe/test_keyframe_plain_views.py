@@ -29,6 +29,7 @@ def test_a_bare_wall_is_no_place_to_start_and_it_does_not_slide_along_one(times:
     assert odometry.estimate(wall[4]).ok
 
 
+@pytest.mark.slow
 def test_a_view_too_plain_is_followed_for_a_moment_and_told_and_then_lost() -> None:
     """A painted wall, and the light goes out: the depth holds the camera in three directions."""
     odometry = KeyframeOdometry()
@@ -44,6 +45,7 @@ def test_a_view_too_plain_is_followed_for_a_moment_and_told_and_then_lost() -> N
     assert np.trace(plain[11].covariance) > 10.0 * np.trace(plain[0].covariance)
 
 
+@pytest.mark.slow
 def test_the_jump_from_where_it_was_carried_on_to_is_no_velocity_to_carry_on_with() -> None:
     """The light goes out, is seen for one frame, and goes out again."""
     odometry = KeyframeOdometry()

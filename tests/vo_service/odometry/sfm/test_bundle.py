@@ -1,6 +1,7 @@
 """Poses and points adjusted together."""
 
 import numpy as np
+import pytest
 
 from drivers.geometry import Array, inverse, is_rigid, rigid_transform, rotation_from_vector
 from tests.vo_service.odometry.sfm.ray_views import SIGMA, cloud, rays
@@ -43,6 +44,7 @@ def shape(adjusted: Adjusted) -> Array:
     return scaled
 
 
+@pytest.mark.slow
 def test_poses_and_points_are_led_to_where_they_are_seen_from() -> None:
     adjusted = adjusted_from_afar(sightings())
     truth = np.array([T[:3, 3] for T in POSES])

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 
 from drivers.camera import RgbdFrame
@@ -99,6 +100,7 @@ def step_error_deg(estimates: list[Estimate]) -> float:
     return float(np.degrees(rotation_angle_rad(error[:3, :3])))
 
 
+@pytest.mark.slow
 def test_a_rolling_shutter_that_is_told_of_costs_little() -> None:
     frames = [rolled(k) for k in range(10)]
     told = step_error_deg(follow(SfmOdometry(), frames))

@@ -39,6 +39,7 @@ def slope(angle_deg: float, steepness: float) -> Array:
     return grey
 
 
+@pytest.mark.slow
 @FIRST_CALL_COMPILES
 @given(ANGLE_DEG, st.floats(0.5, 15.0))
 def test_a_slope_has_the_direction_in_which_it_rises(angle_deg: float, steepness: float) -> None:

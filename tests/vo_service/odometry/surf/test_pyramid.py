@@ -48,6 +48,7 @@ def test_odd_sizes_are_halved_downwards(shape: tuple[int, int]) -> None:
     assert sizes.tolist() == [[shape[0] >> k, shape[1] >> k] for k in range(LEVELS)]
 
 
+@pytest.mark.slow
 @FIRST_CALL_COMPILES
 @given(st.lists(st.tuples(st.floats(-30, 130), st.floats(-30, 130)), min_size=1, max_size=50))
 def test_samples_are_bilinear_and_clamped_to_the_image(points: list[tuple[float, float]]) -> None:

@@ -18,6 +18,8 @@ from tests.vo_service.fakes import frame
 from vo_service import methods
 from vo_service.odometry.estimate import Estimate
 
+pytestmark = pytest.mark.slow
+
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
 # A second of a millimetre a second: 30 frames, of which the camera is covered for some.
 CONFIG = SyntheticConfig(
@@ -60,7 +62,6 @@ def told(monkeypatch: pytest.MonkeyPatch, odometry: Told) -> str:
     return "told"
 
 
-@pytest.mark.slow
 def test_what_is_lost_for_a_while_is_told_with_the_time_until_it_was_found(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:

@@ -16,6 +16,8 @@ from drivers.synthetic.faults import Images
 from drivers.synthetic.render import make_renderer
 from vo_service.pose_tracker import T_BODY_CAMERA
 
+pytestmark = pytest.mark.slow
+
 CAMERA = PinholeCamera(320, 240, 262.5, 262.5, 159.5, 119.5)
 # Two places, and back to the first.
 THERE = [*range(0, 40, 2)]
@@ -34,7 +36,6 @@ def tour() -> Tour:
     return Tour(config, film, true_poses(config)[WAY])
 
 
-@pytest.mark.slow
 def test_a_camera_that_begins_where_it_was_the_day_before_is_known_there(
     tour: Tour, tmp_path: Path
 ) -> None:

@@ -15,6 +15,8 @@ from drivers.synthetic.config import Motion, SyntheticConfig
 from drivers.synthetic.faults import Fault, FaultKind
 from drivers.tum.folder import open_folder
 
+pytestmark = pytest.mark.slow
+
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
 CONFIG = SyntheticConfig(camera=TINY, duration_s=0.2, texel_m=0.05, motion=Motion.STILL)
 
@@ -32,7 +34,6 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.slow
 def test_a_sequence_is_whole_with_its_truth_and_its_faults(kept: Path) -> None:
     opened = open_folder(kept, None)
     assert len(opened.frames.pairs) == 5
@@ -81,7 +82,6 @@ def test_of_a_track_that_is_shorter_all_is_rendered(tmp_path: Path) -> None:
         config(25.0)
 
 
-@pytest.mark.slow
 def test_a_still_view_has_other_noise_in_each_frame_and_nothing_else_that_differs() -> None:
     view = StillView.of(CONFIG)
     frames = list(view.frames(8))

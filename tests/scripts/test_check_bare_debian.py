@@ -14,6 +14,8 @@ import pytest
 from tests.stand_ins.needed import missing
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.subprocess
+
 SCRIPT = Path(__file__).parents[2] / "scripts" / "check_bare_debian.sh"
 # One that mounts something in the root, as the real one does.
 MAKE_A_TREE = """

@@ -19,6 +19,8 @@ from drivers.synthetic.rendering import render_all
 from tests.belongings import children
 from tests.drivers.synthetic.studio import frames_of
 
+pytestmark = pytest.mark.subprocess
+
 START_S = 60.0
 
 

@@ -9,8 +9,9 @@ from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import ColourEye, SyntheticConfig, Timing
 from tests.drivers.synthetic.studio import FakeHost, Studio, frames_of
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 def test_lockstep_delivers_every_frame_under_fixed_stamps(
     studio: Studio, faulty: SyntheticConfig
 ) -> None:
@@ -26,7 +27,6 @@ def test_lockstep_delivers_every_frame_under_fixed_stamps(
     assert frames[0].depth_factor == faulty.depth_factor
 
 
-@pytest.mark.slow
 def test_two_runs_give_the_same_bytes_whatever_the_threads(
     studio: Studio, faulty: SyntheticConfig
 ) -> None:
@@ -42,7 +42,6 @@ def test_two_runs_give_the_same_bytes_whatever_the_threads(
         assert len({frame.stamp_s for frame in frames}) == 1
 
 
-@pytest.mark.slow
 def test_ground_truth_is_stamped_like_the_frames(studio: Studio, ideal: SyntheticConfig) -> None:
     camera = studio.camera(ideal)
     with camera:
@@ -67,7 +66,6 @@ def test_opening_again_starts_over(studio: Studio, ideal: SyntheticConfig) -> No
         camera.read(1.0)
 
 
-@pytest.mark.slow
 def test_a_loop_goes_on_for_ever_without_a_seam(studio: Studio, ideal: SyntheticConfig) -> None:
     with studio.camera(replace(ideal, loop=True)) as camera:
         frames = [camera.read(1.0) for _ in range(14)]

@@ -16,6 +16,8 @@ from drivers.synthetic.movers import moving_bodies
 from drivers.synthetic.render import Renderer, Room, make_renderer
 from drivers.synthetic.scene import ROOM_HEIGHT_M
 
+pytestmark = pytest.mark.slow
+
 SMALL = PinholeCamera(128, 96, 105.0, 105.0, 63.5, 47.5)
 # Comes in from the left, is in the middle after a second, and is about to go after 1.5.
 PARCEL = Mover(MoverKind.PARCEL, 0.5, 1.5, (0.3, 0.3, 0.02), 1.0, (-1.5, 0.0), (1.5, 0.0))
@@ -48,7 +50,6 @@ def changed(renderer: Renderer, index: int) -> NDArray[np.bool_]:
     return result
 
 
-@pytest.mark.slow
 def test_it_covers_as_much_of_the_view_as_its_size_says_and_then_it_is_gone(
     shoot: Shoot,
 ) -> None:
@@ -105,7 +106,6 @@ def test_a_person_stands_on_the_floor_before_the_camera() -> None:
     assert T_camera_body[2, 1] > 0.8  # its back to where the camera looks
 
 
-@pytest.mark.slow
 def test_what_moves_is_the_same_whoever_renders_it(shoot: Shoot) -> None:
     a, b = shoot(STILL).render(11), make_renderer(STILL, 1).render(11)
     np.testing.assert_array_equal(a.colour, b.colour)

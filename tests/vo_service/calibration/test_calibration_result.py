@@ -17,6 +17,8 @@ from vo_service.calibration.picture import draw, write_picture
 from vo_service.calibration.result import Calibration
 from vo_service.calibration.saving import check_writable, save_camera_file
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def calibration(
@@ -25,7 +27,6 @@ def calibration(
     return Calibration(board, DepthUnits(1000.0, 0.02), colour, [depth], ["a warning"])
 
 
-@pytest.mark.slow
 def test_the_camera_file_holds_what_was_found(calibration: Calibration, tmp_path: Path) -> None:
     save_camera_file(tmp_path / "camera.toml", calibration.camera_file, "a heading")
     read = read_camera_file(tmp_path / "camera.toml")
@@ -90,7 +91,6 @@ def test_the_picture_has_two_plots_a_camera(calibration: Calibration) -> None:
     assert titles[2].startswith("depth readings on the boards")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["coverage.png", "coverage.svg"])
 def test_the_picture_is_written(calibration: Calibration, tmp_path: Path, name: str) -> None:
     write_picture(tmp_path / name, calibration)

@@ -10,6 +10,8 @@ from tests.vo_service.calibration.shaken_film import BRISKLY, shaken_piece
 from tests.vo_service.odometry.keyframe.rolling_views import BRISK, without_depth
 from vo_service.calibration.timing_cost import Timing, costs, follow, velocity_between
 
+pytestmark = pytest.mark.slow
+
 TRUE = Timing(0.012, -0.007)
 
 
@@ -32,7 +34,6 @@ def test_a_shaken_camera_has_the_velocity_of_the_instant() -> None:
     np.testing.assert_allclose(velocity[:3], translation_m / 0.0002, atol=0.01)
 
 
-@pytest.mark.slow
 def test_the_true_timing_costs_less_than_any_other(piece: Sequence[RgbdFrame]) -> None:
     readouts = [TRUE, Timing(0.004, -0.007), Timing(0.020, -0.007)]
     offsets = [Timing(0.012, -0.013), Timing(0.012, -0.001)]

@@ -44,6 +44,7 @@ def test_what_cannot_be_meant_is_refused_in_one_line(alone: PoseClient, call: Ca
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.zenoh
 @pytest.mark.parametrize("name", ["", "reset#", "reset$", "a/b", "*", "reset\n", "réset", "a?b"])
 def test_what_is_no_name_of_a_command_is_not_sent(alone: PoseClient, name: str) -> None:
     with pytest.raises(InputError, match="no name of a command"):

@@ -165,6 +165,7 @@ def test_a_busy_port_is_named_and_the_trajectory_kept(
     assert kept.read_text() == "precious\n"
 
 
+@pytest.mark.zenoh
 def test_who_is_waited_for_comes_to_the_agreed_port(
     recording: Path,
     config: Path,
@@ -179,6 +180,7 @@ def test_who_is_waited_for_comes_to_the_agreed_port(
     assert_one_line(outcome, 1, f"zenoh cannot listen on tcp/127.0.0.1:{port}: the port is taken")
 
 
+@pytest.mark.subprocess
 def test_a_rerun_recording_that_cannot_be_written_is_an_error_with_its_cause(
     recording: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

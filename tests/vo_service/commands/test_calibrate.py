@@ -183,6 +183,7 @@ def test_images_of_another_board_say_which(few: Path, capfd: Capture) -> None:
     assert_one_line(outcome, 2, "but some show another one: give --board chessboard:9x6\n")
 
 
+@pytest.mark.slow
 def test_too_few_views_are_a_failure_that_says_how_many_are_needed(
     few: Path, capfd: Capture
 ) -> None:

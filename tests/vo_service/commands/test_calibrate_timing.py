@@ -15,6 +15,8 @@ from vo_service.calibration.timing import MeasuredTiming
 from vo_service.calibration.timing_cost import Timing
 from vo_service.calibration.timing_pieces import Piece
 
+pytestmark = pytest.mark.slow
+
 Capture = pytest.CaptureFixture[str]
 READOUT_S, LATE_S = 0.017, -0.004
 
@@ -31,7 +33,6 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.slow
 def test_a_shaken_camera_gets_its_readout_and_its_offset(recording: Path, capfd: Capture) -> None:
     camera = replace(read_camera_file(recording / FILE_NAME), depth_offset_s=0.002)
     Path("sensor.toml").write_text(f"# mine\n{camera_file_text(camera)}")

@@ -140,6 +140,7 @@ def test_a_recording_is_not_overwritten_by_its_own_trajectory(
     assert (folder / "groundtruth.txt").read_bytes() == before
 
 
+@pytest.mark.subprocess
 def test_eight_replays_at_once_all_end_well_with_the_same_trajectory(
     recording: Path, tmp_path: Path
 ) -> None:
@@ -153,6 +154,7 @@ def test_eight_replays_at_once_all_end_well_with_the_same_trajectory(
     assert line_count(files[0]) == FRAMES
 
 
+@pytest.mark.zenoh
 def test_a_taken_default_port_is_one_line_of_a_log_and_no_error(
     recording: Path,
     config: Path,

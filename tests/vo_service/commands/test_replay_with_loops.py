@@ -14,6 +14,8 @@ from tests.vo_service.commands.command_line import Outcome, call, run
 from tests.vo_service.commands.there_and_back import COUNT, write_there_and_back
 from vo_service.commands import replay
 
+pytestmark = pytest.mark.subprocess
+
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
 GIVEN = ("--method", "surf", "--no-publish", "--trajectory-corrected")
@@ -41,7 +43,6 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Replayed:
     return Replayed(folder, corrected, run("replay", folder, *GIVEN, corrected, "--json"))
 
 
-@pytest.mark.subprocess
 def test_the_corrected_trajectory_has_every_frame_from_the_identity_on(replayed: Replayed) -> None:
     assert (replayed.outcome.code, replayed.outcome.err) == (0, "")
     found = read_trajectory(replayed.corrected)

@@ -20,6 +20,8 @@ from vo_service.runs.run import Outcome, RunState
 from vo_service.settings import MapSettings
 from vo_service.terminal import Terminal
 
+pytestmark = pytest.mark.slow
+
 VOID = {"meta", "img", "br", "link"}
 FIGURES = [
     f"{name}.{suffix}"
@@ -68,7 +70,6 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.slow
 def test_the_folder_has_the_page_the_tables_the_figures_and_the_data(written: Path) -> None:
     names = {path.name for path in written.iterdir()}
     assert names == {
@@ -154,7 +155,6 @@ def test_the_effective_configuration_can_be_given_again(tmp_path: Path) -> None:
     assert "# First scale of sfm: --sfm-scale ground-truth" in set_up.config_text
 
 
-@pytest.mark.slow
 def test_with_loops_the_report_says_what_they_have_gained(tmp_path: Path) -> None:
     walk = recording("walk")
     found = results(walk, True, surf=done(walk, with_loops=loops_run(walk)))

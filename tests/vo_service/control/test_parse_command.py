@@ -103,6 +103,7 @@ JSON = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(st.sampled_from(COMMAND_NAMES), st.binary() | JSON.map(lambda v: json.dumps(v).encode()))
 def test_whatever_is_sent_there_is_a_command_or_a_typed_error(name: str, payload: bytes) -> None:
     codes = []

@@ -18,6 +18,8 @@ from vo_service.mapping.fusion_settings import FusionSettings
 from vo_service.mapping.reconstruction import Reconstruction
 from vo_service.mapping.watching import Nobody, Sight
 
+pytestmark = pytest.mark.slow
+
 # All of a Kinect's faults, in small images, far apart along the usual motion.
 ROOM = SyntheticConfig(
     camera=PinholeCamera(160, 120, 131.0, 131.0, 79.5, 59.5),
@@ -62,7 +64,6 @@ def truth(camera: SyntheticCamera) -> StampedPoses:
     return truth
 
 
-@pytest.mark.slow
 def test_true_surfaces_are_what_the_camera_sees() -> None:
     ideal = replace(
         SyntheticConfig.ideal(), camera=ROOM.camera, duration_s=1.0, rate_hz=1.0, texel_m=0.05
@@ -80,7 +81,6 @@ def test_true_surfaces_are_what_the_camera_sees() -> None:
     assert np.median(distances_m(moved_m, solids_of(ideal))) > 0.01
 
 
-@pytest.mark.slow
 def test_with_true_poses_the_map_lies_on_the_true_surfaces(
     frames: list[RgbdFrame], truth: StampedPoses
 ) -> None:

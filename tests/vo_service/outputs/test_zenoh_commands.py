@@ -29,6 +29,8 @@ from vo_service.outputs.zenoh_output import ZenohOutput
 from vo_service.outputs.zenoh_session import open_session
 from vo_service.settings import CommandSettings
 
+pytestmark = pytest.mark.zenoh
+
 MakeUpdate = Callable[..., PoseUpdate]
 
 
@@ -42,7 +44,6 @@ def desk() -> Iterator[tuple[Inbox[Command], zenoh.Session]]:
 Desk = tuple[Inbox[Command], zenoh.Session]
 
 
-@pytest.mark.zenoh
 def test_a_command_reaches_the_inbox_and_its_answer_the_asker(desk: Desk) -> None:
     inbox, session = desk
     channel = session.get("kinect/command/led", payload=b'{"led": "red"}', timeout=100)
@@ -128,7 +129,6 @@ def test_an_answer_that_is_no_json_is_a_failure(desk: Desk, answer: dict[str, ob
     assert answers(session, "kinect/command/pause")[0]["error"] == "failed"
 
 
-@pytest.mark.zenoh
 def test_switched_off_there_are_no_commands(free_port: int) -> None:
     commands = commands_for(CommandSettings(enabled=False), Inbox())
     assert isinstance(commands, NoCommands)
@@ -136,7 +136,6 @@ def test_switched_off_there_are_no_commands(free_port: int) -> None:
         assert ask(session, "kinect/command/pause") == []
 
 
-@pytest.mark.zenoh
 def test_every_command_is_answered(free_port: int) -> None:
     with commanded(free_port) as (_, inbox, session):
         inbox.close()
@@ -146,7 +145,6 @@ def test_every_command_is_answered(free_port: int) -> None:
     assert set(codes.values()) <= {"not-possible", "bad-request"}
 
 
-@pytest.mark.zenoh
 def test_closing_does_not_wait_for_a_command_that_the_loop_has(free_port: int) -> None:
     with commanded(free_port) as (output, inbox, session):
         session.get("kinect/command/pause", timeout=100)
@@ -158,7 +156,6 @@ def test_closing_does_not_wait_for_a_command_that_the_loop_has(free_port: int) -
     assert isinstance(ticket.command, Pause)
 
 
-@pytest.mark.zenoh
 def test_a_second_session_takes_commands_too(free_port: int) -> None:
     inbox: Inbox[Command] = Inbox()
     commands = CommandsFor(inbox, 100.0)

@@ -136,6 +136,7 @@ def test_something_that_speaks_another_protocol_is_no_viewer() -> None:
         assert not ViewerPresence(*server.getsockname()).begin()
 
 
+@pytest.mark.slow
 def test_something_that_talks_on_and_on_is_no_viewer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         has_ended = threading.Event()

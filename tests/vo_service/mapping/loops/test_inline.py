@@ -21,6 +21,8 @@ from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.settings import MapSettings
 
+pytestmark = pytest.mark.slow
+
 SEEN = 40
 
 
@@ -71,7 +73,6 @@ def came_back() -> tuple[InlineLoops, list[PoseUpdate]]:
     return follow([*walk(), *COVERED, *walk()[10:30]])
 
 
-@pytest.mark.slow
 def test_camera_uncovered_at_a_seen_place_is_back_in_its_epoch(
     came_back: tuple[InlineLoops, list[PoseUpdate]],
 ) -> None:
@@ -91,14 +92,12 @@ def test_a_pose_of_the_covered_camera_is_lost_until_a_place_is_known(
     assert "seen before" in lost[-1].reason
 
 
-@pytest.mark.slow
 def test_camera_uncovered_where_it_never_was_begins_an_epoch() -> None:
     _, updates = follow([*walk(), *COVERED, *(elsewhere(seq) for seq in range(32))])
     assert updates[-1].epoch == 1
     assert not any(update.estimate.ok for update in updates[SEEN : SEEN + len(COVERED) + 25])
 
 
-@pytest.mark.slow
 def test_replay_with_loops_is_the_same_bit_for_bit(
     came_back: tuple[InlineLoops, list[PoseUpdate]],
 ) -> None:

@@ -58,6 +58,7 @@ def test_the_jump_from_where_it_was_carried_on_to_is_no_velocity_to_carry_on_wit
         assert_close(estimate.T_world_camera, BRISK.at(k / 30), 0.005, 0.15)
 
 
+@pytest.mark.slow
 def test_where_a_keyframe_begins_in_a_plain_view_is_told_by_the_way_there() -> None:
     """Laid on other keyframes in view as well, it would turn before the wall."""
     odometry, hand = KeyframeOdometry(), Hand(3.0 * BRISK.velocity)

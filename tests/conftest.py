@@ -46,14 +46,19 @@ hypothesis.settings.register_profile("patient", deadline=None)
 hypothesis.settings.load_profile("patient")
 
 FRAMES = 12
-# Who asks for one of these runs libfreenect, OpenNI2 or pyusb on a simulated device.
-SIMULATOR_FIXTURES = {"played_libusb", "real_libfreenect", "real_openni2", "fakenect"}
+# Fixtures that give a marker to every test that asks for them, directly or through another.
+MARKING_FIXTURES = {
+    "hardware_simulator": {"played_libusb", "real_libfreenect", "real_openni2", "fakenect"},
+    "slow": {"photographs"},
+}
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """Mark the tests that need a simulated device, directly or through another fixture."""
-    if SIMULATOR_FIXTURES & set(getattr(item, "fixturenames", ())):
-        item.add_marker(pytest.mark.hardware_simulator)
+    """Mark tests by the fixtures that they need."""
+    fixtures = set(getattr(item, "fixturenames", ()))
+    for marker, marking in MARKING_FIXTURES.items():
+        if fixtures & marking:
+            item.add_marker(marker)
 
 
 def pytest_collection_finish() -> None:

@@ -11,17 +11,20 @@ from tests.made_once import made_once
 from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
 from tests.waiting import PATIENCE_S
 from vo_service.background import keeper
+from vo_service.commands import run
 
 
 @pytest.fixture(scope="session", autouse=True)
 def patience() -> Iterator[None]:
-    """Wait for the end of the recorder's and the map's process for as long as it takes.
+    """Wait for the end of a service and of its processes for as long as it takes.
 
-    On a busy machine they would be left to themselves, and the next tests would meet them.
+    On a busy machine they would be left to themselves, and the next tests would meet them; a
+    service in this very process would be ended by force, and pytest with it.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(keeper, "ENDING_S", PATIENCE_S)
         patch.setattr(keeper, "REAPED_S", PATIENCE_S)
+        patch.setattr(run, "LONGEST_ENDING_S", PATIENCE_S)
         yield
 
 

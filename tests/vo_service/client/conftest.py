@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.vo_service.client.published import Robot, free_endpoint, robot
+from tests.waiting import wait_until
 from vo_service.client import PoseClient, judging
 
 
@@ -27,3 +28,5 @@ def talk(
         assert client.wait_for_publisher(20)
         publisher.wait_for_reader()
         yield publisher, client
+    # Or the next test would take this reader for its own.
+    wait_until(lambda: not publisher.is_read("kinect/odom"))

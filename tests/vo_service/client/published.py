@@ -32,8 +32,12 @@ class Robot:
 
     def wait_for_reader(self, key: str = "kinect/odom") -> None:
         """Until somebody has subscribed to this, the poses by default."""
+        wait_until(lambda: self.is_read(key), f"a reader of {key}")
+
+    def is_read(self, key: str) -> bool:
+        """Whether somebody has subscribed to this."""
         with self.session.declare_publisher(key) as probe:
-            wait_until(lambda: probe.matching_status.matching)  # type: ignore[attr-defined]
+            return bool(probe.matching_status.matching)  # type: ignore[attr-defined]
 
     def pose(self, seq: int, x_m: float = 0.0, **about: Any) -> None:
         """One pose, `x_m` ahead."""

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from tests.stand_ins.needed import need_program
 from tests.vo_service.commands.command_line import Outcome, call
 from tests.vo_service.installation.conftest import tree
-from vo_service.installation import systemd
+from vo_service.installation import program, systemd
 from vo_service.installation.unit import UNITS, text_of
 
 pytestmark = pytest.mark.subprocess
@@ -20,8 +21,11 @@ Service = Callable[..., Outcome]
 
 
 @pytest.fixture
-def service(tree: Path, capfd: pytest.CaptureFixture[str]) -> Service:
-    """``service("install", ...)`` below the tree."""
+def service(
+    tree: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Service:
+    """``service("install", ...)`` below the tree; in place of the program, a small package."""
+    monkeypatch.setattr(program, "runtime_distributions", lambda: [distribution("pyusb")])
     return lambda action, *rest: call(capfd, "service", action, "--root", tree, *rest)
 
 

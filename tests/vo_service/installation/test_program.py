@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import UserFacingError
+from tests.vo_service.installation.conftest import make_tree
 from vo_service.installation import program
 from vo_service.installation.distributions import files_of, runtime_distributions
 from vo_service.installation.program import FOLDER, install_program, remove_program
@@ -20,6 +21,21 @@ CHECKOUT = Path(__file__).parents[3]
 def installed(tree: Path) -> bool:
     """Install, telling nobody."""
     return install_program(tree, lambda step: None)
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tree with a copy of the program; leave it as it is."""
+    with pytest.MonkeyPatch.context() as patch:
+        tree = make_tree(tmp_path_factory.mktemp("copy") / "tree", patch)
+        assert installed(tree)
+    return tree
+
+
+@pytest.fixture
+def small_program(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A small package in place of the program."""
+    monkeypatch.setattr(program, "runtime_distributions", lambda: [distribution("pyusb")])
 
 
 def test_what_the_service_needs_is_copied_and_what_only_tests_need_is_not() -> None:
@@ -36,32 +52,29 @@ def test_every_file_is_there_and_stays_below_site_packages(name: str) -> None:
     assert not [place for _, place in files if place.is_absolute() or ".." in place.parts]
 
 
-def test_the_copy_is_the_program_and_leads_to_no_checkout(tree: Path) -> None:
-    assert installed(tree)
+def test_the_copy_is_the_program_and_leads_to_no_checkout(copy: Path) -> None:
     script = (
         "import vo_service.installation.unit as u; print(u.__file__, len(u.text_of(u.DROP_IN)))"
     )
-    command = [str(tree / FOLDER / "bin" / "python3"), "-I", "-c", script]
+    command = [str(copy / FOLDER / "bin" / "python3"), "-I", "-c", script]
     said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=100).stdout
-    assert said.startswith(f"{tree / FOLDER}/")
+    assert said.startswith(f"{copy / FOLDER}/")
     # Our own files are the checkout's, which may lie in a folder that they speak of.
-    others = [p for p in (tree / FOLDER).rglob("*") if "vo_service" not in p.parts]
+    others = [p for p in (copy / FOLDER).rglob("*") if "vo_service" not in p.parts]
     texts = [p for p in others if p.is_file() and p.suffix != ".pyc"]
     assert not [path for path in texts if str(CHECKOUT).encode() in path.read_bytes()]
 
 
-def test_everybody_may_read_and_run_it(tree: Path) -> None:
-    installed(tree)
-    modes = [path.stat().st_mode for path in (tree / FOLDER).rglob("*")]
+def test_everybody_may_read_and_run_it(copy: Path) -> None:
+    modes = [path.stat().st_mode for path in (copy / FOLDER).rglob("*")]
     assert all(mode & 0o004 for mode in modes)
-    script = tree / FOLDER / "bin" / "kinect-vo"
+    script = copy / FOLDER / "bin" / "kinect-vo"
     assert script.stat().st_mode & 0o777 == 0o755
     assert script.read_text().startswith("#!/opt/kinect-vo/bin/python3\n")
 
 
-def test_python_finds_its_compiled_files_and_compiles_none_anew(tree: Path) -> None:
-    installed(tree)
-    source = next((tree / FOLDER).rglob("drivers/errors.py"))
+def test_python_finds_its_compiled_files_and_compiles_none_anew(copy: Path) -> None:
+    source = next((copy / FOLDER).rglob("drivers/errors.py"))
     compiled = next((source.parent / "__pycache__").glob("errors.*.pyc")).read_bytes()
     assert int.from_bytes(compiled[8:12], "little") == int(source.stat().st_mtime)
     assert b"/opt/kinect-vo/lib/" in compiled
@@ -76,6 +89,7 @@ def test_the_same_program_is_not_copied_again(tree: Path, monkeypatch: pytest.Mo
     assert installed(tree)
 
 
+@pytest.mark.usefixtures("small_program")
 def test_a_copy_that_does_not_run_leaves_the_old_one(
     tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -98,6 +112,7 @@ def test_a_python_that_the_service_cannot_see_is_refused(
     assert not (tree / "opt").exists()
 
 
+@pytest.mark.usefixtures("small_program")
 def test_removing_it_may_be_repeated(tree: Path) -> None:
     installed(tree)
     assert remove_program(tree)

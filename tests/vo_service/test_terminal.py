@@ -102,3 +102,40 @@ def test_the_line_is_wiped_on_a_terminal_alone() -> None:
     wipe(screen)
     wipe(log)
     assert (screen.getvalue(), log.getvalue()) == ("\r\x1b[K", "")
+
+
+def test_a_log_tells_of_counted_work_that_takes_long_when_it_goes_on_and_when_it_ends(
+    clock: FakeClock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with log_to_stderr():
+        progress = Terminal().counter("fusing: frame")
+        for done in range(4):
+            progress(done, 3)
+            clock.now_s += 1.0
+    assert capsys.readouterr().err.splitlines() == [
+        "kinect-vo: info: fusing: frame ...",
+        "kinect-vo: info: fusing: frame: ended after 3.0 s",
+    ]
+
+
+def test_a_log_tells_of_nothing_that_is_quick(
+    clock: FakeClock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with log_to_stderr(), Terminal().busy("loading"):
+        progress = Terminal().counter("fusing: frame")
+        for done in range(4):
+            progress(done, 3)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_log_tells_of_work_of_unknown_length_when_it_goes_on_and_when_it_ends(
+    clock: FakeClock, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(terminal_module, "BUSY_REDRAW_S", 0.001)
+    with log_to_stderr(), Terminal().busy("compiling"):
+        clock.now_s += 45.0
+        told = ""
+        while not told:
+            told = capsys.readouterr().err
+    assert told == "kinect-vo: info: compiling ...\n"
+    assert capsys.readouterr().err == "kinect-vo: info: compiling: ended after 45.0 s\n"

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import pytest
 
+from tests.vo_service.fakes import FakeClock
+from vo_service.outputs import state_log_output
 from vo_service.outputs.output import Status, TrackingState
 from vo_service.outputs.state_log_output import StateLogOutput
 
@@ -32,6 +34,24 @@ def log(status: Status, caplog: pytest.LogCaptureFixture) -> Callable[..., list[
 
 def test_how_things_are_at_the_start_is_no_news(log: Callable[..., list[str]]) -> None:
     assert log(START, START) == []
+
+
+def test_a_camera_that_takes_long_to_open_is_told_once_and_then_with_the_seconds(
+    status: Status, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = FakeClock()
+    monkeypatch.setattr(state_log_output, "time", clock)
+    output = StateLogOutput()
+    opening = replace(status, state=NO_CAMERA, reason="opening: preparing its room")
+    with caplog.at_level("INFO"):
+        for _ in range(8):
+            output.status(opening)
+            clock.now_s += 0.5
+        output.status(replace(status, state=TRACKING, reason=""))
+    assert [(record.levelname, record.getMessage()) for record in caplog.records] == [
+        ("INFO", "no_camera: opening: preparing its room ..."),
+        ("INFO", "tracking (no camera for 4.0 s)"),
+    ]
 
 
 def test_losing_is_a_warning_and_so_is_the_all_clear(log: Callable[..., list[str]]) -> None:

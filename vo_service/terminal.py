@@ -8,12 +8,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TextIO
 
-from vo_service.announcements import announce
+from vo_service.announcements import LongWork, announce, long_work
 
 REDRAW_S = 0.1
 BUSY_REDRAW_S = 0.5
-# A log tells of work that goes on for longer: nobody shall wait 2 s without a reason.
-LONG_S = 1.5
 CLEAR_LINE = "\r\x1b[K"
 
 
@@ -29,13 +27,18 @@ class Terminal:
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or sys.stderr
-        self.is_log = not self._stream.isatty()  # otherwise a person watches
+        self._is_log = not self._stream.isatty()
         self._drawn_s = 0.0
         self._is_drawn = False
 
+    @property
+    def is_log(self) -> bool:
+        """Whether nobody watches: there is no progress, only lines that stay."""
+        return self._is_log
+
     def show(self, text: str) -> None:
         """Replace the line."""
-        if self.is_log:
+        if self._is_log:
             return
         self._stream.write(f"{CLEAR_LINE}{text}")
         self._stream.flush()
@@ -51,11 +54,11 @@ class Terminal:
 
     def counter(self, label: str) -> "Counter":
         """`progress` under one label, for those who know only (done, total)."""
-        return Counter(self, label, LongWork(self, label))
+        return Counter(self, label, LongWork(label))
 
     def say(self, text: str) -> None:
         """Leave a line that stays; in a log, a line of level info."""
-        if self.is_log:
+        if self._is_log:
             announce(text)
             return
         self.clear()
@@ -69,6 +72,10 @@ class Terminal:
         A log gets a line if it takes long, and another when it is over.
         """
         busy = Busy(self, label)
+        if self._is_log:
+            with long_work(label):
+                yield busy
+            return
         thread = threading.Thread(target=busy.run, name="busy", daemon=True)
         thread.start()
         try:
@@ -86,33 +93,6 @@ class Terminal:
             self._is_drawn = False
 
 
-class LongWork:
-    """Lines of a log for work that takes long: one once that is seen, and one when it is over."""
-
-    def __init__(self, terminal: Terminal, label: str) -> None:
-        self._terminal = terminal
-        self._label = label
-        self._begin_s = time.monotonic()
-        self._is_told = False
-
-    @property
-    def elapsed_s(self) -> float:
-        """Seconds since the work began."""
-        return time.monotonic() - self._begin_s
-
-    def goes_on(self) -> None:
-        """Tell it, if it has taken long enough by now."""
-        if self._terminal.is_log and not self._is_told and self.elapsed_s >= LONG_S:
-            self._is_told = True
-            announce(f"{self._label} ...")
-
-    def end(self) -> None:
-        """Tell how long it took, if it was told that it goes on."""
-        if self._is_told:
-            self._is_told = False
-            announce(f"{self._label}: ended after {self.elapsed_s:.1f} s")
-
-
 @dataclass(frozen=True)
 class Counter:
     """Draws how far counted work is: called with (done, total)."""
@@ -123,8 +103,12 @@ class Counter:
 
     def __call__(self, done: int, total: int) -> None:
         """So much is done."""
-        self.terminal.progress(self.label, done, total)
-        self.work.end() if done >= total else self.work.goes_on()
+        if not self.terminal.is_log:
+            self.terminal.progress(self.label, done, total)
+        elif done < total:
+            self.work.goes_on()
+        else:
+            self.work.end()
 
 
 class Busy:
@@ -142,11 +126,10 @@ class Busy:
 
     def run(self) -> None:
         """Body of the thread that draws."""
-        work = LongWork(self._terminal, self._label)
+        begin_s = time.monotonic()
         while not self._ended.wait(BUSY_REDRAW_S):
-            self._terminal.show(f"{self._label}{self._detail} ... {work.elapsed_s:.0f} s")
-            work.goes_on()
-        work.end()
+            elapsed_s = time.monotonic() - begin_s
+            self._terminal.show(f"{self._label}{self._detail} ... {elapsed_s:.0f} s")
 
     def end(self) -> None:
         """Draw no more."""

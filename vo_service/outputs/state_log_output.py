@@ -5,12 +5,10 @@ import math
 import time
 
 from drivers.camera import CameraState
-from vo_service.announcements import announce
+from vo_service.announcements import LONG_S, announce
 from vo_service.outputs.output import PoseUpdate, Status, TrackingState
 
 COMING = (CameraState.OPENING, CameraState.STARTING)
-# A camera that is on its way for longer is worth a line.
-LONG_S = 1.5
 
 logger = logging.getLogger(__name__)
 

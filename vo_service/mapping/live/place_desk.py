@@ -6,6 +6,7 @@ from pathlib import Path
 
 from drivers.geometry import Array
 from drivers.memory import release_memory
+from vo_service.announcements import long_work
 from vo_service.mapping.graph.pose_graph import Removal
 from vo_service.mapping.live.maps_folder import MapsFolder
 from vo_service.mapping.live.messages import Asked, Tell
@@ -65,7 +66,8 @@ class PlaceDesk:
 
     def load(self, file: Path) -> int:
         """Know the places of a file, and no others; how many. Raises InputError."""
-        self._closer = closer_in(read_map(file), self._settings)
+        with long_work(f"loading {file}"):
+            self._closer = closer_in(read_map(file), self._settings)
         self._tell(self._closer.snapshot)
         return len(self._closer.places)
 

@@ -157,6 +157,12 @@ class RgbdCamera(ABC):
     name: str  # for people: "tum:DIR", "synthetic"
     clock: Clock
 
+    def prepare(self) -> None:  # noqa: B027 (most cameras have nothing to prepare)
+        """Begin what takes long before the first frame, if anything does. Returns at once.
+
+        May be called before the first `open`, which raises what goes wrong.
+        """
+
     @abstractmethod
     def open(self) -> None:
         """Start delivering.

@@ -1,6 +1,7 @@
 """The virtual Kinect as a camera: played like a real one, while it is rendered."""
 
 import sys
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.errors import CameraLostError, CameraNotFoundError
+from drivers.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.gravity import STANDARD_GRAVITY_M_S2, Vector
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import FaultKind, FaultySource
@@ -71,6 +72,11 @@ class SyntheticCamera(RgbdCamera):
         self._next_seq = 0
         self._back_at_s = 0.0
         self._counters = CameraCounters()
+
+    def prepare(self) -> None:
+        """Paint the room, where that is done in the background."""
+        with suppress(CameraError, InputError):
+            self._rendering.prepare()
 
     def open(self) -> None:
         """See `RgbdCamera`. Until the room is painted, `condition` says that it is opening."""

@@ -34,8 +34,12 @@ Progress = Callable[[int, int], None]  # frames done, frames in all
 class Rendering(Protocol):
     """The frames of a configuration, which is played round and round: frame 0 follows the last."""
 
+    def prepare(self) -> None:
+        """Begin what can be done in the background. Raises as `start`."""
+        ...
+
     def start(self) -> None:
-        """Begin. Returns at once. Raises InputError or CameraError if it cannot."""
+        """Begin. Raises InputError or CameraError if it cannot."""
         ...
 
     def wait_until_started(self, timeout_s: float) -> bool:
@@ -65,6 +69,9 @@ class DirectRendering:
         self._config = config
         self._threads = threads or os.cpu_count() or 1
         self._renderers: list[Renderer] = []
+
+    def prepare(self) -> None:
+        """See `Rendering`: nothing is done in the background."""
 
     def start(self) -> None:
         """Paint the room, the first time."""
@@ -103,8 +110,14 @@ class BackgroundRendering:
         self._sequence: RenderedSequence | None = None
         self._process: ChildProcess | None = None
 
-    def start(self) -> None:
+    def prepare(self) -> None:
         """See `Rendering`."""
+        self.start()
+
+    def start(self) -> None:
+        """See `Rendering`. Returns at once; a process that is at work goes on."""
+        if self._process is not None:
+            return
         self.close()
         self._sequence = create_sequence(self._files)
         self._resources.callback(self._sequence.close)

@@ -79,28 +79,30 @@ def run(args: argparse.Namespace) -> int:
     set_level(config.log.level)
     _keep_trajectory(args.trajectory)
     terminal = Terminal()
+    camera = _camera(args, config)
     with (
         stop_on_signals() as stop,
         hangups() as hangup,
         ended_by_force(stop, LONGEST_ENDING_S),
         suppress(KeyboardInterrupt),
     ):
+        camera.prepare()
         prepare_kernels(config, terminal, stop)
         if config.map.enabled and config.map.loops:
             prepare_loops(terminal, stop)
-        _serve(args, config, terminal, stop, hangup)
+        _serve(args, config, camera, terminal, stop, hangup)
     return 0
 
 
 def _serve(
     args: argparse.Namespace,
     config: Config,
+    camera: RgbdCamera,
     terminal: Terminal,
     stop: Stop,
     hangup: Hangup,
 ) -> None:
     """Put the parts together, run the loop, and take them apart: the last one opened first."""
-    camera = _camera(args, config)
     inbox: Inbox[Order] = Inbox()
     reloader = Reloader(config, lambda: config_of(args))
     systemd = SystemdOutput()

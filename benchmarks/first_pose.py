@@ -1,0 +1,94 @@
+"""How soon the virtual Kinect's first pose and first picture come where nothing is cached.
+
+    python -m benchmarks.first_pose [--rounds 3]
+
+"first pose" is from the start of `kinect-vo run --camera synthetic` until a client has a pose.
+"first picture" is from the start of `kinect-vo demo` until its Rerun recording holds an image; the
+recording is written every two seconds, so the page shows it up to that much sooner. Each start
+gets an empty cache folder: what set-up has compiled is found, no room is rendered yet.
+"""
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tests.ports import free_port
+from vo_service.client import PoseClient
+
+KINECT_VO = Path(sys.executable).with_name("kinect-vo")
+LIMIT_S = 300.0
+LOOK_EVERY_S = 0.05
+JPEG = b"\xff\xd8\xff"
+
+
+def main() -> None:
+    """Print a line for each."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.first_pose",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--rounds", type=int, default=3, help="starts of each (default: 3)")
+    args = parser.parse_args()
+    cases = {"first pose of run": first_pose_s, "first picture of demo": first_picture_s}
+    for name, measure in cases.items():
+        taken_s = sorted(measured_s(measure) for _ in range(args.rounds))
+        each = ", ".join(f"{seconds:.1f}" for seconds in taken_s)
+        print(f"{name}: {statistics.median(taken_s):.1f} s (all: {each})")
+
+
+def measured_s(measure: Callable[[Path, Path, int], float]) -> float:
+    """One start in an empty folder, with a configuration that publishes on a free port."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, port = Path(name), free_port()
+        config = folder / "kinect.toml"
+        config.write_text(f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n')
+        return measure(folder, config, port)
+
+
+def first_pose_s(folder: Path, config: Path, port: int) -> float:
+    """Seconds until a client has the first pose of the service."""
+    begin_s = time.monotonic()
+    with (
+        started(folder, "run", "--camera", "synthetic", "--config", config),
+        PoseClient(connect=f"tcp/127.0.0.1:{port}") as client,
+    ):
+        next(iter(client.poses(timeout_s=LIMIT_S)))
+        return time.monotonic() - begin_s
+
+
+def first_picture_s(folder: Path, config: Path, port: int) -> float:
+    """Seconds until the demo's recording holds an image."""
+    recording = folder / "demo" / "demo.rrd"
+    begin_s = time.monotonic()
+    with started(folder, "demo", "--config", config, "--output", recording.parent) as process:
+        while not (recording.exists() and JPEG in recording.read_bytes()):
+            if process.poll() is not None or time.monotonic() - begin_s > LIMIT_S:
+                raise RuntimeError("the demo recorded no image")
+            time.sleep(LOOK_EVERY_S)
+        return time.monotonic() - begin_s
+
+
+@contextmanager
+def started(folder: Path, *arguments: object) -> Iterator["subprocess.Popen[bytes]"]:
+    """A command with a cache of its own, ended when the block is left."""
+    caches = {"XDG_CACHE_HOME": folder / "cache", "XDG_STATE_HOME": folder / "state"}
+    environment = os.environ | {name: str(path) for name, path in caches.items()}
+    command = [str(part) for part in (KINECT_VO, *arguments)]
+    devnull = subprocess.DEVNULL
+    with subprocess.Popen(command, env=environment, stdout=devnull, stderr=devnull) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+
+
+if __name__ == "__main__":
+    main()

@@ -30,8 +30,8 @@ on the file.
 (`systemctl reload kinect-vo`, or SIGHUP): it counts at once, or from the next start on.
 """
 SYNTHETIC = """\
-For `camera.source = "synthetic"`. Without this table a light one is played: rendered in a few
-seconds (`duration_s = 10.0`, `texel_m = 0.004`, neither lens distortion nor motion blur), then
+For `camera.source = "synthetic"`. Without this table a light one is played: quickly rendered
+(`duration_s = 10.0`, `texel_m = 0.004`, neither lens distortion nor motion blur), then
 played round and round (`loop = true`). With it, what it leaves out has the default below."""
 # Words for what a table's class does not say itself.
 ABOUT = {"synthetic": SYNTHETIC, "synthetic.camera": "Intrinsics of both images, all of them."}

@@ -47,6 +47,7 @@ def run_loop(
 ) -> Ending:
     """Run until the frames end or `stop` is set."""
     service = _service(config, camera, feed, outputs, loops)
+    release_memory()  # all kernels are there
     service.run(stop.event)
     return Ending(service.statistics, stop.exit_code)
 
@@ -81,7 +82,6 @@ def prepared(work: Callable[[Callable[[str], None]], T], terminal: Terminal, sto
                 "some space, or name a folder elsewhere in XDG_CACHE_HOME"
             ) from error
         stop.check()
-    release_memory()
     return result
 
 

@@ -70,8 +70,10 @@ def _render_missing(job: RenderJob, connection: "Connection[Any, Any]", outbox: 
 
     render_next()  # with it, all kernels are there
     release_memory()
-    with ThreadPoolExecutor(job.threads) as pool:
-        for done in [pool.submit(render_all) for _ in range(job.threads)]:
+    # A live reader has work to do meanwhile: one processor is left to it.
+    threads = max(1, job.threads - 1) if job.rate_hz else job.threads
+    with ThreadPoolExecutor(threads) as pool:
+        for done in [pool.submit(render_all) for _ in range(threads)]:
             done.result()
     outbox.tell(AllRendered())
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from drivers.camera import Pace, RgbdCamera
 from drivers.errors import InputError
+from drivers.memory import release_memory
 from vo_service.cameras import CameraRequest, make_camera
 from vo_service.commands.options import (
     add_camera_options,
@@ -145,6 +146,7 @@ def _serve(
 
         # Without a file there is nothing to read again: the terminal has gone.
         on_hangup = stop.request if args.config is None else reload
+        release_memory()  # all kernels are there
         run_live(service.run, stop, hangup, on_hangup)
 
 

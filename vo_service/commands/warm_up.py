@@ -1,6 +1,7 @@
 """``kinect-vo warm-up``: compile the numeric kernels ahead of time."""
 
 import argparse
+import time
 from collections.abc import Callable
 
 from vo_service.commands.options import add_config_options, config_of
@@ -35,11 +36,22 @@ def run(args: argparse.Namespace) -> int:
         if config.map.enabled:
             taken_s += prepared(warm_up_mapping, terminal, stop)
             taken_s += prepare_loops(terminal, stop)
+        if config.recorder.enabled or config.map.enabled:
+            taken_s += prepared(_warm_up_packing, terminal, stop)
         if config.camera.source == "synthetic":
             taken_s += prepared(_warm_up_renderer, terminal, stop)
     maps = " and of maps" if config.map.enabled else ""
     print(f"the kernels of {config.odometry.method}{maps} are ready ({taken_s:.1f} s)")
     return 0
+
+
+def _warm_up_packing(tell: Callable[[str], None]) -> float:
+    from vo_service.recorder.depth_packing import compile_packing
+
+    begin_s = time.monotonic()
+    tell("packing of depth")
+    compile_packing()
+    return time.monotonic() - begin_s
 
 
 def _warm_up_renderer(tell: Callable[[str], None]) -> float:

@@ -156,6 +156,7 @@ def _prepare_libraries() -> None:
     # One thread each: a frame is too small to share, and idle threads spin on the other core.
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
-    os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
+    if "NUMBA_CACHE_DIR" not in os.environ:
+        os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())
     # OpenCV prints what it makes of a broken image; our own line names the file.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")

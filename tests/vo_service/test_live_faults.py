@@ -21,7 +21,8 @@ from tests.waiting import PATIENCE_S, wait_until
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
-# So that a pose is not lost for another reason: a machine that is busy for a tenth of a second.
+# So that a pose is not lost for another reason: a machine that is busy for a tenth of a second. And
+# tests that wait for seconds leave the processors to others.
 SLOWLY = "rate_hz = 5.0\n"
 
 
@@ -41,7 +42,7 @@ def around(films: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ar
 @pytest.fixture
 def stage(films: Path, tmp_path: Path) -> Iterator[LiveStage]:
     """A stage of its own."""
-    with live_stage(tmp_path / "stage", films, CAMERA + WITHOUT_PLACES) as stage:
+    with live_stage(tmp_path / "stage", films, CAMERA + SLOWLY + WITHOUT_PLACES) as stage:
         yield stage
 
 

@@ -1,5 +1,6 @@
 """``calibrate``: from boards to a camera file, and what it says where that cannot be."""
 
+import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -19,6 +20,8 @@ from tests.vo_service.calibration.photographs import (
 )
 from tests.vo_service.calibration.rendered_boards import COLOUR, DEPTH
 from tests.vo_service.commands.command_line import Outcome, call
+from vo_service.calibration.board import Corners, GreyImage
+from vo_service.calibration.chessboard import Chessboard
 from vo_service.calibration.snapshot import Snapshot
 
 Capture = pytest.CaptureFixture[str]
@@ -35,6 +38,23 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The photographs as a recording of unregistered depth in millimetres."""
     return recorded_photographs(tmp_path_factory)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def each_image_is_searched_once() -> Iterator[None]:
+    """Most tests here see the same images, and what takes the time is to find the board in them."""
+    known: dict[tuple[Chessboard, bytes], Corners] = {}
+    find = Chessboard.find
+
+    def remembered(board: Chessboard, grey: GreyImage) -> Corners:
+        image = board, hashlib.sha256(grey.tobytes()).digest()
+        if image not in known:
+            known[image] = find(board, grey)
+        return known[image]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Chessboard, "find", remembered)
+        yield
 
 
 @pytest.fixture(autouse=True)
@@ -135,9 +155,15 @@ def test_a_kinect_is_calibrated_live_from_its_raw_images(
     play_kinect: PlayKinect,
     capfd: Capture,
 ) -> None:
-    images = [(each.colour_bgr, each.depth_raw) for each in held(photographs, 3)]
+    # Before and after, nobody holds the board, so that no image of it meets the next one's depth.
+    nothing = np.full((480, 640, 3), 128, np.uint8)
+    images = [
+        (colour, each.depth_raw)
+        for each in photographs
+        for colour in (nothing, *[each.colour_bgr] * 3, nothing)
+    ]
     kinect = play_kinect(wire_film(tmp_path, images))
-    kinect.rate = 10
+    kinect.rate = 15
     kinect.load()
     outcome = call(capfd, *OPTIONS, "--camera", "freenect", "--views", str(FOUND), "--depth")
     assert outcome.code == 0, outcome.err

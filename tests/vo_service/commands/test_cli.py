@@ -85,6 +85,8 @@ def test_warming_up_prepares_loops_where_there_is_a_map(
         prepared.append("loops")
         return 1.0
 
+    for others in ("prepare_kernels", "prepared"):
+        monkeypatch.setattr(warm_up, others, lambda *_: 0.0)
     monkeypatch.setattr(warm_up, "prepare_loops", prepare)
     outcome = call(capfd, "warm-up", "--config", config)
     assert (outcome.code, outcome.err) == (0, "")
@@ -140,7 +142,7 @@ def test_nowhere_to_keep_anything_is_one_line(
     in_the_way.touch()
     monkeypatch.setenv("HOME", str(in_the_way))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    for name in ("CACHE_DIRECTORY", "XDG_CACHE_HOME"):
+    for name in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     outcome = call(capfd, "config", "check", "none.toml")
     assert outcome.code == 1

@@ -1,12 +1,15 @@
 """``demo``: the whole line on the virtual Kinect, and what it leaves behind."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from drivers.synthetic.config import SyntheticConfig
 from drivers.trajectory import read_trajectory
 from tests.vo_service.commands.command_line import call
+from vo_service.commands import demo
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
@@ -23,6 +26,8 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def short(film: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CACHE_DIRECTORY", str(film))
+    # Painted in a second, not in five.
+    monkeypatch.setattr(demo, "SyntheticConfig", partial(SyntheticConfig, texel_m=0.01))
 
 
 def test_it_plays_every_frame_and_leaves_trajectory_truth_and_picture(

@@ -1,15 +1,21 @@
 """One Kinect before one board, rendered and calibrated once."""
 
+import pickle
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
+from tests.made_once import made_once
 from tests.vo_service.calibration.photographs import BOARD, take_photographs
 from vo_service.calibration.chessboard import Chessboard
 from vo_service.calibration.colour_camera import ColourCalibration, calibrate_colour
 from vo_service.calibration.depth_camera import DepthCalibration, calibrate_depth
 from vo_service.calibration.picking import ViewPicker
 from vo_service.calibration.snapshot import Snapshot
+
+FILE = "calibrated.pickle"
 
 
 @pytest.fixture(scope="session")
@@ -24,22 +30,49 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
     return take_photographs(tmp_path_factory)
 
 
+@dataclass(frozen=True)
+class Calibrated:
+    """What became of all photographs."""
+
+    picker: ViewPicker
+    colour: ColourCalibration
+    depth: DepthCalibration
+
+
 @pytest.fixture(scope="session")
-def picker(board: Chessboard, photographs: Sequence[Snapshot]) -> ViewPicker:
+def calibrated(
+    board: Chessboard,
+    photographs: Sequence[Snapshot],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Calibrated:
+    """Found and fitted once for all of pytest's processes."""
+
+    def calibrate(folder: Path) -> None:
+        picker = ViewPicker(board)
+        for photograph in photographs:
+            picker.offer(photograph)
+        colour = calibrate_colour(picker.views)
+        depth = calibrate_depth(colour, board.layout, 1000.0, lambda done, total: None)
+        (folder / FILE).write_bytes(pickle.dumps(Calibrated(picker, colour, depth)))
+
+    folder = made_once(tmp_path_factory, "calibrated", calibrate)
+    found: Calibrated = pickle.loads((folder / FILE).read_bytes())
+    return found
+
+
+@pytest.fixture(scope="session")
+def picker(calibrated: Calibrated) -> ViewPicker:
     """After all photographs."""
-    picker = ViewPicker(board)
-    for photograph in photographs:
-        picker.offer(photograph)
-    return picker
+    return calibrated.picker
 
 
 @pytest.fixture(scope="session")
-def colour(picker: ViewPicker) -> ColourCalibration:
+def colour(calibrated: Calibrated) -> ColourCalibration:
     """The colour camera from the photographs."""
-    return calibrate_colour(picker.views)
+    return calibrated.colour
 
 
 @pytest.fixture(scope="session")
-def depth(colour: ColourCalibration, board: Chessboard) -> DepthCalibration:
+def depth(calibrated: Calibrated) -> DepthCalibration:
     """The depth camera from the photographs."""
-    return calibrate_depth(colour, board.layout, 1000.0, lambda done, total: None)
+    return calibrated.depth

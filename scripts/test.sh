@@ -18,15 +18,9 @@ unset PYTHONDONTWRITEBYTECODE
 # Once, or all of pytest's processes would compile them at the same time, each for itself: the
 # kernels of the methods that set-up leaves out, and in a fresh checkout the tests' own modules.
 compile_all() {
-    python -c '
-from vo_service import cli
-for method in ("icp", "surf", "sfm"):
-    try:
-        cli.main(["warm-up", "--method", method])
-    except SystemExit as end:
-        if end.code:
-            raise
-' || return
+    for method in icp surf sfm; do
+        kinect-vo warm-up --method "$method" || return
+    done
     [ -d tests/__pycache__ ] || pytest --collect-only --quiet >/dev/null
 }
 check_code() {

@@ -124,7 +124,7 @@ class BackgroundRendering:
         self._wake = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._resources.callback(os.close, self._wake)
         if self._sequence.missing().size:
-            self._start_process()
+            self._running_process()
 
     def wait_until_started(self, timeout_s: float) -> bool:
         """See `Rendering`."""
@@ -132,7 +132,9 @@ class BackgroundRendering:
 
     def newest(self, first: int, last: int, timeout_s: float) -> int | None:
         """See `Rendering`."""
-        self._tell(ReaderIsAt(last % self._files.count))
+        if self._process is not None:
+            self._process.tell(ReaderIsAt(last % self._files.count))
+            self._receive(0.0)
         return self._wait_for(first, last, timeout_s)
 
     def images(self, seq: int) -> Images:
@@ -142,9 +144,7 @@ class BackgroundRendering:
         while (images := self._opened.read(index)) is None:
             if time.monotonic() > deadline_s:
                 raise CameraLostError(f"synthetic camera: frame {index} is not rendered in time")
-            if self._process is None:
-                self._start_process()
-            self._tell(RenderNow(index))
+            self._running_process().tell(RenderNow(index))
             self._wait_for(seq, seq, 1.0)
         return images
 
@@ -177,9 +177,17 @@ class BackgroundRendering:
                 return None
             self._receive(left_s)
 
-    def _start_process(self) -> None:
-        self._process = ChildProcess(RENDERER, (self._wake,), PATIENCE_S)
-        self._process.tell(replace(self._job, wake=self._wake))
+    def _running_process(self) -> ChildProcess:
+        """The process, started where there is none. Raises CameraLostError."""
+        if self._process is None:
+            try:
+                self._process = ChildProcess(RENDERER, (self._wake,), PATIENCE_S)
+            except OSError as error:
+                raise CameraLostError(
+                    f"synthetic camera: the renderer cannot be started: {error.strerror}"
+                ) from error
+            self._process.tell(replace(self._job, wake=self._wake))
+        return self._process
 
     def _stop_process(self) -> None:
         process, self._process = self._process, None
@@ -188,21 +196,14 @@ class BackgroundRendering:
             with process:
                 pass  # leaving it reaps it
 
-    def _tell(self, message: object) -> None:
-        if self._process is not None:
-            self._process.tell(message)
-
     def _receive(self, timeout_s: float) -> None:
         """Wait until the process has written a frame. Raises InputError or CameraError."""
-        if self._process is None:  # all frames were there once; one was damaged since
-            self._start_process()
-            return
+        process = self._running_process()  # it has ended where all frames were there once
         try:
-            message = self._process.receive(timeout_s, self._wake)
+            message = process.receive(timeout_s, self._wake)
             with suppress(BlockingIOError):
                 os.eventfd_read(self._wake)
         except EOFError:
-            process = self._process
             self._stop_process()
             raise CameraLostError(f"synthetic camera: the renderer {process.ending}") from None
         match message:

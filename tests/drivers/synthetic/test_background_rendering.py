@@ -18,6 +18,7 @@ from drivers.synthetic.rendered_sequence import create_sequence, sequence_files
 from drivers.synthetic.rendering import render_all
 from tests.belongings import children
 from tests.drivers.synthetic.studio import frames_of
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
 
@@ -58,6 +59,15 @@ def test_the_camera_is_opening_until_the_room_is_painted(
         assert str(camera.condition) == "opening: preparing its room"
         assert camera.read(START_S).seq == 0
         assert camera.condition.state is CameraState.STREAMING
+
+
+def test_the_process_ends_while_a_live_reader_goes_on_when_all_is_rendered(
+    faulty: SyntheticConfig, tmp_path: Path
+) -> None:
+    looped = replace(faulty, loop=True)
+    with SyntheticCamera(looped, Pace.REALTIME, Preparation(tmp_path)) as camera:
+        wait_until(lambda: camera.read(START_S) and not children())
+        assert camera.read(START_S).seq > 0
 
 
 def test_a_damaged_frame_is_rendered_again(faulty: SyntheticConfig, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import pickle
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -15,6 +14,7 @@ from vo_service.calibration.depth_camera import DepthCalibration, calibrate_dept
 from vo_service.calibration.picking import ViewPicker
 from vo_service.calibration.snapshot import Snapshot
 
+Calibrated = tuple[ViewPicker, ColourCalibration, DepthCalibration]
 FILE = "calibrated.pickle"
 
 
@@ -28,15 +28,6 @@ def board() -> Chessboard:
 def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
     """Of the board in many places, colour and depth."""
     return take_photographs(tmp_path_factory)
-
-
-@dataclass(frozen=True)
-class Calibrated:
-    """What became of all photographs."""
-
-    picker: ViewPicker
-    colour: ColourCalibration
-    depth: DepthCalibration
 
 
 @pytest.fixture(scope="session")
@@ -53,7 +44,7 @@ def calibrated(
             picker.offer(photograph)
         colour = calibrate_colour(picker.views)
         depth = calibrate_depth(colour, board.layout, 1000.0, lambda done, total: None)
-        (folder / FILE).write_bytes(pickle.dumps(Calibrated(picker, colour, depth)))
+        (folder / FILE).write_bytes(pickle.dumps((picker, colour, depth)))
 
     folder = made_once(tmp_path_factory, "calibrated", calibrate)
     found: Calibrated = pickle.loads((folder / FILE).read_bytes())
@@ -63,16 +54,16 @@ def calibrated(
 @pytest.fixture(scope="session")
 def picker(calibrated: Calibrated) -> ViewPicker:
     """After all photographs."""
-    return calibrated.picker
+    return calibrated[0]
 
 
 @pytest.fixture(scope="session")
 def colour(calibrated: Calibrated) -> ColourCalibration:
     """The colour camera from the photographs."""
-    return calibrated.colour
+    return calibrated[1]
 
 
 @pytest.fixture(scope="session")
 def depth(calibrated: Calibrated) -> DepthCalibration:
     """The depth camera from the photographs."""
-    return calibrated.depth
+    return calibrated[2]

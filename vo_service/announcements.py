@@ -20,37 +20,18 @@ def announce(text: str) -> None:
         _logger.info("%s", text)
 
 
-class LongWork:
-    """Two lines for work that takes long: one when that is seen, and one when it is over."""
-
-    def __init__(self, label: str) -> None:
-        self._label = label
-        self._begin_s = time.monotonic()
-        self._is_told = False
-
-    def goes_on(self) -> None:
-        """Tell it, if it has taken long enough by now."""
-        if not self._is_told and time.monotonic() - self._begin_s >= LONG_S:
-            self._is_told = True
-            announce(f"{self._label} ...")
-
-    def end(self) -> None:
-        """Tell how long it took, if it was told that it goes on."""
-        if self._is_told:
-            self._is_told = False
-            announce(f"{self._label}: ended after {time.monotonic() - self._begin_s:.1f} s")
-
-
 @contextmanager
 def long_work(label: str) -> Iterator[None]:
-    """`LongWork` for what is done in the block, which need not say that it goes on."""
-    work = LongWork(label)
-    timer = threading.Timer(LONG_S, work.goes_on)
+    """Two lines if the block takes long: one when that is seen, and one when it is over."""
+    begin_s = time.monotonic()
+    timer = threading.Timer(LONG_S, announce, [f"{label} ..."])
     timer.daemon = True
     timer.start()
     try:
         yield
     finally:
+        was_told = timer.finished.is_set()
         timer.cancel()
         timer.join()
-        work.end()
+        if was_told:
+            announce(f"{label}: ended after {time.monotonic() - begin_s:.1f} s")

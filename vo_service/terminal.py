@@ -3,12 +3,11 @@
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TextIO
 
-from vo_service.announcements import LongWork, announce, long_work
+from vo_service.announcements import announce, long_work
 
 REDRAW_S = 0.1
 BUSY_REDRAW_S = 0.5
@@ -31,11 +30,6 @@ class Terminal:
         self._drawn_s = 0.0
         self._is_drawn = False
 
-    @property
-    def is_log(self) -> bool:
-        """Whether nobody watches: there is no progress, only lines that stay."""
-        return self._is_log
-
     def show(self, text: str) -> None:
         """Replace the line."""
         if self._is_log:
@@ -52,9 +46,9 @@ class Terminal:
         self._drawn_s = now_s
         self.show(f"{label} {done}/{total} ({done / total:.0%})" if total else f"{label} {done}")
 
-    def counter(self, label: str) -> "Counter":
+    def counter(self, label: str) -> Callable[[int, int], None]:
         """`progress` under one label, for those who know only (done, total)."""
-        return Counter(self, label, LongWork(label))
+        return lambda done, total: self.progress(label, done, total)
 
     def say(self, text: str) -> None:
         """Leave a line that stays; in a log, a line of level info."""
@@ -93,24 +87,6 @@ class Terminal:
             self._is_drawn = False
 
 
-@dataclass(frozen=True)
-class Counter:
-    """Draws how far counted work is: called with (done, total)."""
-
-    terminal: Terminal
-    label: str
-    work: LongWork
-
-    def __call__(self, done: int, total: int) -> None:
-        """So much is done."""
-        if not self.terminal.is_log:
-            self.terminal.progress(self.label, done, total)
-        elif done < total:
-            self.work.goes_on()
-        else:
-            self.work.end()
-
-
 class Busy:
     """Redraws a line twice a second until it is ended; `detail` says what is being done."""
 
@@ -123,6 +99,10 @@ class Busy:
     def detail(self, text: str) -> None:
         """What is being done now."""
         self._detail = f": {text}"
+
+    def counted(self, what: str) -> Callable[[int, int], None]:
+        """`detail` for those who know only (done, total) of `what`."""
+        return lambda done, total: self.detail(f"{what} {done}/{total}")
 
     def run(self) -> None:
         """Body of the thread that draws."""

@@ -24,8 +24,7 @@ class Screen(io.StringIO):
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     clock = FakeClock()
-    for module in (terminal_module, announcements):
-        monkeypatch.setattr(module, "time", clock)
+    monkeypatch.setattr(terminal_module, "time", clock)
     return clock
 
 
@@ -107,27 +106,9 @@ def test_the_line_is_wiped_on_a_terminal_alone() -> None:
     assert (screen.getvalue(), log.getvalue()) == ("\r\x1b[K", "")
 
 
-def test_a_log_tells_of_counted_work_that_takes_long_when_it_goes_on_and_when_it_ends(
-    clock: FakeClock, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with log_to_stderr():
-        progress = Terminal().counter("fusing: frame")
-        for done in range(4):
-            progress(done, 3)
-            clock.now_s += 1.0
-    assert capsys.readouterr().err.splitlines() == [
-        "kinect-vo: info: fusing: frame ...",
-        "kinect-vo: info: fusing: frame: ended after 3.0 s",
-    ]
-
-
-def test_a_log_tells_of_nothing_that_is_quick(
-    clock: FakeClock, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with log_to_stderr():
-        progress = Terminal().counter("fusing: frame")
-        for done in range(4):
-            progress(done, 3)
+def test_a_log_tells_of_nothing_that_is_quick(capsys: pytest.CaptureFixture[str]) -> None:
+    with log_to_stderr(), Terminal().busy("loading") as busy:
+        busy.counted("frame")(1, 2)
     assert capsys.readouterr().err == ""
 
 

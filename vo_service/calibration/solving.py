@@ -19,8 +19,9 @@ def solve(board: Board, taken: Taken, with_depth: bool, terminal: Terminal) -> C
     warnings = check_colour(colour, taken.lacks)
     fits = []
     if with_depth:
-        progress = terminal.counter("fitting the depth camera: step")
-        depth = calibrate_depth(colour, board.layout, taken.units.depth_factor, progress)
+        with terminal.busy("fitting the depth camera") as busy:
+            factor = taken.units.depth_factor
+            depth = calibrate_depth(colour, board.layout, factor, busy.counted("step"))
         warnings += check_depth(depth, colour, taken.lacks)
         fits.append(depth)
     warnings += [lack.what for lack in taken.lacks]

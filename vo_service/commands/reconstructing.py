@@ -56,8 +56,8 @@ def reconstruct(args: argparse.Namespace) -> int:
             recording = TumCamera(args.folder, camera_file)
             poses, of_places = _tracked(args, recording, config, terminal, stop)
         reconstruction = Reconstruction(fusion, FramePoses(poses), watcher)
-        with TumCamera(args.folder, camera_file) as camera:
-            reconstruction.run(camera, stop.event, terminal.counter("fusing: frame"))
+        with TumCamera(args.folder, camera_file) as camera, terminal.busy("fusing") as busy:
+            reconstruction.run(camera, stop.event, busy.counted("frame"))
         with terminal.busy("making the map") as busy:
             results = _results(args.folder, reconstruction, fusion, stop)
             results = replace(results, of_places=of_places)

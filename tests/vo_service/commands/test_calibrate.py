@@ -77,7 +77,7 @@ def test_a_folder_becomes_a_camera_file_with_a_table_and_a_picture(
     folder: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     outcome = call(capfd, *OPTIONS, folder, "--depth", "--picture", "coverage.png")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert f"{FOUND} views of a chessboard of 9x6 inner corners, 640x480\n" in outcome.out
     assert outcome.out.endswith("saved as camera.toml: use it with --camera-file camera.toml, "
                                 "or as camera.file\n")  # fmt: skip

@@ -37,7 +37,7 @@ def test_a_shaken_camera_gets_its_readout_and_its_offset(recording: Path, capfd:
     camera = replace(read_camera_file(recording / FILE_NAME), depth_offset_s=0.002)
     Path("sensor.toml").write_text(f"# mine\n{camera_file_text(camera)}")
     outcome = call(capfd, "calibrate", "--timing", recording, "--camera-file", "sensor.toml")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert "4 pieces of 32 frames, the briskest of 128\n" in outcome.out
     assert "saved in sensor.toml; the one before is sensor.toml.bak\n" in outcome.out
     found = read_camera_file(Path("sensor.toml"))

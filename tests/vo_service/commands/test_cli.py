@@ -19,7 +19,7 @@ from vo_service.commands import warm_up
 @pytest.mark.subprocess
 def test_help_names_every_command_with_examples_and_exit_codes() -> None:
     outcome = run("--help")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     for word in (*COMMANDS, "examples:", "exit codes:"):
         assert word in outcome.out
 
@@ -29,7 +29,7 @@ def test_each_command_has_help_with_an_example(
     command: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     outcome = call(capfd, command, "--help")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert f"examples:\n  kinect-vo {command}" in outcome.out
 
 
@@ -70,7 +70,7 @@ def test_a_good_configuration_is_said_to_be_good(
 
 def test_warming_up_says_that_it_is_done(capfd: pytest.CaptureFixture[str]) -> None:
     outcome = call(capfd, "warm-up")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert outcome.out.startswith("the kernels of keyframe and of maps are ready (")
 
 
@@ -89,7 +89,7 @@ def test_warming_up_prepares_loops_where_there_is_a_map(
         monkeypatch.setattr(warm_up, others, lambda *_: 0.0)
     monkeypatch.setattr(warm_up, "prepare_loops", prepare)
     outcome = call(capfd, "warm-up", "--config", config)
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert (" and of maps " in outcome.out, prepared) == (
         (True, ["loops"]) if enabled == "true" else (False, [])
     )

@@ -74,7 +74,7 @@ def test_nothing_there_says_what_to_do(
     (kinect,) = plug_in(Played.K1414)
     kinect.unplug()
     outcome = call(capfd, "devices")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert "plug one in" in outcome.out
     assert "--camera synthetic" in outcome.out
 

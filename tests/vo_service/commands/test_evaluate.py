@@ -34,7 +34,7 @@ def half(recording: Path, tmp_path: Path) -> Path:
 @pytest.mark.subprocess
 def test_json_is_one_object_with_every_key_and_nothing_else(half: Path, recording: Path) -> None:
     outcome = run("evaluate", half, recording, "--json")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     figures = json.loads(outcome.out)
     assert set(figures) == KEYS
     assert (figures["frames"], figures["poses"], figures["matched"]) == (12, 6, 6)

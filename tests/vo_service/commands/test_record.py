@@ -20,7 +20,7 @@ def test_a_recording_of_a_recording_replays_to_the_same_bytes(
 ) -> None:
     copy = tmp_path / "copy"
     outcome = call(capfd, "record", "--camera", f"tum:{recording}", copy)
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert outcome.out == f"{FRAMES} frames in {copy}\n"
     for source, written in ((recording, tmp_path / "a.txt"), (copy, tmp_path / "b.txt")):
         call(capfd, "replay", source, "--no-publish", "--trajectory", written)

@@ -32,7 +32,7 @@ CopyRecording = Callable[..., Path]
 @pytest.mark.subprocess
 def test_json_is_one_object_on_stdout_and_nothing_else(recording: Path, tmp_path: Path) -> None:
     outcome = run("replay", recording, "--no-publish", "--json")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert outcome.out.count("\n") == 1
     figures = json.loads(outcome.out)
     assert set(FIGURES) <= set(figures)
@@ -64,7 +64,7 @@ def test_for_people_the_figures_are_a_table(
     recording: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     outcome = call(capfd, "replay", recording, "--no-publish")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     for label in ("frames", "failed", "CPU a frame", "ATE, RMSE", "RPE, one second", "coverage"):
         assert f"\n{label}  " in f"\n{outcome.out}"
 

@@ -44,7 +44,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Replayed:
 
 
 def test_the_corrected_trajectory_has_every_frame_from_the_identity_on(replayed: Replayed) -> None:
-    assert (replayed.outcome.code, replayed.outcome.err) == (0, "")
+    assert (replayed.outcome.code, replayed.outcome.complaints) == (0, "")
     found = read_trajectory(replayed.corrected)
     truth = read_trajectory(replayed.folder / "groundtruth.txt")
     assert len(found) == COUNT
@@ -77,7 +77,7 @@ def test_with_loops_a_replay_repeats_bit_for_bit_also_in_another_process(
 ) -> None:
     again = tmp_path / "again.txt"
     outcome = call(capfd, "replay", replayed.folder, *GIVEN, again)
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert again.read_bytes() == replayed.corrected.read_bytes()
     for label in ("places, loops", "corrected ATE, RMSE", "corrected global error"):
         assert f"\n{label}  " in f"\n{outcome.out}"

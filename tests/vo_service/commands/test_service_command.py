@@ -40,7 +40,7 @@ def test_installing_writes_units_rules_command_and_a_first_configuration(
 ) -> None:
     before = files(tree)
     outcome = service("install")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert files(tree) - before == {
         CONFIG,
         "etc/modprobe.d/kinect-vo.conf",

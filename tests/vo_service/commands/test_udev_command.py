@@ -12,7 +12,7 @@ def test_install_into_a_tree_says_what_it_wrote(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     outcome = call(capfd, "udev", "install", "--root", tmp_path)
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.complaints) == (0, "")
     assert outcome.out == (
         f"{tmp_path / RULES_FILE}: written\n{tmp_path / MODPROBE_FILE}: written\n"
     )

@@ -39,6 +39,7 @@ def test_every_frame_from_start_to_stop_is_recorded(tmp_path: Path) -> None:
         assert opened.recording == str(folder) == str(tmp_path / "recordings" / "desk")
         feed(opened, *map(update, range(3, 9)))
         assert opened.stop_recording() == str(folder)
+        wait_until(lambda: not opened.recording)  # a frame before that may still be recorded
         feed(opened, update(9))
     assert opened.recording == opened.warning == ""
     found = replayed(folder)

@@ -8,16 +8,21 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drivers.camera import CameraState, NoFrameYet, Pace, RgbdFrame
 from drivers.errors import CameraLostError
+from drivers.isolation.process import Program
+from drivers.synthetic import rendering
 from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.faults import Images
 from drivers.synthetic.rendered_sequence import create_sequence, sequence_files
 from drivers.synthetic.rendering import render_all
 from tests.belongings import children
-from tests.drivers.synthetic.studio import frames_of
+from tests.drivers.synthetic import idle_renderer
+from tests.drivers.synthetic.studio import FakeHost, frames_of
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -68,6 +73,31 @@ def test_the_process_ends_while_a_live_reader_goes_on_when_all_is_rendered(
     with SyntheticCamera(looped, Pace.REALTIME, Preparation(tmp_path)) as camera:
         wait_until(lambda: camera.read(START_S) and not children())
         assert camera.read(START_S).seq > 0
+
+
+@pytest.mark.parametrize(("due", "seq", "dropped"), [(4, 3, 2), (3, 3, 2), (2, 1, 0)])
+def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_counted(
+    faulty: SyntheticConfig,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    due: int,
+    seq: int,
+    dropped: int,
+) -> None:
+    """Frames 0, 1 and 3 are there; no other ever is."""
+    monkeypatch.setattr(rendering, "RENDERER", Program(idle_renderer.__name__, "idle"))
+    host, black = (
+        FakeHost(),
+        Images(np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.uint16)),
+    )
+    sequence = create_sequence(sequence_files(faulty, tmp_path))
+    for index in (0, 1, 3):
+        sequence.write(index, black)
+    with SyntheticCamera(faulty, Pace.REALTIME, Preparation(tmp_path), host.clock) as camera:
+        assert camera.read(1.0).seq == 0
+        host.sleep(due / faulty.rate_hz)
+        assert camera.read(1.0).seq == seq
+        assert camera.counters.dropped == dropped
 
 
 def test_a_damaged_frame_is_rendered_again(faulty: SyntheticConfig, tmp_path: Path) -> None:

@@ -1,0 +1,40 @@
+"""A refactoring changes no bit of any method's poses, states and covariances."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.drivers.synthetic.studio import fill_sequence
+from tests.golden.trajectories import CASES, FILE, RECORDINGS, VIRTUAL, made_with, trajectory
+from tests.made_once import made_once
+
+# On another processor rounding differs, and with it what RANSAC draws.
+ROUGH_M = 0.005
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Frames of the virtual Kinect, for all methods."""
+    return made_once(tmp_path_factory, "golden", lambda folder: fill_sequence(VIRTUAL, folder))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_method_gives_the_poses_that_it_gave(
+    case: str, rendered: Path, request: pytest.FixtureRequest
+) -> None:
+    if case.endswith(RECORDINGS):
+        request.getfixturevalue("recordings")
+    golden = json.loads(FILE.read_text())
+    expected, found = golden["trajectories"][case], trajectory(case, rendered)
+    assert found["states"].keys() == expected["states"].keys()
+    np.testing.assert_allclose(found["path_m"], expected["path_m"], atol=ROUGH_M)
+    if golden["made_with"] == made_with():
+        assert found == expected
+
+
+def test_every_case_is_in_the_file() -> None:
+    assert tuple(json.loads(FILE.read_text())["trajectories"]) == CASES

@@ -1,0 +1,85 @@
+"""The keys that a service declares over Zenoh: what subscribers, tools and rules name."""
+
+from typing import Any
+
+import pytest
+import zenoh
+
+from vo_service.control.inbox import Inbox
+from vo_service.outputs.zenoh_commands import commands_for
+from vo_service.outputs.zenoh_messages import Frames
+from vo_service.outputs.zenoh_questions import Memory, Questions
+from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_station import Programme, Station
+from vo_service.settings import CommandSettings, Ros2Settings
+
+pytestmark = pytest.mark.zenoh
+
+PUBLISHED = {"kinect/map_odom", "kinect/odom", "kinect/status"}
+ANSWERED = {"kinect/latest", "kinect/map_odom", "kinect/schema", "kinect/status"}
+COMMANDS = {"kinect/command/*"}
+TOKENS = {"kinect/alive"}
+ROS2_TYPES = {
+    "vo/odom": "nav_msgs::msg::dds_::Odometry_",
+    "tf": "tf2_msgs::msg::dds_::TFMessage_",
+}
+
+
+class Declared:
+    """Passes everything on to a session and keeps the keys that are declared on it."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self.publishers: set[str] = set()
+        self.queryables: set[str] = set()
+        self.tokens: set[str] = set()
+
+    def declare_publisher(self, key: str, *args: Any, **options: Any) -> Any:
+        self.publishers.add(key)
+        return self._session.declare_publisher(key, *args, **options)
+
+    def declare_queryable(self, key: str, *args: Any, **options: Any) -> Any:
+        self.queryables.add(key)
+        return self._session.declare_queryable(key, *args, **options)
+
+    def liveliness(self) -> "Declared":
+        return self
+
+    def declare_token(self, key: str) -> Any:
+        self.tokens.add(key)
+        return self._session.liveliness().declare_token(key)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._session, name)
+
+
+def declared(ros2: Ros2Settings) -> Declared:
+    """What a service with default settings declares."""
+    programme = Programme(
+        "kinect",
+        Frames("odom", "base_link", "map"),
+        zenoh.CongestionControl.DROP,
+        Questions("kinect", Memory()),
+        commands_for(CommandSettings(), Inbox()),
+        ros2,
+    )
+    with open_session(ZenohConfig(listen=())) as session:
+        spy = Declared(session)
+        Station(spy, programme).close()  # type: ignore[arg-type]
+    return spy
+
+
+def test_the_keys_of_a_service_are_those_that_others_know() -> None:
+    found = declared(Ros2Settings())
+    assert found.publishers == PUBLISHED
+    assert found.queryables == ANSWERED | COMMANDS
+    assert found.tokens == TOKENS
+
+
+def test_ros2_finds_its_topics_under_both_of_its_keys() -> None:
+    found = declared(Ros2Settings(enabled=True))
+    keys = found.publishers - PUBLISHED
+    for topic, type_name in ROS2_TYPES.items():
+        assert topic in keys
+        assert any(key.startswith(f"0/{topic}/{type_name}/RIHS01_") for key in keys)
+    assert len(keys) == 2 * len(ROS2_TYPES)

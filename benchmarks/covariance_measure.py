@@ -14,9 +14,9 @@ from drivers.tum.camera import TumCamera
 from vo_service.evaluation.association import SAME_STAMP_S, nearest
 from vo_service.evaluation.consistency import motion_error, normalised_square
 from vo_service.methods import METHODS, FeatureSettings
-from vo_service.odometry.estimate import Estimate
 from vo_service.pose_covariance import PoseCovariance
 from vo_service.stage_clock import StageClock
+from vo_service.types import Estimate
 
 
 @dataclass

@@ -14,7 +14,8 @@ from pathlib import Path
 import zenoh
 
 from vo_service.outputs.cdr import decode_odometry
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import ZenohConfig
 
 
 def main(file: Path) -> None:

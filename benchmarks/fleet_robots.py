@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.outputs.zenoh_output import LIVE, ZenohOutput
-from vo_service.outputs.zenoh_session import ZenohConfig
+from vo_service.settings import ZenohConfig
+from vo_service.types import Estimate, PoseUpdate, TrackingState
 
 POSES_PER_SECOND = 30
 PATIENCE_S = 30.0

@@ -18,10 +18,9 @@ from vo_service.evaluation.association import associate
 from vo_service.evaluation.gross_errors import gross_errors, tracked_steps
 from vo_service.evaluation.metrics import PosePairs
 from vo_service.methods import METHODS, FeatureSettings
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import TrackingState
 from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.stage_clock import StageClock
+from vo_service.types import Estimate, TrackingState
 
 FEWEST_POSES = 3
 

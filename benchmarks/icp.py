@@ -32,7 +32,7 @@ from drivers.errors import UserFacingError
 from drivers.trajectory import StampedPoses
 from drivers.tum.camera import TumCamera
 from vo_service.evaluation import Evaluation
-from vo_service.odometry.estimate import Estimate, Odometry
+from vo_service.types import Estimate, Odometry
 
 # The first frames compile, load and set up; their times say nothing.
 WARM_UP_FRAMES = 3

@@ -15,13 +15,13 @@ from drivers.geometry import Array, inverse
 from vo_service.bench.peers.frame_to_frame import FrameToFrame
 from vo_service.bench.peers.open3d_methods import Open3dIcp
 from vo_service.bench.peers.opencv import OpenCvOdometry
-from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.icp.alignment import FINE_ALONE, align
 from vo_service.odometry.icp.confidence import doubt
 from vo_service.odometry.icp.parameters import IcpParameters
 from vo_service.odometry.icp.pyramid import make_pyramid
 from vo_service.odometry.icp.track import Track, track_from
 from vo_service.odometry.icp_odometry import IcpOdometry
+from vo_service.types import Odometry
 
 OURS, OURS_FRAME_TO_FRAME = "ours", "ours, frame to frame"
 OPENCV, OPEN3D = "cv2.Odometry DEPTH", "Open3D point-to-plane"

@@ -17,8 +17,8 @@ from vo_service.mapping.loops.inline import InlineLoops
 from vo_service.mapping.loops.opening import closer_in, open_inline_loops
 from vo_service.mapping.places.map_file import MapContents, read_map, write_map
 from vo_service.mapping.spacing import steps_between
-from vo_service.outputs.output import PoseUpdate
 from vo_service.settings import MapSettings
+from vo_service.types import PoseUpdate
 
 # Frames of the second day at most, and those after it is known where the camera is.
 LONGEST, LATER = 300, 30

@@ -29,8 +29,8 @@ from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import StampedPoses
 from drivers.tum.camera import TumCamera
 from vo_service.evaluation import Evaluation, evaluate
-from vo_service.odometry.estimate import Estimate
 from vo_service.stage_clock import StageClock
+from vo_service.types import Estimate
 
 
 def main() -> int:

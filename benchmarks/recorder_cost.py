@@ -29,11 +29,9 @@ import numpy as np
 from benchmarks.camera_frames import all_frames
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.tum.camera import TumCamera
-from vo_service.control.errors import CommandError
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.recorder.recorder import FlightRecorder
 from vo_service.settings import RecorderSettings
+from vo_service.types import CommandError, Estimate, PoseUpdate, TrackingState
 
 KEPT_IMAGES = 60
 TICKS_S = 0.01  # of /proc/PID/stat

@@ -11,7 +11,7 @@ from benchmarks.runners import Runner
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, apart, inverse
 from vo_service.evaluation.gross_errors import GROSS_DEG, GROSS_M
-from vo_service.odometry.estimate import Estimate
+from vo_service.types import Estimate
 
 
 @dataclass(frozen=True)

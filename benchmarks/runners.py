@@ -10,11 +10,10 @@ from drivers.trajectory import StampedPoses
 from vo_service.mapping.loops.inline import InlineLoops
 from vo_service.mapping.loops.opening import open_inline_loops
 from vo_service.methods import METHODS, FeatureSettings
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import PoseUpdate
 from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.settings import MapSettings
 from vo_service.stage_clock import StageClock
+from vo_service.types import Estimate, PoseUpdate
 
 
 @dataclass(frozen=True)

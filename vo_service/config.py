@@ -11,9 +11,7 @@ from drivers.strict_toml import read_toml, setting
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.cameras import USAGES
 from vo_service.methods import DEFAULT_METHOD, METHODS, FeatureSettings
-from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.stopwatch import Stopwatch
-from vo_service.outputs.zenoh_session import ZenohConfig
 from vo_service.pose_tracker import T_BODY_CAMERA
 from vo_service.settings import (
     CommandSettings,
@@ -23,7 +21,9 @@ from vo_service.settings import (
     RecorderSettings,
     RerunSettings,
     Ros2Settings,
+    ZenohConfig,
 )
+from vo_service.types import Odometry
 
 
 @dataclass(frozen=True)

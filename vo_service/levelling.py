@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.geometry import Array, rigid_transform, rotation_from_vector
 from drivers.gravity import Vector
-from vo_service.outputs.output import Level
+from vo_service.types import Level
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ A method is imported when it is made: its kernels are slow to load, and most com
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.keyframe.budget import BUDGET_MS
 from vo_service.odometry.stopwatch import Stopwatch
+from vo_service.types import Odometry
 
 DEFAULT_METHOD = "keyframe"
 

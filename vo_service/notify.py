@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.types import PoseUpdate, Status
 
 LONGEST_LINE = 500
 

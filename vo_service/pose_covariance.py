@@ -3,7 +3,7 @@
 import numpy as np
 
 from drivers.geometry import Array, carried
-from vo_service.odometry.estimate import Estimate
+from vo_service.types import Estimate
 
 # A pose is never surer than this: sigma of the first pose of an epoch.
 FLOOR_SIGMA_M, FLOOR_SIGMA_RAD = 1e-4, 1e-4

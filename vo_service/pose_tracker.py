@@ -8,9 +8,8 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, adjoint, inverse, rigid_transform, rotation_vector
 from vo_service.levelling import level_by
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import Level, PoseUpdate, TrackingState
 from vo_service.pose_covariance import PoseCovariance, diagonal
+from vo_service.types import Estimate, Level, PoseUpdate, TrackingState
 
 # Optical axes (x right, y down, z forward) in REP 103's (x forward, y left, z up).
 R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

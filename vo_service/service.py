@@ -11,14 +11,22 @@ from vo_service.control.control import Control
 from vo_service.feed import Feed
 from vo_service.load.governor import FixedEffort, Governor
 from vo_service.load.meter import FrameLoad
-from vo_service.mapping.loops.contract import Loops, NoLoops
 from vo_service.methods import BUDGETS_MS
-from vo_service.odometry.estimate import Estimate, Odometry
-from vo_service.outputs.output import Output, PoseUpdate, Status, TrackingState, Troubled
 from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.stage_clock import StageClock
 from vo_service.stamps import StampClock, StampGuard
 from vo_service.statistics import Statistics
+from vo_service.types import (
+    Estimate,
+    Loops,
+    NoLoops,
+    Odometry,
+    Output,
+    PoseUpdate,
+    Status,
+    TrackingState,
+    Troubled,
+)
 
 STATUS_PERIOD_S = 0.5
 

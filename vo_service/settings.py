@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+from drivers.errors import InputError
 from drivers.strict_toml import setting
 
 # Bytes: what settings whose names end in _mb count in.
 MEGABYTE = 1_000_000
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7450"
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,42 @@ class MapSettings:
     voxel_m: float = setting(0.02, "finest detail of a map, metres", low=0.005, high=0.5)
     making_mb: int = setting(300, "most memory beside that, while a map is made", low=50)
     total_mb: int = setting(2000, "of all maps; the oldest are deleted first", low=1)
+
+
+@dataclass(frozen=True)
+class ZenohConfig:
+    """How poses go out. Raises InputError for a prefix that is none."""
+
+    prefix: str = setting(
+        "kinect", "first part of every key: PREFIX/odom, PREFIX/status, PREFIX/alive and others"
+    )
+    listen: tuple[str, ...] = setting(
+        (DEFAULT_ENDPOINT,), "endpoints that others connect to; the default is this computer alone"
+    )
+    connect: tuple[str, ...] = setting(
+        (), 'endpoints to connect to: a router or another peer, such as "tcp/192.168.1.2:7447"'
+    )
+    config_file: Path | None = setting(
+        None,
+        "a Zenoh configuration (JSON5), for TLS and access control. What it leaves at Zenoh's own "
+        "default is set as without it: listen, connect, no scouting",
+    )
+    odom_frame_id: str = setting("odom", "frame of the poses")
+    child_frame_id: str = setting("base_link", "frame that moves")
+    map_frame_id: str = setting("map", "frame in which places are corrected; `odom` lies in it")
+
+    def __post_init__(self) -> None:
+        check_prefix(self.prefix)
+
+
+def check_prefix(prefix: str) -> str:
+    """The prefix itself. Raises InputError unless plain names separated by ``/``."""
+    if not re.fullmatch(r"[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*", prefix):
+        raise InputError(
+            f"zenoh prefix {prefix!r}: use names of letters, digits, '_', '-', '.' separated by "
+            "single slashes, without a slash at either end, such as robot1/kinect"
+        )
+    return prefix
 
 
 @dataclass(frozen=True)

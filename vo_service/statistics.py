@@ -10,7 +10,7 @@ from statistics import fmean, median, pstdev
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.outputs.output import PoseUpdate
+from vo_service.types import PoseUpdate
 
 # The status describes the last few seconds.
 WINDOW = 100

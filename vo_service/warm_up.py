@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from vo_service.methods import METHODS, FeatureSettings
-from vo_service.odometry.estimate import Odometry
+from vo_service.types import Odometry
 
 # Large enough for every filter and every octave to have work to do.
 SIZE = 256

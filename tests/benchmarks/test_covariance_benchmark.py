@@ -6,7 +6,7 @@ import pytest
 from benchmarks.covariance_measure import Watcher
 from benchmarks.covariance_rooms import rooms
 from drivers.geometry import Array, inverse, rigid_transform
-from vo_service.odometry.estimate import Estimate
+from vo_service.types import Estimate
 
 SIGMA = 0.01
 

@@ -8,7 +8,7 @@ from benchmarks import fleet
 from benchmarks.fleet_files import fleet_files
 from tests.ports import free_port
 from vo_service.outputs.zenoh_check import check_zenoh
-from vo_service.outputs.zenoh_session import ZenohConfig
+from vo_service.settings import ZenohConfig
 
 pytestmark = pytest.mark.subprocess
 

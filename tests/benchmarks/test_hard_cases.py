@@ -16,7 +16,7 @@ from drivers.synthetic.config import Motion, SyntheticConfig
 from drivers.synthetic.faults import Fault, FaultKind
 from tests.vo_service.fakes import frame
 from vo_service import methods
-from vo_service.odometry.estimate import Estimate
+from vo_service.types import Estimate
 
 pytestmark = pytest.mark.slow
 

@@ -26,7 +26,7 @@ from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vect
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Images
 from tests.vo_service.fakes import frame
-from vo_service.odometry.estimate import Estimate
+from vo_service.types import Estimate
 
 CAMERA = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)

@@ -10,7 +10,7 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import rigid_transform, rotation_from_vector
 from tests.vo_service.fakes import frame
 from vo_service import methods
-from vo_service.odometry.estimate import Estimate
+from vo_service.types import Estimate
 
 
 class Creeping:

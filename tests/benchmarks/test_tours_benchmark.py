@@ -24,7 +24,7 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.render import make_renderer
 from drivers.trajectory import StampedPoses
 from tests.vo_service.fakes import frame
-from vo_service.odometry.estimate import Estimate
+from vo_service.types import Estimate
 
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
 LOST = 3

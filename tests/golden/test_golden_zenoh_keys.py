@@ -9,9 +9,9 @@ from vo_service.control.inbox import Inbox
 from vo_service.outputs.zenoh_commands import commands_for
 from vo_service.outputs.zenoh_messages import Frames
 from vo_service.outputs.zenoh_questions import Memory, Questions
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import open_session
 from vo_service.outputs.zenoh_station import Programme, Station
-from vo_service.settings import CommandSettings, Ros2Settings
+from vo_service.settings import CommandSettings, Ros2Settings, ZenohConfig
 
 pytestmark = pytest.mark.zenoh
 

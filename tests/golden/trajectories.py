@@ -28,12 +28,12 @@ from drivers.camera import Pace, PinholeCamera, RgbdCamera
 from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.camera import TumCamera
+from vo_service.app import run_loop
 from vo_service.config import Config, OdometrySettings
 from vo_service.feed import PlainFeed
 from vo_service.interrupts import Stop
 from vo_service.methods import METHODS
-from vo_service.outputs.output import PoseUpdate, Status
-from vo_service.session import run_loop
+from vo_service.types import PoseUpdate, Status
 
 FILE = Path(__file__).with_name("trajectories.json")
 FRAMES = 60

@@ -19,8 +19,7 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.geometry import Array
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import Level, PoseUpdate, Status, TrackingState
+from vo_service.types import Estimate, Level, PoseUpdate, Status, TrackingState
 
 CAMERA = PinholeCamera(8, 6, 8.0, 8.0, 3.5, 2.5)
 STEP_COVARIANCE = np.diag([1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 6e-6])

@@ -16,7 +16,8 @@ from tests.vo_service.heard_check import check_heard
 from tests.vo_service.played_service import PATIENT_KINECT_VO, PlayedService
 from tests.vo_service.subscriber import Subscriber
 from tests.waiting import PATIENCE_S
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import ZenohConfig
 
 CAMERA = """
 [camera]

@@ -10,16 +10,14 @@ from tests.vo_service.fakes import (
     ScriptedCamera,
     ScriptedOdometry,
 )
-from vo_service.control.control import Control, Order
+from vo_service.control.control import Control
 from vo_service.control.inbox import Inbox
 from vo_service.feed import Feed, PlainFeed
-from vo_service.mapping.loops.contract import Loops, NoLoops
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import Output
 from vo_service.pose_tracker import PoseTracker
 from vo_service.service import Service
 from vo_service.stage_clock import StageClock
 from vo_service.stamps import RecordedClock, StampClock
+from vo_service.types import Command, Estimate, Loops, NoLoops, Output
 
 
 def make_service(
@@ -28,7 +26,7 @@ def make_service(
     estimates: Sequence[Estimate] = (),
     stamps: StampClock | None = None,
     camera: ScriptedCamera | None = None,
-    inbox: Inbox[Order] | None = None,
+    inbox: Inbox[Command] | None = None,
     odometry: ScriptedOdometry | None = None,
     loops: Loops | None = None,
     method: str = "surf",

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from drivers.geometry import rigid_transform, rotation_from_vector
-from vo_service.odometry.estimate import Odometry
-from vo_service.outputs.map_snapshot import MapSnapshot
+from vo_service.types import MapSnapshot, Odometry
 
 
 def a_map(places: int = 4, **changes: Any) -> MapSnapshot:

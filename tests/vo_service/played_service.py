@@ -14,7 +14,8 @@ from tests.belongings import belongings_of, child_running
 from tests.ports import free_port, is_listening
 from tests.vo_service.subscriber import Status, Subscriber
 from tests.waiting import PATIENCE_S, wait_until
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import ZenohConfig
 
 KINECT_VO = str(Path(sys.executable).with_name("kinect-vo"))
 # The same, but that a service that takes long to end is not ended by force: the machine may be a

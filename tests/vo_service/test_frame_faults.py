@@ -22,15 +22,16 @@ from tests.vo_service.frame_faults import (
 )
 from tests.vo_service.heard_check import check_heard
 from tests.vo_service.subscriber import HeardPose, Subscriber
-from vo_service import session
+from vo_service import app as session
 from vo_service.config import Config
 from vo_service.feed import PlainFeed
 from vo_service.interrupts import Stop
-from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.zenoh_output import LOCKSTEP, ZenohOutput
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import open_session
 from vo_service.pose_tracker import R_BODY_OPTICAL
+from vo_service.settings import ZenohConfig
 from vo_service.stamps import LiveClock
+from vo_service.types import PoseUpdate
 
 pytestmark = pytest.mark.zenoh
 

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from drivers.geometry import Array, rigid_transform, rotation_from_vector
 from drivers.gravity import Vector
 from tests.vo_service.fakes import bad, frame, good
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import Level, PoseUpdate
 from vo_service.pose_tracker import R_BODY_OPTICAL, T_BODY_CAMERA, PoseTracker, StampedFrame
+from vo_service.types import Estimate, Level, PoseUpdate
 
 RATE_HZ = 30.0
 LEVEL: Vector = (0.0, 9.80665, 0.0)

@@ -1,7 +1,7 @@
 """What a live service has beside a replay."""
 
 from tests.vo_service.fakes import ScriptedCamera, ScriptedOdometry
-from vo_service.live import Surroundings, appliers
+from vo_service.app import Surroundings, appliers
 from vo_service.load.adjustable import AdjustableGovernor
 from vo_service.reload import LIVE_KEYS
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.vo_service.fakes import a_status
 from vo_service.notify import Notifier, SystemdOutput
-from vo_service.outputs.output import TrackingState
+from vo_service.types import TrackingState
 
 STATUS = a_status()
 

@@ -12,8 +12,8 @@ from drivers.geometry import (
     rotation_from_vector,
     rotation_vector,
 )
-from vo_service.odometry.estimate import Estimate
 from vo_service.pose_covariance import PoseCovariance, diagonal
+from vo_service.types import Estimate
 
 SIGMAS = np.array([0.01, 0.02, 0.015, 0.01, 0.005, 0.02])
 STEP = np.diag(SIGMAS**2)

@@ -25,9 +25,8 @@ from tests.vo_service.walking import (
     update,
     walk,
 )
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import TrackingState
 from vo_service.pose_tracker import R_BODY_OPTICAL, PoseTracker
+from vo_service.types import Estimate, TrackingState
 
 
 @pytest.mark.parametrize(

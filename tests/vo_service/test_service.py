@@ -26,10 +26,9 @@ from tests.vo_service.looping import make_service, play
 from tests.vo_service.made_up_map import ScriptedLoops, a_map
 from vo_service import service as service_module
 from vo_service.feed import PersistentFeed, PlainFeed
-from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.keyframe.budget import BUDGET_MS
-from vo_service.outputs.output import TrackingState
 from vo_service.stamps import LiveClock, RecordedClock
+from vo_service.types import Estimate, TrackingState
 
 
 @pytest.fixture

@@ -14,11 +14,9 @@ from tests.vo_service.fakes import (
 )
 from tests.vo_service.looping import make_service
 from vo_service import service as service_module
-from vo_service.control.commands import Command, Pause, Reset, Resume
-from vo_service.control.control import Order
 from vo_service.control.inbox import Inbox
 from vo_service.feed import PlainFeed
-from vo_service.outputs.output import PoseUpdate
+from vo_service.types import Command, Pause, PoseUpdate, Reset, Resume
 
 
 @pytest.fixture
@@ -32,7 +30,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
 class Commander(Collector):
     """Sends a command after each pose of a script."""
 
-    def __init__(self, inbox: Inbox[Order], script: Mapping[int, Command]) -> None:
+    def __init__(self, inbox: Inbox[Command], script: Mapping[int, Command]) -> None:
         super().__init__()
         self._inbox, self._script = inbox, script
 
@@ -44,7 +42,7 @@ class Commander(Collector):
 
 
 def test_a_reset_counts_from_the_next_frame_on() -> None:
-    inbox: Inbox[Order] = Inbox()
+    inbox: Inbox[Command] = Inbox()
     collector = Commander(inbox, {1: Reset()})
     camera = ScriptedCamera([frame(k) for k in range(4)])
     with camera:
@@ -54,7 +52,7 @@ def test_a_reset_counts_from_the_next_frame_on() -> None:
 
 
 def test_a_pause_is_no_silence_without_a_reason(clock: FakeClock) -> None:
-    inbox: Inbox[Order] = Inbox()
+    inbox: Inbox[Command] = Inbox()
     collector = Commander(inbox, {1: Pause()})
     camera = ScriptedCamera([After(0.2, frame(k)) for k in range(20)], clock=clock)
     with camera:
@@ -66,7 +64,7 @@ def test_a_pause_is_no_silence_without_a_reason(clock: FakeClock) -> None:
 
 
 def test_after_a_pause_the_poses_go_on() -> None:
-    inbox: Inbox[Order] = Inbox()
+    inbox: Inbox[Command] = Inbox()
     inbox.submit(Pause())
     inbox.submit(Resume())
     camera, collector = ScriptedCamera([frame(k) for k in range(3)]), Collector()

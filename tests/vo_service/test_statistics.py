@@ -8,10 +8,9 @@ import pytest
 
 from drivers.camera import RgbdFrame
 from tests.vo_service.fakes import FakeClock, bad, frame, good
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import PoseUpdate
 from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.statistics import Rolling, Statistics
+from vo_service.types import Estimate, PoseUpdate
 
 
 def result(

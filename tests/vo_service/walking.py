@@ -8,9 +8,8 @@ from drivers.geometry import (
     rotation_from_vector,
 )
 from tests.vo_service.fakes import frame, good
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import PoseUpdate
 from vo_service.pose_tracker import R_BODY_OPTICAL, PoseTracker, StampedFrame
+from vo_service.types import Estimate, PoseUpdate
 
 RATE_HZ = 30.0
 AHEAD = rigid_transform(R_BODY_OPTICAL, [0.3, 0.0, 0.0])  # 30 cm before the base, straight ahead

@@ -23,7 +23,7 @@ from vo_service.client.judging import SILENCE_S, usable, why_none
 from vo_service.client.map_odom import MapOdom, read_map_odom
 from vo_service.client.pose import Pose, PoseReader, ReaderOfEachThread, make_pose, read_sample
 from vo_service.client.reading import Message, check_fields, read_json, read_status
-from vo_service.outputs.zenoh_session import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
+from vo_service.settings import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
 
 # The service gives its loop five seconds for a command.
 ANSWER_S = 6.0

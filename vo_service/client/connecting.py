@@ -7,7 +7,8 @@ from collections.abc import Callable
 import zenoh
 
 from drivers.errors import UserFacingError
-from vo_service.outputs.zenoh_session import ZenohConfig, ZenohNotNowError, open_session
+from vo_service.outputs.zenoh_session import ZenohNotNowError, open_session
+from vo_service.settings import ZenohConfig
 
 logger = logging.getLogger(__name__)
 

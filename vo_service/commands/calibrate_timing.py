@@ -15,9 +15,9 @@ from vo_service.calibration.timing_cost import Timing
 from vo_service.calibration.timing_file import save_timing, timing_of
 from vo_service.calibration.timing_film import Film, film_live, film_of_folder
 from vo_service.calibration.timing_pieces import PIECE_FRAMES
+from vo_service.commands.kernels import prepared
 from vo_service.config import Config, read_config
 from vo_service.interrupts import stop_on_signals
-from vo_service.session import prepared
 from vo_service.terminal import Terminal
 from vo_service.warm_up import warm_up
 

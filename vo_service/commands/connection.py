@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from vo_service.outputs.zenoh_session import DEFAULT_ENDPOINT
+from vo_service.settings import DEFAULT_ENDPOINT
 
 
 def add_connection_options(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,9 @@ from drivers.camera import Pace
 from drivers.synthetic.config import SyntheticConfig
 from drivers.trajectory import StampedPoses, pose_line
 from drivers.tum.whole_files import write_whole
+from vo_service.app import OutputRequest, opened_outputs, run_loop
 from vo_service.cameras import CameraRequest, make_camera
+from vo_service.commands.kernels import prepare_kernels
 from vo_service.commands.options import (
     add_config_options,
     add_publish_option,
@@ -23,11 +25,9 @@ from vo_service.evaluation.picture import write_picture
 from vo_service.feed import SteadyFeed
 from vo_service.folders import make_output_folder
 from vo_service.interrupts import stop_on_signals
-from vo_service.outputs.opening import OutputRequest, opened_outputs
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.trajectory_memory import TrajectoryMemory
 from vo_service.outputs.zenoh_opening import OpenOnFreePort
-from vo_service.session import prepare_kernels, run_loop
 from vo_service.summary import Summary
 from vo_service.terminal import Terminal
 

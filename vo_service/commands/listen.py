@@ -17,7 +17,7 @@ from vo_service.commands.connection import add_connection_options
 from vo_service.commands.pose_printers import JsonPrinter, Printer, TextPrinter, say
 from vo_service.outputs.cdr import decode_odometry
 from vo_service.outputs.cdr_transform import decode_transform
-from vo_service.outputs.zenoh_session import ZenohConfig, check_prefix
+from vo_service.settings import ZenohConfig, check_prefix
 
 NAME = "listen"
 HELP = "print the poses that a running kinect-vo publishes"

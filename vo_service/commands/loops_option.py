@@ -9,9 +9,9 @@ from drivers.errors import InputError, UserFacingError
 from drivers.geometry import Array
 from drivers.trajectory import StampedPoses, pose_line
 from drivers.tum.whole_files import write_whole
+from vo_service.commands.kernels import prepare_loops
 from vo_service.config import Config
 from vo_service.interrupts import Stop
-from vo_service.session import prepare_loops
 from vo_service.summary import WithLoops, evaluated
 from vo_service.terminal import Terminal
 

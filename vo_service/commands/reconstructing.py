@@ -14,6 +14,7 @@ from drivers.trajectory import StampedPoses, pose_line, read_trajectory
 from drivers.tum.camera import TumCamera
 from drivers.tum.folder import open_folder, paired_frames
 from drivers.tum.whole_files import write_whole
+from vo_service.commands.kernels import prepared
 from vo_service.commands.loops_option import prepared_loops
 from vo_service.commands.options import config_of
 from vo_service.commands.tracking import tracked
@@ -28,7 +29,6 @@ from vo_service.mapping.reconstruction import Harvest, Reconstruction
 from vo_service.mapping.results import Results, refusals
 from vo_service.mapping.warm_up import warm_up_mapping
 from vo_service.mapping.watching import watching
-from vo_service.session import prepared
 from vo_service.terminal import Terminal
 
 TRAJECTORY = "trajectory.txt"

@@ -10,6 +10,8 @@ from drivers.camera import Pace
 from drivers.errors import InputError
 from drivers.tum.camera import TumCamera
 from drivers.tum.folder import paired_frames
+from vo_service.app import OutputRequest, opened_outputs, run_loop
+from vo_service.commands.kernels import prepare_kernels
 from vo_service.commands.loops_option import (
     add_loops_options,
     check_corrected,
@@ -26,15 +28,12 @@ from vo_service.commands.options import (
 )
 from vo_service.feed import PlainFeed
 from vo_service.interrupts import stop_on_signals
-from vo_service.mapping.loops.contract import NoLoops
-from vo_service.outputs.opening import OutputRequest, opened_outputs
-from vo_service.outputs.output import Output
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.trajectory_memory import TrajectoryMemory
 from vo_service.outputs.zenoh_opening import OpenAtOnce, OpenOnFreePort
-from vo_service.session import prepare_kernels, run_loop
 from vo_service.summary import Summary
 from vo_service.terminal import Terminal
+from vo_service.types import NoLoops, Output
 
 NAME = "replay"
 HELP = "run the odometry over a recorded folder in TUM format"

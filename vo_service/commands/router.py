@@ -8,8 +8,9 @@ from vo_service.commands.options import say
 from vo_service.interrupts import stop_on_signals
 from vo_service.outputs.zenoh_endpoints import endpoints_in
 from vo_service.outputs.zenoh_log import zenoh_log_as_ours
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session, session_settings
+from vo_service.outputs.zenoh_session import open_session, session_settings
 from vo_service.outputs.zenoh_visitors import log_visitors
+from vo_service.settings import ZenohConfig
 
 NAME = "router"
 HELP = "run a small Zenoh router for several robots, until Ctrl-C or SIGTERM"

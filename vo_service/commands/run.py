@@ -10,7 +10,9 @@ from pathlib import Path
 from drivers.camera import Pace, RgbdCamera
 from drivers.errors import InputError
 from drivers.memory import release_memory
+from vo_service.app import OutputRequest, Surroundings, live_service, opened_outputs
 from vo_service.cameras import CameraRequest, make_camera
+from vo_service.commands.kernels import prepare_kernels, prepare_loops
 from vo_service.commands.options import (
     add_camera_options,
     add_config_options,
@@ -20,18 +22,13 @@ from vo_service.commands.options import (
     pace,
 )
 from vo_service.config import Config
-from vo_service.control.control import Order
 from vo_service.control.inbox import Inbox
-from vo_service.control.reconfigure import Reconfigure
 from vo_service.interrupts import Hangup, Stop, ended_by_force, hangups, stop_on_signals
-from vo_service.live import Surroundings, live_service
 from vo_service.live_loop import run_live
 from vo_service.logs import set_level
 from vo_service.mapping.live.opening import open_mapper
 from vo_service.notify import SystemdOutput
 from vo_service.numbered_files import put_aside
-from vo_service.outputs.opening import OutputRequest, opened_outputs
-from vo_service.outputs.output import Output
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.outputs.state_log_output import StateLogOutput
 from vo_service.outputs.zenoh_commands import commands_for
@@ -40,8 +37,8 @@ from vo_service.outputs.zenoh_opening import KeepTrying
 from vo_service.outputs.zenoh_output import Extras
 from vo_service.recorder.opening import open_recorder
 from vo_service.reload import Reloader
-from vo_service.session import prepare_kernels, prepare_loops
 from vo_service.terminal import Terminal
+from vo_service.types import Command, Output
 
 NAME = "run"
 HELP = "run the odometry as a service, until Ctrl-C or SIGTERM"
@@ -104,7 +101,7 @@ def _serve(
     hangup: Hangup,
 ) -> None:
     """Put the parts together, run the loop, and take them apart: the last one opened first."""
-    inbox: Inbox[Order] = Inbox()
+    inbox: Inbox[Command] = Inbox()
     reloader = Reloader(config, lambda: config_of(args))
     systemd = SystemdOutput()
     commands = commands_for(config.commands, inbox)
@@ -126,7 +123,7 @@ def _serve(
         closing(inbox),
     ):
         told: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
-        service = live_service(
+        live = live_service(
             config,
             camera,
             Surroundings(
@@ -142,12 +139,12 @@ def _serve(
 
         def reload() -> None:
             with systemd.reloading():
-                inbox.order(Reconfigure(reloader.reload()))
+                inbox.order(live.reconfigure(reloader.reload()))
 
         # Without a file there is nothing to read again: the terminal has gone.
         on_hangup = stop.request if args.config is None else reload
         release_memory()  # all kernels are there
-        run_live(service.run, stop, hangup, on_hangup)
+        run_live(live.service.run, stop, hangup, on_hangup)
 
 
 def _keep_trajectory(path: Path | None) -> None:

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 from drivers.camera import RgbdCamera
 from drivers.errors import InputError
 from drivers.trajectory import StampedPoses
+from vo_service.app import run_loop
+from vo_service.commands.kernels import prepare_kernels
 from vo_service.config import Config
 from vo_service.feed import PlainFeed
 from vo_service.interrupts import Stop
 from vo_service.mapping.frame_poses import TrackedPoses
-from vo_service.mapping.loops.contract import NoLoops
-from vo_service.outputs.output import Output
 from vo_service.outputs.progress_output import ProgressOutput
-from vo_service.session import prepare_kernels, run_loop
 from vo_service.terminal import Terminal
+from vo_service.types import NoLoops, Output
 
 if TYPE_CHECKING:  # its libraries are slow to load
     from vo_service.mapping.loops.inline import InlineLoops

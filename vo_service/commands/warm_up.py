@@ -4,10 +4,10 @@ import argparse
 import time
 from collections.abc import Callable
 
+from vo_service.commands.kernels import prepare_kernels, prepare_loops, prepared
 from vo_service.commands.options import add_config_options, config_of
 from vo_service.interrupts import stop_on_signals
 from vo_service.mapping.warm_up import warm_up_mapping
-from vo_service.session import prepare_kernels, prepare_loops, prepared
 from vo_service.terminal import Terminal
 
 NAME = "warm-up"

@@ -4,14 +4,27 @@ import json
 import re
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
 
-from drivers.geometry import Array, transform_from_pose
+from drivers.geometry import transform_from_pose
 from drivers.sensor_settings import Led
-from vo_service.control.errors import CommandError, ErrorCode
+from vo_service.types import (
+    Command,
+    CommandError,
+    ErrorCode,
+    Light,
+    LoadMap,
+    Pause,
+    Reset,
+    Resume,
+    SaveIncident,
+    SaveMap,
+    StartRecording,
+    StopRecording,
+    Tilt,
+)
 
 LARGEST_PAYLOAD_BYTES = 4096
 # No robot is further from where it started.
@@ -20,82 +33,6 @@ LARGEST_TILT_DEG = 31.0
 # A quaternion this far from length 1 is a mistake, not rounding.
 LENGTH_TOLERANCE = 1e-2
 NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
-
-
-@dataclass(frozen=True)
-class Reset:
-    """Begin a new epoch with the base at `T_odom_base` (4x4); None: level, at the origin."""
-
-    T_odom_base: Array | None = None
-
-
-@dataclass(frozen=True)
-class Pause:
-    """Publish no poses until `Resume`."""
-
-
-@dataclass(frozen=True)
-class Resume:
-    """Go on after `Pause`."""
-
-
-@dataclass(frozen=True)
-class Tilt:
-    """Tilt the sensor's head against the horizon."""
-
-    tilt_deg: float
-
-
-@dataclass(frozen=True)
-class Light:
-    """Switch the sensor's light."""
-
-    led: Led
-
-
-@dataclass(frozen=True)
-class StartRecording:
-    """Record frames into a folder of this name, below the state folder."""
-
-    name: str
-
-
-@dataclass(frozen=True)
-class StopRecording:
-    """End the recording."""
-
-
-@dataclass(frozen=True)
-class SaveIncident:
-    """Write out what the flight recorder holds."""
-
-
-@dataclass(frozen=True)
-class SaveMap:
-    """Make a map of where the camera has been in this epoch, and write it under this name."""
-
-    name: str
-
-
-@dataclass(frozen=True)
-class LoadMap:
-    """Forget the places that are known, and know those of the map of this name."""
-
-    name: str
-
-
-Command = (
-    Reset
-    | Pause
-    | Resume
-    | Tilt
-    | Light
-    | StartRecording
-    | StopRecording
-    | SaveIncident
-    | SaveMap
-    | LoadMap
-)
 
 
 def parse_command(name: str, payload: bytes) -> Command:

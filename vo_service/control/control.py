@@ -2,11 +2,21 @@
 
 from drivers.camera import RgbdCamera
 from drivers.errors import CameraError
-from vo_service.control.commands import (
+from vo_service.control.inbox import Answer, Inbox
+from vo_service.pose_tracker import PoseTracker
+from vo_service.types import (
     Command,
+    CommandError,
+    ErrorCode,
     Light,
     LoadMap,
+    Mapper,
+    MapState,
+    NoMapper,
+    NoRecorder,
     Pause,
+    Reconfigure,
+    Recorder,
     Reset,
     Resume,
     SaveIncident,
@@ -15,14 +25,6 @@ from vo_service.control.commands import (
     StopRecording,
     Tilt,
 )
-from vo_service.control.errors import CommandError, ErrorCode
-from vo_service.control.inbox import Answer, Inbox
-from vo_service.control.reconfigure import Appliers, Reconfigure
-from vo_service.mapping.live.contract import Mapper, MapState, NoMapper
-from vo_service.pose_tracker import PoseTracker
-from vo_service.recorder.contract import NoRecorder, Recorder
-
-Order = Command | Reconfigure
 
 
 class Control:
@@ -32,9 +34,8 @@ class Control:
         self,
         tracker: PoseTracker,
         camera: RgbdCamera,
-        inbox: Inbox[Order] | None = None,
+        inbox: Inbox[Command] | None = None,
         recorder: Recorder | None = None,
-        appliers: Appliers | None = None,
         mapper: Mapper | None = None,
     ) -> None:
         """Without an inbox nobody has anything to say."""
@@ -42,7 +43,6 @@ class Control:
         self._camera = camera
         self._inbox = inbox or Inbox()
         self._recorder = recorder or NoRecorder()
-        self._appliers = appliers or {}
         self._mapper = mapper or NoMapper()
         self.is_paused = False
 
@@ -66,7 +66,7 @@ class Control:
             except CameraError as error:
                 ticket.failed(CommandError(ErrorCode.NOT_POSSIBLE, str(error)))
 
-    def _do(self, command: Order) -> Answer:
+    def _do(self, command: Command) -> Answer:
         match command:
             case Reset(T_odom_base):
                 self._tracker.reset(T_odom_base)
@@ -92,5 +92,5 @@ class Control:
             case LoadMap(name):
                 return {"file": self._mapper.load(name).loading}
             case Reconfigure():
-                command.apply(self._appliers)
+                command.apply()
                 return {}

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any, Generic, Protocol, TypeVar
 
-from vo_service.control.errors import CommandError, ErrorCode
+from vo_service.types import CommandError, ErrorCode
 
 MOST_WAITING = 8
 

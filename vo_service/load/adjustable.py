@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from vo_service.load.governor import FeatureUser, FixedEffort, Governor, LoadGovernor, Viewer
+from vo_service.load.governor import FeatureUser, FixedEffort, Governor, LoadGovernor
 from vo_service.load.meter import FrameLoad
-from vo_service.odometry.estimate import Odometry
 from vo_service.settings import LoadSettings
+from vo_service.types import Odometry, Viewer
 
 
 class _NoFeatures:

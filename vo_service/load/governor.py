@@ -10,8 +10,8 @@ from typing import Protocol, runtime_checkable
 
 from vo_service.load.effort import Effort, efforts
 from vo_service.load.meter import FrameLoad, LoadMeter
-from vo_service.outputs.output import Troubled
 from vo_service.settings import LoadSettings
+from vo_service.types import Troubled, Viewer
 
 # Busier than this, something is given up; with less to do than that, it is taken back. A step of
 # features changes the cost by less than what lies between.
@@ -26,14 +26,6 @@ FIRST_WAIT_S, LONGEST_WAIT_S = 10.0, 600.0
 SOON_S = 30.0
 
 logger = logging.getLogger(__name__)
-
-
-class Viewer(Protocol):
-    """Something that shows pictures, and can do without."""
-
-    def rest(self, is_resting: bool) -> None:
-        """Show nothing from now on, or everything again. Does not block."""
-        ...
 
 
 @runtime_checkable

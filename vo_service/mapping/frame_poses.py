@@ -7,7 +7,7 @@ import numpy as np
 from drivers.geometry import Array
 from drivers.trajectory import StampedPoses
 from vo_service.evaluation.association import WITHIN_S, nearest
-from vo_service.outputs.output import PoseUpdate, Status, TrackingState
+from vo_service.types import PoseUpdate, Status, TrackingState
 
 
 class FramePoses:

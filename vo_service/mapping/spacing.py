@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from drivers.geometry import Array
-from vo_service.outputs.output import PoseUpdate, TrackingState
+from vo_service.types import PoseUpdate, TrackingState
 
 STEP_M = 0.15
 STEP_RAD = math.radians(10.0)

@@ -10,7 +10,6 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
-from vo_service.odometry.estimate import Estimate, Evidence
 from vo_service.odometry.icp.alignment import (
     COARSE_TO_FINE,
     FINE_ALONE,
@@ -25,6 +24,7 @@ from vo_service.odometry.icp.pyramid import DepthPyramid, make_pyramid
 from vo_service.odometry.icp.track import Track, is_used_up, track_from
 from vo_service.odometry.motion_model import MotionModel
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
+from vo_service.types import Estimate, Evidence
 
 
 class IcpOdometry:

@@ -11,7 +11,6 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
-from vo_service.odometry.estimate import Estimate, Evidence
 from vo_service.odometry.keyframe.alignment import STANDING, align, all_alike
 from vo_service.odometry.keyframe.cells import ALL_STILL
 from vo_service.odometry.keyframe.certainty import Certainty, certainty
@@ -32,6 +31,7 @@ from vo_service.odometry.keyframe.steadiness import steadied
 from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
 from vo_service.odometry.surf import SurfExtractor
+from vo_service.types import Estimate, Evidence
 
 # After so many frames without a pose, tracking begins anew; after fewer where none has been laid on
 # the first keyframe yet, which a fast turn may have bent.

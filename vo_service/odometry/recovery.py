@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from drivers.geometry import Array, carried, inverse
 from vo_service.odometry.chance import ChanceTest
-from vo_service.odometry.estimate import Evidence
 from vo_service.odometry.good_views import GoodViews
 from vo_service.odometry.guided_matching import match_near
 from vo_service.odometry.matching import match_features
@@ -17,6 +16,7 @@ from vo_service.odometry.points import pair_points
 from vo_service.odometry.ransac import find_consensus
 from vo_service.odometry.refinement import Motion, refine_motion
 from vo_service.odometry.view import View, draw, with_depth
+from vo_service.types import Evidence
 
 # Features of an older view are sought in the whole image: the values of Brown and Lowe.
 BY_OLDER_VIEW = ChanceTest(if_right=0.6, by_chance=0.1)

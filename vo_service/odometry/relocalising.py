@@ -13,7 +13,7 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, are_near, inverse, orthonormal
-from vo_service.odometry.estimate import Estimate, Odometry
+from vo_service.types import Estimate, Odometry
 
 # So many frames with a motion are looked at before hope is given up: a second.
 PATIENCE_FRAMES = 30

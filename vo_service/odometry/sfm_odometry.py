@@ -10,7 +10,6 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from vo_service.odometry.chance import ChanceTest
-from vo_service.odometry.estimate import Estimate, Evidence
 from vo_service.odometry.matching import match_features
 from vo_service.odometry.sfm.chain import Chain, Link
 from vo_service.odometry.sfm.colour_view import ColourView
@@ -25,6 +24,7 @@ from vo_service.odometry.sfm.scale_source import FirstDepth, ScaleSource
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf_odometry import FeatureExtractor
+from vo_service.types import Estimate, Evidence
 
 # Known points agree or not within a few pixels of where they ought to be: few do so by chance.
 BY_KNOWN_POINTS = ChanceTest(if_right=0.5, by_chance=0.05)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
-from vo_service.odometry.estimate import Estimate, Evidence
 from vo_service.odometry.matching import match_features
 from vo_service.odometry.parameters import SurfParameters
 from vo_service.odometry.points import locate_features, pair_points
@@ -20,6 +19,7 @@ from vo_service.odometry.refinement import refine_motion
 from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
 from vo_service.odometry.surf import Features, SurfExtractor
 from vo_service.odometry.view import View, draw, with_depth
+from vo_service.types import Estimate, Evidence
 
 
 class FeatureExtractor(Protocol):

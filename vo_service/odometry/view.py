@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
-from vo_service.odometry.estimate import Evidence
 from vo_service.odometry.points import FeaturePoints
 from vo_service.odometry.refinement import Motion
 from vo_service.odometry.surf import Features
+from vo_service.types import Evidence
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """How far a run is, for the person at the terminal."""
 
-from vo_service.outputs.output import PoseUpdate, Status, TrackingState
 from vo_service.terminal import Terminal
+from vo_service.types import PoseUpdate, Status, TrackingState
 
 
 class ProgressOutput:

@@ -9,8 +9,6 @@ import zenoh
 
 from drivers.errors import InputError
 from vo_service.outputs.cdr_transform import TransformMessage, encode_transforms
-from vo_service.outputs.map_snapshot import NO_MAP
-from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.outputs.ros2_names import (
     ODOMETRY,
     TF_MESSAGE,
@@ -22,6 +20,7 @@ from vo_service.outputs.ros2_names import (
 )
 from vo_service.outputs.zenoh_messages import Frames, map_odom
 from vo_service.settings import Ros2Settings
+from vo_service.types import NO_MAP, PoseUpdate, TrackingState
 
 # What rclcpp and tf2_ros ask for.
 ODOMETRY_DEPTH, TF_DEPTH = 10, 100

@@ -6,7 +6,7 @@ import time
 
 from drivers.camera import CameraState
 from vo_service.announcements import LONG_S, announce
-from vo_service.outputs.output import PoseUpdate, Status, TrackingState
+from vo_service.types import PoseUpdate, Status, TrackingState
 
 COMING = (CameraState.OPENING, CameraState.STARTING)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from drivers.geometry import Array
 from drivers.trajectory import StampedPoses
-from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.types import PoseUpdate, Status
 
 
 class TrajectoryMemory:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import pose_line
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.worker import HandOver, Worker
+from vo_service.types import PoseUpdate, Status
 
 # A disk that does not answer is waited for no longer than this at the end.
 CLOSE_S = 2.0

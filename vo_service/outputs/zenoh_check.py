@@ -8,7 +8,8 @@ import zenoh
 from drivers.errors import InputError
 from vo_service.outputs.zenoh_endpoints import Endpoint, endpoints_in, parse_endpoint
 from vo_service.outputs.zenoh_key_check import ENCRYPTED, check_keys, has_client_certificates
-from vo_service.outputs.zenoh_session import DEFAULT_ENDPOINT, ZenohConfig, session_settings
+from vo_service.outputs.zenoh_session import session_settings
+from vo_service.settings import DEFAULT_ENDPOINT, ZenohConfig
 
 _PLAIN = ("tcp", "udp", "ws")
 _BY_PATH = ("unixsock-stream", "unixpipe", "serial", "vsock")

@@ -10,14 +10,14 @@ from typing import Any, Protocol
 
 import zenoh
 
-from vo_service.control.commands import LARGEST_PAYLOAD_BYTES, Command, parse_command
-from vo_service.control.errors import CommandError, ErrorCode
+from vo_service.control.commands import LARGEST_PAYLOAD_BYTES, parse_command
 from vo_service.control.inbox import TakesIn, Ticket
 from vo_service.outputs.worker import Wait, Worker
 from vo_service.outputs.zenoh_messages import answer_payload
 from vo_service.outputs.zenoh_questions import MOST_WAITING, answer_questions, refuse, reply
 from vo_service.settings import CommandSettings
 from vo_service.token_bucket import TokenBucket
+from vo_service.types import Command, CommandError, ErrorCode
 
 logger = logging.getLogger(__name__)
 

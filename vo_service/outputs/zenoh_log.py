@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 import zenoh
 
 from vo_service.outputs.zenoh_refusals import LOG_FILTER, Refusals, parse_line
-from vo_service.outputs.zenoh_session import ZenohConfig
+from vo_service.settings import ZenohConfig
 
 logger = logging.getLogger(__name__)
 

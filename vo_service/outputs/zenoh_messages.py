@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 
-from vo_service.control.errors import CommandError
 from vo_service.control.inbox import Answer
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
 from vo_service.outputs.cdr_transform import TransformMessage, encode_transform
-from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.types import CommandError, PoseUpdate, Status
 
 MESSAGE_SCHEMA = 1
 

@@ -12,13 +12,8 @@ import zenoh
 
 from drivers.errors import UserFacingError
 from vo_service.outputs.zenoh_routers import connect_endpoints, is_connected, named_endpoints
-from vo_service.outputs.zenoh_session import (
-    DEFAULT_ENDPOINT,
-    ZenohConfig,
-    ZenohNotNowError,
-    ZenohPortTakenError,
-    open_session,
-)
+from vo_service.outputs.zenoh_session import ZenohNotNowError, ZenohPortTakenError, open_session
+from vo_service.settings import DEFAULT_ENDPOINT, ZenohConfig
 
 logger = logging.getLogger(__name__)
 

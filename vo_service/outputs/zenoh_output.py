@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 
 import zenoh
 
-from vo_service.outputs.map_snapshot import NO_MAP, MapSnapshot
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.worker import DropOldest, HandOver, Wait, Worker
 from vo_service.outputs.zenoh_commands import Commands, NoCommands
 from vo_service.outputs.zenoh_messages import (
@@ -22,9 +20,9 @@ from vo_service.outputs.zenoh_messages import (
 )
 from vo_service.outputs.zenoh_opening import OpenAtOnce, WayToOpen
 from vo_service.outputs.zenoh_questions import Memory, Questions
-from vo_service.outputs.zenoh_session import ZenohConfig
 from vo_service.outputs.zenoh_station import Programme, Station
-from vo_service.settings import Ros2Settings
+from vo_service.settings import Ros2Settings, ZenohConfig
+from vo_service.types import NO_MAP, MapSnapshot, PoseUpdate, Status
 
 logger = logging.getLogger(__name__)
 

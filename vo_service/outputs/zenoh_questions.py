@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import zenoh
 
-from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.outputs.cdr import SCHEMA
 from vo_service.outputs.cdr_transform import TRANSFORM_SCHEMA
 from vo_service.outputs.zenoh_messages import answer_payload, error_payload
 from vo_service.outputs.zenoh_schemas import all_schemas
 from vo_service.token_bucket import TokenBucket
+from vo_service.types import CommandError, ErrorCode
 
 logger = logging.getLogger(__name__)
 

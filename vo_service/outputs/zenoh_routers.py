@@ -5,7 +5,8 @@ from collections.abc import Iterable
 import zenoh
 
 from vo_service.outputs.zenoh_endpoints import endpoints_in, parse_endpoint
-from vo_service.outputs.zenoh_session import ZenohConfig, session_settings
+from vo_service.outputs.zenoh_session import session_settings
+from vo_service.settings import ZenohConfig
 
 
 def connect_endpoints(config: ZenohConfig) -> tuple[str, ...]:

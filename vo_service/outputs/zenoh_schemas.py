@@ -10,11 +10,10 @@ from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from vo_service.control.commands import COMMAND_NAMES
-from vo_service.control.errors import ErrorCode
 from vo_service.outputs.command_schemas import ANSWERS, ARGUMENTS
-from vo_service.outputs.output import Status, TrackingState
 from vo_service.outputs.status_fields import STATUS_FIELDS
 from vo_service.outputs.zenoh_messages import MESSAGE_SCHEMA
+from vo_service.types import ErrorCode, Status, TrackingState
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 Schema = dict[str, Any]

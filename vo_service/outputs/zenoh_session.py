@@ -2,55 +2,16 @@
 
 import json
 import re
-from dataclasses import dataclass
-from pathlib import Path
 
 import zenoh
 
 from drivers.errors import InputError, UserFacingError
-from drivers.strict_toml import setting
 from vo_service.outputs.zenoh_files import read_zenoh_file
+from vo_service.settings import DEFAULT_ENDPOINT, ZenohConfig
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7450"
 # Ours are some kilobytes. Zenoh's own limit is a gigabyte.
 LARGEST_MESSAGE_BYTES = 1 << 20
 _CLIENT_OPENING_MS = 2000
-
-
-@dataclass(frozen=True)
-class ZenohConfig:
-    """How poses go out. Raises InputError for a prefix that is none."""
-
-    prefix: str = setting(
-        "kinect", "first part of every key: PREFIX/odom, PREFIX/status, PREFIX/alive and others"
-    )
-    listen: tuple[str, ...] = setting(
-        (DEFAULT_ENDPOINT,), "endpoints that others connect to; the default is this computer alone"
-    )
-    connect: tuple[str, ...] = setting(
-        (), 'endpoints to connect to: a router or another peer, such as "tcp/192.168.1.2:7447"'
-    )
-    config_file: Path | None = setting(
-        None,
-        "a Zenoh configuration (JSON5), for TLS and access control. What it leaves at Zenoh's own "
-        "default is set as without it: listen, connect, no scouting",
-    )
-    odom_frame_id: str = setting("odom", "frame of the poses")
-    child_frame_id: str = setting("base_link", "frame that moves")
-    map_frame_id: str = setting("map", "frame in which places are corrected; `odom` lies in it")
-
-    def __post_init__(self) -> None:
-        check_prefix(self.prefix)
-
-
-def check_prefix(prefix: str) -> str:
-    """The prefix itself. Raises InputError unless plain names separated by ``/``."""
-    if not re.fullmatch(r"[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*", prefix):
-        raise InputError(
-            f"zenoh prefix {prefix!r}: use names of letters, digits, '_', '-', '.' separated by "
-            "single slashes, without a slash at either end, such as robot1/kinect"
-        )
-    return prefix
 
 
 class ZenohNotNowError(UserFacingError):

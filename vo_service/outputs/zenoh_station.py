@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import zenoh
 
-from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.ros2_publisher import ros2_output
 from vo_service.outputs.tcp_backlog import backlog_bytes
 from vo_service.outputs.zenoh_commands import Commands
 from vo_service.outputs.zenoh_messages import Frames
 from vo_service.outputs.zenoh_questions import CDR, CDR_TRANSFORM, JSON, Questions
 from vo_service.settings import Ros2Settings
+from vo_service.types import PoseUpdate
 
 THREAD_END_S = 0.5
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import Array
-from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.recorder.depth_unpacking import unpack_depth
 from vo_service.recorder.shared_ring import Record, RingWriter
+from vo_service.types import PoseUpdate, TrackingState
 
 # A note is far smaller; its only text is the reason.
 NOTE_BOUND = 4096

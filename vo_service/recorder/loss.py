@@ -2,7 +2,7 @@
 
 import math
 
-from vo_service.outputs.output import TrackingState
+from vo_service.types import TrackingState
 
 # The loss itself shall be in what is written.
 AFTERMATH_S = 1.0

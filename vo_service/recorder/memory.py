@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.recorder.depth_packing import compile_packing, pack_depth
 from vo_service.recorder.frame_record import put_frame
 from vo_service.recorder.shared_ring import RingWriter
 from vo_service.settings import MEGABYTE
+from vo_service.types import PoseUpdate, Status
 
 STATUS_LOG_S = 60.0
 STATUS_LOG_BYTES = 1_000_000

@@ -6,14 +6,13 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from vo_service.control.errors import CommandError, ErrorCode
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.worker import DropOldest, Worker
 from vo_service.recorder.clerk import Clerk
 from vo_service.recorder.loss import LossWatch, NoLossWatch
 from vo_service.recorder.memory import Memory, TimedStatus
 from vo_service.recorder.messages import Job
 from vo_service.settings import MEGABYTE, RecorderSettings
+from vo_service.types import CommandError, ErrorCode, PoseUpdate, Status
 
 logger = logging.getLogger(__name__)
 

@@ -10,8 +10,8 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.trajectory import StampedPoses
-from vo_service.odometry.estimate import Estimate
 from vo_service.runs.run import FrameLog, LoopsRun, Run
+from vo_service.types import Estimate
 
 
 class Diary:

@@ -16,12 +16,12 @@ from drivers.tum.decode import UnreadableFrameError
 from drivers.tum.folder import TumFolder, open_folder
 from drivers.tum.frame_reader import FrameReader
 from drivers.tum.lists import FramePair
-from vo_service.odometry.estimate import Estimate, Odometry
 from vo_service.runs.diary import Diary
 from vo_service.runs.messages import Job, Preparing, Progress
 from vo_service.runs.recipe import Recipe
 from vo_service.runs.run import Run
 from vo_service.stage_clock import StageClock
+from vo_service.types import Estimate, Odometry
 
 PROGRESS_S = 0.1
 # A method is first tried on so many frames and then made anew: what it loads, compiles and sets up

@@ -13,12 +13,12 @@ from typing import Protocol
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.odometry.estimate import Estimate
 from vo_service.pose_covariance import diagonal
 from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.runs.run import LoopsRun
 from vo_service.runs.versions import digest_of
 from vo_service.settings import MapSettings
+from vo_service.types import Estimate
 
 # What loops come from, beside the libraries.
 SOURCES = (

@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 from drivers.errors import InputError
 from drivers.trajectory import StampedPoses
 from vo_service.config import OdometrySettings, make_odometry
-from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.stopwatch import Stopwatch
 from vo_service.runs.recipe import SfmScale
 from vo_service.runs.true_scale import TrueDistance
+from vo_service.types import Odometry
 from vo_service.warm_up import warm_up
 
 

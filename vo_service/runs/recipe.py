@@ -5,8 +5,8 @@ from enum import StrEnum
 from typing import Protocol
 
 from drivers.trajectory import StampedPoses
-from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.stopwatch import Stopwatch
+from vo_service.types import Odometry
 
 
 class SfmScale(StrEnum):

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import inverse, transform_points
-from vo_service.outputs.map_snapshot import NO_MAP, MapSnapshot
-from vo_service.outputs.output import PoseUpdate
+from vo_service.types import NO_MAP, MapSnapshot, PoseUpdate
 from vo_service.viewer.messages import Corrected, Graph
 from vo_service.viewer.throttle import Throttle
 

@@ -10,8 +10,7 @@ from drivers.camera import RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.geometry import Array
 from drivers.isolation.messages import LogLine
-from vo_service.odometry.estimate import Evidence
-from vo_service.outputs.output import TrackingState
+from vo_service.types import Evidence, TrackingState
 from vo_service.viewer.sinks import Sink
 from vo_service.viewer.trail import Trail
 

@@ -10,9 +10,9 @@ from collections.abc import Iterable
 
 from drivers.camera import Pace
 from drivers.errors import UserFacingError
-from vo_service.outputs.output import PoseUpdate, Status, TruthSource, no_truth
 from vo_service.outputs.worker import Worker
 from vo_service.settings import RerunSettings
+from vo_service.types import PoseUpdate, Status, TruthSource, no_truth
 from vo_service.viewer.link import Link
 from vo_service.viewer.messages import Finish, Job, Message, Note
 from vo_service.viewer.notices import Notices

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, quaternion_from_rotation
-from vo_service.odometry.estimate import Evidence
-from vo_service.outputs.output import TrackingState
+from vo_service.types import Evidence, TrackingState
 from vo_service.viewer import blueprint as paths
 from vo_service.viewer.map_drawing import MapDrawing
 from vo_service.viewer.messages import (

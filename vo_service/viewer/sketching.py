@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.geometry import inverse
 from drivers.trajectory import StampedPoses
-from vo_service.outputs.output import PoseUpdate, Status, TruthSource, no_truth
+from vo_service.types import PoseUpdate, Status, TruthSource, no_truth
 from vo_service.viewer.map_sketch import MapSketch
 from vo_service.viewer.messages import (
     Backdrop,

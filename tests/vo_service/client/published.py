@@ -14,7 +14,8 @@ from tests.waiting import wait_until
 from vo_service.client import Pose, PoseClient
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
 from vo_service.outputs.cdr_transform import TransformMessage, encode_transform
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import ZenohConfig
 
 
 def free_endpoint() -> str:

@@ -12,9 +12,9 @@ from tests.vo_service.security.conftest import keys, network, robot
 from tests.vo_service.security.tls_network import Network, Robot
 from tests.waiting import wait_until
 from vo_service.client import NoAnswer, NoPose, PoseClient, Why, connecting
-from vo_service.control.commands import Pause
-from vo_service.outputs.output import PoseUpdate
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import ZenohConfig
+from vo_service.types import Pause, PoseUpdate
 
 pytestmark = pytest.mark.zenoh
 

@@ -2,16 +2,28 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from drivers.sensor_settings import Led, SensorSettings
 from tests.vo_service.fakes import ScriptedCamera
+from vo_service.app import Appliers, apply_changes
 from vo_service.config import Config
-from vo_service.control.commands import (
+from vo_service.control.control import Control
+from vo_service.control.inbox import Inbox
+from vo_service.pose_tracker import PoseTracker
+from vo_service.reload import Changes
+from vo_service.types import (
     Command,
+    CommandError,
+    ErrorCode,
     Light,
+    MapState,
+    NoMapper,
+    NoRecorder,
     Pause,
+    Reconfigure,
     Reset,
     Resume,
     SaveIncident,
@@ -20,14 +32,6 @@ from vo_service.control.commands import (
     StopRecording,
     Tilt,
 )
-from vo_service.control.control import Control, Order
-from vo_service.control.errors import CommandError, ErrorCode
-from vo_service.control.inbox import Inbox
-from vo_service.control.reconfigure import Appliers, Reconfigure
-from vo_service.mapping.live.contract import MapState, NoMapper
-from vo_service.pose_tracker import PoseTracker
-from vo_service.recorder.contract import NoRecorder
-from vo_service.reload import Changes
 
 
 class Head(ScriptedCamera):
@@ -79,14 +83,14 @@ class Draughtsman(NoMapper):
         return self.state
 
 
-def carry_out(command: Order, control: Control, inbox: Inbox[Order]) -> Mapping[str, object]:
+def carry_out(command: Command, control: Control, inbox: Inbox[Command]) -> Mapping[str, object]:
     ticket = inbox.submit(command)
     control.obey()
     return ticket.wait(0.0)
 
 
 def test_the_head_is_tilted_and_lit() -> None:
-    inbox: Inbox[Order] = Inbox()
+    inbox: Inbox[Command] = Inbox()
     camera = Head()
     control = Control(PoseTracker(), camera, inbox)
     assert carry_out(Tilt(12.0), control, inbox) == {"tilt_deg": 12.0}
@@ -106,7 +110,7 @@ def test_the_head_is_tilted_and_lit() -> None:
     ],
 )
 def test_what_is_not_there_is_refused_with_a_reason(command: Command, words: str) -> None:
-    inbox: Inbox[Order] = Inbox()
+    inbox: Inbox[Command] = Inbox()
     control = Control(PoseTracker(), ScriptedCamera(), inbox)
     with pytest.raises(CommandError, match=words) as raised:
         carry_out(command, control, inbox)
@@ -114,7 +118,7 @@ def test_what_is_not_there_is_refused_with_a_reason(command: Command, words: str
 
 
 def test_frames_are_recorded_and_saved_by_the_recorder() -> None:
-    inbox: Inbox[Order] = Inbox()
+    inbox: Inbox[Command] = Inbox()
     deck = TapeDeck()
     control = Control(PoseTracker(), ScriptedCamera(), inbox, deck)
     assert carry_out(StartRecording("desk"), control, inbox) == {"folder": "recordings/desk"}
@@ -124,7 +128,7 @@ def test_frames_are_recorded_and_saved_by_the_recorder() -> None:
 
 
 def test_a_map_is_made_by_the_mapper() -> None:
-    inbox: Inbox[Order] = Inbox()
+    inbox: Inbox[Command] = Inbox()
     control = Control(PoseTracker(), ScriptedCamera(), inbox, mapper=Draughtsman())
     expected = {"file": "maps/kitchen.ply", "keyframes": 12}
     assert carry_out(SaveMap("kitchen"), control, inbox) == expected
@@ -132,7 +136,7 @@ def test_a_map_is_made_by_the_mapper() -> None:
 
 
 def test_a_reset_answers_with_the_new_epoch_and_a_pause_with_what_is() -> None:
-    inbox: Inbox[Order] = Inbox()
+    inbox: Inbox[Command] = Inbox()
     control = Control(PoseTracker(), ScriptedCamera(), inbox)
     assert carry_out(Reset(), control, inbox) == {"epoch": 1}
     assert carry_out(Pause(), control, inbox) == {"paused": True}
@@ -142,15 +146,20 @@ def test_a_reset_answers_with_the_new_epoch_and_a_pause_with_what_is() -> None:
 def test_what_changed_in_the_configuration_is_applied_and_a_refusal_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    inbox: Inbox[Order] = Inbox()
+    inbox: Inbox[Command] = Inbox()
     camera, bare = Head(), ScriptedCamera()
     appliers: Appliers = {
         "sensor.led": lambda config: camera.set_led(config.sensor.led),
         "sensor.tilt_deg": lambda config: bare.set_tilt_deg(0.0),
     }
-    control = Control(PoseTracker(), camera, inbox, None, appliers)
+    control = Control(PoseTracker(), camera, inbox)
     wanted = replace(Config(), sensor=SensorSettings(led=Led.RED))
     live = ("sensor.tilt_deg", "sensor.led")
-    assert carry_out(Reconfigure(Changes(wanted, live)), control, inbox) == {}
+    assert (
+        carry_out(
+            Reconfigure(partial(apply_changes, Changes(wanted, live), appliers)), control, inbox
+        )
+        == {}
+    )
     assert camera.led is Led.RED
     assert "scripted: it has no motor" in caplog.text

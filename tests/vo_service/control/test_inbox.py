@@ -2,9 +2,8 @@
 
 import pytest
 
-from vo_service.control.commands import Command, Pause, Reset, Resume
-from vo_service.control.errors import CommandError, ErrorCode
 from vo_service.control.inbox import Inbox
+from vo_service.types import Command, CommandError, ErrorCode, Pause, Reset, Resume
 
 
 def test_the_loop_takes_all_that_wait_in_order() -> None:

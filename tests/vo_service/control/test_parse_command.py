@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.sensor_settings import Led
-from vo_service.control.commands import (
-    COMMAND_NAMES,
-    LARGEST_PAYLOAD_BYTES,
+from vo_service.control.commands import COMMAND_NAMES, LARGEST_PAYLOAD_BYTES, parse_command
+from vo_service.types import (
+    CommandError,
+    ErrorCode,
     Light,
     LoadMap,
     Pause,
@@ -19,9 +20,7 @@ from vo_service.control.commands import (
     SaveMap,
     StartRecording,
     Tilt,
-    parse_command,
 )
-from vo_service.control.errors import CommandError, ErrorCode
 
 
 def refusal(name: str, payload: bytes) -> CommandError:

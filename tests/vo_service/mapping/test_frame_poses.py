@@ -8,8 +8,7 @@ from drivers.geometry import Array, rigid_transform
 from drivers.trajectory import StampedPoses
 from tests.vo_service.mapping.scenes import CAMERA, wall
 from vo_service.mapping.frame_poses import FramePoses, TrackedPoses
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import PoseUpdate, TrackingState
+from vo_service.types import Estimate, PoseUpdate, TrackingState
 
 
 def at(x: float) -> Array:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from drivers.geometry import rigid_transform, rotation_from_vector
 from tests.vo_service.mapping.live.views import view
 from vo_service.mapping.spacing import STEP_M, STEP_RAD, Gate, steps_between
-from vo_service.outputs.output import TrackingState
+from vo_service.types import TrackingState
 
 
 def turned(angle_rad: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

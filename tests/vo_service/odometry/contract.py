@@ -3,7 +3,7 @@
 import numpy as np
 
 from drivers.geometry import is_rigid
-from vo_service.odometry.estimate import Estimate
+from vo_service.types import Estimate
 
 
 def assert_is_sound(estimate: Estimate) -> None:

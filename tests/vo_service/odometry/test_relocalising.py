@@ -8,12 +8,12 @@ import pytest
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, is_rigid, rigid_transform, rotation_from_vector
 from tests.vo_service import fakes
-from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.relocalising import (
     PATIENCE_FRAMES,
     Located,
     RelocalisingOdometry,
 )
+from vo_service.types import Estimate
 
 STEP = rigid_transform(rotation_from_vector([0.0, 0.02, 0.0]), [0.01, 0.0, 0.02])
 ELSEWHERE = rigid_transform(rotation_from_vector([0.0, 1.0, 0.0]), [0.3, 0.0, 0.2])

@@ -15,9 +15,9 @@ from tests.vo_service.odometry.contract import assert_is_the_world, assert_rests
 from tests.vo_service.odometry.stage_names import StageNames
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 from tests.vo_service.odometry.walk import assert_close, follow, path
-from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf_odometry import SurfOdometry
+from vo_service.types import Estimate
 
 
 @pytest.fixture(scope="module")

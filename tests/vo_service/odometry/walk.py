@@ -13,7 +13,7 @@ from drivers.geometry import (
     rotation_from_vector,
 )
 from tests.vo_service.odometry.synthetic_views import CAMERA, frame_of, view_of_a_corner
-from vo_service.odometry.estimate import Estimate, Odometry
+from vo_service.types import Estimate, Odometry
 
 SHAPE = (CAMERA.height, CAMERA.width)
 BLACK = frame_of(np.zeros(SHAPE, np.uint8), np.full(SHAPE, 1.5))

@@ -12,8 +12,7 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import rigid_transform, rotation_from_vector
 from tests import ports
 from tests.vo_service.fakes import a_status
-from vo_service.odometry.estimate import Estimate, Evidence
-from vo_service.outputs.output import Level, PoseUpdate, Status, TrackingState
+from vo_service.types import Estimate, Evidence, Level, PoseUpdate, Status, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684

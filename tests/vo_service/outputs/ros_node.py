@@ -12,12 +12,12 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 
 from tests.waiting import wait_until
-from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.ros2_names import ODOMETRY, TF_MESSAGE
 from vo_service.outputs.ros2_publisher import Ros2Publisher
 from vo_service.outputs.zenoh_messages import Frames, pose_payload
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
-from vo_service.settings import Ros2Settings
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import Ros2Settings, ZenohConfig
+from vo_service.types import PoseUpdate
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
 FRAMES = Frames("odom", "base_link", "map")

@@ -4,9 +4,9 @@ import io
 from collections.abc import Callable
 
 from tests.vo_service.fakes import a_status
-from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.terminal import Terminal
+from vo_service.types import PoseUpdate, TrackingState
 
 
 class Screen(io.StringIO):

@@ -11,8 +11,7 @@ import zenoh
 from drivers.geometry import rigid_transform
 from tests.vo_service.made_up_map import a_map
 from tests.vo_service.outputs.ros_node import ROS, TF_KEY, published
-from vo_service.outputs.map_snapshot import NO_MAP, MapSnapshot
-from vo_service.outputs.output import PoseUpdate
+from vo_service.types import NO_MAP, MapSnapshot, PoseUpdate
 
 pytestmark = pytest.mark.zenoh
 

@@ -24,11 +24,11 @@ from tests.vo_service.outputs.ros_node import (
     session,
     tokens,
 )
-from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.ros2_names import ODOMETRY, TF_MESSAGE
 from vo_service.outputs.ros2_publisher import ros2_output
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
-from vo_service.settings import Ros2Settings
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import Ros2Settings, ZenohConfig
+from vo_service.types import PoseUpdate
 
 pytestmark = pytest.mark.zenoh
 

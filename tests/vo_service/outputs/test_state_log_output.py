@@ -7,8 +7,8 @@ import pytest
 
 from tests.vo_service.fakes import FakeClock
 from vo_service.outputs import state_log_output
-from vo_service.outputs.output import Status, TrackingState
 from vo_service.outputs.state_log_output import StateLogOutput
+from vo_service.types import Status, TrackingState
 
 TRACKING, DEGRADED, LOST, NO_CAMERA = (
     *(TrackingState.TRACKING, TrackingState.DEGRADED),

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.trajectory_memory import TrajectoryMemory
+from vo_service.types import PoseUpdate
 
 MakeUpdate = Callable[..., PoseUpdate]
 

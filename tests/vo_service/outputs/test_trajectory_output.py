@@ -13,9 +13,9 @@ from drivers.trajectory import read_trajectory
 from tests.full_disk import files_up_to
 from tests.vo_service.commands.command_line import line_count
 from tests.waiting import wait_until
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.trajectory_output import TrajectoryOutput
 from vo_service.outputs.worker import DropOldest, Wait
+from vo_service.types import PoseUpdate, Status
 
 MakeUpdate = Callable[..., PoseUpdate]
 

@@ -9,11 +9,10 @@ import pytest
 
 from tests.vo_service.outputs.zenoh_asking import answers, commanded, content, obey
 from tests.waiting import wait_until
-from vo_service.control.errors import CommandError
 from vo_service.control.inbox import Inbox
-from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.zenoh_commands import CommandsFor, RateLimit, commands_for
 from vo_service.settings import CommandSettings
+from vo_service.types import CommandError, PoseUpdate
 
 pytestmark = pytest.mark.zenoh
 

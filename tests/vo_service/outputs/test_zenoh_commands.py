@@ -19,15 +19,14 @@ from tests.vo_service.outputs.zenoh_asking import (
     obey,
     taken,
 )
-from vo_service.control.commands import COMMAND_NAMES, Command, Light, Pause, Reset
-from vo_service.control.errors import CommandError, ErrorCode
+from vo_service.control.commands import COMMAND_NAMES
 from vo_service.control.inbox import Inbox
 from vo_service.outputs import zenoh_commands
-from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.zenoh_commands import CommandsFor, NoCommands, commands_for
 from vo_service.outputs.zenoh_output import ZenohOutput
 from vo_service.outputs.zenoh_session import open_session
 from vo_service.settings import CommandSettings
+from vo_service.types import Command, CommandError, ErrorCode, Light, Pause, PoseUpdate, Reset
 
 pytestmark = pytest.mark.zenoh
 

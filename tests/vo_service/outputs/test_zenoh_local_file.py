@@ -3,7 +3,8 @@
 import json
 from pathlib import Path
 
-from vo_service.outputs.zenoh_session import ZenohConfig, session_settings
+from vo_service.outputs.zenoh_session import session_settings
+from vo_service.settings import ZenohConfig
 
 LOCAL = Path(__file__).parents[3] / "config" / "zenoh" / "local.json5"
 

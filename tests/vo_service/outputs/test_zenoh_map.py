@@ -14,8 +14,8 @@ from tests.vo_service.made_up_map import a_map
 from tests.vo_service.outputs.zenoh_asking import ask, asking, config, content
 from tests.waiting import wait_until
 from vo_service.outputs.cdr_transform import decode_transform
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.zenoh_output import LOCKSTEP, ZenohOutput
+from vo_service.types import PoseUpdate, Status
 
 pytestmark = pytest.mark.zenoh
 

@@ -14,10 +14,10 @@ import zenoh
 
 from tests import ports
 from tests.vo_service.outputs.zenoh_asking import asking
-from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.zenoh_opening import KeepTrying
 from vo_service.outputs.zenoh_output import LIVE, ZenohOutput
-from vo_service.outputs.zenoh_session import ZenohConfig
+from vo_service.settings import ZenohConfig
+from vo_service.types import PoseUpdate
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 

@@ -15,10 +15,11 @@ from tests import ports
 from tests.vo_service.outputs.zenoh_asking import answers, asking, config
 from tests.waiting import wait_until
 from vo_service.outputs import zenoh_opening
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.zenoh_opening import KeepTrying, OpenAtOnce, OpenOnFreePort
 from vo_service.outputs.zenoh_output import LIVE, ZenohOutput
-from vo_service.outputs.zenoh_session import ZenohConfig, ZenohPortTakenError, open_session
+from vo_service.outputs.zenoh_session import ZenohPortTakenError, open_session
+from vo_service.settings import ZenohConfig
+from vo_service.types import PoseUpdate, Status
 
 pytestmark = pytest.mark.zenoh
 

@@ -17,9 +17,10 @@ import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, ZenohOutput
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import ZenohConfig
+from vo_service.types import PoseUpdate, Status
 
 pytestmark = pytest.mark.zenoh
 

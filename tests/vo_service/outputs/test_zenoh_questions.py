@@ -11,8 +11,8 @@ import pytest
 from tests.vo_service.outputs.zenoh_asking import answers, ask, asking, config, content
 from tests.waiting import wait_until
 from vo_service.outputs.cdr import decode_odometry
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.zenoh_output import ZenohOutput
+from vo_service.types import PoseUpdate, Status
 
 pytestmark = pytest.mark.zenoh
 

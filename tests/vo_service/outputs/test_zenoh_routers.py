@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from vo_service.outputs.zenoh_routers import connect_endpoints
-from vo_service.outputs.zenoh_session import ZenohConfig
+from vo_service.settings import ZenohConfig
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,6 @@ from scripts.write_schemas import FOLDER, schema_files
 from tests.json_schema import complaints
 from tests.vo_service.made_up_map import a_map
 from vo_service.control.commands import COMMAND_NAMES, parse_command
-from vo_service.control.errors import CommandError, ErrorCode
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.status_fields import STATUS_FIELDS
 from vo_service.outputs.zenoh_messages import (
     error_payload,
@@ -26,6 +24,7 @@ from vo_service.outputs.zenoh_messages import (
     versions,
 )
 from vo_service.outputs.zenoh_schemas import DIALECT, all_schemas, schema_of
+from vo_service.types import CommandError, ErrorCode, PoseUpdate, Status
 
 SCHEMAS = all_schemas()
 MESSAGES = (Path(__file__).parents[3] / "docs" / "messages.md").read_text()

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError, UserFacingError
-from vo_service.outputs.zenoh_session import ZenohConfig, check_prefix, open_session
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import ZenohConfig, check_prefix
 
 
 @pytest.mark.zenoh

@@ -6,9 +6,9 @@ import zenoh
 from vo_service.outputs.zenoh_commands import NoCommands
 from vo_service.outputs.zenoh_messages import Frames
 from vo_service.outputs.zenoh_questions import Memory, Questions
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import open_session
 from vo_service.outputs.zenoh_station import Programme, Station
-from vo_service.settings import Ros2Settings
+from vo_service.settings import Ros2Settings, ZenohConfig
 
 pytestmark = pytest.mark.zenoh
 

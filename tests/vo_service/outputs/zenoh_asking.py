@@ -9,11 +9,12 @@ from typing import Any
 import zenoh
 
 from tests.waiting import PATIENCE_S, wait_until
-from vo_service.control.commands import Command
 from vo_service.control.inbox import Inbox, Ticket
 from vo_service.outputs.zenoh_commands import CommandsFor
 from vo_service.outputs.zenoh_output import LIVE, Extras, ZenohOutput
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import ZenohConfig
+from vo_service.types import Command
 
 
 def config(port: int, **changes: Any) -> ZenohConfig:

@@ -11,11 +11,9 @@ from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import rigid_transform
 from tests.vo_service.fakes import a_status
 from tests.waiting import wait_until
-from vo_service.control.errors import CommandError
-from vo_service.odometry.estimate import Estimate
-from vo_service.outputs.output import PoseUpdate, Status, TrackingState
 from vo_service.recorder.recorder import FlightRecorder
 from vo_service.settings import RecorderSettings
+from vo_service.types import CommandError, Estimate, PoseUpdate, Status, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684

@@ -23,8 +23,8 @@ from tests.vo_service.recorder.moments import (
     update,
 )
 from tests.waiting import wait_until
-from vo_service.outputs.output import TrackingState
 from vo_service.settings import RecorderSettings
+from vo_service.types import TrackingState
 
 pytestmark = pytest.mark.subprocess
 

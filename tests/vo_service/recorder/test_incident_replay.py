@@ -17,13 +17,13 @@ from tests.vo_service.commands.command_line import call
 from tests.vo_service.fakes import Collector, ScriptedCamera
 from tests.vo_service.recorder.moments import feed, incident, recorder, update
 from tests.waiting import wait_until
+from vo_service.app import run_loop
 from vo_service.config import Config
 from vo_service.feed import PlainFeed
 from vo_service.interrupts import Stop
-from vo_service.outputs.output import PoseUpdate
 from vo_service.recorder.recorder import FlightRecorder
-from vo_service.session import run_loop
 from vo_service.settings import RecorderSettings
+from vo_service.types import PoseUpdate
 
 pytestmark = pytest.mark.subprocess
 

@@ -1,7 +1,7 @@
 """When a loss of tracking is written: a second after it, and not again and again."""
 
-from vo_service.outputs.output import TrackingState
 from vo_service.recorder.loss import AFTERMATH_S, QUIET_S, LossWatch
+from vo_service.types import TrackingState
 
 TRACKING, LOST = TrackingState.TRACKING, TrackingState.LOST
 

@@ -20,10 +20,9 @@ from tests.vo_service.recorder.moments import (
     update,
 )
 from tests.waiting import wait_until
-from vo_service.outputs.output import TrackingState
-from vo_service.recorder.contract import NoRecorder
 from vo_service.recorder.opening import open_recorder
 from vo_service.settings import RecorderSettings
+from vo_service.types import NoRecorder, TrackingState
 
 pytestmark = pytest.mark.subprocess
 

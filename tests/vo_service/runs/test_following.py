@@ -17,12 +17,12 @@ import pytest
 from drivers.camera import RgbdFrame
 from drivers.trajectory import StampedPoses
 from tests.conftest import FRAMES
-from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.stopwatch import Stopwatch
 from vo_service.runs.excerpt import Excerpt
 from vo_service.runs.following import WARM_UP_FRAMES, CompiledFirst, follow
 from vo_service.runs.messages import Job, Preparing
 from vo_service.runs.run import Run
+from vo_service.types import Estimate
 
 BURNT_S = 0.02
 KERNEL = "import numba\nnumba.njit('i8(i8)', cache=True)(lambda number: number)\n"

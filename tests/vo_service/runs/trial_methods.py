@@ -13,9 +13,9 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.trajectory import StampedPoses
-from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.stopwatch import Stopwatch
 from vo_service.runs.recipe import Recipe
+from vo_service.types import Estimate
 
 
 def _same(number: int) -> int:

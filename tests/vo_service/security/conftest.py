@@ -8,7 +8,7 @@ import pytest
 
 from tests.vo_service.outputs.conftest import make_update, status
 from tests.vo_service.security.tls_network import Network, Robot, make_keys, new_network
-from vo_service.outputs.output import PoseUpdate
+from vo_service.types import PoseUpdate
 
 __all__ = ["make_update", "status"]
 

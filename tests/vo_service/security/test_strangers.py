@@ -18,7 +18,8 @@ from tests.vo_service.security.tls_network import (
     heard_poses,
 )
 from tests.waiting import wait_until
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import ZenohConfig
 
 pytestmark = pytest.mark.zenoh
 

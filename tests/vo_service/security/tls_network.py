@@ -14,13 +14,12 @@ from drivers.errors import UserFacingError
 from tests.ports import free_port
 from tests.vo_service.made_up_map import a_map
 from vo_service.certificates.authority import Authority
-from vo_service.control.commands import Command
 from vo_service.control.inbox import Inbox
-from vo_service.outputs.output import PoseUpdate
 from vo_service.outputs.zenoh_commands import commands_for
 from vo_service.outputs.zenoh_output import Extras, ZenohOutput
-from vo_service.outputs.zenoh_session import ZenohConfig, open_session
-from vo_service.settings import CommandSettings
+from vo_service.outputs.zenoh_session import open_session
+from vo_service.settings import CommandSettings, ZenohConfig
+from vo_service.types import Command, PoseUpdate
 
 FILES = Path(__file__).parents[3] / "config" / "zenoh"
 HOST = "127.0.0.1"

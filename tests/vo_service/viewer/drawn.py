@@ -10,7 +10,7 @@ from typing import Any
 from rerun.chunk import RrdReader
 
 from drivers.trajectory import StampedPoses
-from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.types import PoseUpdate, Status
 from vo_service.viewer.drawing import Drawing
 from vo_service.viewer.messages import Job, Note
 from vo_service.viewer.page import rerun_binary

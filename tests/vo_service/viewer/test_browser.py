@@ -11,7 +11,7 @@ import rerun as rr
 
 from tests import ports
 from tests.belongings import children, is_alive
-from vo_service.outputs.output import PoseUpdate
+from vo_service.types import PoseUpdate
 from vo_service.viewer import targets
 from vo_service.viewer.blueprint import blueprint
 from vo_service.viewer.browser import Browser

@@ -23,7 +23,7 @@ from tests.full_disk import files_up_to
 from tests.vo_service.viewer.drawn import column, draw, is_whole, job, rows
 from tests.waiting import wait_until
 from vo_service.numbered_files import put_aside
-from vo_service.outputs.output import PoseUpdate
+from vo_service.types import PoseUpdate
 from vo_service.viewer import drawing, recording_file
 from vo_service.viewer.blueprint import blueprint
 from vo_service.viewer.drawing import Drawing

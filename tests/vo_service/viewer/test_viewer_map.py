@@ -11,8 +11,7 @@ import pytest
 from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector
 from tests.vo_service.made_up_map import a_map
 from tests.vo_service.viewer.drawn import column, draw, rows
-from vo_service.outputs.map_snapshot import MapSnapshot
-from vo_service.outputs.output import PoseUpdate
+from vo_service.types import MapSnapshot, PoseUpdate
 from vo_service.viewer.map_sketch import MapSketch
 from vo_service.viewer.recording_file import RecordingFile
 

@@ -18,8 +18,8 @@ from tests.belongings import belongings, children, is_alive, resident_kb
 from tests.vo_service.viewer.drawn import column, is_whole, rows
 from tests.vo_service.viewer.odd_sinks import FullDisk, Glutton, Stuck
 from tests.waiting import wait_until
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.settings import RerunSettings
+from vo_service.types import PoseUpdate, Status
 from vo_service.viewer.output import ViewerOutput, open_viewer
 from vo_service.viewer.recording_file import RecordingFile
 from vo_service.viewer.sinks import Sink

@@ -9,7 +9,7 @@ import pytest
 from drivers.geometry import rigid_transform, transform_points
 from drivers.trajectory import StampedPoses
 from tests.vo_service.viewer.drawn import column, draw, is_whole, rows
-from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.types import PoseUpdate, Status
 from vo_service.viewer.messages import Note
 from vo_service.viewer.recording_file import RecordingFile
 from vo_service.viewer.scene import back_project

@@ -15,8 +15,8 @@ import pytest
 
 from tests.belongings import children, resident_kb
 from tests.waiting import wait_until
-from vo_service.outputs.output import PoseUpdate
 from vo_service.settings import RerunSettings
+from vo_service.types import PoseUpdate
 from vo_service.viewer.output import ViewerOutput, open_viewer
 from vo_service.viewer.page import rerun_binary
 from vo_service.viewer.presence import ViewerPresence, Watch

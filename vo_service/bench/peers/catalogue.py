@@ -9,8 +9,8 @@ from platform import machine
 from types import ModuleType
 
 from vo_service.methods import FeatureSettings
-from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.stopwatch import Stopwatch
+from vo_service.types import Odometry
 
 
 @dataclass(frozen=True)

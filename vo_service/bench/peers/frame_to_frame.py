@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
-from vo_service.odometry.estimate import Estimate
+from vo_service.types import Estimate
 
 # After so many frames without success it begins afresh, as `SurfOdometry` does.
 MAX_FAILURES = 30

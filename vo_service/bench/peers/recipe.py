@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from drivers.trajectory import StampedPoses
 from vo_service.bench.peers.catalogue import PEERS
 from vo_service.methods import FeatureSettings
-from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.stopwatch import Stopwatch
+from vo_service.types import Odometry
 from vo_service.warm_up import StageNames, try_out
 
 

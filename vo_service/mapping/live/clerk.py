@@ -10,8 +10,6 @@ from drivers.isolation.messages import LogLine
 from vo_service.background.keeper import Helper, Keeper
 from vo_service.background.trouble import Trouble
 from vo_service.control.commands import NAME_PATTERN
-from vo_service.control.errors import CommandError, ErrorCode
-from vo_service.mapping.live.contract import MapState
 from vo_service.mapping.live.maps_folder import MapsFolder
 from vo_service.mapping.live.messages import (
     Facts,
@@ -23,8 +21,8 @@ from vo_service.mapping.live.messages import (
     Word,
 )
 from vo_service.odometry.relocalising import Located
-from vo_service.outputs.map_snapshot import MapSnapshot
 from vo_service.settings import MapSettings
+from vo_service.types import CommandError, ErrorCode, MapSnapshot, MapState
 
 logger = logging.getLogger(__name__)
 

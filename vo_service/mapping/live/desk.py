@@ -21,11 +21,11 @@ from vo_service.mapping.live.messages import (
     Tell,
 )
 from vo_service.mapping.live.place_opening import open_place_desk
-from vo_service.outputs.output import TrackingState
 from vo_service.recorder.frame_record import note_of
 from vo_service.recorder.incident_folder import obstacle
 from vo_service.recorder.shared_ring import Record, RingReader
 from vo_service.settings import MEGABYTE, MapSettings
+from vo_service.types import TrackingState
 
 
 class Desk:

@@ -9,10 +9,8 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.geometry import inverse
 from vo_service.mapping.live.messages import Asked
-from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.relocalising import Located, RelocalisingOdometry
-from vo_service.outputs.map_snapshot import NO_MAP, MapSnapshot
-from vo_service.outputs.output import PoseUpdate
+from vo_service.types import NO_MAP, MapSnapshot, Odometry, PoseUpdate
 
 # Answers that nobody has come for.
 _MOST_ANSWERS = 10

@@ -5,18 +5,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from vo_service.mapping.live.clerk import MapClerk
-from vo_service.mapping.live.contract import MapState
 from vo_service.mapping.live.live_loops import LiveLoops
 from vo_service.mapping.live.messages import Asked, Job
-from vo_service.mapping.loops.contract import Loops, NoLoops
 from vo_service.mapping.loops.hop import Hop, Hops, NoHops
 from vo_service.mapping.spacing import Gate
-from vo_service.outputs.output import PoseUpdate, Status
 from vo_service.outputs.worker import DropOldest, Worker
 from vo_service.recorder.depth_packing import compile_packing, pack_depth
 from vo_service.recorder.frame_record import put_frame
 from vo_service.recorder.shared_ring import RingWriter
 from vo_service.settings import MapSettings
+from vo_service.types import Loops, MapState, NoLoops, PoseUpdate, Status
 
 logger = logging.getLogger(__name__)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from drivers.isolation.messages import LogLine
 from vo_service.background.messages import End, SignOfLife
 from vo_service.odometry.relocalising import Located
-from vo_service.outputs.map_snapshot import MapSnapshot
 from vo_service.recorder.shared_ring import RingMemory
 from vo_service.settings import MapSettings
+from vo_service.types import MapSnapshot
 
 
 @dataclass(frozen=True)

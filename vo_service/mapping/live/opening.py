@@ -4,8 +4,8 @@ import logging
 
 from drivers.errors import UserFacingError
 from vo_service.folders import state_folder
-from vo_service.mapping.live.contract import Mapper, NoMapper
 from vo_service.settings import MapSettings
+from vo_service.types import Mapper, NoMapper
 
 logger = logging.getLogger(__name__)
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from drivers.geometry import Array, inverse, rotation_vector
 from vo_service.mapping.spacing import Gate
-from vo_service.outputs.output import PoseUpdate
 from vo_service.pose_covariance import PoseCovariance
+from vo_service.types import PoseUpdate
 
 # From one place to the next, in steps of 15 cm or 10 degrees.
 PLACE_STEPS = 2.0

@@ -11,9 +11,8 @@ from vo_service.mapping.loops.corrected import CorrectedTrajectory
 from vo_service.mapping.loops.hop import Hops
 from vo_service.mapping.loops.loop_closer import LoopCloser, Sight
 from vo_service.mapping.places.place import Place
-from vo_service.odometry.estimate import Odometry
 from vo_service.odometry.relocalising import Located, RelocalisingOdometry
-from vo_service.outputs.output import PoseUpdate, Status
+from vo_service.types import Odometry, PoseUpdate, Status
 
 
 class InlineLoops:

@@ -27,7 +27,7 @@ from vo_service.mapping.places.places import Places
 from vo_service.mapping.places.recognition import Recogniser, Recognition
 from vo_service.mapping.places.view import LOST, PlaceView
 from vo_service.odometry.relocalising import Located
-from vo_service.outputs.map_snapshot import MapSnapshot
+from vo_service.types import MapSnapshot
 
 # A loop that says that the map is off by so much calls for a correction.
 OFF_M, OFF_RAD = 0.005, 0.005

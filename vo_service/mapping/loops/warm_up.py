@@ -9,8 +9,8 @@ from drivers.camera import RgbdFrame
 from vo_service.mapping.loops.hop import Hop
 from vo_service.mapping.loops.loop_closer import Sight
 from vo_service.mapping.loops.opening import new_closer
-from vo_service.odometry.estimate import Estimate
 from vo_service.settings import MapSettings
+from vo_service.types import Estimate
 from vo_service.warm_up import try_out
 
 

@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import Array
-from vo_service.odometry.estimate import Evidence
 from vo_service.odometry.icp.alignment import Alignment, Planes
 from vo_service.odometry.icp.pyramid import DepthPyramid, Level
 from vo_service.odometry.icp.residuals import locate
+from vo_service.types import Evidence
 
 # A plane agrees with a reading that is off by no more than this, in standard deviations.
 INLIER_SIGMAS = 3.0

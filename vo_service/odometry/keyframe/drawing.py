@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import Array
-from vo_service.odometry.estimate import Evidence
 from vo_service.odometry.keyframe import readings as columns
 from vo_service.odometry.keyframe.alignment import Alignment
 from vo_service.odometry.keyframe.local_map import Keyframe
 from vo_service.odometry.keyframe.measure import is_agreeing
+from vo_service.types import Evidence
 
 # There are more points than anybody needs to see.
 EACH = 4

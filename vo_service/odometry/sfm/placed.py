@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import Array, inverse, orthonormal
-from vo_service.odometry.estimate import Evidence
 from vo_service.odometry.sfm.colour_view import ColourView, RayPairs
 from vo_service.odometry.sfm.essential import Direction
 from vo_service.odometry.sfm.keyframe import Indices, Keyframe
 from vo_service.odometry.sfm.refinement import Refined
+from vo_service.types import Evidence
 
 # Points share the errors of the views that they were found by, so that together they are less
 # sure than so many points of their own; measured, as is how far a whole image is off in any case.

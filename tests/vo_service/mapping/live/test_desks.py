@@ -19,10 +19,10 @@ from vo_service.mapping.live.place_desk import PlaceDesk
 from vo_service.mapping.loops.hop import Hop
 from vo_service.mapping.places.map_file import write_map
 from vo_service.odometry.relocalising import Located
-from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.recorder.depth_packing import pack_depth
 from vo_service.recorder.frame_record import put_frame
 from vo_service.recorder.shared_ring import RingReader, RingWriter
+from vo_service.types import PoseUpdate, TrackingState
 
 WITH_PLACES = replace(COARSE, loops=True)
 HOP = Hop(np.zeros(6), np.eye(6) * 1e-5, 0.15)

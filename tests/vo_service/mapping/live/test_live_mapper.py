@@ -23,10 +23,10 @@ from tests.vo_service.mapping.live.views import (
 )
 from tests.vo_service.recorder.moments import refusal
 from tests.waiting import wait_until
-from vo_service.mapping.live.contract import NoMapper
 from vo_service.mapping.live.mapper import LiveMapper
 from vo_service.mapping.live.opening import open_mapper
 from vo_service.settings import MapSettings
+from vo_service.types import NoMapper
 
 pytestmark = pytest.mark.subprocess
 

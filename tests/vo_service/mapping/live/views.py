@@ -15,9 +15,9 @@ from tests.belongings import children
 from tests.vo_service.recorder import moments
 from tests.waiting import wait_until
 from vo_service.mapping.live.mapper import LiveMapper
-from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.pose_tracker import T_BODY_CAMERA
 from vo_service.settings import MapSettings
+from vo_service.types import PoseUpdate, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 WALL_M = 2.0

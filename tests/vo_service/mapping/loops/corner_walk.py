@@ -10,9 +10,9 @@ from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 from vo_service.mapping.loops.hop import Hop
 from vo_service.mapping.loops.loop_closer import LoopCloser, Sight
 from vo_service.mapping.loops.opening import new_closer
-from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.pose_tracker import T_BODY_CAMERA, PoseTracker, StampedFrame
 from vo_service.settings import MapSettings
+from vo_service.types import PoseUpdate, TrackingState
 
 # So many steps out, and as many back.
 STEPS = 10

@@ -7,7 +7,7 @@ import numpy as np
 from drivers.geometry import rigid_transform, rotation_from_vector
 from tests.vo_service.mapping.live.views import view
 from vo_service.mapping.loops.hop import Hop, Hops, NoHops
-from vo_service.outputs.output import TrackingState
+from vo_service.types import TrackingState
 
 
 def hops_at(*xs_m: float, hops: Hops | None = None, epoch: int = 0) -> list[Hop | None]:

@@ -15,11 +15,10 @@ from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 from tests.vo_service.odometry.walk import BLACK, assert_close, elsewhere, path
 from vo_service.mapping.loops.inline import InlineLoops
 from vo_service.mapping.loops.opening import open_inline_loops
-from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.keyframe_odometry import KeyframeOdometry
-from vo_service.outputs.output import PoseUpdate, TrackingState
 from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.settings import MapSettings
+from vo_service.types import Estimate, PoseUpdate, TrackingState
 
 pytestmark = pytest.mark.slow
 

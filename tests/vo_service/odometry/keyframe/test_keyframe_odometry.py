@@ -19,9 +19,9 @@ from tests.vo_service.odometry.keyframe.rolling_views import (
     seen,
 )
 from tests.vo_service.odometry.walk import assert_close, follow
-from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.keyframe import next_keyframe
 from vo_service.odometry.keyframe_odometry import KeyframeOdometry
+from vo_service.types import Estimate
 
 TIMINGS = [(0.0, 0.0), (0.02, 0.01), (0.02, -0.012)]
 

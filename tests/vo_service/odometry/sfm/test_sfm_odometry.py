@@ -15,9 +15,9 @@ from tests.vo_service.odometry.sfm.sideways import (
 )
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 from tests.vo_service.odometry.walk import assert_close, follow
-from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.sfm.scale_source import FirstPair, GivenBaseline, Scale
 from vo_service.odometry.sfm_odometry import SfmOdometry
+from vo_service.types import Estimate
 
 
 @pytest.fixture(scope="module")

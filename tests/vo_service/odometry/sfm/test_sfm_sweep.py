@@ -19,11 +19,11 @@ from tests.vo_service.odometry.sfm.ray_views import small
 from tests.vo_service.odometry.sfm.sideways import view
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 from tests.vo_service.odometry.walk import follow
-from vo_service.odometry.estimate import Estimate
 from vo_service.odometry.sfm.colour_view import ColourView
 from vo_service.odometry.sfm.sweep import Sweep
 from vo_service.odometry.sfm_odometry import SfmOdometry
 from vo_service.odometry.surf import SurfExtractor
+from vo_service.types import Estimate
 
 DEPTH_M = 2.0
 STRIP = 40  # rows of one instant: what a shutter that rolls does, roughly

@@ -8,11 +8,11 @@ import numba
 import pytest
 
 from drivers.errors import UserFacingError
-from vo_service import session
+from vo_service.commands import kernels
+from vo_service.commands.kernels import prepare_kernels, prepare_loops
 from vo_service.config import Config
 from vo_service.interrupts import Stop, stop_on_signals
 from vo_service.mapping.loops import warm_up as loops_warm_up
-from vo_service.session import prepare_kernels, prepare_loops
 from vo_service.terminal import Terminal
 
 
@@ -26,7 +26,7 @@ def test_compiling_ends_with_the_kernel_at_work_when_asked_to_stop(
         signal.raise_signal(number)
         return float(double(1))
 
-    monkeypatch.setattr(session, "warm_up", compile_one)
+    monkeypatch.setattr(kernels, "warm_up", compile_one)
     with stop_on_signals() as stop, pytest.raises(KeyboardInterrupt):
         prepare_kernels(Config(), Terminal(), stop)
     assert double.signatures == []
@@ -52,6 +52,6 @@ def test_kernels_that_do_not_fit_on_the_disk_are_one_line(monkeypatch: pytest.Mo
     def fill(method: str, tell: Callable[[str], None]) -> float:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(session, "warm_up", fill)
+    monkeypatch.setattr(kernels, "warm_up", fill)
     with pytest.raises(UserFacingError, match="cannot be kept: No space left on device; free"):
         prepare_kernels(Config(), Terminal(), Stop())

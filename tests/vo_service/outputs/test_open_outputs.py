@@ -9,13 +9,12 @@ import pytest
 
 from drivers.camera import Pace
 from drivers.errors import InputError, UserFacingError
-from vo_service.outputs.opening import OutputRequest, opened_outputs
-from vo_service.outputs.output import PoseUpdate
+from vo_service.app import OutputRequest, opened_outputs
 from vo_service.outputs.trajectory_output import TrajectoryOutput
 from vo_service.outputs.zenoh_opening import KeepTrying
 from vo_service.outputs.zenoh_output import ZenohOutput
-from vo_service.outputs.zenoh_session import ZenohConfig
-from vo_service.settings import RerunSettings
+from vo_service.settings import RerunSettings, ZenohConfig
+from vo_service.types import PoseUpdate
 
 pytestmark = pytest.mark.zenoh
 

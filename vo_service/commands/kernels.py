@@ -1,0 +1,50 @@
+"""Compiling or loading kernels before the first frame, with progress."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
+
+import cv2
+
+from drivers.errors import UserFacingError
+from drivers.jit import interruptible
+from vo_service.config import Config
+from vo_service.folders import cache_folder
+from vo_service.interrupts import Stop
+from vo_service.terminal import Terminal
+from vo_service.warm_up import warm_up
+
+T = TypeVar("T")
+
+
+def prepare_kernels(config: Config, terminal: Terminal, stop: Stop) -> float:
+    """Compile or load the method's kernels, as `prepared` does; returns the seconds it took."""
+    return prepared(partial(warm_up, config.odometry.method), terminal, stop)
+
+
+def prepare_loops(terminal: Terminal, stop: Stop) -> float:
+    """The same for what knows places again."""
+    from vo_service.mapping.loops.warm_up import warm_up_loops
+
+    return prepared(warm_up_loops, terminal, stop)
+
+
+def prepared(work: Callable[[Callable[[str], None]], T], terminal: Terminal, stop: Stop) -> T:
+    """Do what compiles or loads kernels, with progress: `work` gets whom to tell its stages.
+
+    Raises KeyboardInterrupt, between two kernels, when asked to stop; UserFacingError if what was
+    compiled cannot be kept.
+    """
+    # One thread: the service's latency must not depend on who else needs the other core.
+    cv2.setNumThreads(1)
+    label = "preparing the numeric kernels (longer the first time)"
+    with interruptible(stop.check), terminal.busy(label) as busy:
+        try:
+            result = work(busy.detail)
+        except OSError as error:
+            raise UserFacingError(
+                f"{cache_folder()}: the compiled kernels cannot be kept: {error.strerror}; free "
+                "some space, or name a folder elsewhere in XDG_CACHE_HOME"
+            ) from error
+        stop.check()
+    return result

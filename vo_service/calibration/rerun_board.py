@@ -7,7 +7,6 @@ import rerun.blueprint as rrb
 
 from vo_service.calibration.picking import outline
 from vo_service.calibration.watching import Sight
-from vo_service.viewer.sinks import Sink
 
 IMAGE, CORNERS, TAKEN, ADVICE = "image", "image/corners", "image/taken", "advice"
 CORNER_COLOUR = (255, 150, 40)
@@ -16,39 +15,27 @@ TIMELINE = "snapshot"
 JPEG_QUALITY = 80
 
 
-def open_board(sink: Sink) -> "BoardScene":
-    """A scene that goes to a sink. Raises what the sink raises."""
-    # Rerun waits at exit until everything is sent, for ever if the viewer is frozen.
-    rr.unregister_shutdown()
-    stream = rr.RecordingStream("kinect-vo-calibrate")
-    try:
-        sink.attach(stream, _blueprint())
-    except BaseException:
-        sink.close()
-        raise
-    return BoardScene(stream)
-
-
-def _blueprint() -> rrb.Blueprint:
-    return rrb.Blueprint(
-        rrb.Vertical(
-            rrb.TextDocumentView(name="What to do", origin=ADVICE),
-            rrb.Spatial2DView(name="What the camera sees; views taken in green", origin=IMAGE),
-            row_shares=[1, 8],
-        ),
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        auto_views=False,
-    )
-
-
 class BoardScene:
     """Logs sights to one recording stream."""
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self._stream = stream
         self._seq = 0
+
+    @staticmethod
+    def blueprint() -> rrb.Blueprint:
+        """The advice above the image."""
+        return rrb.Blueprint(
+            rrb.Vertical(
+                rrb.TextDocumentView(name="What to do", origin=ADVICE),
+                rrb.Spatial2DView(name="What the camera sees; views taken in green", origin=IMAGE),
+                row_shares=[1, 8],
+            ),
+            rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+            rrb.BlueprintPanel(state="collapsed"),
+            rrb.SelectionPanel(state="collapsed"),
+            auto_views=False,
+        )
 
     def log(self, sight: Sight) -> None:
         """The image, the corners in it, the outlines of the views taken, and the advice."""
@@ -68,7 +55,3 @@ class BoardScene:
         lines = rr.LineStrips2D(closed, colors=TAKEN_COLOUR, radii=rr.Radius.ui_points(1.0))
         stream.log(TAKEN, lines)
         stream.log(ADVICE, rr.TextDocument(f"# {sight.advice}", media_type="text/markdown"))
-
-    def finish(self) -> None:
-        """Write out everything; nothing can be logged after."""
-        self._stream.disconnect()

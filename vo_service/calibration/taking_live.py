@@ -17,9 +17,10 @@ from vo_service.calibration.guide import Guide
 from vo_service.calibration.live import frames, raw_camera_file, snapshot
 from vo_service.calibration.picking import Verdict, ViewPicker
 from vo_service.calibration.taking import WHAT_TO_CHECK, Taken
-from vo_service.calibration.watching import Sight, watching
+from vo_service.calibration.watching import Sight
 from vo_service.cameras import CameraRequest, make_camera
 from vo_service.terminal import Terminal
+from vo_service.viewer.preview import PreviewScene, open_previews
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class LiveRequest:
     with_depth: bool
     wanted: int
     keep: Path | None
-    watch: str | None
+    watch: tuple[str, ...]
 
 
 def taken_live(
@@ -44,7 +45,7 @@ def taken_live(
     picker = ViewPicker(board)
     guide = Guide(picker, request.wanted, request.with_depth)
     with (
-        watching(request.watch, terminal.say) as watcher,
+        open_previews(request.watch, "kinect-vo-calibrate", _scene, terminal.say) as previews,
         _raw_camera(request) as camera,
         _keeper(request.keep) as keep,
     ):
@@ -60,13 +61,20 @@ def taken_live(
                 keep(replace(frame, stamp_s=float(len(picker.views))))
                 units = replace(units, depth_factor=frame.depth_factor)
             terminal.show(guide.text(verdict))
-            watcher.show(Sight(seen, picker.corners, tuple(picker.views), guide.text(verdict)))
+            for preview in previews:
+                preview.show(Sight(seen, picker.corners, tuple(picker.views), guide.text(verdict)))
             if guide.is_done:
                 break
     terminal.clear()
     if not picker.showing:
         raise UserFacingError(f"the camera never saw a {board.name}; {WHAT_TO_CHECK}")
     return Taken(picker.views, units, guide.lacks)
+
+
+def _scene() -> type[PreviewScene[Sight]]:
+    from vo_service.calibration.rerun_board import BoardScene  # imports rerun
+
+    return BoardScene
 
 
 def _waiting(condition: Condition) -> str:

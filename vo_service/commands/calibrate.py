@@ -172,7 +172,8 @@ def _check(args: argparse.Namespace, output: Path) -> None:
 def _take(args: argparse.Namespace, config: Config, board: Board, terminal: Terminal) -> Taken:
     if args.folder is not None:
         return taken_from_folder(board, args.folder, args.camera_file, args.depth, terminal)
-    request = LiveRequest(args.camera, config.sensor, args.depth, args.views, args.keep, args.rerun)
+    targets = () if args.rerun is None else (args.rerun,)
+    request = LiveRequest(args.camera, config.sensor, args.depth, args.views, args.keep, targets)
     with stop_on_signals() as stop:
         return taken_live(board, request, terminal, stop.event)
 

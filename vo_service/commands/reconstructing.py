@@ -28,8 +28,9 @@ from vo_service.mapping.fusion_settings import FusionSettings
 from vo_service.mapping.reconstruction import Harvest, Reconstruction
 from vo_service.mapping.results import Results, refusals
 from vo_service.mapping.warm_up import warm_up_mapping
-from vo_service.mapping.watching import watching
+from vo_service.mapping.watching import Sight
 from vo_service.terminal import Terminal
+from vo_service.viewer.preview import PreviewScene, open_previews
 
 TRAJECTORY = "trajectory.txt"
 _log = logging.getLogger(__name__)
@@ -50,12 +51,15 @@ def reconstruct(args: argparse.Namespace) -> int:
     of_places: Mapping[str, int] = {}
     fusion = _fusion(args)
     make_output_folder(args.output)
-    with stop_on_signals() as stop, watching(config.rerun.targets, terminal.say) as watcher:
+    with (
+        stop_on_signals() as stop,
+        open_previews(config.rerun.targets, "kinect-vo-reconstruct", _scene, terminal.say) as views,
+    ):
         prepared(warm_up_mapping, terminal, stop)
         if poses is None:
             recording = TumCamera(args.folder, camera_file)
             poses, of_places = _tracked(args, recording, config, terminal, stop)
-        reconstruction = Reconstruction(fusion, FramePoses(poses), watcher)
+        reconstruction = Reconstruction(fusion, FramePoses(poses), views)
         with TumCamera(args.folder, camera_file) as camera, terminal.busy("fusing") as busy:
             reconstruction.run(camera, stop.event, busy.counted("frame"))
         with terminal.busy("making the map") as busy:
@@ -65,6 +69,12 @@ def reconstruct(args: argparse.Namespace) -> int:
     terminal.say(f"results: {args.output}" + (" (cut short)" if results.is_cut_short else ""))
     print(json.dumps(results.as_json()) if args.json else results.as_table())
     return stop.exit_code
+
+
+def _scene() -> type[PreviewScene[Sight]]:
+    from vo_service.mapping.rerun_map import MapScene  # imports rerun
+
+    return MapScene
 
 
 def _fusion(args: argparse.Namespace) -> Fusion:

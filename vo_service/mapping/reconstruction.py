@@ -1,7 +1,7 @@
 """Frames and their poses in, a map out: what `reconstruct` does, apart from files and options."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from vo_service.mapping.frame_poses import FramePoses
 from vo_service.mapping.fusion import Fusion
 from vo_service.mapping.mesh import Mesh
 from vo_service.mapping.upright import UpGuess
-from vo_service.mapping.watching import MapSoFar, Sight, Watcher
+from vo_service.mapping.watching import MapSoFar, MapView, Sight
 
 TICK_S = 0.25
 # Whoever watches gets a new surface when the map has grown so much: the sum stays small.
@@ -54,10 +54,10 @@ class Harvest:
 class Reconstruction:
     """Fuses frame after frame, and shows the map as it grows to whoever watches."""
 
-    def __init__(self, fusion: Fusion, poses: FramePoses, watcher: Watcher) -> None:
+    def __init__(self, fusion: Fusion, poses: FramePoses, views: Sequence[MapView] = ()) -> None:
         self._fusion = fusion
         self._poses = poses
-        self._watcher = watcher
+        self._views = views
         self._so_far = MapSoFar(Mesh.empty(), np.empty((0, 3)))
         self._last: Sight | None = None
         self._shown_share = 0.0
@@ -94,19 +94,23 @@ class Reconstruction:
         harvest.camera = harvest.camera or frame.camera
         harvest.poses.append(T_world_camera)
         harvest.up.add(T_world_camera, frame.gravity_m_s2)
-        if self._watcher.is_watching:
-            self._show(frame, T_world_camera)
+        if self._views:
+            self._show_growth(frame, T_world_camera)
 
     def finish(self) -> Mesh:
         """The whole surface; whoever watches sees it too."""
         mesh = self._fusion.mesh()
         if self._last is not None:
-            self._watcher.show(replace(self._last, so_far=MapSoFar(mesh, self.harvest.path_m)))
+            self._show(replace(self._last, so_far=MapSoFar(mesh, self.harvest.path_m)))
         return mesh
 
-    def _show(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+    def _show_growth(self, frame: RgbdFrame, T_world_camera: Array) -> None:
         if self._fusion.share_used >= GROWTH * self._shown_share:
             self._shown_share = self._fusion.share_used
             self._so_far = MapSoFar(self._fusion.mesh(), self.harvest.path_m)
         self._last = Sight(frame.seq, frame.camera, T_world_camera, self._so_far)
-        self._watcher.show(self._last)
+        self._show(self._last)
+
+    def _show(self, sight: Sight) -> None:
+        for view in self._views:
+            view.show(sight)

@@ -5,35 +5,11 @@ import rerun.blueprint as rrb
 
 from vo_service.mapping.mesh import Mesh
 from vo_service.mapping.watching import MapSoFar, Sight
-from vo_service.viewer.sinks import Sink
 
 WORLD, SURFACE, PATH, CAMERA = "world", "world/surface", "world/path", "world/camera"
 PATH_COLOUR = (255, 150, 40)
 TIMELINE = "frame"
 FRUSTUM_M = 0.2
-
-
-def open_map(sink: Sink) -> "MapScene":
-    """A scene that goes to a sink. Raises what the sink raises."""
-    # Rerun waits at exit until everything is sent, for ever if the viewer is frozen.
-    rr.unregister_shutdown()
-    stream = rr.RecordingStream("kinect-vo-reconstruct")
-    try:
-        sink.attach(stream, _blueprint())
-    except BaseException:
-        sink.close()
-        raise
-    return MapScene(stream)
-
-
-def _blueprint() -> rrb.Blueprint:
-    return rrb.Blueprint(
-        rrb.Spatial3DView(name="The surface, and the camera's path", origin=WORLD),
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        auto_views=False,
-    )
 
 
 class MapScene:
@@ -44,6 +20,17 @@ class MapScene:
         self._drawn: MapSoFar | None = None
         # Optical axes: x right, y down, z forward.
         stream.log(WORLD, rr.ViewCoordinates.RDF, static=True)
+
+    @staticmethod
+    def blueprint() -> rrb.Blueprint:
+        """The map fills the window."""
+        return rrb.Blueprint(
+            rrb.Spatial3DView(name="The surface, and the camera's path", origin=WORLD),
+            rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+            rrb.BlueprintPanel(state="collapsed"),
+            rrb.SelectionPanel(state="collapsed"),
+            auto_views=False,
+        )
 
     def log(self, sight: Sight) -> None:
         """The camera; its path and the surface where they are new."""
@@ -60,10 +47,6 @@ class MapScene:
             self._drawn = sight.so_far
             stream.log(PATH, rr.LineStrips3D([sight.so_far.path_m], colors=PATH_COLOUR))
             stream.log(SURFACE, _surface(sight.so_far.mesh))
-
-    def finish(self) -> None:
-        """Write out everything; nothing can be logged after."""
-        self._stream.disconnect()
 
 
 def _surface(mesh: Mesh) -> rr.Mesh3D:

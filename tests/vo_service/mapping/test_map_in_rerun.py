@@ -9,7 +9,9 @@ from drivers.errors import InputError
 from tests.vo_service.mapping.scenes import CAMERA
 from tests.vo_service.viewer.drawn import is_whole, rows
 from vo_service.mapping.mesh import Mesh
-from vo_service.mapping.watching import MapSoFar, Sight, watching
+from vo_service.mapping.rerun_map import MapScene
+from vo_service.mapping.watching import MapSoFar, Sight
+from vo_service.viewer.preview import open_previews
 
 
 @pytest.mark.subprocess
@@ -21,10 +23,10 @@ def test_each_camera_and_each_new_surface_is_in_the_recording(
     said: list[str] = []
     nothing = MapSoFar(Mesh.empty(), np.zeros((1, 3)))
     ball = MapSoFar(seen_ball, np.zeros((2, 3)))
-    with watching((str(recording),), said.append) as watcher:
-        assert watcher.is_watching
+    with open_previews((str(recording),), "test", lambda: MapScene, said.append) as views:
+        (preview,) = views
         for seq, so_far in enumerate([nothing, nothing, ball, ball]):
-            watcher.show(Sight(seq, CAMERA, np.eye(4), so_far))
+            preview.show(Sight(seq, CAMERA, np.eye(4), so_far))
     assert said == [f"pictures: {recording}"]
     assert is_whole(recording)
     logged = rows(recording)
@@ -32,12 +34,15 @@ def test_each_camera_and_each_new_surface_is_in_the_recording(
     assert logged["/world/camera"] == 2 * 4  # where it is, and what it sees
 
 
-def test_without_a_target_nobody_watches() -> None:
-    with watching((), pytest.fail) as watcher:
-        assert not watcher.is_watching
+def test_without_a_target_nothing_is_shown() -> None:
+    with open_previews((), "test", lambda: MapScene, pytest.fail) as views:
+        assert not views
 
 
 def test_one_place_twice_is_refused(tmp_path: Path) -> None:
     target = str(tmp_path / "map.rrd")
-    with pytest.raises(InputError, match="same place"), watching((target, target), pytest.fail):
+    with (
+        pytest.raises(InputError, match="same place"),
+        open_previews((target, target), "test", lambda: MapScene, pytest.fail),
+    ):
         pytest.fail("opened")

@@ -16,7 +16,7 @@ from vo_service.mapping.frame_poses import FramePoses
 from vo_service.mapping.fusion import Fusion
 from vo_service.mapping.fusion_settings import FusionSettings
 from vo_service.mapping.reconstruction import Reconstruction
-from vo_service.mapping.watching import Nobody, Sight
+from vo_service.mapping.watching import Sight
 
 pytestmark = pytest.mark.slow
 
@@ -33,8 +33,6 @@ GOOD_M = 0.015
 
 class Somebody:
     """Keeps what is shown."""
-
-    is_watching = True
 
     def __init__(self) -> None:
         self.sights: list[Sight] = []
@@ -84,7 +82,7 @@ def test_true_surfaces_are_what_the_camera_sees() -> None:
 def test_with_true_poses_the_map_lies_on_the_true_surfaces(
     frames: list[RgbdFrame], truth: StampedPoses
 ) -> None:
-    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(truth), Nobody())
+    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(truth))
     for frame in frames:
         reconstruction.add(frame)
     mesh = reconstruction.finish()
@@ -99,7 +97,7 @@ def test_frames_without_a_pose_or_without_depth_are_left_out_and_counted(
     frames: list[RgbdFrame], truth: StampedPoses
 ) -> None:
     some = StampedPoses(truth.stamps_s[:4], truth.T_world_camera[:4])
-    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(some), Nobody())
+    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(some))
     blind = replace(frames[1], depth_raw=np.zeros_like(frames[1].depth_raw))
     for frame in (frames[0], blind, *frames[2:6]):
         reconstruction.add(frame)
@@ -119,7 +117,7 @@ def test_the_frame_that_found_the_map_full_is_named(
         roomy.add(frame.depth_m, frame.colour_bgr, frame.camera, T_world_camera)
         needed_mb.append(SETTINGS.memory_mb * roomy.share_used)
     tight = replace(SETTINGS, memory_mb=round((needed_mb[0] + needed_mb[-1]) / 2))
-    reconstruction = Reconstruction(Fusion(tight), FramePoses(truth), Nobody())
+    reconstruction = Reconstruction(Fusion(tight), FramePoses(truth))
     for frame in frames:
         reconstruction.add(frame)
     first_too_much = next(n for n, mb in enumerate(needed_mb, 1) if mb > tight.memory_mb)
@@ -131,7 +129,7 @@ def test_it_ends_when_asked_to_and_what_it_has_is_a_map(
     camera: SyntheticCamera, truth: StampedPoses
 ) -> None:
     stop = threading.Event()
-    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(truth), Nobody())
+    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(truth))
 
     def progress(done: int, total: int) -> None:
         assert total == ROOM.frame_count
@@ -148,7 +146,7 @@ def test_who_watches_sees_each_camera_and_a_new_map_only_when_it_has_grown(
     frames: list[RgbdFrame], truth: StampedPoses
 ) -> None:
     somebody = Somebody()
-    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(truth), somebody)
+    reconstruction = Reconstruction(Fusion(SETTINGS), FramePoses(truth), [somebody])
     for frame in [*frames, *frames]:
         reconstruction.add(frame)
     seen = somebody.sights[:]

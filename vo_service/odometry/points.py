@@ -9,6 +9,7 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.depth_noise import depth_sigma_m, lateral_sigma_m
+from vo_service.odometry.grey_frame import GreyFrame
 from vo_service.odometry.surf import Features
 
 # A surface is fitted over a square of (2 RADIUS + 1)^2 pixels ...
@@ -52,7 +53,7 @@ class PointPairs:
         return len(self.P_camera)
 
 
-def locate_features(features: Features, frame: RgbdFrame) -> FeaturePoints:
+def locate_features(features: Features, frame: RgbdFrame | GreyFrame) -> FeaturePoints:
     """Back-project features through the depth image (pinhole model).
 
     The depth is that of a plane fitted in 1/z around the feature, which averages the sensor's

@@ -7,6 +7,7 @@ from weakref import WeakKeyDictionary
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from vo_service.odometry.chance import ChanceTest
+from vo_service.odometry.grey_frame import GreyFrame
 from vo_service.odometry.keyframe.local_map import Keyframe
 from vo_service.odometry.keyframe.parameters import SIGHTED
 from vo_service.odometry.matching import match_features
@@ -48,7 +49,7 @@ class FeatureSearch:
             if T_keyframe_camera is not None:
                 yield Sighting(keyframe, inverse(T_keyframe_camera))
 
-    def _view(self, frame: RgbdFrame) -> View:
+    def _view(self, frame: RgbdFrame | GreyFrame) -> View:
         features = self.extractor.extract(frame.grey)
         return View(features, locate_features(features, frame), frame.camera, frame.stamp_s)
 

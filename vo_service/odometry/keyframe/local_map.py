@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from drivers.jit import kernel
+from vo_service.odometry.grey_frame import GreyFrame
 from vo_service.odometry.keyframe.images import FINE_LEVELS, Images
 from vo_service.odometry.keyframe.parameters import KEYFRAMES
 from vo_service.odometry.keyframe.points import find_points
@@ -25,18 +26,18 @@ class Keyframe:
     points            (N, COLUMNS) of each level, in its camera's axes at its stamp
     T_world_keyframe  4x4
     movement          (9,) of its camera in its own axes, see `movement`
-    frame             for features, where those are needed
+    frame             for features, where those are needed; without colour, for there are many
     """
 
     points: tuple[Array, ...]
     images: Images
     T_world_keyframe: Array
     movement: Array
-    frame: RgbdFrame
+    frame: GreyFrame
 
 
 def make_keyframe(
-    frame: RgbdFrame,
+    frame: RgbdFrame | GreyFrame,
     images: Images,
     T_world_keyframe: Array,
     movement: Array,
@@ -44,7 +45,7 @@ def make_keyframe(
 ) -> Keyframe:
     """A keyframe of a frame whose pose and movement are known; see `find_points`."""
     points = find_points(images, movement, is_still)
-    return Keyframe(points, images, T_world_keyframe, movement, frame)
+    return Keyframe(points, images, T_world_keyframe, movement, GreyFrame.of(frame))
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,11 @@
 Numba takes half a second to import: whoever has no kernels to compile is spared that.
 """
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import ParamSpec, TypeVar
+from functools import cache
+from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -16,20 +18,33 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
     ``fastmath`` stays off: results are then the same bits with SSE2, AVX2 and AVX-512.
     """
-    import numba
-
-    compiled: Callable[P, R] = numba.njit(nogil=True, cache=True, error_model="numpy")(function)
+    compiled: Callable[P, R] = _njit()(nogil=True, cache=True, error_model="numpy")(function)
     return compiled
 
 
 def inline_kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a small helper that is inlined into the kernels that call it."""
-    import numba
-
-    compiled: Callable[P, R] = numba.njit(
+    compiled: Callable[P, R] = _njit()(
         nogil=True, cache=True, error_model="numpy", inline="always"
     )(function)
     return compiled
+
+
+@cache
+def _njit() -> Any:
+    """Numba's decorator, imported without SciPy's linear algebra: 13 MB in each process.
+
+    Numba imports that only to see whether it is there; a kernel that uses it gets it nevertheless.
+    """
+    import numba
+
+    if "scipy.linalg" not in sys.modules:
+        sys.modules["scipy.linalg"] = None  # type: ignore[assignment]  # an import of it fails
+        try:
+            import numba.np.arraymath
+        finally:
+            del sys.modules["scipy.linalg"]
+    return numba.njit
 
 
 @contextmanager

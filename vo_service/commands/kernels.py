@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 import cv2
@@ -9,7 +10,7 @@ import cv2
 from drivers.errors import UserFacingError
 from drivers.jit import interruptible
 from vo_service.config import Config
-from vo_service.folders import cache_folder
+from vo_service.folders import cache_folder, kernel_folder
 from vo_service.interrupts import Stop
 from vo_service.terminal import Terminal
 from vo_service.warm_up import warm_up
@@ -26,7 +27,24 @@ def prepare_loops(terminal: Terminal, stop: Stop) -> float:
     """The same for what knows places again."""
     from vo_service.mapping.loops.warm_up import warm_up_loops
 
-    return prepared(warm_up_loops, terminal, stop)
+    def work(tell: Callable[[str], None]) -> float:
+        taken_s = warm_up_loops(tell)
+        _loops_mark().touch()
+        return taken_s
+
+    return prepared(work, terminal, stop)
+
+
+def loops_are_prepared() -> bool:
+    """Whether `prepare_loops` has been done before, with this source.
+
+    The service needs it no more then: it is its map's process that loads the kernels.
+    """
+    return _loops_mark().exists()
+
+
+def _loops_mark() -> Path:
+    return kernel_folder() / "loops-are-prepared"
 
 
 def prepared(work: Callable[[Callable[[str], None]], T], terminal: Terminal, stop: Stop) -> T:

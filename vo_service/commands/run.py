@@ -12,7 +12,7 @@ from drivers.errors import InputError
 from drivers.memory import release_memory
 from vo_service.app import OutputRequest, Surroundings, live_service, opened_outputs
 from vo_service.cameras import CameraRequest, make_camera
-from vo_service.commands.kernels import prepare_kernels, prepare_loops
+from vo_service.commands.kernels import loops_are_prepared, prepare_kernels, prepare_loops
 from vo_service.commands.options import (
     add_camera_options,
     add_config_options,
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     ):
         camera.prepare()
         prepare_kernels(config, terminal, stop)
-        if config.map.enabled and config.map.loops:
+        if config.map.enabled and config.map.loops and not loops_are_prepared():
             prepare_loops(terminal, stop)
         _serve(args, config, camera, terminal, stop, hangup)
     return 0

@@ -73,7 +73,9 @@ def _render_missing(job: RenderJob, connection: "Connection[Any, Any]", outbox: 
     # A live reader has work to do meanwhile: one processor is left to it.
     threads = max(1, job.threads - 1) if job.rate_hz else job.threads
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(render_all) for _ in range(threads)]:
+        others = [pool.submit(render_all) for _ in range(threads - 1)]
+        render_all()  # a thread more would hold as much freed memory again
+        for done in others:
             done.result()
     outbox.tell(AllRendered())
 

@@ -14,6 +14,7 @@ from vo_service.mapping.loops.from_place import FromPlace
 from vo_service.mapping.loops.hop import Hop
 from vo_service.mapping.loops.loop_closer import Sight
 from vo_service.mapping.loops.opening import closer_in, new_closer
+from vo_service.mapping.loops.warm_up import warm_up_loops
 from vo_service.mapping.places.map_file import read_map, write_map
 from vo_service.recorder.frame_record import frame_of, note_of
 from vo_service.recorder.shared_ring import Record
@@ -25,11 +26,12 @@ class PlaceDesk:
 
     def __init__(self, settings: MapSettings, tell: Tell) -> None:
         """It loads libraries and compiled kernels, which takes seconds."""
+        warm_up_loops(lambda _: None)
+        release_memory()  # all kernels are there
         self._settings = settings
         self._closer = new_closer(settings)
         self._tell = tell
         self._asked: Record | None = None
-        self._has_compiler = True  # until the first frame has been seen
 
     def take_in(self, record: Record) -> Sequence[Removal]:
         """Make a place of a frame, or remember that it was asked about; which places went."""
@@ -41,9 +43,6 @@ class PlaceDesk:
             sight = Sight(frame, said.epoch, said.T_world_camera, note.more)
             change = self._closer.see(sight)
             self._tell(self._closer.snapshot)
-            if self._has_compiler:
-                self._has_compiler = False
-                release_memory()
             return change.removals
         return ()
 

@@ -1,8 +1,12 @@
 """All skins of a room, painted and lit once, as one store of texels with mip levels."""
 
+import mmap
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import BinaryIO
 
 import cv2
 import numpy as np
@@ -30,9 +34,19 @@ class Atlas:
 
 
 def paint_atlas(
-    solids: list[Solid], arrays: SolidArrays, lights: Array, texel_m: float, seed: int, threads: int
+    solids: list[Solid],
+    arrays: SolidArrays,
+    lights: Array,
+    texel_m: float,
+    seed: int,
+    threads: int,
+    folder: Path | None = None,
 ) -> Atlas:
-    """Paint every face by a generator of its own: the same picture for any number of threads."""
+    """Paint every face by a generator of its own: the same picture for any number of threads.
+
+    The texels lie in a file without a name in `folder` (default: the system's for such): what no
+    frame shows takes no memory. Raises OSError if the disk is full.
+    """
     faces = [(s, face) for s, solid in enumerate(solids) for face in range(_faces(solid))]
 
     def paint(key: tuple[int, int]) -> list[NDArray[np.uint8]]:
@@ -40,8 +54,8 @@ def paint_atlas(
         rng = np.random.default_rng([seed, 3, s, face])
         return _mip_levels(_paint_face(solids[s], face, arrays, lights, texel_m, rng))
 
-    with ThreadPoolExecutor(threads) as pool:
-        return _pack(len(solids), zip(faces, pool.map(paint, faces), strict=True))
+    with TemporaryFile(dir=folder) as file, ThreadPoolExecutor(threads) as pool:
+        return _pack(len(solids), zip(faces, pool.map(paint, faces), strict=True), file)
 
 
 def _faces(solid: Solid) -> int:
@@ -75,12 +89,18 @@ def _mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     return levels
 
 
-def _pack(count: int, painted: Iterable[tuple[tuple[int, int], list[NDArray[np.uint8]]]]) -> Atlas:
+def _pack(
+    count: int,
+    painted: Iterable[tuple[tuple[int, int], list[NDArray[np.uint8]]]],
+    file: BinaryIO,
+) -> Atlas:
     table = np.zeros((count, FACES, LEVELS, 3), dtype=np.int64)
-    images, first = [], 0
+    first = 0
     for (s, face), levels in painted:
         for k, image in enumerate(levels):
             table[s, face, k] = first, image.shape[1], image.shape[0]
-            images.append(image.reshape(-1, 3))
-            first += images[-1].shape[0]
-    return Atlas(np.concatenate(images), table)
+            file.write(np.ascontiguousarray(image).data)
+            first += image.shape[0] * image.shape[1]
+    file.flush()
+    texels = np.frombuffer(mmap.mmap(file.fileno(), 0), np.uint8)
+    return Atlas(texels.reshape(-1, 3), table)

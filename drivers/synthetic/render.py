@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path as FilePath
 
 import cv2
 import numpy as np
@@ -36,7 +37,9 @@ class Room:
     movers: Sequence[MovingBody]
 
     @classmethod
-    def build(cls, config: SyntheticConfig, path: Path, threads: int) -> "Room":
+    def build(
+        cls, config: SyntheticConfig, path: Path, threads: int, folder: FilePath | None = None
+    ) -> "Room":
         """The room of `config`, free of furniture where `path` and what moves want it.
 
         What moves is lit as it is halfway, and throws no shadow.
@@ -52,7 +55,9 @@ class Room:
             lights = twin_lights(lights)
         all_solids = [*solids, *(solid for mover in movers for solid in mover.halfway)]
         hiding = SolidArrays.pack(solids)
-        atlas = paint_atlas(all_solids, hiding, lights, config.texel_m, config.seed, threads)
+        atlas = paint_atlas(
+            all_solids, hiding, lights, config.texel_m, config.seed, threads, folder
+        )
         return cls(SolidArrays.pack(solids, *(mover.solids for mover in movers)), atlas, movers)
 
     def poses_in_bodies(self, times_s: Array, T_world_camera: Array) -> Array:
@@ -61,10 +66,15 @@ class Room:
         return np.stack([T_world_camera, *moved])
 
 
-def make_renderer(config: SyntheticConfig, threads: int) -> "Renderer":
-    """Build the path and the room of `config`. Raises InputError if its track cannot be used."""
+def make_renderer(
+    config: SyntheticConfig, threads: int, folder: FilePath | None = None
+) -> "Renderer":
+    """Build the path and the room of `config`, its textures in `folder`, see `paint_atlas`.
+
+    Raises InputError if its track cannot be used.
+    """
     path = make_path(config, ROOM_HEIGHT_M)
-    return Renderer(config, path, Room.build(config, path, threads))
+    return Renderer(config, path, Room.build(config, path, threads, folder))
 
 
 @dataclass(frozen=True)

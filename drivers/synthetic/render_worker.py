@@ -53,7 +53,7 @@ def _render_missing(job: RenderJob, connection: "Connection[Any, Any]", outbox: 
     sequence = RenderedSequence(job.files)
     schedule = RenderSchedule(sequence, job.rate_hz)
     threading.Thread(target=_listen, args=(connection, schedule), daemon=True).start()
-    renderer = make_renderer(job.config, job.threads)
+    renderer = make_renderer(job.config, job.threads, job.files.folder)
 
     def render_next() -> bool:
         index = schedule.take()

@@ -1,6 +1,7 @@
 """Compiling or loading kernels before the first frame, with progress."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -27,12 +28,10 @@ def prepare_loops(terminal: Terminal, stop: Stop) -> float:
     """The same for what knows places again."""
     from vo_service.mapping.loops.warm_up import warm_up_loops
 
-    def work(tell: Callable[[str], None]) -> float:
-        taken_s = warm_up_loops(tell)
+    taken_s = prepared(warm_up_loops, terminal, stop)
+    with suppress(OSError):  # it is done again next time
         _loops_mark().touch()
-        return taken_s
-
-    return prepared(work, terminal, stop)
+    return taken_s
 
 
 def loops_are_prepared() -> bool:

@@ -3,13 +3,14 @@
 import errno
 import signal
 from collections.abc import Callable
+from pathlib import Path
 
 import numba
 import pytest
 
 from drivers.errors import UserFacingError
 from vo_service.commands import kernels
-from vo_service.commands.kernels import prepare_kernels, prepare_loops
+from vo_service.commands.kernels import loops_are_prepared, prepare_kernels, prepare_loops
 from vo_service.config import Config
 from vo_service.interrupts import Stop, stop_on_signals
 from vo_service.mapping.loops import warm_up as loops_warm_up
@@ -46,6 +47,16 @@ def test_preparing_loops_ends_when_asked_to_stop_as_that_of_the_method_does(
     with stop_on_signals() as stop, pytest.raises(KeyboardInterrupt):
         prepare_loops(Terminal(), stop)
     assert told == ["begun"]
+
+
+def test_it_is_known_that_loops_have_been_prepared_once_they_have(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(kernels, "kernel_folder", lambda: tmp_path)
+    monkeypatch.setattr(loops_warm_up, "warm_up_loops", lambda tell: 1.0)
+    assert not loops_are_prepared()
+    prepare_loops(Terminal(), Stop())
+    assert loops_are_prepared()
 
 
 def test_kernels_that_do_not_fit_on_the_disk_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from tests.conftest import FRAMES
+from tests.preloaded import Preloaded
 from tests.vo_service.client.published import free_endpoint
 from tests.vo_service.played_service import PATIENT_KINECT_VO, WITHOUT_MAP
 from vo_service.client import PoseClient
@@ -55,7 +56,7 @@ def endpoint(long_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     ]
     surroundings = os.environ | {"XDG_STATE_HOME": str(folder), "STATE_DIRECTORY": str(folder)}
     with log.open("wb") as said:
-        process = subprocess.Popen(command, stdout=said, stderr=said, env=surroundings)
+        process = Preloaded(command, stdout=said, stderr=said, env=surroundings)
     try:
         with PoseClient(connect=where) as client:
             next(client.poses(timeout_s=110.0))  # kernels that nobody has compiled yet

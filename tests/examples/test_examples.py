@@ -14,10 +14,10 @@ from typing import Any
 
 import pytest
 
+from tests import preloaded
 from tests.examples.conftest import RATE_HZ, Lines
 from tests.json_schema import complaints
 from tests.vo_service.client.published import free_endpoint, robot
-from tests.vo_service.played_service import KINECT_VO
 from tests.waiting import wait_until
 from vo_service.client import CommandRefused, NoPose, PoseClient, Why
 
@@ -49,9 +49,7 @@ def finished(name: str, *arguments: object) -> "subprocess.CompletedProcess[str]
 
 def kinect_vo(*arguments: str) -> "subprocess.CompletedProcess[str]":
     """The command line."""
-    return subprocess.run(
-        [KINECT_VO, *arguments], capture_output=True, text=True, timeout=110, check=False
-    )
+    return preloaded.run([*preloaded.KINECT_VO, *arguments])
 
 
 def test_there_is_a_test_for_every_example() -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.ports import free_port
+from tests.preloaded import Preloaded
 from tests.vo_service.heard_check import check_heard
 from tests.vo_service.played_service import PATIENT_KINECT_VO, PlayedService
 from tests.vo_service.subscriber import Subscriber
@@ -70,14 +71,16 @@ class LiveStage:
         """The one that was started last."""
         return self._lives[-1]
 
-    def start(self, *options: str) -> PlayedService:
-        """Start the service; the one before must be dead."""
+    def start(
+        self, *options: str, popen: "type[subprocess.Popen[bytes]]" = Preloaded
+    ) -> PlayedService:
+        """Start the service, by `popen`; the one before must be dead."""
         assert not self.has_started or self.service.process.poll() is not None
         self._heard = Subscriber()
         log = self._folder / f"log-{len(self._lives)}.txt"
         command = [*PATIENT_KINECT_VO, "run", "--config", str(self.config), *options]
         with log.open("wb") as said:
-            process = subprocess.Popen(
+            process = popen(
                 command, env=self._environment, stdout=said, stderr=said, start_new_session=True
             )
         self._lives.append(PlayedService(process, self._heard, log, self.port))

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from tests.belongings import belongings_of, child_running
 from tests.ports import free_port, is_listening
+from tests.preloaded import Preloaded
 from tests.vo_service.subscriber import Status, Subscriber
 from tests.waiting import PATIENCE_S, wait_until
 from vo_service.outputs.zenoh_session import open_session
@@ -138,7 +139,7 @@ def running_service(
     command = [*PATIENT_KINECT_VO, "run", "--camera", source, "--config", str(config), *options]
     heard = Subscriber()
     with log.open("wb") as said:
-        process = subprocess.Popen(
+        process = Preloaded(
             command,
             env={**os.environ, "STATE_DIRECTORY": str(folder / "state"), **environment},
             stdout=said,

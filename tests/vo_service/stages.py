@@ -1,6 +1,7 @@
 """The stages of a service's life at which a signal may come: how each is reached."""
 
 import signal
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -9,6 +10,7 @@ from pathlib import Path
 
 from drivers.camera import EndOfStream, Pace, RgbdCamera, RgbdFrame
 from drivers.tum.camera import TumCamera
+from tests.preloaded import Preloaded
 from tests.vo_service.live_stage import CAMERA, LiveStage
 from tests.vo_service.played_service import START_LIMIT_S
 from tests.waiting import wait_until
@@ -28,6 +30,7 @@ class Stage:
 
     goes_on  whether statuses are heard from then on
     check    what must hold once the service has ended
+    popen    how the service is started
     """
 
     name: str
@@ -35,6 +38,7 @@ class Stage:
     reach: Callable[[LiveStage], None]
     goes_on: bool = True
     check: Callable[[LiveStage], None] = nothing_more
+    popen: "type[subprocess.Popen[bytes]]" = Preloaded
 
 
 def starting(stage: LiveStage) -> None:
@@ -101,7 +105,7 @@ def caught_by(process: int) -> set[int]:
 
 
 STAGES = (
-    Stage("start-up", CAMERA, starting, goes_on=False),
+    Stage("start-up", CAMERA, starting, goes_on=False, popen=subprocess.Popen),
     Stage("waiting for a camera", CAMERA + FAULT.format("unplugged", 1, 3600.0), waiting),
     Stage("streaming", CAMERA, streaming),
     Stage("lost", CAMERA + FAULT.format("covered", FOR_EVER, 0.0), lost),

@@ -23,7 +23,7 @@ def test_a_hangup_changes_nothing_and_a_signal_to_end_is_obeyed_in_order(
     stage: Stage, number: signal.Signals, films: Path, tmp_path: Path
 ) -> None:
     with live_stage(tmp_path / "stage", films, stage.config + WITHOUT_MAP) as live:
-        service = live.start()
+        service = live.start(popen=stage.popen)
         stage.reach(live)
         service.process.send_signal(signal.SIGHUP)
         if stage.goes_on:

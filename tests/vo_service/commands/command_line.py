@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from tests.vo_service.played_service import KINECT_VO, PATIENT_KINECT_VO
-from tests.waiting import PATIENCE_S
+from tests import preloaded
+from tests.vo_service.played_service import PATIENT_KINECT_VO
 from vo_service import cli
 
 
@@ -40,8 +40,7 @@ def call(capfd: pytest.CaptureFixture[str], *arguments: object) -> Outcome:
 
 def run(*arguments: object) -> Outcome:
     """Run a command in a process of its own."""
-    command = [KINECT_VO, *(str(argument) for argument in arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    done = preloaded.run([*preloaded.KINECT_VO, *(str(argument) for argument in arguments)])
     return Outcome(done.returncode, done.stdout, done.stderr)
 
 
@@ -50,7 +49,7 @@ def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
     """A command that is still going; killed at the end of the block."""
     command = [*PATIENT_KINECT_VO, *(str(argument) for argument in arguments)]
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, **pipes) as process:
+    with preloaded.Preloaded(command, **pipes) as process:
         try:
             yield process
         finally:

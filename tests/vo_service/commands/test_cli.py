@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.commands.command_line import call, run
+from tests.vo_service.commands.command_line import call
 from tests.vo_service.played_service import KINECT_VO
 from vo_service.command_line import COMMANDS
 from vo_service.commands import warm_up
@@ -18,10 +18,10 @@ from vo_service.commands import warm_up
 
 @pytest.mark.subprocess
 def test_help_names_every_command_with_examples_and_exit_codes() -> None:
-    outcome = run("--help")
-    assert (outcome.code, outcome.complaints) == (0, "")
+    done = _in_shell(":", "--help")
+    assert (done.returncode, done.stderr) == (0, "")
     for word in (*COMMANDS, "examples:", "exit codes:"):
-        assert word in outcome.out
+        assert word in done.stdout
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -35,8 +35,8 @@ def test_each_command_has_help_with_an_example(
 
 @pytest.mark.subprocess
 def test_the_version_is_the_packages() -> None:
-    outcome = run("--version")
-    assert (outcome.code, outcome.out) == (0, f"kinect-vo {version('kinect-vo')}\n")
+    done = _in_shell(":", "--version")
+    assert (done.returncode, done.stdout) == (0, f"kinect-vo {version('kinect-vo')}\n")
 
 
 def test_two_calls_in_one_process_say_everything_once(capfd: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Callable
@@ -13,6 +12,7 @@ import pytest
 
 from tests.belongings import child_running, children_of, command_of, is_alive
 from tests.conftest import FRAMES
+from tests.preloaded import Preloaded
 from tests.vo_service.commands.command_line import call
 from tests.vo_service.runs.trial_methods import trials
 from tests.waiting import wait_until
@@ -176,7 +176,7 @@ def test_killed_it_leaves_no_process_and_goes_on_where_it_was(
     result = tmp_path / "out" / "runs" / "corner" / "surf" / "result.json"
     options = [str(recording), "--output", str(tmp_path / "out")]
     command = [sys.executable, "-c", SCRIPT, "hang", *options]
-    with subprocess.Popen(command) as process:
+    with Preloaded(command) as process:
         wait_until(result.exists)
         wait_until(lambda: any(CHILD in command_of(c) for c in children_of(process.pid)))
         child = child_running(process.pid, CHILD)

@@ -12,12 +12,12 @@ import pytest
 from drivers.tum.folder import open_folder
 from tests.conftest import FRAMES
 from tests.full_disk import files_up_to
+from tests.preloaded import KINECT_VO, Preloaded
 from tests.vo_service.download.conftest import FOLDER, NAME, Download, hidden
 from tests.vo_service.download.web_server import (
     Request,
     WebServer,
 )
-from tests.vo_service.played_service import KINECT_VO
 from tests.waiting import wait_until
 from vo_service.download import partial_file
 from vo_service.download.meter import Meter
@@ -95,8 +95,8 @@ def test_an_interruption_is_at_once_and_keeps_what_has_come(
         request.rfile.read(1)
 
     server.answers = [slow]
-    command = [KINECT_VO, "download", NAME, "--mirror", server.url, "--output", str(output)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    command = [*KINECT_VO, "download", NAME, "--mirror", server.url, "--output", str(output)]
+    with Preloaded(command, stderr=subprocess.PIPE, text=True) as process:
         part = output / f".{FOLDER}.tgz.part"
         wait_until(lambda: part.exists() and part.stat().st_size == 1000)
         process.send_signal(number)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.played_service import KINECT_VO
+from tests import preloaded
 from tests.vo_service.security.tls_network import HOST, Network, answers, connects
 from tests.waiting import wait_until
 
@@ -33,8 +33,8 @@ class RunningRouter:
 def running_router(network: Network, *options: str) -> Iterator[RunningRouter]:
     file, log = network.file("fleet-router.json5", network.server), network.folder / "log.txt"
     with log.open("wb") as said:
-        command = [KINECT_VO, "router", str(file), *options]
-        process = subprocess.Popen(command, stdout=said, stderr=said)
+        command = [*preloaded.KINECT_VO, "router", str(file), *options]
+        process = preloaded.Preloaded(command, stdout=said, stderr=said)
     try:
         router = RunningRouter(process, log)
         router.until_said("listening at")
@@ -94,6 +94,6 @@ def test_who_comes_and_goes_is_told_when_asked_for(network: Network) -> None:
 
 def test_a_file_that_is_no_routers_is_refused(network: Network) -> None:
     file = network.file("fleet-robot.json5", "ours/robot1")
-    done = subprocess.run([KINECT_VO, "router", str(file)], capture_output=True, text=True)
+    done = preloaded.run([*preloaded.KINECT_VO, "router", str(file)])
     assert done.returncode == 2
     assert 'write mode: "router"' in done.stderr

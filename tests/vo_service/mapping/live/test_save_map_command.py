@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from tests import preloaded
 from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
 from tests.vo_service.mapping.live.views import vertices_m
-from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
-from tests.waiting import PATIENCE_S
+from tests.vo_service.played_service import START_LIMIT_S
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
@@ -29,8 +29,8 @@ def asked(
 ) -> "subprocess.CompletedProcess[str]":
     """What `kinect-vo command` says."""
     at = f"tcp/127.0.0.1:{stage.service.port}"
-    command = [KINECT_VO, "command", command_name, f"name={name}", "--connect", at]
-    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    command = ("command", command_name, f"name={name}", "--connect", at)
+    return preloaded.run([*preloaded.KINECT_VO, *command])
 
 
 def test_a_map_is_made_on_command_while_poses_go_on(stage: LiveStage) -> None:

@@ -1,0 +1,90 @@
+"""The process that `Preloaded` ones are forked from: ``python -m tests.template SOCKET``.
+
+It has loaded what `kinect-vo` needs to follow a camera, and has one thread.
+"""
+
+import gc
+import json
+import os
+import socket
+import sys
+from pathlib import Path
+from typing import Any
+
+from vo_service.command_line import _prepare_libraries
+
+
+def load() -> None:
+    """Load libraries and kernels."""
+    _prepare_libraries()  # before the first of them is imported
+    import cv2
+
+    import vo_service.commands.replay
+    import vo_service.commands.run  # noqa: F401
+    from vo_service.mapping.loops.warm_up import warm_up_loops
+    from vo_service.mapping.warm_up import warm_up_mapping
+    from vo_service.methods import DEFAULT_METHOD
+    from vo_service.recorder.depth_packing import compile_packing
+    from vo_service.warm_up import warm_up
+
+    cv2.setNumThreads(1)
+    warm_up(DEFAULT_METHOD, _tell_nobody)
+    warm_up_mapping(_tell_nobody)
+    warm_up_loops(_tell_nobody)
+    compile_packing()
+    gc.collect()
+    gc.freeze()  # else the first collection of each process would copy all of it
+    threads = len(list(Path("/proc/self/task").iterdir()))
+    assert threads == 1, f"{threads} threads: a fork would have one of them, and all their locks"
+
+
+def next_request(connection: socket.socket) -> dict[str, Any] | None:
+    """In each new process, what it shall do; None in this one, once nobody can ask any more."""
+    while True:
+        message, fds, _, _ = socket.recv_fds(connection, 1 << 20, 3)
+        if not message:
+            return None
+        forking = os.fork()
+        if forking == 0:
+            started = os.fork()
+            if started == 0:
+                connection.close()
+                _take_streams(fds)
+                request: dict[str, Any] = json.loads(message)
+                return request
+            os._exit(0 if connection.send(str(started).encode()) else 1)
+        os.waitpid(forking, 0)
+        connection.send(b"adopted")
+        for fd in fds:
+            os.close(fd)
+
+
+def become(request: dict[str, Any]) -> None:
+    """Be as a process that was started like this."""
+    if request["is_new_session"]:
+        os.setsid()
+    os.chdir(request["folder"])
+    os.environ.clear()
+    os.environ.update(request["environment"])
+    sys.argv = ["-c", *request["arguments"]]
+    exec(compile(request["program"], "<string>", "exec"), {"__name__": "__main__"})
+
+
+def _take_streams(fds: list[int]) -> None:
+    for number, fd in enumerate(fds):
+        os.dup2(fd, number)
+    for fd in fds:
+        if fd > 2:
+            os.close(fd)
+
+
+def _tell_nobody(stage: str) -> None:
+    """Nobody waits."""
+
+
+if __name__ == "__main__":
+    load()
+    with socket.socket(fileno=int(sys.argv[1])) as _connection:
+        _request = next_request(_connection)
+    if _request is not None:
+        become(_request)

@@ -49,12 +49,27 @@ class Robot:
 
     def map_odom(self, y_m: float = 0.0, **about: Any) -> None:
         """How odom lies in the map: `y_m` to the left."""
+        payload, attachment = self._map_odom(y_m, about)
+        self.session.put("kinect/map_odom", payload, attachment=attachment)
+
+    def answers_map_odom(self, y_m: float = 0.0, **about: Any) -> None:
+        """The same to whoever asks, from now on."""
+        payload, attachment = self._map_odom(y_m, about)
+
+        def reply(query: zenoh.Query) -> None:
+            query.reply("kinect/map_odom", payload, attachment=attachment)
+
+        self.session.declare_queryable("kinect/map_odom", reply)
+
+    @staticmethod
+    def _map_odom(y_m: float, about: dict[str, Any]) -> tuple[bytes, bytes]:
+        """Payload and attachment."""
         T = rigid_transform(np.eye(3), [0.0, y_m, 0.0])
         usual = {
             "schema": 1, "seq": 0, "epoch": 0, "is_located": True, "places": 3, "loops": 1,
         }  # fmt: skip
         payload = encode_transform(TransformMessage(12.5, "map", "odom", T))
-        self.session.put("kinect/map_odom", payload, attachment=json.dumps(usual | about).encode())
+        return payload, json.dumps(usual | about).encode()
 
     def raw(self, payload: bytes, attachment: bytes | None = None) -> None:
         """Whatever comes."""

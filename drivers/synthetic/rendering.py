@@ -6,13 +6,12 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from drivers.errors import CameraLostError
 from drivers.isolation.process import ChildProcess, Program
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Images
-from drivers.synthetic.render import Renderer, make_renderer
 from drivers.synthetic.render_messages import (
     AllRendered,
     ReaderIsAt,
@@ -21,6 +20,9 @@ from drivers.synthetic.render_messages import (
     RenderNow,
 )
 from drivers.synthetic.rendered_sequence import RenderedSequence, create_sequence, sequence_files
+
+if TYPE_CHECKING:  # its kernels are slow to load, and a renderer in a process of its own has them
+    from drivers.synthetic.render import Renderer
 
 RENDERER = Program("drivers.synthetic.render_worker", "renderer")
 # It is killed rather than waited for: what it has written stays.
@@ -75,6 +77,8 @@ class DirectRendering:
 
     def start(self) -> None:
         """Paint the room, the first time."""
+        from drivers.synthetic.render import make_renderer
+
         if not self._renderers:
             self._renderers.append(make_renderer(self._config, self._threads))
 

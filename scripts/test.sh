@@ -18,9 +18,19 @@ unset PYTHONDONTWRITEBYTECODE
 # Once, or all of pytest's processes would compile them at the same time, each for itself: the
 # kernels of the methods that set-up leaves out, and in a fresh checkout the tests' own modules.
 compile_all() {
-    for method in icp surf sfm; do
-        kinect-vo warm-up --method "$method" || return
-    done
+    python -c '
+import os
+
+from vo_service.folders import kernel_folder
+
+os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())  # before numba is imported
+
+from vo_service.methods import METHODS
+from vo_service.warm_up import warm_up
+
+for method in METHODS:
+    warm_up(method, lambda stage: None)
+' || return
     [ -d tests/__pycache__ ] || pytest --collect-only --quiet >/dev/null
 }
 check_code() {

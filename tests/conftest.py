@@ -61,8 +61,13 @@ def pytest_itemcollected(item: pytest.Item) -> None:
             item.add_marker(marker)
 
 
+# Nothing of what is collected is garbage.
+gc.disable()
+
+
 def pytest_collection_finish() -> None:
     """What is held of all tests from now on is not looked through by every garbage collection."""
+    gc.enable()
     gc.collect()
     gc.freeze()
 

@@ -31,12 +31,13 @@ _libc = ctypes.CDLL(None)
 class Preloaded(subprocess.Popen[Any]):
     """As `subprocess.Popen`, for ``[python, "-c", PROGRAM, ...]``.
 
-    Of the options it takes the streams and their encoding, `env`, `cwd` and `start_new_session`.
+    Of the options it takes the streams and their encoding, `pass_fds`, `env`, `cwd` and
+    `start_new_session`.
     """
 
     def _execute_child(
         self, args: Sequence[str], executable: object, preexec_fn: object, close_fds: object,
-        pass_fds: object, cwd: str | Path | None, env: Mapping[str, str] | None,
+        pass_fds: Sequence[int], cwd: str | Path | None, env: Mapping[str, str] | None,
         startupinfo: object, creationflags: object, shell: object,
         p2cread: int, p2cwrite: int, c2pread: int, c2pwrite: int, errread: int, errwrite: int,
         restore_signals: object, gid: object, gids: object, uid: object, umask: object,
@@ -51,9 +52,10 @@ class Preloaded(subprocess.Popen[Any]):
             "folder": str(Path.cwd() if cwd is None else cwd),
             "environment": dict(os.environ if env is None else env),
             "is_new_session": start_new_session,
+            "fds": [0, 1, 2, *pass_fds],
         }
         streams = [fd if fd >= 0 else k for k, fd in enumerate((p2cread, c2pwrite, errwrite))]
-        self.pid = _template().start(request, streams)
+        self.pid = _template().start(request, [*streams, *pass_fds])
         self._child_created = True
         self._close_pipe_fds(p2cread, p2cwrite, c2pread, c2pwrite, errread, errwrite)  # type: ignore[attr-defined]
 
@@ -69,6 +71,22 @@ def run(
         finally:
             process.kill()
     return subprocess.CompletedProcess(command, process.returncode, out, err)
+
+
+def start_module(
+    module: str, fds: Sequence[int], stdout: int, stderr: int | None
+) -> "subprocess.Popen[bytes]":
+    """As the function of `drivers.isolation.process`, by a `Preloaded` process."""
+    program = f"import runpy\nrunpy.run_module({module!r}, run_name='__main__', alter_sys=True)\n"
+    return Preloaded(
+        [sys.executable, "-c", program, str(fds[0])],
+        stdin=subprocess.DEVNULL,
+        stdout=stdout,
+        stderr=stderr,
+        bufsize=0,
+        pass_fds=fds,
+        start_new_session=True,
+    )
 
 
 class _Template:
@@ -87,10 +105,10 @@ class _Template:
             )
         atexit.register(self._close)
 
-    def start(self, request: Mapping[str, object], streams: Sequence[int]) -> int:
+    def start(self, request: Mapping[str, object], fds: Sequence[int]) -> int:
         """The process number of a new child of this process."""
         with self._lock, _adopting():
-            socket.send_fds(self._socket, [json.dumps(request).encode()], streams)
+            socket.send_fds(self._socket, [json.dumps(request).encode()], fds)
             number, adopted = self._socket.recv(100), self._socket.recv(100)
         assert adopted, "the process that is to be forked has ended"
         return int(number)

@@ -3,6 +3,7 @@
 It has loaded what `kinect-vo` needs to follow a camera, and has one thread.
 """
 
+import fcntl
 import gc
 import json
 import os
@@ -12,6 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from vo_service.command_line import _prepare_libraries
+
+MOST_FDS = 10
+ABOVE_ALL_FDS = 500
 
 
 def load() -> None:
@@ -41,7 +45,7 @@ def load() -> None:
 def next_request(connection: socket.socket) -> dict[str, Any] | None:
     """In each new process, what it shall do; None in this one, once nobody can ask any more."""
     while True:
-        message, fds, _, _ = socket.recv_fds(connection, 1 << 20, 3)
+        message, fds, _, _ = socket.recv_fds(connection, 1 << 20, MOST_FDS)
         if not message:
             return None
         forking = os.fork()
@@ -49,8 +53,8 @@ def next_request(connection: socket.socket) -> dict[str, Any] | None:
             started = os.fork()
             if started == 0:
                 connection.close()
-                _take_streams(fds)
                 request: dict[str, Any] = json.loads(message)
+                _renumber(fds, request["fds"])
                 return request
             os._exit(0 if connection.send(str(started).encode()) else 1)
         os.waitpid(forking, 0)
@@ -70,12 +74,14 @@ def become(request: dict[str, Any]) -> None:
     exec(compile(request["program"], "<string>", "exec"), {"__name__": "__main__"})
 
 
-def _take_streams(fds: list[int]) -> None:
-    for number, fd in enumerate(fds):
-        os.dup2(fd, number)
+def _renumber(fds: list[int], numbers: list[int]) -> None:
+    """Open files get other numbers, some of which may be theirs already."""
+    out_of_the_way = [fcntl.fcntl(fd, fcntl.F_DUPFD, ABOVE_ALL_FDS) for fd in fds]
     for fd in fds:
-        if fd > 2:
-            os.close(fd)
+        os.close(fd)
+    for fd, number in zip(out_of_the_way, numbers, strict=True):
+        os.dup2(fd, number)
+        os.close(fd)
 
 
 def _tell_nobody(stage: str) -> None:

@@ -4,14 +4,18 @@ import os
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from drivers.isolation import process
+from tests import preloaded
 from tests.made_once import made_once
 from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
 from tests.waiting import PATIENCE_S
 from vo_service.background import keeper
 from vo_service.commands import run
+from vo_service.runs.running import PROGRAM
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -26,6 +30,18 @@ def patience() -> Iterator[None]:
         patch.setattr(keeper, "REAPED_S", PATIENCE_S)
         patch.setattr(run, "LONGEST_ENDING_S", PATIENCE_S)
         yield
+
+
+@pytest.fixture
+def preloaded_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Processes of runs begin with what they need: see `tests.preloaded`."""
+    real = process.start_module
+
+    def start_module(module: str, *args: Any, **kwargs: Any) -> "subprocess.Popen[bytes]":
+        start = preloaded.start_module if module == PROGRAM.module else real
+        return start(module, *args, **kwargs)
+
+    monkeypatch.setattr(process, "start_module", start_module)
 
 
 @pytest.fixture(scope="session")

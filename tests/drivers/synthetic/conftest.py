@@ -1,6 +1,5 @@
 """Small, quickly rendered virtual cameras."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.motion import make_path
 from drivers.synthetic.render import Renderer, Room
 from drivers.synthetic.scene import ROOM_HEIGHT_M
-from tests.drivers.synthetic.studio import Studio
+from tests.drivers.synthetic.studio import Shoot, Studio
 
 SMALL = PinholeCamera(128, 96, 105.0, 105.0, 63.5, 47.5)
 
@@ -39,14 +38,18 @@ def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def studio(films: Path) -> Studio:
-    return Studio(films)
+def studio(films: Path, shoot: Shoot) -> Studio:
+    return Studio(films, shoot)
 
 
 @pytest.fixture(scope="session")
-def shoot() -> Callable[[SyntheticConfig], Renderer]:
-    """Renderers with the default motion through one room, whatever their sensor is like."""
+def room() -> Room:
+    """One room, free of furniture where the default motion goes."""
     config = small(SyntheticConfig())
-    path = make_path(config, ROOM_HEIGHT_M)
-    room = Room.build(config, path, threads=2)
-    return lambda variant: Renderer(variant, path, room)
+    return Room.build(config, make_path(config, ROOM_HEIGHT_M), threads=2)
+
+
+@pytest.fixture(scope="session")
+def shoot(room: Room) -> Shoot:
+    """Renderers through that room, whatever their motion and their sensor are like."""
+    return lambda variant: Renderer(variant, make_path(variant, ROOM_HEIGHT_M), room)

@@ -1,6 +1,7 @@
 """Virtual cameras whose films are kept, and a host whose clock only moves when somebody sleeps."""
 
 import contextlib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +10,10 @@ from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Fault
 from drivers.synthetic.pacing import HostClock
-from drivers.synthetic.render import make_renderer
+from drivers.synthetic.render import Renderer
 from drivers.synthetic.rendered_sequence import create_sequence, sequence_files
+
+Shoot = Callable[[SyntheticConfig], Renderer]
 
 
 class FakeHost:
@@ -35,12 +38,12 @@ def frames_of(camera: SyntheticCamera) -> list[RgbdFrame]:
     return frames
 
 
-def fill_sequence(config: SyntheticConfig, folder: Path) -> None:
+def fill_sequence(config: SyntheticConfig, folder: Path, shoot: Shoot) -> None:
     """Render what is missing in this process: quicker than in another for a few frames."""
     sequence = create_sequence(sequence_files(config, folder))
     missing = sequence.missing()
     if missing.size:
-        renderer = make_renderer(config, threads=2)
+        renderer = shoot(config)
         for index in missing:
             sequence.write(int(index), renderer.render(int(index)))
     sequence.close()
@@ -49,8 +52,8 @@ def fill_sequence(config: SyntheticConfig, folder: Path) -> None:
 class Studio:
     """Cameras whose films are rendered once for all tests."""
 
-    def __init__(self, films: Path) -> None:
-        self._films = films
+    def __init__(self, films: Path, shoot: Shoot) -> None:
+        self._films, self._shoot = films, shoot
 
     def camera(
         self,
@@ -58,7 +61,7 @@ class Studio:
         pace: Pace = Pace.LOCKSTEP,
         host: FakeHost | None = None,
     ) -> SyntheticCamera:
-        fill_sequence(config, self._films)
+        fill_sequence(config, self._films, self._shoot)
         clock = HostClock() if host is None else host.clock
         return SyntheticCamera(config, pace, Preparation(cache_dir=self._films), clock)
 

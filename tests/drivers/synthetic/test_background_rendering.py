@@ -19,10 +19,9 @@ from drivers.synthetic.camera import Preparation, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Images
 from drivers.synthetic.rendered_sequence import create_sequence, sequence_files
-from drivers.synthetic.rendering import render_all
 from tests.belongings import children
 from tests.drivers.synthetic import idle_renderer
-from tests.drivers.synthetic.studio import FakeHost, frames_of
+from tests.drivers.synthetic.studio import FakeHost, Shoot, fill_sequence, frames_of
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -100,9 +99,11 @@ def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_co
         assert camera.counters.dropped == dropped
 
 
-def test_a_damaged_frame_is_rendered_again(faulty: SyntheticConfig, tmp_path: Path) -> None:
+def test_a_damaged_frame_is_rendered_again(
+    faulty: SyntheticConfig, tmp_path: Path, shoot: Shoot
+) -> None:
     files = sequence_files(faulty, tmp_path)
-    render_all(faulty, tmp_path, lambda done, total: None).close()
+    fill_sequence(faulty, tmp_path, shoot)
     whole = files.frames.read_bytes()
     with files.frames.open("r+b") as file:
         file.seek(3 * files.frame_bytes + 100)

@@ -20,7 +20,7 @@ from vo_service.bench.peers.catalogue import PEERS, Package, Peer
 from vo_service.commands import bench
 from vo_service.config import Config
 
-pytestmark = pytest.mark.subprocess
+pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("preloaded_runs")]
 
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]

@@ -19,7 +19,7 @@ from tests.waiting import wait_until
 from vo_service.commands import compare
 from vo_service.runs import campaign
 
-pytestmark = pytest.mark.subprocess
+pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("preloaded_runs")]
 
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]

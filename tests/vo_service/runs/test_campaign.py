@@ -56,6 +56,7 @@ def states(entries: list[Entry]) -> list[RunState]:
 
 
 @pytest.mark.subprocess
+@pytest.mark.usefixtures("preloaded_runs")
 def test_a_failure_does_not_keep_the_others_from_running_and_is_tried_again(
     recording: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -71,6 +72,7 @@ def test_a_failure_does_not_keep_the_others_from_running_and_is_tried_again(
 
 
 @pytest.mark.subprocess
+@pytest.mark.usefixtures("preloaded_runs")
 def test_what_is_kept_is_made_anew_when_asked_for_or_when_the_settings_change(
     recording: Path, tmp_path: Path
 ) -> None:
@@ -124,6 +126,7 @@ def test_runs_with_loops_are_told_apart_from_those_without(recording: Path) -> N
 
 
 @pytest.mark.subprocess
+@pytest.mark.usefixtures("preloaded_runs")
 def test_a_run_with_loops_is_kept_with_them(recording: Path, tmp_path: Path) -> None:
     loops = LoopsRecipe(MapSettings())
     first, _ = compare(recording, tmp_path, {"trial": Trial()}, listener=loops)

@@ -9,9 +9,9 @@ from benchmarks.camera_frames import all_frames
 from drivers.camera import Pace
 from drivers.errors import InputError
 from drivers.geometry import Array, inverse
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import StampedPoses, nearest
 from drivers.tum.camera import TumCamera
-from vo_service.evaluation.association import SAME_STAMP_S, nearest
+from vo_service.evaluation.association import SAME_STAMP_S
 from vo_service.evaluation.consistency import motion_error, normalised_square
 from vo_service.methods import METHODS, FeatureSettings
 from vo_service.pose_covariance import PoseCovariance

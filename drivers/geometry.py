@@ -157,3 +157,9 @@ def is_rigid(T: NDArray[Any], tolerance: float = 1e-6) -> bool:
         return False
     orthonormal = np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=tolerance)
     return bool(orthonormal and np.linalg.det(R) > 0 and np.array_equal(T[3], [0, 0, 0, 1]))
+
+
+# Optical axes (x right, y down, z forward) in REP 103's (x forward, y left, z up).
+R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+# The base that a camera without a mounting has: its own body.
+T_BODY_CAMERA = rigid_transform(R_BODY_OPTICAL, np.zeros(3))

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from drivers.geometry import Array, quaternion_from_rotation, transform_from_pose
@@ -12,6 +13,8 @@ COLUMNS = "stamp tx ty tz qx qy qz qw"
 # Beyond these a file is in other units: nanoseconds, say.
 FARTHEST_STAMP_S = 1e11
 FARTHEST_POSITION_M = 1e9
+# Stamps that lie closer than this may belong to each other.
+WITHIN_S = 0.020
 
 
 @dataclass(frozen=True)
@@ -80,3 +83,18 @@ def _parse_pose(text: list[str], where: str) -> tuple[float, Array]:
         return values[0], transform_from_pose(values[1:4], values[4:8])
     except ValueError as error:
         raise InputError(f"{where}: {error}") from error
+
+
+def nearest(stamps_s: Array, wanted_s: Array) -> NDArray[np.intp]:
+    """For each of `wanted_s`, the index of the nearest of the rising `stamps_s`; ties: earlier."""
+    after = np.searchsorted(stamps_s, wanted_s, side="right").clip(max=len(stamps_s) - 1)
+    before = (after - 1).clip(min=0)
+    is_before = wanted_s - stamps_s[before] <= stamps_s[after] - wanted_s
+    return np.where(is_before, before, after)
+
+
+def has_partner(
+    stamps_s: Array, partners_s: Array, within_s: float = WITHIN_S
+) -> NDArray[np.bool_]:
+    """For each of `stamps_s`, whether one of the rising `partners_s` is within reach."""
+    return np.abs(partners_s[nearest(partners_s, stamps_s)] - stamps_s) <= within_s

@@ -5,14 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.geometry import Array, transform_from_pose
+from drivers.geometry import T_BODY_CAMERA, Array, transform_from_pose
 from drivers.sensor_settings import SensorSettings
 from drivers.strict_toml import read_toml, setting
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.cameras import USAGES
 from vo_service.methods import DEFAULT_METHOD, METHODS, FeatureSettings
 from vo_service.odometry.stopwatch import Stopwatch
-from vo_service.pose_tracker import T_BODY_CAMERA
 from vo_service.settings import (
     CommandSettings,
     LoadSettings,

@@ -59,7 +59,7 @@ def _check_rerun(rerun: RerunSettings, path: Path) -> None:
 def _check_recorder(recorder: RecorderSettings, path: Path) -> None:
     if not recorder.enabled or recorder.folder is None:
         return
-    from vo_service.recorder.incident_folder import obstacle
+    from drivers.full_disk import obstacle
 
     reason = obstacle(recorder.folder)
     if reason:

@@ -6,15 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, adjoint, inverse, rigid_transform, rotation_vector
+from drivers.geometry import (
+    T_BODY_CAMERA,
+    Array,
+    adjoint,
+    inverse,
+    rotation_vector,
+)
 from vo_service.levelling import level_by
 from vo_service.pose_covariance import PoseCovariance, diagonal
 from vo_service.types import Estimate, Level, PoseUpdate, TrackingState
-
-# Optical axes (x right, y down, z forward) in REP 103's (x forward, y left, z up).
-R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-# The base that a camera without a mounting has: its own body.
-T_BODY_CAMERA = rigid_transform(R_BODY_OPTICAL, np.zeros(3))
 
 # With fewer inliers than this a motion is found, but a wrong one is no longer out of the question.
 FEW_INLIERS = 30

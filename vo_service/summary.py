@@ -9,8 +9,8 @@ from drivers.errors import InputError
 from drivers.geometry import Array
 from drivers.trajectory import StampedPoses
 from vo_service.evaluation import Evaluation, evaluate
-from vo_service.evaluation.report import aligned, millimetres
 from vo_service.statistics import Statistics
+from vo_service.text_table import aligned, millimetres
 
 logger = logging.getLogger(__name__)
 

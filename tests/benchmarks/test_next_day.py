@@ -11,10 +11,9 @@ from benchmarks import next_day, next_day_measure
 from benchmarks.next_day_measure import Outcome, Tour, first_day, second_day
 from benchmarks.tour_frames import tour_config, true_poses
 from drivers.camera import PinholeCamera
-from drivers.geometry import inverse
+from drivers.geometry import T_BODY_CAMERA, inverse
 from drivers.synthetic.faults import Images
 from drivers.synthetic.render import make_renderer
-from vo_service.pose_tracker import T_BODY_CAMERA
 
 pytestmark = pytest.mark.slow
 

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.render import Renderer, make_renderer
 from tests.drivers.synthetic.studio import fill_sequence
 from tests.golden.trajectories import CASES, FILE, RECORDINGS, VIRTUAL, made_with, trajectory
 from tests.made_once import made_once
@@ -16,10 +18,16 @@ ROUGH_M = 0.005
 pytestmark = pytest.mark.slow
 
 
+def _renderer(config: SyntheticConfig) -> Renderer:
+    return make_renderer(config, threads=2)
+
+
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Frames of the virtual Kinect, for all methods."""
-    return made_once(tmp_path_factory, "golden", lambda folder: fill_sequence(VIRTUAL, folder))
+    return made_once(
+        tmp_path_factory, "golden", lambda folder: fill_sequence(VIRTUAL, folder, _renderer)
+    )
 
 
 @pytest.mark.parametrize("case", CASES)

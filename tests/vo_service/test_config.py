@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from drivers.geometry import rigid_transform
+from drivers.geometry import R_BODY_OPTICAL, rigid_transform
 from vo_service.config import Config, read_config
-from vo_service.pose_tracker import R_BODY_OPTICAL
 
 WHOLE = """\
 schema = 1

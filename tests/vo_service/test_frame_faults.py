@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from drivers.geometry import Array
+from drivers.geometry import R_BODY_OPTICAL, Array
 from tests.ports import free_port
 from tests.vo_service.corner_film import corner_pose
 from tests.vo_service.fakes import Collector
@@ -28,7 +28,6 @@ from vo_service.feed import PlainFeed
 from vo_service.interrupts import Stop
 from vo_service.outputs.zenoh_output import LOCKSTEP, ZenohOutput
 from vo_service.outputs.zenoh_session import open_session
-from vo_service.pose_tracker import R_BODY_OPTICAL
 from vo_service.settings import ZenohConfig
 from vo_service.stamps import LiveClock
 from vo_service.types import PoseUpdate

@@ -7,10 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from drivers.geometry import (
+    R_BODY_OPTICAL,
+    T_BODY_CAMERA,
+    Array,
+    rigid_transform,
+    rotation_from_vector,
+)
 from drivers.gravity import Vector
 from tests.vo_service.fakes import bad, frame, good
-from vo_service.pose_tracker import R_BODY_OPTICAL, T_BODY_CAMERA, PoseTracker, StampedFrame
+from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.types import Estimate, Level, PoseUpdate
 
 RATE_HZ = 30.0

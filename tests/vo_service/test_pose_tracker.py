@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.geometry import (
+    R_BODY_OPTICAL,
     Array,
     inverse,
     rigid_transform,
@@ -25,7 +26,7 @@ from tests.vo_service.walking import (
     update,
     walk,
 )
-from vo_service.pose_tracker import R_BODY_OPTICAL, PoseTracker
+from vo_service.pose_tracker import PoseTracker
 from vo_service.types import Estimate, TrackingState
 
 

@@ -3,12 +3,13 @@
 import numpy as np
 
 from drivers.geometry import (
+    R_BODY_OPTICAL,
     Array,
     rigid_transform,
     rotation_from_vector,
 )
 from tests.vo_service.fakes import frame, good
-from vo_service.pose_tracker import R_BODY_OPTICAL, PoseTracker, StampedFrame
+from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.types import Estimate, PoseUpdate
 
 RATE_HZ = 30.0

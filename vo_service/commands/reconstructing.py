@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.errors import InputError
-from drivers.trajectory import StampedPoses, pose_line, read_trajectory
+from drivers.trajectory import WITHIN_S, StampedPoses, has_partner, pose_line, read_trajectory
 from drivers.tum.camera import TumCamera
 from drivers.tum.folder import open_folder, paired_frames
 from drivers.tum.whole_files import write_whole
@@ -19,7 +19,6 @@ from vo_service.commands.loops_option import prepared_loops
 from vo_service.commands.options import config_of
 from vo_service.commands.tracking import tracked
 from vo_service.config import Config
-from vo_service.evaluation.association import WITHIN_S, has_partner
 from vo_service.folders import make_output_folder
 from vo_service.interrupts import Stop, stop_on_signals
 from vo_service.mapping.frame_poses import FramePoses

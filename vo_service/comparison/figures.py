@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.geometry import Array
+from drivers.trajectory import nearest
 from vo_service.comparison.paper import about
-from vo_service.evaluation.association import nearest
 from vo_service.evaluation.picture import broken_at_gaps, label_axes
 from vo_service.evaluation.series import ErrorSeries, error_series
 from vo_service.runs.results import SequenceResults

@@ -11,6 +11,7 @@ import numpy as np
 from drivers.geometry import transform_from_pose
 from drivers.sensor_settings import Led
 from vo_service.types import (
+    NAME_PATTERN,
     Command,
     CommandError,
     ErrorCode,
@@ -32,7 +33,6 @@ FARTHEST_M = 1e6
 LARGEST_TILT_DEG = 31.0
 # A quaternion this far from length 1 is a mistake, not rounding.
 LENGTH_TOLERANCE = 1e-2
-NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
 
 
 def parse_command(name: str, payload: bytes) -> Command:

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import WITHIN_S, StampedPoses, has_partner, nearest
 
-WITHIN_S = 0.020
 # Closer than this, two stamps are one stamp written with different rounding.
 SAME_STAMP_S = 0.001
 FEWEST_MATCHES = 3
@@ -27,21 +25,6 @@ class MatchedPoses:
     stamps_s: Array
     T_world_camera: Array
     T_truth_camera: Array
-
-
-def nearest(stamps_s: Array, wanted_s: Array) -> NDArray[np.intp]:
-    """For each of `wanted_s`, the index of the nearest of the rising `stamps_s`; ties: earlier."""
-    after = np.searchsorted(stamps_s, wanted_s, side="right").clip(max=len(stamps_s) - 1)
-    before = (after - 1).clip(min=0)
-    is_before = wanted_s - stamps_s[before] <= stamps_s[after] - wanted_s
-    return np.where(is_before, before, after)
-
-
-def has_partner(
-    stamps_s: Array, partners_s: Array, within_s: float = WITHIN_S
-) -> NDArray[np.bool_]:
-    """For each of `stamps_s`, whether one of the rising `partners_s` is within reach."""
-    return np.abs(partners_s[nearest(partners_s, stamps_s)] - stamps_s) <= within_s
 
 
 def associate(trajectory: StampedPoses, truth: StampedPoses) -> MatchedPoses:

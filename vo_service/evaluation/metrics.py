@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import Array, inverse, rotation_angle_rad, transform_points
-from vo_service.evaluation.association import MatchedPoses, nearest
+from drivers.trajectory import nearest
+from vo_service.evaluation.association import MatchedPoses
 from vo_service.odometry.rigid_motion import fit_rigid_motion
 
 Indices = NDArray[np.intp]

@@ -9,9 +9,9 @@ import numpy as np
 from drivers.errors import InputError, UserFacingError
 from drivers.full_disk import is_full
 from drivers.geometry import Array, inverse, transform_points
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import WITHIN_S, StampedPoses
 from drivers.tum.whole_files import write_whole
-from vo_service.evaluation.association import WITHIN_S, associate
+from vo_service.evaluation.association import associate
 from vo_service.evaluation.metrics import best_alignment, position_errors_m
 
 if TYPE_CHECKING:  # drawn with rarely, and slow to import

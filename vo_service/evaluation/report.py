@@ -16,6 +16,7 @@ from vo_service.evaluation.metrics import (
     relative_errors,
     rms,
 )
+from vo_service.text_table import aligned, millimetres
 
 
 @dataclass(frozen=True)
@@ -95,17 +96,6 @@ def evaluate(
         poses=len(trajectory),
         matched=len(matched.stamps_s),
     )
-
-
-def aligned(rows: list[tuple[str, str]]) -> str:
-    """Two columns of text, the second in one line below another."""
-    width = max(len(label) for label, _ in rows)
-    return "\n".join(f"{label:<{width}}  {value}".rstrip() for label, value in rows)
-
-
-def millimetres(value_m: float | None) -> str:
-    """Metres as people read them, in a column."""
-    return f"{'-':>9}   " if value_m is None else f"{1e3 * value_m:9.2f} mm"
 
 
 def _degrees(value: float | None) -> str:

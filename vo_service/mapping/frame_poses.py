@@ -5,8 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses
-from vo_service.evaluation.association import WITHIN_S, nearest
+from drivers.trajectory import WITHIN_S, StampedPoses, nearest
 from vo_service.types import PoseUpdate, Status, TrackingState
 
 

@@ -15,13 +15,13 @@ from drivers.errors import UserFacingError
 from drivers.full_disk import is_full
 from drivers.geometry import Array
 from drivers.tum.whole_files import write_whole
-from vo_service.evaluation.report import aligned
 from vo_service.mapping.fusion import Fusion
 from vo_service.mapping.mesh import Mesh
 from vo_service.mapping.pictures import camera_view, far_view, top_view
 from vo_service.mapping.ply import write_ply
 from vo_service.mapping.reconstruction import Harvest
 from vo_service.mapping.upright import levelled, up_of
+from vo_service.text_table import aligned
 
 MAP, REPORT = "map.ply", "reconstruction.json"
 TOP, FAR, VIEW = "top.png", "perspective.png", "view.png"

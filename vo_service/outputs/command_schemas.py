@@ -4,12 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from drivers.sensor_settings import Led
-from vo_service.control.commands import (
-    FARTHEST_M,
-    LARGEST_TILT_DEG,
-    LENGTH_TOLERANCE,
-    NAME_PATTERN,
-)
+from vo_service.control.commands import FARTHEST_M, LARGEST_TILT_DEG, LENGTH_TOLERANCE
+from vo_service.types import NAME_PATTERN
 
 Schema = dict[str, Any]
 

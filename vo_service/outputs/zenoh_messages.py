@@ -1,10 +1,8 @@
 """What goes out over Zenoh, as bytes. A change that breaks readers raises the schema's number."""
 
 import json
-import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 
 from vo_service.control.inbox import Answer
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
@@ -95,9 +93,3 @@ def error_payload(error: CommandError) -> bytes:
     """Why there is no answer, as JSON."""
     content = {"schema": MESSAGE_SCHEMA, "error": error.code, "message": str(error)}
     return json.dumps(content).encode()
-
-
-def versions() -> dict[str, str]:
-    """Versions of what makes the poses."""
-    packages = ("kinect-vo", "eclipse-zenoh", "numpy", "numba", "opencv-python-headless")
-    return {"python": platform.python_version()} | {name: version(name) for name in packages}

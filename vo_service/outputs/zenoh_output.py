@@ -16,13 +16,13 @@ from vo_service.outputs.zenoh_messages import (
     pose_attachment,
     pose_payload,
     status_payload,
-    versions,
 )
 from vo_service.outputs.zenoh_opening import OpenAtOnce, WayToOpen
 from vo_service.outputs.zenoh_questions import Memory, Questions
 from vo_service.outputs.zenoh_station import Programme, Station
 from vo_service.settings import Ros2Settings, ZenohConfig
 from vo_service.types import NO_MAP, MapSnapshot, PoseUpdate, Status
+from vo_service.versions import versions
 
 logger = logging.getLogger(__name__)
 

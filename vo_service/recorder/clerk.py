@@ -9,7 +9,6 @@ from re import fullmatch
 from drivers.isolation.messages import LogLine
 from vo_service.background.keeper import Helper, Keeper
 from vo_service.background.trouble import Trouble
-from vo_service.control.commands import NAME_PATTERN
 from vo_service.recorder.incident_folder import incident_name
 from vo_service.recorder.messages import (
     Facts,
@@ -22,7 +21,7 @@ from vo_service.recorder.messages import (
     StopRecording,
     Word,
 )
-from vo_service.types import CommandError, ErrorCode
+from vo_service.types import NAME_PATTERN, CommandError, ErrorCode
 
 logger = logging.getLogger(__name__)
 

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 
 from drivers.errors import UserFacingError
+from drivers.full_disk import obstacle
 from vo_service.recorder.incident import Incident, last_frames
-from vo_service.recorder.incident_folder import IncidentFolder, incident_name, obstacle
+from vo_service.recorder.incident_folder import IncidentFolder, incident_name
 from vo_service.recorder.messages import (
     Facts,
     IncidentWritten,

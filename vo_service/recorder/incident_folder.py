@@ -1,19 +1,15 @@
 """The folder of incidents: names, its total size, and folders that appear only when whole."""
 
-import fcntl
-import os
 import re
 import shutil
-import stat
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from drivers.errors import UserFacingError
-from drivers.full_disk import is_full
+from drivers.full_disk import PART, locked, size_of, why_not
 
-PART = ".part"
 _NAME = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\dZ-[a-z0-9-]+")
 _LONGEST_REASON = 40
 
@@ -22,26 +18,6 @@ def incident_name(reason: str, unix_s: float) -> str:
     """What an incident's folder is called, such as 2026-11-21T16-30-05Z-lost."""
     words = re.sub("[^a-z0-9]+", "-", reason.lower()).strip("-")[:_LONGEST_REASON] or "saved"
     return f"{time.strftime('%Y-%m-%dT%H-%M-%SZ', time.gmtime(unix_s))}-{words}"
-
-
-def obstacle(folder: Path) -> str:
-    """Why nothing can be kept in a folder, which may be yet to be made; "" if it can.
-
-    Nothing is made or written.
-    """
-    for place in (folder, *folder.absolute().parents):
-        try:
-            is_folder = stat.S_ISDIR(place.stat().st_mode)
-        except FileNotFoundError:
-            continue
-        except OSError as error:
-            return f"{folder}: cannot be used: {error.strerror}"
-        if not is_folder:
-            return f"{folder}: cannot be used: {place} is no folder"
-        if not os.access(place, os.R_OK | os.W_OK | os.X_OK):
-            return f"{folder}: cannot be used: {place} may not be written to"
-        return ""
-    return f"{folder}: cannot be used"
 
 
 class IncidentFolder:
@@ -117,34 +93,3 @@ class IncidentFolder:
             and path.is_dir()
             and not path.is_symlink()
         ]
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder's lock. Raises BlockingIOError if another process holds it."""
-    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(fd)
-
-
-def size_of(folder: Path) -> int:
-    """Bytes of all files below a folder; of one that is going away, those still there."""
-    total = 0
-    for place, _, files in os.walk(folder):
-        for name in files:
-            with suppress(OSError):
-                total += (Path(place) / name).lstat().st_size
-    return total
-
-
-def why_not(error: BaseException) -> str:
-    """What is wrong; the disk's own answer where there is one, as nothing of the folder is left."""
-    cause = error if isinstance(error, OSError) else error.__cause__
-    if not isinstance(cause, OSError):
-        return str(error)
-    if is_full(cause):
-        return "the disk is full; free some space"
-    return f"cannot be written: {cause.strerror}"

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 
 from drivers.errors import UserFacingError
 from vo_service.folders import state_folder
-from vo_service.outputs.zenoh_messages import versions
 from vo_service.settings import RecorderSettings
 from vo_service.types import NoRecorder, Recorder
+from vo_service.versions import versions
 
 logger = logging.getLogger(__name__)
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from drivers.errors import InputError
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import StampedPoses, has_partner, nearest
 from drivers.tum.folder import TumFolder, open_folder
-from vo_service.evaluation.association import has_partner, nearest
 from vo_service.evaluation.gaps import Gap, find_gaps
 from vo_service.runs.excerpt import WHOLE, Excerpt
 

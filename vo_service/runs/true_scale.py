@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from drivers.trajectory import StampedPoses
-from vo_service.evaluation.association import has_partner
+from drivers.trajectory import StampedPoses, has_partner
 
 
 class TrueDistance:

@@ -4,6 +4,7 @@ Every part may import this; it imports none of them.
 """
 
 from vo_service.types.commands import (
+    NAME_PATTERN,
     Command,
     CommandError,
     ErrorCode,
@@ -38,6 +39,7 @@ from vo_service.types.status import MapState, Status
 from vo_service.types.update import Level, PoseUpdate, TrackingState
 
 __all__ = [
+    "NAME_PATTERN",
     "NO_MAP",
     "Command",
     "CommandError",

@@ -7,6 +7,9 @@ from enum import StrEnum
 from drivers.geometry import Array
 from drivers.sensor_settings import Led
 
+# Names of recordings and maps, which become names of files.
+NAME_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
+
 
 class ErrorCode(StrEnum):
     """What went wrong, for programs; the message says it to people."""

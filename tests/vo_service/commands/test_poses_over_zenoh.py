@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from drivers.geometry import Array, inverse, transform_from_pose
+from drivers.geometry import T_BODY_CAMERA, Array, inverse, transform_from_pose
 from drivers.trajectory import StampedPoses, read_trajectory
 from tests.conftest import FRAMES
 from tests.ports import is_listening
 from tests.vo_service.commands.command_line import running
 from tests.waiting import wait_until
-from vo_service.pose_tracker import T_BODY_CAMERA
 
 pytestmark = pytest.mark.subprocess
 

@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
+from drivers.trajectory import nearest
 from tests.vo_service.evaluation.walks import at
-from vo_service.evaluation.association import associate, coverage, nearest
+from vo_service.evaluation.association import associate, coverage
 
 stamps = st.lists(st.integers(0, 2000), min_size=1, max_size=30, unique=True).map(
     lambda milliseconds: np.array(sorted(milliseconds)) / 1000.0

@@ -21,10 +21,10 @@ from vo_service.outputs.zenoh_messages import (
     map_odom_attachment,
     pose_attachment,
     status_payload,
-    versions,
 )
 from vo_service.outputs.zenoh_schemas import DIALECT, all_schemas, schema_of
 from vo_service.types import CommandError, ErrorCode, PoseUpdate, Status
+from vo_service.versions import versions
 
 SCHEMAS = all_schemas()
 MESSAGES = (Path(__file__).parents[3] / "docs" / "messages.md").read_text()

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import UserFacingError
-from vo_service.recorder.incident_folder import PART, IncidentFolder, incident_name, obstacle
+from drivers.full_disk import PART, obstacle
+from vo_service.recorder.incident_folder import IncidentFolder, incident_name
 
 NEW = "2026-11-21T16-30-05Z-lost"
 

@@ -9,7 +9,6 @@ from re import fullmatch
 from drivers.isolation.messages import LogLine
 from vo_service.background.keeper import Helper, Keeper
 from vo_service.background.trouble import Trouble
-from vo_service.control.commands import NAME_PATTERN
 from vo_service.mapping.live.maps_folder import MapsFolder
 from vo_service.mapping.live.messages import (
     Facts,
@@ -22,7 +21,7 @@ from vo_service.mapping.live.messages import (
 )
 from vo_service.odometry.relocalising import Located
 from vo_service.settings import MapSettings
-from vo_service.types import CommandError, ErrorCode, MapSnapshot, MapState
+from vo_service.types import NAME_PATTERN, CommandError, ErrorCode, MapSnapshot, MapState
 
 logger = logging.getLogger(__name__)
 

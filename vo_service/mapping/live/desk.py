@@ -8,6 +8,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from drivers.errors import InputError, UserFacingError
+from drivers.full_disk import obstacle
 from vo_service.mapping.live.keyframes import Keyframe, Keyframes
 from vo_service.mapping.live.making import Making, make_map
 from vo_service.mapping.live.maps_folder import MapsFolder
@@ -22,7 +23,6 @@ from vo_service.mapping.live.messages import (
 )
 from vo_service.mapping.live.place_opening import open_place_desk
 from vo_service.recorder.frame_record import note_of
-from vo_service.recorder.incident_folder import obstacle
 from vo_service.recorder.shared_ring import Record, RingReader
 from vo_service.settings import MEGABYTE, MapSettings
 from vo_service.types import TrackingState

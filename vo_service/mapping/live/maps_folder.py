@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivers.errors import UserFacingError
-from vo_service.recorder.incident_folder import PART, locked, size_of, why_not
+from drivers.full_disk import PART, locked, size_of, why_not
 from vo_service.settings import MEGABYTE
 
 SUFFIX = ".ply"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.geometry import Array, inverse
+from drivers.geometry import T_BODY_CAMERA, Array, inverse
 from tests.vo_service.mapping.live.views import COARSE, mapper, process
 from tests.vo_service.mapping.loops.corner_walk import STEPS, told, truth, update
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
@@ -21,7 +21,6 @@ from vo_service.mapping.live.live_loops import LiveLoops
 from vo_service.mapping.live.mapper import LiveMapper
 from vo_service.mapping.loops.warm_up import warm_up_loops
 from vo_service.odometry.relocalising import Located
-from vo_service.pose_tracker import T_BODY_CAMERA
 
 pytestmark = pytest.mark.subprocess
 

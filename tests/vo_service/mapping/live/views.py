@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.geometry import inverse, rigid_transform
+from drivers.geometry import T_BODY_CAMERA, inverse, rigid_transform
 from tests.belongings import children
 from tests.vo_service.recorder import moments
 from tests.waiting import wait_until
 from vo_service.mapping.live.mapper import LiveMapper
-from vo_service.pose_tracker import T_BODY_CAMERA
 from vo_service.settings import MapSettings
 from vo_service.types import PoseUpdate, TrackingState
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector
+from drivers.geometry import T_BODY_CAMERA, Array, inverse, rigid_transform, rotation_from_vector
 from tests.vo_service.fakes import good
 from tests.vo_service.odometry.synthetic_views import view_of_a_corner
 from vo_service.mapping.loops.hop import Hop
 from vo_service.mapping.loops.loop_closer import LoopCloser, Sight
 from vo_service.mapping.loops.opening import new_closer
-from vo_service.pose_tracker import T_BODY_CAMERA, PoseTracker, StampedFrame
+from vo_service.pose_tracker import PoseTracker, StampedFrame
 from vo_service.settings import MapSettings
 from vo_service.types import PoseUpdate, TrackingState
 

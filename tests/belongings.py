@@ -7,6 +7,8 @@ import threading
 from collections import Counter
 from pathlib import Path
 
+from tests.preloaded import templates
+
 
 def belongings() -> Counter[str]:
     """Open files, children (zombies too), threads and shared memory of this process.
@@ -33,8 +35,11 @@ def open_files_of(process: int) -> int:
 
 
 def children() -> list[int]:
-    """Process numbers of what this process has started and not reaped."""
-    return children_of(os.getpid())
+    """Process numbers of what this process has started and not reaped.
+
+    Not the one that `Preloaded` processes are forked from, which stays to the end.
+    """
+    return [child for child in children_of(os.getpid()) if child not in templates()]
 
 
 def belongings_of(process: int) -> Counter[str]:

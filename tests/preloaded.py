@@ -103,14 +103,18 @@ class _Template:
                 cwd=ROOT,
                 pass_fds=[theirs.fileno()],
             )
+        self.pid = self._process.pid
         atexit.register(self._close)
 
     def start(self, request: Mapping[str, object], fds: Sequence[int]) -> int:
         """The process number of a new child of this process."""
-        with self._lock, _adopting():
+        with self._lock:
             socket.send_fds(self._socket, [json.dumps(request).encode()], fds)
-            number, adopted = self._socket.recv(100), self._socket.recv(100)
-        assert adopted, "the process that is to be forked has ended"
+            number = self._socket.recv(100)
+            with _adopting():  # for a moment, or orphans of others would be ours as well
+                self._socket.send(b"let go")
+                let_go = self._socket.recv(100)
+        assert let_go, "the process that is to be forked has ended"
         return int(number)
 
     def _close(self) -> None:
@@ -129,9 +133,16 @@ def _adopting() -> Iterator[None]:
 
 
 _templates: list[_Template] = []
+_first = threading.Lock()
+
+
+def templates() -> list[int]:
+    """Process numbers of those that are forked: one, once it was needed."""
+    return [template.pid for template in _templates]
 
 
 def _template() -> _Template:
-    if not _templates:
-        _templates.append(_Template())
+    with _first:
+        if not _templates:
+            _templates.append(_Template())
     return _templates[0]

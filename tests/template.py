@@ -7,6 +7,7 @@ import fcntl
 import gc
 import json
 import os
+import signal
 import socket
 import sys
 from pathlib import Path
@@ -56,15 +57,18 @@ def next_request(connection: socket.socket) -> dict[str, Any] | None:
                 request: dict[str, Any] = json.loads(message)
                 _renumber(fds, request["fds"])
                 return request
-            os._exit(0 if connection.send(str(started).encode()) else 1)
+            connection.send(str(started).encode())
+            connection.recv(100)
+            os._exit(0)
         os.waitpid(forking, 0)
-        connection.send(b"adopted")
+        connection.send(b"let go")
         for fd in fds:
             os.close(fd)
 
 
 def become(request: dict[str, Any]) -> None:
     """Be as a process that was started like this."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if request["is_new_session"]:
         os.setsid()
     os.chdir(request["folder"])
@@ -89,6 +93,7 @@ def _tell_nobody(stage: str) -> None:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for pytest, which ends this one too
     load()
     with socket.socket(fileno=int(sys.argv[1])) as _connection:
         _request = next_request(_connection)

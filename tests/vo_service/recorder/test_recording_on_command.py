@@ -1,5 +1,6 @@
 """Recording on command: every frame from then until told to stop, into a folder of a name."""
 
+import logging
 import os
 import signal
 from dataclasses import replace
@@ -32,14 +33,18 @@ def has_written(folder: Path, frames: int) -> bool:
     return len(list(folder.glob("depth/[!.]*"))) >= frames
 
 
-def test_every_frame_from_start_to_stop_is_recorded(tmp_path: Path) -> None:
+def test_every_frame_from_start_to_stop_is_recorded(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
     with recorder(tmp_path, SMALL) as opened:
         feed(opened, *map(update, range(3)))
         folder = Path(opened.start_recording("desk"))
         assert opened.recording == str(folder) == str(tmp_path / "recordings" / "desk")
         feed(opened, *map(update, range(3, 9)))
         assert opened.stop_recording() == str(folder)
-        wait_until(lambda: not opened.recording)  # a frame before that may still be recorded
+        # A frame before its end may still be recorded.
+        wait_until(lambda: f"{folder}: 6 frames, 0 missed" in caplog.text)
         feed(opened, update(9))
     assert opened.recording == opened.warning == ""
     found = replayed(folder)

@@ -7,7 +7,11 @@ from pathlib import Path
 import pytest
 
 from tests.made_once import made_once
-from tests.vo_service.calibration.photographs import BOARD, take_photographs
+from tests.vo_service.calibration.photographs import (
+    BOARD,
+    each_image_is_searched_once,
+    take_photographs,
+)
 from vo_service.calibration.chessboard import Chessboard
 from vo_service.calibration.colour_camera import ColourCalibration, calibrate_colour
 from vo_service.calibration.depth_camera import DepthCalibration, calibrate_depth
@@ -40,8 +44,9 @@ def calibrated(
 
     def calibrate(folder: Path) -> None:
         picker = ViewPicker(board)
-        for photograph in photographs:
-            picker.offer(photograph)
+        with each_image_is_searched_once(tmp_path_factory):
+            for photograph in photographs:
+                picker.offer(photograph)
         colour = calibrate_colour(picker.views)
         depth = calibrate_depth(colour, board.layout, 1000.0, lambda done, total: None)
         (folder / FILE).write_bytes(pickle.dumps((picker, colour, depth)))

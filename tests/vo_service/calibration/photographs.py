@@ -1,6 +1,10 @@
 """One Kinect before one board, photographed in many places: the same for all tests."""
 
+import hashlib
 import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,7 +12,7 @@ import pytest
 
 from tests.made_once import made_once
 from tests.vo_service.calibration.rendered_boards import snapshots, stances
-from vo_service.calibration.board import Layout
+from vo_service.calibration.board import Corners, GreyImage, Layout
 from vo_service.calibration.chessboard import Chessboard
 from vo_service.calibration.snapshot import Snapshot
 
@@ -30,6 +34,36 @@ def take_photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]
 def _render(folder: Path) -> None:
     found = snapshots(BOARD, stances(BOARD, VIEWS, SEED), with_depth=True)
     (folder / FILE).write_bytes(pickle.dumps(found))
+
+
+@contextmanager
+def each_image_is_searched_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Most tests see the same images, and what takes the time is to find the board in them.
+
+    In the photographs it is found once for all of pytest's processes.
+    """
+    find = Chessboard.find
+    known: dict[tuple[int, int, bytes], Corners] = {}
+
+    def remembered(board: Chessboard, grey: GreyImage) -> Corners:
+        image = hashlib.sha256(grey.tobytes()).digest()
+        key = board.layout.columns, board.layout.rows, image
+        if key not in known:
+            known[key] = find(board, grey)
+        found = known[key]
+        points_m = board.layout.inner_corners_m  # whatever the side of its squares
+        return replace(found, points_m=points_m) if len(found.pixels) else found
+
+    def search(folder: Path) -> None:
+        for photograph in take_photographs(tmp_path_factory):
+            remembered(BOARD, photograph.grey)
+        (folder / FILE).write_bytes(pickle.dumps(known))
+
+    folder = made_once(tmp_path_factory, "searched", search)
+    known |= pickle.loads((folder / FILE).read_bytes())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Chessboard, "find", remembered)
+        yield
 
 
 def recorded_photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:

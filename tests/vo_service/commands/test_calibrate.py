@@ -1,6 +1,5 @@
 """``calibrate``: from boards to a camera file, and what it says where that cannot be."""
 
-import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,13 +14,12 @@ from tests.stand_ins.oni_writer import OniImage, Sensor, write_oni
 from tests.stand_ins.wire_film import wire_film
 from tests.vo_service.calibration.photographs import (
     VIEWS,
+    each_image_is_searched_once,
     recorded_photographs,
     take_photographs,
 )
 from tests.vo_service.calibration.rendered_boards import COLOUR, DEPTH
 from tests.vo_service.commands.command_line import Outcome, call
-from vo_service.calibration.board import Corners, GreyImage
-from vo_service.calibration.chessboard import Chessboard
 from vo_service.calibration.snapshot import Snapshot
 
 Capture = pytest.CaptureFixture[str]
@@ -41,19 +39,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def each_image_is_searched_once() -> Iterator[None]:
-    """Most tests here see the same images, and what takes the time is to find the board in them."""
-    known: dict[tuple[Chessboard, bytes], Corners] = {}
-    find = Chessboard.find
-
-    def remembered(board: Chessboard, grey: GreyImage) -> Corners:
-        image = board, hashlib.sha256(grey.tobytes()).digest()
-        if image not in known:
-            known[image] = find(board, grey)
-        return known[image]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Chessboard, "find", remembered)
+def searched_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """See `each_image_is_searched_once`."""
+    with each_image_is_searched_once(tmp_path_factory):
         yield
 
 

@@ -19,16 +19,22 @@ from pathlib import Path
 
 from benchmarks.boot_again import SECOND_BOOT
 from benchmarks.boot_checks import FIRST_BOOT
-from benchmarks.boot_computer import Computer
-from benchmarks.boot_container import booted, make_tree, why_not
-from benchmarks.boot_listener import listening
+from benchmarks.boot_computer import BootedComputer
+from benchmarks.boot_container import bootstrap_tree, running_container, unsupported_reason
+from benchmarks.boot_listener import running_listener
 from tests.ports import free_port
 
 CHECKOUT = Path(__file__).parents[1]
 COMMAND = CHECKOUT / ".venv" / "bin" / "kinect-vo"
-SKIPPED = 77
+EXIT_SKIPPED = 77
 # What an earlier run may have left in the tree.
-LEFT = ("opt/kinect-vo", "etc/kinect-vo", "srv/kinect-vo", "var/lib/private", "var/cache/private")
+LEFTOVER_PATHS = (
+    "opt/kinect-vo",
+    "etc/kinect-vo",
+    "srv/kinect-vo",
+    "var/lib/private",
+    "var/cache/private",
+)
 
 
 def main() -> int:
@@ -37,27 +43,27 @@ def main() -> int:
     parser.add_argument("--tree", type=Path, default=Path("/var/tmp/kinect-vo-boot"))
     parser.add_argument("--mirror", default="http://deb.debian.org/debian")
     args = parser.parse_args()
-    reason = why_not() or _why_not_this_python()
+    reason = unsupported_reason() or _python_mismatch()
     if reason:
         print(f"skipped: {reason}")
-        return SKIPPED
-    make_tree(args.tree, args.mirror)
-    _clear(args.tree)
+        return EXIT_SKIPPED
+    bootstrap_tree(args.tree, args.mirror)
+    _remove_leftovers(args.tree)
     port = free_port()
     failed = _run(args.tree, port, FIRST_BOOT) + _run(args.tree, port, SECOND_BOOT)
     print(f"{failed} of {len(FIRST_BOOT + SECOND_BOOT)} checks failed")
     return int(failed > 0)
 
 
-def _run(tree: Path, port: int, checks: Sequence[Callable[[Computer], str]]) -> int:
+def _run(tree: Path, port: int, checks: Sequence[Callable[[BootedComputer], str]]) -> int:
     """Boot, and how many checks fail."""
     log = tree.with_name(f"{tree.name}.log")
-    with booted(tree, [CHECKOUT], log) as container, listening(port) as listener:
-        computer = Computer(container, tree, str(COMMAND), listener, port)
-        return sum(not _holds(check, computer) for check in checks)
+    with running_container(tree, [CHECKOUT], log) as container, running_listener(port) as listener:
+        computer = BootedComputer(container, tree, str(COMMAND), listener, port)
+        return sum(not _run_check(check, computer) for check in checks)
 
 
-def _holds(check: Callable[[Computer], str], computer: Computer) -> bool:
+def _run_check(check: Callable[[BootedComputer], str], computer: BootedComputer) -> bool:
     """Whether it does, told in a line."""
     name = check.__name__.replace("_", " ")
     begin_s = time.monotonic()
@@ -65,20 +71,22 @@ def _holds(check: Callable[[Computer], str], computer: Computer) -> bool:
         seen = check(computer)
     except (AssertionError, subprocess.SubprocessError) as error:
         print(f"FAILED  {name}: {error}", flush=True)
-        print("".join(f"        | {e['MESSAGE']}\n" for e in computer.entries()[-12:]), end="")
+        print(
+            "".join(f"        | {e['MESSAGE']}\n" for e in computer.journal_entries()[-12:]), end=""
+        )
         return False
     print(f"ok      {name} ({time.monotonic() - begin_s:.0f} s): {seen}", flush=True)
     return True
 
 
-def _why_not_this_python() -> str:
+def _python_mismatch() -> str:
     """The container runs the checkout's own environment, so it needs the same Python."""
     python = Path(os.path.realpath(sys.executable))
     return "" if python == Path("/usr/bin/python3.11") else f"{python} is not Debian 12's Python"
 
 
-def _clear(tree: Path) -> None:
-    for folder in LEFT:
+def _remove_leftovers(tree: Path) -> None:
+    for folder in LEFTOVER_PATHS:
         shutil.rmtree(tree / folder, ignore_errors=True)
     for unit in list((tree / "etc/systemd").rglob("kinect-vo*")):
         if unit.is_dir():

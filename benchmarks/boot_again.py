@@ -8,35 +8,35 @@ from pathlib import Path
 
 import zenoh
 
-from benchmarks.boot_computer import RENDER_LIMIT_S, Computer
-from benchmarks.boot_listener import Listener, listening
+from benchmarks.boot_computer import RENDER_TIMEOUT_S, BootedComputer
+from benchmarks.boot_listener import BootListener, running_listener
 from tests.ports import free_port
 
-PROFILES = Path(__file__).parents[1] / "config" / "zenoh"
+ZENOH_PROFILES = Path(__file__).parents[1] / "config" / "zenoh"
 INSTALLED = "/usr/local/bin/kinect-vo"
 # With kernels to compile, and 30 % of a processor.
-INSTALL_LIMIT_S = 900.0
+INSTALL_TIMEOUT_S = 900.0
 KEYS = ("ca.pem", "tls.pem", "tls.key")
 
 
-def it_comes_up_with_the_computer(computer: Computer) -> str:
+def check_starts_at_boot(computer: BootedComputer) -> str:
     """After the container was switched off and on: nobody starts it by hand."""
-    taken_s = computer.listener.wait_for_poses(30, RENDER_LIMIT_S)
+    taken_s = computer.listener.wait_for_poses(30, RENDER_TIMEOUT_S)
     return f"poses {taken_s:.0f} s after the boot"
 
 
-def installing_again_leaves_it_running(computer: Computer) -> str:
+def check_reinstall_does_not_restart(computer: BootedComputer) -> str:
     """The same program from the same checkout: nothing to do, nothing restarted."""
-    main = computer.property("MainPID")
+    main = computer.unit_property("MainPID")
     command = [computer.command, "service", "install"]
-    said = computer.container.run(*command, limit_s=INSTALL_LIMIT_S, check=True)
+    said = computer.container.run(*command, limit_s=INSTALL_TIMEOUT_S, check=True)
     changed = [line for line in said.splitlines() if line.endswith(": written")]
-    assert (computer.property("MainPID") == main) == (not changed), f"restarted: {changed}"
-    computer.listener.wait_for_poses(30, RENDER_LIMIT_S)
+    assert (computer.unit_property("MainPID") == main) == (not changed), f"restarted: {changed}"
+    computer.listener.wait_for_poses(30, RENDER_TIMEOUT_S)
     return f"changed: {', '.join(changed) or 'nothing'}"
 
 
-def a_named_one_has_keys_of_its_own(computer: Computer) -> str:
+def check_named_instance(computer: BootedComputer) -> str:
     """kinect-vo@front beside kinect-vo, with the same room in its cache."""
     port = free_port()
     config = computer.tree / "etc/kinect-vo/front.toml"
@@ -45,15 +45,15 @@ def a_named_one_has_keys_of_its_own(computer: Computer) -> str:
         "cp -a /var/cache/private/kinect-vo /var/cache/private/kinect-vo-front"
     )
     command = [computer.command, "service", "install", "--name", "front", "--enable"]
-    computer.container.run(*command, limit_s=INSTALL_LIMIT_S, check=True)
-    with listening(port, "front") as listener:
-        taken_s = listener.wait_for_poses(30, RENDER_LIMIT_S)
-    computer.listener.wait_for_poses(30, RENDER_LIMIT_S)
+    computer.container.run(*command, limit_s=INSTALL_TIMEOUT_S, check=True)
+    with running_listener(port, "front") as listener:
+        taken_s = listener.wait_for_poses(30, RENDER_TIMEOUT_S)
+    computer.listener.wait_for_poses(30, RENDER_TIMEOUT_S)
     computer.container.run("systemctl", "disable", "--now", "kinect-vo@front", check=True)
     return f"poses on front/odom after {taken_s:.0f} s, and still on kinect/odom"
 
 
-def the_network_is_opened_for_those_with_a_certificate(computer: Computer) -> str:
+def check_tls_access(computer: BootedComputer) -> str:
     """The drop-in, the profile, keys that root alone can read: a reader hears poses over TLS."""
     port = free_port()
     with tempfile.TemporaryDirectory() as folder:
@@ -61,32 +61,34 @@ def the_network_is_opened_for_those_with_a_certificate(computer: Computer) -> st
         command = [computer.command, "certificates", str(keys), "--host", "localhost"]
         subprocess.run([*command, "--reader", "reader"], stdout=subprocess.DEVNULL, check=True)
         _install_tls(computer, keys / "localhost", port)
-        profile = (PROFILES / "reader-tls.json5").read_text()
+        profile = (ZENOH_PROFILES / "reader-tls.json5").read_text()
         profile = profile.replace("robot1.local:7451", f"localhost:{port}")
         for name in KEYS:
             profile = profile.replace(f'"{name}"', f'"{keys / "reader" / name}"')
         with zenoh.open(zenoh.Config.from_json5(profile)) as session:
-            taken_s = Listener(session, "kinect").wait_for_poses(30, RENDER_LIMIT_S)
+            taken_s = BootListener(session, "kinect").wait_for_poses(30, RENDER_TIMEOUT_S)
     return f"poses over TLS after {taken_s:.0f} s"
 
 
-def _install_tls(computer: Computer, keys: Path, port: int) -> None:
+def _install_tls(computer: BootedComputer, keys: Path, port: int) -> None:
     folder = computer.tree / "etc/kinect-vo"
     for name in KEYS:
         shutil.copy(keys / name, folder / name)
         (folder / name).chmod(0o600)
-    profile = (PROFILES / "robot-tls.json5").read_text()
+    profile = (ZENOH_PROFILES / "robot-tls.json5").read_text()
     profile = profile.replace(":7451", f":{port}").replace(":7450", f":{computer.port}")
     (folder / "robot-tls.json5").write_text(profile)
     file = 'config_file = "/etc/kinect-vo/robot-tls.json5"'
     config = computer.config_text().replace("[zenoh]", f"[zenoh]\n{file}")
     (folder / "kinect.toml").write_text(config)
     command = [computer.command, "service", "install", "--network-tls"]
-    computer.container.run(*command, limit_s=INSTALL_LIMIT_S, check=True)
-    computer.container.run("systemctl", "restart", "kinect-vo", limit_s=INSTALL_LIMIT_S, check=True)
+    computer.container.run(*command, limit_s=INSTALL_TIMEOUT_S, check=True)
+    computer.container.run(
+        "systemctl", "restart", "kinect-vo", limit_s=INSTALL_TIMEOUT_S, check=True
+    )
 
 
-def a_recording_is_rehearsed_in_its_place(computer: Computer) -> str:
+def check_replay_unit(computer: BootedComputer) -> str:
     """The replay unit stops the live service and is heard instead; then the other way round."""
     computer.write_config()
     record = (
@@ -97,28 +99,28 @@ def a_recording_is_rehearsed_in_its_place(computer: Computer) -> str:
         f"mkdir -p /srv/kinect-vo; rm -rf /srv/kinect-vo/room; {cache} {record}"
     )
     computer.container.run("systemctl", "start", "kinect-vo-replay@room", check=True)
-    live = computer.property("ActiveState")
+    live = computer.unit_property("ActiveState")
     assert live == "inactive", f"the live service is {live}"
-    taken_s = computer.listener.wait_for_poses(100, RENDER_LIMIT_S)
+    taken_s = computer.listener.wait_for_poses(100, RENDER_TIMEOUT_S)
     state = computer.container.run("systemctl", "is-active", "kinect-vo-replay@room").strip()
-    computer.container.run("systemctl", "start", "kinect-vo", limit_s=INSTALL_LIMIT_S, check=True)
+    computer.container.run("systemctl", "start", "kinect-vo", limit_s=INSTALL_TIMEOUT_S, check=True)
     after = computer.container.run("systemctl", "is-active", "kinect-vo-replay@room").strip()
     assert (state, after) == ("active", "inactive"), (state, after)
     return f"100 poses of 2 s of recording after {taken_s:.0f} s"
 
 
-def uninstalling_keeps_what_is_the_owners(computer: Computer) -> str:
+def check_uninstall_keeps_user_files(computer: BootedComputer) -> str:
     """Then `--purge` takes that too."""
     computer.container.run(INSTALLED, "service", "uninstall", check=True)
-    left = _traces(computer.tree)
+    left = _leftover_files(computer.tree)
     assert "etc/kinect-vo" in left, f"left: {left}"
     assert all(path.startswith(("etc/kinect-vo", "var/")) for path in left), f"left: {left}"
     computer.container.run(computer.command, "service", "uninstall", "--purge", check=True)
-    assert _traces(computer.tree) == [], f"left: {_traces(computer.tree)}"
+    assert _leftover_files(computer.tree) == [], f"left: {_leftover_files(computer.tree)}"
     return f"kept: {', '.join(left)}; with --purge nothing"
 
 
-def _traces(tree: Path) -> list[str]:
+def _leftover_files(tree: Path) -> list[str]:
     """What there is of kinect-vo, quota.conf of this test apart."""
     places = [
         "opt/*",
@@ -133,11 +135,11 @@ def _traces(tree: Path) -> list[str]:
     return sorted(str(p.relative_to(tree)) for place in places for p in tree.glob(place))
 
 
-SECOND_BOOT: tuple[Callable[[Computer], str], ...] = (
-    it_comes_up_with_the_computer,
-    installing_again_leaves_it_running,
-    a_named_one_has_keys_of_its_own,
-    the_network_is_opened_for_those_with_a_certificate,
-    a_recording_is_rehearsed_in_its_place,
-    uninstalling_keeps_what_is_the_owners,
+SECOND_BOOT: tuple[Callable[[BootedComputer], str], ...] = (
+    check_starts_at_boot,
+    check_reinstall_does_not_restart,
+    check_named_instance,
+    check_tls_access,
+    check_replay_unit,
+    check_uninstall_keeps_user_files,
 )

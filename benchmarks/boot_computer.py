@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.boot_container import Container
-from benchmarks.boot_listener import Listener
+from benchmarks.boot_listener import BootListener
 
 UNIT = "kinect-vo.service"
-BACK_LIMIT_S = 120.0
+RECOVERY_TIMEOUT_S = 120.0
 # A new version renders its room anew.
-RENDER_LIMIT_S = 900.0
+RENDER_TIMEOUT_S = 900.0
 CONFIG = """\
 schema = 1
 [camera]
@@ -23,20 +23,20 @@ level = "{level}"
 
 
 @dataclass(frozen=True)
-class Computer:
+class BootedComputer:
     """The container, its file system, the command as it lies in the checkout, and who listens."""
 
     container: Container
     tree: Path
     command: str
-    listener: Listener
+    listener: BootListener
     port: int
 
-    def property(self, name: str) -> str:
+    def unit_property(self, name: str) -> str:
         """What systemd says of the service."""
         return self.container.run("systemctl", "show", UNIT, "-p", name, "--value").strip()
 
-    def quota(self, text: str) -> None:
+    def set_cpu_quota(self, text: str) -> None:
         """How much of a processor the service gets from now on."""
         self.container.run("systemctl", "set-property", "--runtime", UNIT, f"CPUQuota={text}")
 
@@ -50,7 +50,7 @@ class Computer:
         """The synthetic camera on the port that is listened to."""
         return CONFIG.format(port=self.port, level=level)
 
-    def entries(self, unit: str = UNIT) -> list[dict[str, str]]:
+    def journal_entries(self, unit: str = UNIT) -> list[dict[str, str]]:
         """The journal of the service."""
         lines = self.container.run("journalctl", "-u", unit, "-o", "json", "--no-pager")
         return [json.loads(line) for line in lines.splitlines() if line.startswith("{")]

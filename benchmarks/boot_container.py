@@ -18,7 +18,7 @@ PACKAGES = (
 TOOLS = ("debootstrap", "systemd-nspawn", "nsenter")
 CGROUPS = Path("/sys/fs/cgroup")
 CONTROLLERS = ("cpu", "cpuacct", "memory", "pids", "devices")
-BOOT_LIMIT_S = 60.0
+BOOT_TIMEOUT_S = 60.0
 # First process of the container: makes limits of processor and memory work in it, where the
 # kernel's control groups are of the first kind and so are mounted read-only in a container.
 INIT = """\
@@ -30,7 +30,7 @@ exec /lib/systemd/systemd
 """
 
 
-def why_not() -> str:
+def unsupported_reason() -> str:
     """Why no container can run here; "" if one can."""
     if os.geteuid() != 0:
         return "only root may run a container"
@@ -42,7 +42,7 @@ def why_not() -> str:
     return ""
 
 
-def make_tree(tree: Path, mirror: str) -> None:
+def bootstrap_tree(tree: Path, mirror: str) -> None:
     """Install a small Debian into a folder, unless it is there; takes a minute or two."""
     if not (tree / "complete").exists():
         shutil.rmtree(tree, ignore_errors=True)
@@ -63,10 +63,10 @@ class Container:
 
     def wait_until_booted(self) -> None:
         """Raises AssertionError if it takes too long."""
-        wait_for(lambda: self._find_first() != 0, BOOT_LIMIT_S, "the container to begin")
+        wait_for(lambda: self._find_init_pid() != 0, BOOT_TIMEOUT_S, "the container to begin")
         wait_for(
             lambda: self.run("systemctl", "is-active", "multi-user.target").strip() == "active",
-            BOOT_LIMIT_S,
+            BOOT_TIMEOUT_S,
             "the container to boot",
         )
 
@@ -100,16 +100,16 @@ class Container:
                 os.kill(process, signal.SIGKILL)
             self._process.wait()
 
-    def _find_first(self) -> int:
+    def _find_init_pid(self) -> int:
         """Its first process, as this computer numbers it; 0 if there is none yet."""
         assert self._process.poll() is None, "systemd-nspawn has ended"
         lists = Path(f"/proc/{self._process.pid}/task").glob("*/children")
         children = [int(child) for each in lists for child in each.read_text().split()]
-        self._first = next((child for child in children if _is_first(child)), 0)
+        self._first = next((child for child in children if _is_init(child)), 0)
         return self._first
 
 
-def _is_first(process: int) -> bool:
+def _is_init(process: int) -> bool:
     """Whether a process is number 1 in a container; systemd-nspawn has passing children too."""
     try:
         status = Path(f"/proc/{process}/status").read_text()
@@ -119,7 +119,7 @@ def _is_first(process: int) -> bool:
 
 
 @contextmanager
-def booted(tree: Path, shared: Sequence[Path], log: Path) -> Iterator[Container]:
+def running_container(tree: Path, shared: Sequence[Path], log: Path) -> Iterator[Container]:
     """The Debian in `tree`, running, with some folders of this computer to read."""
     command = [
         "systemd-nspawn",
@@ -131,14 +131,14 @@ def booted(tree: Path, shared: Sequence[Path], log: Path) -> Iterator[Container]
     command += ["--console=pipe", "--kill-signal=SIGRTMIN+3"]
     if not Path("/run/systemd/system").is_dir():
         command += ["--register=no", "--keep-unit"]
-    groups = _own_groups()
+    groups = _create_cgroups()
     with log.open("wb") as stream:
         process = subprocess.Popen(
             [*command, "/root/init.sh"],
             stdin=subprocess.DEVNULL,
             stdout=stream,
             stderr=stream,
-            preexec_fn=lambda: _enter(groups),
+            preexec_fn=lambda: _enter_cgroups(groups),
         )
     container = Container(process)
     try:
@@ -147,7 +147,7 @@ def booted(tree: Path, shared: Sequence[Path], log: Path) -> Iterator[Container]
     finally:
         container.power_off()
         for group in groups:
-            _remove(group)
+            _remove_cgroup(group)
 
 
 def wait_for(holds: Callable[[], bool], limit_s: float, what: str) -> float:
@@ -159,7 +159,7 @@ def wait_for(holds: Callable[[], bool], limit_s: float, what: str) -> float:
     return time.monotonic() - begin_s
 
 
-def _own_groups() -> list[Path]:
+def _create_cgroups() -> list[Path]:
     """Control groups of the first kind for the container; none where they are of the second."""
     groups = []
     for controller in CONTROLLERS:
@@ -170,12 +170,12 @@ def _own_groups() -> list[Path]:
     return groups
 
 
-def _enter(groups: Sequence[Path]) -> None:
+def _enter_cgroups(groups: Sequence[Path]) -> None:
     for group in groups:
         (group / "cgroup.procs").write_text(str(os.getpid()))
 
 
-def _remove(group: Path) -> None:
+def _remove_cgroup(group: Path) -> None:
     for folder in sorted(group.rglob("*/"), reverse=True):
         with suppress(OSError):
             folder.rmdir()

@@ -14,7 +14,7 @@ SETTINGS = """{{mode: "peer", connect: {{endpoints: ["tcp/127.0.0.1:{port}"]}},
     listen: {{endpoints: []}}, scouting: {{multicast: {{enabled: false}}}}}}"""
 
 
-class Listener:
+class BootListener:
     """Counts poses, and keeps the last status."""
 
     def __init__(self, session: zenoh.Session, prefix: str) -> None:
@@ -22,8 +22,8 @@ class Listener:
         self.status: Mapping[str, Any] = {}
         self._session, self._prefix = session, prefix
         self._subscribers = [
-            session.declare_subscriber(f"{prefix}/odom", self._take_pose),
-            session.declare_subscriber(f"{prefix}/status", self._take_status),
+            session.declare_subscriber(f"{prefix}/odom", self._on_pose),
+            session.declare_subscriber(f"{prefix}/status", self._on_status),
         ]
 
     def wait_for_poses(self, count: int, limit_s: float) -> float:
@@ -31,13 +31,13 @@ class Listener:
         before = self.poses
         return wait_for(lambda: self.poses >= before + count, limit_s, f"{count} poses")
 
-    def poses_per_s(self, seconds: float) -> float:
+    def measure_pose_rate(self, seconds: float) -> float:
         """How many come, over so long a time."""
         before = self.poses
         time.sleep(seconds)
         return (self.poses - before) / seconds
 
-    def command(self, name: str) -> str:
+    def send_command(self, name: str) -> str:
         """Ask the service for something; its answer."""
         replies = self._session.get(f"{self._prefix}/command/{name}", payload=b"{}", timeout=5.0)
         for reply in replies:
@@ -46,15 +46,15 @@ class Listener:
             return result.payload.to_string()
         raise AssertionError(f"nobody answered {name}")
 
-    def _take_pose(self, sample: zenoh.Sample) -> None:
+    def _on_pose(self, sample: zenoh.Sample) -> None:
         self.poses += 1
 
-    def _take_status(self, sample: zenoh.Sample) -> None:
+    def _on_status(self, sample: zenoh.Sample) -> None:
         self.status = json.loads(sample.payload.to_bytes())
 
 
 @contextmanager
-def listening(port: int, prefix: str = "kinect") -> Iterator[Listener]:
+def running_listener(port: int, prefix: str = "kinect") -> Iterator[BootListener]:
     """One for a service that listens on a port of this computer."""
     with zenoh.open(zenoh.Config.from_json5(SETTINGS.format(port=port))) as session:
-        yield Listener(session, prefix)
+        yield BootListener(session, prefix)

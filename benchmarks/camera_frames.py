@@ -7,7 +7,7 @@ from drivers.camera import EndOfStream, RgbdCamera, RgbdFrame
 READ_TIMEOUT_S = 60.0
 
 
-def all_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
+def read_all_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
     """Frames of an open camera until it ends."""
     while True:
         try:

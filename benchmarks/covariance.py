@@ -24,14 +24,14 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks.covariance_measure import Squares, measure
-from benchmarks.covariance_rooms import SEEDS, rooms
+from benchmarks.covariance_measure import NormalizedErrors, measure
+from benchmarks.covariance_rooms import SEEDS, make_configs
 from benchmarks.rendered import render_all
 from drivers.errors import InputError, UserFacingError
-from vo_service.evaluation.consistency import Consistency, consistency
+from vo_service.evaluation.consistency import NeesStatistics, summarize_nees
 from vo_service.methods import METHODS
 
-Row = Mapping[str, Consistency | None]
+ConsistencyRow = Mapping[str, NeesStatistics | None]
 
 HEAD = f"{'':42}{'motions':>8}{'since: mean':>13}{'in 95 %':>9}{'step: mean':>12}{'in 95 %':>9}"
 
@@ -72,42 +72,42 @@ def _folders(args: argparse.Namespace) -> list[Path]:
         if not args.folder:
             raise InputError("nothing to measure: name a folder, or --rooms FOLDER")
         return list(args.folder)
-    wanted = {args.rooms / name: config for name, config in rooms(args.seeds).items()}
+    wanted = {args.rooms / name: config for name, config in make_configs(args.seeds).items()}
     args.rooms.mkdir(parents=True, exist_ok=True)
     render_all(wanted, lambda line: print(line, file=sys.stderr, flush=True), args.processes)
     return [*args.folder, *wanted]
 
 
-def _print_now(line: str) -> None:
+def _print_line(line: str) -> None:
     print(line, flush=True)
 
 
-def run(folders: list[Path], method: str, every: int, silent: bool) -> dict[str, Row]:
+def run(folders: list[Path], method: str, every: int, silent: bool) -> dict[str, ConsistencyRow]:
     """A row for each folder, then one for all of them."""
-    tell: Callable[[str], None] = (lambda line: None) if silent else _print_now
+    tell: Callable[[str], None] = (lambda line: None) if silent else _print_line
     tell(HEAD)
-    together, results = Squares(), dict[str, Row]()
+    together, results = NormalizedErrors(), dict[str, ConsistencyRow]()
     for folder in folders:
         squares = measure(method, folder, every)
-        together.add(squares)
-        results[str(folder)] = _row(squares)
-        tell(_as_text(folder.name, results[str(folder)]))
-    results["together"] = _row(together)
-    tell(_as_text("together", results["together"]))
+        together.extend(squares)
+        results[str(folder)] = _consistency_row(squares)
+        tell(_format_row(folder.name, results[str(folder)]))
+    results["together"] = _consistency_row(together)
+    tell(_format_row("together", results["together"]))
     return results
 
 
-def _row(squares: Squares) -> Row:
-    return {"since": consistency(squares.since), "step": consistency(squares.step)}
+def _consistency_row(squares: NormalizedErrors) -> ConsistencyRow:
+    return {"since": summarize_nees(squares.since_reference), "step": summarize_nees(squares.step)}
 
 
-def _as_text(name: str, row: Row) -> str:
+def _format_row(name: str, row: ConsistencyRow) -> str:
     since, step = row["since"], row["step"]
     if since is None or step is None:
         return f"{name:42}{0:8}"
     return (
-        f"{name:42}{since.count:8}{since.mean:13.2f}{100 * since.within:9.1f}"
-        f"{step.mean:12.2f}{100 * step.within:9.1f}"
+        f"{name:42}{since.count:8}{since.mean_per_dof:13.2f}{100 * since.fraction_within_95:9.1f}"
+        f"{step.mean_per_dof:12.2f}{100 * step.fraction_within_95:9.1f}"
     )
 
 

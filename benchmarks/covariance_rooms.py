@@ -2,19 +2,19 @@
 
 from collections.abc import Sequence
 
-from drivers.synthetic.config import Motion, SyntheticConfig, Timing
+from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
 
 SEEDS = tuple(range(101, 113))
 DURATION_S = 5.0
-MOTIONS = (Motion.HAND_HELD, Motion.ORBIT, Motion.FLOOR, Motion.SMOOTH)
+MOTIONS = (MotionKind.HAND_HELD, MotionKind.ORBIT, MotionKind.FLOOR, MotionKind.SMOOTH)
 TIMINGS = {
-    "ideal": Timing(0.0, 0.0),
-    "rolling-10": Timing(0.020, 0.010),
-    "rolling--12": Timing(0.020, -0.012),
+    "ideal": ShutterTiming(0.0, 0.0),
+    "rolling-10": ShutterTiming(0.020, 0.010),
+    "rolling--12": ShutterTiming(0.020, -0.012),
 }
 
 
-def rooms(seeds: Sequence[int]) -> dict[str, SyntheticConfig]:
+def make_configs(seeds: Sequence[int]) -> dict[str, SyntheticConfig]:
     """By name: each seed is another room, another motion and another timing than the one before."""
     kinds = list(TIMINGS)
     found = {}

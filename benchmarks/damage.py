@@ -10,104 +10,108 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, rotation_from_vector
+from drivers.geometry import Array, so3_exp
 
 Frames = list[RgbdFrame]
 Image = NDArray[np.integer[Any]]
-Spoiler = Callable[[Frames], Frames]  # a piece of frames as it comes through, perhaps shorter
+FrameTransform = Callable[
+    [Frames], Frames
+]  # a piece of frames as it comes through, perhaps shorter
 
-SHOTS = 9  # views within the exposure that are averaged for motion blur
+BLUR_SAMPLES = 9  # views within the exposure that are averaged for motion blur
 
 
 @dataclass(frozen=True)
-class Swing:
+class SwingMotion:
     """The camera swings about its own axes, away and back, and to the other side.
 
     furthest_rad  (3,) rotation vector
     """
 
-    furthest_rad: tuple[float, float, float]
+    max_rotation_rad: tuple[float, float, float]
     rate_hz: float
     exposure_s: float
 
-    def at(self, time_s: float) -> Array:
+    def rotation_at(self, time_s: float) -> Array:
         """R_mounting_camera, 3x3."""
-        furthest_rad = np.array(self.furthest_rad)
-        return rotation_from_vector(furthest_rad * np.sin(2 * np.pi * self.rate_hz * time_s))
+        furthest_rad = np.array(self.max_rotation_rad)
+        return so3_exp(furthest_rad * np.sin(2 * np.pi * self.rate_hz * time_s))
 
 
 @dataclass(frozen=True)
-class Damage:
+class FrameCorruption:
     """`pieces` pieces, evenly spread, of `frames` frames each, that `spoil` makes worse."""
 
-    spoil: Spoiler
+    corrupt: FrameTransform
     frames: int
     pieces: int
 
-    def strike(self, frames: Frames) -> Frames:
+    def apply(self, frames: Frames) -> Frames:
         """What comes through; what lies between the pieces does as it is."""
         out: Frames = []
         begin = 0
         for n in range(self.pieces):
             first = (2 * n + 1) * len(frames) // (2 * self.pieces) - self.frames // 2
             last = first + self.frames
-            out += frames[begin:first] + self.spoil(frames[first:last])
+            out += frames[begin:first] + self.corrupt(frames[first:last])
             begin = last
         return out + frames[begin:]
 
 
-def black(piece: Frames) -> Frames:
+def blacken(piece: Frames) -> Frames:
     """No light; depth needs none."""
-    return [replace(f, colour_bgr=np.zeros_like(f.colour_bgr)) for f in piece]
+    return [replace(f, color_bgr=np.zeros_like(f.color_bgr)) for f in piece]
 
 
-def frozen(piece: Frames) -> Frames:
+def freeze(piece: Frames) -> Frames:
     """The first picture again and again, under new stamps."""
     first = piece[0]
-    return [replace(f, colour_bgr=first.colour_bgr, depth_raw=first.depth_raw) for f in piece]
+    return [replace(f, color_bgr=first.color_bgr, depth_raw=first.depth_raw) for f in piece]
 
 
-def noise(piece: Frames) -> Frames:
+def replace_with_noise(piece: Frames) -> Frames:
     """Nothing but noise in colour and depth."""
-    return [_noise(f) for f in piece]
+    return [_noise_frame(f) for f in piece]
 
 
-def missing(piece: Frames) -> Frames:
+def remove(piece: Frames) -> Frames:
     """Nothing comes."""
     return piece[:0]
 
 
-def swung(piece: Frames, swing: Swing) -> Frames:
+def add_swing(piece: Frames, motion: SwingMotion) -> Frames:
     """The camera swings, and comes back to where it was; with motion blur."""
     begin_s = piece[0].stamp_s
-    return [_turned(f, swing, f.stamp_s - begin_s) for f in piece]
+    return [_rotate(f, motion, f.stamp_s - begin_s) for f in piece]
 
 
-def _noise(frame: RgbdFrame) -> RgbdFrame:
+def _noise_frame(frame: RgbdFrame) -> RgbdFrame:
     random = np.random.default_rng(frame.seq)
-    shape = frame.colour_bgr.shape
+    shape = frame.color_bgr.shape
     grey = random.integers(0, 256, (*shape[:2], 1), np.uint8)
     farthest = int(5.0 * frame.depth_factor)
     return replace(
         frame,
-        colour_bgr=np.repeat(grey, 3, axis=2),
+        color_bgr=np.repeat(grey, 3, axis=2),
         depth_raw=random.integers(0, farthest, shape[:2]).astype(np.uint16),
     )
 
 
-def _turned(frame: RgbdFrame, swing: Swing, time_s: float) -> RgbdFrame:
-    exposed_s = time_s + swing.exposure_s * np.linspace(-0.5, 0.5, SHOTS)
-    shots = [_warped(frame.colour_bgr, frame, swing.at(t), cv2.INTER_LINEAR) for t in exposed_s]
-    R = swing.at(time_s)
-    depth = _warped(frame.depth_raw, frame, R, cv2.INTER_NEAREST)
+def _rotate(frame: RgbdFrame, swing: SwingMotion, time_s: float) -> RgbdFrame:
+    exposed_s = time_s + swing.exposure_s * np.linspace(-0.5, 0.5, BLUR_SAMPLES)
+    shots = [
+        _warp(frame.color_bgr, frame, swing.rotation_at(t), cv2.INTER_LINEAR) for t in exposed_s
+    ]
+    R = swing.rotation_at(time_s)
+    depth = _warp(frame.depth_raw, frame, R, cv2.INTER_NEAREST)
     return replace(
         frame,
-        colour_bgr=np.mean(shots, axis=0).astype(np.uint8),
-        depth_raw=np.rint(depth * _along_new_axis(frame, R)).astype(np.uint16),
+        color_bgr=np.mean(shots, axis=0).astype(np.uint8),
+        depth_raw=np.rint(depth * _depth_scale(frame, R)).astype(np.uint16),
     )
 
 
-def _warped(image: Image, frame: RgbdFrame, R: Array, interpolation: int) -> Image:
+def _warp(image: Image, frame: RgbdFrame, R: Array, interpolation: int) -> Image:
     """What the turned camera sees of an image: a pixel's ray, turned back, is where it was."""
     K = frame.camera.K
     size = frame.camera.width, frame.camera.height
@@ -116,7 +120,7 @@ def _warped(image: Image, frame: RgbdFrame, R: Array, interpolation: int) -> Ima
     return np.asarray(cv2.warpPerspective(image, mapping, size, flags=flags))
 
 
-def _along_new_axis(frame: RgbdFrame, R: Array) -> Array:
+def _depth_scale(frame: RgbdFrame, R: Array) -> Array:
     """(H, W) depth along the turned camera's axis, of one metre along the old one's."""
     camera = frame.camera
     x = (np.arange(camera.width) - camera.cx) / camera.fx
@@ -126,18 +130,18 @@ def _along_new_axis(frame: RgbdFrame, R: Array) -> Array:
 
 
 # A blow against the robot: 14 degrees a frame at most.
-SHAKE = Swing((0.15, 0.4, 0.1), rate_hz=2.75, exposure_s=0.012)
+SHAKE = SwingMotion((0.15, 0.4, 0.1), rate_hz=2.75, exposure_s=0.012)
 # A turn to one side and the other in a dim room: 4 degrees a frame at most.
-PAN = Swing((0.15, 0.7, 0.1), rate_hz=0.5, exposure_s=0.025)
+PAN = SwingMotion((0.15, 0.7, 0.1), rate_hz=0.5, exposure_s=0.025)
 
-DAMAGES: Mapping[str, Damage] = {
-    "black 0.5 s": Damage(black, 15, 4),
-    "frozen 0.5 s": Damage(frozen, 15, 4),
-    "noise 0.5 s": Damage(noise, 15, 4),
-    "shaken 1 s": Damage(partial(swung, swing=SHAKE), 30, 3),
-    "panned 2 s": Damage(partial(swung, swing=PAN), 60, 2),
-    "missing 0.5 s": Damage(missing, 15, 4),
-    "missing 1 s": Damage(missing, 30, 3),
-    "missing 2 s": Damage(missing, 60, 2),
-    "missing 3 s": Damage(missing, 90, 1),
+CORRUPTIONS: Mapping[str, FrameCorruption] = {
+    "black 0.5 s": FrameCorruption(blacken, 15, 4),
+    "frozen 0.5 s": FrameCorruption(freeze, 15, 4),
+    "noise 0.5 s": FrameCorruption(replace_with_noise, 15, 4),
+    "shaken 1 s": FrameCorruption(partial(add_swing, motion=SHAKE), 30, 3),
+    "panned 2 s": FrameCorruption(partial(add_swing, motion=PAN), 60, 2),
+    "missing 0.5 s": FrameCorruption(remove, 15, 4),
+    "missing 1 s": FrameCorruption(remove, 30, 3),
+    "missing 2 s": FrameCorruption(remove, 60, 2),
+    "missing 3 s": FrameCorruption(remove, 90, 1),
 }

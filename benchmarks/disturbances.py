@@ -14,80 +14,88 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.pose_arrivals import listening
-from tests.belongings import child_running
+from benchmarks.pose_arrivals import running_recorder
+from tests.belongings import find_child_running
 from tests.ports import free_port
 from tests.stand_ins.zenoh_router import running_router
-from tests.vo_service.played_service import PlayedService
+from tests.vo_service.played_service import ServiceProcess
 from vo_service.client import CommandRefused, PoseClient
 
-Act = Callable[[PlayedService], None]
+Action = Callable[[ServiceProcess], None]
 
 
 @dataclass(frozen=True)
-class Scene:
+class InterferenceSetup:
     """How the service is set up, and what happens: (share of the measured time, what) in order."""
 
     more_config: str
-    acts: tuple[tuple[float, Act], ...] = ()
+    actions: tuple[tuple[float, Action], ...] = ()
 
 
 @dataclass(frozen=True)
-class Case:
+class InterferenceCase:
     """A name, and a context that has everything ready around the service."""
 
     name: str
-    setting: Callable[[Path], AbstractContextManager[Scene]]
+    setup: Callable[[Path], AbstractContextManager[InterferenceSetup]]
 
 
 @contextmanager
-def viewer_recording(folder: Path) -> Iterator[Scene]:
+def record_to_viewer_file(folder: Path) -> Iterator[InterferenceSetup]:
     """Nothing is wrong."""
-    yield Scene(_viewers(_recording(folder)))
+    yield InterferenceSetup(_viewers(_recording(folder)))
 
 
 @contextmanager
-def viewer_process_frozen(folder: Path) -> Iterator[Scene]:
+def freeze_viewer_process(folder: Path) -> Iterator[InterferenceSetup]:
     """The process in which the service's own viewer side runs is stopped."""
-    yield Scene(_viewers(_recording(folder)), ((0.0, _to_viewer_process(signal.SIGSTOP)),))
+    yield InterferenceSetup(
+        _viewers(_recording(folder)), ((0.0, _make_viewer_signal_action(signal.SIGSTOP)),)
+    )
 
 
 @contextmanager
-def viewer_process_killed(folder: Path) -> Iterator[Scene]:
+def kill_viewer_process(folder: Path) -> Iterator[InterferenceSetup]:
     """That process is killed."""
-    yield Scene(_viewers(_recording(folder)), ((0.3, _to_viewer_process(signal.SIGKILL)),))
+    yield InterferenceSetup(
+        _viewers(_recording(folder)), ((0.3, _make_viewer_signal_action(signal.SIGKILL)),)
+    )
 
 
 @contextmanager
-def viewer_frozen(folder: Path) -> Iterator[Scene]:
+def freeze_viewer(folder: Path) -> Iterator[InterferenceSetup]:
     """The Rerun viewer that the service is connected to is stopped."""
     with _rerun_server() as (server, port):
-        stop = _signalling(server, signal.SIGSTOP)
-        yield Scene(_viewers(_recording(folder), f"connect:127.0.0.1:{port}"), ((0.0, stop),))
+        stop = _make_signal_action(server, signal.SIGSTOP)
+        yield InterferenceSetup(
+            _viewers(_recording(folder), f"connect:127.0.0.1:{port}"), ((0.0, stop),)
+        )
 
 
 @contextmanager
-def viewer_killed(folder: Path) -> Iterator[Scene]:
+def kill_viewer(folder: Path) -> Iterator[InterferenceSetup]:
     """The Rerun viewer that the service is connected to is killed."""
     with _rerun_server() as (server, port):
-        kill = _signalling(server, signal.SIGKILL)
-        yield Scene(_viewers(_recording(folder), f"connect:127.0.0.1:{port}"), ((0.3, kill),))
+        kill = _make_signal_action(server, signal.SIGKILL)
+        yield InterferenceSetup(
+            _viewers(_recording(folder), f"connect:127.0.0.1:{port}"), ((0.3, kill),)
+        )
 
 
 @contextmanager
-def viewer_never_started(folder: Path) -> Iterator[Scene]:
+def missing_viewer(folder: Path) -> Iterator[InterferenceSetup]:
     """Nobody listens where the service sends its pictures."""
-    yield Scene(_viewers(_recording(folder), f"connect:127.0.0.1:{free_port()}"))
+    yield InterferenceSetup(_viewers(_recording(folder), f"connect:127.0.0.1:{free_port()}"))
 
 
 @contextmanager
-def subscriber_frozen(folder: Path) -> Iterator[Scene]:
+def freeze_subscriber(folder: Path) -> Iterator[InterferenceSetup]:
     """Beside the healthy subscriber there is one that is stopped."""
     frozen: list[int] = []
     contexts = []
 
-    def freeze(service: PlayedService) -> None:
-        context = listening(f"tcp/127.0.0.1:{service.port}", folder / "frozen.npz")
+    def freeze(service: ServiceProcess) -> None:
+        context = running_recorder(f"tcp/127.0.0.1:{service.port}", folder / "frozen.npz")
         listener = context.__enter__()
         contexts.append(context)
         time.sleep(0.5)
@@ -95,49 +103,49 @@ def subscriber_frozen(folder: Path) -> Iterator[Scene]:
         frozen.append(listener.process.pid)
 
     try:
-        yield Scene(_viewers(_recording(folder)), ((0.0, freeze),))
+        yield InterferenceSetup(_viewers(_recording(folder)), ((0.0, freeze),))
     finally:
         for context in contexts:
             context.__exit__(None, None, None)
 
 
 @contextmanager
-def router_gone_and_back(folder: Path) -> Iterator[Scene]:
+def restart_router(folder: Path) -> Iterator[InterferenceSetup]:
     """The service is connected to a router, which is killed and started again."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with running_router(endpoint) as router:
         config = f"connect = {json.dumps([endpoint])}\n{_viewers(_recording(folder))}"
-        acts: tuple[tuple[float, Act], ...] = (
+        acts: tuple[tuple[float, Action], ...] = (
             (0.3, lambda service: router.kill()),
             (0.6, lambda service: router.start()),
         )
-        yield Scene(config, acts)
+        yield InterferenceSetup(config, acts)
 
 
 @contextmanager
-def maps_made(folder: Path) -> Iterator[Scene]:
+def save_maps(folder: Path) -> Iterator[InterferenceSetup]:
     """A map is asked for four times, fine ones: most of the time one is being made."""
     config = f"{_viewers(_recording(folder))}[map]\nvoxel_m = 0.01\n"
-    yield Scene(config, tuple((share, _save_map) for share in (0.0, 0.25, 0.5, 0.75)))
+    yield InterferenceSetup(config, tuple((share, _save_map) for share in (0.0, 0.25, 0.5, 0.75)))
 
 
 @contextmanager
-def no_places_known(folder: Path) -> Iterator[Scene]:
+def disable_loop_closure(folder: Path) -> Iterator[InterferenceSetup]:
     """Nothing is wrong, and no place is remembered: the others show what that costs."""
-    yield Scene(f"{_viewers(_recording(folder))}[map]\nloops = false\n")
+    yield InterferenceSetup(f"{_viewers(_recording(folder))}[map]\nloops = false\n")
 
 
 CASES = (
-    Case("viewer recording", viewer_recording),
-    Case("viewer's process frozen", viewer_process_frozen),
-    Case("viewer's process killed", viewer_process_killed),
-    Case("viewer frozen", viewer_frozen),
-    Case("viewer killed", viewer_killed),
-    Case("viewer never started", viewer_never_started),
-    Case("subscriber frozen", subscriber_frozen),
-    Case("router killed and back", router_gone_and_back),
-    Case("maps made", maps_made),
-    Case("no places known", no_places_known),
+    InterferenceCase("viewer recording", record_to_viewer_file),
+    InterferenceCase("viewer's process frozen", freeze_viewer_process),
+    InterferenceCase("viewer's process killed", kill_viewer_process),
+    InterferenceCase("viewer frozen", freeze_viewer),
+    InterferenceCase("viewer killed", kill_viewer),
+    InterferenceCase("viewer never started", missing_viewer),
+    InterferenceCase("subscriber frozen", freeze_subscriber),
+    InterferenceCase("router killed and back", restart_router),
+    InterferenceCase("maps made", save_maps),
+    InterferenceCase("no places known", disable_loop_closure),
 )
 
 
@@ -149,21 +157,21 @@ def _viewers(*targets: str) -> str:
     return f"[rerun]\ntargets = {json.dumps(targets)}\n"
 
 
-def _to_viewer_process(number: signal.Signals) -> Act:
-    def send(service: PlayedService) -> None:
-        os.kill(child_running(service.process.pid, "vo_service.viewer.child"), number)
+def _make_viewer_signal_action(number: signal.Signals) -> Action:
+    def send(service: ServiceProcess) -> None:
+        os.kill(find_child_running(service.process.pid, "vo_service.viewer.child"), number)
 
     return send
 
 
-def _save_map(service: PlayedService) -> None:
+def _save_map(service: ServiceProcess) -> None:
     with PoseClient(connect=f"tcp/127.0.0.1:{service.port}") as client:
         client.wait_for_publisher(5.0)
         with suppress(CommandRefused):  # the one before is not finished
             client.save_map(f"map-{time.monotonic_ns()}")
 
 
-def _signalling(process: "subprocess.Popen[bytes]", number: signal.Signals) -> Act:
+def _make_signal_action(process: "subprocess.Popen[bytes]", number: signal.Signals) -> Action:
     return lambda service: process.send_signal(number)
 
 

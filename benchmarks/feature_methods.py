@@ -31,10 +31,10 @@ class FeatureSet:
         return len(self.position_px)
 
 
-Method = Callable[[Grey], FeatureSet]
+FeatureMethod = Callable[[Grey], FeatureSet]
 
 
-def surf(upright: bool = False) -> Method:
+def make_surf(upright: bool = False) -> FeatureMethod:
     """Ours, the strongest 1000."""
     extractor = SurfExtractor(COUNT, upright)
 
@@ -49,7 +49,7 @@ def surf(upright: bool = False) -> Method:
     return extract
 
 
-def opencv(detector: cv2.Feature2D) -> Method:
+def make_opencv_method(detector: cv2.Feature2D) -> FeatureMethod:
     """One of OpenCV's."""
 
     def extract(image: Grey) -> FeatureSet:
@@ -61,12 +61,12 @@ def opencv(detector: cv2.Feature2D) -> Method:
     return extract
 
 
-def all_methods() -> dict[str, Method]:
+def make_all_methods() -> dict[str, FeatureMethod]:
     """The methods of the table, each ready to use."""
     return {
-        "SURF": surf(),
-        "SIFT": opencv(cv2.SIFT_create(COUNT)),  # type: ignore[attr-defined]
-        "ORB": opencv(cv2.ORB_create(COUNT)),  # type: ignore[attr-defined]
+        "SURF": make_surf(),
+        "SIFT": make_opencv_method(cv2.SIFT_create(COUNT)),  # type: ignore[attr-defined]
+        "ORB": make_opencv_method(cv2.ORB_create(COUNT)),  # type: ignore[attr-defined]
     }
 
 

@@ -21,20 +21,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.feature_methods import Method, all_methods
-from benchmarks.feature_scores import Score, score
-from benchmarks.image_changes import Grey, all_changes
+from benchmarks.feature_methods import FeatureMethod, make_all_methods
+from benchmarks.feature_scores import FeatureScore, score_features
+from benchmarks.image_changes import Grey, all_transforms
 from drivers.errors import InputError, UserFacingError
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
-from drivers.tum.folder import paired_frames
+from drivers.tum.folder import read_frame_pairs
 
 SYNTHETIC = SyntheticConfig(duration_s=18.0, rate_hz=1 / 3)  # six views, far apart
 TIMING_ROUNDS = 5
 
 
 @dataclass(frozen=True)
-class Result:
+class FeatureBenchmarkResult:
     """Means over all images and changes of one method.
 
     features             of an unchanged image
@@ -70,23 +70,23 @@ def main() -> int:
     args = parser.parse_args()
     cv2.setNumThreads(1)
     try:
-        images = list(load(args.source, args.frames))
+        images = list(load_images(args.source, args.frames))
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     results = {}
-    for name, method in all_methods().items():
+    for name, method in make_all_methods().items():
         print(f"measuring {name} ...", file=sys.stderr)
         results[name] = measure(method, images)
     if args.json:
         print(json.dumps({name: asdict(result) for name, result in results.items()}))
     else:
-        print(f"{len(images)} images, {len(all_changes())} changes of each")
-        print(table(results))
+        print(f"{len(images)} images, {len(all_transforms())} changes of each")
+        print(format_table(results))
     return 0
 
 
-def load(sources: list[Path], frames: int) -> Iterator[Grey]:
+def load_images(sources: list[Path], frames: int) -> Iterator[Grey]:
     """Grey images of folders (so many, evenly spread) and files, or of the virtual Kinect.
 
     Raises InputError if one cannot be read.
@@ -94,32 +94,32 @@ def load(sources: list[Path], frames: int) -> Iterator[Grey]:
     if not sources:
         with SyntheticCamera(SYNTHETIC) as camera:
             for _ in range(SYNTHETIC.frame_count):
-                yield camera.read(timeout_s=60.0).grey
+                yield camera.read(timeout_s=60.0).gray
     for source in sources:
-        for file in spread(source, frames) if source.is_dir() else [source]:
+        for file in sample_images(source, frames) if source.is_dir() else [source]:
             image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
             if image is None:
                 raise InputError(f"{file}: not an image that can be read")
             yield np.asarray(image, np.uint8)
 
 
-def spread(folder: Path, count: int) -> list[Path]:
+def sample_images(folder: Path, count: int) -> list[Path]:
     """The colour images of so many frames of a folder, from its first to its last."""
-    pairs = paired_frames(folder).pairs
+    pairs = read_frame_pairs(folder).pairs
     chosen = np.unique(np.linspace(0, len(pairs) - 1, max(count, 1)).round().astype(int))
     return [pairs[i].colour.file for i in chosen]
 
 
-def measure(method: Method, images: list[Grey]) -> Result:
+def measure(method: FeatureMethod, images: list[Grey]) -> FeatureBenchmarkResult:
     """All changes of all images, and the time of the images as they are."""
-    cpu_s, features = np.mean([cost(method, image) for image in images], axis=0)
-    scores = [found for image in images for found in scores_of(method, image)]
+    cpu_s, features = np.mean([measure_cost(method, image) for image in images], axis=0)
+    scores = [found for image in images for found in score_method(method, image)]
     every = [found for _, found in scores]
     groups = dict.fromkeys(group for group, _ in scores)
-    return Result(
+    return FeatureBenchmarkResult(
         features=float(features),
-        repeatability=mean([s.repeated / s.possible for s in every if s.possible]),
-        score=mean([s.correct / s.possible for s in every if s.possible]),
+        repeatability=mean([s.repeated / s.max_repeatable for s in every if s.max_repeatable]),
+        score=mean([s.correct / s.max_repeatable for s in every if s.max_repeatable]),
         precision=mean([s.correct / s.matches for s in every if s.matches]),
         correct=mean([s.correct for s in every]),
         correct_by_change={
@@ -131,16 +131,16 @@ def measure(method: Method, images: list[Grey]) -> Result:
     )
 
 
-def scores_of(method: Method, image: Grey) -> Iterator[tuple[str, Score]]:
+def score_method(method: FeatureMethod, image: Grey) -> Iterator[tuple[str, FeatureScore]]:
     """What becomes of the features of one image under each change, beside the kind of change."""
     size = (image.shape[1], image.shape[0])
     original = method(image)
-    for change in all_changes():
+    for change in all_transforms():
         changed = method(change.apply(image))
-        yield change.group, score(original, changed, change.homography(image), size)
+        yield change.group, score_features(original, changed, change.homography(image), size)
 
 
-def cost(method: Method, image: Grey) -> tuple[float, int]:
+def measure_cost(method: FeatureMethod, image: Grey) -> tuple[float, int]:
     """CPU seconds, the median of a few rounds after one that compiles, and features found."""
     features = len(method(image))
     spent_s = []
@@ -156,7 +156,7 @@ def mean(values: list[float]) -> float:
     return float(np.mean(values)) if values else 0.0
 
 
-def table(results: dict[str, Result]) -> str:
+def format_table(results: dict[str, FeatureBenchmarkResult]) -> str:
     """One line a method."""
     groups = list(next(iter(results.values())).correct_by_change)
     heads = ["features", "repeat.", "score", "precision", "correct", *groups]

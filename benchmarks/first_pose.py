@@ -23,8 +23,8 @@ from tests.ports import free_port
 from vo_service.client import PoseClient
 
 KINECT_VO = Path(sys.executable).with_name("kinect-vo")
-LIMIT_S = 300.0
-LOOK_EVERY_S = 0.05
+TIMEOUT_S = 300.0
+POLL_PERIOD_S = 0.05
 JPEG = b"\xff\xd8\xff"
 
 
@@ -37,14 +37,17 @@ def main() -> None:
     )
     parser.add_argument("--rounds", type=int, default=3, help="starts of each (default: 3)")
     args = parser.parse_args()
-    cases = {"first pose of run": first_pose_s, "first picture of demo": first_picture_s}
+    cases = {
+        "first pose of run": measure_first_pose_s,
+        "first picture of demo": measure_first_picture_s,
+    }
     for name, measure in cases.items():
-        taken_s = sorted(measured_s(measure) for _ in range(args.rounds))
+        taken_s = sorted(measure_start_s(measure) for _ in range(args.rounds))
         each = ", ".join(f"{seconds:.1f}" for seconds in taken_s)
         print(f"{name}: {statistics.median(taken_s):.1f} s (all: {each})")
 
 
-def measured_s(measure: Callable[[Path, Path, int], float]) -> float:
+def measure_start_s(measure: Callable[[Path, Path, int], float]) -> float:
     """One start in an empty folder, with a configuration that publishes on a free port."""
     with tempfile.TemporaryDirectory() as name:
         folder, port = Path(name), free_port()
@@ -53,31 +56,33 @@ def measured_s(measure: Callable[[Path, Path, int], float]) -> float:
         return measure(folder, config, port)
 
 
-def first_pose_s(folder: Path, config: Path, port: int) -> float:
+def measure_first_pose_s(folder: Path, config: Path, port: int) -> float:
     """Seconds until a client has the first pose of the service."""
     begin_s = time.monotonic()
     with (
-        started(folder, "run", "--camera", "synthetic", "--config", config),
+        running_command(folder, "run", "--camera", "synthetic", "--config", config),
         PoseClient(connect=f"tcp/127.0.0.1:{port}") as client,
     ):
-        next(iter(client.poses(timeout_s=LIMIT_S)))
+        next(iter(client.poses(timeout_s=TIMEOUT_S)))
         return time.monotonic() - begin_s
 
 
-def first_picture_s(folder: Path, config: Path, port: int) -> float:
+def measure_first_picture_s(folder: Path, config: Path, port: int) -> float:
     """Seconds until the demo's recording holds an image."""
     recording = folder / "demo" / "demo.rrd"
     begin_s = time.monotonic()
-    with started(folder, "demo", "--config", config, "--output", recording.parent) as process:
+    with running_command(
+        folder, "demo", "--config", config, "--output", recording.parent
+    ) as process:
         while not (recording.exists() and JPEG in recording.read_bytes()):
-            if process.poll() is not None or time.monotonic() - begin_s > LIMIT_S:
+            if process.poll() is not None or time.monotonic() - begin_s > TIMEOUT_S:
                 raise RuntimeError("the demo recorded no image")
-            time.sleep(LOOK_EVERY_S)
+            time.sleep(POLL_PERIOD_S)
         return time.monotonic() - begin_s
 
 
 @contextmanager
-def started(folder: Path, *arguments: object) -> Iterator["subprocess.Popen[bytes]"]:
+def running_command(folder: Path, *arguments: object) -> Iterator["subprocess.Popen[bytes]"]:
     """A command with a cache of its own, ended when the block is left."""
     caches = {"XDG_CACHE_HOME": folder / "cache", "XDG_STATE_HOME": folder / "state"}
     environment = os.environ | {name: str(path) for name, path in caches.items()}

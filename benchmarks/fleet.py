@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.fleet_files import fleet_files
-from benchmarks.processor_use import processor_use
+from benchmarks.fleet_files import write_fleet_files
+from benchmarks.processor_use import measure_processor_use
 from drivers.geometry import Array
 from tests.ports import free_port
 from tests.vo_service.played_service import KINECT_VO
@@ -35,7 +35,7 @@ READER = (sys.executable, "-m", "benchmarks.fleet_reader")
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FleetResult:
     """What the reader heard, and what it cost."""
 
     sent: int
@@ -46,7 +46,7 @@ class Outcome:
     steal_percent: float
 
     @property
-    def lost(self) -> int:
+    def lost_poses(self) -> int:
         """Poses that never came."""
         return self.sent - len(self.latency_ms)
 
@@ -60,33 +60,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         outcome = measure(Path(folder), args.robots, args.seconds, args.processes)
-    print(table(outcome, args.robots, args.seconds))
-    return 1 if outcome.lost else 0
+    print(format_table(outcome, args.robots, args.seconds))
+    return 1 if outcome.lost_poses else 0
 
 
-def measure(folder: Path, robots: int, seconds: int, processes: int) -> Outcome:
+def measure(folder: Path, robots: int, seconds: int, processes: int) -> FleetResult:
     """Run the fleet once."""
     port = free_port()
-    files = fleet_files(folder, [f"robot{number}" for number in range(1, robots + 1)], port)
+    files = write_fleet_files(folder, [f"robot{number}" for number in range(1, robots + 1)], port)
     shares = [[str(file) for file in files.robots[start::processes]] for start in range(processes)]
     with ExitStack() as stack:
-        router = stack.enter_context(_running(*ROUTER, str(files.router)))
-        _until_listening(port, router)
-        reader = stack.enter_context(_running(*READER, str(files.reader)))
-        _expect_ready(reader)
-        crews = [stack.enter_context(_running(*ROBOTS, str(seconds), *share)) for share in shares]
+        router = stack.enter_context(_running_process(*ROUTER, str(files.router)))
+        _wait_until_listening(port, router)
+        reader = stack.enter_context(_running_process(*READER, str(files.reader)))
+        _wait_until_ready(reader)
+        crews = [
+            stack.enter_context(_running_process(*ROBOTS, str(seconds), *share)) for share in shares
+        ]
         for crew in crews:
-            _expect_ready(crew)  # each robot knows of the reader
+            _wait_until_ready(crew)  # each robot knows of the reader
         numbers = [process.pid for process in (router, reader, *crews)]
-        before, begin_s = processor_use(*numbers), time.monotonic()
+        before, begin_s = measure_processor_use(*numbers), time.monotonic()
         for crew in crews:
-            _say(crew, "go")
+            _send_command(crew, "go")
         for crew in crews:
-            _expect_ready(crew)  # all is published
-        use, taken_s = processor_use(*numbers).since(before), time.monotonic() - begin_s
-        latency_ms = np.array(json.loads(_say(reader, "end")))
+            _wait_until_ready(crew)  # all is published
+        use, taken_s = measure_processor_use(*numbers).since(before), time.monotonic() - begin_s
+        latency_ms = np.array(json.loads(_send_command(reader, "end")))
     percent = [100 * use.by_process[number] / taken_s for number in numbers]
-    return Outcome(
+    return FleetResult(
         sent=robots * seconds * POSES_PER_SECOND,
         latency_ms=latency_ms,
         router_percent=percent[0],
@@ -96,14 +98,14 @@ def measure(folder: Path, robots: int, seconds: int, processes: int) -> Outcome:
     )
 
 
-def table(outcome: Outcome, robots: int, seconds: int) -> str:
+def format_table(outcome: FleetResult, robots: int, seconds: int) -> str:
     """One row, with its head."""
     p50, p99 = np.percentile(outcome.latency_ms, (50, 99)) if len(outcome.latency_ms) else (0, 0)
     cells = {
         "robots": f"{robots}",
         "seconds": f"{seconds}",
         "poses": f"{outcome.sent}",
-        "lost": f"{outcome.lost}",
+        "lost": f"{outcome.lost_poses}",
         "p50 ms": f"{p50:.2f}",
         "p99 ms": f"{p99:.2f}",
         "max ms": f"{outcome.latency_ms.max(initial=0.0):.1f}",
@@ -118,7 +120,7 @@ def table(outcome: Outcome, robots: int, seconds: int) -> str:
 
 
 @contextmanager
-def _running(*command: str) -> Iterator["subprocess.Popen[str]"]:
+def _running_process(*command: str) -> Iterator["subprocess.Popen[str]"]:
     """A part of the fleet; killed at the end."""
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
@@ -128,22 +130,22 @@ def _running(*command: str) -> Iterator["subprocess.Popen[str]"]:
             process.kill()
 
 
-def _say(process: "subprocess.Popen[str]", word: str) -> str:
+def _send_command(process: "subprocess.Popen[str]", command: str) -> str:
     """Tell a part what to do; for "end", its answer."""
     assert process.stdin is not None
     assert process.stdout is not None
-    process.stdin.write(f"{word}\n")
+    process.stdin.write(f"{command}\n")
     process.stdin.flush()
-    return process.stdout.readline() if word == "end" else ""
+    return process.stdout.readline() if command == "end" else ""
 
 
-def _expect_ready(process: "subprocess.Popen[str]") -> None:
+def _wait_until_ready(process: "subprocess.Popen[str]") -> None:
     assert process.stdout is not None
     if process.stdout.readline() != "ready\n":
         raise RuntimeError(f"{process.args!r} has failed")
 
 
-def _until_listening(port: int, router: "subprocess.Popen[str]") -> None:
+def _wait_until_listening(port: int, router: "subprocess.Popen[str]") -> None:
     while f":{port:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text():
         if router.poll() is not None:
             raise RuntimeError("the router has failed")

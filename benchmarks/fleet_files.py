@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from vo_service.certificates.authority import Authority
+from vo_service.certificates.authority import CertificateAuthority
 
-READY_MADE = Path(__file__).parents[1] / "config" / "zenoh"
+TEMPLATES = Path(__file__).parents[1] / "config" / "zenoh"
 HOST = "127.0.0.1"
-DAYS = 2
+VALIDITY_DAYS = 2
 
 
 @dataclass(frozen=True)
@@ -20,25 +20,25 @@ class FleetFiles:
     robots: Sequence[Path]
 
 
-def fleet_files(folder: Path, robots: Sequence[str], port: int) -> FleetFiles:
+def write_fleet_files(folder: Path, robots: Sequence[str], port: int) -> FleetFiles:
     """Make all keys, and write the files of a router at this port of 127.0.0.1."""
-    authority = Authority(folder)
-    router = authority.certify_server([HOST], DAYS)
-    reader = authority.certify_client("reader", DAYS)
-    homes = [authority.certify_client(name, DAYS) for name in robots]
-    text = (READY_MADE / "fleet-router.json5").read_text().replace("0.0.0.0:7447", f"{HOST}:{port}")
+    authority = CertificateAuthority(folder)
+    router = authority.issue_server_certificate([HOST], VALIDITY_DAYS)
+    reader = authority.issue_client_certificate("reader", VALIDITY_DAYS)
+    homes = [authority.issue_client_certificate(name, VALIDITY_DAYS) for name in robots]
+    text = (TEMPLATES / "fleet-router.json5").read_text().replace("0.0.0.0:7447", f"{HOST}:{port}")
     at_router = ("robot1.local:7451", "router.local:7447")
     return FleetFiles(
-        router=_write(router / "router.json5", _with_robots(text, robots)),
-        reader=_write(reader / "reader.json5", _moved("reader-tls.json5", at_router, port)),
+        router=_write(router / "router.json5", _add_robots(text, robots)),
+        reader=_write(reader / "reader.json5", _redirect("reader-tls.json5", at_router, port)),
         robots=[
-            _write(home / "robot.json5", _moved("fleet-robot.json5", at_router, port))
+            _write(home / "robot.json5", _redirect("fleet-robot.json5", at_router, port))
             for home in homes
         ],
     )
 
 
-def _with_robots(text: str, robots: Sequence[str]) -> str:
+def _add_robots(text: str, robots: Sequence[str]) -> str:
     """The router's file, where each line of robot1 is there for each robot."""
     lines = []
     for line in text.splitlines():
@@ -49,9 +49,9 @@ def _with_robots(text: str, robots: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
-def _moved(name: str, addresses: Sequence[str], port: int) -> str:
+def _redirect(name: str, addresses: Sequence[str], port: int) -> str:
     """A ready-made file that connects to our router, and listens nowhere."""
-    text = (READY_MADE / name).read_text().replace('"tcp/127.0.0.1:7450"', "")
+    text = (TEMPLATES / name).read_text().replace('"tcp/127.0.0.1:7450"', "")
     for address in addresses:
         text = text.replace(address, f"{HOST}:{port}")
     return text

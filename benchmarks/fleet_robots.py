@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from vo_service.outputs.zenoh_output import LIVE, ZenohOutput
+from vo_service.outputs.zenoh_output import LIVE_QOS, ZenohOutput
 from vo_service.settings import ZenohConfig
-from vo_service.types import Estimate, PoseUpdate, TrackingState
+from vo_service.types import Estimate, OdometryUpdate, TrackingState
 
 POSES_PER_SECOND = 30
-PATIENCE_S = 30.0
+CONNECT_TIMEOUT_S = 30.0
 DRAIN_S = 1.0
 _CAMERA = PinholeCamera(2, 2, 1.0, 1.0, 0.5, 0.5)
 _I = np.eye(4)
@@ -31,10 +31,10 @@ _ESTIMATE = Estimate(True, "", _I, _I, np.eye(6), 500, 200, 150)
 def main(seconds: int, files: list[Path]) -> None:
     """Publish; see the module."""
     robots = [
-        ZenohOutput(ZenohConfig(prefix=file.parent.name, config_file=file, listen=()), LIVE)
+        ZenohOutput(ZenohConfig(prefix=file.parent.name, config_file=file, listen=()), LIVE_QOS)
         for file in files
     ]
-    if not all(robot.wait_for_subscriber(PATIENCE_S) for robot in robots):
+    if not all(robot.wait_for_subscriber(CONNECT_TIMEOUT_S) for robot in robots):
         raise SystemExit("no reader")
     print("ready", flush=True)
     sys.stdin.readline()
@@ -43,16 +43,16 @@ def main(seconds: int, files: list[Path]) -> None:
         # One robot after another, evenly over the thirtieth of a second.
         due_s = begin_s + turn / (POSES_PER_SECOND * len(robots))
         time.sleep(max(0.0, due_s - time.monotonic()))
-        robots[turn % len(robots)].pose(_pose(turn // len(robots), time.monotonic()))
+        robots[turn % len(robots)].on_update(_make_update(turn // len(robots), time.monotonic()))
     time.sleep(DRAIN_S)
     print("ready", flush=True)
     for robot in robots:
         robot.close()
 
 
-def _pose(seq: int, stamp_s: float) -> PoseUpdate:
+def _make_update(seq: int, stamp_s: float) -> OdometryUpdate:
     """A pose that was measured now; stamps are on CLOCK_MONOTONIC, to be compared in the reader."""
-    return PoseUpdate(
+    return OdometryUpdate(
         seq=seq,
         stamp_s=stamp_s,
         state=TrackingState.TRACKING,

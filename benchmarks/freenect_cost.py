@@ -16,9 +16,9 @@ import tempfile
 from pathlib import Path
 from statistics import median
 
-from benchmarks.freenect_ways import WAYS
-from tests.stand_ins.fixtures import FILM_FRAMES, pattern
-from tests.stand_ins.played_kinect import IDENTITY, PlayedKinect, wire_film
+from benchmarks.freenect_ways import VARIANTS
+from tests.stand_ins.fixtures import FRAME_COUNT, pattern_frame
+from tests.stand_ins.played_kinect import IDENTITY, KinectSimulator, write_usb_frames
 
 
 def main() -> None:
@@ -32,21 +32,21 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3, help="how often; the median counts")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        film = wire_film(Path(folder), (pattern(seq) for seq in range(FILM_FRAMES)))
-        with PlayedKinect(Path(folder), film, registration=IDENTITY) as kinect:
-            percent: dict[str, list[float]] = {way: [] for way in WAYS}
+        film = write_usb_frames(Path(folder), (pattern_frame(seq) for seq in range(FRAME_COUNT)))
+        with KinectSimulator(Path(folder), film, registration=IDENTITY) as kinect:
+            percent: dict[str, list[float]] = {way: [] for way in VARIANTS}
             for _ in range(args.rounds):
                 for way, measured in percent.items():
-                    measured.append(_percent(way, args.seconds, kinect))
+                    measured.append(_measure_percent(way, args.seconds, kinect))
     bare = median(percent["bare"])
     print("way          % of a core   ratio")
     for way, measured in percent.items():
         print(f"{way:12} {median(measured):11.2f} {median(measured) / bare:7.2f}")
 
 
-def _percent(way: str, seconds: float, kinect: PlayedKinect) -> float:
+def _measure_percent(variant: str, seconds: float, kinect: KinectSimulator) -> float:
     """Share of one core that the driver uses."""
-    command = [sys.executable, "-m", "benchmarks.freenect_ways", way, str(seconds)]
+    command = [sys.executable, "-m", "benchmarks.freenect_ways", variant, str(seconds)]
     environment = os.environ | kinect.environment
     run = subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True, text=True)
     return float(run.stdout)

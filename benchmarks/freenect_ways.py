@@ -17,8 +17,8 @@ from typing import Any
 
 import cv2
 
-from benchmarks.kinect_alone import kinect_alone
-from drivers.camera import Clock, Pace
+from benchmarks.kinect_alone import make_kinect_without_motor
+from drivers.camera import Clock, PlaybackMode
 from drivers.freenect.kinect import list_kinects
 from drivers.freenect.library import (
     CAMERA_ONLY,
@@ -29,13 +29,13 @@ from drivers.freenect.library import (
     TimeValue,
     load_library,
 )
-from drivers.isolation.camera import IsolatedCamera
+from drivers.isolation.camera import SubprocessCamera
 
 WARM_UP_S = 2.0
 COLOUR_BYTES, DEPTH_BYTES = 640 * 480 * 3, 640 * 480 * 2
 
 
-def bare(seconds: float) -> float:
+def measure_bare_loop(seconds: float) -> float:
     """A loop around libfreenect and callbacks that copy."""
     library = load_library()
     context, device = ctypes.c_void_p(), ctypes.c_void_p()
@@ -47,13 +47,13 @@ def bare(seconds: float) -> float:
     library.freenect_set_depth_mode(device, registered)
     rgb = library.freenect_find_video_mode(RESOLUTION_640X480, VIDEO_RGB)
     library.freenect_set_video_mode(device, rgb)
-    callbacks = [_copying(COLOUR_BYTES), _copying(DEPTH_BYTES)]
+    callbacks = [_make_copying_callback(COLOUR_BYTES), _make_copying_callback(DEPTH_BYTES)]
     library.freenect_set_video_callback(device, callbacks[0])
     library.freenect_set_depth_callback(device, callbacks[1])
     library.freenect_start_depth(device)
     library.freenect_start_video(device)
     step = partial(library.freenect_process_events_timeout, context, TimeValue(0, 20_000))
-    percent = _percent(step, time.process_time, seconds)
+    percent = _measure_percent(step, time.process_time, seconds)
     library.freenect_stop_depth(device)
     library.freenect_stop_video(device)
     library.freenect_close_device(device)
@@ -61,27 +61,29 @@ def bare(seconds: float) -> float:
     return percent
 
 
-def in_process(seconds: float) -> float:
+def measure_in_process(seconds: float) -> float:
     """The camera, read in this process."""
-    with kinect_alone() as camera:
-        return _percent(lambda: camera.read(5.0), time.process_time, seconds)
+    with make_kinect_without_motor() as camera:
+        return _measure_percent(lambda: camera.read(5.0), time.process_time, seconds)
 
 
-def isolated(seconds: float) -> float:
+def measure_subprocess(seconds: float) -> float:
     """The camera in a process of its own, read from this one: that process counts."""
-    camera = IsolatedCamera("freenect", Clock.MONOTONIC, kinect_alone, Pace.REALTIME)
+    camera = SubprocessCamera(
+        "freenect", Clock.MONOTONIC, make_kinect_without_motor, PlaybackMode.REALTIME
+    )
     with camera:
-        return _percent(lambda: camera.read(20.0), _children_s, seconds)
+        return _measure_percent(lambda: camera.read(20.0), _children_cpu_s, seconds)
 
 
-WAYS: dict[str, Callable[[float], float]] = {
-    "bare": bare,
-    "in process": in_process,
-    "isolated": isolated,
+VARIANTS: dict[str, Callable[[float], float]] = {
+    "bare": measure_bare_loop,
+    "in process": measure_in_process,
+    "isolated": measure_subprocess,
 }
 
 
-def _copying(size: int) -> Any:
+def _make_copying_callback(size: int) -> Any:
     buffer = ctypes.create_string_buffer(size)
 
     def copy(_device: int, pixels: int, _stamp: int) -> None:
@@ -90,7 +92,9 @@ def _copying(size: int) -> Any:
     return FRAME_CALLBACK(copy)
 
 
-def _percent(step: Callable[[], object], cpu_s: Callable[[], float], seconds: float) -> float:
+def _measure_percent(
+    step: Callable[[], object], cpu_s: Callable[[], float], seconds: float
+) -> float:
     """CPU time of `seconds` seconds of steps, after the warming up, as a share of a core."""
     _repeat(step, WARM_UP_S)
     begin_s, begin_cpu_s = time.monotonic(), cpu_s()
@@ -104,7 +108,7 @@ def _repeat(step: Callable[[], object], seconds: float) -> None:
         step()
 
 
-def _children_s() -> float:
+def _children_cpu_s() -> float:
     """CPU time used so far by the processes that this one has started and that still run."""
     tasks = Path("/proc/self/task").glob("*/children")
     children = [pid for task in tasks for pid in task.read_text().split()]
@@ -113,4 +117,4 @@ def _children_s() -> float:
 
 if __name__ == "__main__":
     cv2.setNumThreads(1)  # as in a driver's own process
-    print(WAYS[sys.argv[1]](float(sys.argv[2])))
+    print(VARIANTS[sys.argv[1]](float(sys.argv[2])))

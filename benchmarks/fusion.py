@@ -27,27 +27,32 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.fusion_volumes import DenseColour, Hashed, Ours, Volume
-from benchmarks.true_surface import distances_m, solids_of
-from benchmarks.virtual_room import frames_with_truth, scaled
+from benchmarks.fusion_volumes import (
+    FusionVolume,
+    OpenCvDenseVolume,
+    OpenCvHashVolume,
+    ServiceVolume,
+)
+from benchmarks.true_surface import distances_m, make_solids
+from benchmarks.virtual_room import render_with_truth, scaled_camera
 from drivers.camera import RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.geometry import Array
 from drivers.synthetic.config import SyntheticConfig
 
-MOST_POINTS = 200_000
+MAX_POINTS = 200_000
 # Of each: whether the surface has colours, whether it has triangles, what bounds its memory.
-CANDIDATES: Mapping[str, tuple[Callable[[], Volume], str]] = {
-    "ours, 10 mm": (partial(Ours, 0.01), "colours, triangles, bounded"),
-    "cv2 HashTSDF, 10 mm": (partial(Hashed, 0.01), "points, no colours, grows"),
-    "ours, 20 mm": (partial(Ours, 0.02), "colours, triangles, bounded"),
-    "cv2 HashTSDF, 20 mm": (partial(Hashed, 0.02), "points, no colours, grows"),
-    "cv2 ColorTSDF, 20 mm": (partial(DenseColour, 0.02), "colours, points, a fixed box"),
+CANDIDATES: Mapping[str, tuple[Callable[[], FusionVolume], str]] = {
+    "ours, 10 mm": (partial(ServiceVolume, 0.01), "colours, triangles, bounded"),
+    "cv2 HashTSDF, 10 mm": (partial(OpenCvHashVolume, 0.01), "points, no colours, grows"),
+    "ours, 20 mm": (partial(ServiceVolume, 0.02), "colours, triangles, bounded"),
+    "cv2 HashTSDF, 20 mm": (partial(OpenCvHashVolume, 0.02), "points, no colours, grows"),
+    "cv2 ColorTSDF, 20 mm": (partial(OpenCvDenseVolume, 0.02), "colours, points, a fixed box"),
 }
 
 
 @dataclass(frozen=True)
-class Result:
+class FusionResult:
     """One way of fusing; lengths in millimetres."""
 
     add_ms: float
@@ -73,15 +78,19 @@ def main() -> int:
     parser.add_argument("--scale", type=float, default=1.0, help="of the images: 0.5 = 320 x 240")
     parser.add_argument("--json", action="store_true", help="print one JSON object a line")
     args = parser.parse_args()
-    config = SyntheticConfig(seed=args.seed, duration_s=args.seconds, camera=scaled(args.scale))
+    config = SyntheticConfig(
+        seed=args.seed, duration_s=args.seconds, camera=scaled_camera(args.scale)
+    )
     try:
-        for _ in frames_with_truth(config):  # rendered once, before anything is measured
+        for _ in render_with_truth(config):  # rendered once, before anything is measured
             break
         with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as processes:
             for name in CANDIDATES:
                 result = processes.apply(measure, (name, config))
                 print(
-                    json.dumps({"name": name} | asdict(result)) if args.json else row(name, result)
+                    json.dumps({"name": name} | asdict(result))
+                    if args.json
+                    else format_row(name, result)
                 )
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -89,18 +98,18 @@ def main() -> int:
     return 0
 
 
-def measure(name: str, config: SyntheticConfig) -> Result:
+def measure(name: str, config: SyntheticConfig) -> FusionResult:
     """Fuse the whole film and fetch the surface."""
     cv2.setNumThreads(1)
     make, has = CANDIDATES[name]
-    _run(make(), islice(frames_with_truth(config), 1))  # compiles what is to be compiled
-    before_mb = _own_mb()
+    _fuse(make(), islice(render_with_truth(config), 1))  # compiles what is to be compiled
+    before_mb = _private_memory_mb()
     volume = make()
-    add_ms, fetch_s, points_m = _run(volume, frames_with_truth(config))
-    memory_mb = _own_mb() - before_mb
+    add_ms, fetch_s, points_m = _fuse(volume, render_with_truth(config))
+    memory_mb = _private_memory_mb() - before_mb
     del volume
-    off_mm = 1e3 * distances_m(points_m[:: 1 + len(points_m) // MOST_POINTS], solids_of(config))
-    return Result(
+    off_mm = 1e3 * distances_m(points_m[:: 1 + len(points_m) // MAX_POINTS], make_solids(config))
+    return FusionResult(
         add_ms=float(np.median(add_ms)),
         slowest_ms=max(add_ms),
         fetch_s=fetch_s,
@@ -113,7 +122,7 @@ def measure(name: str, config: SyntheticConfig) -> Result:
     )
 
 
-def row(name: str, result: Result) -> str:
+def format_row(name: str, result: FusionResult) -> str:
     """A line for people."""
     return (
         f"{name:20}  {result.add_ms:6.1f} ms a frame, {result.slowest_ms:6.1f} the slowest, fetch "
@@ -123,8 +132,8 @@ def row(name: str, result: Result) -> str:
     )
 
 
-def _run(
-    volume: Volume, frames: Iterable[tuple[RgbdFrame, Array]]
+def _fuse(
+    volume: FusionVolume, frames: Iterable[tuple[RgbdFrame, Array]]
 ) -> tuple[list[float], float, Array]:
     """Milliseconds of each frame, seconds for the surface, and its points (N, 3)."""
     add_ms = []
@@ -138,7 +147,7 @@ def _run(
     return add_ms, time.thread_time() - begin_s, points_m
 
 
-def _own_mb() -> float:
+def _private_memory_mb() -> float:
     """Memory of this process that is no file's."""
     status = Path("/proc/self/status").read_text()
     kilobytes = next(line for line in status.splitlines() if line.startswith("RssAnon"))

@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, rigid_transform, transform_points
-from vo_service.mapping.fusion import Fusion
-from vo_service.mapping.fusion_settings import FusionSettings
+from vo_service.mapping.fusion import TsdfVolume
+from vo_service.mapping.fusion_settings import TsdfConfig
 
-MAX_DEPTH_M = FusionSettings().max_depth_m
+MAX_DEPTH_M = TsdfConfig().max_depth_m
 TRUNCATION_VOXELS = 4.0
 RAYCAST_EVERY = 60
 # The box of a dense volume: the room and its walls.
 BOX_M = (7.04, 6.40, 3.20)
 
 
-class Volume(Protocol):
+class FusionVolume(Protocol):
     """A map that grows."""
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
@@ -30,19 +30,19 @@ class Volume(Protocol):
         ...
 
 
-class Ours:
+class ServiceVolume:
     """What `kinect-vo reconstruct` uses."""
 
     def __init__(self, voxel_m: float) -> None:
-        self._fusion = Fusion(FusionSettings(voxel_m=voxel_m, memory_mb=2000))
+        self._fusion = TsdfVolume(TsdfConfig(voxel_m=voxel_m, memory_mb=2000))
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
-        """See `Volume`."""
-        self._fusion.add(frame.depth_m, frame.colour_bgr, frame.camera, T_world_camera)
+        """See `FusionVolume`."""
+        self._fusion.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
 
     def points_m(self) -> Array:
-        """See `Volume`; the mesh is made for it."""
-        return self._fusion.mesh().vertices_m.astype(np.float64)
+        """See `FusionVolume`; the mesh is made for it."""
+        return self._fusion.extract_mesh().vertices_m.astype(np.float64)
 
 
 class OpenCvVolume:
@@ -56,7 +56,7 @@ class OpenCvVolume:
         self._kind = kind
         self._volume: cv2.Volume | None = None
 
-    def opened(self, frame: RgbdFrame) -> cv2.Volume:
+    def get_volume(self, frame: RgbdFrame) -> cv2.Volume:
         """The volume, made for the first frame's camera and kind of depth."""
         if self._volume is None:
             self._settings.setDepthFactor(frame.depth_factor)
@@ -70,7 +70,7 @@ class OpenCvVolume:
         return self._volume
 
 
-class Hashed(OpenCvVolume):
+class OpenCvHashVolume(OpenCvVolume):
     """OpenCV's sparse volume: no colours; points, no triangles.
 
     `fetchPointsNormals` gives every voxel near the surface (opencv/opencv issue 22896), so the
@@ -82,23 +82,25 @@ class Hashed(OpenCvVolume):
         self._poses: list[Array] = []
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
-        """See `Volume`."""
+        """See `FusionVolume`."""
         depth = frame.depth_raw.astype(np.float32)
-        self.opened(frame).integrate(depth, T_world_camera.astype(np.float32))
+        self.get_volume(frame).integrate(depth, T_world_camera.astype(np.float32))
         self._poses.append(T_world_camera)
 
     def points_m(self) -> Array:
-        """See `Volume`."""
-        return np.vstack([self._seen_m(T) for T in self._poses[::RAYCAST_EVERY]])
+        """See `FusionVolume`."""
+        return np.vstack([self._raycast_points_m(T) for T in self._poses[::RAYCAST_EVERY]])
 
-    def _seen_m(self, T_world_camera: Array) -> Array:
+    def _raycast_points_m(self, T_world_camera: Array) -> Array:
         assert self._volume is not None, "frames come first"
-        points_m = _xyz(np.asarray(self._volume.raycast(T_world_camera.astype(np.float32))[0]))
+        points_m = _to_points_m(
+            np.asarray(self._volume.raycast(T_world_camera.astype(np.float32))[0])
+        )
         met = np.all(np.isfinite(points_m), axis=1)
         return transform_points(T_world_camera, points_m[met])
 
 
-class DenseColour(OpenCvVolume):
+class OpenCvDenseVolume(OpenCvVolume):
     """OpenCV's dense volume with colours: a box that is given beforehand; points, no triangles."""
 
     def __init__(self, voxel_m: float) -> None:
@@ -109,19 +111,19 @@ class DenseColour(OpenCvVolume):
         self._settings.setVolumePose(rigid_transform(np.eye(3), corner_m).astype(np.float32))
 
     def add(self, frame: RgbdFrame, T_world_camera: Array) -> None:
-        """See `Volume`."""
+        """See `FusionVolume`."""
         depth = frame.depth_raw.astype(np.float32)
         # The binding takes four channels of float, and no others.
-        colour = cv2.cvtColor(frame.colour_bgr, cv2.COLOR_BGR2BGRA).astype(np.float32)
+        colour = cv2.cvtColor(frame.color_bgr, cv2.COLOR_BGR2BGRA).astype(np.float32)
         pose = T_world_camera.astype(np.float32)
-        self.opened(frame).integrateColor(depth, colour, pose)
+        self.get_volume(frame).integrateColor(depth, colour, pose)
 
     def points_m(self) -> Array:
-        """See `Volume`."""
+        """See `FusionVolume`."""
         assert self._volume is not None, "frames come first"
-        return _xyz(self._volume.fetchPointsNormalsColors()[0])
+        return _to_points_m(self._volume.fetchPointsNormalsColors()[0])
 
 
-def _xyz(points: NDArray[Any]) -> Array:
+def _to_points_m(points: NDArray[Any]) -> Array:
     xyz: Array = points.reshape(-1, points.shape[-1])[:, :3].astype(np.float64)
     return xyz

@@ -24,10 +24,15 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks.hard_cases_measure import HardCase, measure
+from benchmarks.hard_cases_measure import HardCaseResult, measure
 from benchmarks.rendered import render_all
-from benchmarks.slow_cases_measure import Creeping, StandingStill, creep, stand_still
-from benchmarks.still_views import StillView
+from benchmarks.slow_cases_measure import (
+    CreepResult,
+    StationaryResult,
+    measure_creep,
+    measure_stationary,
+)
+from benchmarks.still_views import StaticView
 from drivers.errors import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.config import read_config
@@ -36,15 +41,25 @@ from vo_service.warm_up import warm_up
 
 SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"
 SLOW, STILL = "slow", "still"
-HARD = ("object-8", "object-20", "person", "wall", "dark", "covered", "gap", "fast-turn", "floor")
-CASES = (*HARD, SLOW, STILL)
-FIVE_MINUTES = 9000
+FAULT_CASES = (
+    "object-8",
+    "object-20",
+    "person",
+    "wall",
+    "dark",
+    "covered",
+    "gap",
+    "fast-turn",
+    "floor",
+)
+CASES = (*FAULT_CASES, SLOW, STILL)
+STILL_FRAMES = 9000
 HEAD = (
     f"{'':12}{'frames':>8}{'degraded':>10}{'lost':>6}{'epochs':>8}{'gross':>9}{'longest s':>11}"
     f"{'recovery s':>12}{'ATE':>8}{'largest':>9}"
 )
 
-Figures = HardCase | Creeping | StandingStill
+CaseResult = HardCaseResult | CreepResult | StationaryResult
 
 
 def main() -> int:
@@ -52,7 +67,7 @@ def main() -> int:
     args = _parser().parse_args()
     cv2.setNumThreads(1)
     silent = args.json
-    tell: Callable[[str], None] = (lambda line: None) if silent else _print_now
+    tell: Callable[[str], None] = (lambda line: None) if silent else _print_line
     try:
         results = run(args.folder, args.method, args.only, args.still_frames, tell)
     except UserFacingError as error:
@@ -72,31 +87,35 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("folder", type=Path, help="where the sequences are kept")
     parser.add_argument("--method", choices=METHODS, default="keyframe")
     parser.add_argument("--only", nargs="+", choices=CASES, default=CASES, metavar="CASE")
-    parser.add_argument("--still-frames", type=int, default=FIVE_MINUTES)
+    parser.add_argument("--still-frames", type=int, default=STILL_FRAMES)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
 
 
-def _print_now(line: str) -> None:
+def _print_line(line: str) -> None:
     print(line, flush=True)
 
 
 def run(
-    folder: Path, method: str, names: list[str], still_frames: int, tell: Callable[[str], None]
-) -> Mapping[str, Figures]:
+    folder: Path,
+    method: str,
+    names: list[str],
+    still_frames: int,
+    print_line: Callable[[str], None],
+) -> Mapping[str, CaseResult]:
     """The figures of each case, told as they come. Raises as `render_all`."""
     configs = {name: case_config(name) for name in names}
     folder.mkdir(parents=True, exist_ok=True)
     longest_first = sorted(names, key=lambda name: -configs[name].frame_count)
     wanted = {folder / name: configs[name] for name in longest_first if name != STILL}
-    render_all(wanted, tell, os.cpu_count() or 1)
+    render_all(wanted, print_line, os.cpu_count() or 1)
     warm_up(method, lambda stage: None)
-    results: dict[str, Figures] = {}
+    results: dict[str, CaseResult] = {}
     for name in (name for name in CASES if name in names):
         if not results:
-            tell(f"{method}\n{HEAD}")
-        results[name] = _figures(name, folder / name, configs[name], method, still_frames)
-        tell(f"{name:12}{as_text(results[name])}")
+            print_line(f"{method}\n{HEAD}")
+        results[name] = _measure_case(name, folder / name, configs[name], method, still_frames)
+        print_line(f"{name:12}{format_row(results[name])}")
     return results
 
 
@@ -105,41 +124,41 @@ def case_config(name: str) -> SyntheticConfig:
     return replace(read_config(SEQUENCES / f"{name}.toml").synthetic, loop=False)
 
 
-def _figures(
+def _measure_case(
     name: str, folder: Path, config: SyntheticConfig, method: str, still_frames: int
-) -> Figures:
+) -> CaseResult:
     if name == STILL:
-        return stand_still(method, StillView.of(config).frames(still_frames))
+        return measure_stationary(method, StaticView.render(config).frames(still_frames))
     if name == SLOW:
-        return creep(method, folder)
+        return measure_creep(method, folder)
     return measure(method, folder, config)
 
 
-def as_text(figures: Figures) -> str:
+def format_row(figures: CaseResult) -> str:
     """One row of the table, behind the name."""
     match figures:
-        case HardCase():
+        case HardCaseResult():
             gross = f"{figures.gross} ({figures.gross_tracking})"
             return (
                 f"{figures.frames:8}{figures.degraded:10}{figures.lost:6}{figures.epochs:8}"
-                f"{gross:>9}{figures.longest_s:11.2f}{_number(figures.recovery_s, 1.0, 12, 2)}"
-                f"{_number(figures.ate_m, 1e3, 8, 1)}{_number(figures.largest_m, 1e3, 9, 1)}"
+                f"{gross:>9}{figures.longest_gap_s:11.2f}{_format_number(figures.recovery_s, 1.0, 12, 2)}"
+                f"{_format_number(figures.ate_m, 1e3, 8, 1)}{_format_number(figures.max_error_m, 1e3, 9, 1)}"
             )
-        case Creeping():
-            share = 100.0 * figures.followed_m / figures.way_m
+        case CreepResult():
+            share = 100.0 * figures.tracked_distance_m / figures.true_distance_m
             return (
                 f"{figures.frames:8}{'':10}{figures.lost:6}    "
-                f"{1e3 * figures.followed_m:.2f} of {1e3 * figures.way_m:.2f} mm: {share:.1f} %"
+                f"{1e3 * figures.tracked_distance_m:.2f} of {1e3 * figures.true_distance_m:.2f} mm: {share:.1f} %"
             )
-        case StandingStill():
+        case StationaryResult():
             return (
                 f"{figures.frames:8}{'':10}{figures.lost:6}    "
-                f"at most {1e3 * figures.farthest_m:.3f} mm and {figures.farthest_deg:.4f} degrees "
+                f"at most {1e3 * figures.max_error_m:.3f} mm and {figures.max_error_deg:.4f} degrees "
                 f"away, in the end {1e3 * figures.end_m:.3f} mm and {figures.end_deg:.4f} degrees"
             )
 
 
-def _number(value: float | None, scale: float, width: int, digits: int) -> str:
+def _format_number(value: float | None, scale: float, width: int, digits: int) -> str:
     return f"{'-':>{width}}" if value is None else f"{scale * value:{width}.{digits}f}"
 
 

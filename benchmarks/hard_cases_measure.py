@@ -7,26 +7,26 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.camera_frames import all_frames
-from benchmarks.odometry import compare
-from drivers.camera import Pace, RgbdFrame
+from benchmarks.camera_frames import read_all_frames
+from benchmarks.odometry import evaluate_trajectory
+from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.geometry import Array
 from drivers.synthetic.config import SyntheticConfig
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
 from vo_service.evaluation.association import associate
-from vo_service.evaluation.gross_errors import gross_errors, tracked_steps
+from vo_service.evaluation.gross_errors import count_gross_errors, tracked_steps
 from vo_service.evaluation.metrics import PosePairs
-from vo_service.methods import METHODS, FeatureSettings
-from vo_service.pose_tracker import PoseTracker, StampedFrame
-from vo_service.stage_clock import StageClock
+from vo_service.methods import METHODS, FeatureConfig
+from vo_service.pose_tracker import OdomFrame, StampedFrame
+from vo_service.stage_clock import CpuStageTimer
 from vo_service.types import Estimate, TrackingState
 
-FEWEST_POSES = 3
+MIN_POSES = 3
 
 
 @dataclass(frozen=True)
-class Followed:
+class TrackedSequence:
     """What a method said of each of F frames, and what the service makes of it."""
 
     stamps_s: Array
@@ -40,14 +40,14 @@ class Followed:
         return np.array([estimate.ok for estimate in self.estimates])
 
     @property
-    def trajectory(self) -> StampedPoses:
+    def trajectory(self) -> Trajectory:
         """Of the frames that have a pose."""
         poses = [estimate.T_world_camera for estimate in self.estimates if estimate.ok]
-        return StampedPoses(self.stamps_s[self.has_pose], np.array(poses).reshape(-1, 4, 4))
+        return Trajectory(self.stamps_s[self.has_pose], np.array(poses).reshape(-1, 4, 4))
 
 
 @dataclass(frozen=True)
-class HardCase:
+class HardCaseResult:
     """One sequence. None: cannot be told.
 
     gross          steps off by more than 5 cm or 3 degrees between frames with a pose, and how many
@@ -64,15 +64,15 @@ class HardCase:
     epochs: int
     gross: int
     gross_tracking: int
-    longest_s: float
+    longest_gap_s: float
     recovery_s: float | None
     ate_m: float | None
-    largest_m: float | None
+    max_error_m: float | None
 
 
-def follow(method: str, frames: Iterable[RgbdFrame]) -> Followed:
+def track(method: str, frames: Iterable[RgbdFrame]) -> TrackedSequence:
     """Every frame, with the states that the service would publish."""
-    odometry, tracker = METHODS[method](FeatureSettings(), StageClock()), PoseTracker()
+    odometry, tracker = METHODS[method](FeatureConfig(), CpuStageTimer()), OdomFrame()
     stamps_s, estimates, states, epochs = [], [], [], []
     for frame in frames:
         estimate = odometry.estimate(frame)
@@ -81,49 +81,51 @@ def follow(method: str, frames: Iterable[RgbdFrame]) -> Followed:
         estimates.append(estimate)
         states.append(update.state)
         epochs.append(update.epoch)
-    return Followed(np.array(stamps_s), estimates, states, np.array(epochs, np.int64))
+    return TrackedSequence(np.array(stamps_s), estimates, states, np.array(epochs, np.int64))
 
 
-def measure(method: str, folder: Path, config: SyntheticConfig) -> HardCase:
+def measure(method: str, folder: Path, config: SyntheticConfig) -> HardCaseResult:
     """A sequence that was rendered from `config`, from its first frame to its last."""
-    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
-        followed = follow(method, all_frames(camera))
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        followed = track(method, read_all_frames(camera))
         truth = camera.ground_truth
-    evaluation = compare(list(followed.estimates), list(followed.stamps_s), truth)
-    is_gross, is_tracking = _gross_steps(followed, truth)
+    evaluation = evaluate_trajectory(list(followed.estimates), list(followed.stamps_s), truth)
+    is_gross, is_tracking = _count_gross_errors(followed, truth)
     begin_s = followed.stamps_s[0] if len(followed.stamps_s) else 0.0
-    return HardCase(
+    return HardCaseResult(
         frames=len(followed.stamps_s),
         degraded=followed.states.count(TrackingState.DEGRADED),
         lost=followed.states.count(TrackingState.LOST),
         epochs=int(followed.epochs[-1]) if len(followed.epochs) else 0,
         gross=is_gross,
         gross_tracking=is_tracking,
-        longest_s=longest_without_s(followed.stamps_s, followed.has_pose),
-        recovery_s=recovery_s(followed, [begin_s + end_s for end_s in ends_s(config)]),
+        longest_gap_s=longest_gap_s(followed.stamps_s, followed.has_pose),
+        recovery_s=max_recovery_s(
+            followed, [begin_s + end_s for end_s in fault_end_times_s(config)]
+        ),
         ate_m=None if evaluation is None else evaluation.ate_rmse_m,
-        largest_m=None if evaluation is None else evaluation.ate_max_m,
+        max_error_m=None if evaluation is None else evaluation.ate_max_m,
     )
 
 
-def ends_s(config: SyntheticConfig) -> list[float]:
+def fault_end_times_s(config: SyntheticConfig) -> list[float]:
     """When each of the things that are hard is over, in seconds from the first frame."""
     faults = [(fault.first + fault.count) / config.rate_hz for fault in config.faults]
     return [*faults, *(mover.end_s for mover in config.movers)]
 
 
-def recovery_s(followed: Followed, overs_s: Sequence[float]) -> float | None:
+def max_recovery_s(tracked: TrackedSequence, fault_ends_s: Sequence[float]) -> float | None:
     """The longest time from one of the instants until a frame is called tracking."""
-    is_tracking = np.array([state is TrackingState.TRACKING for state in followed.states])
-    tracked_s = followed.stamps_s[is_tracking]
+    is_tracking = np.array([state is TrackingState.TRACKING for state in tracked.states])
+    tracked_s = tracked.stamps_s[is_tracking]
     waits_s = []
-    for over_s in overs_s:
+    for over_s in fault_ends_s:
         after_s = tracked_s[tracked_s >= over_s - 1e-6]
         waits_s.append(float(after_s[0] - over_s) if len(after_s) else np.inf)
     return max(0.0, *waits_s) if waits_s else None
 
 
-def longest_without_s(stamps_s: Array, has_pose: NDArray[np.bool_]) -> float:
+def longest_gap_s(stamps_s: Array, has_pose: NDArray[np.bool_]) -> float:
     """From the last frame with a pose to the next one, beyond the usual time between frames."""
     with_pose_s = stamps_s[has_pose]
     if not len(with_pose_s):
@@ -133,15 +135,15 @@ def longest_without_s(stamps_s: Array, has_pose: NDArray[np.bool_]) -> float:
     return max(0.0, float(np.diff(marks_s).max()) - usual_s)
 
 
-def _gross_steps(followed: Followed, truth: StampedPoses | None) -> tuple[int, int]:
+def _count_gross_errors(tracked: TrackedSequence, truth: Trajectory | None) -> tuple[int, int]:
     """How many in all, and those that end at a frame called tracking."""
-    trajectory = followed.trajectory
-    if truth is None or len(trajectory) < FEWEST_POSES:
+    trajectory = tracked.trajectory
+    if truth is None or len(trajectory) < MIN_POSES:
         return 0, 0
     matched = associate(trajectory, truth)
-    steps = tracked_steps(matched, trajectory.stamps_s, followed.epochs[followed.has_pose])
-    frames = np.searchsorted(followed.stamps_s, matched.stamps_s[steps.later])
-    sure = [followed.states[frame] is TrackingState.TRACKING for frame in frames]
+    steps = tracked_steps(matched, trajectory.stamps_s, tracked.epochs[tracked.has_pose])
+    frames = np.searchsorted(tracked.stamps_s, matched.stamps_s[steps.later])
+    sure = [tracked.states[frame] is TrackingState.TRACKING for frame in frames]
     is_sure = np.array(sure, np.bool_)
     sure_steps = PosePairs(steps.earlier[is_sure], steps.later[is_sure])
-    return gross_errors(matched, steps), gross_errors(matched, sure_steps)
+    return count_gross_errors(matched, steps), count_gross_errors(matched, sure_steps)

@@ -24,12 +24,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.camera_frames import all_frames
-from benchmarks.icp_methods import methods
-from benchmarks.odometry import compare
-from drivers.camera import Pace, RgbdFrame
+from benchmarks.camera_frames import read_all_frames
+from benchmarks.icp_methods import make_methods
+from benchmarks.odometry import evaluate_trajectory
+from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.errors import UserFacingError
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
 from vo_service.evaluation import Evaluation
 from vo_service.types import Estimate, Odometry
@@ -39,7 +39,7 @@ WARM_UP_FRAMES = 3
 
 
 @dataclass(frozen=True)
-class Result:
+class IcpResult:
     """One method on one folder.
 
     frames, failed      how many there were, and how many of them have no pose
@@ -67,16 +67,16 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
     cv2.setNumThreads(1)
-    results: dict[str, dict[str, Result]] = {}
+    results: dict[str, dict[str, IcpResult]] = {}
     try:
-        compared = methods(args.open3d, args.frame_to_frame)
+        compared = make_methods(args.open3d, args.frame_to_frame)
         for folder in args.folder:
-            frames, truth = depth_of(folder)
+            frames, truth = load_depth_frames(folder)
             results[str(folder)] = {
                 name: measure(make, frames, truth) for name, make in compared.items()
             }
             if not args.json:
-                print(f"{folder}\n{table(results[str(folder)])}\n", flush=True)
+                print(f"{folder}\n{format_table(results[str(folder)])}\n", flush=True)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
@@ -85,19 +85,19 @@ def main() -> int:
     return 0
 
 
-def depth_of(folder: Path) -> tuple[list[RgbdFrame], StampedPoses | None]:
+def load_depth_frames(folder: Path) -> tuple[list[RgbdFrame], Trajectory | None]:
     """All frames, black, with their depth; and the ground truth."""
-    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         frames = [
-            replace(f, colour_bgr=np.broadcast_to(np.uint8(0), f.colour_bgr.shape))
-            for f in all_frames(camera)
+            replace(f, color_bgr=np.broadcast_to(np.uint8(0), f.color_bgr.shape))
+            for f in read_all_frames(camera)
         ]
         return frames, camera.ground_truth
 
 
 def measure(
-    make: Callable[[], Odometry], frames: list[RgbdFrame], truth: StampedPoses | None
-) -> Result:
+    make: Callable[[], Odometry], frames: list[RgbdFrame], truth: Trajectory | None
+) -> IcpResult:
     """Follow the frames from the first to the last."""
     odometry = make()
     estimates: list[Estimate] = []
@@ -108,25 +108,25 @@ def measure(
         estimates.append(odometry.estimate(fresh))
         cpu_ms.append((time.process_time() - begin_s) * 1e3)
     counted = cpu_ms[WARM_UP_FRAMES:] or cpu_ms
-    return Result(
+    return IcpResult(
         frames=len(estimates),
         failed=sum(not e.ok for e in estimates),
         cpu_ms=float(np.mean(counted)),
         cpu_p99_ms=float(np.percentile(counted, 99)),
-        evaluation=compare(estimates, [f.stamp_s for f in frames], truth),
+        evaluation=evaluate_trajectory(estimates, [f.stamp_s for f in frames], truth),
     )
 
 
-def table(results: dict[str, Result]) -> str:
+def format_table(results: dict[str, IcpResult]) -> str:
     """One line a method."""
     heads = ["frames", "failed", "ATE", "global", "RPE/frame", "RPE/1s", "deg/1s"]
     heads += ["CPU ms", "CPU p99"]
     lines = [f"{'':24}" + "".join(f"{head:>10}" for head in heads)]
-    lines += [f"{n:24}" + "".join(f"{c:>10}" for c in cells(r)) for n, r in results.items()]
+    lines += [f"{n:24}" + "".join(f"{c:>10}" for c in table_cells(r)) for n, r in results.items()]
     return "\n".join(lines)
 
 
-def cells(result: Result) -> list[str]:
+def table_cells(result: IcpResult) -> list[str]:
     """The columns of one method."""
     e = result.evaluation
     errors = [e.ate_rmse_m, e.mean_global_error_m, e.rpe_frame_m, e.rpe_1s_m] if e else [None] * 4

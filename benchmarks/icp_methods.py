@@ -12,14 +12,14 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from drivers.errors import InputError
 from drivers.geometry import Array, inverse
-from vo_service.bench.peers.frame_to_frame import FrameToFrame
+from vo_service.bench.peers.frame_to_frame import FrameToFrameOdometry
 from vo_service.bench.peers.open3d_methods import Open3dIcp
 from vo_service.bench.peers.opencv import OpenCvOdometry
-from vo_service.odometry.icp.alignment import FINE_ALONE, align
-from vo_service.odometry.icp.confidence import doubt
+from vo_service.odometry.icp.alignment import FINE_ONLY, align
+from vo_service.odometry.icp.confidence import rejection_reason
 from vo_service.odometry.icp.parameters import IcpParameters
-from vo_service.odometry.icp.pyramid import make_pyramid
-from vo_service.odometry.icp.track import Track, track_from
+from vo_service.odometry.icp.pyramid import build_depth_pyramid
+from vo_service.odometry.icp.track import IcpTrack, start_track
 from vo_service.odometry.icp_odometry import IcpOdometry
 from vo_service.types import Odometry
 
@@ -39,26 +39,30 @@ def load_open3d(folder: Path) -> ModuleType:
         ) from error
 
 
-class NewestReference:
+class FrameToFrameIcp:
     """Our kernels, with the last frame as the reference of each: what a staying one gains."""
 
-    def prepare(self, frame: RgbdFrame) -> Track:
+    def prepare(self, frame: RgbdFrame) -> IcpTrack:
         """Its planes, though the first frame alone needs them at once."""
-        return track_from(make_pyramid(frame), IcpParameters().planes)
+        return start_track(build_depth_pyramid(frame), IcpParameters().max_planes)
 
-    def align(self, earlier: Track, later: Track, T_earlier_later: Array) -> Array | None:
+    def align(self, earlier: IcpTrack, later: IcpTrack, T_earlier_later: Array) -> Array | None:
         """As `IcpOdometry`, without a second try."""
-        found = align(earlier.planes, later.last, [inverse(T_earlier_later), np.eye(4)], FINE_ALONE)
-        return None if doubt(found) else inverse(found.T_camera_reference)
+        found = align(
+            earlier.planes, later.last_frame, [inverse(T_earlier_later), np.eye(4)], FINE_ONLY
+        )
+        return None if rejection_reason(found) else inverse(found.T_camera_reference)
 
 
-def methods(open3d_folder: Path | None, frame_to_frame: bool) -> dict[str, Callable[[], Odometry]]:
+def make_methods(
+    open3d_folder: Path | None, frame_to_frame: bool
+) -> dict[str, Callable[[], Odometry]]:
     """By name, each ready to make."""
     made: dict[str, Callable[[], Odometry]] = {OURS: IcpOdometry}
     if frame_to_frame:
-        made[OURS_FRAME_TO_FRAME] = lambda: FrameToFrame(NewestReference())
-    made[OPENCV] = lambda: FrameToFrame(OpenCvOdometry(cv2.OdometryType_DEPTH))
+        made[OURS_FRAME_TO_FRAME] = lambda: FrameToFrameOdometry(FrameToFrameIcp())
+    made[OPENCV] = lambda: FrameToFrameOdometry(OpenCvOdometry(cv2.OdometryType_DEPTH))
     if open3d_folder is not None:
         open3d = load_open3d(open3d_folder)
-        made[OPEN3D] = lambda: FrameToFrame(Open3dIcp(open3d))
+        made[OPEN3D] = lambda: FrameToFrameOdometry(Open3dIcp(open3d))
     return made

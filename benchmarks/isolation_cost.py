@@ -21,19 +21,19 @@ from functools import partial
 import numpy as np
 
 from benchmarks.preloaded_camera import PreloadedCamera
-from drivers.camera import Clock, Pace, RgbdCamera
-from drivers.isolation.camera import IsolatedCamera
+from drivers.camera import Clock, PlaybackMode, RgbdCamera
+from drivers.isolation.camera import SubprocessCamera
 
 READ_TIMEOUT_S = 30.0
 WARM_UP_S = 1.0
 
 
 @dataclass(frozen=True)
-class Cost:
+class CaptureCost:
     """Of one frame, milliseconds; `missed` frames of the whole run."""
 
-    cpu_here_ms: float
-    cpu_there_ms: float
+    cpu_reader_ms: float
+    cpu_worker_ms: float
     latency_median_ms: float
     latency_p99_ms: float
     missed: int
@@ -41,7 +41,7 @@ class Cost:
     @property
     def cpu_ms(self) -> float:
         """Of both processes."""
-        return self.cpu_here_ms + self.cpu_there_ms
+        return self.cpu_reader_ms + self.cpu_worker_ms
 
 
 def main() -> None:
@@ -56,26 +56,26 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
     recipe = partial(PreloadedCamera, args.rate)
-    isolated = IsolatedCamera("preloaded", Clock.MONOTONIC, recipe, Pace.REALTIME)
+    isolated = SubprocessCamera("preloaded", Clock.MONOTONIC, recipe, PlaybackMode.REALTIME)
     frames = int(args.seconds * args.rate)
     warm_up = int(WARM_UP_S * args.rate)
     alone, apart = measure(recipe(), warm_up, frames), measure(isolated, warm_up, frames)
     # In this process, "there" is here: its time is counted once.
-    alone = Cost(**{**asdict(alone), "cpu_there_ms": 0.0})
+    alone = CaptureCost(**{**asdict(alone), "cpu_there_ms": 0.0})
     if args.json:
         print(json.dumps({"in_process": asdict(alone), "isolated": asdict(apart)}))
         return
     print("ms per frame    CPU here  CPU there  CPU in all  latency median     p99  missed")
     for name, cost in (("in process", alone), ("isolated", apart)):
         print(
-            f"{name:14}{cost.cpu_here_ms:10.3f}{cost.cpu_there_ms:11.3f}{cost.cpu_ms:12.3f}"
+            f"{name:14}{cost.cpu_reader_ms:10.3f}{cost.cpu_worker_ms:11.3f}{cost.cpu_ms:12.3f}"
             f"{cost.latency_median_ms:16.3f}{cost.latency_p99_ms:8.3f}{cost.missed:8d}"
         )
     extra_ms = apart.cpu_ms - alone.cpu_ms
     print(f"ratio of the CPU time in all: {apart.cpu_ms / alone.cpu_ms:.2f} ({extra_ms:+.3f} ms)")
 
 
-def measure(camera: RgbdCamera, warm_up: int, frames: int) -> Cost:
+def measure(camera: RgbdCamera, warm_up: int, frames: int) -> CaptureCost:
     """Read so many frames after the first ones."""
     with camera:
         for _ in range(warm_up):
@@ -83,13 +83,13 @@ def measure(camera: RgbdCamera, warm_up: int, frames: int) -> Cost:
         begin_s, last, latencies_s = time.process_time(), first, []
         for _ in range(frames):
             last = camera.read(READ_TIMEOUT_S)
-            latencies_s.append(time.monotonic() - last.arrival_s)
+            latencies_s.append(time.monotonic() - last.receive_time_s)
         here_s = time.process_time() - begin_s
     there_s = (last.device_stamp_s or 0.0) - (first.device_stamp_s or 0.0)
     median_s, p99_s = np.percentile(latencies_s, [50, 99])
-    return Cost(
-        cpu_here_ms=here_s / frames * 1e3,
-        cpu_there_ms=there_s / frames * 1e3,
+    return CaptureCost(
+        cpu_reader_ms=here_s / frames * 1e3,
+        cpu_worker_ms=there_s / frames * 1e3,
         latency_median_ms=float(median_s) * 1e3,
         latency_p99_ms=float(p99_s) * 1e3,
         missed=last.seq - first.seq - frames,

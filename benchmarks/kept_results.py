@@ -10,7 +10,7 @@ from drivers.errors import InputError
 Json = dict[str, Any]
 
 
-class KeptResults:
+class ResultCache:
     """JSON objects by name in FOLDER/results.json, written after each."""
 
     def __init__(self, folder: Path) -> None:
@@ -20,10 +20,10 @@ class KeptResults:
         if self._file.exists():
             self._results = _read(self._file)
 
-    def get(self, name: str, make: Callable[[], Json]) -> Json:
+    def get_or_run(self, name: str, run: Callable[[], Json]) -> Json:
         """The result of that name; made and kept where there is none yet."""
         if name not in self._results:
-            self._results[name] = json.loads(json.dumps(make()))
+            self._results[name] = json.loads(json.dumps(run()))
             part = self._file.with_name(self._file.name + ".part")
             part.write_text(json.dumps(self._results, indent=1))
             part.replace(self._file)

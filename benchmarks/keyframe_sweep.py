@@ -25,26 +25,28 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from benchmarks.kept_results import Json, KeptResults
+from benchmarks.kept_results import Json, ResultCache
 from drivers.errors import UserFacingError
 from vo_service.odometry.keyframe import parameters
 
-AS_IT_IS = "as it is"
+BASELINE = "as it is"
 
 
 def main() -> int:
     """Run every value that is not kept yet, and print a row for each."""
     args = _parser().parse_args()
-    changes = [AS_IT_IS, *args.of]
+    changes = [BASELINE, *args.of]
     for factor in args.times:
-        changes += [change for name in constants() if (change := scaled(name, factor))]
+        changes += [
+            change for name in swept_parameters() if (change := scale_parameter(name, factor))
+        ]
     print(f"{'':38}" + "".join(f"{Path(folder).name:>30}" for folder in args.recording))
     try:
         args.kept.mkdir(parents=True, exist_ok=True)
-        kept = KeptResults(args.kept)
+        kept = ResultCache(args.kept)
         for change in changes:
-            found = kept.get(change, partial(in_a_child, change, args.recording))
-            print(as_text(change, found, args.recording), flush=True)
+            found = kept.get_or_run(change, partial(run_in_subprocess, change, args.recording))
+            print(format_row(change, found, args.recording), flush=True)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
@@ -67,12 +69,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def constants() -> list[str]:
+def swept_parameters() -> list[str]:
     """Names of all that were chosen by measurement, in the order in which they stand."""
     return [name for name in vars(parameters) if name.isupper()]
 
 
-def scaled(name: str, factor: float) -> str:
+def scale_parameter(name: str, factor: float) -> str:
     """NAME=VALUE so many times what it is; "" where that is no other value."""
     value = getattr(parameters, name)
     parts = value if isinstance(value, tuple) else (value,)
@@ -83,7 +85,7 @@ def scaled(name: str, factor: float) -> str:
     return "" if changed == parts else f"{name}={changed if len(changed) > 1 else changed[0]}"
 
 
-def in_a_child(change: str, recordings: Sequence[str]) -> Json:
+def run_in_subprocess(change: str, recordings: Sequence[str]) -> Json:
     """The cells of one row; of a failure the reason."""
     with tempfile.TemporaryDirectory() as cache:
         done = subprocess.run(
@@ -98,13 +100,13 @@ def in_a_child(change: str, recordings: Sequence[str]) -> Json:
     return cells
 
 
-def changed(change: str) -> tuple[str, object]:
+def parse_change(change: str) -> tuple[str, object]:
     """Name and value of NAME=VALUE."""
     name, _, value = change.partition("=")
     return name, ast.literal_eval(value)
 
 
-def as_text(change: str, found: Json, recordings: Sequence[str]) -> str:
+def format_row(change: str, found: Json, recordings: Sequence[str]) -> str:
     """One row of the table."""
     if "failed" in found:
         return f"{change:38}  failed: {found['failed']}"

@@ -13,42 +13,42 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.camera_frames import all_frames
+from benchmarks.camera_frames import read_all_frames
 from benchmarks.kept_results import Json
-from benchmarks.keyframe_sweep import AS_IT_IS, changed
-from drivers.camera import Pace
+from benchmarks.keyframe_sweep import BASELINE, parse_change
+from drivers.camera import PlaybackMode
 from drivers.errors import InputError
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
 from vo_service.evaluation import evaluate
 from vo_service.evaluation.association import associate
-from vo_service.evaluation.gross_errors import gross_errors, tracked_steps
+from vo_service.evaluation.gross_errors import count_gross_errors, tracked_steps
 from vo_service.odometry.keyframe import parameters
 
 
 def main(change: str, recordings: Sequence[str]) -> int:
     """Change the constant before anything is compiled with it, then follow every recording."""
     cv2.setNumThreads(1)
-    if change != AS_IT_IS:
-        name, value = changed(change)
+    if change != BASELINE:
+        name, value = parse_change(change)
         if not hasattr(parameters, name):
             sys.exit(f"{parameters.__name__} has no {name}")
         setattr(parameters, name, value)
-    print(json.dumps({each: figures(each) for each in recordings}))
+    print(json.dumps({each: evaluate_recording(each) for each in recordings}))
     return 0
 
 
-def figures(recording: str) -> Json | None:
+def evaluate_recording(recording: str) -> Json | None:
     """Of FOLDER or FOLDER@EVERY; None where the odometry found no way through it."""
-    from vo_service.odometry.keyframe_odometry import KeyframeOdometry
+    from vo_service.odometry.keyframe_odometry import DirectOdometry
 
     folder, _, every = recording.partition("@")
     stamps_s, poses, epochs, failed = [], [], [], 0
-    with TumCamera(Path(folder), None, Pace.LOCKSTEP) as camera:
-        odometry, epoch, truth = KeyframeOdometry(), 0, camera.ground_truth
-        for frame in islice(all_frames(camera), 0, None, int(every or 1)):
+    with TumCamera(Path(folder), None, PlaybackMode.LOCKSTEP) as camera:
+        odometry, epoch, truth = DirectOdometry(), 0, camera.ground_truth
+        for frame in islice(read_all_frames(camera), 0, None, int(every or 1)):
             estimate = odometry.estimate(frame)
-            epoch += estimate.restarted
+            epoch += estimate.is_reset
             failed += not estimate.ok
             if estimate.ok:
                 stamps_s.append(frame.stamp_s)
@@ -56,7 +56,7 @@ def figures(recording: str) -> Json | None:
                 epochs.append(epoch)
     assert truth is not None, f"{folder} has no ground truth"
     try:
-        trajectory = StampedPoses(np.array(stamps_s), np.array(poses))
+        trajectory = Trajectory(np.array(stamps_s), np.array(poses))
         matched, found = associate(trajectory, truth), evaluate(trajectory, truth)
     except InputError:
         return None
@@ -65,7 +65,7 @@ def figures(recording: str) -> Json | None:
         "ate_m": found.ate_rmse_m,
         "global_m": found.mean_global_error_m,
         "lost": failed,
-        "gross": gross_errors(matched, steps),
+        "gross": count_gross_errors(matched, steps),
     }
 
 

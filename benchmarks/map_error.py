@@ -19,11 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.true_surface import SurfaceError, solids_of
+from benchmarks.true_surface import SurfaceError, make_solids
 from drivers.errors import InputError, UserFacingError
 from drivers.geometry import Array, transform_points
 from drivers.synthetic.solids import Solid
-from drivers.trajectory import StampedPoses, read_trajectory
+from drivers.trajectory import Trajectory, read_trajectory
 from vo_service.config import read_config
 from vo_service.evaluation import evaluate
 from vo_service.evaluation.association import associate
@@ -63,7 +63,7 @@ def main() -> int:
     parser.add_argument("maps", metavar="MAP", type=Path, nargs="+")
     args = parser.parse_args()
     try:
-        solids = solids_of(read_config(args.config).synthetic)
+        solids = make_solids(read_config(args.config).synthetic)
         truth = read_trajectory(args.recording / "groundtruth.txt")
         for folder in args.maps:
             print(measure(folder, truth, solids), flush=True)
@@ -73,19 +73,19 @@ def main() -> int:
     return 0
 
 
-def measure(folder: Path, truth: StampedPoses, solids: Sequence[Solid]) -> MapError:
+def measure(folder: Path, truth: Trajectory, solids: Sequence[Solid]) -> MapError:
     """The error of a map. Raises InputError if there is none in the folder."""
     poses = read_trajectory(folder / "trajectory.txt")
     T_room_map = first_pose_alignment(associate(poses, truth))
-    in_room_m = transform_points(T_room_map, vertices_m(folder / "map.ply"))
+    in_room_m = transform_points(T_room_map, read_vertices_m(folder / "map.ply"))
     return MapError(
         name=str(folder),
         ate_rmse_m=evaluate(poses, truth).ate_rmse_m,
-        surface=SurfaceError.of(in_room_m, solids),
+        surface=SurfaceError.from_vertices(in_room_m, solids),
     )
 
 
-def vertices_m(path: Path) -> Array:
+def read_vertices_m(path: Path) -> Array:
     """(N, 3) of a mesh that `reconstruct` wrote. Raises InputError for anything else."""
     try:
         header, _, body = path.read_bytes().partition(b"end_header\n")

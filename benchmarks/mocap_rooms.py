@@ -17,16 +17,16 @@ from pathlib import Path
 
 from benchmarks.rendered import render_all
 from drivers.errors import InputError, UserFacingError
-from drivers.synthetic.config import SyntheticConfig, Timing
+from drivers.synthetic.config import ShutterTiming, SyntheticConfig
 from drivers.trajectory import read_trajectory
 
-SUFFIX = "-groundtruth.txt"
+TRACK_SUFFIX = "-groundtruth.txt"
 SEEDS = (11, 12, 13)
 TIMINGS = {
-    "ideal": Timing(0.0, 0.0),
-    "rolling--12": Timing(0.020, -0.012),
-    "rolling-0": Timing(0.020, 0.0),
-    "rolling-12": Timing(0.020, 0.012),
+    "ideal": ShutterTiming(0.0, 0.0),
+    "rolling--12": ShutterTiming(0.020, -0.012),
+    "rolling-0": ShutterTiming(0.020, 0.0),
+    "rolling-12": ShutterTiming(0.020, 0.012),
 }
 # All of freiburg1's xyz, rpy and desk are brisk there.
 START_S, DURATION_S = 12.0, 10.0
@@ -49,7 +49,7 @@ def main() -> int:
     args = parser.parse_args()
     begin_s = time.monotonic()
     try:
-        shown = rooms(args.tracks, args.seeds, args.timing, args.start, args.seconds)
+        shown = make_configs(args.tracks, args.seeds, args.timing, args.start, args.seconds)
         wanted = {args.output / name: config for name, config in shown.items()}
         args.output.mkdir(parents=True, exist_ok=True)
         render_all(wanted, lambda line: print(line, flush=True), args.processes)
@@ -60,7 +60,7 @@ def main() -> int:
     return 0
 
 
-def rooms(
+def make_configs(
     tracks: Path,
     seeds: Sequence[int],
     timings: Sequence[str],
@@ -71,15 +71,15 @@ def rooms(
 
     Raises InputError if there are no tracks, one is broken, or one ends before `start_s`.
     """
-    files = sorted(tracks.glob(f"*{SUFFIX}"))
+    files = sorted(tracks.glob(f"*{TRACK_SUFFIX}"))
     if not files:
-        raise InputError(f"{tracks}: holds no *{SUFFIX}; name a folder of TUM trajectories")
+        raise InputError(f"{tracks}: holds no *{TRACK_SUFFIX}; name a folder of TUM trajectories")
     return {
-        f"{file.name.removesuffix(SUFFIX)}-room{seed}-{timing}": SyntheticConfig(
+        f"{file.name.removesuffix(TRACK_SUFFIX)}-room{seed}-{timing}": SyntheticConfig(
             seed=seed,
             track=file.resolve(),
             track_start_s=start_s,
-            duration_s=min(duration_s, _rest_s(file, start_s)),
+            duration_s=min(duration_s, _remaining_s(file, start_s)),
             timing=TIMINGS[timing],
         )
         for file in files
@@ -88,7 +88,7 @@ def rooms(
     }
 
 
-def _rest_s(track: Path, start_s: float) -> float:
+def _remaining_s(track: Path, start_s: float) -> float:
     stamps_s = read_trajectory(track).stamps_s
     length_s = float(stamps_s[-1] - stamps_s[0])
     if length_s <= start_s:

@@ -29,11 +29,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.kept_results import Json, KeptResults
-from benchmarks.next_day_measure import LONGEST, Outcome, Tour, first_day, second_day
-from benchmarks.relocalisation import FILM_S
-from benchmarks.relocalisation_tries import kept_film
-from benchmarks.tour_frames import tour_config, true_poses
+from benchmarks.kept_results import Json, ResultCache
+from benchmarks.next_day_measure import (
+    MAX_FRAMES,
+    SessionStartResult,
+    TourSequence,
+    build_map,
+    relocalize_in_map,
+)
+from benchmarks.relocalisation import SEQUENCE_S
+from benchmarks.relocalisation_tries import open_cached_sequence
+from benchmarks.tour_frames import compute_true_poses, make_tour_config
 from drivers.errors import UserFacingError
 from vo_service.methods import METHODS
 from vo_service.terminal import Terminal
@@ -73,37 +79,41 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def run(args: argparse.Namespace) -> list[Outcome]:
+def run(args: argparse.Namespace) -> list[SessionStartResult]:
     """All outcomes. Raises InputError if the folder cannot be used."""
     args.folder.mkdir(parents=True, exist_ok=True)
-    kept, together = KeptResults(args.folder), list[Outcome]()
+    kept, together = ResultCache(args.folder), list[SessionStartResult]()
     warm_up(args.method, lambda stage: None)
     print(HEAD)
     for seed in args.seeds:
         name = f"next-day-{seed}-{args.method}-{args.starts}"
-        found = kept.get(name, partial(_measure, args, seed))
-        outcomes = [Outcome(**each) for each in found["outcomes"]]
+        found = kept.get_or_run(name, partial(_measure, args, seed))
+        outcomes = [SessionStartResult(**each) for each in found["outcomes"]]
         together += outcomes
-        print(as_text(f"seed {seed}", outcomes), flush=True)
-    print(as_text("together", together))
+        print(format_row(f"seed {seed}", outcomes), flush=True)
+    print(format_row("together", together))
     return together
 
 
 def _measure(args: argparse.Namespace, seed: int) -> Json:
-    terminal, config = Terminal(), tour_config(seed, FILM_S, False)
-    tour = Tour(config, kept_film(args.folder, config, terminal), true_poses(config))
+    terminal, config = Terminal(), make_tour_config(seed, SEQUENCE_S, False)
+    tour = TourSequence(
+        config, open_cached_sequence(args.folder, config, terminal), compute_true_poses(config)
+    )
     file = args.folder / f"day-{seed}.places"
-    T_room_map = first_day(args.method, tour, file)
-    starts = np.linspace(tour.noon, len(tour.T_room_camera) - LONGEST, args.starts, dtype=np.int64)
+    T_room_map = build_map(args.method, tour, file)
+    starts = np.linspace(
+        tour.second_half_start, len(tour.T_room_camera) - MAX_FRAMES, args.starts, dtype=np.int64
+    )
     outcomes = []
     for number, first in enumerate(starts, 1):
         terminal.progress(f"room {seed}: start", number, args.starts)
-        outcomes.append(second_day(args.method, tour, file, T_room_map, int(first)))
+        outcomes.append(relocalize_in_map(args.method, tour, file, T_room_map, int(first)))
     terminal.clear()
     return {"outcomes": [asdict(each) for each in outcomes]}
 
 
-def as_text(name: str, outcomes: Sequence[Outcome]) -> str:
+def format_row(name: str, outcomes: Sequence[SessionStartResult]) -> str:
     """One row of the table."""
     known = [each for each in outcomes if each.frames is not None]
     counts = (len(outcomes), len(known), sum(each.is_wrong for each in known))
@@ -111,12 +121,15 @@ def as_text(name: str, outcomes: Sequence[Outcome]) -> str:
     if not known:
         return row
     frames = np.median([each.frames for each in known])
-    away_mm = [1e3 * each.away_m for each in known]
-    later_mm = [1e3 * each.later_m for each in known]
-    away_deg, later_deg = [each.away_deg for each in known], [each.later_deg for each in known]
+    away_mm = [1e3 * each.error_m for each in known]
+    later_mm = [1e3 * each.settled_error_m for each in known]
+    away_deg, later_deg = (
+        [each.error_deg for each in known],
+        [each.settled_error_deg for each in known],
+    )
     return (
         f"{row}{frames:8.0f}{np.median(away_mm):9.1f}{max(away_mm):9.1f}{max(away_deg):7.2f}"
-        f"{1e3 * max(each.near_m for each in known):7.1f}{max(later_mm):16.1f}{max(later_deg):7.2f}"
+        f"{1e3 * max(each.nearby_error_m for each in known):7.1f}{max(later_mm):16.1f}{max(later_deg):7.2f}"
     )
 
 

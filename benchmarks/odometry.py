@@ -21,15 +21,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.camera_frames import all_frames
+from benchmarks.camera_frames import read_all_frames
 from benchmarks.odometry_methods import METHODS, make_odometry
-from benchmarks.odometry_table import STAGES, Result, table
-from drivers.camera import Pace
+from benchmarks.odometry_table import STAGES, OdometryResult, format_table
+from drivers.camera import PlaybackMode
 from drivers.errors import InputError, UserFacingError
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
 from vo_service.evaluation import Evaluation, evaluate
-from vo_service.stage_clock import StageClock
+from vo_service.stage_clock import CpuStageTimer
 from vo_service.types import Estimate
 
 
@@ -45,46 +45,46 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
     cv2.setNumThreads(1)
-    results: dict[str, dict[str, Result]] = {}
+    results: dict[str, dict[str, OdometryResult]] = {}
     try:
         for folder in args.folder:
             results[str(folder)] = {name: measure(name, folder) for name in args.methods}
             if not args.json:
-                print(f"{folder}\n{table(results[str(folder)])}\n", flush=True)
+                print(f"{folder}\n{format_table(results[str(folder)])}\n", flush=True)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     if args.json:
-        print(json.dumps(as_json(results)))
+        print(json.dumps(to_json(results)))
     return 0
 
 
-def measure(method: str, folder: Path) -> Result:
+def measure(method: str, folder: Path) -> OdometryResult:
     """Follow a folder from its first frame to its last."""
-    clock = StageClock()
+    clock = CpuStageTimer()
     odometry = make_odometry(method, clock)
     estimates: list[Estimate] = []
     stamps_s, stages_ms, cpu_ms = [], [], []
-    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
-        for frame in all_frames(camera):
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        for frame in read_all_frames(camera):
             begin_s = time.thread_time()
             estimates.append(odometry.estimate(frame))
             cpu_ms.append((time.thread_time() - begin_s) * 1e3)
-            stages_ms.append(clock.take())
+            stages_ms.append(clock.take_stage_ms())
             stamps_s.append(frame.stamp_s)
         truth = camera.ground_truth
-    return Result(
+    return OdometryResult(
         frames=len(estimates),
         failed=sum(not e.ok for e in estimates),
         inliers=median([e.inliers for e in estimates if e.ok]),
         stage_ms={name: median([s[name] for s in stages_ms if name in s]) for name in STAGES},
         cpu_ms=median(cpu_ms),
-        evaluation=compare(estimates, stamps_s, truth),
+        evaluation=evaluate_trajectory(estimates, stamps_s, truth),
     )
 
 
-def compare(
-    estimates: list[Estimate], stamps_s: list[float], truth: StampedPoses | None
+def evaluate_trajectory(
+    estimates: list[Estimate], stamps_s: list[float], truth: Trajectory | None
 ) -> Evaluation | None:
     """The trajectory against the truth; None where there is none, or too few poses."""
     good = [n for n, estimate in enumerate(estimates) if estimate.ok]
@@ -92,7 +92,7 @@ def compare(
         return None
     poses = np.array([estimates[n].T_world_camera for n in good])
     try:
-        return evaluate(StampedPoses(np.array(stamps_s)[good], poses), truth, np.array(stamps_s))
+        return evaluate(Trajectory(np.array(stamps_s)[good], poses), truth, np.array(stamps_s))
     except InputError:
         return None
 
@@ -102,7 +102,7 @@ def median(values: list[float] | list[int]) -> float:
     return float(np.median(values)) if values else 0.0
 
 
-def as_json(results: dict[str, dict[str, Result]]) -> dict[str, dict[str, object]]:
+def to_json(results: dict[str, dict[str, OdometryResult]]) -> dict[str, dict[str, object]]:
     """By folder, then by method."""
     return {
         folder: {name: asdict(result) for name, result in methods.items()}

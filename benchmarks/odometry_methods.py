@@ -1,8 +1,8 @@
 """SURF, SIFT and ORB: what the same odometry is fed with to compare them."""
 
-from vo_service.bench.peers.features import RATIO, orb_odometry, sift_odometry
+from vo_service.bench.peers.features import MATCH_RATIO, orb_odometry, sift_odometry
 from vo_service.odometry.parameters import SurfParameters
-from vo_service.odometry.stopwatch import Stopwatch
+from vo_service.odometry.stopwatch import StageTimer
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf_odometry import SurfOdometry
 
@@ -10,11 +10,11 @@ METHODS = ("SURF", "SIFT", "ORB")
 COUNT = 1000
 
 
-def make_odometry(method: str, stopwatch: Stopwatch) -> SurfOdometry:
+def make_odometry(method: str, stopwatch: StageTimer) -> SurfOdometry:
     """The service's odometry, fed by one of METHODS."""
     if method == "SIFT":
         return sift_odometry(COUNT, stopwatch)
     if method == "ORB":
         return orb_odometry(COUNT, stopwatch)
-    parameters = SurfParameters(match_ratio=RATIO)
-    return SurfOdometry(SurfExtractor(COUNT), parameters, stopwatch=stopwatch)
+    parameters = SurfParameters(match_ratio=MATCH_RATIO)
+    return SurfOdometry(SurfExtractor(COUNT), parameters, timer=stopwatch)

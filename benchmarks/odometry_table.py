@@ -8,7 +8,7 @@ STAGES = ("surf", "points", "match", "ransac", "svd")
 
 
 @dataclass(frozen=True)
-class Result:
+class OdometryResult:
     """One method on one folder.
 
     frames, failed     how many there were, and how many of them have no pose
@@ -25,20 +25,20 @@ class Result:
     evaluation: Evaluation | None
 
 
-def table(results: dict[str, Result]) -> str:
+def format_table(results: dict[str, OdometryResult]) -> str:
     """One line a method; below, how the others compare with SIFT where SIFT is among them."""
     heads = ["frames", "failed", "inliers", "ATE", "global", "RPE/frame", "RPE/1s", "cover %"]
     heads += [*STAGES, "CPU ms"]
-    rows = {name: cells(result) for name, result in results.items()}
+    rows = {name: table_cells(result) for name, result in results.items()}
     if "SIFT" in results:
         for name in (name for name in results if name != "SIFT"):
-            rows[f"{name}/SIFT"] = ratios(results[name], results["SIFT"])
+            rows[f"{name}/SIFT"] = ratio_cells(results[name], results["SIFT"])
     lines = [f"{'':10}" + "".join(f"{head:>10}" for head in heads)]
     lines += [f"{name:10}" + "".join(f"{cell:>10}" for cell in row) for name, row in rows.items()]
     return "\n".join(lines)
 
 
-def cells(result: Result) -> list[str]:
+def table_cells(result: OdometryResult) -> list[str]:
     """The columns of one method."""
     counts = [f"{result.frames}", f"{result.failed}", f"{result.inliers:.0f}"]
     errors = [f"{1e3 * e:.1f}" if e is not None else "-" for e in errors_m(result)]
@@ -48,7 +48,7 @@ def cells(result: Result) -> list[str]:
     return [*counts, *errors, share, *(f"{spent:.2f}" for spent in times_ms)]
 
 
-def ratios(result: Result, other: Result) -> list[str]:
+def ratio_cells(result: OdometryResult, other: OdometryResult) -> list[str]:
     """The same columns, divided by those of the other method."""
     errors = [
         f"{mine / theirs:.2f}" if mine is not None and theirs else "-"
@@ -59,7 +59,7 @@ def ratios(result: Result, other: Result) -> list[str]:
     return ["", "", inliers, *errors, "", *stages, f"{result.cpu_ms / other.cpu_ms:.2f}"]
 
 
-def errors_m(result: Result) -> list[float | None]:
+def errors_m(result: OdometryResult) -> list[float | None]:
     """ATE, mean global error, RPE a frame and over a second, in metres."""
     e = result.evaluation
     if e is None:

@@ -22,11 +22,11 @@ from drivers.geometry import Array
 from vo_service.outputs.cdr import decode_odometry
 
 KEY = "kinect/odom"
-ENDING_S = 20.0
+STOP_TIMEOUT_S = 20.0
 
 
 @dataclass(frozen=True)
-class Arrivals:
+class PoseArrivals:
     """What was heard, one entry a pose.
 
     heard_s          CLOCK_MONOTONIC once the message was decoded
@@ -35,16 +35,16 @@ class Arrivals:
     clock_moved_s    by how much the wall clock was set meanwhile: the stamps are off by as much
     """
 
-    heard_s: Array
+    receive_time_s: Array
     stamp_s: Array
     seq: Array
-    clock_moved_s: float
+    clock_shift_s: float
 
-    def between(self, begin_s: float, end_s: float) -> "Arrivals":
+    def between(self, begin_s: float, end_s: float) -> "PoseArrivals":
         """Those with stamps between two instants."""
         inside = (self.stamp_s >= begin_s) & (self.stamp_s < end_s)
-        return Arrivals(
-            self.heard_s[inside], self.stamp_s[inside], self.seq[inside], self.clock_moved_s
+        return PoseArrivals(
+            self.receive_time_s[inside], self.stamp_s[inside], self.seq[inside], self.clock_shift_s
         )
 
     @property
@@ -53,27 +53,27 @@ class Arrivals:
         return int(self.seq[-1] - self.seq[0]) + 1 - len(self.seq) if len(self.seq) else 0
 
 
-class Listener:
+class ArrivalRecorder:
     """The subscriber while it runs."""
 
     def __init__(self, process: "subprocess.Popen[bytes]", file: Path) -> None:
         self.process, self._file = process, file
 
-    def end(self) -> Arrivals:
+    def stop(self) -> PoseArrivals:
         """Let it write down what it heard."""
         assert self.process.stdin is not None
         self.process.stdin.close()
-        if self.process.wait(ENDING_S) != 0:
+        if self.process.wait(STOP_TIMEOUT_S) != 0:
             raise RuntimeError("the subscriber failed")
         with np.load(self._file) as kept:
             clock_s = kept["clock_s"]
             heard_s, stamp_s, seq = kept["poses"].T
         moved_s = float(clock_s[1] - clock_s[0])
-        return Arrivals(heard_s, stamp_s - clock_s[0], seq, moved_s)
+        return PoseArrivals(heard_s, stamp_s - clock_s[0], seq, moved_s)
 
 
 @contextmanager
-def listening(endpoint: str, file: Path) -> Iterator[Listener]:
+def running_recorder(endpoint: str, file: Path) -> Iterator[ArrivalRecorder]:
     """A subscriber in a process of its own that is ready; killed at the end."""
     command = [sys.executable, "-m", "benchmarks.pose_arrivals", endpoint, str(file)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
@@ -81,7 +81,7 @@ def listening(endpoint: str, file: Path) -> Iterator[Listener]:
         try:
             if process.stdout.readline() != b"ready\n":
                 raise RuntimeError("the subscriber did not start")
-            yield Listener(process, file)
+            yield ArrivalRecorder(process, file)
         finally:
             process.kill()
 
@@ -106,15 +106,15 @@ def main(endpoint: str, file: Path) -> None:
     config = zenoh.Config()
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
-    begin_s = wall_clock_s()
+    begin_s = wall_clock_offset_s()
     with zenoh.open(config) as session, session.declare_subscriber(KEY, take):
         print("ready", flush=True)
         sys.stdin.read()
-    clock_s = np.array([begin_s, wall_clock_s()])
+    clock_s = np.array([begin_s, wall_clock_offset_s()])
     np.savez(file, poses=np.array(poses, np.float64).reshape(-1, 3), clock_s=clock_s)
 
 
-def wall_clock_s() -> float:
+def wall_clock_offset_s() -> float:
     """CLOCK_REALTIME minus CLOCK_MONOTONIC: of some readings, the least interrupted."""
     readings = []
     for _ in range(20):

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.camera import CameraCounters, Clock, NoFrameYet, PinholeCamera, RgbdCamera, RgbdFrame
+from drivers.camera import CameraCounters, Clock, FrameTimeout, PinholeCamera, RgbdCamera, RgbdFrame
 
-IMAGES = 8
+IMAGE_COUNT = 8
 WIDTH, HEIGHT = 640, 480
 
 
@@ -23,7 +23,7 @@ class PreloadedCamera(RgbdCamera):
     def __init__(self, rate_hz: float) -> None:
         self._period_s = 1.0 / rate_hz
         rng = np.random.default_rng(1)
-        self._frames = [_frame(rng) for _ in range(IMAGES)]
+        self._frames = [_random_images(rng) for _ in range(IMAGE_COUNT)]
         self._seq, self._due_s = 0, 0.0
 
     def open(self) -> None:
@@ -35,16 +35,16 @@ class PreloadedCamera(RgbdCamera):
         wait_s = self._due_s - time.monotonic()
         time.sleep(max(0.0, min(wait_s, timeout_s)))
         if wait_s > timeout_s:
-            raise NoFrameYet
-        source = self._frames[self._seq % IMAGES]
+            raise FrameTimeout
+        source = self._frames[self._seq % IMAGE_COUNT]
         frame = replace(
             source,
             seq=self._seq,
             stamp_s=self._due_s,
-            colour_bgr=source.colour_bgr.copy(),
+            color_bgr=source.color_bgr.copy(),
             depth_raw=source.depth_raw.copy(),
             device_stamp_s=time.process_time(),
-            arrival_s=time.monotonic(),
+            receive_time_s=time.monotonic(),
         )
         self._seq += 1
         self._due_s += self._period_s
@@ -59,12 +59,12 @@ class PreloadedCamera(RgbdCamera):
         return CameraCounters(delivered=self._seq)
 
 
-def _frame(rng: np.random.Generator) -> RgbdFrame:
+def _random_images(rng: np.random.Generator) -> RgbdFrame:
     return RgbdFrame(
         seq=0,
         stamp_s=0.0,
-        arrival_s=0.0,
-        colour_bgr=rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8),
+        receive_time_s=0.0,
+        color_bgr=rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8),
         depth_raw=rng.integers(0, 4000, (HEIGHT, WIDTH), np.uint16),
         depth_factor=1000.0,
         camera=PinholeCamera(WIDTH, HEIGHT, 525.0, 525.0, 319.5, 239.5),

@@ -7,17 +7,17 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 PERIOD_US = 100_000  # systemd's own
-ENDING_S = 10.0
+STOP_TIMEOUT_S = 10.0
 
 
 @contextmanager
-def processor_limit(percent: float) -> Iterator[Callable[[Iterable[int]], None]]:
+def limit_processor(percent: float) -> Iterator[Callable[[Iterable[int]], None]]:
     """A group whose processes together get so much of one processor.
 
     Yields what puts processes into it; what they start later is in it too. At the end they go back
     to where this process is not limited either. Raises RuntimeError where groups cannot be made.
     """
-    parent, write_limit = _hierarchy()
+    parent, write_limit = _find_cpu_cgroup()
     try:
         group = Path(mkdtemp(prefix="slow-machine-", dir=parent))
         write_limit(group, round(percent / 100.0 * PERIOD_US))
@@ -26,29 +26,29 @@ def processor_limit(percent: float) -> Iterator[Callable[[Iterable[int]], None]]
     try:
         yield lambda processes: _move(processes, group)
     finally:
-        _remove(group, parent)
+        _remove_cgroup(group, parent)
 
 
-def _hierarchy() -> tuple[Path, Callable[[Path, int], None]]:
+def _find_cpu_cgroup() -> tuple[Path, Callable[[Path, int], None]]:
     """The top group of the processor's controller, and how a limit is written there."""
     first = Path("/sys/fs/cgroup/cpu")
     if (first / "cpu.shares").exists():
-        return first, _write_first
-    return Path("/sys/fs/cgroup"), _write_second
+        return first, _write_cgroup_v1
+    return Path("/sys/fs/cgroup"), _write_cgroup_v2
 
 
-def _write_first(group: Path, quota_us: int) -> None:
+def _write_cgroup_v1(group: Path, quota_us: int) -> None:
     (group / "cpu.cfs_period_us").write_text(str(PERIOD_US))
     (group / "cpu.cfs_quota_us").write_text(str(quota_us))
 
 
-def _write_second(group: Path, quota_us: int) -> None:
+def _write_cgroup_v2(group: Path, quota_us: int) -> None:
     (group / "cpu.max").write_text(f"{quota_us} {PERIOD_US}")
 
 
-def _remove(group: Path, parent: Path) -> None:
+def _remove_cgroup(group: Path, parent: Path) -> None:
     """Processes that are ending hold a group for a moment longer."""
-    deadline_s = time.monotonic() + ENDING_S
+    deadline_s = time.monotonic() + STOP_TIMEOUT_S
     while True:
         _move(map(int, (group / "cgroup.procs").read_text().split()), parent)
         try:

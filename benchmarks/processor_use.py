@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.belongings import children_of
+from tests.belongings import child_pids_of
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class ProcessorUse:
         return 100.0 * self.stolen_s / self.total_s if self.total_s else 0.0
 
 
-def processor_use(*processes: int) -> ProcessorUse:
+def measure_processor_use(*processes: int) -> ProcessorUse:
     """Of these processes, all their threads together."""
     fields = Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:]
     ticks = [int(field) for field in fields[:8]]  # user nice system idle iowait irq softirq steal
@@ -41,7 +41,7 @@ def processor_use(*processes: int) -> ProcessorUse:
 
 def descendants_of(process: int) -> list[int]:
     """Process numbers of its children, theirs, and so on."""
-    children = children_of(process)
+    children = child_pids_of(process)
     return children + [each for child in children for each in descendants_of(child)]
 
 

@@ -19,34 +19,34 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.glances import STEPS, Glance, of_recording, of_room
+from benchmarks.glances import VIEW_OFFSETS, PosedView, views_of_recording, views_of_room
 from drivers.errors import UserFacingError
 from drivers.geometry import Array, inverse, rotation_angle_rad
-from vo_service.mapping.places.place import Place
-from vo_service.mapping.places.places import Places
-from vo_service.mapping.places.recognition import Recogniser
-from vo_service.mapping.places.view import FOLLOWED, LOST, PlaceView
-from vo_service.odometry.keyframe.twists import logarithm
+from vo_service.mapping.places.place import MapKeyframe
+from vo_service.mapping.places.places import KeyframeDatabase
+from vo_service.mapping.places.recognition import PlaceRecognizer
+from vo_service.mapping.places.view import LOST_VELOCITY_SIGMA, TRACKED_VELOCITY_SIGMA, QueryFrame
+from vo_service.odometry.keyframe.twists import se3_log
 
-WRONG_M, WRONG_DEG = 0.05, 3.0
+MAX_ERROR_M, MAX_ERROR_DEG = 0.05, 3.0
 HEADING = "apart | tries | sighted | recognised | mm | 95 % | worst | degrees | sigmas | wrong"
 # So many places are asked for what looks alike.
-MOST_ALIKE = (1, 3, 5, 10)
+TOP_RANKS = (1, 3, 5, 10)
 Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
-class Seen:
+class DescribedView:
     """A glance as the map looks at it: with its velocity about known, without, and as a place."""
 
-    glance: Glance
-    view: PlaceView
-    lost: PlaceView
-    place: Place
+    posed_view: PosedView
+    query: QueryFrame
+    query_without_velocity: QueryFrame
+    keyframe: MapKeyframe
 
 
 @dataclass(frozen=True)
-class Try:
+class RecognitionTrial:
     """One view held against one place: where it is truly, and what was recognised.
 
     metres, degrees  how far apart they are; infinite in different scenes
@@ -56,26 +56,28 @@ class Try:
 
     metres: float
     degrees: float
-    sighted: bool
-    off_m: float | None = None
-    off_deg: float = 0.0
-    surprise: float = 0.0
+    is_candidate: bool
+    error_m: float | None = None
+    error_deg: float = 0.0
+    normalized_error: float = 0.0
 
     @property
     def is_wrong(self) -> bool:
-        return self.off_m is not None and (self.off_m > WRONG_M or self.off_deg > WRONG_DEG)
+        return self.error_m is not None and (
+            self.error_m > MAX_ERROR_M or self.error_deg > MAX_ERROR_DEG
+        )
 
     def is_within(self, metres: float, degrees: float) -> bool:
         return self.metres <= 1.01 * metres and self.degrees <= 1.01 * degrees
 
 
-class Stopwatch:
+class CpuTimer:
     """Processor time, by what it went to."""
 
     def __init__(self) -> None:
         self.times_ms: dict[str, list[float]] = {}
 
-    def time(self, what: str, work: Callable[[], Result]) -> Result:
+    def measure(self, what: str, work: Callable[[], Result]) -> Result:
         begin_s = time.process_time()
         result = work()
         self.times_ms.setdefault(what, []).append(1e3 * (time.process_time() - begin_s))
@@ -92,67 +94,86 @@ def main() -> int:
     parser.add_argument("--rooms", nargs="*", type=int, default=list(range(201, 207)))
     parser.add_argument("--recordings", nargs="*", type=Path, default=[])
     args = parser.parse_args()
-    watch, recogniser = Stopwatch(), Recogniser()
-    scenes = chain(map(of_room, args.rooms), map(of_recording, args.recordings))
-    seen: list[Seen] = []
+    watch, recogniser = CpuTimer(), PlaceRecognizer()
+    scenes = chain(map(views_of_room, args.rooms), map(views_of_recording, args.recordings))
+    seen: list[DescribedView] = []
     try:
         for scene in scenes:
             seen += [
-                _look(recogniser, glance, watch, len(seen) + n) for n, glance in enumerate(scene)
+                _describe_view(recogniser, glance, watch, len(seen) + n)
+                for n, glance in enumerate(scene)
             ]
-            print(f"looked at {seen[-1].glance.scene}", file=sys.stderr, flush=True)
+            print(f"looked at {seen[-1].posed_view.scene}", file=sys.stderr, flush=True)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
-    _tell_tries("velocity followed", _tries(recogniser, seen, lambda s: s.view, watch))
-    _tell_tries("velocity unknown", _tries(recogniser, seen, lambda s: s.lost, watch))
-    _tell_alike(seen, watch)
+    _print_trials("velocity followed", _run_trials(recogniser, seen, lambda s: s.query, watch))
+    _print_trials(
+        "velocity unknown", _run_trials(recogniser, seen, lambda s: s.query_without_velocity, watch)
+    )
+    _print_ranking(seen, watch)
     for what, times_ms in watch.times_ms.items():
         print(
             f"{what}: {np.median(times_ms):.2f} ms of CPU, 99 % {np.percentile(times_ms, 99):.2f}"
         )
-    sizes = [each.place.bytes / 1e3 for each in seen]
+    sizes = [each.keyframe.size_bytes / 1e3 for each in seen]
     print(f"a place: {np.mean(sizes):.0f} kB, at most {np.max(sizes):.0f}")
     return 0
 
 
-def _look(recogniser: Recogniser, glance: Glance, watch: Stopwatch, number: int) -> Seen:
+def _describe_view(
+    recogniser: PlaceRecognizer, glance: PosedView, watch: CpuTimer, number: int
+) -> DescribedView:
     """The velocity as the odometry would give it, and as it is after a loss."""
-    frame, sigma = glance.frame, np.repeat(FOLLOWED, 3)
+    frame, sigma = glance.frame, np.repeat(TRACKED_VELOCITY_SIGMA, 3)
     velocity = glance.velocity + sigma * np.random.default_rng([3, number]).normal(size=6)
-    view = watch.time("view", lambda: recogniser.view(frame, velocity))
-    lost = recogniser.view(frame, np.zeros(6), LOST)
+    view = watch.measure("view", lambda: recogniser.create_query(frame, velocity))
+    lost = recogniser.create_query(frame, np.zeros(6), LOST_VELOCITY_SIGMA)
     T = glance.T_world_camera
-    place = watch.time("place", lambda: recogniser.place(view, number, 0, T))
-    return Seen(glance, view, lost, place)
+    place = watch.measure("place", lambda: recogniser.create_keyframe(view, number, 0, T))
+    return DescribedView(glance, view, lost, place)
 
 
-def _tries(
-    recogniser: Recogniser, seen: Sequence[Seen], of: Callable[[Seen], PlaceView], watch: Stopwatch
-) -> list[Try]:
+def _run_trials(
+    recogniser: PlaceRecognizer,
+    seen: Sequence[DescribedView],
+    of: Callable[[DescribedView], QueryFrame],
+    watch: CpuTimer,
+) -> list[RecognitionTrial]:
     """Every view against every other place."""
-    return [_try(recogniser, a.glance, of(a), b, watch) for a in seen for b in seen if a is not b]
+    return [
+        _run_trial(recogniser, a.posed_view, of(a), b, watch)
+        for a in seen
+        for b in seen
+        if a is not b
+    ]
 
 
-def _try(
-    recogniser: Recogniser, glance: Glance, view: PlaceView, other: Seen, watch: Stopwatch
-) -> Try:
+def _run_trial(
+    recogniser: PlaceRecognizer,
+    glance: PosedView,
+    view: QueryFrame,
+    other: DescribedView,
+    watch: CpuTimer,
+) -> RecognitionTrial:
     T, metres, degrees = np.eye(4), np.inf, np.inf
-    if glance.scene == other.glance.scene:
-        T = inverse(other.glance.T_world_camera) @ glance.T_world_camera
+    if glance.scene == other.posed_view.scene:
+        T = inverse(other.posed_view.T_world_camera) @ glance.T_world_camera
         metres, degrees = _size(T)
-    sightings = watch.time("sighting", lambda: list(recogniser.sightings(view, [other.place])))
+    sightings = watch.measure(
+        "sighting", lambda: list(recogniser.find_candidates(view, [other.keyframe]))
+    )
     if not sightings:
-        return Try(metres, degrees, sighted=False)
-    found = watch.time("confirmation", lambda: recogniser.confirm(view, sightings[0]))
+        return RecognitionTrial(metres, degrees, is_candidate=False)
+    found = watch.measure("confirmation", lambda: recogniser.verify(view, sightings[0]))
     if found is None:
-        return Try(metres, degrees, sighted=True)
+        return RecognitionTrial(metres, degrees, is_candidate=True)
     if np.isinf(metres):
-        return Try(metres, degrees, True, np.inf, np.inf, np.inf)
-    error = inverse(T) @ found.T_place_camera
-    twist = logarithm(error)
+        return RecognitionTrial(metres, degrees, True, np.inf, np.inf, np.inf)
+    error = inverse(T) @ found.T_keyframe_camera
+    twist = se3_log(error)
     surprise = float(np.sqrt(twist @ np.linalg.solve(found.covariance, twist) / 6.0))
-    return Try(metres, degrees, True, *_size(error), surprise)
+    return RecognitionTrial(metres, degrees, True, *_size(error), surprise)
 
 
 def _size(T: Array) -> tuple[float, float]:
@@ -160,57 +181,60 @@ def _size(T: Array) -> tuple[float, float]:
     return float(np.linalg.norm(T[:3, 3])), float(np.degrees(rotation_angle_rad(T[:3, :3])))
 
 
-def _tell_tries(title: str, tries: Sequence[Try]) -> None:
+def _print_trials(title: str, tries: Sequence[RecognitionTrial]) -> None:
     print(f"\n{title}\n{HEADING}")
     rest = list(tries)
-    for step in STEPS:
+    for step in VIEW_OFFSETS:
         chosen = [each for each in rest if each.is_within(*step)]
         rest = [each for each in rest if not each.is_within(*step)]
-        _tell_row(f"to {step[0]:g} m, {step[1]:g} deg", chosen)
-    _tell_row("further", [each for each in rest if np.isfinite(each.metres)])
-    _tell_row("another scene", [each for each in rest if np.isinf(each.metres)])
+        _print_row(f"to {step[0]:g} m, {step[1]:g} deg", chosen)
+    _print_row("further", [each for each in rest if np.isfinite(each.metres)])
+    _print_row("another scene", [each for each in rest if np.isinf(each.metres)])
 
 
-def _tell_row(name: str, tries: Sequence[Try]) -> None:
-    known = [each for each in tries if each.off_m is not None]
-    row = [name, len(tries), sum(each.sighted for each in tries), len(known)]
-    off_mm = np.array([1e3 * (each.off_m or 0.0) for each in known])
+def _print_row(name: str, tries: Sequence[RecognitionTrial]) -> None:
+    known = [each for each in tries if each.error_m is not None]
+    row = [name, len(tries), sum(each.is_candidate for each in tries), len(known)]
+    off_mm = np.array([1e3 * (each.error_m or 0.0) for each in known])
     if len(known):
         row += [f"{value:.1f}" for value in (*np.percentile(off_mm, [50, 95]), off_mm.max())]
-        row.append(f"{np.median([each.off_deg for each in known]):.3f}")
-        row.append(f"{np.percentile([each.surprise for each in known], 95):.1f}")
+        row.append(f"{np.median([each.error_deg for each in known]):.3f}")
+        row.append(f"{np.percentile([each.normalized_error for each in known], 95):.1f}")
     else:
         row += ["-"] * 5
     print(" | ".join(map(str, [*row, sum(each.is_wrong for each in known)])))
 
 
-def _tell_alike(seen: Sequence[Seen], watch: Stopwatch) -> None:
+def _print_ranking(seen: Sequence[DescribedView], watch: CpuTimer) -> None:
     """How often a place within the third step is among those that look most alike."""
-    places = Places(sum(each.place.bytes for each in seen))
+    places = KeyframeDatabase(sum(each.keyframe.size_bytes for each in seen))
     for each in seen:
-        places.add(each.place)
-    ranks = [rank for each in seen for rank in _rank(places, each, seen, watch)]
-    shares = [f"{100 * np.mean(np.array(ranks) < most):.1f} % among {most}" for most in MOST_ALIKE]
+        places.add(each.keyframe)
+    ranks = [rank for each in seen for rank in _rank_of_nearest(places, each, seen, watch)]
+    shares = [f"{100 * np.mean(np.array(ranks) < most):.1f} % among {most}" for most in TOP_RANKS]
     print(f"\nof {len(places)} places, one that is near looks alike: {', '.join(shares)}")
 
 
-def _rank(places: Places, each: Seen, seen: Sequence[Seen], watch: Stopwatch) -> Iterable[int]:
+def _rank_of_nearest(
+    places: KeyframeDatabase, each: DescribedView, seen: Sequence[DescribedView], watch: CpuTimer
+) -> Iterable[int]:
     """How many places look more alike than the first one that is near, where there is one."""
-    others = [other.place.number for other in seen if _is_near(each, other)]
+    others = [other.keyframe.number for other in seen if _is_near(each, other)]
     if not others:
         return
-    mine = each.place.number
-    alike = watch.time(
-        "search", lambda: places.alike(each.view, len(places), lambda place: place.number != mine)
+    mine = each.keyframe.number
+    alike = watch.measure(
+        "search",
+        lambda: places.find_similar(each.query, len(places), lambda place: place.number != mine),
     )
     yield next(rank for rank, place in enumerate(alike) if place.number in others)
 
 
-def _is_near(a: Seen, b: Seen) -> bool:
-    if a is b or a.glance.scene != b.glance.scene:
+def _is_near(a: DescribedView, b: DescribedView) -> bool:
+    if a is b or a.posed_view.scene != b.posed_view.scene:
         return False
-    metres, degrees = _size(inverse(a.glance.T_world_camera) @ b.glance.T_world_camera)
-    return Try(metres, degrees, False).is_within(*STEPS[2])
+    metres, degrees = _size(inverse(a.posed_view.T_world_camera) @ b.posed_view.T_world_camera)
+    return RecognitionTrial(metres, degrees, False).is_within(*VIEW_OFFSETS[2])
 
 
 if __name__ == "__main__":

@@ -22,23 +22,23 @@ from dataclasses import asdict, dataclass
 import cv2
 import numpy as np
 
-from benchmarks.true_surface import SurfaceError, solids_of
-from benchmarks.virtual_room import frames_with_truth, scaled
+from benchmarks.true_surface import SurfaceError, make_solids
+from benchmarks.virtual_room import render_with_truth, scaled_camera
 from drivers.camera import RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.geometry import Array
 from drivers.synthetic.config import SyntheticConfig
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from vo_service.evaluation import evaluate
 from vo_service.mapping.frame_poses import FramePoses
-from vo_service.mapping.fusion import Fusion
-from vo_service.mapping.fusion_settings import FusionSettings
-from vo_service.methods import METHODS, FeatureSettings
-from vo_service.stage_clock import StageClock
+from vo_service.mapping.fusion import TsdfVolume
+from vo_service.mapping.fusion_settings import TsdfConfig
+from vo_service.methods import METHODS, FeatureConfig
+from vo_service.stage_clock import CpuStageTimer
 
 
 @dataclass(frozen=True)
-class Result:
+class ReconstructionBenchmarkResult:
     """One map.
 
     poses           whose
@@ -68,27 +68,31 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object a line")
     args = parser.parse_args()
     cv2.setNumThreads(1)
-    config = SyntheticConfig(seed=args.seed, duration_s=args.seconds, camera=scaled(args.scale))
+    config = SyntheticConfig(
+        seed=args.seed, duration_s=args.seconds, camera=scaled_camera(args.scale)
+    )
     try:
         for result in measure(config, args.voxels):
-            print(json.dumps(asdict(result)) if args.json else row(result), flush=True)
+            print(json.dumps(asdict(result)) if args.json else format_row(result), flush=True)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     return 0
 
 
-def measure(config: SyntheticConfig, voxels_m: Sequence[float]) -> Iterator[Result]:
+def measure(
+    config: SyntheticConfig, voxels_m: Sequence[float]
+) -> Iterator[ReconstructionBenchmarkResult]:
     """A result for each size of voxel and each source of poses."""
-    frames, poses = zip(*frames_with_truth(config), strict=True)
-    truth = StampedPoses(np.array([frame.stamp_s for frame in frames]), np.array(poses))
-    tracked = _tracked(frames, truth)
+    frames, poses = zip(*render_with_truth(config), strict=True)
+    truth = Trajectory(np.array([frame.stamp_s for frame in frames]), np.array(poses))
+    tracked = _track(frames, truth)
     for voxel_m in voxels_m:
         for name, known in (("truth", truth), ("surf", tracked)):
-            yield _result(config, frames, voxel_m, name, known, truth)
+            yield _measure_map(config, frames, voxel_m, name, known, truth)
 
 
-def row(result: Result) -> str:
+def format_row(result: ReconstructionBenchmarkResult) -> str:
     """A line for people."""
     off = result.surface
     return (
@@ -100,39 +104,39 @@ def row(result: Result) -> str:
     )
 
 
-def _result(
+def _measure_map(
     config: SyntheticConfig,
     frames: Sequence[RgbdFrame],
     voxel_m: float,
     name: str,
-    poses: StampedPoses,
-    truth: StampedPoses,
-) -> Result:
-    fusion = Fusion(FusionSettings(voxel_m=voxel_m, memory_mb=2000))
+    poses: Trajectory,
+    truth: Trajectory,
+) -> ReconstructionBenchmarkResult:
+    fusion = TsdfVolume(TsdfConfig(voxel_m=voxel_m, memory_mb=2000))
     poses_at = FramePoses(poses)
     add_ms = []
     for frame in frames:
-        T = poses_at.at(frame.stamp_s)
+        T = poses_at.find(frame.stamp_s)
         if T is not None:
             begin_s = time.thread_time()
-            fusion.add(frame.depth_m, frame.colour_bgr, frame.camera, T)
+            fusion.integrate(frame.depth_m, frame.color_bgr, frame.camera, T)
             add_ms.append(1e3 * (time.thread_time() - begin_s))
     begin_s = time.thread_time()
-    mesh = fusion.mesh()
+    mesh = fusion.extract_mesh()
     mesh_s = time.thread_time() - begin_s
-    return Result(
+    return ReconstructionBenchmarkResult(
         voxel_m=voxel_m,
         poses=name,
         ate_rmse_m=evaluate(poses, truth).ate_rmse_m,
-        surface=SurfaceError.of(mesh.vertices_m.astype(np.float64), solids_of(config)),
+        surface=SurfaceError.from_vertices(mesh.vertices_m.astype(np.float64), make_solids(config)),
         add_ms=float(np.median(add_ms)),
         mesh_s=mesh_s,
     )
 
 
-def _tracked(frames: Sequence[RgbdFrame], truth: StampedPoses) -> StampedPoses:
+def _track(frames: Sequence[RgbdFrame], truth: Trajectory) -> Trajectory:
     """The odometry's poses of the frames that it found a motion for, in the room."""
-    odometry = METHODS["surf"](FeatureSettings(), StageClock())
+    odometry = METHODS["surf"](FeatureConfig(), CpuStageTimer())
     stamps_s: list[float] = []
     poses: list[Array] = []
     for frame in frames:
@@ -140,7 +144,7 @@ def _tracked(frames: Sequence[RgbdFrame], truth: StampedPoses) -> StampedPoses:
         if estimate.ok:
             stamps_s.append(frame.stamp_s)
             poses.append(truth.T_world_camera[0] @ estimate.T_world_camera)
-    return StampedPoses(np.array(stamps_s), np.array(poses))
+    return Trajectory(np.array(stamps_s), np.array(poses))
 
 
 if __name__ == "__main__":

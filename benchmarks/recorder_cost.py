@@ -26,34 +26,34 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.camera_frames import all_frames
+from benchmarks.camera_frames import read_all_frames
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.tum.camera import TumCamera
 from vo_service.recorder.recorder import FlightRecorder
-from vo_service.settings import RecorderSettings
-from vo_service.types import CommandError, Estimate, PoseUpdate, TrackingState
+from vo_service.settings import RecorderConfig
+from vo_service.types import CommandError, Estimate, OdometryUpdate, TrackingState
 
-KEPT_IMAGES = 60
-TICKS_S = 0.01  # of /proc/PID/stat
+SOURCE_IMAGES = 60
+CPU_TICK_S = 0.01  # of /proc/PID/stat
 
 
 @dataclass(frozen=True)
-class Spell:
+class RecorderCost:
     """Milliseconds of CPU time a frame, frames that were missed, megabytes in RAM at its end.
 
     ring_mb  shared by both; the other two are without it
     """
 
     name: str
-    here_ms: float
-    there_ms: float
+    service_ms: float
+    worker_ms: float
     missed: int
-    here_mb: float
-    there_mb: float
+    service_mb: float
+    worker_mb: float
     ring_mb: float
 
 
-class Player:
+class FramePlayer:
     """Gives frames to a recorder, at a rate, and measures."""
 
     def __init__(self, recorder: FlightRecorder, frames: Sequence[RgbdFrame], rate: float) -> None:
@@ -63,28 +63,28 @@ class Player:
             replace(frames[seq % len(frames)], seq=seq, stamp_s=1e6 + seq / rate) for seq in count()
         )
 
-    def play(self, name: str, seconds: float) -> Spell:
+    def play(self, name: str, seconds: float) -> RecorderCost:
         """Measure a spell."""
-        missed, here_s, there_s = self._recorder.missed, time.process_time(), self._cpu_there_s()
+        missed, here_s, there_s = self._recorder.dropped, time.process_time(), self._worker_cpu_s()
         frames = int(seconds * self._rate)
         due_s = time.monotonic()
         for frame in islice(self._frames, frames):
             time.sleep(max(0.0, due_s - time.monotonic()))
             due_s += 1.0 / self._rate
-            self._recorder.pose(_update(frame))
-        return Spell(
+            self._recorder.on_update(_make_update(frame))
+        return RecorderCost(
             name,
-            here_ms=(time.process_time() - here_s) / frames * 1e3,
-            there_ms=(self._cpu_there_s() - there_s) / frames * 1e3,
-            missed=self._recorder.missed - missed,
-            here_mb=_own_mb("self"),
-            there_mb=_own_mb(str(self._there)),
+            service_ms=(time.process_time() - here_s) / frames * 1e3,
+            worker_ms=(self._worker_cpu_s() - there_s) / frames * 1e3,
+            missed=self._recorder.dropped - missed,
+            service_mb=_private_memory_mb("self"),
+            worker_mb=_private_memory_mb(str(self._there)),
             ring_mb=_resident_mb("self", "RssShmem"),
         )
 
-    def _cpu_there_s(self) -> float:
+    def _worker_cpu_s(self) -> float:
         fields = Path(f"/proc/{self._there}/stat").read_text().rsplit(")", 1)[1].split()
-        return (int(fields[11]) + int(fields[12])) * TICKS_S
+        return (int(fields[11]) + int(fields[12])) * CPU_TICK_S
 
 
 def main() -> None:
@@ -99,7 +99,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=30.0, help="frames a second")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
-    frames = _recorded(args.folder) if args.folder else [_made_up(seq) for seq in range(8)]
+    frames = _load_frames(args.folder) if args.folder else [_make_frame(seq) for seq in range(8)]
     with tempfile.TemporaryDirectory() as state:
         spells, incident_s, incident_mb = _measure(Path(state), frames, args.seconds, args.rate)
     if args.json:
@@ -109,28 +109,28 @@ def main() -> None:
     print("ms per frame        CPU here  CPU there  missed  MB here  MB there  MB ring")
     for spell in spells:
         print(
-            f"{spell.name:18}{spell.here_ms:10.2f}{spell.there_ms:11.2f}{spell.missed:8d}"
-            f"{spell.here_mb:9.0f}{spell.there_mb:10.0f}{spell.ring_mb:9.0f}"
+            f"{spell.name:18}{spell.service_ms:10.2f}{spell.worker_ms:11.2f}{spell.missed:8d}"
+            f"{spell.service_mb:9.0f}{spell.worker_mb:10.0f}{spell.ring_mb:9.0f}"
         )
     print(f"an incident took {incident_s:.1f} s and {incident_mb:.0f} MB of disk")
 
 
 def _measure(
     state: Path, frames: Sequence[RgbdFrame], seconds: float, rate: float
-) -> tuple[list[Spell], float, float]:
+) -> tuple[list[RecorderCost], float, float]:
     """The spells; how long an incident took, and its megabytes."""
-    recorder = FlightRecorder(RecorderSettings(), state, {})
+    recorder = FlightRecorder(RecorderConfig(), state, {})
     try:
-        while not recorder.is_up:
+        while not recorder.is_ready:
             time.sleep(0.1)
-        player = Player(recorder, frames, rate)
+        player = FramePlayer(recorder, frames, rate)
         player.play("filling", 6.0)
         spells = [player.play("remembering", seconds)]
         recorder.start_recording("trial")
         spells.append(player.play("recording", seconds))
         recorder.stop_recording()
         begin_s = time.monotonic()
-        folder = Path(_saved(recorder))
+        folder = Path(_save_incident(recorder))
         spells.append(player.play("with an incident", seconds))
         incident_s = folder.stat().st_ctime - (time.time() - (time.monotonic() - begin_s))
         size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
@@ -139,7 +139,7 @@ def _measure(
     return spells, incident_s, size / 1e6
 
 
-def _saved(recorder: FlightRecorder) -> str:
+def _save_incident(recorder: FlightRecorder) -> str:
     while True:
         try:
             return recorder.save("benchmark")
@@ -147,13 +147,13 @@ def _saved(recorder: FlightRecorder) -> str:
             time.sleep(0.1)
 
 
-def _recorded(folder: Path) -> list[RgbdFrame]:
+def _load_frames(folder: Path) -> list[RgbdFrame]:
     """The first frames of a recording."""
     with TumCamera(folder) as camera:
-        return list(islice(all_frames(camera), KEPT_IMAGES))
+        return list(islice(read_all_frames(camera), SOURCE_IMAGES))
 
 
-def _made_up(seq: int) -> RgbdFrame:
+def _make_frame(seq: int) -> RgbdFrame:
     """A slanted wall of blobs, with a Kinect's noise in both images."""
     random = np.random.default_rng(seq)
     blobs = cv2.resize(random.integers(0, 255, (48, 64, 3), np.uint8), (640, 480))
@@ -165,9 +165,9 @@ def _made_up(seq: int) -> RgbdFrame:
     return RgbdFrame(seq, 0.0, 0.0, colour, depth, 1000.0, camera)
 
 
-def _update(frame: RgbdFrame) -> PoseUpdate:
+def _make_update(frame: RgbdFrame) -> OdometryUpdate:
     nowhere, unsure = np.eye(4), np.eye(6)
-    return PoseUpdate(
+    return OdometryUpdate(
         seq=frame.seq,
         stamp_s=frame.stamp_s,
         state=TrackingState.TRACKING,
@@ -191,7 +191,7 @@ def _children() -> list[int]:
     return [int(number) for each in lists for number in each.read_text().split()]
 
 
-def _own_mb(process: str) -> float:
+def _private_memory_mb(process: str) -> float:
     """Memory of a process in RAM without what it shares."""
     return _resident_mb(process, "RssAnon") + _resident_mb(process, "RssFile")
 

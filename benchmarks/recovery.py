@@ -22,33 +22,33 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks.camera_frames import all_frames
-from benchmarks.damage import DAMAGES, Frames
-from benchmarks.odometry import compare
-from drivers.camera import Pace
+from benchmarks.camera_frames import read_all_frames
+from benchmarks.damage import CORRUPTIONS, Frames
+from benchmarks.odometry import evaluate_trajectory
+from drivers.camera import PlaybackMode
 from drivers.errors import UserFacingError
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
 from vo_service.odometry.parameters import SurfParameters
-from vo_service.odometry.recovery import Found, Recovery
+from vo_service.odometry.recovery import RecoveredPose, SurfRecovery
 from vo_service.odometry.surf_odometry import SurfOdometry
-from vo_service.odometry.view import View
+from vo_service.odometry.view import FeatureView
 from vo_service.warm_up import warm_up
 
 
-class NoRecovery(Recovery):
+class NullRecovery(SurfRecovery):
     """Finds nothing."""
 
-    def find(self, view: View, last: View, turn: int) -> Found | None:
+    def find(self, view: FeatureView, last: FeatureView, turn: int) -> RecoveredPose | None:
         """See `Recovery`."""
         return None
 
 
-RECOVERIES = {"without": NoRecovery, "with": Recovery}
+RECOVERIES = {"without": NullRecovery, "with": SurfRecovery}
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RecoveryOutcome:
     """One pass: frames that came through, those without a pose, new epochs, and the error."""
 
     frames: int
@@ -69,7 +69,7 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()
     cv2.setNumThreads(1)
-    tell = silent if args.json else print_now
+    tell = discard_line if args.json else print_line
     try:
         results = {str(folder): measure(folder, tell) for folder in args.folder}
     except UserFacingError as error:
@@ -80,54 +80,56 @@ def main() -> int:
     return 0
 
 
-def print_now(line: str) -> None:
+def print_line(line: str) -> None:
     """Print a line of the table at once."""
     print(line, flush=True)
 
 
-def silent(line: str) -> None:
+def discard_line(line: str) -> None:
     """Print nothing."""
 
 
-def measure(folder: Path, tell: Callable[[str], None]) -> dict[str, dict[str, Outcome]]:
+def measure(
+    folder: Path, print_line: Callable[[str], None]
+) -> dict[str, dict[str, RecoveryOutcome]]:
     """Outcomes by damage, then by way."""
-    frames, truth = load(folder)
-    warm_up("surf", silent)
-    tell(f"{folder}\n{head()}")
-    results: dict[str, dict[str, Outcome]] = {}
-    for name, damage in DAMAGES.items():
-        spoilt = damage.strike(frames)
-        results[name] = {way: follow(spoilt, truth, way) for way in RECOVERIES}
-        tell(line(name, results[name]))
+    frames, truth = load_frames(folder)
+    warm_up("surf", discard_line)
+    print_line(f"{folder}\n{format_header()}")
+    results: dict[str, dict[str, RecoveryOutcome]] = {}
+    for name, damage in CORRUPTIONS.items():
+        spoilt = damage.apply(frames)
+        results[name] = {way: track(spoilt, truth, way) for way in RECOVERIES}
+        print_line(format_row(name, results[name]))
     return results
 
 
-def load(folder: Path) -> tuple[Frames, StampedPoses | None]:
+def load_frames(folder: Path) -> tuple[Frames, Trajectory | None]:
     """All frames of a folder, and the truth."""
-    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
-        return list(all_frames(camera)), camera.ground_truth
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        return list(read_all_frames(camera)), camera.ground_truth
 
 
-def follow(frames: Frames, truth: StampedPoses | None, way: str) -> Outcome:
+def track(frames: Frames, truth: Trajectory | None, recovery: str) -> RecoveryOutcome:
     """One pass over the frames."""
     parameters = SurfParameters()
-    odometry = SurfOdometry(parameters=parameters, recovery=RECOVERIES[way](parameters))
+    odometry = SurfOdometry(parameters=parameters, recovery=RECOVERIES[recovery](parameters))
     estimates, cpu_ms = [], 0.0
     for frame in frames:
         begin_s = time.thread_time()
         estimates.append(odometry.estimate(frame))
         cpu_ms = max(cpu_ms, (time.thread_time() - begin_s) * 1e3)
-    evaluation = compare(estimates, [frame.stamp_s for frame in frames], truth)
-    return Outcome(
+    evaluation = evaluate_trajectory(estimates, [frame.stamp_s for frame in frames], truth)
+    return RecoveryOutcome(
         frames=len(frames),
         lost=sum(not e.ok for e in estimates),
-        epochs=sum(e.restarted for e in estimates),
+        epochs=sum(e.is_reset for e in estimates),
         ate_m=evaluation.ate_rmse_m if evaluation else None,
         cpu_ms=cpu_ms,
     )
 
 
-def head() -> str:
+def format_header() -> str:
     """Heads of the columns."""
     names = ("frames", "lost", "", "epochs", "", "ATE", "", "CPU ms", "")
     ways = ("", *("without", "with") * 4)
@@ -139,7 +141,7 @@ def head() -> str:
     )
 
 
-def line(name: str, outcomes: Mapping[str, Outcome]) -> str:
+def format_row(name: str, outcomes: Mapping[str, RecoveryOutcome]) -> str:
     """One damage: each figure without recovery, then with it."""
     both = [outcomes[way] for way in RECOVERIES]
     cells = [f"{both[0].frames}"]

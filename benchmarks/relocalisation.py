@@ -31,20 +31,41 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.kept_results import Json, KeptResults
-from benchmarks.relocalisation_measure import Outcome, Summary, attempt, summary
-from benchmarks.relocalisation_tries import choose_tries, frames_of, kept_film, views_along
+from benchmarks.kept_results import Json, ResultCache
+from benchmarks.relocalisation_measure import (
+    RelocalizationOutcome,
+    RelocalizationSummary,
+    run_trial,
+    summarize,
+)
+from benchmarks.relocalisation_tries import (
+    choose_trials,
+    open_cached_sequence,
+    sample_views,
+    trial_frames,
+)
 from benchmarks.runners import make_runner
-from benchmarks.tour_frames import tour_config, true_poses
+from benchmarks.tour_frames import compute_true_poses, make_tour_config
 from drivers.errors import UserFacingError
 from vo_service.methods import METHODS
 from vo_service.terminal import Terminal
 from vo_service.warm_up import warm_up
 
 # Two laps.
-FILM_S = 60.0
-HEADS = ("tries", "old", "in 1 s", "new", "nowhere", "wrong", "frames", "median", "largest", "deg")
-HEAD = f"{'':28}{''.join(f'{head:>9}' for head in HEADS)}"
+SEQUENCE_S = 60.0
+COLUMNS = (
+    "tries",
+    "old",
+    "in 1 s",
+    "new",
+    "nowhere",
+    "wrong",
+    "frames",
+    "median",
+    "largest",
+    "deg",
+)
+HEAD = f"{'':28}{''.join(f'{head:>9}' for head in COLUMNS)}"
 
 
 def main() -> int:
@@ -81,12 +102,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def run(args: argparse.Namespace) -> Mapping[str, Summary]:
+def run(args: argparse.Namespace) -> Mapping[str, RelocalizationSummary]:
     """By seed, and together. Raises InputError if the folder cannot be used."""
     args.folder.mkdir(parents=True, exist_ok=True)
-    kept = KeptResults(args.folder)
+    kept = ResultCache(args.folder)
     warm_up(args.method, lambda stage: None)
-    results, together = dict[str, Summary](), list[Outcome]()
+    results, together = dict[str, RelocalizationSummary](), list[RelocalizationOutcome]()
     if not args.json:
         print(HEAD)
     for place, seed in enumerate(args.seeds):
@@ -94,44 +115,46 @@ def run(args: argparse.Namespace) -> Mapping[str, Summary]:
         seen = "unseen" if args.unseen else "seen"
         alone = "-alone" if args.alone else ""
         name = f"{'twins' if args.twins else 'tour'}-{seed}-{seen}-{args.method}{alone}"
-        found = kept.get(f"{name}-{share}", partial(_measure, args, seed, share))
-        outcomes = [Outcome(**each) for each in found["outcomes"]]
+        found = kept.get_or_run(f"{name}-{share}", partial(_measure, args, seed, share))
+        outcomes = [RelocalizationOutcome(**each) for each in found["outcomes"]]
         together += outcomes
-        results[name] = summary(outcomes)
+        results[name] = summarize(outcomes)
         if not args.json:
-            print(as_text(name, results[name]), flush=True)
-    results["together"] = summary(together)
+            print(format_row(name, results[name]), flush=True)
+    results["together"] = summarize(together)
     if not args.json:
-        print(as_text("together", results["together"]))
+        print(format_row("together", results["together"]))
     return results
 
 
 def _measure(args: argparse.Namespace, seed: int, count: int) -> Json:
     """The tries of one seed and their outcomes."""
-    terminal, config = Terminal(), tour_config(seed, FILM_S, args.twins)
-    T_room_camera = true_poses(config)
-    film = kept_film(args.folder, config, terminal)
+    terminal, config = Terminal(), make_tour_config(seed, SEQUENCE_S, args.twins)
+    T_room_camera = compute_true_poses(config)
+    film = open_cached_sequence(args.folder, config, terminal)
     rng = np.random.default_rng([seed, 12])
-    tries = choose_tries(views_along(config, film, T_room_camera), count, args.unseen, rng)
-    outcomes: list[Outcome] = []
+    tries = choose_trials(sample_views(config, film, T_room_camera), count, args.unseen, rng)
+    outcomes: list[RelocalizationOutcome] = []
     for number, each in enumerate(tries, 1):
         terminal.progress(f"room {seed}: try", number, len(tries))
-        truth = T_room_camera[each.shown]
-        frames = frames_of(each, config, film)
+        truth = T_room_camera[each.source_frames]
+        frames = trial_frames(each, config, film)
         outcomes.append(
-            attempt(make_runner(args.method, args.alone), frames, truth, each.alike - each.first)
+            run_trial(
+                make_runner(args.method, args.alone), frames, truth, each.overlap_frame - each.first
+            )
         )
     terminal.clear()
     return {"tries": list(map(asdict, tries)), "outcomes": list(map(asdict, outcomes))}
 
 
-def as_text(name: str, result: Summary) -> str:
+def format_row(name: str, result: RelocalizationSummary) -> str:
     """One row of the table."""
     counts = (
-        result.tries,
-        result.old_world,
-        result.in_time,
-        result.new_world,
+        result.trials,
+        result.old_map,
+        result.prompt,
+        result.new_map,
         result.nowhere,
         result.wrong,
     )

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.relocalisation_tries import BEFORE, COVERED
-from benchmarks.runners import Runner
+from benchmarks.relocalisation_tries import FRAMES_BEFORE, FRAMES_COVERED
+from benchmarks.runners import TrajectoryRunner
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, apart, inverse
-from vo_service.evaluation.gross_errors import GROSS_DEG, GROSS_M
+from drivers.geometry import Array, inverse, pose_distance
+from vo_service.evaluation.gross_errors import GROSS_ERROR_DEG, GROSS_ERROR_M
 from vo_service.types import Estimate
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RelocalizationOutcome:
     """One try.
 
     tracked         whether there was a pose in the frame before the cover
@@ -29,21 +29,21 @@ class Outcome:
 
     tracked: bool
     frames: int | None
-    is_old_world: bool
+    is_old_map: bool
     error_m: float | None
     error_deg: float | None
     is_wrong: bool
 
 
 @dataclass(frozen=True)
-class Summary:
-    """All tries together; `in_time` came back into the old world within so many frames."""
+class RelocalizationSummary:
+    """All tries together; `prompt` came back into the old world within so many frames."""
 
-    tries: int
+    trials: int
     tracked: int
-    old_world: int
-    in_time: int
-    new_world: int
+    old_map: int
+    prompt: int
+    new_map: int
     nowhere: int
     wrong: int
     median_frames: float | None
@@ -52,63 +52,67 @@ class Summary:
     largest_deg: float | None
 
 
-IN_TIME = 30
+MAX_PROMPT_FRAMES = 30
 
 
-def attempt(
-    runner: Runner, frames: Iterable[RgbdFrame], T_room_camera: Array, alike: int
-) -> Outcome:
+def run_trial(
+    runner: TrajectoryRunner, frames: Iterable[RgbdFrame], T_room_camera: Array, overlap_frame: int
+) -> RelocalizationOutcome:
     """Run one try; T_room_camera (F, 4, 4) and `alike` as for `judge`."""
     estimates = []
     for frame in frames:
-        estimates.append(runner.frame(frame))
-        runner.learn()
-    return judge(estimates, T_room_camera, alike)
+        estimates.append(runner.estimate_pose(frame))
+        runner.update_map()
+    return evaluate_trial(estimates, T_room_camera, overlap_frame)
 
 
-def judge(estimates: Sequence[Estimate], T_room_camera: Array, alike: int) -> Outcome:
+def evaluate_trial(
+    estimates: Sequence[Estimate], T_room_camera: Array, overlap_frame: int
+) -> RelocalizationOutcome:
     """What the F estimates of a try are worth, by the truth T_room_camera (F, 4, 4).
 
     Where the old world lies in the room is told by frame `alike` before the cover, which shows
     most of the place that it comes back to: what drifted elsewhere is no error of coming back. A
     new world lies where its first pose says.
     """
-    worlds = np.cumsum([estimate.restarted for estimate in estimates])
-    old, errors = worlds[BEFORE - 1], dict[int, tuple[float, float]]()
-    known = alike if worlds[alike] == old else BEFORE - 1
+    worlds = np.cumsum([estimate.is_reset for estimate in estimates])
+    old, errors = worlds[FRAMES_BEFORE - 1], dict[int, tuple[float, float]]()
+    known = overlap_frame if worlds[overlap_frame] == old else FRAMES_BEFORE - 1
     T_room_world = {old: T_room_camera[known] @ inverse(estimates[known].T_world_camera)}
-    for number in range(BEFORE + COVERED, len(estimates)):
+    for number in range(FRAMES_BEFORE + FRAMES_COVERED, len(estimates)):
         if estimates[number].ok:
             T_world_camera, T_room = estimates[number].T_world_camera, T_room_camera[number]
             lies = T_room_world.setdefault(worlds[number], T_room @ inverse(T_world_camera))
-            off_m, off_rad = apart(T_room, lies @ T_world_camera)
+            off_m, off_rad = pose_distance(T_room, lies @ T_world_camera)
             errors[number] = off_m, math.degrees(off_rad)
     first = min(errors, default=None)
     is_old = first is not None and bool(worlds[first] == old)
     error_m, error_deg = errors[first] if first is not None and is_old else (None, None)
-    return Outcome(
-        tracked=estimates[BEFORE - 1].ok,
-        frames=None if first is None else first - (BEFORE + COVERED) + 1,
-        is_old_world=is_old,
+    return RelocalizationOutcome(
+        tracked=estimates[FRAMES_BEFORE - 1].ok,
+        frames=None if first is None else first - (FRAMES_BEFORE + FRAMES_COVERED) + 1,
+        is_old_map=is_old,
         error_m=error_m,
         error_deg=error_deg,
-        is_wrong=any(off_m > GROSS_M or off_deg > GROSS_DEG for off_m, off_deg in errors.values()),
+        is_wrong=any(
+            off_m > GROSS_ERROR_M or off_deg > GROSS_ERROR_DEG for off_m, off_deg in errors.values()
+        ),
     )
 
 
-def summary(outcomes: Sequence[Outcome]) -> Summary:
+def summarize(outcomes: Sequence[RelocalizationOutcome]) -> RelocalizationSummary:
     """Counts, and errors of those that came back."""
-    back = [outcome for outcome in outcomes if outcome.is_old_world]
+    back = [outcome for outcome in outcomes if outcome.is_old_map]
     waited = [outcome.frames for outcome in back if outcome.frames is not None]
     errors_m = [outcome.error_m for outcome in back if outcome.error_m is not None]
     errors_deg = [outcome.error_deg for outcome in back if outcome.error_deg is not None]
     nowhere = sum(outcome.frames is None for outcome in outcomes)
-    return Summary(
-        tries=len(outcomes),
+    return RelocalizationSummary(
+        trials=len(outcomes),
         tracked=sum(outcome.tracked for outcome in outcomes),
-        old_world=len(back),
-        in_time=sum(frames <= IN_TIME for frames in waited),
-        new_world=len(outcomes) - len(back) - nowhere,
+        old_map=len(back),
+        prompt=sum(frames <= MAX_PROMPT_FRAMES for frames in waited),
+        new_map=len(outcomes) - len(back) - nowhere,
         nowhere=nowhere,
         wrong=sum(outcome.is_wrong for outcome in outcomes),
         median_frames=float(np.median(waited)) if waited else None,

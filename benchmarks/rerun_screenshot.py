@@ -17,13 +17,13 @@ import cv2
 import numpy as np
 
 from vo_service.viewer.page import (
-    PageServer,
-    free_port,
-    quiet_environment,
+    WebViewerServer,
+    no_telemetry_environment,
+    pick_free_port,
     rerun_binary,
-    wait_until_it_answers,
+    wait_for_port,
 )
-from vo_service.viewer.scene import TRAJECTORY_COLOUR
+from vo_service.viewer.scene import TRAJECTORY_COLOR
 from vo_service.viewer.sinks import LOOPBACK
 
 BROWSER = [
@@ -47,22 +47,22 @@ def main() -> int:
     args = parser.parse_args()
     for page_time_ms in PAGE_TIMES_MS:
         with tempfile.TemporaryDirectory() as home:
-            photograph(args.recording, args.picture, page_time_ms, Path(home))
-        problems = missing(args.picture)
+            take_screenshot(args.recording, args.picture, page_time_ms, Path(home))
+        problems = find_missing_content(args.picture)
         if not problems:
             break
     print("\n".join(problems) or f"{args.picture}: trajectory and camera image are there")
     return 1 if problems else 0
 
 
-def photograph(recording: Path, picture: Path, page_time_ms: int, home: Path) -> None:
+def take_screenshot(recording: Path, picture: Path, page_time_ms: int, home: Path) -> None:
     """Serve the recording on loopback and let a browser draw it."""
-    data_port, page_port = free_port(), free_port()
+    data_port, page_port = pick_free_port(), pick_free_port()
     command = [str(rerun_binary()), "--serve-grpc", "--bind", LOOPBACK, "--port", str(data_port)]
-    data = subprocess.Popen([*command, str(recording)], env=quiet_environment(home))
+    data = subprocess.Popen([*command, str(recording)], env=no_telemetry_environment(home))
     try:
-        wait_until_it_answers(data_port)
-        with closing(PageServer(page_port, data_port)):
+        wait_for_port(data_port)
+        with closing(WebViewerServer(page_port, data_port)):
             url = quote(f"rerun+http://{LOOPBACK}:{data_port}/proxy", safe="")
             page = f"http://{LOOPBACK}:{page_port}/?url={url}&renderer=webgl"
             options = [f"--screenshot={picture.resolve()}", f"--user-data-dir={home}/browser"]
@@ -75,7 +75,7 @@ def photograph(recording: Path, picture: Path, page_time_ms: int, home: Path) ->
         data.wait()
 
 
-def missing(picture: Path) -> list[str]:
+def find_missing_content(picture: Path) -> list[str]:
     """What a person would miss in the picture."""
     image = cv2.imread(str(picture))
     if image is None:
@@ -83,7 +83,7 @@ def missing(picture: Path) -> list[str]:
     width = image.shape[1]
     below_the_bar = image[50:]
     scene, pictures = below_the_bar[:, : width // 2], below_the_bar[:, width // 2 :]
-    trajectory = np.abs(scene.astype(int) - TRAJECTORY_COLOUR[::-1]).max(axis=2) < 30
+    trajectory = np.abs(scene.astype(int) - TRAJECTORY_COLOR[::-1]).max(axis=2) < 30
     problems = []
     if np.count_nonzero(trajectory) < 50:
         problems.append(f"{picture}: no trajectory in the 3-D view")

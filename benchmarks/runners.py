@@ -6,41 +6,41 @@ from typing import Protocol
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses
-from vo_service.mapping.loops.inline import InlineLoops
-from vo_service.mapping.loops.opening import open_inline_loops
-from vo_service.methods import METHODS, FeatureSettings
-from vo_service.pose_tracker import PoseTracker, StampedFrame
-from vo_service.settings import MapSettings
-from vo_service.stage_clock import StageClock
-from vo_service.types import Estimate, PoseUpdate
+from drivers.trajectory import Trajectory
+from vo_service.mapping.loops.inline import SynchronousLoopClosure
+from vo_service.mapping.loops.opening import create_synchronous_loop_closure
+from vo_service.methods import METHODS, FeatureConfig
+from vo_service.pose_tracker import OdomFrame, StampedFrame
+from vo_service.settings import MapConfig
+from vo_service.stage_clock import CpuStageTimer
+from vo_service.types import Estimate, OdometryUpdate
 
 
 @dataclass(frozen=True)
-class Loop:
+class LoopClosureRecord:
     """A place that was known again, and believed: T_place_camera, 4x4, between two frames."""
 
-    place_stamp_s: float
+    keyframe_stamp_s: float
     stamp_s: float
-    T_place_camera: Array
+    T_keyframe_camera: Array
 
 
-class Runner(Protocol):
+class TrajectoryRunner(Protocol):
     """Frames in, poses out, and what became of them in the end."""
 
-    def frame(self, frame: RgbdFrame) -> Estimate:
+    def estimate_pose(self, frame: RgbdFrame) -> Estimate:
         """Where the camera is. Frames come in order, once each."""
         ...
 
-    def learn(self) -> None:
+    def update_map(self) -> None:
         """What is done once the pose has gone out."""
         ...
 
-    def corrected(self, trajectory: StampedPoses) -> StampedPoses:
+    def optimized_trajectory(self, trajectory: Trajectory) -> Trajectory:
         """The poses that `frame` gave, as they are thought to be after the last frame."""
         ...
 
-    def loops(self) -> Sequence[Loop]:
+    def loop_closures(self) -> Sequence[LoopClosureRecord]:
         """All of them so far."""
         ...
 
@@ -49,59 +49,63 @@ class OdometryRunner:
     """The odometry alone: it corrects nothing afterwards, and knows no loops."""
 
     def __init__(self, method: str) -> None:
-        self._odometry = METHODS[method](FeatureSettings(), StageClock())
+        self._odometry = METHODS[method](FeatureConfig(), CpuStageTimer())
 
-    def frame(self, frame: RgbdFrame) -> Estimate:
-        """See `Runner`."""
+    def estimate_pose(self, frame: RgbdFrame) -> Estimate:
+        """See `TrajectoryRunner`."""
         return self._odometry.estimate(frame)
 
-    def learn(self) -> None:
-        """See `Runner`."""
+    def update_map(self) -> None:
+        """See `TrajectoryRunner`."""
 
-    def corrected(self, trajectory: StampedPoses) -> StampedPoses:
-        """See `Runner`."""
+    def optimized_trajectory(self, trajectory: Trajectory) -> Trajectory:
+        """See `TrajectoryRunner`."""
         return trajectory
 
-    def loops(self) -> Sequence[Loop]:
-        """See `Runner`."""
+    def loop_closures(self) -> Sequence[LoopClosureRecord]:
+        """See `TrajectoryRunner`."""
         return ()
 
 
-class LoopRunner:
+class LoopClosureRunner:
     """An odometry that knows places again, and closes loops between two frames."""
 
-    def __init__(self, method: str, known: InlineLoops) -> None:
+    def __init__(self, method: str, known: SynchronousLoopClosure) -> None:
         """`known` is the map, which may know places from before; `told` is what went out last."""
         self.map = known
-        self._odometry = known.around(METHODS[method](FeatureSettings(), StageClock()))
-        self._tracker = PoseTracker()
-        self.told: PoseUpdate | None = None
+        self._odometry = known.wrap(METHODS[method](FeatureConfig(), CpuStageTimer()))
+        self._tracker = OdomFrame()
+        self.told: OdometryUpdate | None = None
 
-    def frame(self, frame: RgbdFrame) -> Estimate:
-        """See `Runner`."""
+    def estimate_pose(self, frame: RgbdFrame) -> Estimate:
+        """See `TrajectoryRunner`."""
         estimate = self._odometry.estimate(frame)
         self.told = self._tracker.update(StampedFrame(frame, frame.stamp_s), estimate, {}, 0.0)
         return estimate
 
-    def learn(self) -> None:
-        """See `Runner`."""
+    def update_map(self) -> None:
+        """See `TrajectoryRunner`."""
         if self.told is not None:
-            self.map.pose(self.told)
+            self.map.on_update(self.told)
 
-    def corrected(self, trajectory: StampedPoses) -> StampedPoses:
-        """See `Runner`."""
+    def optimized_trajectory(self, trajectory: Trajectory) -> Trajectory:
+        """See `TrajectoryRunner`."""
         return self.map.trajectory
 
-    def loops(self) -> Sequence[Loop]:
-        """See `Runner`. Those of a place that was left out since are told by its neighbour."""
-        places = self.map.closer.places
+    def loop_closures(self) -> Sequence[LoopClosureRecord]:
+        """See `TrajectoryRunner`. Those of a place that was left out since are told by its neighbour."""
+        places = self.map.loop_closer.database
         return [
-            Loop(places[edge.a].stamp_s, places[edge.b].stamp_s, edge.T_a_b)
-            for edge in self.map.closer.graph.edges
+            LoopClosureRecord(places[edge.a].stamp_s, places[edge.b].stamp_s, edge.T_a_b)
+            for edge in self.map.loop_closer.graph.edges
             if edge.is_loop
         ]
 
 
-def make_runner(method: str, alone: bool) -> Runner:
+def make_runner(method: str, without_loop_closure: bool) -> TrajectoryRunner:
     """What is measured: a method by its name, alone or with what knows places again."""
-    return OdometryRunner(method) if alone else LoopRunner(method, open_inline_loops(MapSettings()))
+    return (
+        OdometryRunner(method)
+        if without_loop_closure
+        else LoopClosureRunner(method, create_synchronous_loop_closure(MapConfig()))
+    )

@@ -16,21 +16,21 @@ from functools import partial
 from pathlib import Path
 
 from drivers.errors import UserFacingError
-from tests.stand_ins.played_kinect import PlayedKinect
-from tests.vo_service.corner_film import corner_film, corner_kinect
-from tests.vo_service.played_service import PlayedService, running_service
+from tests.stand_ins.played_kinect import KinectSimulator
+from tests.vo_service.corner_film import make_corner_kinect, write_corner_frames
+from tests.vo_service.played_service import ServiceProcess, running_service
 from tests.vo_service.service_faults import (
-    BACK_S,
-    FAULTS,
-    GONE,
-    TOLD_S,
-    Passed,
-    ServiceFault,
-    pass_through,
+    MAX_RECOVERY_S,
+    MAX_REPORT_S,
+    NO_KINECT_REASON,
+    SENSOR_FAULTS,
+    FaultTiming,
+    SensorFault,
+    run_fault,
 )
 
 # How much longer each fault lasts once it has been named: one after the other.
-LASTING_S = (0.0, 1.1, 2.7, 6.0)
+DURATIONS_S = (0.0, 1.1, 2.7, 6.0)
 
 
 def main() -> int:
@@ -43,51 +43,57 @@ def main() -> int:
     parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        with corner_kinect(folder, corner_film(folder)) as kinect:
+        with make_corner_kinect(folder, write_corner_frames(folder)) as kinect:
             is_good = measure(folder, kinect)
     return 0 if is_good else 1
 
 
-def measure(folder: Path, kinect: PlayedKinect) -> bool:
+def measure(folder: Path, kinect: KinectSimulator) -> bool:
     """One line for each fault; whether all are within their limits."""
     print(f"{'fault':20} {'told':>6} {'limit':>6} {'back':>6} {'limit':>6}")
     kinect.unplug()
     with running_service(folder, kinect.environment) as service:
-        results = [report("no Kinect at start", plugged_in(kinect, service), TOLD_S, BACK_S)]
-        for fault in FAULTS:
-            pauses = [partial(time.sleep, last_s) for last_s in LASTING_S]
-            slowest = worst([pass_through(fault, kinect, service, pause) for pause in pauses])
+        results = [
+            report(
+                "no Kinect at start", measure_plug_in(kinect, service), MAX_REPORT_S, MAX_RECOVERY_S
+            )
+        ]
+        for fault in SENSOR_FAULTS:
+            pauses = [partial(time.sleep, last_s) for last_s in DURATIONS_S]
+            slowest = slowest_round([run_fault(fault, kinect, service, pause) for pause in pauses])
             results.append(report_fault(fault, slowest))
-        if service.end() != 0:
+        if service.stop() != 0:
             raise UserFacingError(f"the service did not end in order: {service.log}")
     return all(results)
 
 
-def plugged_in(kinect: PlayedKinect, service: PlayedService) -> Passed:
+def measure_plug_in(kinect: KinectSimulator, service: ServiceProcess) -> FaultTiming:
     """A service that was started without a Kinect; it could be heard only from now on."""
     begin_s = time.monotonic()
-    told_s = service.until_said(GONE, begin_s)
-    time.sleep(LASTING_S[-1])
+    told_s = service.wait_for_reason(NO_KINECT_REASON, begin_s)
+    time.sleep(DURATIONS_S[-1])
     end_s = time.monotonic()
     kinect.plug()
-    return Passed(told_s - begin_s, service.until_streaming(end_s) - end_s)
+    return FaultTiming(told_s - begin_s, service.wait_until_streaming(end_s) - end_s)
 
 
-def worst(rounds: list[Passed]) -> Passed:
+def slowest_round(rounds: list[FaultTiming]) -> FaultTiming:
     """The slowest of each."""
-    return Passed(max(each.told_s for each in rounds), max(each.back_s for each in rounds))
+    return FaultTiming(
+        max(each.report_s for each in rounds), max(each.recovery_s for each in rounds)
+    )
 
 
-def report_fault(fault: ServiceFault, passed: Passed) -> bool:
+def report_fault(fault: SensorFault, timing: FaultTiming) -> bool:
     """See `report`."""
-    return report(fault.name, passed, fault.told_s, fault.back_s)
+    return report(fault.name, timing, fault.max_report_s, fault.max_recovery_s)
 
 
-def report(name: str, passed: Passed, told_s: float, back_s: float) -> bool:
+def report(name: str, timing: FaultTiming, max_report_s: float, max_recovery_s: float) -> bool:
     """Print a line; whether it is within the limits."""
-    is_good = passed.told_s <= told_s and passed.back_s <= back_s
+    is_good = timing.report_s <= max_report_s and timing.recovery_s <= max_recovery_s
     print(
-        f"{name:20} {passed.told_s:6.2f} {told_s:6.1f} {passed.back_s:6.2f} {back_s:6.1f}"
+        f"{name:20} {timing.report_s:6.2f} {max_report_s:6.1f} {timing.recovery_s:6.2f} {max_recovery_s:6.1f}"
         f"  {'pass' if is_good else 'FAIL'}",
         flush=True,
     )

@@ -13,12 +13,17 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.drivers.freenect.replugging import Held, held, isolated_kinect, replug
-from tests.stand_ins.fixtures import FILM_FRAMES, pattern
-from tests.stand_ins.played_kinect import IDENTITY, PlayedKinect, wire_film
+from tests.drivers.freenect.replugging import (
+    HeldResources,
+    count_resources,
+    kinect_in_subprocess,
+    replug,
+)
+from tests.stand_ins.fixtures import FRAME_COUNT, pattern_frame
+from tests.stand_ins.played_kinect import IDENTITY, KinectSimulator, write_usb_frames
 
 # The images of one time alone would be 12 MB.
-MOST_GROWTH_KB = 10_000
+MAX_GROWTH_KB = 10_000
 
 
 def main() -> int:
@@ -31,19 +36,19 @@ def main() -> int:
     parser.add_argument("--cycles", type=int, default=200, help="how often it is unplugged")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        film = wire_film(Path(folder), (pattern(seq) for seq in range(FILM_FRAMES)))
-        with PlayedKinect(Path(folder), film, registration=IDENTITY) as kinect:
-            kinect.load()
+        film = write_usb_frames(Path(folder), (pattern_frame(seq) for seq in range(FRAME_COUNT)))
+        with KinectSimulator(Path(folder), film, registration=IDENTITY) as kinect:
+            kinect.activate()
             kinect.start_delay_s = 0.0
             is_good = measure(kinect, args.cycles)
     print("nothing has leaked" if is_good else "something has LEAKED")
     return 0 if is_good else 1
 
 
-def measure(kinect: PlayedKinect, cycles: int) -> bool:
+def measure(kinect: KinectSimulator, cycles: int) -> bool:
     """Print what is held; whether it is the same."""
     begin_s = time.monotonic()
-    first, last = first_and_last(kinect, cycles)
+    first, last = measure_growth(kinect, cycles)
     print(f"{cycles} times in {time.monotonic() - begin_s:.0f} s")
     for name, each in (("first", first), ("last", last)):
         handles, abandoned = each.kinect
@@ -52,19 +57,19 @@ def measure(kinect: PlayedKinect, cycles: int) -> bool:
             f"{each.memory_kb / 1e3:.1f} MB; {handles} handles, {abandoned} transfers abandoned"
         )
     is_same = (first.here, first.driver, first.kinect) == (last.here, last.driver, last.kinect)
-    is_small = last.memory_kb - first.memory_kb <= MOST_GROWTH_KB
+    is_small = last.memory_kb - first.memory_kb <= MAX_GROWTH_KB
     return is_same and is_small and (kinect.open_handles, kinect.submitted_transfers) == (0, (0, 0))
 
 
-def first_and_last(kinect: PlayedKinect, cycles: int) -> tuple[Held, Held]:
+def measure_growth(kinect: KinectSimulator, cycles: int) -> tuple[HeldResources, HeldResources]:
     """What is held when it streams for the second time, and after `cycles` times."""
-    with isolated_kinect() as camera:
+    with kinect_in_subprocess() as camera:
         camera.read(30.0)
         replug(camera, kinect)
-        first = held(kinect)
+        first = count_resources(kinect)
         for _ in range(cycles):
             replug(camera, kinect)
-        return first, held(kinect)
+        return first, count_resources(kinect)
 
 
 if __name__ == "__main__":

@@ -22,32 +22,32 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.camera_frames import all_frames
-from drivers.camera import Pace
-from drivers.camera_file import camera_file_text, camera_of_folder
-from drivers.trajectory import StampedPoses, read_trajectory
+from benchmarks.camera_frames import read_all_frames
+from drivers.camera import PlaybackMode
+from drivers.camera_file import find_calibration, format_calibration
+from drivers.trajectory import Trajectory, read_trajectory
 from drivers.tum.camera import TumCamera
 from tests.stand_ins.fakenect_dump import write_fakenect_dump
-from tests.stand_ins.film_sources import fitted_film, folder_frames
-from tests.stand_ins.oni_writer import images_of, write_oni
-from tests.stand_ins.played_kinect import IDENTITY, Loop, PlayedKinect
+from tests.stand_ins.film_sources import folder_frames, write_fitted_usb_frames
+from tests.stand_ins.oni_writer import frames_to_oni_images, write_oni
+from tests.stand_ins.played_kinect import IDENTITY, KinectSimulator, LoopMode
 from vo_service.evaluation import evaluate
 
 RATE_HZ = 30.0
 # No pose for this long: the source has ended.
-QUIET_S = 4.0
-LONGEST_RUN_S = 600.0
+SILENCE_TIMEOUT_S = 4.0
+MAX_RUN_S = 600.0
 # How many frames may pass before the first pair of a live camera.
-MOST_MISSED = 8
+MAX_MISSED_FRAMES = 8
 
 
 @dataclass(frozen=True)
-class Way:
+class InputPath:
     """One way into the service."""
 
     name: str
     source: str
-    pace: Pace
+    pace: PlaybackMode
     environment: Mapping[str, str]
 
 
@@ -66,47 +66,47 @@ def main() -> int:
     return 0
 
 
-def compare(folder: Path, most: int | None, scratch: Path) -> None:
+def compare(folder: Path, max_frames: int | None, scratch: Path) -> None:
     """Print one line for each way."""
     camera_file = scratch / "camera.toml"
-    camera_file.write_text(camera_file_text(camera_of_folder(folder, None)))
-    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
+    camera_file.write_text(format_calibration(find_calibration(folder, None)))
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         truth = camera.ground_truth
-        frames = list(islice(all_frames(camera), most))
+        frames = list(islice(read_all_frames(camera), max_frames))
     assert truth is not None, f"{folder} has no ground truth"
     stamps_s = np.array([frame.stamp_s for frame in frames])
     dump, oni = scratch / "dump", scratch / "frames.oni"
-    write_fakenect_dump(dump, folder_frames(folder, None, most))
-    write_oni(oni, images_of(frames))
-    film = fitted_film(scratch, folder_frames(folder, None, most))
-    with PlayedKinect(scratch, film, registration=IDENTITY) as kinect:
-        kinect.loop = Loop.ONCE
+    write_fakenect_dump(dump, folder_frames(folder, None, max_frames))
+    write_oni(oni, frames_to_oni_images(frames))
+    film = write_fitted_usb_frames(scratch, folder_frames(folder, None, max_frames))
+    with KinectSimulator(scratch, film, registration=IDENTITY) as kinect:
+        kinect.loop = LoopMode.ONCE
         ways = [
-            Way("folder", f"tum:{folder}", Pace.LOCKSTEP, {}),
-            Way(".oni, libOpenNI2", f"openni2:{oni}", Pace.LOCKSTEP, {}),
-            Way("dump, fakenect", f"fakenect:{dump}", Pace.LOCKSTEP, {}),
-            Way("Kinect, libfreenect", "freenect", Pace.REALTIME, kinect.environment),
+            InputPath("folder", f"tum:{folder}", PlaybackMode.LOCKSTEP, {}),
+            InputPath(".oni, libOpenNI2", f"openni2:{oni}", PlaybackMode.LOCKSTEP, {}),
+            InputPath("dump, fakenect", f"fakenect:{dump}", PlaybackMode.LOCKSTEP, {}),
+            InputPath("Kinect, libfreenect", "freenect", PlaybackMode.REALTIME, kinect.environment),
         ]
         print(f"{'way':22s} poses  ATE RMSE  farthest from the folder's")
-        reference = StampedPoses(np.empty(0), np.empty((0, 4, 4)))
+        reference = Trajectory(np.empty(0), np.empty((0, 4, 4)))
         for way in ways:
             found = run(way, camera_file, scratch, len(frames))
-            found = on_frames(found, stamps_s, truth)
+            found = match_to_frames(found, stamps_s, truth)
             reference = found if way.name == "folder" else reference
             ate_mm = 1e3 * evaluate(found, truth).ate_rmse_m
-            apart_mm = 1e3 * apart_m(found, reference)
+            apart_mm = 1e3 * max_distance_m(found, reference)
             print(f"{way.name:22s} {len(found):5d} {ate_mm:9.2f} {apart_mm:9.3f}", flush=True)
 
 
-def run(way: Way, camera_file: Path, scratch: Path, count: int) -> StampedPoses:
+def run(input_path: InputPath, camera_file: Path, scratch: Path, count: int) -> Trajectory:
     """The poses that ``kinect-vo run`` writes, until `count` are there or none comes any more."""
-    trajectory = scratch / f"{way.source.partition(':')[0]}.txt"
+    trajectory = scratch / f"{input_path.source.partition(':')[0]}.txt"
     command = [
         str(Path(sys.executable).with_name("kinect-vo")), "run", "--no-publish",
-        "--camera", way.source, "--camera-file", str(camera_file), "--pace", way.pace,
+        "--camera", input_path.source, "--camera-file", str(camera_file), "--pace", input_path.pace,
         "--trajectory", str(trajectory),
     ]  # fmt: skip
-    environment = {**os.environ, **way.environment}
+    environment = {**os.environ, **input_path.environment}
     with subprocess.Popen(command, env=environment) as process:
         wait_for_lines(trajectory, count, process)
         process.send_signal(signal.SIGTERM)
@@ -117,18 +117,18 @@ def wait_for_lines(file: Path, count: int, process: "subprocess.Popen[bytes]") -
     """Until the file has so many lines, or has had its last one."""
     begin_s = last_s = time.monotonic()
     size = 0
-    while process.poll() is None and time.monotonic() - begin_s < LONGEST_RUN_S:
+    while process.poll() is None and time.monotonic() - begin_s < MAX_RUN_S:
         time.sleep(0.2)
         text = file.read_bytes() if file.exists() else b""
         if text.count(b"\n") >= count:
             return
         if len(text) != size:
             size, last_s = len(text), time.monotonic()
-        if size and time.monotonic() - last_s > QUIET_S:
+        if size and time.monotonic() - last_s > SILENCE_TIMEOUT_S:
             return
 
 
-def on_frames(found: StampedPoses, stamps_s: np.ndarray, truth: StampedPoses) -> StampedPoses:
+def match_to_frames(found: Trajectory, stamps_s: np.ndarray, truth: Trajectory) -> Trajectory:
     """`found` with the stamps of the frames that were played.
 
     A live camera's stamps are of this host's clock; the first frame that it delivered is the one
@@ -138,14 +138,14 @@ def on_frames(found: StampedPoses, stamps_s: np.ndarray, truth: StampedPoses) ->
     if abs(found.stamps_s[0] - stamps_s[0]) < 10.0:
         return found
     candidates = []
-    for first in range(MOST_MISSED):
+    for first in range(MAX_MISSED_FRAMES):
         inside = index + first < len(stamps_s)
         poses = found.T_world_camera[inside]
-        candidates.append(StampedPoses(stamps_s[index[inside] + first], poses))
+        candidates.append(Trajectory(stamps_s[index[inside] + first], poses))
     return min(candidates, key=lambda poses: evaluate(poses, truth).ate_rmse_m)
 
 
-def apart_m(found: StampedPoses, reference: StampedPoses) -> float:
+def max_distance_m(found: Trajectory, reference: Trajectory) -> float:
     """Largest distance between positions of the same frame."""
     position = {
         round(stamp_s, 3): T[:3, 3]

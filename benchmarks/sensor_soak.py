@@ -19,28 +19,28 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.belongings import resident_kb
-from tests.stand_ins.played_kinect import PlayedKinect
-from tests.vo_service.corner_film import corner_film, corner_kinect
-from tests.vo_service.played_service import PlayedService, running_service
-from tests.vo_service.subscriber import HeardPose, Status
+from tests.belongings import resident_memory_kb
+from tests.stand_ins.played_kinect import KinectSimulator
+from tests.vo_service.corner_film import make_corner_kinect, write_corner_frames
+from tests.vo_service.played_service import ServiceProcess, running_service
+from tests.vo_service.subscriber import StatusContent, SubscribedPose
 
 WARM_UP_S = 3.0
-EARLY_S = 60.0
+FIRST_REPORT_S = 60.0
 FIRST_WRAP_S = 20.0
 TICKS_PER_S = 60_000_000
 # Frames that are under way when the counts are read.
-UNDER_WAY = 3
+MAX_IN_FLIGHT = 3
 
 
 @dataclass(frozen=True)
-class Sample:
+class SensorSoakSample:
     """How things stand at one instant."""
 
-    at_s: float
+    time_s: float
     sent: int
     poses: int
-    status: Status
+    status: StatusContent
     cpu_s: tuple[float, float]  # of the service, of the driver
     memory_kb: tuple[int, int]
 
@@ -58,50 +58,52 @@ def main() -> int:
     seconds = 60.0 * args.minutes
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        with corner_kinect(folder, corner_film(folder)) as kinect:
-            kinect.patient = args.patient
+        with make_corner_kinect(folder, write_corner_frames(folder)) as kinect:
+            kinect.waits_for_reader = args.patient
             wrap_s = min(FIRST_WRAP_S, seconds / 3) + WARM_UP_S
             kinect.start_ticks = 2**32 - round(wrap_s * TICKS_PER_S)
             with running_service(folder, kinect.environment) as service:
                 samples = soak(service, kinect, seconds)
-                exit_code = service.end()
+                exit_code = service.stop()
                 poses = service.heard.poses[samples[0].poses : samples[-1].poses]
     lost = report(samples, poses)
     print(f"the service ended with exit code {exit_code}; {lost} frames lost")
     return 1 if lost or exit_code else 0
 
 
-def soak(service: PlayedService, kinect: PlayedKinect, seconds: float) -> Sequence[Sample]:
+def soak(
+    service: ServiceProcess, kinect: KinectSimulator, seconds: float
+) -> Sequence[SensorSoakSample]:
     """Samples at the beginning, after a minute (of a longer run) and at the end."""
-    service.until_streaming(time.monotonic())
+    service.wait_until_streaming(time.monotonic())
     time.sleep(WARM_UP_S)
-    samples = [sample(service, kinect)]
-    for until_s in (min(EARLY_S, seconds / 2), seconds):
-        time.sleep(samples[0].at_s + until_s - time.monotonic())
-        samples.append(sample(service, kinect))
+    samples = [take_sample(service, kinect)]
+    for until_s in (min(FIRST_REPORT_S, seconds / 2), seconds):
+        time.sleep(samples[0].time_s + until_s - time.monotonic())
+        samples.append(take_sample(service, kinect))
     return samples
 
 
-def sample(service: PlayedService, kinect: PlayedKinect) -> Sample:
+def take_sample(service: ServiceProcess, kinect: KinectSimulator) -> SensorSoakSample:
     """Now, with a status that was heard after everything else was read."""
-    processes = service.process.pid, service.driver
+    processes = service.process.pid, service.driver_pid
     at_s, sent, poses = time.monotonic(), min(kinect.frames_sent), len(service.heard.poses)
-    used_s = cpu_s(processes[0]), cpu_s(processes[1])
-    memory_kb = resident_kb(processes[0]), resident_kb(processes[1])
+    used_s = process_cpu_s(processes[0]), process_cpu_s(processes[1])
+    memory_kb = resident_memory_kb(processes[0]), resident_memory_kb(processes[1])
     statuses = len(service.heard.statuses)
-    service.until(lambda _: len(service.heard.statuses) > statuses)
-    return Sample(at_s, sent, poses, service.status, used_s, memory_kb)
+    service.wait_for_status(lambda _: len(service.heard.statuses) > statuses)
+    return SensorSoakSample(at_s, sent, poses, service.status, used_s, memory_kb)
 
 
-def cpu_s(process: int) -> float:
+def process_cpu_s(process: int) -> float:
     """CPU time that a process has used so far, all its threads together."""
     return time.clock_gettime(~process << 3 | 2)  # the clock's number as in clock_getcpuclockid(3)
 
 
-def report(samples: Sequence[Sample], poses: Sequence[HeardPose]) -> int:
+def report(samples: Sequence[SensorSoakSample], poses: Sequence[SubscribedPose]) -> int:
     """Print the table; how many frames were lost, wherever."""
     first, early, last = samples
-    duration_s = last.at_s - first.at_s
+    duration_s = last.time_s - first.time_s
     sent, heard = last.sent - first.sent, len(poses)
     counted: dict[str, int] = {
         name: last.status[name] - first.status[name]
@@ -120,11 +122,11 @@ def report(samples: Sequence[Sample], poses: Sequence[HeardPose]) -> int:
     print(f"frames without a motion found       {counted['failed']:8d}")
     report_times(poses, last.status)
     report_costs(first, early, last)
-    missing = max(0, abs(sent - heard) - UNDER_WAY)
+    missing = max(0, abs(sent - heard) - MAX_IN_FLIGHT)
     return max(missing, counted["dropped"] + counted["skipped"] + gaps) + backwards
 
 
-def report_times(poses: Sequence[HeardPose], status: Status) -> None:
+def report_times(poses: Sequence[SubscribedPose], status: StatusContent) -> None:
     """Print how evenly the stamps follow each other, and the last latencies."""
     interval_ms = 1e3 * np.diff([pose.stamp_s for pose in poses])
     low, middle, high = np.percentile(interval_ms, [1, 50, 99])
@@ -138,13 +140,13 @@ def report_times(poses: Sequence[HeardPose], status: Status) -> None:
     )
 
 
-def report_costs(first: Sample, early: Sample, last: Sample) -> None:
+def report_costs(first: SensorSoakSample, early: SensorSoakSample, last: SensorSoakSample) -> None:
     """Print CPU time and memory of both processes."""
     for which, name in enumerate(("service", "driver")):
-        share = (last.cpu_s[which] - first.cpu_s[which]) / (last.at_s - first.at_s)
+        share = (last.cpu_s[which] - first.cpu_s[which]) / (last.time_s - first.time_s)
         print(
             f"{name}: {100 * share:.1f} % of a core; "
-            f"{early.memory_kb[which] / 1e3:.1f} MB after {early.at_s - first.at_s:.0f} s, "
+            f"{early.memory_kb[which] / 1e3:.1f} MB after {early.time_s - first.time_s:.0f} s, "
             f"{last.memory_kb[which] / 1e3:.1f} MB at the end"
         )
 

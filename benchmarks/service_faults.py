@@ -21,13 +21,13 @@ from pathlib import Path
 
 from tests.ports import free_port
 from tests.stand_ins.zenoh_router import running_router
-from tests.vo_service.live_faults import LIVE_FAULTS, Around, pass_through
-from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
-from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
-from tests.vo_service.service_faults import Passed
+from tests.vo_service.live_faults import ENVIRONMENT_FAULTS, ServiceEnvironment, run_fault
+from tests.vo_service.live_stage import CAMERA, ServiceRunner, service_runner
+from tests.vo_service.played_service import KINECT_VO, START_TIMEOUT_S
+from tests.vo_service.service_faults import FaultTiming
 from tests.waiting import wait_until
 
-Measurement = Callable[[], Passed]
+Measurement = Callable[[], FaultTiming]
 
 
 def main() -> int:
@@ -45,41 +45,44 @@ def main() -> int:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
         print(f"{'fault':34} {'said':>6} {'well':>6}   seconds, slowest of {rounds}", flush=True)
-        around_a_living_service(folder, rounds)
-        with live_stage(folder / "own", folder / "films") as stage:
-            report("killed, until its first pose", [killed(stage) for _ in range(rounds)])
-            stage.service.end()
-            report("port taken", [port_taken(stage) for _ in range(rounds)])
+        measure_live_faults(folder, rounds)
+        with service_runner(folder / "own", folder / "films") as stage:
+            report(
+                "killed, until its first pose",
+                [measure_restart_after_kill(stage) for _ in range(rounds)],
+            )
+            stage.service.stop()
+            report("port taken", [measure_port_in_use(stage) for _ in range(rounds)])
     return 0
 
 
-def around_a_living_service(folder: Path, rounds: int) -> None:
+def measure_live_faults(folder: Path, rounds: int) -> None:
     """All of these on one service."""
     router_at = f"tcp/127.0.0.1:{free_port()}"
     config = f"connect = {json.dumps([router_at])}\n{CAMERA}"
     with (
         running_router(router_at) as router,
-        live_stage(folder / "around", folder / "films", config) as stage,
+        service_runner(folder / "around", folder / "films", config) as stage,
     ):
-        stage.start().until_streaming(time.monotonic(), START_LIMIT_S)
-        for fault in LIVE_FAULTS:
-            around = Around(stage, router)
-            report(fault.name, [pass_through(fault, around) for _ in range(rounds)])
-        stage.service.end()
+        stage.start().wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
+        for fault in ENVIRONMENT_FAULTS:
+            around = ServiceEnvironment(stage, router)
+            report(fault.name, [run_fault(fault, around) for _ in range(rounds)])
+        stage.service.stop()
         stage.check()
 
 
-def killed(stage: LiveStage) -> Passed:
+def measure_restart_after_kill(stage: ServiceRunner) -> FaultTiming:
     """From the start of the next one, kernels and room at hand, until poses are heard."""
     if stage.has_started:
         stage.service.process.send_signal(signal.SIGKILL)
         stage.service.process.wait()
     begin_s = time.monotonic()
-    heard_s = stage.start().until_streaming(begin_s, START_LIMIT_S)
-    return Passed(0.0, heard_s - begin_s)
+    heard_s = stage.start().wait_until_streaming(begin_s, START_TIMEOUT_S)
+    return FaultTiming(0.0, heard_s - begin_s)
 
 
-def port_taken(stage: LiveStage) -> Passed:
+def measure_port_in_use(stage: ServiceRunner) -> FaultTiming:
     """From the start until the log says so; from when the port is free until poses are heard."""
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -90,14 +93,17 @@ def port_taken(stage: LiveStage) -> Passed:
         wait_until(lambda: "the port is taken" in service.log)
         told_s = time.monotonic() - begin_s
     free_s = time.monotonic()
-    heard_s = service.until_streaming(free_s, START_LIMIT_S)
-    service.end()
-    return Passed(told_s, heard_s - free_s)
+    heard_s = service.wait_until_streaming(free_s, START_TIMEOUT_S)
+    service.stop()
+    return FaultTiming(told_s, heard_s - free_s)
 
 
-def report(name: str, passed: list[Passed]) -> None:
+def report(name: str, timings: list[FaultTiming]) -> None:
     """Print the slowest of each."""
-    told_s, back_s = max(each.told_s for each in passed), max(each.back_s for each in passed)
+    told_s, back_s = (
+        max(each.report_s for each in timings),
+        max(each.recovery_s for each in timings),
+    )
     print(f"{name:34} {told_s:6.2f} {back_s:6.2f}", flush=True)
 
 

@@ -26,25 +26,25 @@ from statistics import median
 
 import numpy as np
 
-from benchmarks.disturbances import CASES, Case, Scene
-from benchmarks.pose_arrivals import Listener, listening
-from benchmarks.processor_use import ProcessorUse, descendants_of, processor_use
+from benchmarks.disturbances import CASES, InterferenceCase, InterferenceSetup
+from benchmarks.pose_arrivals import ArrivalRecorder, running_recorder
+from benchmarks.processor_use import ProcessorUse, descendants_of, measure_processor_use
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendering import render_all
-from tests.vo_service.played_service import PlayedService, running_service
-from tests.vo_service.subscriber import Status
+from tests.vo_service.played_service import ServiceProcess, running_service
+from tests.vo_service.subscriber import StatusContent
 from vo_service.folders import cache_folder
 from vo_service.terminal import Terminal
 
 WARM_UP_S = 4.0
 # Poses of the last frames may still be under way.
-LAST_ON_THE_WAY_S = 0.5
-LIMIT_P50_MS, LIMIT_P99_MS, LIMIT_RATIO = 25.0, 45.0, 1.2
-MOST_STEAL_PERCENT = 1.0
+DRAIN_S = 0.5
+MAX_P50_MS, MAX_P99_MS, MAX_RATIO = 25.0, 45.0, 1.2
+MAX_STEAL_PERCENT = 1.0
 
 
 @dataclass(frozen=True)
-class Outcome:
+class LatencyResult:
     """One run of one case. CPU times are milliseconds a frame."""
 
     p50_ms: float
@@ -56,25 +56,25 @@ class Outcome:
     children_ms: float
     subscriber_ms: float
     steal_percent: float
-    status: Status
+    status: StatusContent
 
 
 def main() -> int:
     """Measure and print; see the module."""
-    args = arguments()
+    args = parse_arguments()
     seconds, rounds = (6.0, 1) if args.quick else (args.seconds, args.rounds)
     chosen = [case for case in CASES if not args.case or case.name in args.case]
-    render_the_room()
-    runs: dict[str, list[Outcome]] = {case.name: [] for case in chosen}
+    prerender_room()
+    runs: dict[str, list[LatencyResult]] = {case.name: [] for case in chosen}
     for number in range(rounds):
         for case in chosen:
             print(f"round {number + 1} of {rounds}: {case.name}", file=sys.stderr, flush=True)
             runs[case.name].append(run(case, seconds))
-    outcomes = {name: combined(each) for name, each in runs.items()}
+    outcomes = {name: combine_runs(each) for name, each in runs.items()}
     return report(outcomes, seconds * rounds)
 
 
-def arguments() -> argparse.Namespace:
+def parse_arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.service_latency",
@@ -88,56 +88,58 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def render_the_room() -> None:
+def prerender_room() -> None:
     """Where nobody has done so yet; services that are started later find it."""
     print("rendering the room (a minute or two, unless it is kept already)", file=sys.stderr)
-    progress = Terminal().counter("rendering the room: frame")
-    render_all(SyntheticConfig.light(), cache_folder() / "films", progress).close()
+    progress = Terminal().progress_callback("rendering the room: frame")
+    render_all(SyntheticConfig.fast(), cache_folder() / "films", progress).close()
 
 
-def run(case: Case, seconds: float) -> Outcome:
+def run(case: InterferenceCase, seconds: float) -> LatencyResult:
     """Start everything, let it settle, measure for so long."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         with (
-            case.setting(folder) as scene,
+            case.setup(folder) as scene,
             running_service(
                 folder / "service", {}, source="synthetic", more_config=scene.more_config
             ) as service,
-            listening(f"tcp/127.0.0.1:{service.port}", folder / "poses.npz") as listener,
+            running_recorder(f"tcp/127.0.0.1:{service.port}", folder / "poses.npz") as listener,
         ):
-            service.until_streaming(time.monotonic())
+            service.wait_until_streaming(time.monotonic())
             time.sleep(WARM_UP_S)
             outcome = measure(scene, service, listener, seconds)
             # With 1 where a viewer that was in the way lacks the end of its recording.
-            service.end()
+            service.stop()
             if "Traceback" in service.log:
                 raise RuntimeError(f"the service failed: {service.log}")
             return outcome
 
 
-def measure(scene: Scene, service: PlayedService, listener: Listener, seconds: float) -> Outcome:
+def measure(
+    scene: InterferenceSetup, service: ServiceProcess, listener: ArrivalRecorder, seconds: float
+) -> LatencyResult:
     """From now on, with what happens in the scene."""
     processes = [service.process.pid, listener.process.pid]
     children = descendants_of(service.process.pid)
-    before, status_before = processor_use(*processes, *children), service.status
+    before, status_before = measure_processor_use(*processes, *children), service.status
     begin_s = time.monotonic()
-    for share, act in scene.acts:
+    for share, act in scene.actions:
         time.sleep(max(0.0, begin_s + share * seconds - time.monotonic()))
         act(service)
     time.sleep(max(0.0, begin_s + seconds - time.monotonic()))
     end_s = time.monotonic()
     children = sorted({*children, *descendants_of(service.process.pid)})
-    used, status = processor_use(*processes, *children).since(before), service.status
-    time.sleep(LAST_ON_THE_WAY_S)
+    used, status = measure_processor_use(*processes, *children).since(before), service.status
+    time.sleep(DRAIN_S)
     arrived_s = stamp_to_arrival_s()
-    heard = listener.end().between(begin_s, end_s - arrived_s)
-    if abs(heard.clock_moved_s) > 1e-3:
+    heard = listener.stop().between(begin_s, end_s - arrived_s)
+    if abs(heard.clock_shift_s) > 1e-3:
         raise RuntimeError("somebody set the clock meanwhile: the stamps do not tell the latency")
-    latency_ms = 1e3 * (heard.heard_s - heard.stamp_s - arrived_s)
+    latency_ms = 1e3 * (heard.receive_time_s - heard.stamp_s - arrived_s)
     count = len(latency_ms)
     p50_ms, p99_ms = np.percentile(latency_ms, (50, 99))
-    return Outcome(
+    return LatencyResult(
         p50_ms=float(p50_ms),
         p99_ms=float(p99_ms),
         max_ms=float(latency_ms.max()),
@@ -153,7 +155,7 @@ def measure(scene: Scene, service: PlayedService, listener: Listener, seconds: f
 
 def stamp_to_arrival_s() -> float:
     """How long after its stamp a frame of the virtual Kinect has arrived."""
-    timing = SyntheticConfig.light().timing
+    timing = SyntheticConfig.fast().timing
     return timing.readout_s / 2 + max(timing.skew_s, 0.0)
 
 
@@ -162,9 +164,9 @@ def per_frame_ms(used: ProcessorUse, frames: int, *processes: int) -> float:
     return 1e3 * sum(used.by_process[process] for process in processes) / frames
 
 
-def combined(runs: Sequence[Outcome]) -> Outcome:
+def combine_runs(runs: Sequence[LatencyResult]) -> LatencyResult:
     """Medians of the runs; worst maximum; counts of all together."""
-    return Outcome(
+    return LatencyResult(
         p50_ms=median(each.p50_ms for each in runs),
         p99_ms=median(each.p99_ms for each in runs),
         max_ms=max(each.max_ms for each in runs),
@@ -178,7 +180,7 @@ def combined(runs: Sequence[Outcome]) -> Outcome:
     )
 
 
-def report(outcomes: dict[str, Outcome], seconds: float) -> int:
+def report(outcomes: dict[str, LatencyResult], seconds: float) -> int:
     """Print the table; 1 if a limit is missed."""
     base = next(iter(outcomes.values()))
     print(f"\n{seconds:.0f} s of each case; latencies and CPU times in ms\n")
@@ -194,17 +196,17 @@ def report(outcomes: dict[str, Outcome], seconds: float) -> int:
     return 1 if any(missed) else 0
 
 
-def report_line(name: str, outcome: Outcome, base: Outcome) -> bool:
+def report_line(name: str, outcome: LatencyResult, base: LatencyResult) -> bool:
     """Print one case; whether it misses a limit."""
     p50_ratio, p99_ratio = outcome.p50_ms / base.p50_ms, outcome.p99_ms / base.p99_ms
     if outcome is base:
-        is_good = outcome.p50_ms <= LIMIT_P50_MS and outcome.p99_ms <= LIMIT_P99_MS
+        is_good = outcome.p50_ms <= MAX_P50_MS and outcome.p99_ms <= MAX_P99_MS
         is_good = is_good and outcome.dropped == 0
     else:
-        is_good = max(p50_ratio, p99_ratio) <= LIMIT_RATIO
+        is_good = max(p50_ratio, p99_ratio) <= MAX_RATIO
     is_good = is_good and outcome.lost == 0
     verdict = "pass" if is_good else "FAIL"
-    if outcome.steal_percent > MOST_STEAL_PERCENT:
+    if outcome.steal_percent > MAX_STEAL_PERCENT:
         verdict += ", too much steal to tell"
     print(
         f"{name:24} {outcome.p50_ms:6.1f} {outcome.p99_ms:6.1f} {outcome.max_ms:7.1f} "

@@ -20,24 +20,24 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.pose_arrivals import wall_clock_s
-from benchmarks.processor_use import descendants_of, processor_use
+from benchmarks.pose_arrivals import wall_clock_offset_s
+from benchmarks.processor_use import descendants_of, measure_processor_use
 from benchmarks.soak_plot import save_plot
-from benchmarks.soak_record import Record, Sample, verdicts
+from benchmarks.soak_record import SoakRecord, SoakSample, check_soak
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendering import render_all
-from tests.belongings import is_alive, open_files_of, resident_kb
-from tests.vo_service.played_service import PlayedService, running_service
+from tests.belongings import count_open_files_of, is_alive, resident_memory_kb
+from tests.vo_service.played_service import ServiceProcess, running_service
 from vo_service.config import read_config
 from vo_service.folders import cache_folder
 from vo_service.terminal import Terminal
 
-FRAMES_OF_SAMPLE = 1000
+SAMPLE_FRAMES = 1000
 # The service keeps the processor times of its last 20,000 frames; until then its memory grows.
-WARM_UP = 25_000
-FRAMES_OF_FILM = 300
+WARM_UP_FRAMES = 25_000
+SEQUENCE_FRAMES = 300
 # A machine that is busy may need this many times as long as the frames' rate says.
-PATIENCE = 10.0
+TIMEOUT_FACTOR = 10.0
 
 CONFIG = """
 [rerun]
@@ -63,23 +63,25 @@ timing = {{ readout_s = 0.0, skew_s = 0.0 }}
 
 def main() -> int:
     """Soak until all frames have been heard, then judge; see the module."""
-    args = arguments()
-    record = Record.of(args.state)
+    args = parse_arguments()
+    record = SoakRecord.load(args.state)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        config = CONFIG.format(folder=folder, rate=args.rate, duration_s=FRAMES_OF_FILM / args.rate)
+        config = CONFIG.format(
+            folder=folder, rate=args.rate, duration_s=SEQUENCE_FRAMES / args.rate
+        )
         if record.frames < args.frames:
-            render_the_room(folder, config)
+            prerender_room(folder, config)
             with running_service(folder, {}, source="synthetic", more_config=config) as service:
-                Soak(service, record, args.rate).until(args.frames)
-                if service.end() != 0:
+                SoakRun(service, record, args.rate).run_until(args.frames)
+                if service.stop() != 0:
                     raise RuntimeError(f"the service did not end in order: {service.log}")
     if args.plot is not None:
         save_plot(record, args.plot)
     return report(record, args.warm_up)
 
 
-def arguments() -> argparse.Namespace:
+def parse_arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.service_soak",
@@ -90,62 +92,65 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--frames", type=int, default=200_000, help="in all (default: 200000)")
     parser.add_argument("--rate", type=float, default=60.0, help="frames a second (default: 60)")
     parser.add_argument(
-        "--warm-up", type=int, default=WARM_UP, help="frames of each run left out (default: 25000)"
+        "--warm-up",
+        type=int,
+        default=WARM_UP_FRAMES,
+        help="frames of each run left out (default: 25000)",
     )
     parser.add_argument("--plot", type=Path, help="picture to write")
     return parser.parse_args()
 
 
-def render_the_room(folder: Path, config: str) -> None:
+def prerender_room(folder: Path, config: str) -> None:
     """Where nobody has done so yet; the service then finds it."""
     file = folder / "room.toml"
     file.write_text(f"schema = 1\n{config}")
     synthetic: SyntheticConfig = read_config(file).synthetic
-    progress = Terminal().counter("rendering the room: frame")
+    progress = Terminal().progress_callback("rendering the room: frame")
     render_all(synthetic, cache_folder() / "films", progress).close()
 
 
-class Soak:
+class SoakRun:
     """One start of the service, from its first pose on."""
 
-    def __init__(self, service: PlayedService, record: Record, rate: float) -> None:
+    def __init__(self, service: ServiceProcess, record: SoakRecord, rate: float) -> None:
         self._service = service
         self._record = record
-        self._limit_s = PATIENCE * FRAMES_OF_SAMPLE / rate
+        self._limit_s = TIMEOUT_FACTOR * SAMPLE_FRAMES / rate
         self._run, self._frame, self._lost = record.runs, 0, 0
-        self._wall_s = wall_clock_s()
-        service.until_streaming(time.monotonic())
+        self._wall_s = wall_clock_offset_s()
+        service.wait_until_streaming(time.monotonic())
         self._began_s = time.monotonic()
         self._used_s = self._cpu_s()
 
-    def until(self, frames: int) -> None:
+    def run_until(self, frames: int) -> None:
         """Sample every thousand frames until the record holds so many."""
         heard = self._service.heard
         while self._record.frames < frames:
-            if not heard.wait_for(lambda: len(heard.poses) > FRAMES_OF_SAMPLE, self._limit_s):
+            if not heard.wait_for(lambda: len(heard.poses) > SAMPLE_FRAMES, self._limit_s):
                 raise RuntimeError(f"no poses any more; the log: {self._service.log}")
             self._record.add(self._sample())
             print(f"{self._record.frames} of {frames} frames", file=sys.stderr, flush=True)
 
-    def _sample(self) -> Sample:
+    def _sample(self) -> SoakSample:
         heard = self._service.heard
         # The last one stays: the next sample counts from there.
-        poses = heard.poses[: FRAMES_OF_SAMPLE + 1]
-        del heard.poses[:FRAMES_OF_SAMPLE], heard.statuses[:-1]
-        latency_ms = [1e3 * (p.heard_s - (p.stamp_s - self._wall_s)) for p in poses[1:]]
+        poses = heard.poses[: SAMPLE_FRAMES + 1]
+        del heard.poses[:SAMPLE_FRAMES], heard.statuses[:-1]
+        latency_ms = [1e3 * (p.receive_time_s - (p.stamp_s - self._wall_s)) for p in poses[1:]]
         p50_ms, p99_ms = np.percentile(latency_ms, (50, 99))
         self._frame += len(poses) - 1
         self._lost += poses[-1].seq - poses[0].seq - (len(poses) - 1)
         used_s, before_s = self._cpu_s(), self._used_s
         self._used_s = used_s
         main, others = self._service.process.pid, descendants_of(self._service.process.pid)
-        return Sample(
+        return SoakSample(
             run=self._run,
             frame=self._frame,
             seconds=time.monotonic() - self._began_s,
-            service_mb=resident_kb(main) / 1e3,
-            others_mb=sum(resident_kb(each) for each in others if is_alive(each)) / 1e3,
-            handles=open_files_of(main),
+            service_mb=resident_memory_kb(main) / 1e3,
+            others_mb=sum(resident_memory_kb(each) for each in others if is_alive(each)) / 1e3,
+            handles=count_open_files_of(main),
             threads=len(list(Path(f"/proc/{main}/task").iterdir())),
             children=len(others),
             p50_ms=float(p50_ms),
@@ -157,10 +162,10 @@ class Soak:
 
     def _cpu_s(self) -> float:
         main = self._service.process.pid
-        return sum(processor_use(main, *descendants_of(main)).by_process.values())
+        return sum(measure_processor_use(main, *descendants_of(main)).by_process.values())
 
 
-def report(record: Record, warm_up: int) -> int:
+def report(record: SoakRecord, warm_up: int) -> int:
     """Print the figures; 1 if one of them is not flat."""
     last = record.samples[-1]
     print(f"{record.frames} frames in {record.runs} run(s), {len(record.samples)} samples")
@@ -169,13 +174,13 @@ def report(record: Record, warm_up: int) -> int:
         f"{last.handles} handles, {last.threads} threads, latency {last.p50_ms:.1f} ms "
         f"(99 %: {last.p99_ms:.1f} ms), CPU {last.cpu_ms:.1f} ms a frame, {last.dropped} dropped"
     )
-    judged = verdicts(record, warm_up)
+    judged = check_soak(record, warm_up)
     for each in judged:
         print(
             f"{each.name:32} {each.value:8.3f} {each.unit:10} limit {each.limit:g}  "
-            f"{'pass' if each.is_good else 'FAIL'}"
+            f"{'pass' if each.is_within_limit else 'FAIL'}"
         )
-    return 0 if all(each.is_good for each in judged) else 1
+    return 0 if all(each.is_within_limit for each in judged) else 1
 
 
 if __name__ == "__main__":

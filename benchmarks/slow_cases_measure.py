@@ -6,41 +6,41 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.camera_frames import all_frames
-from benchmarks.hard_cases_measure import follow
-from drivers.camera import Pace, RgbdFrame
+from benchmarks.camera_frames import read_all_frames
+from benchmarks.hard_cases_measure import track
+from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.geometry import Array, inverse, rotation_angle_rad
 from drivers.tum.camera import TumCamera
 from vo_service.evaluation.association import associate
-from vo_service.methods import METHODS, FeatureSettings
-from vo_service.stage_clock import StageClock
+from vo_service.methods import METHODS, FeatureConfig
+from vo_service.stage_clock import CpuStageTimer
 
 
 @dataclass(frozen=True)
-class StandingStill:
+class StationaryResult:
     """How far from the first pose the pose got, at most and in the last frame."""
 
     frames: int
     lost: int
-    farthest_m: float
-    farthest_deg: float
+    max_error_m: float
+    max_error_deg: float
     end_m: float
     end_deg: float
 
 
 @dataclass(frozen=True)
-class Creeping:
+class CreepResult:
     """How much of a slow way was followed: from its first pose to its last, along the true way."""
 
     frames: int
     lost: int
-    way_m: float
-    followed_m: float
+    true_distance_m: float
+    tracked_distance_m: float
 
 
-def stand_still(method: str, frames: Iterable[RgbdFrame]) -> StandingStill:
+def measure_stationary(method: str, frames: Iterable[RgbdFrame]) -> StationaryResult:
     """Follow a camera that never moves; nothing of a frame is kept."""
-    odometry = METHODS[method](FeatureSettings(), StageClock())
+    odometry = METHODS[method](FeatureConfig(), CpuStageTimer())
     lost, count = 0, 0
     farthest, end = np.zeros(2), np.zeros(2)
     T_camera_first = np.eye(4)
@@ -54,24 +54,24 @@ def stand_still(method: str, frames: Iterable[RgbdFrame]) -> StandingStill:
             T_camera_first = inverse(estimate.T_world_camera)
         end = _size(T_camera_first @ estimate.T_world_camera)
         farthest = np.maximum(farthest, end)
-    return StandingStill(count, lost, *map(float, (*farthest, *end)))
+    return StationaryResult(count, lost, *map(float, (*farthest, *end)))
 
 
-def creep(method: str, folder: Path) -> Creeping:
+def measure_creep(method: str, folder: Path) -> CreepResult:
     """Follow a sequence of the motion "creep". Raises InputError if hardly a frame has a pose."""
-    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
-        followed = follow(method, all_frames(camera))
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        followed = track(method, read_all_frames(camera))
         truth = camera.ground_truth
     assert truth is not None, "a rendered sequence has a truth"
     matched = associate(followed.trajectory, truth)
-    true_way = _way_m(matched.T_truth_camera)
+    true_way = _displacement_m(matched.T_truth_camera)
     length_m = float(np.linalg.norm(true_way))
-    followed_m = float(_way_m(matched.T_world_camera) @ true_way) / length_m
+    followed_m = float(_displacement_m(matched.T_world_camera) @ true_way) / length_m
     lost = int(np.count_nonzero(~followed.has_pose))
-    return Creeping(len(followed.stamps_s), lost, length_m, followed_m)
+    return CreepResult(len(followed.stamps_s), lost, length_m, followed_m)
 
 
-def _way_m(T_world_camera: Array) -> Array:
+def _displacement_m(T_world_camera: Array) -> Array:
     """(3,) from the first place to the last, in the axes of the first camera."""
     way: Array = (inverse(T_world_camera[0]) @ T_world_camera[-1])[:3, 3]
     return way

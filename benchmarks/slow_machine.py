@@ -21,35 +21,35 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
 
-from benchmarks.processor_limit import processor_limit
-from benchmarks.processor_use import descendants_of, processor_use
-from benchmarks.service_latency import render_the_room
-from tests.vo_service.played_service import PlayedService, running_service
+from benchmarks.processor_limit import limit_processor
+from benchmarks.processor_use import descendants_of, measure_processor_use
+from benchmarks.service_latency import prerender_room
+from tests.vo_service.played_service import ServiceProcess, running_service
 
 WARM_UP_S = 6.0
 PERCENTS = (75.0, 60.0, 45.0)
-RESTING, FEWER = "the viewer rests", " features"
+VIEWER_PAUSED_TEXT, FEATURES_TEXT = "the viewer rests", " features"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SlowMachineResult:
     """One run under a limit."""
 
     poses_per_s: float
     dropped: int
     late: int
     features: int
-    given_up: str
-    viewer_first: bool
+    degradations: str
+    is_viewer_first: bool
     steal_percent: float
 
 
 def main() -> int:
     """Measure and print; see the module."""
-    args = arguments()
-    render_the_room()
+    args = parse_arguments()
+    prerender_room()
     percents = args.percent or PERCENTS
-    runs: dict[tuple[float, bool], list[Outcome]] = {}
+    runs: dict[tuple[float, bool], list[SlowMachineResult]] = {}
     for number in range(args.rounds):
         for percent in percents:
             for adapts in (True, False):
@@ -60,7 +60,7 @@ def main() -> int:
     return report(runs)
 
 
-def arguments() -> argparse.Namespace:
+def parse_arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.slow_machine",
@@ -73,7 +73,7 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def run(percent: float, adapts: bool, seconds: float) -> Outcome:
+def run(percent: float, adapts: bool, seconds: float) -> SlowMachineResult:
     """Start everything, let it settle, then limit it for so long."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -82,42 +82,46 @@ def run(percent: float, adapts: bool, seconds: float) -> Outcome:
             f'[rerun]\ntargets = ["{folder}/viewer.rrd"]\npicture_hz = 30.0\n'
         )
         with (
-            processor_limit(percent) as limit,
+            limit_processor(percent) as limit,
             running_service(
                 folder / "service", {}, source="synthetic", more_config=config
             ) as service,
         ):
-            service.until_streaming(time.monotonic())
+            service.wait_until_streaming(time.monotonic())
             time.sleep(WARM_UP_S)
             limit([service.process.pid, *descendants_of(service.process.pid)])
             return measure(service, seconds)
 
 
-def measure(service: PlayedService, seconds: float) -> Outcome:
+def measure(service: ServiceProcess, seconds: float) -> SlowMachineResult:
     """From now on."""
-    before, machine = service.status, processor_use()
+    before, machine = service.status, measure_processor_use()
     time.sleep(seconds / 2)
     middle = service.status
     time.sleep(seconds / 2)
     after = service.status
-    warnings = [clause for clause in after["warnings"] if RESTING in clause or FEWER in clause]
-    return Outcome(
+    warnings = [
+        clause
+        for clause in after["warnings"]
+        if VIEWER_PAUSED_TEXT in clause or FEATURES_TEXT in clause
+    ]
+    return SlowMachineResult(
         poses_per_s=(after["frames"] - before["frames"]) / seconds,
         dropped=after["dropped"] - before["dropped"],
         late=after["dropped"] - middle["dropped"],
         features=after["features"],
-        given_up="; ".join(warnings),
-        viewer_first=viewer_first(service.log.splitlines()),
-        steal_percent=processor_use().since(machine).steal_percent,
+        degradations="; ".join(warnings),
+        is_viewer_first=is_viewer_paused_first(service.log.splitlines()),
+        steal_percent=measure_processor_use().since(machine).steal_percent,
     )
 
 
-def viewer_first(log: Sequence[str]) -> bool:
+def is_viewer_paused_first(log: Sequence[str]) -> bool:
     """Whether no line tells of fewer features without the viewer resting."""
     return not any(re.search(r": \d+ features$", line) for line in log)
 
 
-def report(runs: dict[tuple[float, bool], list[Outcome]]) -> int:
+def report(runs: dict[tuple[float, bool], list[SlowMachineResult]]) -> int:
     """Print the table; 1 if adapting did not help."""
     print(
         f"\n{'limit':>6} {'adapt':>5} {'poses/s':>8} {'dropped':>8} {'late':>5} {'features':>8} "
@@ -129,20 +133,20 @@ def report(runs: dict[tuple[float, bool], list[Outcome]]) -> int:
             f"{mean(each.poses_per_s for each in outcomes):8.1f} "
             f"{mean(each.dropped for each in outcomes):8.0f} "
             f"{mean(each.late for each in outcomes):5.0f} {outcomes[-1].features:8d} "
-            f"{max(each.steal_percent for each in outcomes):5.1f}%  {outcomes[-1].given_up or '-'}"
+            f"{max(each.steal_percent for each in outcomes):5.1f}%  {outcomes[-1].degradations or '-'}"
         )
     worse = [
         percent
         for percent, adapts in runs
-        if adapts and total(runs[percent, True]) > total(runs[percent, False])
+        if adapts and total_dropped(runs[percent, True]) > total_dropped(runs[percent, False])
     ]
-    in_order = all(each.viewer_first for outcomes in runs.values() for each in outcomes)
+    in_order = all(each.is_viewer_first for outcomes in runs.values() for each in outcomes)
     print(f"\nfeatures went first: {'no' if in_order else 'YES'}")
     print(f"adapting dropped more: {', '.join(f'{percent:.0f}%' for percent in worse) or 'never'}")
     return 1 if worse or not in_order else 0
 
 
-def total(outcomes: Sequence[Outcome]) -> int:
+def total_dropped(outcomes: Sequence[SlowMachineResult]) -> int:
     """Frames that were dropped in all runs."""
     return sum(each.dropped for each in outcomes)
 

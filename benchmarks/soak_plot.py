@@ -6,10 +6,10 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.axes import Axes
 
-from benchmarks.soak_record import Record, Sample
+from benchmarks.soak_record import SoakRecord, SoakSample
 
-Figure = tuple[str, Callable[[Sample], float]]
-PANELS: tuple[tuple[str, tuple[Figure, ...]], ...] = (
+PlottedFigure = tuple[str, Callable[[SoakSample], float]]
+PANELS: tuple[tuple[str, tuple[PlottedFigure, ...]], ...] = (
     (
         "memory, MB",
         (("service", lambda s: s.service_mb), ("its children", lambda s: s.others_mb)),
@@ -27,12 +27,12 @@ PANELS: tuple[tuple[str, tuple[Figure, ...]], ...] = (
 )
 
 
-def save_plot(record: Record, file: Path) -> None:
+def save_plot(record: SoakRecord, file: Path) -> None:
     """Draw all samples one after another; a dotted line is where the service was started again."""
     mpl.use("Agg")
     from matplotlib import pyplot
 
-    before = [sum(s.frame for s in _last_of_runs(record)[:run]) for run in range(record.runs)]
+    before = [sum(s.frame for s in _run_ends(record)[:run]) for run in range(record.runs)]
     at = [(before[sample.run] + sample.frame) / 1000 for sample in record.samples]
     figure, axes = pyplot.subplots(len(PANELS), 1, sharex=True, figsize=(8, 9), layout="tight")
     for axis, (label, lines) in zip(axes, PANELS, strict=True):
@@ -45,7 +45,7 @@ def save_plot(record: Record, file: Path) -> None:
 
 
 def _draw(
-    axis: Axes, label: str, lines: tuple[Figure, ...], at: list[float], record: Record
+    axis: Axes, label: str, lines: tuple[PlottedFigure, ...], at: list[float], record: SoakRecord
 ) -> None:
     for name, value in lines:
         axis.plot(at, [value(sample) for sample in record.samples], label=name, linewidth=1)
@@ -55,5 +55,5 @@ def _draw(
     axis.legend(loc="lower right", fontsize="small")
 
 
-def _last_of_runs(record: Record) -> list[Sample]:
+def _run_ends(record: SoakRecord) -> list[SoakSample]:
     return list({sample.run: sample for sample in record.samples}.values())

@@ -9,11 +9,11 @@ import numpy as np
 
 from drivers.geometry import Array
 
-FRAMES_OF_SLOPE = 10_000
+SLOPE_FRAMES = 10_000
 
 
 @dataclass(frozen=True)
-class Sample:
+class SoakSample:
     """One look at the service. `run` counts how often it was started: 0 is the first time.
 
     frame       poses heard since this start
@@ -42,7 +42,7 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class SoakCheck:
     """One figure, its limit, and whether it is kept."""
 
     name: str
@@ -51,26 +51,26 @@ class Verdict:
     unit: str
 
     @property
-    def is_good(self) -> bool:
+    def is_within_limit(self) -> bool:
         """Within the limit."""
         return self.value <= self.limit
 
 
 @dataclass
-class Record:
+class SoakRecord:
     """All samples, in the order in which they were taken."""
 
     file: Path
-    samples: list[Sample] = field(default_factory=list)
+    samples: list[SoakSample] = field(default_factory=list)
 
     @classmethod
-    def of(cls, file: Path) -> "Record":
+    def load(cls, file: Path) -> "SoakRecord":
         """What the file holds; nothing where there is none."""
         if not file.exists():
             return cls(file)
-        return cls(file, [Sample(**each) for each in json.loads(file.read_text())])
+        return cls(file, [SoakSample(**each) for each in json.loads(file.read_text())])
 
-    def add(self, sample: Sample) -> None:
+    def add(self, sample: SoakSample) -> None:
         """Keep it, on disk too: an interruption at any time loses nothing."""
         self.samples.append(sample)
         part = self.file.with_name(self.file.name + ".part")
@@ -87,53 +87,53 @@ class Record:
         """Poses heard in all runs together."""
         return sum(self._of_run(run)[-1].frame for run in range(self.runs))
 
-    def warm(self, warm_up: int) -> list[Sample]:
+    def after_warm_up(self, warm_up: int) -> list[SoakSample]:
         """Without each run's first frames."""
         return [sample for sample in self.samples if sample.frame > warm_up]
 
-    def _of_run(self, run: int) -> list[Sample]:
+    def _of_run(self, run: int) -> list[SoakSample]:
         return [sample for sample in self.samples if sample.run == run]
 
 
-def verdicts(record: Record, warm_up: int) -> list[Verdict]:
+def check_soak(record: SoakRecord, warm_up: int) -> list[SoakCheck]:
     """Whether memory, handles, threads and latency are flat, and nothing was lost.
 
     Raises ValueError with fewer than three samples after the warm-up of a run.
     """
-    warm = record.warm(warm_up)
+    warm = record.after_warm_up(warm_up)
     if len(warm) < 3:
         raise ValueError("too few samples after the warm-up")
     p50_ms, p99_ms = (growth(warm, what) for what in (_p50_ms, _p99_ms))
     return [
-        Verdict("memory of the service", slope(warm, lambda s: s.service_mb), 1.0, "MB/10,000"),
-        Verdict("memory of its children", slope(warm, lambda s: s.others_mb), 1.0, "MB/10,000"),
-        Verdict("open handles", slope(warm, lambda s: s.handles), 0.5, "/10,000"),
-        Verdict("threads", slope(warm, lambda s: s.threads), 0.5, "/10,000"),
-        Verdict("children", slope(warm, lambda s: s.children), 0.1, "/10,000"),
-        Verdict("latency, median, end to start", p50_ms, 1.2, "times"),
-        Verdict("latency, 99 %, end to start", p99_ms, 1.5, "times"),
-        Verdict("poses lost on the way", sum(_last(record, lambda s: s.lost)), 0, ""),
+        SoakCheck("memory of the service", slope(warm, lambda s: s.service_mb), 1.0, "MB/10,000"),
+        SoakCheck("memory of its children", slope(warm, lambda s: s.others_mb), 1.0, "MB/10,000"),
+        SoakCheck("open handles", slope(warm, lambda s: s.handles), 0.5, "/10,000"),
+        SoakCheck("threads", slope(warm, lambda s: s.threads), 0.5, "/10,000"),
+        SoakCheck("children", slope(warm, lambda s: s.children), 0.1, "/10,000"),
+        SoakCheck("latency, median, end to start", p50_ms, 1.2, "times"),
+        SoakCheck("latency, 99 %, end to start", p99_ms, 1.5, "times"),
+        SoakCheck("poses lost on the way", sum(_last_values(record, lambda s: s.lost)), 0, ""),
     ]
 
 
-def slope(samples: Sequence[Sample], what: Callable[[Sample], float]) -> float:
+def slope(samples: Sequence[SoakSample], value: Callable[[SoakSample], float]) -> float:
     """Growth in 10,000 frames: least squares over all runs, each from a level of its own."""
-    frames = _centred(samples, lambda sample: sample.frame)
-    values = _centred(samples, what)
+    frames = _center(samples, lambda sample: sample.frame)
+    values = _center(samples, value)
     spread = float(frames @ frames)
-    return FRAMES_OF_SLOPE * float(frames @ values) / spread if spread else 0.0
+    return SLOPE_FRAMES * float(frames @ values) / spread if spread else 0.0
 
 
-def growth(samples: Sequence[Sample], what: Callable[[Sample], float]) -> float:
+def growth(samples: Sequence[SoakSample], value: Callable[[SoakSample], float]) -> float:
     """Median of the last third over that of the first."""
     third = max(1, len(samples) // 3)
     first, last = (
-        [what(sample) for sample in part] for part in (samples[:third], samples[-third:])
+        [value(sample) for sample in part] for part in (samples[:third], samples[-third:])
     )
     return float(np.median(last) / np.median(first))
 
 
-def _centred(samples: Sequence[Sample], what: Callable[[Sample], float]) -> Array:
+def _center(samples: Sequence[SoakSample], what: Callable[[SoakSample], float]) -> Array:
     """The values of each run, less their mean."""
     runs = np.array([sample.run for sample in samples])
     values = np.array([what(sample) for sample in samples], np.float64)
@@ -142,15 +142,15 @@ def _centred(samples: Sequence[Sample], what: Callable[[Sample], float]) -> Arra
     return values
 
 
-def _last(record: Record, what: Callable[[Sample], float]) -> list[float]:
+def _last_values(record: SoakRecord, what: Callable[[SoakSample], float]) -> list[float]:
     """The last value of each run."""
     last = {sample.run: what(sample) for sample in record.samples}
     return list(last.values())
 
 
-def _p50_ms(sample: Sample) -> float:
+def _p50_ms(sample: SoakSample) -> float:
     return sample.p50_ms
 
 
-def _p99_ms(sample: Sample) -> float:
+def _p99_ms(sample: SoakSample) -> float:
     return sample.p99_ms

@@ -24,21 +24,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.camera_frames import all_frames
-from drivers.camera import Pace, RgbdFrame
+from benchmarks.camera_frames import read_all_frames
+from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.tum.camera import TumCamera
-from vo_service.methods import BUDGETS_MS, METHODS, FeatureSettings
-from vo_service.stage_clock import StageClock
+from vo_service.methods import METHODS, STAGE_BUDGETS_MS, FeatureConfig
+from vo_service.stage_clock import CpuStageTimer
 from vo_service.warm_up import warm_up
 
-WHOLE = "whole frame"
+WHOLE_FRAME = "whole frame"
 TIMES = ("median", "99 %", "most", "mean", "budget", "share")
 HEAD = f"{'stage':<12}{'frames':>8}" + "".join(f"{name:>8}" for name in TIMES)
 
 
 @dataclass(frozen=True)
-class Spent:
+class StageTiming:
     """Processor time of a stage, in milliseconds.
 
     frames              in which it ran
@@ -50,12 +50,14 @@ class Spent:
     frames: int
     median: float
     p99: float
-    most: float
+    max: float
     mean: float
     budget: float | None
 
     @classmethod
-    def of(cls, spent_ms: Sequence[float], frames: int, budget_ms: float | None) -> "Spent":
+    def from_samples(
+        cls, spent_ms: Sequence[float], frames: int, budget_ms: float | None
+    ) -> "StageTiming":
         """A stage that took so long in each of the frames, so many in all, in which it ran."""
         median, p99 = (float(p) for p in np.percentile(spent_ms, (50, 99)))
         mean = sum(spent_ms) / frames
@@ -83,52 +85,56 @@ def main() -> int:
         parser.error(f"--every {args.every}: at least 1")
     cv2.setNumThreads(1)
     warm_up(args.method, lambda stage: None)
-    found: dict[str, dict[str, Spent]] = {}
+    found: dict[str, dict[str, StageTiming]] = {}
     try:
         for folder in args.folder:
-            with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
-                frames = islice(all_frames(camera), None, None, args.every)
-                found[str(folder)] = budgeted(args.method, list(stage_times(args.method, frames)))
+            with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+                frames = islice(read_all_frames(camera), None, None, args.every)
+                found[str(folder)] = compare_with_budget(
+                    args.method, list(stage_times(args.method, frames))
+                )
             if not args.json:
-                print(f"{folder}\n{table(found[str(folder)])}\n", flush=True)
+                print(f"{folder}\n{format_table(found[str(folder)])}\n", flush=True)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     if args.json:
-        print(json.dumps({name: _as_json(stages) for name, stages in found.items()}))
+        print(json.dumps({name: _to_json(stages) for name, stages in found.items()}))
     return int(any(spent.is_over for stages in found.values() for spent in stages.values()))
 
 
 def stage_times(method: str, frames: Iterator[RgbdFrame]) -> Iterator[Mapping[str, float]]:
     """Milliseconds by stage of each frame, the whole among them."""
-    clock = StageClock()
-    odometry = METHODS[method](FeatureSettings(), clock)
+    clock = CpuStageTimer()
+    odometry = METHODS[method](FeatureConfig(), clock)
     for frame in frames:
         begun_s = time.thread_time()
         odometry.estimate(frame)
         whole_ms = (time.thread_time() - begun_s) * 1e3
-        yield {**clock.take(), WHOLE: whole_ms}
+        yield {**clock.take_stage_ms(), WHOLE_FRAME: whole_ms}
 
 
-def budgeted(method: str, times_ms: Sequence[Mapping[str, float]]) -> dict[str, Spent]:
+def compare_with_budget(
+    method: str, times_ms: Sequence[Mapping[str, float]]
+) -> dict[str, StageTiming]:
     """By stage, as `stage_times` gives them; what has a budget first, the whole last."""
-    budget_ms = BUDGETS_MS.get(method, {})
+    budget_ms = STAGE_BUDGETS_MS.get(method, {})
     ran = {stage: None for of_frame in times_ms for stage in of_frame}
-    stages = [*budget_ms, *(s for s in ran if s not in budget_ms and s != WHOLE), WHOLE]
-    limits_ms = {**budget_ms, WHOLE: sum(budget_ms.values()) or None}
+    stages = [*budget_ms, *(s for s in ran if s not in budget_ms and s != WHOLE_FRAME), WHOLE_FRAME]
+    limits_ms = {**budget_ms, WHOLE_FRAME: sum(budget_ms.values()) or None}
     spent_ms = {stage: [t[stage] for t in times_ms if stage in t] for stage in stages}
     return {
-        stage: Spent.of(spent, len(times_ms), limits_ms.get(stage))
+        stage: StageTiming.from_samples(spent, len(times_ms), limits_ms.get(stage))
         for stage, spent in spent_ms.items()
         if spent
     }
 
 
-def table(stages: Mapping[str, Spent]) -> str:
+def format_table(stages: Mapping[str, StageTiming]) -> str:
     """A line each stage."""
     lines = [HEAD]
     for stage, spent in stages.items():
-        times_ms = (spent.median, spent.p99, spent.most, spent.mean)
+        times_ms = (spent.median, spent.p99, spent.max, spent.mean)
         cells = "".join(f"{time_ms:8.2f}" for time_ms in times_ms)
         limit = f"{'-':>8}{'-':>8}"
         if spent.budget is not None:
@@ -137,7 +143,7 @@ def table(stages: Mapping[str, Spent]) -> str:
     return "\n".join(lines)
 
 
-def _as_json(stages: Mapping[str, Spent]) -> dict[str, object]:
+def _to_json(stages: Mapping[str, StageTiming]) -> dict[str, object]:
     return {stage: asdict(spent) for stage, spent in stages.items()}
 
 

@@ -20,20 +20,20 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.light_timing import fit_timing, lit_pixels
-from drivers.camera import Clock, NoFrameYet, Pace, RgbdFrame
+from benchmarks.light_timing import find_lit_pixels, fit_timing
+from drivers.camera import Clock, FrameTimeout, PlaybackMode, RgbdFrame
 from drivers.errors import UserFacingError
-from drivers.freenect.recipes import kinect_camera
-from drivers.isolation.camera import IsolatedCamera
-from drivers.kinect_usb.kinect_base import KinectBase
-from drivers.sensor_settings import Led, SensorSettings
+from drivers.freenect.recipes import make_kinect_camera
+from drivers.isolation.camera import SubprocessCamera
+from drivers.kinect_usb.kinect_base import KinectMotorUnit
+from drivers.sensor_settings import Led, SensorConfig
 
 # Between two switches: far longer than an exposure, and never in step with the frames.
-SHORTEST_S, LONGEST_S = 0.25, 0.6
+MIN_SWITCH_S, MAX_SWITCH_S = 0.25, 0.6
 # A mirror image of the light is larger than a few pixels: a smaller picture holds it too.
-EVERY_PIXEL = 4
-ENOUGH_EXPLAINED = 0.6
-FIRST_FRAME_S = 15.0
+PIXEL_STRIDE = 4
+MIN_EXPLAINED = 0.6
+FIRST_FRAME_TIMEOUT_S = 15.0
 
 
 class BlinkingLight:
@@ -48,7 +48,7 @@ class BlinkingLight:
 
     def _run(self) -> None:
         is_on = False
-        while not self._stop.wait(random.uniform(SHORTEST_S, LONGEST_S)):
+        while not self._stop.wait(random.uniform(MIN_SWITCH_S, MAX_SWITCH_S)):
             is_on = not is_on
             begin_s = time.monotonic()
             self._switch(is_on)
@@ -71,7 +71,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="how long to watch")
     args = parser.parse_args()
     try:
-        seen = watch(args.serial, args.seconds)
+        seen = record_led(args.serial, args.seconds)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
@@ -79,7 +79,7 @@ def main() -> int:
 
 
 @dataclass
-class Sightings:
+class LedObservations:
     """Small grey pictures with their stamps, and when the light was switched."""
 
     stamps_s: list[float]
@@ -89,40 +89,40 @@ class Sightings:
     def add(self, frame: RgbdFrame) -> None:
         """Keep what is needed of a frame."""
         self.stamps_s.append(frame.stamp_s)
-        self.pictures.append(frame.grey[::EVERY_PIXEL, ::EVERY_PIXEL].copy())
+        self.pictures.append(frame.gray[::PIXEL_STRIDE, ::PIXEL_STRIDE].copy())
 
 
-def watch(serial: str, seconds: float) -> Sightings:
+def record_led(serial: str, seconds: float) -> LedObservations:
     """Frames for so many seconds, while the light is switched; the first switch is to on."""
-    recipe = partial(kinect_camera, serial, SensorSettings(led=Led.OFF), None)
-    seen, base = Sightings([], [], []), KinectBase()
-    with IsolatedCamera("freenect", Clock.MONOTONIC, recipe, Pace.LOCKSTEP) as camera:
+    recipe = partial(make_kinect_camera, serial, SensorConfig(led=Led.OFF), None)
+    seen, base = LedObservations([], [], []), KinectMotorUnit()
+    with SubprocessCamera("freenect", Clock.MONOTONIC, recipe, PlaybackMode.LOCKSTEP) as camera:
         try:
-            seen.add(camera.read(FIRST_FRAME_S))
+            seen.add(camera.read(FIRST_FRAME_TIMEOUT_S))
             base.open(serial)
             light = BlinkingLight(lambda is_on: base.set_led(Led.GREEN if is_on else Led.OFF))
             try:
                 while seen.stamps_s[-1] - seen.stamps_s[0] < seconds:
-                    seen.add(camera.read(FIRST_FRAME_S))
+                    seen.add(camera.read(FIRST_FRAME_TIMEOUT_S))
             finally:
                 light.stop()
                 base.close()
-        except NoFrameYet:
-            raise UserFacingError(f"no frame: {camera.condition}") from None
+        except FrameTimeout:
+            raise UserFacingError(f"no frame: {camera.status}") from None
     seen.switched_s.extend(light.switched_s)
     return seen
 
 
-def report(seen: Sightings) -> int:
+def report(observations: LedObservations) -> int:
     """Print the delay; 1 if the light was not seen."""
-    stamps_s, switched_s = np.array(seen.stamps_s), np.array(seen.switched_s)
-    pictures = np.array(seen.pictures)
+    stamps_s, switched_s = np.array(observations.stamps_s), np.array(observations.switched_s)
+    pictures = np.array(observations.pictures)
     is_on = np.searchsorted(switched_s, stamps_s) % 2 == 1
-    brightness = pictures[:, lit_pixels(pictures, is_on)].mean(axis=1)
+    brightness = pictures[:, find_lit_pixels(pictures, is_on)].mean(axis=1)
     timing = fit_timing(stamps_s, brightness, switched_s)
     print(f"frames             {len(stamps_s)}, switches {len(switched_s)}")
-    print(f"light explains     {100 * timing.explained:.0f} % of the brightness")
-    if timing.explained < ENOUGH_EXPLAINED:
+    print(f"light explains     {100 * timing.explained_variance:.0f} % of the brightness")
+    if timing.explained_variance < MIN_EXPLAINED:
         print("the light is not seen: put a mirror close in front of it, darken the room")
         return 1
     print(f"exposure           {1e3 * timing.exposure_s:.0f} ms")

@@ -23,11 +23,11 @@ import cv2
 import numpy as np
 
 from benchmarks.hard_cases import STILL, case_config
-from benchmarks.still_views import StillView
+from benchmarks.still_views import StaticView
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, inverse, rotation_vector
-from vo_service.methods import METHODS, FeatureSettings
-from vo_service.stage_clock import StageClock
+from drivers.geometry import Array, inverse, so3_log
+from vo_service.methods import METHODS, FeatureConfig
+from vo_service.stage_clock import CpuStageTimer
 from vo_service.warm_up import warm_up
 
 HEAD = (
@@ -37,7 +37,7 @@ HEAD = (
 
 
 @dataclass(frozen=True)
-class Stood:
+class DriftResult:
     """After so many frames; pairs are metres and degrees.
 
     lost      frames without a pose
@@ -49,15 +49,17 @@ class Stood:
 
     frames: int
     lost: int
-    farthest: Array
+    max_error: Array
     rms: Array
     drift: Array
     cpu_ms: float
 
 
-def stand(method: str, frames: Iterable[RgbdFrame], a_minute: int) -> Iterator[Stood]:
-    """How a camera that never moves is followed, told after each `a_minute` frames."""
-    odometry = METHODS[method](FeatureSettings(), StageClock())
+def measure_drift(
+    method: str, frames: Iterable[RgbdFrame], frames_per_report: int
+) -> Iterator[DriftResult]:
+    """How a camera that never moves is followed, told after each `frames_per_report` frames."""
+    odometry = METHODS[method](FeatureConfig(), CpuStageTimer())
     T_first_world, means = np.eye(4), list[Array]()
     farthest, squares, cpu_s, lost, minute = np.zeros(2), np.zeros(2), 0.0, 0, list[Array]()
     for count, frame in enumerate(frames, 1):
@@ -67,31 +69,31 @@ def stand(method: str, frames: Iterable[RgbdFrame], a_minute: int) -> Iterator[S
         if estimate.ok:
             if count == lost + 1:
                 T_first_world = inverse(estimate.T_world_camera)
-            minute.append(_twist(T_first_world @ estimate.T_world_camera))
-            size = _size(minute[-1])
+            minute.append(_pose_twist(T_first_world @ estimate.T_world_camera))
+            size = _twist_size(minute[-1])
             farthest, squares = np.maximum(farthest, size), squares + size**2
         lost += not estimate.ok
-        if count % a_minute == 0 and minute:
+        if count % frames_per_report == 0 and minute:
             means.append(np.mean(minute, axis=0))
             minute.clear()
-            rms, drift = np.sqrt(squares / (count - lost)), _size(means[-1] - means[0])
-            yield Stood(count, lost, farthest, rms, drift, 1e3 * cpu_s / count)
+            rms, drift = np.sqrt(squares / (count - lost)), _twist_size(means[-1] - means[0])
+            yield DriftResult(count, lost, farthest, rms, drift, 1e3 * cpu_s / count)
 
 
-def _twist(T: Array) -> Array:
+def _pose_twist(T: Array) -> Array:
     """(6,) metres and degrees of a small motion."""
-    return np.concatenate([T[:3, 3], np.degrees(rotation_vector(T[:3, :3]))])
+    return np.concatenate([T[:3, 3], np.degrees(so3_log(T[:3, :3]))])
 
 
-def _size(twist: Array) -> Array:
+def _twist_size(twist: Array) -> Array:
     """Metres and degrees."""
     size: Array = np.linalg.norm(twist.reshape(2, 3), axis=1)
     return size
 
 
-def as_text(minutes: int, stood: Stood) -> str:
+def format_row(minutes: int, stood: DriftResult) -> str:
     """One line of the table."""
-    pairs = (stood.farthest, stood.rms, stood.drift)
+    pairs = (stood.max_error, stood.rms, stood.drift)
     told = "".join(f"{1e3 * metres:7.3f} mm {degrees:7.4f} deg" for metres, degrees in pairs)
     return f"{minutes:7}{stood.frames:8}{stood.lost:6}{told}{stood.cpu_ms:6.2f} ms"
 
@@ -112,9 +114,9 @@ def main() -> int:
     warm_up(args.method, lambda stage: None)
     a_minute = round(60 * config.rate_hz)
     print(HEAD, flush=True)
-    frames = StillView.of(config).frames(args.minutes * a_minute)
-    for minutes, stood in enumerate(stand(args.method, frames, a_minute), 1):
-        print(as_text(minutes, stood), flush=True)
+    frames = StaticView.render(config).frames(args.minutes * a_minute)
+    for minutes, stood in enumerate(measure_drift(args.method, frames, a_minute), 1):
+        print(format_row(minutes, stood), flush=True)
     return 0
 
 

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.virtual_frames import THREADS, as_frame, made_ahead
+from benchmarks.virtual_frames import THREADS, make_frame, prefetch
 from drivers.camera import RgbdFrame
 from drivers.synthetic.colour_sensor import gain_at
-from drivers.synthetic.config import Motion, SyntheticConfig
-from drivers.synthetic.render import Renderer, Sight, make_renderer
+from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.synthetic.render import NoiselessFrame, Renderer, make_renderer
 
 # The exposure hunts on with this period.
 PERIOD_S = 20.0
 # Noise is cut from so many numbers: a film of any length, and no frame like another.
-POOL = 1 << 24
+POOL_SIZE = 1 << 24
 
 
 class PooledNoise(np.random.Generator):
@@ -36,30 +36,32 @@ class PooledNoise(np.random.Generator):
 
 
 @dataclass(frozen=True)
-class StillView:
+class StaticView:
     """What a virtual Kinect sees from one place, with fresh noise and exposure in each frame."""
 
     config: SyntheticConfig
     renderer: Renderer
-    sight: Sight
+    noiseless: NoiselessFrame
     pool: NDArray[np.float32]
 
     @classmethod
-    def of(cls, config: SyntheticConfig) -> "StillView":
+    def render(cls, config: SyntheticConfig) -> "StaticView":
         """Render the first frame of the room of `config`, but without its noise."""
-        still = replace(config, motion=Motion.STILL, duration_s=PERIOD_S)
+        still = replace(config, motion=MotionKind.STILL, duration_s=PERIOD_S)
         renderer = make_renderer(still, THREADS)
-        pool = np.random.default_rng([config.seed, 8]).standard_normal(POOL, dtype=np.float32)
+        pool = np.random.default_rng([config.seed, 8]).standard_normal(POOL_SIZE, dtype=np.float32)
         pool.flags.writeable = False
-        return cls(still, renderer, renderer.see(0), pool)
+        return cls(still, renderer, renderer.render_noiseless(0), pool)
 
     def frame(self, seq: int) -> RgbdFrame:
         """Frame `seq`: the same bytes whenever it is made."""
         config, stamp_s = self.config, seq / self.config.rate_hz
-        sight = replace(self.sight, gain=gain_at(config.colour, stamp_s, PERIOD_S))
-        images = self.renderer.sense(sight, PooledNoise(self.pool, [config.seed, 9, seq]))
-        return as_frame(config, seq, stamp_s, images)
+        sight = replace(self.noiseless, gain=gain_at(config.colour, stamp_s, PERIOD_S))
+        images = self.renderer.apply_sensor_noise(
+            sight, PooledNoise(self.pool, [config.seed, 9, seq])
+        )
+        return make_frame(config, seq, stamp_s, images)
 
     def frames(self, count: int) -> Iterator[RgbdFrame]:
         """The first `count` frames, a few of them made ahead."""
-        return made_ahead(self.frame, count)
+        return prefetch(self.frame, count)

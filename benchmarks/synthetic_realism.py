@@ -34,7 +34,7 @@ INLIER_M = 0.03
 
 
 @dataclass(frozen=True)
-class View:
+class RealismView:
     """What a pipeline is given of a frame, and where it truly was."""
 
     grey: NDArray[np.uint8]
@@ -44,14 +44,14 @@ class View:
 
 
 @dataclass(frozen=True)
-class Features:
+class PointFeatures:
     """Descriptors (N, D) of features with depth, and their points (N, 3) in metres."""
 
     descriptors: MatLike
     points_m: Array
 
 
-def rigid_fit(source: Array, target: Array) -> Array:
+def fit_rigid(source: Array, target: Array) -> Array:
     """Least-squares rigid motions (..., 4, 4) of points (..., N, 3) onto others.
 
     Arun, Huang, Blostein, Least-squares fitting of two 3-D point sets, PAMI 1987.
@@ -68,20 +68,20 @@ def rigid_fit(source: Array, target: Array) -> Array:
     return T
 
 
-def find_features(detector: cv2.Feature2D, view: View) -> Features:
+def find_features(detector: cv2.Feature2D, view: RealismView) -> PointFeatures:
     """Features at pixels that have a depth."""
     keypoints, descriptors = detector.detectAndCompute(view.grey, np.ones_like(view.grey))
     if not keypoints:
-        return Features(np.zeros((0, 1), np.uint8), np.zeros((0, 3)))
+        return PointFeatures(np.zeros((0, 1), np.uint8), np.zeros((0, 3)))
     pixels = np.array([keypoint.pt for keypoint in keypoints])
     columns, rows = np.rint(pixels).astype(int).T
     z = view.depth_m[rows, columns].astype(np.float64)
     x = (pixels[:, 0] - view.camera.cx) / view.camera.fx * z
     y = (pixels[:, 1] - view.camera.cy) / view.camera.fy * z
-    return Features(descriptors[z > 0], np.stack([x, y, z], axis=1)[z > 0])
+    return PointFeatures(descriptors[z > 0], np.stack([x, y, z], axis=1)[z > 0])
 
 
-def match(matcher: cv2.BFMatcher, a: Features, b: Features) -> tuple[Array, Array]:
+def match(matcher: cv2.BFMatcher, a: PointFeatures, b: PointFeatures) -> tuple[Array, Array]:
     """Points of both that pass the ratio test and choose each other."""
     if min(len(a.points_m), len(b.points_m)) < 2:
         return np.zeros((0, 3)), np.zeros((0, 3))
@@ -100,11 +100,11 @@ def estimate(now: Array, before: Array, rng: np.random.Generator) -> Array | Non
     if len(now) < 6:
         return None
     samples = rng.integers(0, len(now), (RANSAC_ROUNDS, 3))
-    T = rigid_fit(now[samples], before[samples])
+    T = fit_rigid(now[samples], before[samples])
     moved = now @ T[:, :3, :3].swapaxes(1, 2) + T[:, None, :3, 3]
     near = np.linalg.norm(moved - before, axis=2) < INLIER_M
     best = near[np.argmax(near.sum(axis=1))]
-    return rigid_fit(now[best], before[best]) if best.sum() >= 6 else None
+    return fit_rigid(now[best], before[best]) if best.sum() >= 6 else None
 
 
 def trajectory_error_m(pairs: list[tuple[Array, Array]], true: Array, seed: int) -> float:
@@ -116,11 +116,11 @@ def trajectory_error_m(pairs: list[tuple[Array, Array]], true: Array, seed: int)
         T = T if step is None else T @ step
         estimated.append(T)
     positions = np.array(estimated)[:, :3, 3]
-    residual = transform_points(rigid_fit(positions, true), positions) - true
+    residual = transform_points(fit_rigid(positions, true), positions) - true
     return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
 
 
-def errors_m(views: list[View], detector: cv2.Feature2D, norm: int) -> list[float]:
+def errors_m(views: list[RealismView], detector: cv2.Feature2D, norm: int) -> list[float]:
     """ATE RMSE for several seeds of RANSAC, sorted."""
     matcher = cv2.BFMatcher(norm)
     features = [find_features(detector, view) for view in views]
@@ -129,7 +129,7 @@ def errors_m(views: list[View], detector: cv2.Feature2D, norm: int) -> list[floa
     return sorted(trajectory_error_m(pairs, true, seed) for seed in range(RANSAC_SEEDS))
 
 
-def virtual_views(config: SyntheticConfig) -> list[View]:
+def render_views(config: SyntheticConfig) -> list[RealismView]:
     """Frames of the virtual camera."""
     views = []
     with SyntheticCamera(config) as camera:
@@ -137,11 +137,11 @@ def virtual_views(config: SyntheticConfig) -> list[View]:
         assert truth is not None
         for T in truth.T_world_camera:
             frame = camera.read(1.0)
-            views.append(View(frame.grey, frame.depth_m, frame.camera, T))
+            views.append(RealismView(frame.gray, frame.depth_m, frame.camera, T))
     return views
 
 
-def recorded_views(folder: Path, camera: PinholeCamera, factor: float) -> list[View]:
+def load_views(folder: Path, camera: PinholeCamera, factor: float) -> list[RealismView]:
     """Frames of a folder whose ground truth has one pose a frame."""
     truth = read_trajectory(folder / "groundtruth.txt")
     colour, depth = sorted((folder / "rgb").iterdir()), sorted((folder / "depth").iterdir())
@@ -152,11 +152,11 @@ def recorded_views(folder: Path, camera: PinholeCamera, factor: float) -> list[V
         if grey is None or raw is None:
             raise SystemExit(f"{c} or {d}: not an image")
         depth_m = (raw / np.float32(factor)).astype(np.float32)
-        views.append(View(grey.astype(np.uint8), depth_m, camera, T))
+        views.append(RealismView(grey.astype(np.uint8), depth_m, camera, T))
     return views
 
 
-def report(name: str, views: list[View]) -> None:
+def report(name: str, views: list[RealismView]) -> None:
     """One line: both pipelines' errors."""
     z = np.concatenate([view.depth_m[view.depth_m > 0][::101] for view in views])
     holes = np.mean([np.mean(view.depth_m == 0) for view in views])
@@ -188,7 +188,7 @@ def main() -> None:
     )  # fmt: skip
     options = parser.parse_args()
     if options.folder is not None:
-        report(options.folder.name, recorded_views(options.folder, FREIBURG1, 5000.0))
+        report(options.folder.name, load_views(options.folder, FREIBURG1, 5000.0))
     driven = {
         "track": options.track,
         "track_start_s": options.start_s,
@@ -207,7 +207,7 @@ def main() -> None:
             "ideal": ideal,
         }
         for name in options.only:
-            report(f"seed {seed} {name}", virtual_views(variants[name]))
+            report(f"seed {seed} {name}", render_views(variants[name]))
 
 
 if __name__ == "__main__":

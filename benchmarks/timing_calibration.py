@@ -17,27 +17,27 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks.camera_frames import all_frames
+from benchmarks.camera_frames import read_all_frames
 from benchmarks.rendered import render_all
 from drivers.errors import UserFacingError
-from drivers.synthetic.config import Motion, SyntheticConfig, Timing
+from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
 from drivers.tum.camera import TumCamera
-from vo_service.calibration.timing import measure
-from vo_service.calibration.timing_pieces import BriskestPieces
+from vo_service.calibration.timing import estimate_timing
+from vo_service.calibration.timing_pieces import FastestSegments
 
 ROW = "| {:<10} | {:>11} | {:>14} | {:>8} | {:>14} | {:>7} |"
 
 
 @dataclass(frozen=True)
-class Case:
+class TimingCase:
     """A film: along a track, or with a motion of the virtual hand; its seed and length."""
 
     readout_ms: float
-    late_ms: float
+    skew_ms: float
     seed: int
     track: str = ""
     start_s: float = 0.0
-    motion: Motion = Motion.HAND_HELD
+    motion: MotionKind = MotionKind.HAND_HELD
     duration_s: float = 20.0
 
     def config(self, tracks: Path) -> SyntheticConfig:
@@ -49,20 +49,20 @@ class Case:
             track=file if self.track else None,
             track_start_s=self.start_s,
             motion=self.motion,
-            timing=Timing(self.readout_ms / 1e3, self.late_ms / 1e3),
+            timing=ShutterTiming(self.readout_ms / 1e3, self.skew_ms / 1e3),
         )
 
 
 CASES = {
-    "desk": Case(10.0, -8.0, 21, "fr1_desk", 2.0),
-    "desk-2": Case(15.0, 5.0, 22, "fr1_desk", 2.0),
-    "desk-3": Case(30.0, 12.0, 24, "fr1_desk", 2.0),
-    "rpy": Case(25.0, 0.0, 23, "fr1_rpy", 4.0),
-    "rpy-2": Case(20.0, 10.0, 27, "fr1_rpy", 4.0),
-    "xyz": Case(0.0, 0.0, 25, "fr1_xyz", 4.0),
-    "hand-held": Case(20.0, 10.0, 26),
-    "slow": Case(20.0, 10.0, 28, motion=Motion.SMOOTH, duration_s=8.0),
-    "still": Case(20.0, 10.0, 29, motion=Motion.STILL, duration_s=10.0),
+    "desk": TimingCase(10.0, -8.0, 21, "fr1_desk", 2.0),
+    "desk-2": TimingCase(15.0, 5.0, 22, "fr1_desk", 2.0),
+    "desk-3": TimingCase(30.0, 12.0, 24, "fr1_desk", 2.0),
+    "rpy": TimingCase(25.0, 0.0, 23, "fr1_rpy", 4.0),
+    "rpy-2": TimingCase(20.0, 10.0, 27, "fr1_rpy", 4.0),
+    "xyz": TimingCase(0.0, 0.0, 25, "fr1_xyz", 4.0),
+    "hand-held": TimingCase(20.0, 10.0, 26),
+    "slow": TimingCase(20.0, 10.0, 28, motion=MotionKind.SMOOTH, duration_s=8.0),
+    "still": TimingCase(20.0, 10.0, 29, motion=MotionKind.STILL, duration_s=10.0),
 }
 
 
@@ -93,14 +93,14 @@ def main() -> int:
     return 0
 
 
-def _row(name: str, case: Case, folder: Path) -> str:
+def _row(name: str, case: TimingCase, folder: Path) -> str:
     begin_s = time.process_time()
-    film = BriskestPieces()
+    film = FastestSegments()
     with TumCamera(folder) as camera:
-        for frame in all_frames(camera):
-            film.offer(replace(frame, skew_s=0.0))
+        for frame in read_all_frames(camera):
+            film.process(replace(frame, skew_s=0.0))
     try:
-        found = measure(film.kept, lambda text: None)
+        found = estimate_timing(film.segments, lambda text: None)
     except UserFacingError as error:
         print(f"{name}: {error}", file=sys.stderr)
         readout = late = "refused"
@@ -110,7 +110,7 @@ def _row(name: str, case: Case, folder: Path) -> str:
         late = f"{1e3 * now.depth_offset_s:.1f} ± {1e3 * sigma.depth_offset_s:.1f}"
     spent_s = time.process_time() - begin_s
     return ROW.format(
-        name, f"{case.readout_ms:g}", readout, f"{case.late_ms:g}", late, f"{spent_s:.0f}"
+        name, f"{case.readout_ms:g}", readout, f"{case.skew_ms:g}", late, f"{spent_s:.0f}"
     )
 
 

@@ -9,15 +9,20 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.runners import Loop, Runner
+from benchmarks.runners import LoopClosureRecord, TrajectoryRunner
 from benchmarks.tour_record import TourRecord
 from drivers.camera import RgbdFrame
 from drivers.errors import InputError
-from drivers.geometry import Array, are_near, inverse
-from drivers.trajectory import StampedPoses
+from drivers.geometry import Array, inverse, poses_close
+from drivers.trajectory import Trajectory
 from vo_service.evaluation import evaluate
 from vo_service.evaluation.association import associate
-from vo_service.evaluation.gross_errors import GROSS_DEG, GROSS_M, gross_errors, tracked_steps
+from vo_service.evaluation.gross_errors import (
+    GROSS_ERROR_DEG,
+    GROSS_ERROR_M,
+    count_gross_errors,
+    tracked_steps,
+)
 
 MINUTE_S = 60.0
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
@@ -38,16 +43,16 @@ class TourResult:
     epochs: int
     gross: int
     ate_m: float | None
-    ate_loops_m: float | None
-    loops: int
-    wrong_loops: int
+    ate_optimized_m: float | None
+    loop_closures: int
+    wrong_loop_closures: int
     cpu_ms: tuple[float, float]
-    loops_ms: tuple[float, float]
+    loop_closure_ms: tuple[float, float]
     memory_mb: tuple[float, float]
 
 
 def run_tour(
-    runner: Runner,
+    runner: TrajectoryRunner,
     frames: Iterable[RgbdFrame],
     T_room_camera: Array,
     progress: Callable[[int, int], None],
@@ -57,19 +62,19 @@ def run_tour(
     cpu_ms, loops_ms, memory_mb = [], [], []
     for frame in frames:
         begin_s = time.thread_time()
-        estimate = runner.frame(frame)
+        estimate = runner.estimate_pose(frame)
         told_s = time.thread_time()
-        runner.learn()
+        runner.update_map()
         cpu_ms.append((told_s - begin_s) * 1e3)
         loops_ms.append((time.thread_time() - told_s) * 1e3)
         stamps_s.append(frame.stamp_s)
         poses.append(estimate.T_world_camera)
         ok.append(estimate.ok)
-        restarted.append(estimate.restarted)
+        restarted.append(estimate.is_reset)
         memory_mb.append(resident_mb())
         progress(len(stamps_s), len(T_room_camera))
     stamp_s, T_world_camera, is_ok = np.array(stamps_s), np.array(poses), np.array(ok, np.bool_)
-    given = StampedPoses(stamp_s[is_ok], T_world_camera[is_ok])
+    given = Trajectory(stamp_s[is_ok], T_world_camera[is_ok])
     return TourRecord(
         stamp_s,
         T_room_camera[: len(stamps_s)],
@@ -79,8 +84,8 @@ def run_tour(
         np.array(cpu_ms),
         np.array(loops_ms),
         np.array(memory_mb),
-        runner.corrected(given),
-        tuple(runner.loops()),
+        runner.optimized_trajectory(given),
+        tuple(runner.loop_closures()),
     )
 
 
@@ -90,41 +95,43 @@ def resident_mb() -> float:
     return pages * PAGE_BYTES / 1e6
 
 
-def result_of(record: TourRecord) -> TourResult:
+def summarize(record: TourRecord) -> TourResult:
     """The figures."""
-    wrong = [loop for loop in record.loops if is_wrong(loop, record)]
+    wrong = [loop for loop in record.loop_closures if is_wrong_loop(loop, record)]
     return TourResult(
-        frames=len(record.ok),
-        coverage=float(record.ok.mean()),
+        frames=len(record.has_pose),
+        coverage=float(record.has_pose.mean()),
         epochs=int(record.epoch[-1]),
-        gross=_gross(record),
+        gross=_count_gross_errors(record),
         ate_m=_ate_m(record.trajectory, record.truth),
-        ate_loops_m=_ate_m(record.corrected, record.truth),
-        loops=len(record.loops),
-        wrong_loops=len(wrong),
+        ate_optimized_m=_ate_m(record.optimized, record.truth),
+        loop_closures=len(record.loop_closures),
+        wrong_loop_closures=len(wrong),
         cpu_ms=_first_and_last(record.cpu_ms, record.stamp_s),
-        loops_ms=_first_and_last(record.loops_ms, record.stamp_s),
+        loop_closure_ms=_first_and_last(record.loop_closure_ms, record.stamp_s),
         memory_mb=_first_and_last(record.memory_mb, record.stamp_s),
     )
 
 
-def is_wrong(loop: Loop, record: TourRecord) -> bool:
+def is_wrong_loop(loop: LoopClosureRecord, record: TourRecord) -> bool:
     """Whether it is off the truth by more than a gross error."""
-    place, camera = np.searchsorted(record.stamp_s, [loop.place_stamp_s, loop.stamp_s])
+    place, camera = np.searchsorted(record.stamp_s, [loop.keyframe_stamp_s, loop.stamp_s])
     true = inverse(record.T_room_camera[place]) @ record.T_room_camera[camera]
-    return not are_near(true, loop.T_place_camera, GROSS_M, math.radians(GROSS_DEG))
+    return not poses_close(
+        true, loop.T_keyframe_camera, GROSS_ERROR_M, math.radians(GROSS_ERROR_DEG)
+    )
 
 
-def _gross(record: TourRecord) -> int:
+def _count_gross_errors(record: TourRecord) -> int:
     try:
         matched = associate(record.trajectory, record.truth)
     except InputError:
         return 0
-    steps = tracked_steps(matched, record.trajectory.stamps_s, record.epoch[record.ok])
-    return gross_errors(matched, steps)
+    steps = tracked_steps(matched, record.trajectory.stamps_s, record.epoch[record.has_pose])
+    return count_gross_errors(matched, steps)
 
 
-def _ate_m(trajectory: StampedPoses, truth: StampedPoses) -> float | None:
+def _ate_m(trajectory: Trajectory, truth: Trajectory) -> float | None:
     try:
         return evaluate(trajectory, truth).ate_rmse_m
     except InputError:

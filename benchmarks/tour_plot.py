@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.tour_record import TourRecord
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from vo_service.evaluation.association import associate
 from vo_service.evaluation.metrics import best_alignment, position_errors_m
 
@@ -38,28 +38,28 @@ def save_plot(records: Mapping[str, TourRecord], file: Path) -> None:
 
 
 def _draw(axes: list[Axes], name: str, record: TourRecord) -> None:
-    for what, poses in (("as given", record.trajectory), ("corrected", record.corrected)):
+    for what, poses in (("as given", record.trajectory), ("corrected", record.optimized)):
         stamps_s, errors_m = _errors(poses, record.truth)
         axes[0].plot(stamps_s / 60.0, 1e3 * errors_m, label=f"{name}, {what}", linewidth=1)
-    parts = _parts(record)
+    parts = _windows(record)
     minutes = [(n + 0.5) * WINDOW_S / 60.0 for n in range(len(parts))]
     lines = (
         (axes[1], "poses, mean", [record.cpu_ms[part].mean() for part in parts]),
         (axes[1], "poses, 99 %", [np.percentile(record.cpu_ms[part], 99) for part in parts]),
-        (axes[1], "loops, mean", [record.loops_ms[part].mean() for part in parts]),
+        (axes[1], "loops, mean", [record.loop_closure_ms[part].mean() for part in parts]),
         (axes[2], "", [record.memory_mb[part].mean() for part in parts]),
     )
     for axis, what, values in lines:
         axis.plot(minutes, values, label=f"{name}, {what}".rstrip(", "), linewidth=1)
 
 
-def _parts(record: TourRecord) -> list[NDArray[np.intp]]:
+def _windows(record: TourRecord) -> list[NDArray[np.intp]]:
     """Frames of each window, in order."""
     window = ((record.stamp_s - record.stamp_s[0]) // WINDOW_S).astype(int)
     return [np.flatnonzero(window == each) for each in np.unique(window)]
 
 
-def _errors(poses: StampedPoses, truth: StampedPoses) -> tuple[Array, Array]:
+def _errors(poses: Trajectory, truth: Trajectory) -> tuple[Array, Array]:
     """Stamps and distances of the poses, laid on the truth as well as can be."""
     matched = associate(poses, truth)
     return matched.stamps_s, position_errors_m(matched, best_alignment(matched))

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.runners import Loop
+from benchmarks.runners import LoopClosureRecord
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -27,41 +27,41 @@ class TourRecord:
     stamp_s: Array
     T_room_camera: Array
     T_world_camera: Array
-    ok: NDArray[np.bool_]
+    has_pose: NDArray[np.bool_]
     epoch: NDArray[np.int64]
     cpu_ms: Array
-    loops_ms: Array
+    loop_closure_ms: Array
     memory_mb: Array
-    corrected: StampedPoses
-    loops: Sequence[Loop]
+    optimized: Trajectory
+    loop_closures: Sequence[LoopClosureRecord]
 
     @property
-    def trajectory(self) -> StampedPoses:
+    def trajectory(self) -> Trajectory:
         """Of the frames that have a pose."""
-        return StampedPoses(self.stamp_s[self.ok], self.T_world_camera[self.ok])
+        return Trajectory(self.stamp_s[self.has_pose], self.T_world_camera[self.has_pose])
 
     @property
-    def truth(self) -> StampedPoses:
+    def truth(self) -> Trajectory:
         """Of all frames."""
-        return StampedPoses(self.stamp_s, self.T_room_camera)
+        return Trajectory(self.stamp_s, self.T_room_camera)
 
     def save(self, file: Path) -> None:
         """All of it as arrays in a .npz file."""
-        T_place_camera = [loop.T_place_camera for loop in self.loops]
+        T_place_camera = [loop.T_keyframe_camera for loop in self.loop_closures]
         np.savez_compressed(
             file,
             stamp_s=self.stamp_s,
             T_room_camera=self.T_room_camera,
             T_world_camera=self.T_world_camera,
-            ok=self.ok,
+            ok=self.has_pose,
             epoch=self.epoch,
             cpu_ms=self.cpu_ms,
-            loops_ms=self.loops_ms,
+            loops_ms=self.loop_closure_ms,
             memory_mb=self.memory_mb,
-            corrected_stamp_s=self.corrected.stamps_s,
-            corrected_T_world_camera=self.corrected.T_world_camera,
-            loop_place_stamp_s=[loop.place_stamp_s for loop in self.loops],
-            loop_stamp_s=[loop.stamp_s for loop in self.loops],
+            corrected_stamp_s=self.optimized.stamps_s,
+            corrected_T_world_camera=self.optimized.T_world_camera,
+            loop_place_stamp_s=[loop.keyframe_stamp_s for loop in self.loop_closures],
+            loop_stamp_s=[loop.stamp_s for loop in self.loop_closures],
             loop_T_place_camera=np.reshape(T_place_camera, (-1, 4, 4)),
         )
 
@@ -79,11 +79,11 @@ class TourRecord:
                 stamp_s=kept["stamp_s"],
                 T_room_camera=kept["T_room_camera"],
                 T_world_camera=kept["T_world_camera"],
-                ok=kept["ok"],
+                has_pose=kept["ok"],
                 epoch=kept["epoch"],
                 cpu_ms=kept["cpu_ms"],
-                loops_ms=kept["loops_ms"],
+                loop_closure_ms=kept["loops_ms"],
                 memory_mb=kept["memory_mb"],
-                corrected=StampedPoses(kept["corrected_stamp_s"], kept["corrected_T_world_camera"]),
-                loops=[Loop(*loop) for loop in loops],
+                optimized=Trajectory(kept["corrected_stamp_s"], kept["corrected_T_world_camera"]),
+                loop_closures=[LoopClosureRecord(*loop) for loop in loops],
             )

@@ -28,10 +28,10 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks.kept_results import Json, KeptResults
+from benchmarks.kept_results import Json, ResultCache
 from benchmarks.runners import make_runner
-from benchmarks.tour_frames import rendered_frames, tour_config, true_poses
-from benchmarks.tour_measure import result_of, run_tour
+from benchmarks.tour_frames import compute_true_poses, make_tour_config, render_frames
+from benchmarks.tour_measure import run_tour, summarize
 from benchmarks.tour_plot import save_plot
 from benchmarks.tour_record import TourRecord
 from drivers.errors import UserFacingError
@@ -40,9 +40,9 @@ from vo_service.methods import METHODS
 from vo_service.terminal import Terminal
 from vo_service.warm_up import warm_up
 
-HEADS = ("frames", "cover %", "epochs", "gross", "ATE", "with loops", "loops", "wrong")
+COLUMNS = ("frames", "cover %", "epochs", "gross", "ATE", "with loops", "loops", "wrong")
 PAIRS = f"{'CPU ms':>15}{'of loops':>15}{'MB':>13}"
-HEAD = f"{'':30}{''.join(f'{head:>11}' for head in HEADS)}{PAIRS}"
+HEAD = f"{'':30}{''.join(f'{head:>11}' for head in COLUMNS)}{PAIRS}"
 
 
 def main() -> int:
@@ -85,53 +85,56 @@ def _parser() -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> dict[str, Json]:
     """The figures of each tour by its name. Raises InputError if the folder cannot be used."""
     args.folder.mkdir(parents=True, exist_ok=True)
-    kept, results = KeptResults(args.folder), dict[str, Json]()
+    kept, results = ResultCache(args.folder), dict[str, Json]()
     warm_up(args.method, lambda stage: None)
     if not args.json:
         print(HEAD)
     for seed in args.seeds:
         alone = "-alone" if args.alone else ""
         name = f"{'twins' if args.twins else 'tour'}-{args.seconds:g}s-{seed}-{args.method}{alone}"
-        config = tour_config(seed, args.seconds, args.twins)
-        results[name] = kept.get(name, partial(_measure, args, config, name))
+        config = make_tour_config(seed, args.seconds, args.twins)
+        results[name] = kept.get_or_run(name, partial(_measure, args, config, name))
         if not args.json:
-            print(as_text(name, results[name]), flush=True)
+            print(format_row(name, results[name]), flush=True)
     return results
 
 
 def _measure(args: argparse.Namespace, config: SyntheticConfig, name: str) -> Json:
     terminal = Terminal()
-    progress = terminal.counter(f"{name}: frame")
+    progress = terminal.progress_callback(f"{name}: frame")
     record = run_tour(
-        make_runner(args.method, args.alone), rendered_frames(config), true_poses(config), progress
+        make_runner(args.method, args.alone),
+        render_frames(config),
+        compute_true_poses(config),
+        progress,
     )
     record.save(args.folder / f"{name}.npz")
     terminal.clear()
-    return asdict(result_of(record))
+    return asdict(summarize(record))
 
 
-def as_text(name: str, result: Json) -> str:
+def format_row(name: str, result: Json) -> str:
     """One row of the table."""
     cells = [
         f"{result['frames']}",
         f"{100.0 * result['coverage']:.1f}",
         f"{result['epochs']}",
         f"{result['gross']}",
-        _mm(result["ate_m"]),
-        _mm(result["ate_loops_m"]),
+        _format_mm(result["ate_m"]),
+        _format_mm(result["ate_loops_m"]),
         f"{result['loops']}",
         f"{result['wrong_loops']}",
     ]
     row = "".join(f"{cell:>11}" for cell in cells)
-    times = f"{_pair(result['cpu_ms'], 2):>15}{_pair(result['loops_ms'], 2):>15}"
-    return f"{name:30}{row}{times}{_pair(result['memory_mb'], 0):>13}"
+    times = f"{_format_pair(result['cpu_ms'], 2):>15}{_format_pair(result['loops_ms'], 2):>15}"
+    return f"{name:30}{row}{times}{_format_pair(result['memory_mb'], 0):>13}"
 
 
-def _mm(value_m: float | None) -> str:
+def _format_mm(value_m: float | None) -> str:
     return "-" if value_m is None else f"{1e3 * value_m:.1f}"
 
 
-def _pair(values: Sequence[float], digits: int) -> str:
+def _format_pair(values: Sequence[float], digits: int) -> str:
     return " ".join(f"{value:.{digits}f}" for value in values)
 
 

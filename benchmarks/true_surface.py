@@ -7,12 +7,12 @@ import numpy as np
 
 from drivers.geometry import Array, inverse, transform_points
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.motion import make_path
-from drivers.synthetic.render import PATH_CHECKS_PER_S
-from drivers.synthetic.scene import ROOM_HEIGHT_M, furnish
-from drivers.synthetic.solids import Kind, Solid
+from drivers.synthetic.motion import make_motion
+from drivers.synthetic.render import CLEARANCE_CHECKS_PER_S
+from drivers.synthetic.scene import ROOM_HEIGHT_M, build_room
+from drivers.synthetic.solids import Solid, SolidKind
 
-GOOD_M = 0.015
+GOOD_DISTANCE_M = 0.015
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class SurfaceError:
     within_15mm: float
 
     @classmethod
-    def of(cls, vertices_m: Array, solids: Sequence[Solid]) -> "SurfaceError":
+    def from_vertices(cls, vertices_m: Array, solids: Sequence[Solid]) -> "SurfaceError":
         """Of vertices (N, 3) in the room."""
         off_m = distances_m(vertices_m, solids)
         return cls(
@@ -38,16 +38,16 @@ class SurfaceError:
             median_m=float(np.median(off_m)),
             p90_m=float(np.percentile(off_m, 90)),
             p99_m=float(np.percentile(off_m, 99)),
-            within_15mm=float(np.mean(off_m <= GOOD_M)),
+            within_15mm=float(np.mean(off_m <= GOOD_DISTANCE_M)),
         )
 
 
-def solids_of(config: SyntheticConfig) -> Sequence[Solid]:
+def make_solids(config: SyntheticConfig) -> Sequence[Solid]:
     """What the virtual Kinect of this configuration sees."""
-    path = make_path(config, ROOM_HEIGHT_M)
-    checks = max(2, int(config.duration_s * PATH_CHECKS_PER_S))
-    free_m = path.free_m(np.linspace(0.0, config.duration_s, checks))
-    return furnish(config.seed, free_m, config.bare_wall, config.twin_corners)
+    path = make_motion(config, ROOM_HEIGHT_M)
+    checks = max(2, int(config.duration_s * CLEARANCE_CHECKS_PER_S))
+    free_m = path.clearance_points_m(np.linspace(0.0, config.duration_s, checks))
+    return build_room(config.seed, free_m, config.bare_wall, config.twin_corners)
 
 
 def distances_m(points_m: Array, solids: Sequence[Solid]) -> Array:
@@ -66,10 +66,10 @@ def _distance_m(local_m: Array, solid: Solid) -> Array:
     """(N,) from points in the solid's own frame to its surface; to first order for a ball."""
     half_m = solid.half_m
     distance_m: Array
-    if solid.kind is Kind.TUBE:  # as wide as it is deep, and open at both ends
+    if solid.kind is SolidKind.CYLINDER:  # as wide as it is deep, and open at both ends
         across_m = np.hypot(local_m[:, 0], local_m[:, 1]) - half_m[0]
         distance_m = np.hypot(across_m, np.maximum(np.abs(local_m[:, 2]) - half_m[2], 0.0))
-    elif solid.kind is Kind.BALL:
+    elif solid.kind is SolidKind.SPHERE:
         unit = np.linalg.norm(local_m / half_m, axis=1)
         slope = np.linalg.norm(local_m / half_m**2, axis=1)
         distance_m = np.abs(unit * (unit - 1.0) / np.maximum(slope, 1e-9))

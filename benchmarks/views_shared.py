@@ -12,11 +12,11 @@ from drivers.geometry import Array, inverse, transform_points
 # A grid of pixels stands for the view.
 STEP_PX = 32
 # What another view shows less than so far from a point is that point.
-SAME_M = 0.10
+MAX_SAME_DISTANCE_M = 0.10
 
 
 @dataclass(frozen=True)
-class SeenView:
+class ObservedView:
     """What was seen at pixels of a grid: points (N, 3) of the room, and from where.
 
     depth_m  (H, W) float16 of the whole image, 0 where nothing was read
@@ -28,7 +28,7 @@ class SeenView:
     depth_m: NDArray[np.float16]
 
     @classmethod
-    def of(cls, frame: RgbdFrame, T_room_camera: Array) -> "SeenView":
+    def from_frame(cls, frame: RgbdFrame, T_room_camera: Array) -> "ObservedView":
         """What a frame with a known pose shows."""
         camera, half = frame.camera, STEP_PX // 2
         v, u = np.mgrid[half : camera.height : STEP_PX, half : camera.width : STEP_PX]
@@ -42,7 +42,7 @@ class SeenView:
             frame.depth_m.astype(np.float16),
         )
 
-    def share_of(self, other: "SeenView") -> float:
+    def overlap_with(self, other: "ObservedView") -> float:
         """0 to 1: how much of what the other view shows is seen here."""
         if not len(other.points_m):
             return 0.0
@@ -53,10 +53,10 @@ class SeenView:
         height, width = self.depth_m.shape
         inside = (z > 0) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
         there_m = self.depth_m[v[inside], u[inside]].astype(np.float64)
-        is_same = (there_m > 0) & (np.abs(there_m - z[inside]) < SAME_M)
+        is_same = (there_m > 0) & (np.abs(there_m - z[inside]) < MAX_SAME_DISTANCE_M)
         return float(np.count_nonzero(is_same)) / len(other.points_m)
 
 
-def most_shared(view: SeenView, before: Sequence[SeenView]) -> float:
+def max_overlap(view: ObservedView, before: Sequence[ObservedView]) -> float:
     """The largest share of a view that one of those before it shows as well."""
-    return max((one.share_of(view) for one in before), default=0.0)
+    return max((one.overlap_with(view) for one in before), default=0.0)

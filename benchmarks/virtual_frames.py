@@ -7,21 +7,23 @@ from typing import TypeVar
 
 from drivers.camera import RgbdFrame
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.faults import Images
+from drivers.synthetic.faults import RenderedImages
 
 THREADS = 2
-AHEAD = 6
+PREFETCH_COUNT = 6
 T = TypeVar("T")
 
 
-def as_frame(config: SyntheticConfig, seq: int, stamp_s: float, images: Images) -> RgbdFrame:
+def make_frame(
+    config: SyntheticConfig, seq: int, stamp_s: float, images: RenderedImages
+) -> RgbdFrame:
     """Images as frame `seq` of a camera of `config`; it arrives when it is taken."""
     return RgbdFrame(
         seq=seq,
         stamp_s=stamp_s,
-        arrival_s=stamp_s,
-        colour_bgr=images.colour,
-        depth_raw=images.depth,
+        receive_time_s=stamp_s,
+        color_bgr=images.color_bgr,
+        depth_raw=images.depth_raw,
         depth_factor=config.depth_factor,
         camera=config.camera,
         skew_s=config.timing.skew_s,
@@ -29,14 +31,14 @@ def as_frame(config: SyntheticConfig, seq: int, stamp_s: float, images: Images) 
     )
 
 
-def made_ahead(make: Callable[[int], T], count: int) -> Iterator[T]:
+def prefetch(make: Callable[[int], T], count: int) -> Iterator[T]:
     """What `make` makes of 0 to `count` - 1, in order; the next few are being made meanwhile."""
     with ThreadPoolExecutor(THREADS) as pool:
         made: deque[Future[T]] = deque()
         try:
             for number in range(count):
                 made.append(pool.submit(make, number))
-                if len(made) > AHEAD:
+                if len(made) > PREFETCH_COUNT:
                     yield made.popleft().result()
             while made:
                 yield made.popleft().result()

@@ -3,29 +3,29 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from benchmarks.camera_frames import all_frames
-from drivers.camera import Pace, PinholeCamera, RgbdFrame
+from benchmarks.camera_frames import read_all_frames
+from drivers.camera import PinholeCamera, PlaybackMode, RgbdFrame
 from drivers.geometry import Array
-from drivers.synthetic.camera import Preparation, SyntheticCamera
-from drivers.synthetic.config import KINECT_COLOUR, SyntheticConfig
-from drivers.trajectory import StampedPoses
+from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import KINECT_COLOR, SyntheticConfig
+from drivers.trajectory import Trajectory
 from vo_service.folders import cache_folder
 
 
-def frames_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Array]]:
+def render_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Array]]:
     """Each frame, and T_world_camera: its true pose in the room."""
-    preparation = Preparation(cache_folder() / "films")
-    with SyntheticCamera(config, Pace.LOCKSTEP, preparation) as camera:
-        truth: StampedPoses | None = None
-        for frame in all_frames(camera):
+    preparation = RenderOptions(cache_folder() / "films")
+    with SyntheticCamera(config, PlaybackMode.LOCKSTEP, preparation) as camera:
+        truth: Trajectory | None = None
+        for frame in read_all_frames(camera):
             truth = truth or camera.ground_truth
             assert truth is not None, "a film that is played once has a truth"
             yield frame, truth.T_world_camera[frame.seq]
 
 
-def scaled(scale: float) -> PinholeCamera:
+def scaled_camera(scale: float) -> PinholeCamera:
     """The virtual Kinect's colour camera with images of another size; 1 is 640 x 480."""
-    whole = KINECT_COLOUR
+    whole = KINECT_COLOR
     return replace(
         whole,
         width=round(scale * whole.width),

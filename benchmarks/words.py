@@ -16,17 +16,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.camera_frames import all_frames
-from drivers.camera import Pace
+from benchmarks.camera_frames import read_all_frames
+from drivers.camera import PlaybackMode
 from drivers.errors import UserFacingError
 from drivers.tum.camera import TumCamera
 from vo_service.mapping import places
 from vo_service.odometry.surf import SurfExtractor
 
 OUTPUT = Path(places.__file__).with_name("words.npy")
-WORDS, FEATURES, EVERY = 32, 500, 30
+CLUSTERS, FEATURES_PER_IMAGE, FRAME_STRIDE = 32, 500, 30
 # Of k-means: rounds at most, and how often it begins anew.
-ROUNDS, ATTEMPTS = 100, 3
+MAX_ITERATIONS, ATTEMPTS = 100, 3
 
 
 def main() -> int:
@@ -37,32 +37,32 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("folders", nargs="+", type=Path, help="recordings to learn from")
-    parser.add_argument("--count", type=int, default=WORDS, help="of words")
+    parser.add_argument("--count", type=int, default=CLUSTERS, help="of words")
     parser.add_argument("--output", type=Path, default=OUTPUT)
     args = parser.parse_args()
     try:
-        descriptors = np.concatenate([d for f in args.folders for d in described(f)])
+        descriptors = np.concatenate([d for f in args.folders for d in extract_descriptors(f)])
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
-    np.save(args.output, learn(descriptors, args.count))
+    np.save(args.output, fit_centers(descriptors, args.count))
     print(f"{args.count} words of {len(descriptors)} features in {args.output}")
     return 0
 
 
-def described(folder: Path) -> Iterator[NDArray[np.float32]]:
+def extract_descriptors(folder: Path) -> Iterator[NDArray[np.float32]]:
     """SURF descriptors (N, 64) of every EVERY-th frame of a recording."""
-    extractor = SurfExtractor(FEATURES)
-    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
-        for frame in all_frames(camera):
-            if frame.seq % EVERY == 0:
-                yield extractor.extract(frame.grey).descriptor
+    extractor = SurfExtractor(FEATURES_PER_IMAGE)
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        for frame in read_all_frames(camera):
+            if frame.seq % FRAME_STRIDE == 0:
+                yield extractor.extract(frame.gray).descriptor
 
 
-def learn(descriptors: NDArray[np.float32], count: int) -> NDArray[np.int8]:
+def fit_centers(descriptors: NDArray[np.float32], count: int) -> NDArray[np.int8]:
     """(count, 64) centres of as many clusters, in the order of their first numbers."""
     cv2.setRNGSeed(1)
-    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, ROUNDS, 0.01)
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, MAX_ITERATIONS, 0.01)
     _, _, centres = cv2.kmeans(
         descriptors, count, np.empty(0), criteria, ATTEMPTS, cv2.KMEANS_PP_CENTERS
     )

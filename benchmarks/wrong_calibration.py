@@ -18,15 +18,15 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks.camera_frames import all_frames
-from benchmarks.odometry import compare
-from drivers.camera import Pace, RgbdFrame
+from benchmarks.camera_frames import read_all_frames
+from benchmarks.odometry import evaluate_trajectory
+from drivers.camera import PlaybackMode, RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.tum.camera import TumCamera
-from vo_service.methods import DEFAULT_METHOD, METHODS, FeatureSettings
-from vo_service.odometry.stopwatch import NullStopwatch
+from vo_service.methods import DEFAULT_METHOD, METHODS, FeatureConfig
+from vo_service.odometry.stopwatch import NullStageTimer
 
-Change = Callable[[RgbdFrame], RgbdFrame]
+CalibrationError = Callable[[RgbdFrame], RgbdFrame]
 
 
 def main() -> int:
@@ -43,21 +43,21 @@ def main() -> int:
     try:
         for folder in args.folder:
             print(f"{folder}\n{'':28}{'ATE':>10}{'global':>10}{'RPE/1s':>10}{'failed':>10}")
-            for name, change in changes().items():
-                print(f"{name:28}" + row(folder, args.method, change), flush=True)
+            for name, change in make_calibration_errors().items():
+                print(f"{name:28}" + format_row(folder, args.method, change), flush=True)
     except UserFacingError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     return 0
 
 
-def changes() -> Mapping[str, Change]:
+def make_calibration_errors() -> Mapping[str, CalibrationError]:
     """By name, what is made wrong."""
     return {
         "as it is": lambda frame: frame,
         "focal length + 1 %": lambda frame: _focal(frame, 1.01),
         "focal length - 1 %": lambda frame: _focal(frame, 0.99),
-        "centre + 3 px": lambda frame: _centre(frame, 3.0),
+        "centre + 3 px": lambda frame: _center(frame, 3.0),
         "depth scale + 1 %": lambda frame: _scale(frame, 1.01),
         "depth scale - 1 %": lambda frame: _scale(frame, 0.99),
         "readout + 5 ms": lambda frame: replace(frame, readout_s=frame.readout_s + 0.005),
@@ -67,15 +67,15 @@ def changes() -> Mapping[str, Change]:
     }
 
 
-def row(folder: Path, method: str, change: Change) -> str:
+def format_row(folder: Path, method: str, change: CalibrationError) -> str:
     """The figures of one run."""
-    odometry = METHODS[method](FeatureSettings(), NullStopwatch())
+    odometry = METHODS[method](FeatureConfig(), NullStageTimer())
     stamps_s, estimates = [], []
-    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
-        for frame in all_frames(camera):
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        for frame in read_all_frames(camera):
             stamps_s.append(frame.stamp_s)
             estimates.append(odometry.estimate(change(frame)))
-        found = compare(estimates, stamps_s, camera.ground_truth)
+        found = evaluate_trajectory(estimates, stamps_s, camera.ground_truth)
     if found is None:
         return f"{'-':>10}" * 3
     errors = (found.ate_rmse_m, found.mean_global_error_m, found.rpe_1s_m)
@@ -89,7 +89,7 @@ def _focal(frame: RgbdFrame, factor: float) -> RgbdFrame:
     return replace(frame, camera=replace(camera, fx=factor * camera.fx, fy=factor * camera.fy))
 
 
-def _centre(frame: RgbdFrame, shift_px: float) -> RgbdFrame:
+def _center(frame: RgbdFrame, shift_px: float) -> RgbdFrame:
     return replace(frame, camera=replace(frame.camera, cx=frame.camera.cx + shift_px))
 
 

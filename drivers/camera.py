@@ -18,20 +18,20 @@ from numpy.typing import NDArray
 from drivers.errors import CameraError
 from drivers.geometry import Array
 from drivers.sensor_settings import Led
-from drivers.strict_toml import required
-from drivers.trajectory import StampedPoses
+from drivers.strict_toml import required_field
+from drivers.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
 class PinholeCamera:
     """Intrinsics of an undistorted image, in pixels; the centre of the first pixel is (0, 0)."""
 
-    width: int = required("columns of the image", low=1)
-    height: int = required("rows of the image", low=1)
-    fx: float = required("horizontal focal length, pixels", above=0.0)
-    fy: float = required("vertical focal length, pixels", above=0.0)
-    cx: float = required("column of the principal point, pixels")
-    cy: float = required("row of the principal point, pixels")
+    width: int = required_field("columns of the image", minimum=1)
+    height: int = required_field("rows of the image", minimum=1)
+    fx: float = required_field("horizontal focal length, pixels", exclusive_minimum=0.0)
+    fy: float = required_field("vertical focal length, pixels", exclusive_minimum=0.0)
+    cx: float = required_field("column of the principal point, pixels")
+    cy: float = required_field("row of the principal point, pixels")
 
     @property
     def K(self) -> Array:
@@ -64,8 +64,8 @@ class RgbdFrame:
 
     seq: int
     stamp_s: float
-    arrival_s: float
-    colour_bgr: NDArray[np.uint8]
+    receive_time_s: float
+    color_bgr: NDArray[np.uint8]
     depth_raw: NDArray[np.uint16]
     depth_factor: float
     camera: PinholeCamera
@@ -81,9 +81,9 @@ class RgbdFrame:
         return self.depth_raw * np.float32(1.0 / self.depth_factor)
 
     @cached_property
-    def grey(self) -> NDArray[np.uint8]:
+    def gray(self) -> NDArray[np.uint8]:
         """(height, width) uint8 brightness."""
-        grey: NDArray[np.uint8] = cv2.cvtColor(self.colour_bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[assignment]
+        grey: NDArray[np.uint8] = cv2.cvtColor(self.color_bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[assignment]
         return grey
 
 
@@ -94,7 +94,7 @@ class Clock(StrEnum):
     RECORDED = "recorded"  # the recording's own time
 
 
-class Pace(StrEnum):
+class PlaybackMode(StrEnum):
     """How a recorded or computed source delivers."""
 
     LOCKSTEP = "lockstep"  # every frame, as fast as the reader takes them: repeatable
@@ -112,7 +112,7 @@ class CameraState(StrEnum):
 
 
 @dataclass(frozen=True)
-class Condition:
+class CameraStatus:
     """How a camera is; the reason is why it sends no frames, or fewer than it should, else ""."""
 
     state: CameraState
@@ -144,7 +144,7 @@ class EndOfStream(Exception):  # noqa: N818 (like StopIteration: not an error)
     """The source has delivered its last frame."""
 
 
-class NoFrameYet(Exception):  # noqa: N818 (a time-out that the reader expects)
+class FrameTimeout(Exception):  # noqa: N818 (a time-out that the reader expects)
     """No frame came within the time given; the camera may still be healthy."""
 
 
@@ -189,21 +189,21 @@ class RgbdCamera(ABC):
         """What was delivered, dropped, skipped and lost since `open`."""
 
     @property
-    def condition(self) -> Condition:
+    def status(self) -> CameraStatus:
         """How it is now. A camera whose `open` returns only once it can deliver need not say."""
-        return Condition(CameraState.STREAMING)
+        return CameraStatus(CameraState.STREAMING)
 
     @property
     def intrinsics_source(self) -> str:
         """Where the intrinsics come from: "camera file FILE", "factory", "default"; "" = exact."""
         return ""
 
-    def wait_to_retry(self, timeout_s: float) -> None:
+    def wait_for_reconnect(self, timeout_s: float) -> None:
         """Wait before the next `open`; return early when the device seems to be back."""
         time.sleep(timeout_s)
 
     @property
-    def has_base(self) -> bool:
+    def has_motor(self) -> bool:
         """Whether there is a motor that tilts it, and a light."""
         return False
 
@@ -226,7 +226,7 @@ class RgbdCamera(ABC):
         return None
 
     @property
-    def ground_truth(self) -> StampedPoses | None:
+    def ground_truth(self) -> Trajectory | None:
         """True poses of the colour camera, where the source knows them."""
         return None
 

@@ -5,15 +5,15 @@ from collections import deque
 from dataclasses import dataclass
 
 # Two good crystals differ by up to this much; an older minimum is trusted that much less.
-LEAK = 20e-6
-WINDOW_S = 20.0
+MAX_CLOCK_DRIFT = 20e-6
+DELAY_WINDOW_S = 20.0
 # Without a frame for this long, what was known of the two clocks is out of date.
-LONGEST_GAP_S = 30.0
+MAX_GAP_S = 30.0
 # While stamps are too far ahead, they go on at this share of the device's pace.
-SLOWEST_PACE = 0.5
+MIN_CLOCK_RATE = 0.5
 
 
-class DeviceClock:
+class StampUnwrapper:
     """Seconds of a counter that wraps; the first stamp is taken as it is.
 
     The streams of one device share one counter and so share one object: each stamp is the one
@@ -23,27 +23,27 @@ class DeviceClock:
 
     def __init__(self, ticks_per_second: float, bits: int) -> None:
         self._ticks_per_second = ticks_per_second
-        self._wrap = 1 << bits
+        self._period_ticks = 1 << bits
         self._ticks: int | None = None
 
-    def seconds(self, stamp: int) -> float:
+    def unwrap_s(self, stamp: int) -> float:
         """Seconds since the counter's zero, `stamp` being the counter's value."""
         if self._ticks is None:
             self._ticks = stamp
-        half = self._wrap // 2
-        self._ticks += (stamp - self._ticks + half) % self._wrap - half
+        half = self._period_ticks // 2
+        self._ticks += (stamp - self._ticks + half) % self._period_ticks - half
         return self._ticks / self._ticks_per_second
 
 
 @dataclass(frozen=True)
-class _Arrival:
+class _DelaySample:
     """How late a frame came: its arrival minus its stamp, less the leak up to that stamp."""
 
     device_s: float
-    late_s: float
+    delay_s: float
 
 
-class HostTime:
+class HostClockSync:
     """Maps one stream's device seconds to CLOCK_MONOTONIC.
 
     A frame can come late but never early. So the smallest difference between arrival and stamp
@@ -55,26 +55,30 @@ class HostTime:
 
     def __init__(self, readout_s: float) -> None:
         self._readout_s = readout_s
-        self._soonest: deque[_Arrival] = deque()
-        self._device_s = self._host_s = self._arrival_s = -math.inf
+        self._min_delays: deque[_DelaySample] = deque()
+        self._device_s = self._host_s = self._receive_time_s = -math.inf
 
-    def host_s(self, device_s: float, arrival_s: float) -> float:
-        """The instant of `device_s`, of a frame that was whole at `arrival_s`; frames in order."""
+    def to_host_s(self, device_s: float, receive_time_s: float) -> float:
+        """The instant of `device_s`, of a frame that was whole at `receive_time_s`; frames in order."""
         step_s = device_s - self._device_s
-        if abs(step_s) > LONGEST_GAP_S or arrival_s - self._arrival_s > LONGEST_GAP_S:
-            self._soonest.clear()
+        if abs(step_s) > MAX_GAP_S or receive_time_s - self._receive_time_s > MAX_GAP_S:
+            self._min_delays.clear()
             step_s = 0.0
-        self._remember(_Arrival(device_s, arrival_s - device_s - LEAK * device_s))
-        instant_s = device_s + self._soonest[0].late_s + LEAK * device_s - self._readout_s
-        earliest_s = self._host_s + SLOWEST_PACE * max(step_s, 0.0)
-        self._device_s, self._arrival_s = device_s, arrival_s
+        self._add_sample(
+            _DelaySample(device_s, receive_time_s - device_s - MAX_CLOCK_DRIFT * device_s)
+        )
+        instant_s = (
+            device_s + self._min_delays[0].delay_s + MAX_CLOCK_DRIFT * device_s - self._readout_s
+        )
+        earliest_s = self._host_s + MIN_CLOCK_RATE * max(step_s, 0.0)
+        self._device_s, self._receive_time_s = device_s, receive_time_s
         self._host_s = max(instant_s, earliest_s)
         return self._host_s
 
-    def _remember(self, arrival: _Arrival) -> None:
+    def _add_sample(self, sample: _DelaySample) -> None:
         """Keep what is, or may later be, the soonest of the window: the first is the soonest."""
-        while self._soonest and self._soonest[-1].late_s >= arrival.late_s:
-            self._soonest.pop()
-        self._soonest.append(arrival)
-        while self._soonest[0].device_s < arrival.device_s - WINDOW_S:
-            self._soonest.popleft()
+        while self._min_delays and self._min_delays[-1].delay_s >= sample.delay_s:
+            self._min_delays.pop()
+        self._min_delays.append(sample)
+        while self._min_delays[0].device_s < sample.device_s - DELAY_WINDOW_S:
+            self._min_delays.popleft()

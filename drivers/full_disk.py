@@ -11,15 +11,15 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 # Ending of the name of what is not whole yet.
-PART = ".part"
+PARTIAL_SUFFIX = ".part"
 
 
-def is_full(error: OSError) -> bool:
+def is_disk_full(error: OSError) -> bool:
     """Whether there is no space left: on the disk, in a quota, or up to a limit of file sizes."""
     return error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-def free_bytes(folder: Path) -> int:
+def free_disk_bytes(folder: Path) -> int:
     """Bytes that are free on the folder's disk. Raises OSError.
 
     A file system without a size, as /proc and some on a network are, is never full by this.
@@ -28,7 +28,7 @@ def free_bytes(folder: Path) -> int:
     return usage.free if usage.total else sys.maxsize
 
 
-def obstacle(folder: Path) -> str:
+def check_writable(folder: Path) -> str:
     """Why nothing can be kept in a folder, which may be yet to be made; "" if it can.
 
     Nothing is made or written.
@@ -49,7 +49,7 @@ def obstacle(folder: Path) -> str:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Hold a folder's lock. Raises BlockingIOError if another process holds it."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
@@ -59,7 +59,7 @@ def locked(folder: Path) -> Iterator[None]:
         os.close(fd)
 
 
-def size_of(folder: Path) -> int:
+def folder_size_bytes(folder: Path) -> int:
     """Bytes of all files below a folder; of one that is going away, those still there."""
     total = 0
     for place, _, files in os.walk(folder):
@@ -69,11 +69,11 @@ def size_of(folder: Path) -> int:
     return total
 
 
-def why_not(error: BaseException) -> str:
+def describe_write_error(error: BaseException) -> str:
     """What is wrong; the disk's own answer where there is one, as nothing of the folder is left."""
     cause = error if isinstance(error, OSError) else error.__cause__
     if not isinstance(cause, OSError):
         return str(error)
-    if is_full(cause):
+    if is_disk_full(cause):
         return "the disk is full; free some space"
     return f"cannot be written: {cause.strerror}"

@@ -26,7 +26,7 @@ def inverse(T: Array) -> Array:
     return rigid_transform(R.T, -R.T @ t)
 
 
-def orthonormal(T: Array) -> Array:
+def orthonormalize(T: Array) -> Array:
     """The same rigid 4x4 transform without the rounding of its many products.
 
     Whoever inverts by transposing and multiplies again must use it: the rounding grows with each
@@ -50,16 +50,16 @@ def rotation_angle_rad(R: Array) -> float:
     return float(np.arctan2(np.linalg.norm(axis), np.trace(R) - 1.0))
 
 
-def apart(T: Array, other: Array) -> tuple[float, float]:
+def pose_distance(T: Array, other: Array) -> tuple[float, float]:
     """Metres and radians between two rigid 4x4 transforms: of the motion from one to the other."""
     motion = inverse(T) @ other
     return float(np.linalg.norm(motion[:3, 3])), rotation_angle_rad(motion[:3, :3])
 
 
-def are_near(T: Array, other: Array, metres: float, radians: float) -> bool:
+def poses_close(T: Array, other: Array, max_distance_m: float, max_angle_rad: float) -> bool:
     """Whether two rigid 4x4 transforms are no further apart than this, by way and by turn."""
-    way_m, turn_rad = apart(T, other)
-    return bool(way_m <= metres and turn_rad <= radians)
+    way_m, turn_rad = pose_distance(T, other)
+    return bool(way_m <= max_distance_m and turn_rad <= max_angle_rad)
 
 
 def skew_matrix(v: ArrayLike) -> Array:
@@ -77,7 +77,7 @@ def adjoint(T: Array) -> Array:
     return Ad
 
 
-def carried(covariance: Array, T_reference_camera: Array) -> Array:
+def transport_covariance(covariance: Array, T_reference_camera: Array) -> Array:
     """Covariance (..., 6, 6) of a small motion in the reference's axes, as one in the camera's."""
     Ad = adjoint(inverse(T_reference_camera))
     in_camera: Array = Ad @ covariance @ Ad.T
@@ -122,7 +122,7 @@ def quaternion_from_rotation(R: Array) -> Array:
     return -q if q[3] < 0 else q
 
 
-def rotation_from_vector(rotation_vector_rad: ArrayLike) -> Array:
+def so3_exp(rotation_vector_rad: ArrayLike) -> Array:
     """Rodrigues' formula: 3x3 rotation about the vector by its length."""
     v = np.asarray(rotation_vector_rad, dtype=np.float64)
     angle = float(np.linalg.norm(v))
@@ -133,8 +133,8 @@ def rotation_from_vector(rotation_vector_rad: ArrayLike) -> Array:
     return np.eye(3) + sine * K + cosine * (K @ K)
 
 
-def rotation_vector(R: Array) -> Array:
-    """Axis times angle (3,), radians, of a 3x3 rotation: inverse of `rotation_from_vector`."""
+def so3_log(R: Array) -> Array:
+    """Axis times angle (3,), radians, of a 3x3 rotation: inverse of `so3_exp`."""
     q = quaternion_from_rotation(R)
     sine = float(np.linalg.norm(q[:3]))
     half_angle = float(np.arctan2(sine, q[3]))

@@ -4,14 +4,14 @@ import math
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 # A reading whose length is further off measures a push or a fault, not gravity alone.
-TOLERANCE = 0.1
+MAX_LENGTH_ERROR = 0.1
 Vector = tuple[float, float, float]
 
 
 def is_gravity(vector_m_s2: Vector) -> bool:
     """False if its length is more than 10 % off: the camera is being pushed, or it is no data."""
     off = abs(math.hypot(*vector_m_s2) / STANDARD_GRAVITY_M_S2 - 1.0)
-    return off <= TOLERANCE
+    return off <= MAX_LENGTH_ERROR
 
 
 def gravity_from_accelerometer(acceleration_m_s2: Vector) -> Vector:

@@ -7,15 +7,15 @@ from pathlib import Path
 _ARENA_MAX = -8  # mallopt(3)
 _MADV_DONTNEED = 4  # madvise(2)
 # Needed only while kernels are compiled or loaded.
-_COMPILER = "libllvmlite"
+_COMPILER_LIBRARY = "libllvmlite"
 
 
-def limit_arenas(count: int = 2) -> None:
+def limit_malloc_arenas(max_arenas: int = 2) -> None:
     """Let the threads of this process, and of those that it starts, share a few malloc arenas.
 
     Memory that threads free stays in their arenas, of which there may be eight for each core.
     """
-    os.environ.setdefault("MALLOC_ARENA_MAX", str(count))
+    os.environ.setdefault("MALLOC_ARENA_MAX", str(max_arenas))
     libc = ctypes.CDLL(None)
     if hasattr(libc, "mallopt"):  # another C library has no arenas
         libc.mallopt(_ARENA_MAX, int(os.environ["MALLOC_ARENA_MAX"]))
@@ -31,6 +31,8 @@ def release_memory() -> None:
         libc.malloc_trim(0)
     for line in Path("/proc/self/maps").read_text().splitlines():
         addresses, access, *_ = line.split()
-        if _COMPILER in line and access.startswith("r-x"):  # not its data, which is relocated
+        if _COMPILER_LIBRARY in line and access.startswith(
+            "r-x"
+        ):  # not its data, which is relocated
             begin, end = (int(address, 16) for address in addresses.split("-"))
             libc.madvise(ctypes.c_void_p(begin), ctypes.c_size_t(end - begin), _MADV_DONTNEED)

@@ -6,32 +6,32 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 # Images farther apart than this are of two different instants.
-TOLERANCE_S = 0.020
+MAX_PAIR_SKEW_S = 0.020
 # No stream of these sensors sends faster than 30 images a second; the rest is room for jitter.
-SHORTEST_PERIOD_S = 0.030
+MIN_IMAGE_PERIOD_S = 0.030
 # How far, in images, one stream may be behind the other.
-HELD = 4
+MAX_HELD_IMAGES = 4
 
 C = TypeVar("C")
 D = TypeVar("D")
 
 
 @dataclass(frozen=True)
-class Pair(Generic[C, D]):
+class StampedPair(Generic[C, D]):
     """A depth image and the colour image nearest to it."""
 
-    colour_s: float
-    colour: C
+    color_s: float
+    color: C
     depth_s: float
     depth: D
 
     @property
     def skew_s(self) -> float:
         """Instant of depth minus instant of colour."""
-        return self.depth_s - self.colour_s
+        return self.depth_s - self.color_s
 
 
-class NearestPairing(Generic[C, D]):
+class NearestFramePairing(Generic[C, D]):
     """Pairs images by their device stamps, in whichever order the two streams arrive.
 
     A depth image is decided on as soon as no colour image still to come can be nearer: a colour
@@ -43,56 +43,56 @@ class NearestPairing(Generic[C, D]):
     """
 
     def __init__(
-        self, tolerance_s: float = TOLERANCE_S, shortest_period_s: float = SHORTEST_PERIOD_S
+        self, max_skew_s: float = MAX_PAIR_SKEW_S, min_period_s: float = MIN_IMAGE_PERIOD_S
     ) -> None:
-        self._tolerance_s = tolerance_s
-        self._sure_s = shortest_period_s / 2
-        self._colours: deque[tuple[float, C]] = deque()
+        self._max_skew_s = max_skew_s
+        self._half_min_period_s = min_period_s / 2
+        self._colors: deque[tuple[float, C]] = deque()
         self._depths: deque[tuple[float, D]] = deque()
-        self._first_s, self._forgotten_s = math.inf, -math.inf  # stamps of colour images
+        self._first_color_s, self._last_discarded_s = math.inf, -math.inf  # stamps of colour images
         self.unpaired = 0
 
-    def add_colour(self, stamp_s: float, image: C) -> list[Pair[C, D]]:
+    def add_color(self, stamp_s: float, image: C) -> list[StampedPair[C, D]]:
         """The pairs that this colour image decides, in order."""
-        self._first_s = min(self._first_s, stamp_s)
-        self._colours.append((stamp_s, image))
-        pairs = self._settle()
-        if len(self._colours) > HELD:
-            self._forgotten_s, _ = self._colours.popleft()
+        self._first_color_s = min(self._first_color_s, stamp_s)
+        self._colors.append((stamp_s, image))
+        pairs = self._pair_decidable()
+        if len(self._colors) > MAX_HELD_IMAGES:
+            self._last_discarded_s, _ = self._colors.popleft()
         return pairs
 
-    def add_depth(self, stamp_s: float, image: D) -> list[Pair[C, D]]:
+    def add_depth(self, stamp_s: float, image: D) -> list[StampedPair[C, D]]:
         """The pairs that this depth image decides: itself, or none yet."""
         self._depths.append((stamp_s, image))
-        pairs = self._settle()
-        if len(self._depths) > HELD:
+        pairs = self._pair_decidable()
+        if len(self._depths) > MAX_HELD_IMAGES:
             self._count_unpaired(self._depths.popleft()[0])
         return pairs
 
-    def finish(self) -> list[Pair[C, D]]:
+    def finish(self) -> list[StampedPair[C, D]]:
         """The pairs among what is still undecided; no image follows."""
-        return [pair for _ in range(len(self._depths)) for pair in self._decide()]
+        return [pair for _ in range(len(self._depths)) for pair in self._pair_oldest()]
 
-    def _settle(self) -> list[Pair[C, D]]:
-        pairs: list[Pair[C, D]] = []
-        while self._depths and self._is_sure(self._depths[0][0]):
-            pairs += self._decide()
+    def _pair_decidable(self) -> list[StampedPair[C, D]]:
+        pairs: list[StampedPair[C, D]] = []
+        while self._depths and self._is_decidable(self._depths[0][0]):
+            pairs += self._pair_oldest()
         return pairs
 
-    def _is_sure(self, depth_s: float) -> bool:
-        return bool(self._colours) and depth_s - self._colours[-1][0] <= self._sure_s
+    def _is_decidable(self, depth_s: float) -> bool:
+        return bool(self._colors) and depth_s - self._colors[-1][0] <= self._half_min_period_s
 
-    def _decide(self) -> list[Pair[C, D]]:
+    def _pair_oldest(self) -> list[StampedPair[C, D]]:
         """The pair of the oldest depth image that waits, if it has a partner."""
         depth_s, depth = self._depths.popleft()
-        stamps_s = [self._forgotten_s, *(stamp_s for stamp_s, _ in self._colours)]
+        stamps_s = [self._last_discarded_s, *(stamp_s for stamp_s, _ in self._colors)]
         nearest = min(range(len(stamps_s)), key=lambda i: abs(stamps_s[i] - depth_s))
-        if nearest == 0 or abs(stamps_s[nearest] - depth_s) > self._tolerance_s:
+        if nearest == 0 or abs(stamps_s[nearest] - depth_s) > self._max_skew_s:
             self._count_unpaired(depth_s)
             return []
         for _ in range(nearest):  # nothing older can be nearest to a later depth image
-            self._forgotten_s, colour = self._colours.popleft()
-        return [Pair(self._forgotten_s, colour, depth_s, depth)]
+            self._last_discarded_s, colour = self._colors.popleft()
+        return [StampedPair(self._last_discarded_s, colour, depth_s, depth)]
 
     def _count_unpaired(self, depth_s: float) -> None:
-        self.unpaired += depth_s >= self._first_s
+        self.unpaired += depth_s >= self._first_color_s

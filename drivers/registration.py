@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
-from drivers.camera_file import DepthTable
+from drivers.camera_file import DepthCameraCalibration
 from drivers.errors import InputError
 from drivers.geometry import Array
-from drivers.undistort import undistorter
+from drivers.undistort import make_undistorter
 
 # `cv2.registerDepth` takes uint16 depth for millimetres, whatever its unit.
-UNITS_PER_METRE = 1000.0
-LARGEST = 65535
-NO_DISTORTION = np.zeros(5)
+MILLIMETRES_PER_METRE = 1000.0
+MAX_DEPTH_VALUE = 65535
+_ZERO_DISTORTION = np.zeros(5)
 
 
 class SoftwareRegistration:
@@ -27,41 +27,43 @@ class SoftwareRegistration:
     a reading covers all that it spans.
     """
 
-    def __init__(self, colour: PinholeCamera, depth: DepthTable, depth_factor: float) -> None:
+    def __init__(
+        self, color: PinholeCamera, depth: DepthCameraCalibration, depth_factor: float
+    ) -> None:
         """`colour` is the undistorted colour camera, `depth_factor` the sensor's value per metre.
 
         Raises InputError if the two cameras do not look the same way.
         """
         self.depth_factor = depth_factor / depth.scale
-        self._lens = undistorter(depth.pinhole, depth.distortion)
-        self._depth_K, self._colour_K = depth.pinhole.K, colour.K
+        self._undistorter = make_undistorter(depth.pinhole, depth.distortion)
+        self._depth_K, self._color_K = depth.pinhole.K, color.K
         # OpenCV 5.0 writes beyond its memory where the result is smaller than the depth image.
-        self._plane = (max(colour.width, depth.width), max(colour.height, depth.height))
-        self._rows, self._columns = slice(colour.height), slice(colour.width)
-        self._magnifies = colour.fx > depth.fx or colour.fy > depth.fy
-        self._T = depth.T_color_depth.matrix
+        self._output_size = (max(color.width, depth.width), max(color.height, depth.height))
+        self._rows, self._columns = slice(color.height), slice(color.width)
+        self._needs_dilation = color.fx > depth.fx or color.fy > depth.fy
+        self._T_color_depth = depth.T_color_depth.matrix
         # Everything is linear in length: with the offset in units of depth, so is the result.
-        self._T[:3, 3] *= self.depth_factor / UNITS_PER_METRE
-        self._nearest, self._farthest = _usable(depth.pinhole, self._T)
+        self._T_color_depth[:3, 3] *= self.depth_factor / MILLIMETRES_PER_METRE
+        self._min_value, self._max_value = _usable_range(depth.pinhole, self._T_color_depth)
 
     def register(self, depth_raw: NDArray[np.uint16]) -> NDArray[np.uint16]:
         """(height, width) uint16 of the depth camera to that of the colour camera; 0 is none."""
-        seen = self._lens.depth(depth_raw)
-        is_usable = cv2.inRange(seen, self._nearest, self._farthest)
+        seen = self._undistorter.undistort_depth(depth_raw)
+        is_usable = cv2.inRange(seen, self._min_value, self._max_value)
         usable = cv2.bitwise_and(seen, seen, mask=is_usable)
         registered: NDArray[np.uint16] = cv2.registerDepth(
             self._depth_K,
-            self._colour_K,
-            NO_DISTORTION,
-            self._T,
+            self._color_K,
+            _ZERO_DISTORTION,
+            self._T_color_depth,
             usable,
-            self._plane,
-            depthDilation=self._magnifies,
+            self._output_size,
+            depthDilation=self._needs_dilation,
         )  # type: ignore[assignment]
         return np.ascontiguousarray(registered[self._rows, self._columns])
 
 
-def _usable(depth: PinholeCamera, T_colour_depth: Array) -> tuple[int, int]:
+def _usable_range(depth: PinholeCamera, T_color_depth: Array) -> tuple[int, int]:
     """The least and the greatest reading that stays in front of the colour camera and in 16 bits.
 
     OpenCV lets others wrap around.
@@ -69,13 +71,13 @@ def _usable(depth: PinholeCamera, T_colour_depth: Array) -> tuple[int, int]:
     u, v = np.meshgrid((0, depth.width - 1), (0, depth.height - 1))
     rays = np.stack([(u - depth.cx) / depth.fx, (v - depth.cy) / depth.fy, np.ones_like(u)])
     # Depth in the colour camera grows by so much per depth read; a plane's extremes are corners.
-    growth = np.tensordot(T_colour_depth[2, :3], rays, axes=1)
+    growth = np.tensordot(T_color_depth[2, :3], rays, axes=1)
     if growth.min() <= 0.1:
         raise InputError(
             "camera file: [depth] T_color_depth turns the depth camera away from the colour "
             "camera; it must map depth camera coordinates to the colour camera's"
         )
-    offset = T_colour_depth[2, 3] * UNITS_PER_METRE
+    offset = T_color_depth[2, 3] * MILLIMETRES_PER_METRE
     nearest = max(0, math.floor(-offset / growth.min())) + 1
-    farthest = math.floor((LARGEST - offset) / growth.max())
-    return nearest, min(LARGEST, farthest)
+    farthest = math.floor((MAX_DEPTH_VALUE - offset) / growth.max())
+    return nearest, min(MAX_DEPTH_VALUE, farthest)

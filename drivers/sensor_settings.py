@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from drivers.strict_toml import setting
+from drivers.strict_toml import config_field
 
 
 class Led(StrEnum):
@@ -18,13 +18,18 @@ class Led(StrEnum):
 
 
 @dataclass(frozen=True)
-class SensorSettings:
+class SensorConfig:
     """Applied whenever the sensor is opened, so also after it was unplugged."""
 
-    auto_exposure: bool = setting(True, "false keeps the exposure that it has")
-    auto_white_balance: bool = setting(True, "false keeps the white balance that it has")
-    mirror: bool = setting(False, "left and right swapped, for a camera that looks into a mirror")
-    led: Led = setting(Led.GREEN, "the light while it is open")
-    tilt_deg: float | None = setting(
-        None, "tilt of the head against the horizon; unset = left as it is", low=-31.0, high=31.0
+    auto_exposure: bool = config_field(True, "false keeps the exposure that it has")
+    auto_white_balance: bool = config_field(True, "false keeps the white balance that it has")
+    mirror: bool = config_field(
+        False, "left and right swapped, for a camera that looks into a mirror"
+    )
+    led: Led = config_field(Led.GREEN, "the light while it is open")
+    tilt_deg: float | None = config_field(
+        None,
+        "tilt of the head against the horizon; unset = left as it is",
+        minimum=-31.0,
+        maximum=31.0,
     )

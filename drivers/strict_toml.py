@@ -17,57 +17,63 @@ from pathlib import Path
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from drivers.errors import InputError
-from drivers.toml_lines import KeyPath, key_lines, syntax_error_line
+from drivers.toml_lines import KeyPath, find_key_lines, find_syntax_error_line
 
-SCHEMA = 1
+SCHEMA_VERSION = 1
 T = TypeVar("T")
 
 
 @dataclasses.dataclass(frozen=True)
-class Description:
+class FieldSpec:
     """What a key means and what its value (or each value of its list) may be."""
 
-    about: str = ""
-    low: float = -math.inf
-    high: float = math.inf
-    above: float = -math.inf
+    description: str = ""
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    exclusive_minimum: float = -math.inf
 
     @property
     def hint(self) -> str:
         """The meaning as a clause to put behind a message."""
-        return f" ({self.about})" if self.about else ""
+        return f" ({self.description})" if self.description else ""
 
     @property
-    def range(self) -> str:
+    def range_text(self) -> str:
         """The bounds in words; "" where there are none."""
         bounds = []
-        if self.low > -math.inf:
-            bounds.append(f"at least {self.low:.15g}")
-        if self.above > -math.inf:
-            bounds.append(f"more than {self.above:.15g}")
-        if self.high < math.inf:
-            bounds.append(f"at most {self.high:.15g}")
+        if self.minimum > -math.inf:
+            bounds.append(f"at least {self.minimum:.15g}")
+        if self.exclusive_minimum > -math.inf:
+            bounds.append(f"more than {self.exclusive_minimum:.15g}")
+        if self.maximum < math.inf:
+            bounds.append(f"at most {self.maximum:.15g}")
         return " and ".join(bounds)
 
 
-def setting(
+def config_field(
     default: T,
-    about: str,
+    description: str,
     *,
-    low: float = -math.inf,
-    high: float = math.inf,
-    above: float = -math.inf,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+    exclusive_minimum: float = -math.inf,
 ) -> T:
     """Dataclass field with a default: low <= value <= high, and value > above."""
-    metadata = {"description": Description(about, low, high, above)}
+    metadata = {"description": FieldSpec(description, minimum, maximum, exclusive_minimum)}
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def required(
-    about: str, *, low: float = -math.inf, high: float = math.inf, above: float = -math.inf
+def required_field(
+    description: str,
+    *,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+    exclusive_minimum: float = -math.inf,
 ) -> Any:
     """Dataclass field that the file must give: low <= value <= high, and value > above."""
-    return dataclasses.field(metadata={"description": Description(about, low, high, above)})
+    return dataclasses.field(
+        metadata={"description": FieldSpec(description, minimum, maximum, exclusive_minimum)}
+    )
 
 
 def read_toml(path: Path, kind: type[T]) -> T:
@@ -88,15 +94,15 @@ def parse_toml(text: str, name: str, kind: type[T]) -> T:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        line = syntax_error_line(error, text)
+        line = find_syntax_error_line(error, text)
         raise InputError(
             f"{name}:{line}: not TOML: {error}; write `key = value`, text in double quotes"
         ) from error
     try:
-        _check_schema(table)
-        return _build(kind, {k: v for k, v in table.items() if k != "schema"}, ())
+        _check_schema_version(table)
+        return _build_dataclass(kind, {k: v for k, v in table.items() if k != "schema"}, ())
     except _BadKeyError as bad:
-        line = key_lines(text).get(bad.path, 0)
+        line = find_key_lines(text).get(bad.path, 0)
         raise InputError(f"{name}{f':{line}' if line else ''}: {bad}") from bad.__cause__
 
 
@@ -106,31 +112,31 @@ class _BadKeyError(Exception):
         self.path = path
 
 
-def _check_schema(table: dict[str, Any]) -> None:
+def _check_schema_version(table: dict[str, Any]) -> None:
     if "schema" not in table:
         raise _BadKeyError(
-            ("schema",), f"is missing; put `schema = {SCHEMA}` at the top of the file"
+            ("schema",), f"is missing; put `schema = {SCHEMA_VERSION}` at the top of the file"
         )
     found = table["schema"]
-    if type(found) is not int or found != SCHEMA:
+    if type(found) is not int or found != SCHEMA_VERSION:
         raise _BadKeyError(
             ("schema",),
-            f"version {_shown(found)} cannot be read, only {SCHEMA}; install the kinect-vo that "
-            f"the file was written for, or write it anew with `schema = {SCHEMA}`",
+            f"version {_format_value(found)} cannot be read, only {SCHEMA_VERSION}; install the kinect-vo that "
+            f"the file was written for, or write it anew with `schema = {SCHEMA_VERSION}`",
         )
 
 
-def _build(kind: type[T], table: dict[str, Any], path: KeyPath) -> T:
+def _build_dataclass(kind: type[T], table: dict[str, Any], path: KeyPath) -> T:
     fields = {f.name: f for f in dataclasses.fields(cast(Any, kind))}
     hints = get_type_hints(kind)
     for key in table:
         if key not in fields:
-            raise _BadKeyError((*path, key), f"is unknown; {_suggest(key, fields)}")
+            raise _BadKeyError((*path, key), f"is unknown; {_suggest_name(key, fields)}")
     values = {}
     for name, field in fields.items():
-        description = field.metadata.get("description", Description())
+        description = field.metadata.get("description", FieldSpec())
         if name in table:
-            values[name] = _value(hints[name], table[name], description, (*path, name))
+            values[name] = _convert_value(hints[name], table[name], description, (*path, name))
         elif field.default is field.default_factory is dataclasses.MISSING:
             raise _BadKeyError((*path, name), f"is missing; add `{name} = ...`{description.hint}")
     try:
@@ -139,60 +145,60 @@ def _build(kind: type[T], table: dict[str, Any], path: KeyPath) -> T:
         raise _BadKeyError(path, str(error)) from error
 
 
-def _value(kind: Any, value: Any, description: Description, path: KeyPath) -> Any:
+def _convert_value(kind: Any, value: Any, spec: FieldSpec, path: KeyPath) -> Any:
     """`value` as TOML gave it, checked and converted to the type `kind`."""
     if get_origin(kind) in (types.UnionType, Union):
         kind = next(arm for arm in get_args(kind) if arm is not type(None))
     if dataclasses.is_dataclass(kind):
-        _expect(isinstance(value, dict), "a table", value, description, path)
-        return _build(cast(type[Any], kind), value, path)
+        _check_type(isinstance(value, dict), "a table", value, spec, path)
+        return _build_dataclass(cast(type[Any], kind), value, path)
     if get_origin(kind) in (list, tuple):
-        return _sequence(kind, value, description, path)
+        return _convert_sequence(kind, value, spec, path)
     if kind is float or kind is int:
-        return _number(kind, value, description, path)
+        return _convert_number(kind, value, spec, path)
     if kind is bool:
-        _expect(isinstance(value, bool), "true or false", value, description, path)
+        _check_type(isinstance(value, bool), "true or false", value, spec, path)
         return value
     if not issubclass(kind, (str, Path)):
         raise TypeError(f"settings of type {kind} cannot be read: {'.'.join(path)}")
-    _expect(isinstance(value, str), "text in double quotes", value, description, path)
+    _check_type(isinstance(value, str), "text in double quotes", value, spec, path)
     if issubclass(kind, StrEnum) and value not in set(kind):
-        raise _BadKeyError(path, f"{_shown(value)} is not a choice; {_suggest(value, kind)}")
+        raise _BadKeyError(
+            path, f"{_format_value(value)} is not a choice; {_suggest_name(value, kind)}"
+        )
     return kind(value)
 
 
-def _sequence(kind: Any, value: Any, description: Description, path: KeyPath) -> Any:
+def _convert_sequence(kind: Any, value: Any, spec: FieldSpec, path: KeyPath) -> Any:
     items = get_args(kind)
     length = None if get_origin(kind) is list or items[-1] is ... else len(items)
     wanted = "a list" if length is None else f"a list of {length}"
     matches = isinstance(value, list) and length in (None, len(value))
-    _expect(matches, wanted, value, description, path)
-    return get_origin(kind)(_value(items[0], item, description, path) for item in value)
+    _check_type(matches, wanted, value, spec, path)
+    return get_origin(kind)(_convert_value(items[0], item, spec, path) for item in value)
 
 
-def _number(kind: type[Any], value: Any, description: Description, path: KeyPath) -> Any:
+def _convert_number(kind: type[Any], value: Any, spec: FieldSpec, path: KeyPath) -> Any:
     allowed = (int, float) if kind is float else (int,)
     is_number = isinstance(value, allowed) and not isinstance(value, bool)
-    _expect(is_number, "a number" if kind is float else "a whole number", value, description, path)
+    _check_type(is_number, "a number" if kind is float else "a whole number", value, spec, path)
     if isinstance(value, float) and not math.isfinite(value):
-        raise _BadKeyError(path, f"{value} is not allowed; give a finite number{description.hint}")
-    if value < description.low or value > description.high or value <= description.above:
-        raise _BadKeyError(
-            path, f"{value} is out of range; give {description.range}{description.hint}"
-        )
+        raise _BadKeyError(path, f"{value} is not allowed; give a finite number{spec.hint}")
+    if value < spec.minimum or value > spec.maximum or value <= spec.exclusive_minimum:
+        raise _BadKeyError(path, f"{value} is out of range; give {spec.range_text}{spec.hint}")
     try:
         return kind(value)
     except OverflowError as error:
         raise _BadKeyError(path, "is too large for a number; shorten it") from error
 
 
-def _expect(ok: bool, wanted: str, value: Any, description: Description, path: KeyPath) -> None:
-    if not ok:
-        found = _shown(value)
-        raise _BadKeyError(path, f"{found} is the wrong type; give {wanted}{description.hint}")
+def _check_type(is_valid: bool, expected: str, value: Any, spec: FieldSpec, path: KeyPath) -> None:
+    if not is_valid:
+        found = _format_value(value)
+        raise _BadKeyError(path, f"{found} is the wrong type; give {expected}{spec.hint}")
 
 
-def _shown(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """`value` roughly as the file has it, in a few words."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -204,7 +210,7 @@ def _shown(value: Any) -> str:
     return f"a list of {len(value)}" if isinstance(value, list) else str(value)
 
 
-def _suggest(word: str, known: Iterable[str]) -> str:
+def _suggest_name(name: str, known: Iterable[str]) -> str:
     names = list(known)
-    close = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     return f"did you mean `{close[0]}`?" if close else f"known here: {', '.join(names)}"

@@ -11,14 +11,14 @@ from drivers.geometry import Array, quaternion_from_rotation, transform_from_pos
 
 COLUMNS = "stamp tx ty tz qx qy qz qw"
 # Beyond these a file is in other units: nanoseconds, say.
-FARTHEST_STAMP_S = 1e11
-FARTHEST_POSITION_M = 1e9
+MAX_STAMP_S = 1e11
+MAX_POSITION_M = 1e9
 # Stamps that lie closer than this may belong to each other.
-WITHIN_S = 0.020
+MAX_STAMP_DIFFERENCE_S = 0.020
 
 
 @dataclass(frozen=True)
-class StampedPoses:
+class Trajectory:
     """A trajectory: `stamps_s` (N,) strictly rising, `T_world_camera` (N, 4, 4)."""
 
     stamps_s: Array
@@ -28,7 +28,7 @@ class StampedPoses:
         return len(self.stamps_s)
 
 
-def read_trajectory(path: Path) -> StampedPoses:
+def read_trajectory(path: Path) -> Trajectory:
     """Read a TUM-format file; blank lines and ``#`` comments are passed over.
 
     Raises InputError naming the file and line if it cannot be read, does not parse, holds NaN,
@@ -56,10 +56,10 @@ def read_trajectory(path: Path) -> StampedPoses:
         poses.append(T)
     if not poses:
         raise InputError(f"{path}: holds no pose; expected lines of: {COLUMNS}")
-    return StampedPoses(np.array(stamps), np.array(poses))
+    return Trajectory(np.array(stamps), np.array(poses))
 
 
-def pose_line(stamp_s: float, T_world_camera: Array) -> str:
+def format_pose_line(stamp_s: float, T_world_camera: Array) -> str:
     """One line of a trajectory file, with its newline. Microseconds, 0.1 um, 1e-9 of a rotation."""
     q = quaternion_from_rotation(T_world_camera[:3, :3])
     position = " ".join(f"{v:.7f}" for v in T_world_camera[:3, 3])
@@ -75,7 +75,7 @@ def _parse_pose(text: list[str], where: str) -> tuple[float, Array]:
         raise InputError(f"{where}: {error}; expected numbers: {COLUMNS}") from error
     if not np.all(np.isfinite(values)):
         raise InputError(f"{where}: a value is not finite: remove the line, a lost pose has none")
-    if abs(values[0]) > FARTHEST_STAMP_S or max(map(abs, values[1:4])) > FARTHEST_POSITION_M:
+    if abs(values[0]) > MAX_STAMP_S or max(map(abs, values[1:4])) > MAX_POSITION_M:
         raise InputError(
             f"{where}: stamps must be in seconds and positions in metres; convert them"
         )
@@ -85,16 +85,18 @@ def _parse_pose(text: list[str], where: str) -> tuple[float, Array]:
         raise InputError(f"{where}: {error}") from error
 
 
-def nearest(stamps_s: Array, wanted_s: Array) -> NDArray[np.intp]:
-    """For each of `wanted_s`, the index of the nearest of the rising `stamps_s`; ties: earlier."""
-    after = np.searchsorted(stamps_s, wanted_s, side="right").clip(max=len(stamps_s) - 1)
+def nearest_indices(stamps_s: Array, query_s: Array) -> NDArray[np.intp]:
+    """For each of `query_s`, the index of the nearest of the rising `stamps_s`; ties: earlier."""
+    after = np.searchsorted(stamps_s, query_s, side="right").clip(max=len(stamps_s) - 1)
     before = (after - 1).clip(min=0)
-    is_before = wanted_s - stamps_s[before] <= stamps_s[after] - wanted_s
+    is_before = query_s - stamps_s[before] <= stamps_s[after] - query_s
     return np.where(is_before, before, after)
 
 
-def has_partner(
-    stamps_s: Array, partners_s: Array, within_s: float = WITHIN_S
+def has_match(
+    stamps_s: Array, reference_s: Array, max_difference_s: float = MAX_STAMP_DIFFERENCE_S
 ) -> NDArray[np.bool_]:
-    """For each of `stamps_s`, whether one of the rising `partners_s` is within reach."""
-    return np.abs(partners_s[nearest(partners_s, stamps_s)] - stamps_s) <= within_s
+    """For each of `stamps_s`, whether one of the rising `reference_s` is within reach."""
+    return (
+        np.abs(reference_s[nearest_indices(reference_s, stamps_s)] - stamps_s) <= max_difference_s
+    )

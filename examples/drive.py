@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from vo_service.client import NoPose, PoseClient
+from vo_service.client import PoseClient, PoseUnavailable
 
 PERIOD_S = 0.1
 GOAL_M = np.array([1.0, 0.0])
@@ -20,7 +20,7 @@ with PoseClient(connect=endpoint) as client:
     while True:
         try:
             pose = client.newest(max_age_s=0.2)
-        except NoPose as none:
+        except PoseUnavailable as none:
             print(f"stop: {none}", flush=True)
         else:
             if not pose.is_continuous:

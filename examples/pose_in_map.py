@@ -5,7 +5,7 @@ Usage: python pose_in_map.py [ENDPOINT]
 
 import sys
 
-from vo_service.client import CommandRefused, NoAnswer, PoseClient
+from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
 
@@ -13,7 +13,7 @@ with PoseClient(connect=endpoint) as client:
     for pose in client.poses():
         try:
             odom = client.map_odom()
-        except (CommandRefused, NoAnswer) as none:
+        except (CommandRefused, ServiceUnavailable) as none:
             sys.exit(str(none))
         if odom.is_located and odom.epoch == pose.epoch:
             T_map_base = odom.T_map_odom @ pose.T_odom_base

@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-from vo_service.client import NoPose, PoseClient
+from vo_service.client import PoseClient, PoseUnavailable
 
 if len(sys.argv) < 3:
     sys.exit(__doc__)
@@ -26,5 +26,5 @@ with file.open("w", newline="") as out, PoseClient(connect=endpoint) as client:
             rows.writerow([pose.stamp_s, *numbers, pose.state, pose.epoch, pose.missed])
             if time.monotonic() > end_s:
                 break
-    except NoPose as none:
+    except PoseUnavailable as none:
         sys.exit(f"ten seconds without a pose: {none}")

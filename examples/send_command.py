@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from vo_service.client import CommandRefused, NoAnswer, PoseClient
+from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7450"
 
@@ -25,6 +25,6 @@ with PoseClient(connect=endpoint) as client:
         epoch = client.reset(T_odom_charger)
     except CommandRefused as refused:
         sys.exit(f"refused ({refused.code}): {refused}")
-    except NoAnswer as nobody:
+    except ServiceUnavailable as nobody:
         sys.exit(str(nobody))
     print(f"epoch {epoch} begins at the charger", flush=True)

@@ -20,9 +20,9 @@ from packaging.utils import parse_wheel_filename
 Table = Mapping[str, Any]
 
 MACHINES = ("x86_64", "aarch64")
-PYTHONS = ("3.11.2", "3.12.0", "3.13.0")  # 3.11.2 is Debian 12's own
+PYTHON_VERSIONS = ("3.11.2", "3.12.0", "3.13.0")  # 3.11.2 is Debian 12's own
 GLIBC_MINOR = 36  # glibc 2.36, Debian 12
-OLDEST_GLIBC_MINOR = 5  # manylinux_2_5, the first of its kind (PEP 600)
+MIN_GLIBC_MINOR = 5  # manylinux_2_5, the first of its kind (PEP 600)
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,14 @@ class Target:
         interpreter = "cp" + self.minor.replace(".", "")
         platforms = [
             f"manylinux_2_{minor}_{self.machine}"
-            for minor in range(GLIBC_MINOR, OLDEST_GLIBC_MINOR - 1, -1)
+            for minor in range(GLIBC_MINOR, MIN_GLIBC_MINOR - 1, -1)
         ]
         own = cpython_tags(version, [interpreter], platforms)
         pure = compatible_tags(version, interpreter, platforms)
         return frozenset((*own, *pure))
 
 
-TARGETS = tuple(Target(machine, python) for machine, python in product(MACHINES, PYTHONS))
+TARGETS = tuple(Target(machine, python) for machine, python in product(MACHINES, PYTHON_VERSIONS))
 
 
 def needed_packages(packages: Sequence[Table], target: Target) -> list[Table]:
@@ -79,42 +79,46 @@ def needed_packages(packages: Sequence[Table], target: Target) -> list[Table]:
     project = _project(packages)
     extras = list(project.get("optional-dependencies", {}))
     groups = project.get("dev-dependencies", {}).values()
-    development = _applying(chain(*groups), target)
-    return _reached(packages, [*_dependencies(project, extras, target), *development], target)
+    development = _applicable_dependencies(chain(*groups), target)
+    return _resolve_packages(
+        packages, [*_dependencies(project, extras, target), *development], target
+    )
 
 
-def run_time_packages(
+def runtime_packages(
     packages: Sequence[Table], target: Target, extras: Iterable[str]
 ) -> list[Table]:
     """Every package of a lock file that `target` needs to run the project with these extras."""
-    return _reached(packages, _dependencies(_project(packages), extras, target), target)
+    return _resolve_packages(packages, _dependencies(_project(packages), extras, target), target)
 
 
 def _project(packages: Sequence[Table]) -> Table:
     return next(p for p in packages if p["source"].keys() & {"editable", "virtual"})
 
 
-def _reached(packages: Sequence[Table], waiting: list[Table], target: Target) -> list[Table]:
+def _resolve_packages(
+    packages: Sequence[Table], pending: list[Table], target: Target
+) -> list[Table]:
     """The packages behind these dependencies, and all behind those, by name."""
     followed: list[Table] = []
     reached: dict[tuple[str, str], Table] = {}
-    while waiting:
-        dependency = waiting.pop()
+    while pending:
+        dependency = pending.pop()
         if dependency in followed:
             continue
         followed.append(dependency)
-        package = _locked(packages, dependency)
+        package = _find_locked_package(packages, dependency)
         reached[package["name"], package["version"]] = package
-        waiting += _dependencies(package, dependency.get("extra", []), target)
+        pending += _dependencies(package, dependency.get("extra", []), target)
     return [reached[key] for key in sorted(reached)]
 
 
 def has_wheel(package: Table, target: Target) -> bool:
     """True if a locked wheel of `package` can be installed on `target`."""
-    return bool(fitting_wheels(package, target))
+    return bool(compatible_wheels(package, target))
 
 
-def fitting_wheels(package: Table, target: Target) -> list[Table]:
+def compatible_wheels(package: Table, target: Target) -> list[Table]:
     """The locked wheels of `package` that can be installed on `target`."""
     return [
         wheel
@@ -128,7 +132,7 @@ def _file_name(wheel: Table) -> str:
     return name
 
 
-def problems(lock: Table) -> list[str]:
+def find_problems(lock: Table) -> list[str]:
     """One line for each package that some target would have to build from source."""
     return [
         f"{package['name']} {package['version']} has no wheel for {target}: "
@@ -142,7 +146,7 @@ def problems(lock: Table) -> list[str]:
 def main(path: Path) -> int:
     """Print what is wrong with the lock file, or what was checked; 1 if anything is wrong."""
     lock = tomllib.loads(path.read_text(encoding="utf-8"))
-    found = problems(lock)
+    found = find_problems(lock)
     for problem in found:
         print(f"{path.name}: {problem}", file=sys.stderr)
     if not found:
@@ -154,16 +158,16 @@ def main(path: Path) -> int:
 def _dependencies(package: Table, extras: Iterable[str], target: Target) -> list[Table]:
     optional = package.get("optional-dependencies", {})
     wanted = [package.get("dependencies", []), *(optional[extra] for extra in extras)]
-    return _applying(chain(*wanted), target)
+    return _applicable_dependencies(chain(*wanted), target)
 
 
-def _applying(dependencies: Iterable[Table], target: Target) -> list[Table]:
+def _applicable_dependencies(dependencies: Iterable[Table], target: Target) -> list[Table]:
     return [
         d for d in dependencies if "marker" not in d or Marker(d["marker"]).evaluate(target.markers)
     ]
 
 
-def _locked(packages: Sequence[Table], dependency: Table) -> Table:
+def _find_locked_package(packages: Sequence[Table], dependency: Table) -> Table:
     """The locked package; the version is only written where several are locked."""
     return next(
         package

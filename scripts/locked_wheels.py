@@ -8,23 +8,25 @@ import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from scripts.check_lock import TARGETS, Table, Target, fitting_wheels, run_time_packages
+from scripts.check_lock import TARGETS, Table, Target, compatible_wheels, runtime_packages
 
-LOCK = Path(__file__).resolve().parent.parent / "uv.lock"
+LOCK_FILE = Path(__file__).resolve().parent.parent / "uv.lock"
 
 
-def requirements(packages: Sequence[Table], target: Target, extras: Iterable[str]) -> Iterator[str]:
+def format_requirements(
+    packages: Sequence[Table], target: Target, extras: Iterable[str]
+) -> Iterator[str]:
     """Name, version and the hashes of every wheel that `target` can install; no markers left."""
-    for package in run_time_packages(packages, target, extras):
-        hashes = [f"--hash={wheel['hash']}" for wheel in fitting_wheels(package, target)]
+    for package in runtime_packages(packages, target, extras):
+        hashes = [f"--hash={wheel['hash']}" for wheel in compatible_wheels(package, target)]
         yield " ".join([f"{package['name']}=={package['version']}", *hashes])
 
 
 def main(machine: str, python: str, *extras: str) -> None:
     """Print them all."""
     target = next(t for t in TARGETS if (t.machine, t.minor) == (machine, python))
-    packages = tomllib.loads(LOCK.read_text(encoding="utf-8"))["package"]
-    for line in requirements(packages, target, extras):
+    packages = tomllib.loads(LOCK_FILE.read_text(encoding="utf-8"))["package"]
+    for line in format_requirements(packages, target, extras):
         print(line)
 
 

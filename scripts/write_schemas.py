@@ -8,10 +8,10 @@ from pathlib import Path
 
 from vo_service.outputs.zenoh_schemas import all_schemas
 
-FOLDER = Path(__file__).parents[1] / "schemas"
+SCHEMA_FOLDER = Path(__file__).parents[1] / "schemas"
 
 
-def schema_files() -> dict[str, str]:
+def make_schema_files() -> dict[str, str]:
     """What each file is to hold, by its name."""
     return {
         f"{name}.json": json.dumps(schema, indent=2) + "\n"
@@ -21,13 +21,13 @@ def schema_files() -> dict[str, str]:
 
 def main() -> None:
     """Write them all; a file that is no longer one of them goes."""
-    FOLDER.mkdir(exist_ok=True)
-    wanted = schema_files()
-    for stale in FOLDER.glob("*.json"):
+    SCHEMA_FOLDER.mkdir(exist_ok=True)
+    wanted = make_schema_files()
+    for stale in SCHEMA_FOLDER.glob("*.json"):
         if stale.name not in wanted:
             stale.unlink()
     for name, text in wanted.items():
-        (FOLDER / name).write_text(text)
+        (SCHEMA_FOLDER / name).write_text(text)
 
 
 if __name__ == "__main__":

@@ -22,8 +22,8 @@ from vo_service.folders import kernel_folder
 # Before anything that compiles is imported; processes that tests start find the same kernels.
 os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
 
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
-from drivers.trajectory import StampedPoses
+from drivers.geometry import Array, rigid_transform, so3_exp
+from drivers.trajectory import Trajectory
 from drivers.tum.writer import TumWriter
 from tests.stand_ins.fixtures import (  # noqa: F401
     fakenect,
@@ -34,7 +34,7 @@ from tests.stand_ins.fixtures import (  # noqa: F401
     real_libfreenect,
     real_openni2,
 )
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+from tests.vo_service.odometry.synthetic_views import render_corner
 
 cv2.setNumThreads(1)
 
@@ -72,9 +72,9 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-def _pose(seq: int) -> Array:
+def _hand_held_pose(seq: int) -> Array:
     """A hand that moves a little forward and to the right, turning."""
-    turn = rotation_from_vector([0.002 * seq, 0.006 * seq, -0.003 * seq])
+    turn = so3_exp([0.002 * seq, 0.006 * seq, -0.003 * seq])
     return rigid_transform(turn, [0.01 * seq, -0.004 * seq, 0.015 * seq])
 
 
@@ -82,9 +82,9 @@ def _pose(seq: int) -> Array:
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of 12 frames, 320x240, 30 a second, with ground truth. Leave it as it is."""
     folder = tmp_path_factory.mktemp("recordings") / "corner"
-    frames = [view_of_a_corner(_pose(seq), seq) for seq in range(FRAMES)]
+    frames = [render_corner(_hand_held_pose(seq), seq) for seq in range(FRAMES)]
     stamps_s = np.array([frame.stamp_s for frame in frames])
-    truth = StampedPoses(stamps_s, np.array([_pose(seq) for seq in range(FRAMES)]))
+    truth = Trajectory(stamps_s, np.array([_hand_held_pose(seq) for seq in range(FRAMES)]))
     with TumWriter(folder, ground_truth=truth) as writer:
         for frame in frames:
             writer.write(frame)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 
-def made_once(
+def make_once(
     tmp_path_factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]
 ) -> Path:
     """The folder of this name, which `make` has filled for the first process that asked for it."""

@@ -8,9 +8,9 @@ from functools import cache
 from itertools import cycle
 from pathlib import Path
 
-LOWEST = 20000
+MIN_PORT = 20000
 # So many workers have ports of their own.
-AT_ONCE = 4
+MAX_WORKERS = 4
 
 
 def free_port() -> int:
@@ -44,6 +44,6 @@ def _ports() -> Iterator[int]:
     """Of this worker, in no order: another run of the tests begins with others."""
     worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
     outgoing = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
-    ports = list(range(LOWEST + worker % AT_ONCE, outgoing, AT_ONCE))
+    ports = list(range(MIN_PORT + worker % MAX_WORKERS, outgoing, MAX_WORKERS))
     random.SystemRandom().shuffle(ports)
     return cycle(ports)

@@ -18,17 +18,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tests.waiting import PATIENCE_S
+from tests.waiting import DEFAULT_TIMEOUT_S
 
 ROOT = Path(__file__).parents[1]
-# The command as its script has it, for a `Preloaded` process.
+# The command as its script has it, for a `ForkedProcess` process.
 KINECT_VO = (sys.executable, "-c", "from vo_service import cli\ncli.main()\n")
 # Where a process whose parent has ended is given to the next of its ancestors, see prctl(2).
 _PR_SET_CHILD_SUBREAPER = 36
 _libc = ctypes.CDLL(None)
 
 
-class Preloaded(subprocess.Popen[Any]):
+class ForkedProcess(subprocess.Popen[Any]):
     """As `subprocess.Popen`, for ``[python, "-c", PROGRAM, ...]``.
 
     Of the options it takes the streams and their encoding, `pass_fds`, `env`, `cwd` and
@@ -55,17 +55,17 @@ class Preloaded(subprocess.Popen[Any]):
             "fds": [0, 1, 2, *pass_fds],
         }
         streams = [fd if fd >= 0 else k for k, fd in enumerate((p2cread, c2pwrite, errwrite))]
-        self.pid = _template().start(request, [*streams, *pass_fds])
+        self.pid = _get_fork_server().start(request, [*streams, *pass_fds])
         self._child_created = True
         self._close_pipe_fds(p2cread, p2cwrite, c2pread, c2pwrite, errread, errwrite)  # type: ignore[attr-defined]
 
 
 def run(
-    command: Sequence[str], timeout_s: float = PATIENCE_S, **options: Any
+    command: Sequence[str], timeout_s: float = DEFAULT_TIMEOUT_S, **options: Any
 ) -> "subprocess.CompletedProcess[str]":
-    """Run a `Preloaded` process to its end, and capture what it prints."""
+    """Run a `ForkedProcess` process to its end, and capture what it prints."""
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with Preloaded(command, **pipes, **options) as process:
+    with ForkedProcess(command, **pipes, **options) as process:
         try:
             out, err = process.communicate(timeout=timeout_s)
         finally:
@@ -76,9 +76,9 @@ def run(
 def start_module(
     module: str, fds: Sequence[int], stdout: int, stderr: int | None
 ) -> "subprocess.Popen[bytes]":
-    """As the function of `drivers.isolation.process`, by a `Preloaded` process."""
+    """As the function of `drivers.isolation.process`, by a `ForkedProcess` process."""
     program = f"import runpy\nrunpy.run_module({module!r}, run_name='__main__', alter_sys=True)\n"
-    return Preloaded(
+    return ForkedProcess(
         [sys.executable, "-c", program, str(fds[0])],
         stdin=subprocess.DEVNULL,
         stdout=stdout,
@@ -89,7 +89,7 @@ def start_module(
     )
 
 
-class _Template:
+class _ForkServer:
     """The process that is forked; it ends with this one."""
 
     def __init__(self) -> None:
@@ -111,7 +111,7 @@ class _Template:
         with self._lock:
             socket.send_fds(self._socket, [json.dumps(request).encode()], fds)
             number = self._socket.recv(100)
-            with _adopting():  # for a moment, or orphans of others would be ours as well
+            with _adopt_orphans():  # for a moment, or orphans of others would be ours as well
                 self._socket.send(b"let go")
                 let_go = self._socket.recv(100)
         assert let_go, "the process that is to be forked has ended"
@@ -123,7 +123,7 @@ class _Template:
 
 
 @contextmanager
-def _adopting() -> Iterator[None]:
+def _adopt_orphans() -> Iterator[None]:
     """A grandchild whose parent ends becomes a child of this process."""
     _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     try:
@@ -132,7 +132,7 @@ def _adopting() -> Iterator[None]:
         _libc.prctl(_PR_SET_CHILD_SUBREAPER, 0, 0, 0, 0)
 
 
-_templates: list[_Template] = []
+_templates: list[_ForkServer] = []
 _first = threading.Lock()
 
 
@@ -141,8 +141,8 @@ def templates() -> list[int]:
     return [template.pid for template in _templates]
 
 
-def _template() -> _Template:
+def _get_fork_server() -> _ForkServer:
     with _first:
         if not _templates:
-            _templates.append(_Template())
+            _templates.append(_ForkServer())
     return _templates[0]

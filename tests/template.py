@@ -1,4 +1,4 @@
-"""The process that `Preloaded` ones are forked from: ``python -m tests.template SOCKET``.
+"""The process that `ForkedProcess` ones are forked from: ``python -m tests.template SOCKET``.
 
 It has loaded what `kinect-vo` needs to follow a camera, and has one thread.
 """
@@ -13,30 +13,30 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from vo_service.command_line import _prepare_libraries
+from vo_service.command_line import _set_library_environment
 
-MOST_FDS = 10
-ABOVE_ALL_FDS = 500
+MAX_FDS = 10
+MIN_SPARE_FD = 500
 
 
 def load() -> None:
     """Load libraries and kernels."""
-    _prepare_libraries()  # before the first of them is imported
+    _set_library_environment()  # before the first of them is imported
     import cv2
 
     import vo_service.commands.replay
     import vo_service.commands.run  # noqa: F401
-    from vo_service.mapping.loops.warm_up import warm_up_loops
-    from vo_service.mapping.warm_up import warm_up_mapping
+    from vo_service.mapping.loops.warm_up import warm_up_loop_closure
+    from vo_service.mapping.warm_up import warm_up_reconstruction
     from vo_service.methods import DEFAULT_METHOD
-    from vo_service.recorder.depth_packing import compile_packing
+    from vo_service.recorder.depth_packing import compile_kernels
     from vo_service.warm_up import warm_up
 
     cv2.setNumThreads(1)
-    warm_up(DEFAULT_METHOD, _tell_nobody)
-    warm_up_mapping(_tell_nobody)
-    warm_up_loops(_tell_nobody)
-    compile_packing()
+    warm_up(DEFAULT_METHOD, _discard_stage)
+    warm_up_reconstruction(_discard_stage)
+    warm_up_loop_closure(_discard_stage)
+    compile_kernels()
     gc.collect()
     gc.freeze()  # else the first collection of each process would copy all of it
     threads = len(list(Path("/proc/self/task").iterdir()))
@@ -46,7 +46,7 @@ def load() -> None:
 def next_request(connection: socket.socket) -> dict[str, Any] | None:
     """In each new process, what it shall do; None in this one, once nobody can ask any more."""
     while True:
-        message, fds, _, _ = socket.recv_fds(connection, 1 << 20, MOST_FDS)
+        message, fds, _, _ = socket.recv_fds(connection, 1 << 20, MAX_FDS)
         if not message:
             return None
         forking = os.fork()
@@ -55,7 +55,7 @@ def next_request(connection: socket.socket) -> dict[str, Any] | None:
             if started == 0:
                 connection.close()
                 request: dict[str, Any] = json.loads(message)
-                _renumber(fds, request["fds"])
+                _renumber_fds(fds, request["fds"])
                 return request
             connection.send(str(started).encode())
             connection.recv(100)
@@ -66,7 +66,7 @@ def next_request(connection: socket.socket) -> dict[str, Any] | None:
             os.close(fd)
 
 
-def become(request: dict[str, Any]) -> None:
+def run_request(request: dict[str, Any]) -> None:
     """Be as a process that was started like this."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if request["is_new_session"]:
@@ -78,9 +78,9 @@ def become(request: dict[str, Any]) -> None:
     exec(compile(request["program"], "<string>", "exec"), {"__name__": "__main__"})
 
 
-def _renumber(fds: list[int], numbers: list[int]) -> None:
+def _renumber_fds(fds: list[int], numbers: list[int]) -> None:
     """Open files get other numbers, some of which may be theirs already."""
-    out_of_the_way = [fcntl.fcntl(fd, fcntl.F_DUPFD, ABOVE_ALL_FDS) for fd in fds]
+    out_of_the_way = [fcntl.fcntl(fd, fcntl.F_DUPFD, MIN_SPARE_FD) for fd in fds]
     for fd in fds:
         os.close(fd)
     for fd, number in zip(out_of_the_way, numbers, strict=True):
@@ -88,7 +88,7 @@ def _renumber(fds: list[int], numbers: list[int]) -> None:
         os.close(fd)
 
 
-def _tell_nobody(stage: str) -> None:
+def _discard_stage(stage: str) -> None:
     """Nobody waits."""
 
 
@@ -98,4 +98,4 @@ if __name__ == "__main__":
     with socket.socket(fileno=int(sys.argv[1])) as _connection:
         _request = next_request(_connection)
     if _request is not None:
-        become(_request)
+        run_request(_request)

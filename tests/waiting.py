@@ -5,12 +5,12 @@ import time
 from collections.abc import Callable
 
 # Longer than anything takes on a slow day, shorter than the time limit of a test.
-PATIENCE_S = 100.0
+DEFAULT_TIMEOUT_S = 100.0
 POLL_PERIOD_S = 0.01
 
 
 def wait_until(
-    condition: Callable[[], object], what: str = "", *, timeout_s: float = PATIENCE_S
+    condition: Callable[[], object], what: str = "", *, timeout_s: float = DEFAULT_TIMEOUT_S
 ) -> None:
     """Wait until a condition is true.
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 # A log tells of work that goes on for longer: nobody shall wait 2 s without a reason.
-LONG_S = 1.5
+SLOW_AFTER_S = 1.5
 
 # Its own level counts, not the root's: the root's handlers show whatever is logged here.
 _logger = logging.getLogger("kinect-vo.announcements")
@@ -21,10 +21,10 @@ def announce(text: str) -> None:
 
 
 @contextmanager
-def long_work(label: str) -> Iterator[None]:
+def announce_if_slow(label: str) -> Iterator[None]:
     """Two lines if the block takes long: one when that is seen, and one when it is over."""
     begin_s = time.monotonic()
-    timer = threading.Timer(LONG_S, announce, [f"{label} ..."])
+    timer = threading.Timer(SLOW_AFTER_S, announce, [f"{label} ..."])
     timer.daemon = True
     timer.start()
     try:

@@ -1,6 +1,6 @@
 """The composition root: the one file that knows all parts of the service and puts them together.
 
-A replay is `run_loop`, the service on a robot is `live_service`; both run the same `Service`.
+A replay is `run_replay`, the service on a robot is `build_live_service`; both run the same `Service`.
 """
 
 import logging
@@ -9,56 +9,56 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from drivers.camera import Pace, RgbdCamera
+from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.errors import CameraError
 from drivers.memory import release_memory
 from vo_service.config import Config, make_odometry
 from vo_service.control.control import Control
-from vo_service.control.inbox import Inbox
-from vo_service.feed import Feed, PersistentFeed
-from vo_service.interrupts import Stop
-from vo_service.load.adjustable import AdjustableGovernor
-from vo_service.logs import set_level
-from vo_service.outputs.trajectory_output import TrajectoryOutput
-from vo_service.outputs.worker import DropOldest, HandOver, Wait
-from vo_service.outputs.zenoh_opening import OpenAtOnce, WayToOpen
-from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, Extras, ZenohOutput
-from vo_service.pose_tracker import PoseTracker
-from vo_service.reload import Changes
+from vo_service.control.inbox import CommandQueue
+from vo_service.feed import FrameSource, ReconnectingSource
+from vo_service.interrupts import StopSignal
+from vo_service.load.adjustable import ReconfigurableLoadShedder
+from vo_service.logs import set_log_level
+from vo_service.outputs.trajectory_output import TrajectoryFileOutput
+from vo_service.outputs.worker import BlockingQueue, BoundedQueue, DropOldestQueue
+from vo_service.outputs.zenoh_opening import ConnectOnce, ConnectPolicy
+from vo_service.outputs.zenoh_output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
+from vo_service.pose_tracker import OdomFrame
+from vo_service.reload import ConfigChanges
 from vo_service.service import Service
-from vo_service.settings import CommandSettings, RerunSettings, ZenohConfig
-from vo_service.stage_clock import StageClock
-from vo_service.stamps import stamp_clock
-from vo_service.statistics import Statistics
+from vo_service.settings import CommandConfig, RerunConfig, ZenohConfig
+from vo_service.stage_clock import CpuStageTimer
+from vo_service.stamps import make_publish_clock
+from vo_service.statistics import ServiceStatistics
 from vo_service.types import (
     Command,
-    Loops,
+    GroundTruthSource,
+    HasWarning,
+    LoopClosure,
     Mapper,
-    NoLoops,
-    NoMapper,
-    NoRecorder,
+    NullLoopClosure,
+    NullMapper,
+    NullRecorder,
     Output,
-    Reconfigure,
+    PausableViewer,
     Recorder,
-    Troubled,
-    TruthSource,
-    Viewer,
-    no_truth,
+    ReloadConfig,
+    no_ground_truth,
 )
-from vo_service.viewer.output import open_viewer
-from vo_service.viewer.targets import check_places
+from vo_service.viewer.output import open_rerun_output
+from vo_service.viewer.targets import check_targets
 
 # Lines of the trajectory that a robot's disk may owe: five minutes.
-LONGEST_HANG = 9000
+MAX_QUEUED_TRAJECTORY_LINES = 9000
 
-# How each key that may change while the service runs is applied; see `reload.LIVE_KEYS`.
-Appliers = Mapping[str, Callable[[Config], None]]
+# How each key that may change while the service runs is applied; see `reload.RELOADABLE_KEYS`.
+ConfigHandlers = Mapping[str, Callable[[Config], None]]
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class OutputRequest:
+class OutputsConfig:
     """What to open.
 
     pace                   lockstep: every pose reaches every subscriber, in order
@@ -74,114 +74,126 @@ class OutputRequest:
     tell                   gets a line for the person who wants to look
     """
 
-    pace: Pace
+    playback_mode: PlaybackMode
     zenoh: ZenohConfig | None
-    way_to_open: WayToOpen = OpenAtOnce
-    extras: Extras = field(default_factory=Extras)
+    connect_policy: ConnectPolicy = ConnectOnce
+    extra_endpoints: ExtraEndpoints = field(default_factory=ExtraEndpoints)
     wait_for_subscriber_s: float = 0.0
     recorder: Callable[[], Recorder] | None = None
     mapper: Callable[[], Mapper] | None = None
-    rerun: RerunSettings = RerunSettings()  # noqa: RUF009 (frozen)
+    rerun: RerunConfig = RerunConfig()  # noqa: RUF009 (frozen)
     trajectory: Path | None = None
-    ground_truth: TruthSource = no_truth
-    tell: Callable[[str], None] = logger.info
+    ground_truth: GroundTruthSource = no_ground_truth
+    log_line: Callable[[str], None] = logger.info
 
 
 @dataclass
-class Opened:
+class OutputSet:
     """The outputs, and those among them that can be told something."""
 
     outputs: list[Output] = field(default_factory=list)
-    viewers: list[Viewer] = field(default_factory=list)
-    recorder: Recorder = field(default_factory=NoRecorder)
-    mapper: Mapper = field(default_factory=NoMapper)
+    viewers: list[PausableViewer] = field(default_factory=list)
+    recorder: Recorder = field(default_factory=NullRecorder)
+    mapper: Mapper = field(default_factory=NullMapper)
 
 
 @contextmanager
-def opened_outputs(request: OutputRequest) -> Iterator[Opened]:
+def open_outputs(config: OutputsConfig) -> Iterator[OutputSet]:
     """Open everything, close everything, the last opened first.
 
     The trajectory file comes last: what is there already is kept until all else has worked. Raises
     InputError if two Rerun targets are the same place, and whatever opening one raises.
     """
-    check_places(request.rerun.targets)
+    check_targets(config.rerun.targets)
     with ExitStack() as stack:
-        opened = Opened()
+        opened = OutputSet()
         outputs = opened.outputs
-        is_lockstep = request.pace is Pace.LOCKSTEP
-        if request.zenoh is not None:
-            delivery = LOCKSTEP if is_lockstep else LIVE
+        is_lockstep = config.playback_mode is PlaybackMode.LOCKSTEP
+        if config.zenoh is not None:
+            delivery = LOCKSTEP_QOS if is_lockstep else LIVE_QOS
             publisher = stack.enter_context(
-                closing(ZenohOutput(request.zenoh, delivery, request.way_to_open, request.extras))
+                closing(
+                    ZenohOutput(
+                        config.zenoh, delivery, config.connect_policy, config.extra_endpoints
+                    )
+                )
             )
             outputs.append(publisher)
             if not publisher.warning:  # which says what keeps it from there
-                request.tell(f"poses: {publisher.where}")
-            if request.wait_for_subscriber_s:
-                publisher.wait_for_subscriber(request.wait_for_subscriber_s)
-        for target in request.rerun.targets:
-            viewer = open_viewer(target, request.rerun, request.ground_truth, request.pace)
+                config.log_line(f"poses: {publisher.description}")
+            if config.wait_for_subscriber_s:
+                publisher.wait_for_subscriber(config.wait_for_subscriber_s)
+        for target in config.rerun.targets:
+            viewer = open_rerun_output(
+                target, config.rerun, config.ground_truth, config.playback_mode
+            )
             stack.enter_context(closing(viewer))
             outputs.append(viewer)
             opened.viewers.append(viewer)
-            request.tell(f"pictures: {viewer.address}")
-        if request.recorder is not None:
-            opened.recorder = stack.enter_context(closing(request.recorder()))
+            config.log_line(f"pictures: {viewer.address}")
+        if config.recorder is not None:
+            opened.recorder = stack.enter_context(closing(config.recorder()))
             outputs.append(opened.recorder)
-        if request.mapper is not None:
-            opened.mapper = stack.enter_context(closing(request.mapper()))
+        if config.mapper is not None:
+            opened.mapper = stack.enter_context(closing(config.mapper()))
             outputs.append(opened.mapper)
-        if request.trajectory is not None:
-            lines: HandOver[bytes] = Wait(64) if is_lockstep else DropOldest(LONGEST_HANG)
-            trajectory = TrajectoryOutput(request.trajectory, lines)
+        if config.trajectory is not None:
+            lines: BoundedQueue[bytes] = (
+                BlockingQueue(64) if is_lockstep else DropOldestQueue(MAX_QUEUED_TRAJECTORY_LINES)
+            )
+            trajectory = TrajectoryFileOutput(config.trajectory, lines)
             outputs.append(stack.enter_context(closing(trajectory)))
         yield opened
 
 
 @dataclass(frozen=True)
-class Ending:
+class RunResult:
     """How a run ended, and its figures."""
 
-    statistics: Statistics
+    statistics: ServiceStatistics
     exit_code: int  # 0, or the shell's for a program that a signal ended
 
 
-def run_loop(
+def run_replay(
     config: Config,
     camera: RgbdCamera,
-    feed: Feed,
+    frame_source: FrameSource,
     outputs: Sequence[Output],
-    stop: Stop,
-    loops: Loops = NoLoops(),  # noqa: B008 (it has no state)
-) -> Ending:
+    stop: StopSignal,
+    loop_closure: LoopClosure = NullLoopClosure(),  # noqa: B008 (it has no state)
+) -> RunResult:
     """Run until the frames end or `stop` is set."""
-    service = _service(config, camera, feed, outputs, loops)
+    service = _build_replay_service(config, camera, frame_source, outputs, loop_closure)
     release_memory()  # all kernels are there
     service.run(stop.event)
-    return Ending(service.statistics, stop.exit_code)
+    return RunResult(service.statistics, stop.exit_code)
 
 
-def _service(
-    config: Config, camera: RgbdCamera, feed: Feed, outputs: Sequence[Output], loops: Loops
+def _build_replay_service(
+    config: Config,
+    camera: RgbdCamera,
+    frame_source: FrameSource,
+    outputs: Sequence[Output],
+    loop_closure: LoopClosure,
 ) -> Service:
-    stages = StageClock()
-    tracker = PoseTracker(config.T_base_camera.T_base_camera)
+    stages = CpuStageTimer()
+    tracker = OdomFrame(config.T_base_camera.T_base_camera)
     return Service(
-        feed=feed,
-        odometry=loops.around(make_odometry(config.odometry, stages)),
-        stages=stages,
-        tracker=tracker,
-        clock=stamp_clock(camera.clock, config.camera.stamp_offset_s),
+        frame_source=frame_source,
+        odometry=loop_closure.wrap(make_odometry(config.odometry, stages)),
+        stage_timer=stages,
+        odom_frame=tracker,
+        clock=make_publish_clock(camera.clock, config.camera.stamp_offset_s),
         outputs=outputs,
         camera=camera,
         method=config.odometry.method,
         control=Control(tracker, camera),
-        loops=loops,
+        loop_closure=loop_closure,
     )
 
 
 @dataclass
-class Surroundings:
+class ServiceDependencies:
     """What the loop works with, beside the camera.
 
     outputs                    where everything goes
@@ -192,12 +204,12 @@ class Surroundings:
     """
 
     outputs: Sequence[Output]
-    inbox: Inbox[Command] = field(default_factory=Inbox)
-    recorder: Recorder = field(default_factory=NoRecorder)
-    mapper: Mapper = field(default_factory=NoMapper)
-    viewers: Sequence[Viewer] = ()
-    others: Sequence[Troubled] = ()
-    on_commands: Callable[[CommandSettings], None] = lambda _: None
+    command_queue: CommandQueue[Command] = field(default_factory=CommandQueue)
+    recorder: Recorder = field(default_factory=NullRecorder)
+    mapper: Mapper = field(default_factory=NullMapper)
+    viewers: Sequence[PausableViewer] = ()
+    warning_sources: Sequence[HasWarning] = ()
+    on_command_config: Callable[[CommandConfig], None] = lambda _: None
 
 
 @dataclass(frozen=True)
@@ -208,52 +220,58 @@ class LiveService:
     """
 
     service: Service
-    appliers: Appliers
+    config_handlers: ConfigHandlers
 
-    def reconfigure(self, changes: Changes) -> Reconfigure:
+    def make_reload_command(self, changes: ConfigChanges) -> ReloadConfig:
         """The command that applies what has changed."""
-        return Reconfigure(lambda: apply_changes(changes, self.appliers))
+        return ReloadConfig(lambda: apply_changes(changes, self.config_handlers))
 
 
-def live_service(config: Config, camera: RgbdCamera, around: Surroundings) -> LiveService:
+def build_live_service(
+    config: Config, camera: RgbdCamera, dependencies: ServiceDependencies
+) -> LiveService:
     """The service for a camera that may come and go."""
-    stages = StageClock()
+    stages = CpuStageTimer()
     odometry = make_odometry(config.odometry, stages)
-    tracker = PoseTracker(config.T_base_camera.T_base_camera)
-    governor = AdjustableGovernor(around.viewers, odometry)
+    tracker = OdomFrame(config.T_base_camera.T_base_camera)
+    governor = ReconfigurableLoadShedder(dependencies.viewers, odometry)
     governor.configure(config.load, config.odometry.feature_count)
     service = Service(
-        feed=PersistentFeed(camera),
-        odometry=around.mapper.loops.around(odometry),
-        stages=stages,
-        tracker=tracker,
-        clock=stamp_clock(camera.clock, config.camera.stamp_offset_s),
-        outputs=around.outputs,
+        frame_source=ReconnectingSource(camera),
+        odometry=dependencies.mapper.loop_closure.wrap(odometry),
+        stage_timer=stages,
+        odom_frame=tracker,
+        clock=make_publish_clock(camera.clock, config.camera.stamp_offset_s),
+        outputs=dependencies.outputs,
         camera=camera,
         method=config.odometry.method,
-        control=Control(tracker, camera, around.inbox, around.recorder, around.mapper),
-        governor=governor,
-        others=around.others,
-        loops=around.mapper.loops,
+        control=Control(
+            tracker, camera, dependencies.command_queue, dependencies.recorder, dependencies.mapper
+        ),
+        load_shedder=governor,
+        warning_sources=dependencies.warning_sources,
+        loop_closure=dependencies.mapper.loop_closure,
     )
-    return LiveService(service, appliers(camera, governor, around))
+    return LiveService(service, make_config_handlers(camera, governor, dependencies))
 
 
-def appliers(camera: RgbdCamera, governor: AdjustableGovernor, around: Surroundings) -> Appliers:
+def make_config_handlers(
+    camera: RgbdCamera, load_shedder: ReconfigurableLoadShedder, dependencies: ServiceDependencies
+) -> ConfigHandlers:
     """How each key that may change while the service runs is applied, on the loop's thread."""
 
     def load(config: Config) -> None:
-        governor.configure(config.load, config.odometry.feature_count)
+        load_shedder.configure(config.load, config.odometry.feature_count)
 
     def tilt(config: Config) -> None:
         if config.sensor.tilt_deg is not None:
             camera.set_tilt_deg(config.sensor.tilt_deg)
 
     def recorder(config: Config) -> None:
-        around.recorder.configure(config.recorder)
+        dependencies.recorder.configure(config.recorder)
 
     def mapper(config: Config) -> None:
-        around.mapper.configure(config.map)
+        dependencies.mapper.configure(config.map)
 
     return {
         "sensor.led": lambda config: camera.set_led(config.sensor.led),
@@ -261,20 +279,20 @@ def appliers(camera: RgbdCamera, governor: AdjustableGovernor, around: Surroundi
         "odometry.feature_count": load,
         "load.adapt": load,
         "load.min_features": load,
-        "commands.per_second": lambda config: around.on_commands(config.commands),
+        "commands.per_second": lambda config: dependencies.on_command_config(config.commands),
         "recorder.save_on_loss": recorder,
         "recorder.total_mb": recorder,
         "map.max_mb": mapper,
         "map.voxel_m": mapper,
         "map.making_mb": mapper,
         "map.total_mb": mapper,
-        "log.level": lambda config: set_level(config.log.level),
+        "log.level": lambda config: set_log_level(config.log.level),
     }
 
 
-def apply_changes(changes: Changes, appliers: Appliers) -> None:
+def apply_changes(changes: ConfigChanges, handlers: ConfigHandlers) -> None:
     """Call each applier that is concerned, once; what a camera says to it is logged."""
-    for apply in dict.fromkeys(appliers[key] for key in changes.live):
+    for apply in dict.fromkeys(handlers[key] for key in changes.reloaded_keys):
         try:
             apply(changes.config)
         except CameraError as error:

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from drivers.camera import Clock, Pace, RgbdCamera
+from drivers.camera import Clock, PlaybackMode, RgbdCamera
 from drivers.errors import InputError
-from drivers.isolation.messages import Recipe
-from drivers.sensor_settings import SensorSettings
+from drivers.isolation.messages import CameraFactory
+from drivers.sensor_settings import SensorConfig
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.folders import cache_folder
 
@@ -19,7 +19,7 @@ ONI_SUFFIX = ".oni"
 class CameraRequest:
     """What a camera is made from.
 
-    source     as `USAGES` says
+    source     as `CAMERA_USAGES` says
     file       camera file, for a sensor or for a recording without one of its own
     pace       for sources that have a choice
     sensor     a real sensor's settings
@@ -27,20 +27,20 @@ class CameraRequest:
     """
 
     source: str
-    file: Path | None
-    pace: Pace
-    sensor: SensorSettings
+    camera_file: Path | None
+    playback_mode: PlaybackMode
+    sensor: SensorConfig
     synthetic: SyntheticConfig
 
 
 def make_camera(request: CameraRequest) -> RgbdCamera:
     """The camera that was asked for, not opened yet. Raises InputError for an unknown one."""
     kind, _, argument = request.source.partition(":")
-    if kind not in BACKENDS:
+    if kind not in CAMERA_FACTORIES:
         raise InputError(
-            f"camera {request.source!r} is unknown; use one of: {', '.join(USAGES.values())}"
+            f"camera {request.source!r} is unknown; use one of: {', '.join(CAMERA_USAGES.values())}"
         )
-    return BACKENDS[kind](argument, request)
+    return CAMERA_FACTORIES[kind](argument, request)
 
 
 def _tum(argument: str, request: CameraRequest) -> RgbdCamera:
@@ -48,67 +48,73 @@ def _tum(argument: str, request: CameraRequest) -> RgbdCamera:
 
     if not argument:
         raise InputError("camera 'tum' needs a folder: tum:FOLDER")
-    return TumCamera(Path(argument), request.file, request.pace)
+    return TumCamera(Path(argument), request.camera_file, request.playback_mode)
 
 
 def _synthetic(argument: str, request: CameraRequest) -> RgbdCamera:
-    from drivers.synthetic.camera import Preparation, SyntheticCamera
+    from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 
     if argument:
         raise InputError(
             f"camera 'synthetic:{argument}': it takes nothing after its name; "
             "set it up in the [synthetic] table of a configuration file"
         )
-    if request.file is not None:
-        raise InputError(f"{request.file}: the virtual Kinect knows its own camera; leave it out")
-    preparation = Preparation(cache_folder() / "films")
-    return SyntheticCamera(request.synthetic, request.pace, preparation)
+    if request.camera_file is not None:
+        raise InputError(
+            f"{request.camera_file}: the virtual Kinect knows its own camera; leave it out"
+        )
+    preparation = RenderOptions(cache_folder() / "films")
+    return SyntheticCamera(request.synthetic, request.playback_mode, preparation)
 
 
 def _freenect(argument: str, request: CameraRequest) -> RgbdCamera:
-    from drivers.freenect.recipes import kinect_camera
+    from drivers.freenect.recipes import make_kinect_camera
 
-    recipe = partial(kinect_camera, argument, request.sensor, request.file)
-    return _isolated(request, Clock.MONOTONIC, recipe)
+    recipe = partial(make_kinect_camera, argument, request.sensor, request.camera_file)
+    return _in_subprocess(request, Clock.MONOTONIC, recipe)
 
 
 def _fakenect(argument: str, request: CameraRequest) -> RgbdCamera:
-    from drivers.freenect.recipes import fakenect_camera
+    from drivers.freenect.recipes import make_fakenect_camera
 
     if not argument:
         raise InputError("camera 'fakenect' needs a dump's folder: fakenect:FOLDER")
-    recipe = partial(fakenect_camera, Path(argument), request.file, request.pace)
-    return _isolated(request, Clock.RECORDED, recipe)
+    recipe = partial(
+        make_fakenect_camera, Path(argument), request.camera_file, request.playback_mode
+    )
+    return _in_subprocess(request, Clock.RECORDED, recipe)
 
 
 def _openni2(argument: str, request: CameraRequest) -> RgbdCamera:
     if not argument.lower().endswith(ONI_SUFFIX):
         from drivers.openni2.camera import OpenNI2Camera
 
-        device = partial(OpenNI2Camera, argument, request.file, request.sensor)
-        return _isolated(request, Clock.MONOTONIC, device)
+        device = partial(OpenNI2Camera, argument, request.camera_file, request.sensor)
+        return _in_subprocess(request, Clock.MONOTONIC, device)
 
     from drivers.openni2.oni_camera import OniCamera
 
-    recording = partial(OniCamera, Path(argument), request.file, request.pace, request.sensor)
-    return _isolated(request, Clock.RECORDED, recording)
+    recording = partial(
+        OniCamera, Path(argument), request.camera_file, request.playback_mode, request.sensor
+    )
+    return _in_subprocess(request, Clock.RECORDED, recording)
 
 
-def _isolated(request: CameraRequest, clock: Clock, recipe: Recipe) -> RgbdCamera:
+def _in_subprocess(request: CameraRequest, clock: Clock, factory: CameraFactory) -> RgbdCamera:
     """A camera on a native library, which may hang or crash: in a process of its own."""
-    from drivers.isolation.camera import IsolatedCamera
+    from drivers.isolation.camera import SubprocessCamera
 
-    return IsolatedCamera(request.source, clock, recipe, request.pace)
+    return SubprocessCamera(request.source, clock, factory, request.playback_mode)
 
 
-BACKENDS: dict[str, Callable[[str, CameraRequest], RgbdCamera]] = {
+CAMERA_FACTORIES: dict[str, Callable[[str, CameraRequest], RgbdCamera]] = {
     "freenect": _freenect,
     "openni2": _openni2,
     "fakenect": _fakenect,
     "tum": _tum,
     "synthetic": _synthetic,
 }
-USAGES = {
+CAMERA_USAGES = {
     "freenect": "freenect[:SERIAL]",
     "openni2": "openni2[:SERIAL] or openni2:FILE.oni",
     "fakenect": "fakenect:FOLDER",

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 # As `vo_service.interrupts` has it, which is not imported yet.
-INTERRUPTED = 130
+EXIT_CODE_SIGINT = 130
 
 
 def main(argv: Sequence[str] | None = None) -> NoReturn:
@@ -15,7 +15,7 @@ def main(argv: Sequence[str] | None = None) -> NoReturn:
 
         run_command(sys.argv[1:] if argv is None else argv)
     except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+        sys.exit(EXIT_CODE_SIGINT)
 
 
 if __name__ == "__main__":

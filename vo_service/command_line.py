@@ -11,11 +11,11 @@ from types import ModuleType
 from typing import NoReturn
 
 from drivers.errors import UserFacingError
-from drivers.memory import limit_arenas
+from drivers.memory import limit_malloc_arenas
 from vo_service.folders import kernel_folder
-from vo_service.interrupts import INTERRUPTED
+from vo_service.interrupts import EXIT_CODE_SIGINT
 from vo_service.logs import log_to_stderr
-from vo_service.terminal import wipe
+from vo_service.terminal import clear_line
 
 COMMANDS = (
     "demo",
@@ -52,7 +52,7 @@ key); 130 or 143 stopped by Ctrl-C or SIGTERM, everything up to there is kept.
 """
 
 
-class _Parser(argparse.ArgumentParser):
+class _OneLineErrorParser(argparse.ArgumentParser):
     """Says what is wrong with an argument in one line, as every other mistake."""
 
     def error(self, message: str) -> NoReturn:
@@ -61,27 +61,27 @@ class _Parser(argparse.ArgumentParser):
 
 def run_command(arguments: Sequence[str]) -> NoReturn:
     """Run the command with these arguments; never returns."""
-    _fill_closed_streams()
+    _reopen_closed_streams()
     try:
         with log_to_stderr():
-            sys.exit(_run(arguments))
+            sys.exit(_run_reporting_errors(arguments))
     except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+        sys.exit(EXIT_CODE_SIGINT)
     finally:
-        wipe(sys.stderr)
+        clear_line(sys.stderr)
 
 
-def _run(arguments: Sequence[str]) -> int:
+def _run_reporting_errors(arguments: Sequence[str]) -> int:
     """The command's exit code; a user's mistake becomes one line."""
     try:
-        code = _command(arguments)
+        code = _parse_and_run(arguments)
         sys.stdout.flush()  # here, where a reader that has gone can be told from a failure
         return code
     except UserFacingError as error:
         logging.getLogger("kinect-vo").error("%s", error)
         return error.exit_code
     except BrokenPipeError:
-        _drop_what_is_still_buffered()
+        _discard_buffered_output()
         return 0
     except OSError as error:
         # Files have their own messages: this is the disk that standard output goes to.
@@ -89,15 +89,15 @@ def _run(arguments: Sequence[str]) -> int:
         logging.getLogger("kinect-vo").error(
             "%s: %s; mend that and run again", where, error.strerror
         )
-        _drop_what_is_still_buffered()
+        _discard_buffered_output()
         return 1
 
 
-def _command(arguments: Sequence[str]) -> int:
+def _parse_and_run(arguments: Sequence[str]) -> int:
     """Run what is asked for. Raises UserFacingError, and OSError where output cannot go."""
-    _prepare_libraries()
+    _set_library_environment()
     try:
-        args = _parser(arguments).parse_args(arguments)
+        args = _make_parser(arguments).parse_args(arguments)
     except SystemExit as end:  # after --help, --version, or a mistake that has been told
         return int(end.code or 0)
     if args.verbose:
@@ -107,7 +107,7 @@ def _command(arguments: Sequence[str]) -> int:
     return code
 
 
-def _fill_closed_streams() -> None:
+def _reopen_closed_streams() -> None:
     """Started without standard streams (``>&-``), their numbers would go to any file opened next.
 
     A driver's process would then write into that file what it means for standard output.
@@ -118,14 +118,14 @@ def _fill_closed_streams() -> None:
             setattr(sys, name, os.fdopen(number, "w" if number else "r"))
 
 
-def _drop_what_is_still_buffered() -> None:
+def _discard_buffered_output() -> None:
     """Whoever read our output has gone (``| head``): Python's flush at exit must not complain."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+def _make_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     """Parser for all commands; only the one that is asked for is imported, if one is."""
-    parser = _Parser(
+    parser = _OneLineErrorParser(
         prog="kinect-vo",
         description="Visual odometry for RGB-D cameras: poses over Zenoh, pictures in Rerun.",
         epilog=EPILOG,
@@ -150,9 +150,9 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     return parser
 
 
-def _prepare_libraries() -> None:
+def _set_library_environment() -> None:
     """Settings that numeric libraries read when they are imported: before any of them is."""
-    limit_arenas()
+    limit_malloc_arenas()
     # One thread each: a frame is too small to share, and idle threads spin on the other core.
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")

@@ -6,49 +6,49 @@ from pathlib import Path
 import numpy as np
 
 from drivers.geometry import T_BODY_CAMERA, Array, transform_from_pose
-from drivers.sensor_settings import SensorSettings
-from drivers.strict_toml import read_toml, setting
+from drivers.sensor_settings import SensorConfig
+from drivers.strict_toml import config_field, read_toml
 from drivers.synthetic.config import SyntheticConfig
-from vo_service.cameras import USAGES
-from vo_service.methods import DEFAULT_METHOD, METHODS, FeatureSettings
-from vo_service.odometry.stopwatch import Stopwatch
+from vo_service.cameras import CAMERA_USAGES
+from vo_service.methods import DEFAULT_METHOD, METHODS, FeatureConfig
+from vo_service.odometry.stopwatch import StageTimer
 from vo_service.settings import (
-    CommandSettings,
-    LoadSettings,
-    LogSettings,
-    MapSettings,
-    RecorderSettings,
-    RerunSettings,
-    Ros2Settings,
+    CommandConfig,
+    LoadConfig,
+    LogConfig,
+    MapConfig,
+    RecorderConfig,
+    RerunConfig,
+    Ros2Config,
     ZenohConfig,
 )
 from vo_service.types import Odometry
 
 
 @dataclass(frozen=True)
-class CameraSettings:
+class CameraConfig:
     """`[camera]`: where frames come from."""
 
-    source: str = setting("synthetic", f"one of {', '.join(USAGES.values())}")
-    file: Path | None = setting(None, "camera file: intrinsics, distortion, registration")
-    stamp_offset_s: float = setting(
-        0.0, "added to every published stamp, seconds", low=-1.0, high=1.0
+    source: str = config_field("synthetic", f"one of {', '.join(CAMERA_USAGES.values())}")
+    file: Path | None = config_field(None, "camera file: intrinsics, distortion, registration")
+    stamp_offset_s: float = config_field(
+        0.0, "added to every published stamp, seconds", minimum=-1.0, maximum=1.0
     )
 
     def __post_init__(self) -> None:
-        if self.source.partition(":")[0] not in USAGES:
+        if self.source.partition(":")[0] not in CAMERA_USAGES:
             raise ValueError(
-                f"source {self.source!r} is unknown; use one of {', '.join(USAGES.values())}"
+                f"source {self.source!r} is unknown; use one of {', '.join(CAMERA_USAGES.values())}"
             )
 
 
 @dataclass(frozen=True)
-class OdometrySettings:
+class OdometryConfig:
     """`[odometry]`: how motion is estimated."""
 
-    method: str = setting(DEFAULT_METHOD, f"one of {', '.join(METHODS)}")
-    feature_count: int = setting(1000, "features to find in a frame", low=50, high=5000)
-    upright: bool = setting(False, "true for a camera that never rolls: faster, more matches")
+    method: str = config_field(DEFAULT_METHOD, f"one of {', '.join(METHODS)}")
+    feature_count: int = config_field(1000, "features to find in a frame", minimum=50, maximum=5000)
+    upright: bool = config_field(False, "true for a camera that never rolls: faster, more matches")
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -56,11 +56,13 @@ class OdometrySettings:
 
 
 @dataclass(frozen=True)
-class MountingSettings:
+class MountingConfig:
     """`[T_base_camera]`: where the camera's optical frame is in the robot's base_link."""
 
-    translation_m: tuple[float, float, float] = setting((0.0, 0.0, 0.0), "x y z in base_link, m")
-    quaternion_xyzw: tuple[float, float, float, float] = setting(
+    translation_m: tuple[float, float, float] = config_field(
+        (0.0, 0.0, 0.0), "x y z in base_link, m"
+    )
+    quaternion_xyzw: tuple[float, float, float, float] = config_field(
         (-0.5, 0.5, -0.5, 0.5), "optical axes in base_link; the default looks straight ahead"
     )
 
@@ -71,7 +73,7 @@ class MountingSettings:
     @property
     def T_base_camera(self) -> Array:
         """4x4; maps optical camera coordinates to base_link."""
-        if self == MountingSettings():
+        if self == MountingConfig():
             return T_BODY_CAMERA
         return transform_from_pose(self.translation_m, self.quaternion_xyzw)
 
@@ -80,24 +82,24 @@ class MountingSettings:
 class Config:
     """A whole configuration file; every table and key may be left out."""
 
-    camera: CameraSettings = CameraSettings()
-    sensor: SensorSettings = SensorSettings()  # noqa: RUF009 (frozen)
-    odometry: OdometrySettings = OdometrySettings()
-    T_base_camera: MountingSettings = MountingSettings()
+    camera: CameraConfig = CameraConfig()
+    sensor: SensorConfig = SensorConfig()  # noqa: RUF009 (frozen)
+    odometry: OdometryConfig = OdometryConfig()
+    T_base_camera: MountingConfig = MountingConfig()
     zenoh: ZenohConfig = ZenohConfig()  # noqa: RUF009 (frozen)
-    commands: CommandSettings = CommandSettings()  # noqa: RUF009 (frozen)
-    ros2: Ros2Settings = Ros2Settings()  # noqa: RUF009 (frozen)
-    rerun: RerunSettings = RerunSettings()  # noqa: RUF009 (frozen)
-    recorder: RecorderSettings = RecorderSettings()  # noqa: RUF009 (frozen)
-    map: MapSettings = MapSettings()  # noqa: RUF009 (frozen)
-    load: LoadSettings = LoadSettings()  # noqa: RUF009 (frozen)
-    log: LogSettings = LogSettings()  # noqa: RUF009 (frozen)
-    synthetic: SyntheticConfig = SyntheticConfig.light()  # noqa: RUF009 (frozen)
+    commands: CommandConfig = CommandConfig()  # noqa: RUF009 (frozen)
+    ros2: Ros2Config = Ros2Config()  # noqa: RUF009 (frozen)
+    rerun: RerunConfig = RerunConfig()  # noqa: RUF009 (frozen)
+    recorder: RecorderConfig = RecorderConfig()  # noqa: RUF009 (frozen)
+    map: MapConfig = MapConfig()  # noqa: RUF009 (frozen)
+    load: LoadConfig = LoadConfig()  # noqa: RUF009 (frozen)
+    log: LogConfig = LogConfig()  # noqa: RUF009 (frozen)
+    synthetic: SyntheticConfig = SyntheticConfig.fast()  # noqa: RUF009 (frozen)
 
 
-def make_odometry(settings: OdometrySettings, stopwatch: Stopwatch) -> Odometry:
+def make_odometry(settings: OdometryConfig, stopwatch: StageTimer) -> Odometry:
     """The estimator that the settings name."""
-    features = FeatureSettings(settings.feature_count, settings.upright)
+    features = FeatureConfig(settings.feature_count, settings.upright)
     return METHODS[settings.method](features, stopwatch)
 
 

@@ -5,8 +5,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from drivers.errors import InputError
-from vo_service.config import CameraSettings, Config, read_config
-from vo_service.settings import RecorderSettings, RerunSettings
+from vo_service.config import CameraConfig, Config, read_config
+from vo_service.settings import RecorderConfig, RerunConfig
 
 
 def check_config(path: Path) -> list[str]:
@@ -19,29 +19,29 @@ def check_config(path: Path) -> list[str]:
     _check_camera(config.camera, path)
     _check_rerun(config.rerun, path)
     _check_recorder(config.recorder, path)
-    return list(_zenoh_warnings(config))
+    return list(_check_zenoh(config))
 
 
-def _check_camera(camera: CameraSettings, path: Path) -> None:
+def _check_camera(camera: CameraConfig, path: Path) -> None:
     kind, _, argument = camera.source.partition(":")
     if camera.file is not None and kind == "synthetic":
         raise InputError(
             f"{path}: key `camera.file`: the virtual Kinect knows its own camera; leave it out"
         )
     if camera.file is not None:
-        from drivers.camera_file import read_camera_file
+        from drivers.camera_file import read_calibration
 
-        read_camera_file(camera.file)
+        read_calibration(camera.file)
     is_recording = kind in ("tum", "fakenect") or argument.endswith(".oni")
     if is_recording and not Path(argument).exists():
         raise InputError(f"{path}: key `camera.source`: {argument} is not there; name a recording")
 
 
-def _check_rerun(rerun: RerunSettings, path: Path) -> None:
-    from vo_service.viewer.targets import check_places
+def _check_rerun(rerun: RerunConfig, path: Path) -> None:
+    from vo_service.viewer.targets import check_targets
 
     try:
-        check_places(rerun.targets)
+        check_targets(rerun.targets)
     except InputError as error:
         raise InputError(f"{path}: key `rerun.targets`: {error}") from error
     for target in rerun.targets:
@@ -56,21 +56,21 @@ def _check_rerun(rerun: RerunSettings, path: Path) -> None:
         )
 
 
-def _check_recorder(recorder: RecorderSettings, path: Path) -> None:
+def _check_recorder(recorder: RecorderConfig, path: Path) -> None:
     if not recorder.enabled or recorder.folder is None:
         return
-    from drivers.full_disk import obstacle
+    from drivers.full_disk import check_writable
 
-    reason = obstacle(recorder.folder)
+    reason = check_writable(recorder.folder)
     if reason:
         raise InputError(
             f"{path}: key `recorder.folder`: {reason}; name a folder that can be written to"
         )
 
 
-def _zenoh_warnings(config: Config) -> Iterator[str]:
-    from vo_service.outputs.zenoh_check import check_zenoh
+def _check_zenoh(config: Config) -> Iterator[str]:
+    from vo_service.outputs.zenoh_check import check_session_config
 
-    warning = check_zenoh(config.zenoh)
+    warning = check_session_config(config.zenoh)
     if warning:
         yield warning

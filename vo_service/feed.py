@@ -11,7 +11,7 @@ from drivers.camera import (
     CameraCounters,
     CameraState,
     EndOfStream,
-    NoFrameYet,
+    FrameTimeout,
     RgbdCamera,
     RgbdFrame,
 )
@@ -20,12 +20,12 @@ from drivers.errors import CameraError
 # The loop gets a turn at least this often, frame or no frame.
 TICK_S = 0.25
 # Without a frame for this long, a camera that is still there counts as gone quiet.
-QUIET_S = 1.0
+NO_FRAME_WARNING_S = 1.0
 # How many ticks to wait before a camera is opened again, at first and at most.
-FIRST_RETRY, LONGEST_RETRY = 1, 6
+MIN_RETRY_TICKS, MAX_RETRY_TICKS = 1, 6
 
 
-class Feed(Protocol):
+class FrameSource(Protocol):
     """Frames, one after another; None where a tick passed without one, for the reason given."""
 
     @property
@@ -43,7 +43,7 @@ class Feed(Protocol):
         ...
 
 
-class PlainFeed:
+class SinglePassSource:
     """One pass through an open camera. Its errors reach the caller."""
 
     def __init__(self, camera: RgbdCamera) -> None:
@@ -61,8 +61,8 @@ class PlainFeed:
         while not stop.is_set():
             try:
                 frame = self._camera.read(TICK_S)
-            except NoFrameYet:
-                self.reason = self._why_none(time.monotonic() - last_s)
+            except FrameTimeout:
+                self.reason = self._no_frame_reason(time.monotonic() - last_s)
                 yield None
             except EndOfStream:
                 return
@@ -71,16 +71,18 @@ class PlainFeed:
                 self.reason = ""
                 yield frame
 
-    def _why_none(self, quiet_s: float) -> str:
-        condition = self._camera.condition
+    def _no_frame_reason(self, quiet_s: float) -> str:
+        condition = self._camera.status
         if condition.state is not CameraState.STREAMING:
             return str(condition)
-        if quiet_s <= QUIET_S:  # else a camera that loses every other frame would come and go
+        if (
+            quiet_s <= NO_FRAME_WARNING_S
+        ):  # else a camera that loses every other frame would come and go
             return ""
         return condition.reason or "the camera is there but sends no frames"
 
 
-class SteadyFeed(PlainFeed):
+class PacedSource(SinglePassSource):
     """One pass through a recording, every frame, no faster than it was recorded."""
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
@@ -94,7 +96,7 @@ class SteadyFeed(PlainFeed):
             yield frame
 
 
-class PersistentFeed:
+class ReconnectingSource:
     """Opens the camera, and opens it again whenever it goes. Ends only when told to stop.
 
     Raises InputError from the first `open`: what the user named will not get better by waiting.
@@ -102,42 +104,42 @@ class PersistentFeed:
 
     def __init__(self, camera: RgbdCamera) -> None:
         self._camera = camera
-        self._before = CameraCounters()
+        self._previous_counters = CameraCounters()
         self.reason = "camera not opened yet"
 
     @property
     def counters(self) -> CameraCounters:
         """Totals over all times that the camera was opened."""
-        return self._before + self._camera.counters
+        return self._previous_counters + self._camera.counters
 
     def frames(self, stop: threading.Event) -> Iterator[RgbdFrame | None]:
         """Yield until stopped; None while the camera is away."""
-        retry = FIRST_RETRY
+        retry = MIN_RETRY_TICKS
         while not stop.is_set():
             try:
                 self._open()
-                plain = PlainFeed(self._camera)
+                plain = SinglePassSource(self._camera)
                 for frame in plain.frames(stop):
                     self.reason = plain.reason
-                    retry = FIRST_RETRY
+                    retry = MIN_RETRY_TICKS
                     yield frame
                 self.reason = "the recording has ended"
-                yield from _idle(count(), stop)
+                yield from _wait_ticks(count(), stop)
             except CameraError as error:
                 self.reason = str(error)
             finally:
                 self._camera.close()
-            yield from _idle(range(retry), stop)
-            retry = min(2 * retry, LONGEST_RETRY)
+            yield from _wait_ticks(range(retry), stop)
+            retry = min(2 * retry, MAX_RETRY_TICKS)
 
     def _open(self) -> None:
         """Open the camera; what it counted the last time is kept, as it counts from 0 again."""
         counted = self._camera.counters
         self._camera.open()
-        self._before += counted
+        self._previous_counters += counted
 
 
-def _idle(ticks: Iterable[int], stop: threading.Event) -> Iterator[None]:
+def _wait_ticks(ticks: Iterable[int], stop: threading.Event) -> Iterator[None]:
     """Give the loop its turns while there is nothing to read."""
     for _ in ticks:
         if stop.is_set():

@@ -11,11 +11,11 @@ from pathlib import Path
 
 from drivers.errors import InputError, UserFacingError
 
-PACKAGES = ("drivers", "vo_service")
+SOURCE_PACKAGES = ("drivers", "vo_service")
 # Below the environment's prefix: what set-up has compiled for all who use the environment.
-INSTALLED_KERNELS = "share/kinect-vo/kernels"
+PREBUILT_KERNELS = "share/kinect-vo/kernels"
 # Several checkouts and versions may share a computer.
-KERNEL_FOLDERS_KEPT = 4
+MAX_KERNEL_FOLDERS = 4
 
 
 def cache_folder() -> Path:
@@ -24,7 +24,7 @@ def cache_folder() -> Path:
     The first of $CACHE_DIRECTORY (systemd), $XDG_CACHE_HOME/kinect-vo, ~/.cache/kinect-vo and
     $TMPDIR/kinect-vo-UID that can be written to. Raises UserFacingError if none can.
     """
-    for folder in _candidates("CACHE_DIRECTORY", "XDG_CACHE_HOME", ".cache"):
+    for folder in _candidate_folders("CACHE_DIRECTORY", "XDG_CACHE_HOME", ".cache"):
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
             if os.access(folder, os.W_OK | os.X_OK):
@@ -43,7 +43,7 @@ def state_folder() -> Path:
     The first of $STATE_DIRECTORY (systemd), $XDG_STATE_HOME/kinect-vo and ~/.local/state/kinect-vo
     that can be written to. Raises UserFacingError if none can.
     """
-    for folder in _candidates("STATE_DIRECTORY", "XDG_STATE_HOME", ".local/state"):
+    for folder in _candidate_folders("STATE_DIRECTORY", "XDG_STATE_HOME", ".local/state"):
         with suppress(OSError):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             if os.access(folder, os.W_OK | os.X_OK):
@@ -54,7 +54,7 @@ def state_folder() -> Path:
     )
 
 
-def make_output_folder(folder: Path) -> None:
+def create_output_folder(folder: Path) -> None:
     """Make the folder that --output names, if it is not there. Raises InputError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -76,16 +76,16 @@ def kernel_folder() -> Path:
     folder = kernels / state
     with suppress(OSError):
         if not folder.exists():
-            _copy_whole(Path(sys.prefix) / INSTALLED_KERNELS / state, folder)
+            _copy_atomically(Path(sys.prefix) / PREBUILT_KERNELS / state, folder)
         folder.mkdir(parents=True, exist_ok=True)
         folder.touch()
         kept = sorted(kernels.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
-        for old in kept[KERNEL_FOLDERS_KEPT:]:
+        for old in kept[MAX_KERNEL_FOLDERS:]:
             shutil.rmtree(old, ignore_errors=True)
     return folder
 
 
-def _copy_whole(source: Path, folder: Path) -> None:
+def _copy_atomically(source: Path, folder: Path) -> None:
     """Copy a folder that may not exist; `folder` appears when all of it is there."""
     if source.is_dir():
         part = folder.with_name(f"{folder.name}.{os.getpid()}.part")
@@ -98,18 +98,18 @@ def _copy_whole(source: Path, folder: Path) -> None:
 
 def _source_digest() -> str:
     digest = hashlib.sha256()
-    for package in PACKAGES:
+    for package in SOURCE_PACKAGES:
         for source in sorted((Path(__file__).parents[1] / package).rglob("*.py")):
             state = source.stat()
             digest.update(f"{source} {state.st_mtime_ns} {state.st_size}\n".encode())
     return digest.hexdigest()[:16]
 
 
-def _candidates(systemd: str, xdg: str, below_home: str) -> list[Path]:
+def _candidate_folders(systemd_variable: str, xdg_variable: str, below_home: str) -> list[Path]:
     """Systemd's folder, the user's choice, the usual one: as far as there are any."""
-    given = os.environ.get(systemd, "").split(":")[0]
+    given = os.environ.get(systemd_variable, "").split(":")[0]
     folders = [Path(given)] if given else []
-    chosen = os.environ.get(xdg)
+    chosen = os.environ.get(xdg_variable)
     if chosen:
         folders.append(Path(chosen) / "kinect-vo")
     with suppress(RuntimeError):  # a user without a home

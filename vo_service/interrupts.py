@@ -9,22 +9,22 @@ from contextlib import contextmanager
 from types import FrameType
 
 # A shell's exit code for a program ended by Ctrl-C: 128 + SIGINT.
-INTERRUPTED = 130
+EXIT_CODE_SIGINT = 130
 
 logger = logging.getLogger(__name__)
 
 
-class Stop:
+class StopSignal:
     """Set once by the first Ctrl-C or SIGTERM. A second Ctrl-C interrupts at once."""
 
     def __init__(self) -> None:
         self.event = threading.Event()
         self.exit_code = 0  # the shell's for a program ended by this signal, once there is one
-        self._is_asked = False
+        self._is_requested = False
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal."""
-        if not self._is_asked:
+        if not self._is_requested:
             self.exit_code = 128 + number
             signal.signal(signal.SIGINT, signal.default_int_handler)
         self.request()
@@ -34,8 +34,8 @@ class Stop:
 
         Setting an event takes a lock: the second to ask would wait for the first, for ever.
         """
-        if not self._is_asked:
-            self._is_asked = True
+        if not self._is_requested:
+            self._is_requested = True
             self.event.set()
 
     def check(self) -> None:
@@ -45,9 +45,9 @@ class Stop:
 
 
 @contextmanager
-def stop_on_signals() -> Iterator[Stop]:
-    """Turn SIGINT and SIGTERM into `Stop` while the block runs."""
-    stop = Stop()
+def stop_on_signals() -> Iterator[StopSignal]:
+    """Turn SIGINT and SIGTERM into `StopSignal` while the block runs."""
+    stop = StopSignal()
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield stop
@@ -56,7 +56,7 @@ def stop_on_signals() -> Iterator[Stop]:
             signal.signal(number, handler)
 
 
-class Interrupted(KeyboardInterrupt):
+class InterruptedBySignal(KeyboardInterrupt):
     """Ctrl-C or SIGTERM came; `exit_code` is the shell's for a program ended by it."""
 
     def __init__(self, number: int) -> None:
@@ -65,11 +65,11 @@ class Interrupted(KeyboardInterrupt):
 
 
 @contextmanager
-def interrupted_at_once() -> Iterator[None]:
+def raise_on_signals() -> Iterator[None]:
     """Raise Interrupted wherever the block is, for one that can be left anywhere without harm."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise Interrupted(number)
+        raise InterruptedBySignal(number)
 
     before = {
         number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)
@@ -81,29 +81,29 @@ def interrupted_at_once() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-class Hangup:
+class ReloadSignal:
     """Whether SIGHUP came. Without a lock: a handler may interrupt whoever holds one."""
 
     def __init__(self) -> None:
-        self._has_come = False
+        self._is_set = False
 
     def set(self) -> None:
         """It has come."""
-        self._has_come = True
+        self._is_set = True
 
     def clear(self) -> None:
         """It is heeded."""
-        self._has_come = False
+        self._is_set = False
 
     def is_set(self) -> bool:
         """Whether it has come and is not heeded yet."""
-        return self._has_come
+        return self._is_set
 
 
 @contextmanager
-def hangups() -> Iterator[Hangup]:
+def reload_on_sighup() -> Iterator[ReloadSignal]:
     """Take note of SIGHUP while the block runs; whoever heeds it clears it."""
-    hangup = Hangup()
+    hangup = ReloadSignal()
     before = signal.signal(signal.SIGHUP, lambda number, frame: hangup.set())
     try:
         yield hangup
@@ -112,14 +112,14 @@ def hangups() -> Iterator[Hangup]:
 
 
 @contextmanager
-def ended_by_force(stop: Stop, after_s: float) -> Iterator[None]:
-    """End the process if the block is not over `after_s` after a stop was asked for."""
+def force_exit_after(stop: StopSignal, timeout_s: float) -> Iterator[None]:
+    """End the process if the block is not over `timeout_s` after a stop was asked for."""
     is_over = threading.Event()
 
     def watch() -> None:
         stop.event.wait()
-        if not is_over.wait(after_s):
-            logger.error("did not end within %g s of being asked to; ended by force", after_s)
+        if not is_over.wait(timeout_s):
+            logger.error("did not end within %g s of being asked to; ended by force", timeout_s)
             os._exit(1)
 
     threading.Thread(target=watch, name="ending", daemon=True).start()

@@ -6,58 +6,58 @@ A method is imported when it is made: its kernels are slow to load, and most com
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from vo_service.odometry.keyframe.budget import BUDGET_MS
-from vo_service.odometry.stopwatch import Stopwatch
+from vo_service.odometry.keyframe.budget import STAGE_BUDGET_MS
+from vo_service.odometry.stopwatch import StageTimer
 from vo_service.types import Odometry
 
 DEFAULT_METHOD = "keyframe"
 
 
 @dataclass(frozen=True)
-class FeatureSettings:
+class FeatureConfig:
     """What the methods that use features share."""
 
     count: int = 1000
     upright: bool = False
 
 
-def _surf(features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
+def _make_surf(features: FeatureConfig, timer: StageTimer) -> Odometry:
     """The paper's method."""
     from vo_service.odometry.surf import SurfExtractor
     from vo_service.odometry.surf_odometry import SurfOdometry
 
-    return SurfOdometry(SurfExtractor(features.count, features.upright), stopwatch=stopwatch)
+    return SurfOdometry(SurfExtractor(features.count, features.upright), timer=timer)
 
 
-def _keyframe(features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
+def _make_direct(features: FeatureConfig, timer: StageTimer) -> Odometry:
     """Brightness and depth against keyframes; features where that fails."""
-    from vo_service.odometry.keyframe_odometry import KeyframeOdometry
+    from vo_service.odometry.keyframe_odometry import DirectOdometry
     from vo_service.odometry.surf import SurfExtractor
 
-    return KeyframeOdometry(SurfExtractor(features.count, features.upright), stopwatch=stopwatch)
+    return DirectOdometry(SurfExtractor(features.count, features.upright), timer=timer)
 
 
-def _icp(_features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
+def _make_icp(_features: FeatureConfig, timer: StageTimer) -> Odometry:
     """Depth alone, point to plane."""
     from vo_service.odometry.icp_odometry import IcpOdometry
 
-    return IcpOdometry(stopwatch=stopwatch)
+    return IcpOdometry(timer=timer)
 
 
-def _sfm(features: FeatureSettings, stopwatch: Stopwatch) -> Odometry:
+def _make_sfm(features: FeatureConfig, timer: StageTimer) -> Odometry:
     """Colour alone; the first scale is that of the first depth."""
     from vo_service.odometry.sfm_odometry import SfmOdometry
     from vo_service.odometry.surf import SurfExtractor
 
-    return SfmOdometry(SurfExtractor(features.count, features.upright), stopwatch=stopwatch)
+    return SfmOdometry(SurfExtractor(features.count, features.upright), timer=timer)
 
 
-METHODS: Mapping[str, Callable[[FeatureSettings, Stopwatch], Odometry]] = {
-    "surf": _surf,
-    "icp": _icp,
-    "sfm": _sfm,
-    "keyframe": _keyframe,
+METHODS: Mapping[str, Callable[[FeatureConfig, StageTimer], Odometry]] = {
+    "surf": _make_surf,
+    "icp": _make_icp,
+    "sfm": _make_sfm,
+    "keyframe": _make_direct,
 }
 
 # Milliseconds of processor time a frame that stages may take, of methods that have such budgets.
-BUDGETS_MS: Mapping[str, Mapping[str, float]] = {"keyframe": BUDGET_MS}
+STAGE_BUDGETS_MS: Mapping[str, Mapping[str, float]] = {"keyframe": STAGE_BUDGET_MS}

@@ -6,12 +6,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from vo_service.types import PoseUpdate, Status
+from vo_service.types import OdometryUpdate, Status
 
-LONGEST_LINE = 500
+MAX_STATUS_CHARS = 500
 
 
-class Notifier:
+class SystemdNotifier:
     """The socket on which systemd listens; where there is none, nothing happens.
 
     See sd_notify(3). Never blocks and never raises: a message that cannot be sent is lost.
@@ -49,19 +49,21 @@ class SystemdOutput:
     warning = ""
 
     def __init__(self) -> None:
-        self._notifier = Notifier()
+        self._notifier = SystemdNotifier()
         self._is_ready = False
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Nothing: the watchdog is fed without frames too."""
 
-    def status(self, status: Status) -> None:
+    def on_status(self, status: Status) -> None:
         """Feed the watchdog."""
         ready = [] if self._is_ready else ["READY=1"]
-        self._is_ready |= self._notifier.send(*ready, "WATCHDOG=1", f"STATUS={_line(status)}")
+        self._is_ready |= self._notifier.send(
+            *ready, "WATCHDOG=1", f"STATUS={_status_line(status)}"
+        )
 
     @contextmanager
-    def reloading(self) -> Iterator[None]:
+    def notify_reloading(self) -> Iterator[None]:
         """While the configuration is read again."""
         now_us = time.monotonic_ns() // 1000
         self._notifier.send("RELOADING=1", f"MONOTONIC_USEC={now_us}")
@@ -70,19 +72,19 @@ class SystemdOutput:
         finally:
             self._notifier.send("READY=1")
 
-    def stopping(self) -> None:
+    def notify_stopping(self) -> None:
         """The service has begun to end; systemd then waits `TimeoutStopSec`."""
         self._notifier.send("STOPPING=1", "STATUS=stopping")
 
     def close(self) -> None:
         """Say that this is the end, and release the socket."""
-        self.stopping()
+        self.notify_stopping()
         self._notifier.close()
 
 
-def _line(status: Status) -> str:
+def _status_line(status: Status) -> str:
     """The status for a person: state, reason, rate, warnings."""
     parts = [f"{status.state}: {status.reason}" if status.reason else f"{status.state}"]
     parts += ["paused"] if status.paused else []
     parts += [f"{status.fps:.0f} poses/s", *status.warnings]
-    return " ".join("; ".join(parts).split())[:LONGEST_LINE]
+    return " ".join("; ".join(parts).split())[:MAX_STATUS_CHARS]

@@ -11,19 +11,19 @@ from drivers.geometry import (
     Array,
     adjoint,
     inverse,
-    rotation_vector,
+    so3_log,
 )
-from vo_service.levelling import level_by
-from vo_service.pose_covariance import PoseCovariance, diagonal
-from vo_service.types import Estimate, Level, PoseUpdate, TrackingState
+from vo_service.levelling import align_to_gravity
+from vo_service.pose_covariance import CovarianceAccumulator, diagonal_covariance
+from vo_service.types import Estimate, LevelSource, OdometryUpdate, TrackingState
 
 # With fewer inliers than this a motion is found, but a wrong one is no longer out of the question.
-FEW_INLIERS = 30
+MIN_INLIERS_TRACKING = 30
 # How fast the pose gets unsure while lost: standard deviations after one second, then in
 # proportion to time, of a hand-held camera or a slow robot.
-LOST_SIGMA_M, LOST_SIGMA_RAD = 0.5, 1.0
+LOST_SIGMA_M_PER_S, LOST_SIGMA_RAD_PER_S = 0.5, 1.0
 # Two frames closer in time than this say nothing of the speed.
-SHORTEST_STEP_S = 1e-3
+MIN_STEP_S = 1e-3
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,13 @@ class StampedFrame:
 
 
 @dataclass(frozen=True)
-class _Beginning:
+class _PendingOrigin:
     """Where the base is to be with the next good frame: 4x4, or None for level at the origin."""
 
     T_odom_base: Array | None
 
 
-class PoseTracker:
+class OdomFrame:
     """Accumulates what a chain of estimates says, since the epoch began."""
 
     def __init__(self, T_base_camera: Array = T_BODY_CAMERA) -> None:
@@ -49,30 +49,32 @@ class PoseTracker:
         self._T_camera_base = inverse(T_base_camera)
         self._Ad_base_camera = adjoint(T_base_camera)
         self._T_odom_start = np.eye(4)  # where the first base is, once that is settled
-        self._begin: _Beginning | None = _Beginning(None)
-        self.level = Level.ASSUMED  # how it is known which way is up in `odom`
+        self._pending_origin: _PendingOrigin | None = _PendingOrigin(None)
+        self.level_source = LevelSource.ASSUMED  # how it is known which way is up in `odom`
         self._seq = 0
         self.epoch = 0
         self._epoch_reason = ""
         self._last_good_s: float | None = None
-        self._sure_s: float | None = None  # until then, the covariance covers the motion
-        self._covariance = PoseCovariance()
+        self._covariance_stamp_s: float | None = (
+            None  # until then, the covariance covers the motion
+        )
+        self._covariance = CovarianceAccumulator()
         self._T_world_last = np.eye(4)  # pose of the last good frame
 
-    def begin_epoch(self, reason: str) -> None:
+    def start_epoch(self, reason: str) -> None:
         """The next pose is not continuous with the last; it carries the reason."""
         self.epoch += 1
         self._epoch_reason = reason
-        self._last_good_s = self._sure_s = None
-        self._covariance.begin()
+        self._last_good_s = self._covariance_stamp_s = None
+        self._covariance.reset()
 
     def reset(self, T_odom_base: Array | None) -> None:
         """Begin an epoch with the base at `T_odom_base`; None: level, at the origin.
 
         While tracking is lost the base counts as there until a frame has a pose of its own.
         """
-        self.begin_epoch("reset")
-        self._begin = _Beginning(T_odom_base)
+        self.start_epoch("reset")
+        self._pending_origin = _PendingOrigin(T_odom_base)
 
     def update(
         self,
@@ -80,16 +82,16 @@ class PoseTracker:
         estimate: Estimate,
         stage_ms: Mapping[str, float],
         latency_s: float,
-    ) -> PoseUpdate:
+    ) -> OdometryUpdate:
         """What to publish of one estimate."""
-        if estimate.restarted:
-            self.begin_epoch("tracking began anew after a loss")
+        if estimate.is_reset:
+            self.start_epoch("tracking began anew after a loss")
         frame = stamped.frame
-        twist, twist_covariance = self._follow(estimate, frame.stamp_s)
+        twist, twist_covariance = self._update_twist(estimate, frame.stamp_s)
         covariance = self._pose_covariance(frame.stamp_s)
-        state, reason = _judge(estimate)
+        state, reason = _tracking_state(estimate)
         T_odom_base = self._T_odom_base(frame, estimate)
-        update = PoseUpdate(
+        update = OdometryUpdate(
             seq=self._seq,
             stamp_s=stamped.published_s,
             state=state,
@@ -98,7 +100,7 @@ class PoseTracker:
             T_world_camera=estimate.T_world_camera,
             T_odom_base=T_odom_base,
             T_odom_camera=T_odom_base @ self._T_base_camera,
-            pose_covariance=self._in_odom_axes(covariance, T_odom_base),
+            pose_covariance=self._rotate_to_odom(covariance, T_odom_base),
             twist=twist,
             twist_covariance=twist_covariance,
             frame=frame,
@@ -116,57 +118,59 @@ class PoseTracker:
         That lasts: where tracking begins anew after a loss, `odom` stays as it was.
         """
         T_start_base = self._T_base_camera @ estimate.T_world_camera @ self._T_camera_base
-        if self._begin is None:
+        if self._pending_origin is None:
             return self._T_odom_start @ T_start_base
-        T_odom_base = self._begin.T_odom_base
+        T_odom_base = self._pending_origin.T_odom_base
         if T_odom_base is None:
-            levelling = level_by(frame.gravity_m_s2, self._T_base_camera)
-            T_odom_base, self.level = levelling.T_odom_start, levelling.level
+            levelling = align_to_gravity(frame.gravity_m_s2, self._T_base_camera)
+            T_odom_base, self.level_source = levelling.T_odom_start, levelling.level_source
         if estimate.ok:
             self._T_odom_start = T_odom_base @ inverse(T_start_base)
-            self._begin = None
+            self._pending_origin = None
         return T_odom_base
 
-    def _follow(self, estimate: Estimate, stamp_s: float) -> tuple[Array, Array]:
+    def _update_twist(self, estimate: Estimate, stamp_s: float) -> tuple[Array, Array]:
         """Velocity (m/s, rad/s) of the base in its own axes, and its covariance."""
         last_s = self._last_good_s
         if not estimate.ok:
-            return _no_twist()
+            return _unknown_twist()
         T_last_camera = inverse(self._T_world_last) @ estimate.T_world_camera
         self._covariance.add(estimate, T_last_camera)
         self._T_world_last = estimate.T_world_camera
-        self._last_good_s = self._sure_s = stamp_s
-        if last_s is None or stamp_s - last_s < SHORTEST_STEP_S:
-            return _no_twist()
-        step = np.concatenate(
-            [-inverse(T_last_camera)[:3, 3], rotation_vector(T_last_camera[:3, :3])]
-        )
+        self._last_good_s = self._covariance_stamp_s = stamp_s
+        if last_s is None or stamp_s - last_s < MIN_STEP_S:
+            return _unknown_twist()
+        step = np.concatenate([-inverse(T_last_camera)[:3, 3], so3_log(T_last_camera[:3, :3])])
         Ad = self._Ad_base_camera / (stamp_s - last_s)
         return Ad @ step, Ad @ self._covariance.step @ Ad.T
 
     def _pose_covariance(self, stamp_s: float) -> Array:
         """Covariance of the pose since the epoch began, in the camera's axes."""
-        self._sure_s = stamp_s if self._sure_s is None else self._sure_s
-        lost_s = stamp_s - self._sure_s
-        return self._covariance.pose + diagonal(LOST_SIGMA_M * lost_s, LOST_SIGMA_RAD * lost_s)
+        self._covariance_stamp_s = (
+            stamp_s if self._covariance_stamp_s is None else self._covariance_stamp_s
+        )
+        lost_s = stamp_s - self._covariance_stamp_s
+        return self._covariance.pose + diagonal_covariance(
+            LOST_SIGMA_M_PER_S * lost_s, LOST_SIGMA_RAD_PER_S * lost_s
+        )
 
-    def _in_odom_axes(self, covariance: Array, T_odom_base: Array) -> Array:
+    def _rotate_to_odom(self, covariance: Array, T_odom_base: Array) -> Array:
         in_base = self._Ad_base_camera @ covariance @ self._Ad_base_camera.T
         turn = np.kron(np.eye(2), T_odom_base[:3, :3])
         turned = turn @ in_base @ turn.T
         return 0.5 * (turned + turned.T)
 
 
-def _no_twist() -> tuple[Array, Array]:
-    return np.zeros(6), diagonal(LOST_SIGMA_M, LOST_SIGMA_RAD)
+def _unknown_twist() -> tuple[Array, Array]:
+    return np.zeros(6), diagonal_covariance(LOST_SIGMA_M_PER_S, LOST_SIGMA_RAD_PER_S)
 
 
-def _judge(estimate: Estimate) -> tuple[TrackingState, str]:
+def _tracking_state(estimate: Estimate) -> tuple[TrackingState, str]:
     if not estimate.ok:
         return TrackingState.LOST, estimate.reason
     if estimate.reason:
         return TrackingState.DEGRADED, estimate.reason
-    if 0 < estimate.inliers < FEW_INLIERS:
+    if 0 < estimate.inliers < MIN_INLIERS_TRACKING:
         reason = f"only {estimate.inliers} of {estimate.matches} matches agree"
         return TrackingState.DEGRADED, reason
     return TrackingState.TRACKING, ""

@@ -1,6 +1,6 @@
 """Reading the configuration again while the service runs: what may change at once, and what waits.
 
-`Reloader.reload` reads files: call it from the main thread, never from the loop's.
+`ConfigReloader.reload` reads files: call it from the main thread, never from the loop's.
 """
 
 import dataclasses
@@ -13,7 +13,7 @@ from drivers.errors import UserFacingError
 from vo_service.config import Config
 
 # What somebody applies while the service runs; everything else takes effect at the next start.
-LIVE_KEYS = (
+RELOADABLE_KEYS = (
     "sensor.led",
     "sensor.tilt_deg",
     "odometry.feature_count",
@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Changes:
+class ConfigChanges:
     """What a configuration that was read again changes.
 
     config   what counts from now on: the one before, with the `live` keys as they are wanted
@@ -42,21 +42,21 @@ class Changes:
     """
 
     config: Config
-    live: tuple[str, ...] = ()
-    pending: tuple[str, ...] = ()
+    reloaded_keys: tuple[str, ...] = ()
+    pending_keys: tuple[str, ...] = ()
 
 
-def changes_between(running: Config, wanted: Config) -> Changes:
+def diff_configs(running: Config, requested: Config) -> ConfigChanges:
     """What to do at once, and what cannot be done, to get from one to the other."""
-    keys = tuple(_differences(running, wanted, ""))
-    live = tuple(key for key in keys if key in LIVE_KEYS)
+    keys = tuple(_changed_keys(running, requested, ""))
+    live = tuple(key for key in keys if key in RELOADABLE_KEYS)
     config = running
     for key in live:
-        config = _with_key(config, wanted, key)
-    return Changes(config, live, tuple(key for key in keys if key not in LIVE_KEYS))
+        config = _replace_key(config, requested, key)
+    return ConfigChanges(config, live, tuple(key for key in keys if key not in RELOADABLE_KEYS))
 
 
-class Reloader:
+class ConfigReloader:
     """The configuration that counts, and reading it again.
 
     `warning` is a clause for the status: "" while the file could be read the last time.
@@ -68,43 +68,45 @@ class Reloader:
         self.warning = ""
         self._read = read
 
-    def reload(self) -> Changes:
+    def reload(self) -> ConfigChanges:
         """Read again. A file that is broken is logged and changes nothing."""
         try:
             wanted = self._read()
         except UserFacingError as error:
             self.warning = f"the configuration is not the one in the file: {error}"
             logger.error("%s; what was read before still counts", error)
-            return Changes(self.config)
+            return ConfigChanges(self.config)
         self.warning = ""
-        changes = changes_between(self.config, wanted)
+        changes = diff_configs(self.config, wanted)
         self.config = changes.config
         self._log(changes)
         return changes
 
     @staticmethod
-    def _log(changes: Changes) -> None:
-        if changes.pending:
-            ending = "takes effect" if len(changes.pending) == 1 else "take effect"
-            keys = ", ".join(changes.pending)
+    def _log(changes: ConfigChanges) -> None:
+        if changes.pending_keys:
+            ending = "takes effect" if len(changes.pending_keys) == 1 else "take effect"
+            keys = ", ".join(changes.pending_keys)
             logger.warning("%s changed: %s at the next start", keys, ending)
-        logger.info("configuration read again; changed now: %s", ", ".join(changes.live) or "none")
+        logger.info(
+            "configuration read again; changed now: %s", ", ".join(changes.reloaded_keys) or "none"
+        )
 
 
-def _differences(one: Any, other: Any, prefix: str) -> Iterator[str]:
+def _changed_keys(one: Any, other: Any, prefix: str) -> Iterator[str]:
     """Dotted keys of the values that are not equal; a list is one value."""
     for field in dataclasses.fields(one):
         key = f"{prefix}{field.name}"
         before, after = getattr(one, field.name), getattr(other, field.name)
         if dataclasses.is_dataclass(before) and dataclasses.is_dataclass(after):
-            yield from _differences(before, after, f"{key}.")
+            yield from _changed_keys(before, after, f"{key}.")
         elif before != after:
             yield key
 
 
-def _with_key(config: Config, wanted: Config, key: str) -> Config:
+def _replace_key(config: Config, requested: Config, key: str) -> Config:
     """`config` with one key, ``table.key``, as it is in `wanted`."""
     table, _, name = key.partition(".")
-    value = getattr(getattr(wanted, table), name)
+    value = getattr(getattr(requested, table), name)
     changed: dict[str, Any] = {table: replace(getattr(config, table), **{name: value})}
     return replace(config, **changed)

@@ -8,24 +8,24 @@ from dataclasses import replace
 
 from drivers.camera import RgbdCamera, RgbdFrame
 from vo_service.control.control import Control
-from vo_service.feed import Feed
-from vo_service.load.governor import FixedEffort, Governor
-from vo_service.load.meter import FrameLoad
-from vo_service.methods import BUDGETS_MS
-from vo_service.pose_tracker import PoseTracker, StampedFrame
-from vo_service.stage_clock import StageClock
-from vo_service.stamps import StampClock, StampGuard
-from vo_service.statistics import Statistics
+from vo_service.feed import FrameSource
+from vo_service.load.governor import LoadShedder, NullLoadShedder
+from vo_service.load.meter import FrameCost
+from vo_service.methods import STAGE_BUDGETS_MS
+from vo_service.pose_tracker import OdomFrame, StampedFrame
+from vo_service.stage_clock import CpuStageTimer
+from vo_service.stamps import PublishClock, TimestampFilter
+from vo_service.statistics import ServiceStatistics
 from vo_service.types import (
     Estimate,
-    Loops,
-    NoLoops,
+    HasWarning,
+    LoopClosure,
+    NullLoopClosure,
     Odometry,
+    OdometryUpdate,
     Output,
-    PoseUpdate,
     Status,
     TrackingState,
-    Troubled,
 )
 
 STATUS_PERIOD_S = 0.5
@@ -40,116 +40,118 @@ class Service:
 
     def __init__(
         self,
-        feed: Feed,
+        frame_source: FrameSource,
         odometry: Odometry,
-        stages: StageClock,
-        tracker: PoseTracker,
-        clock: StampClock,
+        stage_timer: CpuStageTimer,
+        odom_frame: OdomFrame,
+        clock: PublishClock,
         outputs: Sequence[Output],
         camera: RgbdCamera,
         method: str,
         control: Control,
-        governor: Governor = FixedEffort(),  # noqa: B008 (it has no state)
-        others: Sequence[Troubled] = (),
-        loops: Loops = NoLoops(),  # noqa: B008 (it has no state)
+        load_shedder: LoadShedder = NullLoadShedder(),  # noqa: B008 (it has no state)
+        warning_sources: Sequence[HasWarning] = (),
+        loop_closure: LoopClosure = NullLoopClosure(),  # noqa: B008 (it has no state)
     ) -> None:
         """`camera` and `method` are only told of in the status; frames come from `feed`.
 
         What the outputs, the governor and `others` complain of is in the status too.
         """
-        self._feed = feed
+        self._frame_source = frame_source
         self._odometry = odometry
-        self._stages = stages
-        self._tracker = tracker
+        self._stage_timer = stage_timer
+        self._odom_frame = odom_frame
         self._clock = clock
         self._outputs = outputs
         self._camera = camera
         self._method = method
         self._control = control
-        self._governor = governor
-        self._loops = loops
-        self._troubled: Sequence[Troubled] = (*outputs, governor, *others)
-        self._guard = StampGuard()
-        self._last: PoseUpdate | None = None
-        self._told: tuple[str, ...] = ()
-        self._told_at_s = 0.0
-        self.statistics = Statistics()
+        self._load_shedder = load_shedder
+        self._loop_closure = loop_closure
+        self._warning_sources: Sequence[HasWarning] = (*outputs, load_shedder, *warning_sources)
+        self._timestamp_filter = TimestampFilter()
+        self._last: OdometryUpdate | None = None
+        self._last_reported: tuple[str, ...] = ()
+        self._last_reported_s = 0.0
+        self.statistics = ServiceStatistics()
 
     def run(self, stop: threading.Event) -> None:
         """Work until the frames end or `stop` is set."""
-        self._report()
-        for frame in self._feed.frames(stop):
-            self._control.obey()
+        self._publish_status()
+        for frame in self._frame_source.frames(stop):
+            self._control.process_pending()
             if frame is not None and not self._control.is_paused:
                 self._process(frame)
-            self._report()
+            self._publish_status()
 
     def _process(self, frame: RgbdFrame) -> None:
         """One frame, from its stamp to the outputs."""
         begin_s, begin_cpu_s = time.monotonic(), time.thread_time()
         # Stamps only rise, or a new epoch says why not.
-        verdict = self._guard.check(frame.stamp_s)
-        if not verdict.use:
-            self.statistics.stale += 1
+        verdict = self._timestamp_filter.check(frame.stamp_s)
+        if not verdict.is_accepted:
+            self.statistics.out_of_order += 1
             return
-        if verdict.restarted or self._clock.has_stepped():
-            self._tracker.begin_epoch("clock_step")
+        if verdict.is_restart or self._clock.has_stepped():
+            self._odom_frame.start_epoch("clock_step")
         # Where is the camera?
         estimate = self._odometry.estimate(frame)
         cpu_s = time.thread_time() - begin_cpu_s
         # What does that mean for the robot?
-        update = self._update(frame, estimate)
+        update = self._make_update(frame, estimate)
         # Tell everyone.
         for output in self._outputs:
-            output.pose(update)
+            output.on_update(update)
         self.statistics.add(update, cpu_s * 1e3)
         self._last = update
         # Can the machine keep up?
         busy_s = time.monotonic() - begin_s
-        interval_s, dropped = self.statistics.interval_s, self._feed.counters.dropped
-        self._governor.frame(FrameLoad(busy_s, cpu_s, interval_s, dropped))
+        interval_s, dropped = self.statistics.interval_s, self._frame_source.counters.dropped
+        self._load_shedder.add_frame(FrameCost(busy_s, cpu_s, interval_s, dropped))
 
-    def _update(self, frame: RgbdFrame, estimate: Estimate) -> PoseUpdate:
+    def _make_update(self, frame: RgbdFrame, estimate: Estimate) -> OdometryUpdate:
         stamped = StampedFrame(frame, self._clock.published_s(frame.stamp_s))
-        latency_s = time.monotonic() - frame.arrival_s
-        update = self._tracker.update(stamped, estimate, self._stages.take(), latency_s)
-        return replace(update, map=self._loops.snapshot)
+        latency_s = time.monotonic() - frame.receive_time_s
+        update = self._odom_frame.update(
+            stamped, estimate, self._stage_timer.take_stage_ms(), latency_s
+        )
+        return replace(update, map=self._loop_closure.snapshot)
 
-    def _report(self) -> None:
+    def _publish_status(self) -> None:
         """Publish the status, twice a second and whenever state, reason or warnings change."""
         state, reason = self._state()
-        warnings = tuple(filter(None, (troubled.warning for troubled in self._troubled)))
-        told = (state, *map(_without_numbers, (reason, *warnings)))
+        warnings = tuple(filter(None, (troubled.warning for troubled in self._warning_sources)))
+        told = (state, *map(_strip_numbers, (reason, *warnings)))
         now_s = time.monotonic()
-        if told == self._told and now_s - self._told_at_s < STATUS_PERIOD_S:
+        if told == self._last_reported and now_s - self._last_reported_s < STATUS_PERIOD_S:
             return
-        self._told, self._told_at_s = told, now_s
-        status = self._status(state, reason, warnings)
+        self._last_reported, self._last_reported_s = told, now_s
+        status = self._make_status(state, reason, warnings)
         for output in self._outputs:
-            output.status(status)
+            output.on_status(status)
 
     def _state(self) -> tuple[TrackingState, str]:
-        if self._feed.reason:
-            return TrackingState.NO_CAMERA, self._feed.reason
+        if self._frame_source.reason:
+            return TrackingState.NO_CAMERA, self._frame_source.reason
         if self._control.is_paused:
             return TrackingState.LOST, "paused"
         if self._last is None:
             return TrackingState.NO_CAMERA, "no frame yet"
-        return self._last.state, self._last.reason or self._camera.condition.reason
+        return self._last.state, self._last.reason or self._camera.status.reason
 
-    def _status(self, state: TrackingState, reason: str, warnings: tuple[str, ...]) -> Status:
-        statistics, counters = self.statistics, self._feed.counters
-        rolling = statistics.rolling()
+    def _make_status(self, state: TrackingState, reason: str, warnings: tuple[str, ...]) -> Status:
+        statistics, counters = self.statistics, self._frame_source.counters
+        rolling = statistics.compute_rolling()
         estimate = self._last.estimate if self._last else None
-        the_map, places = self._control.map, self._loops.snapshot
+        the_map, places = self._control.map_state, self._loop_closure.snapshot
         return Status(
             state=state,
             reason=reason,
-            epoch=self._tracker.epoch,
+            epoch=self._odom_frame.epoch,
             camera=self._camera.name,
-            camera_state=self._camera.condition.state,
+            camera_state=self._camera.status.state,
             intrinsics=self._camera.intrinsics_source,
-            level=self._tracker.level,
+            level=self._odom_frame.level_source,
             method=self._method,
             fps=rolling.fps,
             latency_p50_ms=rolling.latency_p50_ms,
@@ -162,7 +164,7 @@ class Service:
             frames=statistics.frames,
             failed=statistics.failed,
             dropped=counters.dropped,
-            skipped=counters.skipped + statistics.stale,
+            skipped=counters.skipped + statistics.out_of_order,
             lost_packets=counters.lost_packets,
             paused=self._control.is_paused,
             recording=self._control.recording,
@@ -171,17 +173,17 @@ class Service:
             saved_map=the_map.saved,
             loading_map=the_map.loading,
             loaded_map=the_map.loaded,
-            places=places.places,
-            loops=places.loops,
-            is_located=self._last.is_located if self._last else places.is_located,
+            places=places.keyframes,
+            loops=places.loop_closures,
+            is_located=self._last.is_localized if self._last else places.is_localized,
             warnings=warnings,
             cpu_ms_per_frame=rolling.cpu_ms_per_frame,
             stage_ms=rolling.stage_ms,
             stage_mean_ms=rolling.stage_mean_ms,
-            stage_budget_ms=BUDGETS_MS.get(self._method, {}),
+            stage_budget_ms=STAGE_BUDGETS_MS.get(self._method, {}),
         )
 
 
-def _without_numbers(text: str) -> str:
+def _strip_numbers(text: str) -> str:
     """A reason with other counts than before is no other reason."""
     return re.sub(r"\d+", "", text)

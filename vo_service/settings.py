@@ -6,7 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from drivers.errors import InputError
-from drivers.strict_toml import setting
+from drivers.strict_toml import config_field
 
 # Bytes: what settings whose names end in _mb count in.
 MEGABYTE = 1_000_000
@@ -14,66 +14,80 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7450"
 
 
 @dataclass(frozen=True)
-class RerunSettings:
+class RerunConfig:
     """`[rerun]`: what to show, and where."""
 
-    targets: tuple[str, ...] = setting(
+    targets: tuple[str, ...] = config_field(
         (), "any of: serve, connect, connect:HOST:PORT, or a file that ends in .rrd"
     )
-    picture_hz: float = setting(10.0, "pictures a second; numbers go with every frame", low=0.1)
-    jpeg_quality: int = setting(80, "of colour images, percent", low=10, high=100)
-    memory_mb: int = setting(300, "most memory of each viewer's process", low=250)
-    file_mb: int = setting(500, "an .rrd file of this size is closed and the next begun", low=1)
-    files_kept: int = setting(4, "newest .rrd files that are kept", low=1)
+    picture_hz: float = config_field(
+        10.0, "pictures a second; numbers go with every frame", minimum=0.1
+    )
+    jpeg_quality: int = config_field(80, "of colour images, percent", minimum=10, maximum=100)
+    memory_mb: int = config_field(300, "most memory of each viewer's process", minimum=250)
+    file_mb: int = config_field(
+        500, "an .rrd file of this size is closed and the next begun", minimum=1
+    )
+    files_kept: int = config_field(4, "newest .rrd files that are kept", minimum=1)
 
 
 @dataclass(frozen=True)
-class RecorderSettings:
+class RecorderConfig:
     """`[recorder]`: the flight recorder, which keeps the last seconds of frames."""
 
-    enabled: bool = setting(True, "false keeps no frames, and cannot record on command")
-    seconds: float = setting(3.0, "how much of the past an incident holds", low=0.5, high=600.0)
-    max_mb: int = setting(200, "most memory of the ring of frames", low=10)
-    folder: Path | None = setting(None, "where incidents go; unset = below the state folder")
-    total_mb: int = setting(2000, "of all incidents; the oldest are deleted first", low=1)
-    save_on_loss: bool = setting(True, "write an incident whenever tracking is lost")
+    enabled: bool = config_field(True, "false keeps no frames, and cannot record on command")
+    seconds: float = config_field(
+        3.0, "how much of the past an incident holds", minimum=0.5, maximum=600.0
+    )
+    max_mb: int = config_field(200, "most memory of the ring of frames", minimum=10)
+    folder: Path | None = config_field(None, "where incidents go; unset = below the state folder")
+    total_mb: int = config_field(2000, "of all incidents; the oldest are deleted first", minimum=1)
+    save_on_loss: bool = config_field(True, "write an incident whenever tracking is lost")
 
 
 @dataclass(frozen=True)
-class MapSettings:
+class MapConfig:
     """`[map]`: keyframes of where the camera has been, and places that are known again."""
 
-    enabled: bool = setting(True, "false keeps no keyframes, and cannot save a map")
-    loops: bool = setting(True, "false knows no place again: no loops, no way back after a loss")
-    load: str | None = setting(None, "name of a saved map to begin in; unset = a new one")
-    max_mb: int = setting(100, "most memory of the keyframes, thinned out when it is full", low=10)
-    places_mb: int = setting(100, "most memory of the places that are known again", low=5)
-    voxel_m: float = setting(0.02, "finest detail of a map, metres", low=0.005, high=0.5)
-    making_mb: int = setting(300, "most memory beside that, while a map is made", low=50)
-    total_mb: int = setting(2000, "of all maps; the oldest are deleted first", low=1)
+    enabled: bool = config_field(True, "false keeps no keyframes, and cannot save a map")
+    loops: bool = config_field(
+        True, "false knows no place again: no loops, no way back after a loss"
+    )
+    load: str | None = config_field(None, "name of a saved map to begin in; unset = a new one")
+    max_mb: int = config_field(
+        100, "most memory of the keyframes, thinned out when it is full", minimum=10
+    )
+    places_mb: int = config_field(100, "most memory of the places that are known again", minimum=5)
+    voxel_m: float = config_field(
+        0.02, "finest detail of a map, metres", minimum=0.005, maximum=0.5
+    )
+    making_mb: int = config_field(300, "most memory beside that, while a map is made", minimum=50)
+    total_mb: int = config_field(2000, "of all maps; the oldest are deleted first", minimum=1)
 
 
 @dataclass(frozen=True)
 class ZenohConfig:
     """How poses go out. Raises InputError for a prefix that is none."""
 
-    prefix: str = setting(
+    prefix: str = config_field(
         "kinect", "first part of every key: PREFIX/odom, PREFIX/status, PREFIX/alive and others"
     )
-    listen: tuple[str, ...] = setting(
+    listen: tuple[str, ...] = config_field(
         (DEFAULT_ENDPOINT,), "endpoints that others connect to; the default is this computer alone"
     )
-    connect: tuple[str, ...] = setting(
+    connect: tuple[str, ...] = config_field(
         (), 'endpoints to connect to: a router or another peer, such as "tcp/192.168.1.2:7447"'
     )
-    config_file: Path | None = setting(
+    config_file: Path | None = config_field(
         None,
         "a Zenoh configuration (JSON5), for TLS and access control. What it leaves at Zenoh's own "
         "default is set as without it: listen, connect, no scouting",
     )
-    odom_frame_id: str = setting("odom", "frame of the poses")
-    child_frame_id: str = setting("base_link", "frame that moves")
-    map_frame_id: str = setting("map", "frame in which places are corrected; `odom` lies in it")
+    odom_frame_id: str = config_field("odom", "frame of the poses")
+    child_frame_id: str = config_field("base_link", "frame that moves")
+    map_frame_id: str = config_field(
+        "map", "frame in which places are corrected; `odom` lies in it"
+    )
 
     def __post_init__(self) -> None:
         check_prefix(self.prefix)
@@ -90,13 +104,13 @@ def check_prefix(prefix: str) -> str:
 
 
 @dataclass(frozen=True)
-class Ros2Settings:
+class Ros2Config:
     """`[ros2]`: the poses as a ROS 2 node would publish them. Experimental."""
 
-    enabled: bool = setting(False, "true also publishes under ROS 2's own keys")
-    domain_id: int = setting(0, "ROS_DOMAIN_ID of the readers", low=0, high=232)
-    topic: str = setting("vo/odom", "topic of the odometry, without the first slash")
-    tf: bool = setting(True, "also publish the transform on /tf")
+    enabled: bool = config_field(False, "true also publishes under ROS 2's own keys")
+    domain_id: int = config_field(0, "ROS_DOMAIN_ID of the readers", minimum=0, maximum=232)
+    topic: str = config_field("vo/odom", "topic of the odometry, without the first slash")
+    tf: bool = config_field(True, "also publish the transform on /tf")
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", self.topic, re.ASCII):
@@ -107,19 +121,23 @@ class Ros2Settings:
 
 
 @dataclass(frozen=True)
-class CommandSettings:
+class CommandConfig:
     """`[commands]`: what others may ask of the service over Zenoh."""
 
-    enabled: bool = setting(True, "false answers no command")
-    per_second: float = setting(10.0, "commands a second, from all together", low=0.1, high=1000.0)
+    enabled: bool = config_field(True, "false answers no command")
+    per_second: float = config_field(
+        10.0, "commands a second, from all together", minimum=0.1, maximum=1000.0
+    )
 
 
 @dataclass(frozen=True)
-class LoadSettings:
+class LoadConfig:
     """`[load]`: what to give up when the machine is too slow: pictures first, then features."""
 
-    adapt: bool = setting(True, "false never gives anything up; frames are dropped instead")
-    min_features: int = setting(300, "never look for fewer features in a frame", low=50, high=5000)
+    adapt: bool = config_field(True, "false never gives anything up; frames are dropped instead")
+    min_features: int = config_field(
+        300, "never look for fewer features in a frame", minimum=50, maximum=5000
+    )
 
 
 class LogLevel(StrEnum):
@@ -132,7 +150,7 @@ class LogLevel(StrEnum):
 
 
 @dataclass(frozen=True)
-class LogSettings:
+class LogConfig:
     """`[log]`: what goes to stderr, and under systemd to the journal."""
 
-    level: LogLevel = setting(LogLevel.WARNING, "debug, info, warning or error")
+    level: LogLevel = config_field(LogLevel.WARNING, "debug, info, warning or error")

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 
-class StageClock:
+class CpuStageTimer:
     """Adds up the processor time of this thread by stage, for one frame at a time."""
 
     def __init__(self) -> None:
@@ -21,7 +21,7 @@ class StageClock:
             spent_ms = (time.thread_time() - begin_s) * 1e3
             self._stages_ms[name] = self._stages_ms.get(name, 0.0) + spent_ms
 
-    def take(self) -> Mapping[str, float]:
+    def take_stage_ms(self) -> Mapping[str, float]:
         """Milliseconds by stage since the last call."""
         stages_ms, self._stages_ms = self._stages_ms, {}
         return stages_ms

@@ -8,12 +8,12 @@ from typing import Protocol
 from drivers.camera import Clock
 
 # A larger step of the wall clock than this is somebody setting it, not the network's fine tuning.
-LARGEST_CLOCK_STEP_S = 0.05
+MAX_CLOCK_STEP_S = 0.05
 # A camera whose stamps stay behind for this many frames has a new clock, not a glitch.
-STALE_FRAMES = 15
+MAX_STALE_FRAMES = 15
 
 
-class StampClock(Protocol):
+class PublishClock(Protocol):
     """Turns a frame's stamp into the published one."""
 
     def published_s(self, stamp_s: float) -> float:
@@ -55,60 +55,60 @@ class LiveClock:
         self._offset_s = offset_s
         self._monotonic_s = monotonic_s
         self._realtime_s = realtime_s
-        self._epoch_s = self._measured_epoch_s()
+        self._realtime_offset_s = self._measure_realtime_offset_s()
 
     def published_s(self, stamp_s: float) -> float:
         """Unix time of a stamp on CLOCK_MONOTONIC."""
-        return stamp_s + self._epoch_s + self._offset_s
+        return stamp_s + self._realtime_offset_s + self._offset_s
 
     def has_stepped(self) -> bool:
         """True once after the wall clock was set by more than 50 ms."""
-        epoch_s = self._measured_epoch_s()
-        if abs(epoch_s - self._epoch_s) <= LARGEST_CLOCK_STEP_S:
+        epoch_s = self._measure_realtime_offset_s()
+        if abs(epoch_s - self._realtime_offset_s) <= MAX_CLOCK_STEP_S:
             return False
-        self._epoch_s = epoch_s
+        self._realtime_offset_s = epoch_s
         return True
 
-    def _measured_epoch_s(self) -> float:
+    def _measure_realtime_offset_s(self) -> float:
         """CLOCK_REALTIME minus CLOCK_MONOTONIC: of three readings, the least interrupted."""
-        return min(self._reading() for _ in range(3))[1]
+        return min(self._read_clocks() for _ in range(3))[1]
 
-    def _reading(self) -> tuple[float, float]:
+    def _read_clocks(self) -> tuple[float, float]:
         """How long the reading took (a busy machine may pause us in it), and the difference."""
         before_s, realtime_s, after_s = self._monotonic_s(), self._realtime_s(), self._monotonic_s()
         return after_s - before_s, realtime_s - 0.5 * (before_s + after_s)
 
 
-def stamp_clock(clock: Clock, offset_s: float) -> StampClock:
+def make_publish_clock(clock: Clock, offset_s: float) -> PublishClock:
     """The published clock for a camera's own."""
     return LiveClock(offset_s) if clock is Clock.MONOTONIC else RecordedClock(offset_s)
 
 
 @dataclass(frozen=True)
-class Verdict:
+class TimestampCheck:
     """Whether to use a frame, and whether its stamps began anew."""
 
-    use: bool
-    restarted: bool = False
+    is_accepted: bool
+    is_restart: bool = False
 
 
-class StampGuard:
+class TimestampFilter:
     """Lets only frames through whose stamps rise.
 
-    A camera whose stamps stay behind is believed after `STALE_FRAMES` frames.
+    A camera whose stamps stay behind is believed after `MAX_STALE_FRAMES` frames.
     """
 
     def __init__(self) -> None:
         self._last_s = float("-inf")
         self._stale = 0
 
-    def check(self, stamp_s: float) -> Verdict:
+    def check(self, stamp_s: float) -> TimestampCheck:
         """Judge the next frame by its stamp."""
         if stamp_s > self._last_s:
             self._last_s, self._stale = stamp_s, 0
-            return Verdict(use=True)
+            return TimestampCheck(is_accepted=True)
         self._stale += 1
-        if self._stale < STALE_FRAMES:
-            return Verdict(use=False)
+        if self._stale < MAX_STALE_FRAMES:
+            return TimestampCheck(is_accepted=False)
         self._last_s, self._stale = stamp_s, 0
-        return Verdict(use=True, restarted=True)
+        return TimestampCheck(is_accepted=True, is_restart=True)

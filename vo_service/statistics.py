@@ -10,20 +10,20 @@ from statistics import fmean, median, pstdev
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.types import PoseUpdate
+from vo_service.types import OdometryUpdate
 
 # The status describes the last few seconds.
-WINDOW = 100
+WINDOW_FRAMES = 100
 # And the rate that of the frames that came within this time.
 RATE_WINDOW_S = 2.0
 # A longer time from one stamp to the next is no jitter: the camera was away.
-LONGEST_INTERVAL_S = 1.0
+MAX_INTERVAL_S = 1.0
 # Processor times are kept for so many frames: a service runs for weeks.
-LONGEST_RECORD = 5_000
+MAX_RECORDED_FRAMES = 5_000
 
 
 @dataclass(frozen=True)
-class Rolling:
+class RollingStatistics:
     """Figures of the last frames. Latencies are 0 before the first frame."""
 
     fps: float
@@ -37,39 +37,39 @@ class Rolling:
 
 
 @dataclass
-class Statistics:
+class ServiceStatistics:
     """Counts and times since the start."""
 
     now_s: Callable[[], float] = time.monotonic
     frames: int = 0
     failed: int = 0
-    stale: int = 0  # frames left out because their stamp did not rise
-    begin_s: float | None = None
+    out_of_order: int = 0  # frames left out because their stamp did not rise
+    start_s: float | None = None
     end_s: float = 0.0
-    _latency_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
-    _skew_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
-    _interval_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
+    _latency_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
+    _skew_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
+    _interval_ms: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
     _last_frame: RgbdFrame | None = None
-    _arrived_s: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
-    _cpu_ms: deque[float] = field(default_factory=lambda: deque(maxlen=LONGEST_RECORD))
+    _result_times_s: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW_FRAMES))
+    _cpu_ms: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_RECORDED_FRAMES))
     _stages_ms: dict[str, deque[float]] = field(default_factory=dict)
     _recent_stages_ms: deque[Mapping[str, float]] = field(
-        default_factory=lambda: deque(maxlen=WINDOW)
+        default_factory=lambda: deque(maxlen=WINDOW_FRAMES)
     )
 
-    def add(self, update: PoseUpdate, cpu_ms: float) -> None:
+    def add(self, update: OdometryUpdate, cpu_ms: float) -> None:
         """Take one frame's figures."""
         self.frames += 1
         self.failed += not update.estimate.ok
         self.end_s = self.now_s()
-        self.begin_s = self.end_s if self.begin_s is None else self.begin_s
+        self.start_s = self.end_s if self.start_s is None else self.start_s
         self._cpu_ms.append(cpu_ms)
         self._latency_ms.append(update.latency_s * 1e3)
-        self._arrived_s.append(self.end_s)
+        self._result_times_s.append(self.end_s)
         self._add_stamp(update.frame)
         self._recent_stages_ms.append(update.stage_ms)
         for stage, spent_ms in update.stage_ms.items():
-            record = self._stages_ms.setdefault(stage, deque(maxlen=LONGEST_RECORD))
+            record = self._stages_ms.setdefault(stage, deque(maxlen=MAX_RECORDED_FRAMES))
             record.append(spent_ms)
 
     def _add_stamp(self, frame: RgbdFrame) -> None:
@@ -78,7 +78,7 @@ class Statistics:
         self._skew_ms.append(frame.skew_s * 1e3)
         if last is None or frame.seq <= last.seq:
             return
-        if frame.stamp_s - last.stamp_s <= LONGEST_INTERVAL_S:
+        if frame.stamp_s - last.stamp_s <= MAX_INTERVAL_S:
             self._interval_ms.append((frame.stamp_s - last.stamp_s) * 1e3 / (frame.seq - last.seq))
 
     @property
@@ -86,17 +86,17 @@ class Statistics:
         """The camera's, from one frame to the next: median of the last seconds; 0 = not known."""
         return median(self._interval_ms) * 1e-3 if self._interval_ms else 0.0
 
-    def rolling(self) -> Rolling:
+    def compute_rolling(self) -> RollingStatistics:
         """Figures of the last few seconds."""
         p50, p99 = np.percentile(list(self._latency_ms) or [0.0], (50, 99))
-        return Rolling(
+        return RollingStatistics(
             fps=self._recent_fps(),
             latency_p50_ms=float(p50),
             latency_p99_ms=float(p99),
             skew_ms=median(self._skew_ms) if self._skew_ms else 0.0,
             jitter_ms=pstdev(self._interval_ms) if self._interval_ms else 0.0,
-            cpu_ms_per_frame=_recent(self._cpu_ms),
-            stage_ms={stage: _recent(spent) for stage, spent in self._stages_ms.items()},
+            cpu_ms_per_frame=_recent_median(self._cpu_ms),
+            stage_ms={stage: _recent_median(spent) for stage, spent in self._stages_ms.items()},
             stage_mean_ms={stage: self._recent_mean_ms(stage) for stage in self._stages_ms},
         )
 
@@ -105,7 +105,7 @@ class Statistics:
 
     def _recent_fps(self) -> float:
         now_s = self.now_s()
-        recent_s = [at_s for at_s in self._arrived_s if now_s - at_s <= RATE_WINDOW_S]
+        recent_s = [at_s for at_s in self._result_times_s if now_s - at_s <= RATE_WINDOW_S]
         if len(recent_s) < 2 or recent_s[0] >= now_s:
             return 0.0
         return (len(recent_s) - 1) / (now_s - recent_s[0])
@@ -113,9 +113,9 @@ class Statistics:
     @property
     def mean_fps(self) -> float:
         """Frames per second from the first result to the last."""
-        if self.begin_s is None or self.end_s <= self.begin_s:
+        if self.start_s is None or self.end_s <= self.start_s:
             return 0.0
-        return (self.frames - 1) / (self.end_s - self.begin_s)
+        return (self.frames - 1) / (self.end_s - self.start_s)
 
     @property
     def cpu_ms_per_frame(self) -> float:
@@ -128,7 +128,7 @@ class Statistics:
         return {stage: median(spent) for stage, spent in self._stages_ms.items()}
 
 
-def _recent(times_ms: deque[float]) -> float:
+def _recent_median(times_ms: deque[float]) -> float:
     """Median of the last few seconds; the newest are at the right end."""
-    newest = list(islice(reversed(times_ms), WINDOW))
+    newest = list(islice(reversed(times_ms), WINDOW_FRAMES))
     return median(newest) if newest else 0.0

@@ -7,49 +7,49 @@ from typing import Any, Self
 from drivers.camera import CameraCounters
 from drivers.errors import InputError
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from vo_service.evaluation import Evaluation, evaluate
-from vo_service.statistics import Statistics
-from vo_service.text_table import aligned, millimetres
+from vo_service.statistics import ServiceStatistics
+from vo_service.text_table import format_columns, format_mm
 
 logger = logging.getLogger(__name__)
 
 # Keys that are there, and null, where there is no ground truth to evaluate with.
-EVALUATED = tuple(Evaluation.__dataclass_fields__)
+EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
 
 
 @dataclass(frozen=True)
-class Summary:
+class RunSummary:
     """What a run did, and how good its trajectory is where the truth is known."""
 
-    statistics: Statistics
+    statistics: ServiceStatistics
     counters: CameraCounters
     evaluation: Evaluation | None
-    with_loops: "WithLoops | None" = None
+    loop_closure: "LoopClosureSummary | None" = None
 
     @classmethod
-    def of(
+    def from_run(
         cls,
-        statistics: Statistics,
+        statistics: ServiceStatistics,
         counters: CameraCounters,
-        trajectory: StampedPoses,
-        truth: StampedPoses | None,
+        trajectory: Trajectory,
+        ground_truth: Trajectory | None,
         frames_s: Array,
-        with_loops: "WithLoops | None" = None,
+        loop_closure: "LoopClosureSummary | None" = None,
     ) -> Self:
         """Evaluate the trajectory, if there is a truth and enough of both; frames_s as there."""
-        evaluation = evaluated(trajectory, truth, frames_s)
-        return cls(statistics, counters, evaluation, with_loops)
+        evaluation = evaluate_if_possible(trajectory, ground_truth, frames_s)
+        return cls(statistics, counters, evaluation, loop_closure)
 
     def as_json(self) -> dict[str, Any]:
         """One flat object; null for what could not be computed."""
         statistics, counters = self.statistics, self.counters
-        rolling = statistics.rolling()
-        judged = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATED)
+        rolling = statistics.compute_rolling()
+        judged = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
         return {
             "frames": statistics.frames,
             "failed": statistics.failed,
-            "skipped": counters.skipped + statistics.stale,
+            "skipped": counters.skipped + statistics.out_of_order,
             "dropped": counters.dropped,
             "fps": round(statistics.mean_fps, 3),
             "latency_p50_ms": round(rolling.latency_p50_ms, 3),
@@ -57,18 +57,18 @@ class Summary:
             "cpu_ms_per_frame": round(statistics.cpu_ms_per_frame, 3),
             "stage_ms": {name: round(spent, 3) for name, spent in statistics.stage_ms.items()},
             **judged,
-            **(self.with_loops.as_json() if self.with_loops else {}),
+            **(self.loop_closure.as_json() if self.loop_closure else {}),
         }
 
     def as_table(self) -> str:
         """Aligned text for a terminal."""
         statistics, counters = self.statistics, self.counters
-        rolling = statistics.rolling()
+        rolling = statistics.compute_rolling()
         stages = ", ".join(f"{name} {spent:.2f}" for name, spent in statistics.stage_ms.items())
         rows = [
             ("frames", f"{statistics.frames:6d}"),
             ("failed", f"{statistics.failed:6d}"),
-            ("skipped", f"{counters.skipped + statistics.stale:6d}"),
+            ("skipped", f"{counters.skipped + statistics.out_of_order:6d}"),
             ("dropped", f"{counters.dropped:6d}"),
             ("rate", f"{statistics.mean_fps:6.1f} frames/s"),
             (
@@ -78,12 +78,12 @@ class Summary:
             ("CPU a frame", f"{statistics.cpu_ms_per_frame:6.1f} ms ({stages})"),
         ]
         rows += self.evaluation.rows() if self.evaluation else []
-        rows += self.with_loops.rows() if self.with_loops else []
-        return aligned(rows)
+        rows += self.loop_closure.rows() if self.loop_closure else []
+        return format_columns(rows)
 
 
 @dataclass(frozen=True)
-class WithLoops:
+class LoopClosureSummary:
     """What the places that were known again have changed.
 
     places, loops  that there are in the end
@@ -110,19 +110,19 @@ class WithLoops:
         rows = [("places, loops", f"{self.places:6d}, {self.loops}")]
         if self.evaluation is not None:
             corrected = self.evaluation
-            rows.append(("corrected ATE, RMSE", millimetres(corrected.ate_rmse_m)))
-            rows.append(("corrected global error", millimetres(corrected.mean_global_error_m)))
+            rows.append(("corrected ATE, RMSE", format_mm(corrected.ate_rmse_m)))
+            rows.append(("corrected global error", format_mm(corrected.mean_global_error_m)))
         return rows
 
 
-def evaluated(
-    trajectory: StampedPoses, truth: StampedPoses | None, frames_s: Array
+def evaluate_if_possible(
+    trajectory: Trajectory, ground_truth: Trajectory | None, frames_s: Array
 ) -> Evaluation | None:
     """How good a trajectory is, if there is a truth and enough of both."""
-    if truth is None or not len(trajectory):
+    if ground_truth is None or not len(trajectory):
         return None
     try:
-        return evaluate(trajectory, truth, frames_s)
+        return evaluate(trajectory, ground_truth, frames_s)
     except InputError as error:
         logger.warning("no evaluation: %s", error)
         return None

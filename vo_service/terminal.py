@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
-from vo_service.announcements import announce, long_work
+from vo_service.announcements import announce, announce_if_slow
 
 REDRAW_S = 0.1
 BUSY_REDRAW_S = 0.5
 CLEAR_LINE = "\r\x1b[K"
 
 
-def wipe(stream: TextIO) -> None:
+def clear_line(stream: TextIO) -> None:
     """Empty the line that a terminal's cursor is in; anything else is left as it is."""
     if stream.isatty():
         stream.write(CLEAR_LINE)
@@ -46,11 +46,11 @@ class Terminal:
         self._drawn_s = now_s
         self.show(f"{label} {done}/{total} ({done / total:.0%})" if total else f"{label} {done}")
 
-    def counter(self, label: str) -> Callable[[int, int], None]:
+    def progress_callback(self, label: str) -> Callable[[int, int], None]:
         """`progress` under one label, for those who know only (done, total)."""
         return lambda done, total: self.progress(label, done, total)
 
-    def say(self, text: str) -> None:
+    def write_line(self, text: str) -> None:
         """Leave a line that stays; in a log, a line of level info."""
         if self._is_log:
             announce(text)
@@ -60,14 +60,14 @@ class Terminal:
         self._stream.flush()
 
     @contextmanager
-    def busy(self, label: str) -> Iterator["Busy"]:
+    def busy(self, label: str) -> Iterator["BusyIndicator"]:
         """Show that work of unknown length goes on: a line that counts the seconds.
 
         A log gets a line if it takes long, and another when it is over.
         """
-        busy = Busy(self, label)
+        busy = BusyIndicator(self, label)
         if self._is_log:
-            with long_work(label):
+            with announce_if_slow(label):
                 yield busy
             return
         thread = threading.Thread(target=busy.run, name="busy", daemon=True)
@@ -75,7 +75,7 @@ class Terminal:
         try:
             yield busy
         finally:
-            busy.end()
+            busy.stop()
             thread.join()
             self.clear()
 
@@ -87,30 +87,30 @@ class Terminal:
             self._is_drawn = False
 
 
-class Busy:
+class BusyIndicator:
     """Redraws a line twice a second until it is ended; `detail` says what is being done."""
 
     def __init__(self, terminal: Terminal, label: str) -> None:
         self._terminal = terminal
         self._label = label
-        self._detail = ""
+        self._detail_text = ""
         self._ended = threading.Event()
 
-    def detail(self, text: str) -> None:
+    def set_detail(self, text: str) -> None:
         """What is being done now."""
-        self._detail = f": {text}"
+        self._detail_text = f": {text}"
 
-    def counted(self, what: str) -> Callable[[int, int], None]:
+    def progress_callback(self, what: str) -> Callable[[int, int], None]:
         """`detail` for those who know only (done, total) of `what`."""
-        return lambda done, total: self.detail(f"{what} {done}/{total}")
+        return lambda done, total: self.set_detail(f"{what} {done}/{total}")
 
     def run(self) -> None:
         """Body of the thread that draws."""
         begin_s = time.monotonic()
         while not self._ended.wait(BUSY_REDRAW_S):
             elapsed_s = time.monotonic() - begin_s
-            self._terminal.show(f"{self._label}{self._detail} ... {elapsed_s:.0f} s")
+            self._terminal.show(f"{self._label}{self._detail_text} ... {elapsed_s:.0f} s")
 
-    def end(self) -> None:
+    def stop(self) -> None:
         """Draw no more."""
         self._ended.set()

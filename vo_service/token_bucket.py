@@ -13,25 +13,25 @@ class TokenBucket:
     def __init__(self, per_second: float, now_s: Callable[[], float] = time.monotonic) -> None:
         self.per_second = per_second
         self._now_s = now_s
-        self._most = max(1.0, per_second)
-        self._tokens = self._most
-        self._filled_s = now_s()
+        self._capacity = max(1.0, per_second)
+        self._tokens = self._capacity
+        self._last_refill_s = now_s()
 
-    def take(self) -> bool:
+    def try_acquire(self) -> bool:
         """Take a token; False where there is none."""
-        self._fill()
+        self._refill()
         if self._tokens < 1.0:
             return False
         self._tokens -= 1.0
         return True
 
-    def next_s(self) -> float:
+    def seconds_until_next(self) -> float:
         """Seconds until there is a token; 0 where there is one."""
-        self._fill()
+        self._refill()
         return max(0.0, (1.0 - self._tokens) / self.per_second)
 
-    def _fill(self) -> None:
+    def _refill(self) -> None:
         now_s = self._now_s()
-        self._tokens += (now_s - self._filled_s) * self.per_second
-        self._tokens = min(self._tokens, self._most)
-        self._filled_s = now_s
+        self._tokens += (now_s - self._last_refill_s) * self.per_second
+        self._tokens = min(self._tokens, self._capacity)
+        self._last_refill_s = now_s

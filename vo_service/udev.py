@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from drivers.kinect_usb.ids import SUPPORTED_IDS, UsbId
-from vo_service.installation.calls import call
-from vo_service.installation.system_files import SystemFile, refused, remove_file, write_file
+from vo_service.installation.calls import run_command
+from vo_service.installation.system_files import SystemFile, remove_file, write_error, write_file
 
 GROUP = "plugdev"
 KERNEL_DRIVER = "gspca_kinect"  # makes a webcam of a Kinect, and so holds its camera
@@ -30,18 +30,18 @@ blacklist {KERNEL_DRIVER}
 """
 
 
-def system_files() -> tuple[SystemFile, ...]:
+def list_system_files() -> tuple[SystemFile, ...]:
     """The udev rules and the modprobe blacklist."""
-    return (SystemFile(RULES_FILE, rules_text()), SystemFile(MODPROBE_FILE, _MODPROBE_TEXT))
+    return (SystemFile(RULES_FILE, format_rules()), SystemFile(MODPROBE_FILE, _MODPROBE_TEXT))
 
 
-def rules_text() -> str:
+def format_rules() -> str:
     """One rule for every id of every sensor that can be driven."""
-    rules = "".join(_rule(line) for line in SUPPORTED_IDS)
+    rules = "".join(_format_rule(line) for line in SUPPORTED_IDS)
     return f'{_RULES_HEADING}{rules}LABEL="kinect_vo_end"\n'
 
 
-def _rule(line: UsbId) -> str:
+def _format_rule(line: UsbId) -> str:
     product = "" if line.product is None else f'ATTR{{idProduct}}=="{line.product:04x}", '
     return (
         f"# {line.model}: {line.role}\n"
@@ -56,34 +56,34 @@ def install(root: Path) -> list[Path]:
     Raises UserFacingError, with the command to run instead, where this user may not.
     """
     written = []
-    for file in system_files():
+    for file in list_system_files():
         path = root / file.path
         try:
             if write_file(path, file.text):
                 written.append(path)
         except OSError as error:
-            raise refused(path, error, root, "udev", "install") from error
+            raise write_error(path, error, root, "udev", "install") from error
     return written
 
 
 def uninstall(root: Path) -> list[Path]:
     """Remove the files; the paths of what was there. Raises as `install`."""
     removed = []
-    for file in system_files():
+    for file in list_system_files():
         path = root / file.path
         try:
             if remove_file(path):
                 removed.append(path)
         except OSError as error:
-            raise refused(path, error, root, "udev", "uninstall") from error
+            raise write_error(path, error, root, "udev", "uninstall") from error
     return removed
 
 
-def apply_now() -> str:
+def apply_rules() -> str:
     """Have udev read its rules again and unload the webcam driver; "" or what did not work."""
-    complaints = [call("udevadm", "control", "--reload")]
+    complaints = [run_command("udevadm", "control", "--reload")]
     if _is_loaded(KERNEL_DRIVER):
-        complaints.append(call("modprobe", "--remove", KERNEL_DRIVER))
+        complaints.append(run_command("modprobe", "--remove", KERNEL_DRIVER))
     return "; ".join(complaint for complaint in complaints if complaint)
 
 

@@ -7,22 +7,22 @@ from dataclasses import replace
 from drivers.camera import (
     CameraCounters,
     CameraState,
-    Condition,
+    CameraStatus,
     RgbdCamera,
     RgbdFrame,
 )
 from drivers.errors import CameraError, CameraNotFoundError
-from drivers.freenect.depth import DepthFilter, MeasuredOnly, up_to_10_m
-from drivers.freenect.faults import hangs, losing
-from drivers.freenect.images import Images
+from drivers.freenect.depth import DepthFilter, ValidDepthMask, all_depths_to_10_m
+from drivers.freenect.faults import device_hung_error, packet_loss_message
+from drivers.freenect.images import KinectRectifier
 from drivers.freenect.mailbox import ImagePair
-from drivers.freenect.session import NoSession, Session
-from drivers.freenect.source import Source
-from drivers.kinect_usb.base import Base
-from drivers.sensor_settings import Led, SensorSettings
+from drivers.freenect.session import CaptureSession, NullSession
+from drivers.freenect.source import DeviceSource
+from drivers.kinect_usb.base import MotorUnit
+from drivers.sensor_settings import Led, SensorConfig
 
 # Longer than a supervisor that can kill the process waits.
-LET_GO_LIMIT_S = 10.0
+RELEASE_TIMEOUT_S = 10.0
 
 
 class FreenectCamera(RgbdCamera):
@@ -37,45 +37,45 @@ class FreenectCamera(RgbdCamera):
 
     def __init__(
         self,
-        source: Source,
-        images: Images,
-        base: Base,
-        settings: SensorSettings,
-        wait: Callable[[float], object] = time.sleep,
+        source: DeviceSource,
+        rectifier: KinectRectifier,
+        motor_unit: MotorUnit,
+        settings: SensorConfig,
+        wait_for_device: Callable[[float], object] = time.sleep,
     ) -> None:
         """`wait` waits so many seconds, or less if it notices that a device is plugged in."""
         self.name, self.clock = source.name, source.clock
-        self._source, self._images, self._base = source, images, base
-        self._settings, self._wait = settings, wait
-        self._session: Session | NoSession = NoSession()
-        self._measured: DepthFilter = MeasuredOnly(up_to_10_m())
-        self._stamps = source.stamp_map()
-        self._lost_before = 0
-        self._condition = Condition(CameraState.ABSENT, "not opened yet")
+        self._source, self._rectifier, self._motor_unit = source, rectifier, motor_unit
+        self._settings, self._wait_for_device = settings, wait_for_device
+        self._session: CaptureSession | NullSession = NullSession()
+        self._depth_filter: DepthFilter = ValidDepthMask(all_depths_to_10_m())
+        self._stamp_converter = source.make_stamp_converter()
+        self._last_lost_packets = 0
+        self._status = CameraStatus(CameraState.ABSENT, "not opened yet")
 
     def open(self) -> None:
         """See `RgbdCamera`. Raises UserFacingError if libfreenect is not installed."""
         self.close()
-        self._condition = Condition(CameraState.OPENING)
+        self._status = CameraStatus(CameraState.OPENING)
         try:
             self._open()
         except CameraError as error:
-            self._give_up(error, CameraState.OPENING)
+            self._set_unavailable(error, CameraState.OPENING)
             raise
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """See `RgbdCamera`: the newest pair."""
         try:
-            pair = self._session.take(timeout_s)
+            pair = self._session.get(timeout_s)
         except CameraError as error:
-            self._give_up(error, CameraState.LOST)
+            self._set_unavailable(error, CameraState.LOST)
             raise
-        self._condition = Condition(CameraState.STREAMING)
-        return self._frame(pair, self._session.counters.lost_packets)
+        self._status = CameraStatus(CameraState.STREAMING)
+        return self._make_frame(pair, self._session.counters.lost_packets)
 
     def close(self) -> None:
         """See `RgbdCamera`. Waits at most 1.5 s for libfreenect."""
-        self._base.close()
+        self._motor_unit.close()
         self._session.stop()
 
     @property
@@ -84,72 +84,79 @@ class FreenectCamera(RgbdCamera):
         return self._session.counters
 
     @property
-    def condition(self) -> Condition:
+    def status(self) -> CameraStatus:
         """See `RgbdCamera`. While most images lack packets it says so."""
-        torn, images = self._session.torn
-        is_losing = self._condition.state is CameraState.STREAMING and 2 * torn > images
+        torn, images = self._session.incomplete_images
+        is_losing = self._status.state is CameraState.STREAMING and 2 * torn > images
         return (
-            replace(self._condition, reason=losing(torn, images)) if is_losing else self._condition
+            replace(self._status, reason=packet_loss_message(torn, images))
+            if is_losing
+            else self._status
         )
 
     @property
     def intrinsics_source(self) -> str:
         """See `RgbdCamera`; a Kinect does not tell its colour camera's."""
-        return self._images.source
+        return self._rectifier.intrinsics_source
 
     @property
-    def has_base(self) -> bool:
+    def has_motor(self) -> bool:
         """See `RgbdCamera`; a dump has none."""
-        return self._base.exists
+        return self._motor_unit.is_present
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
         """See `RgbdCamera`."""
-        if not self.has_base:
+        if not self.has_motor:
             super().set_tilt_deg(tilt_deg)
         self._settings = replace(self._settings, tilt_deg=tilt_deg)
-        self._base.set_tilt_deg(tilt_deg)
+        self._motor_unit.set_tilt_deg(tilt_deg)
 
     def set_led(self, led: Led) -> None:
         """See `RgbdCamera`."""
-        if not self.has_base:
+        if not self.has_motor:
             super().set_led(led)
         self._settings = replace(self._settings, led=led)
-        self._base.set_led(led)
+        self._motor_unit.set_led(led)
 
-    def wait_to_retry(self, timeout_s: float) -> None:
+    def wait_for_reconnect(self, timeout_s: float) -> None:
         """See `RgbdCamera`."""
-        self._wait(timeout_s)
+        self._wait_for_device(timeout_s)
 
     def _open(self) -> None:
-        if not self._session.has_ended(LET_GO_LIMIT_S):
-            raise hangs()
-        self._session = Session(self._source.load(), self._source, self._images.depth_format)
+        if not self._session.wait_until_ended(RELEASE_TIMEOUT_S):
+            raise device_hung_error()
+        self._session = CaptureSession(
+            self._source.load(), self._source, self._rectifier.depth_format
+        )
         started = self._session.start()
-        self._measured, self._stamps = started.measured, self._source.stamp_map()
-        self._lost_before = 0
-        self._base.open(started.serial)
-        self._base.apply(self._settings)
-        self._condition = Condition(CameraState.STARTING)
+        self._depth_filter, self._stamp_converter = (
+            started.depth_filter,
+            self._source.make_stamp_converter(),
+        )
+        self._last_lost_packets = 0
+        self._motor_unit.open(started.serial)
+        self._motor_unit.apply(self._settings)
+        self._status = CameraStatus(CameraState.STARTING)
 
-    def _give_up(self, error: CameraError, state: CameraState) -> None:
+    def _set_unavailable(self, error: CameraError, state: CameraState) -> None:
         """Remember why there are no frames, until the next `open`."""
         is_there = not isinstance(error, CameraNotFoundError)
-        self._condition = Condition(state if is_there else CameraState.ABSENT, str(error))
+        self._status = CameraStatus(state if is_there else CameraState.ABSENT, str(error))
 
-    def _frame(self, pair: ImagePair, lost_packets: int) -> RgbdFrame:
-        colour, images = pair.colour, self._images
-        lost, self._lost_before = lost_packets - self._lost_before, lost_packets
+    def _make_frame(self, pair: ImagePair, lost_packets: int) -> RgbdFrame:
+        colour, images = pair.color, self._rectifier
+        lost, self._last_lost_packets = lost_packets - self._last_lost_packets, lost_packets
         return RgbdFrame(
             seq=colour.seq,
-            stamp_s=self._stamps.host_s(pair.colour_s, colour.arrival_s),
-            arrival_s=max(colour.arrival_s, pair.depth.arrival_s),
-            colour_bgr=images.colour(colour.pixels),
-            depth_raw=images.depth(pair.depth.pixels, self._measured),
+            stamp_s=self._stamp_converter.to_host_s(pair.color_s, colour.receive_time_s),
+            receive_time_s=max(colour.receive_time_s, pair.depth.receive_time_s),
+            color_bgr=images.rectify_color(colour.pixels),
+            depth_raw=images.rectify_depth(pair.depth.pixels, self._depth_filter),
             depth_factor=images.depth_factor,
             camera=images.camera,
-            device_stamp_s=pair.colour_s,
+            device_stamp_s=pair.color_s,
             skew_s=pair.skew_s + images.depth_offset_s,
             lost_packets=lost,
-            gravity_m_s2=self._base.gravity_m_s2,
+            gravity_m_s2=self._motor_unit.gravity_m_s2,
             readout_s=images.readout_s,
         )

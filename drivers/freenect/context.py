@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import CameraError
-from drivers.freenect.faults import cannot_start
+from drivers.freenect.faults import start_failed_error
 from drivers.freenect.library import (
     CAMERA_ONLY,
     FRAME_CALLBACK,
@@ -25,39 +25,39 @@ from drivers.freenect.library import (
     Flag,
     TimeValue,
 )
-from drivers.freenect.log import Log
+from drivers.freenect.log import LibfreenectLog
 
 _log = logging.getLogger(__name__)
-FrameTaker = Callable[[int, int], None]  # address of the pixels, device stamp
+RawFrameCallback = Callable[[int, int], None]  # address of the pixels, device stamp
 
 
-class Context:
+class FreenectContext:
     """One attempt with a Kinect. libfreenect has no locks: one thread makes all the calls.
 
     After any failure it is closed and a new one made: libfreenect keeps half-open devices.
     """
 
-    def __init__(self, library: ctypes.CDLL, log: Log) -> None:
+    def __init__(self, library: ctypes.CDLL, log: LibfreenectLog) -> None:
         """Raises CameraError if USB cannot be used at all."""
         self.library, self.log = library, log
         self._pointer = ctypes.c_void_p()
         if library.freenect_init(ctypes.byref(self._pointer), None) < 0:
             raise CameraError("libfreenect finds no USB: is /dev/bus/usb there in this container?")
-        self._log_callback = LOG_CALLBACK(lambda _, level, text: log.line(level, text.decode()))
+        self._log_callback = LOG_CALLBACK(lambda _, level, text: log.add_line(level, text.decode()))
         library.freenect_set_log_callback(self._pointer, self._log_callback)
         library.freenect_set_log_level(self._pointer, LOG_SPEW)
         library.freenect_select_subdevices(self._pointer, CAMERA_ONLY)
-        self._failure: Exception | None = None
+        self._callback_error: Exception | None = None
 
     def close(self) -> None:
         """Give the context back, and whatever is still open in it."""
         self.library.freenect_shutdown(self._pointer)
 
-    def count(self) -> int:
+    def device_count(self) -> int:
         """Kinects on the bus, those that may not be opened included."""
         return int(self.library.freenect_num_devices(self._pointer))
 
-    def serials(self) -> list[str]:
+    def list_serials(self) -> list[str]:
         """Serial numbers of the Kinects that may be opened."""
         first = ctypes.POINTER(DeviceAttributes)()
         self.library.freenect_list_device_attributes(self._pointer, ctypes.byref(first))
@@ -69,7 +69,7 @@ class Context:
         return serials
 
     @contextmanager
-    def device(self, serial: str) -> Iterator["Device | None"]:
+    def open_device(self, serial: str) -> Iterator["FreenectDevice | None"]:
         """The Kinect of that serial number; None if libfreenect cannot open it."""
         pointer = ctypes.c_void_p()
         opened = self.library.freenect_open_device_by_camera_serial(
@@ -78,7 +78,7 @@ class Context:
         if opened < 0:
             yield None
             return
-        device = Device(self, pointer, serial)
+        device = FreenectDevice(self, pointer, serial)
         try:
             yield device
         finally:
@@ -87,34 +87,39 @@ class Context:
     def process_events(self, timeout: TimeValue) -> bool:
         """Let libfreenect work; False once the device is gone. Raises what a callback raised."""
         result = self.library.freenect_process_events_timeout(self._pointer, timeout)
-        if self._failure is not None:
-            raise self._failure
+        if self._callback_error is not None:
+            raise self._callback_error
         return bool(result >= 0 or result == INTERRUPTED)
 
-    def guarded(self, take: FrameTaker) -> Any:
+    def make_callback(self, function: RawFrameCallback) -> Any:
         """A callback; what it raises is kept, for an exception cannot pass through C."""
 
         def callback(_device: int, pixels: int, stamp: int) -> None:
             try:
-                take(pixels, stamp)
+                function(pixels, stamp)
             except Exception as error:
-                self._failure = error
+                self._callback_error = error
 
         return FRAME_CALLBACK(callback)
 
 
-class Device:
+class FreenectDevice:
     """An open Kinect."""
 
-    def __init__(self, context: Context, pointer: ctypes.c_void_p, serial: str) -> None:
+    def __init__(self, context: FreenectContext, pointer: ctypes.c_void_p, serial: str) -> None:
         self._library, self._pointer, self._context = context.library, pointer, context
         self.serial, self.log = serial, context.log
         self._callbacks: list[Any] = []
 
-    def start(self, depth: DepthFormat, on_colour: FrameTaker, on_depth: FrameTaker) -> None:
+    def start(
+        self, depth: DepthFormat, on_color: RawFrameCallback, on_depth: RawFrameCallback
+    ) -> None:
         """Start both streams at 640x480. Raises CameraError."""
         library, pointer = self._library, self._pointer
-        self._callbacks = [self._context.guarded(on_colour), self._context.guarded(on_depth)]
+        self._callbacks = [
+            self._context.make_callback(on_color),
+            self._context.make_callback(on_depth),
+        ]
         library.freenect_set_video_callback(pointer, self._callbacks[0])
         library.freenect_set_depth_callback(pointer, self._callbacks[1])
         video_mode = library.freenect_find_video_mode(RESOLUTION_640X480, VIDEO_RGB)
@@ -126,7 +131,7 @@ class Device:
             ("start colour", library.freenect_start_video),
         ):
             if call(pointer, *arguments) < 0:
-                raise cannot_start(step, self.log)
+                raise start_failed_error(step, self.log)
 
     def set_flag(self, flag: Flag, is_on: bool) -> None:
         """Switch something of the colour camera, once it streams; a refusal is only logged."""
@@ -134,7 +139,7 @@ class Device:
             what, state = flag.name.lower().replace("_", " "), "on" if is_on else "off"
             _log.warning("the Kinect does not take %s = %s", what, state)
 
-    def raw_to_mm(self) -> NDArray[np.uint16]:
+    def read_raw_to_mm(self) -> NDArray[np.uint16]:
         """(2048,) uint16: libfreenect's millimetres for each raw value of this very Kinect.
 
         To be asked for while depth streams in millimetres.

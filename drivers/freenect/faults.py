@@ -1,24 +1,24 @@
 """What went wrong, in words that say what to do: read off libfreenect's log."""
 
 from drivers.errors import CameraError, CameraLostError, CameraNotFoundError
-from drivers.freenect.log import Log
+from drivers.freenect.log import LibfreenectLog
 
-OWN_CONTROLLER = "give the Kinect a USB 2 controller of its own"
-NO_BANDWIDTH = "Failed to submit isochronous transfer 0"
-BUSY = ("Failed to claim camera interface", "Failed to detach camera kernel driver")
+OWN_CONTROLLER_ADVICE = "give the Kinect a USB 2 controller of its own"
+NO_BANDWIDTH_LINE = "Failed to submit isochronous transfer 0"
+DEVICE_BUSY_LINES = ("Failed to claim camera interface", "Failed to detach camera kernel driver")
 
 
-def not_found(serial: str, others: list[str]) -> CameraNotFoundError:
+def device_not_found_error(serial: str, present_serials: list[str]) -> CameraNotFoundError:
     """The Kinect is not on the bus; `serial` "" means any."""
-    if serial and others:
+    if serial and present_serials:
         return CameraNotFoundError(
-            f"no Kinect with the serial number {serial} on the USB; there is {', '.join(others)}"
+            f"no Kinect with the serial number {serial} on the USB; there is {', '.join(present_serials)}"
         )
     wanted = f"no Kinect {serial}" if serial else "no Kinect"
     return CameraNotFoundError(f"{wanted} on the USB; plug it in, and its own power supply too")
 
 
-def no_permission() -> CameraError:
+def no_permission_error() -> CameraError:
     """It is there, and this user may not open it."""
     return CameraError(
         "a Kinect is plugged in, but this user may not open it; run: sudo kinect-vo udev install, "
@@ -26,10 +26,10 @@ def no_permission() -> CameraError:
     )
 
 
-def cannot_open(log: Log) -> CameraError:
+def open_failed_error(log: LibfreenectLog) -> CameraError:
     """It was found and could not be opened."""
     # Not the last words: libfreenect goes on complaining of what follows from it.
-    held = next(filter(None, map(log.find, BUSY)), "")
+    held = next(filter(None, map(log.find, DEVICE_BUSY_LINES)), "")
     if held:
         return CameraError(
             f"the Kinect is held by another program or the kernel ({held}); stop the "
@@ -37,54 +37,54 @@ def cannot_open(log: Log) -> CameraError:
             "install, then sudo modprobe -r gspca_kinect"
         )
     return CameraError(
-        f"libfreenect cannot open the Kinect ({log.last_words}); unplug it and plug it in again"
+        f"libfreenect cannot open the Kinect ({log.last_line}); unplug it and plug it in again"
     )
 
 
-def cannot_start(step: str, log: Log) -> CameraError:
+def start_failed_error(step: str, log: LibfreenectLog) -> CameraError:
     """It is open, and a stream does not start."""
     return CameraError(
-        f"libfreenect cannot {step} ({log.last_words}); unplug the Kinect and plug it in again"
+        f"libfreenect cannot {step} ({log.last_line}); unplug the Kinect and plug it in again"
     )
 
 
-def no_bandwidth(log: Log) -> CameraError:
+def no_bandwidth_error(log: LibfreenectLog) -> CameraError:
     """The system has no room for the streams on this bus."""
     return CameraError(
-        f"no USB bandwidth for the Kinect ({log.last_words}); {OWN_CONTROLLER} and no hub before it"
+        f"no USB bandwidth for the Kinect ({log.last_line}); {OWN_CONTROLLER_ADVICE} and no hub before it"
     )
 
 
-def hangs() -> CameraError:
+def device_hung_error() -> CameraError:
     """A call of libfreenect does not come back."""
     return CameraError(
         "libfreenect hangs: the Kinect does not answer; unplug it and start this program again"
     )
 
 
-def unplugged() -> CameraLostError:
+def unplugged_error() -> CameraLostError:
     """The device was given up."""
     return CameraLostError(
         "the Kinect is gone: unplugged, or without its own power supply; plug it in again"
     )
 
 
-def never_began(stream: str, limit_s: float) -> CameraLostError:
+def stream_not_started_error(stream: str, timeout_s: float) -> CameraLostError:
     """A stream that was started never sent an image."""
     return CameraLostError(
-        f"the Kinect sent no {stream} image within {limit_s:g} s of its start: no USB bandwidth "
-        f"or no 12 V supply; {OWN_CONTROLLER} and check its power supply"
+        f"the Kinect sent no {stream} image within {timeout_s:g} s of its start: no USB bandwidth "
+        f"or no 12 V supply; {OWN_CONTROLLER_ADVICE} and check its power supply"
     )
 
 
-def stalled(stream: str, limit_s: float) -> CameraLostError:
+def stream_stalled_error(stream: str, timeout_s: float) -> CameraLostError:
     """A stream stopped."""
     return CameraLostError(
-        f"the Kinect sent no {stream} image for {limit_s:g} s; it is opened again (if this comes "
+        f"the Kinect sent no {stream} image for {timeout_s:g} s; it is opened again (if this comes "
         "back: check its power supply and cable)"
     )
 
 
-def losing(torn: int, images: int) -> str:
+def packet_loss_message(incomplete: int, images: int) -> str:
     """Images come, most of them with holes."""
-    return f"losing USB packets: {torn} of {images} frames torn; {OWN_CONTROLLER}"
+    return f"losing USB packets: {incomplete} of {images} frames torn; {OWN_CONTROLLER_ADVICE}"

@@ -5,37 +5,37 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
 from drivers.camera import Clock
-from drivers.device_clock import HostTime
-from drivers.freenect.context import Context, Device
-from drivers.freenect.depth import DepthFilter, MeasuredOnly, measured_mm
+from drivers.device_clock import HostClockSync
+from drivers.freenect.context import FreenectContext, FreenectDevice
+from drivers.freenect.depth import DepthFilter, ValidDepthMask, find_valid_depths_mm
 from drivers.freenect.faults import (
-    NO_BANDWIDTH,
-    cannot_open,
-    no_bandwidth,
-    no_permission,
-    not_found,
-    unplugged,
+    NO_BANDWIDTH_LINE,
+    device_not_found_error,
+    no_bandwidth_error,
+    no_permission_error,
+    open_failed_error,
+    unplugged_error,
 )
 from drivers.freenect.library import SONAME, DepthFormat, Flag, load_library
-from drivers.freenect.log import Log
-from drivers.freenect.mailbox import Mailbox, NewestMailbox
-from drivers.freenect.watchdog import Patience
-from drivers.nearest import SHORTEST_PERIOD_S
-from drivers.sensor_settings import SensorSettings
+from drivers.freenect.log import LibfreenectLog
+from drivers.freenect.mailbox import FrameQueue, LatestFrameQueue
+from drivers.freenect.watchdog import StreamTimeouts
+from drivers.nearest import MIN_IMAGE_PERIOD_S
+from drivers.sensor_settings import SensorConfig
 
 # From the instant that a stamp marks until the host has the whole colour image, at the soonest:
 # 162 packets, one every 125 us. That the stamp marks the first packet is not known, but assumed.
-COLOUR_READOUT_S = 162 * 125e-6
+COLOR_READOUT_S = 162 * 125e-6
 
 
-class Kinect:
+class KinectSource:
     """Models 1414, 1473 and Kinect for Windows, by serial number; "" for the first one found."""
 
     clock = Clock.MONOTONIC
-    patience = Patience(first_s=2.0, next_s=1.0)
-    shortest_period_s = SHORTEST_PERIOD_S
+    timeouts = StreamTimeouts(first_image_s=2.0, next_image_s=1.0)
+    min_period_s = MIN_IMAGE_PERIOD_S
 
-    def __init__(self, serial: str, settings: SensorSettings, library: str = SONAME) -> None:
+    def __init__(self, serial: str, settings: SensorConfig, library: str = SONAME) -> None:
         self.name = f"freenect:{serial}" if serial else "freenect"
         self._serial, self._settings, self._library = serial, settings, library
 
@@ -44,45 +44,45 @@ class Kinect:
         return load_library(self._library)
 
     @contextmanager
-    def open(self, context: Context) -> Iterator[Device]:
+    def open(self, context: FreenectContext) -> Iterator[FreenectDevice]:
         """See `Source`."""
-        with context.device(find(context, self._serial)) as device:
+        with context.open_device(find_serial(context, self._serial)) as device:
             if device is None:
-                raise cannot_open(context.log)
+                raise open_failed_error(context.log)
             yield device
 
     def depth_format(self, wanted: DepthFormat) -> DepthFormat:
         """See `Source`."""
         return wanted
 
-    def set_up(self, device: Device) -> DepthFilter:
+    def configure(self, device: FreenectDevice) -> DepthFilter:
         """See `Source`. Raises CameraError if the bus has no room for the streams."""
-        if device.log.has(NO_BANDWIDTH):
-            raise no_bandwidth(device.log)
+        if device.log.contains(NO_BANDWIDTH_LINE):
+            raise no_bandwidth_error(device.log)
         device.set_flag(Flag.AUTO_EXPOSURE, self._settings.auto_exposure)
         device.set_flag(Flag.AUTO_WHITE_BALANCE, self._settings.auto_white_balance)
-        return MeasuredOnly(measured_mm(device.raw_to_mm()))
+        return ValidDepthMask(find_valid_depths_mm(device.read_raw_to_mm()))
 
-    def end(self) -> Exception:
+    def make_end_exception(self) -> Exception:
         """See `Source`."""
-        return unplugged()
+        return unplugged_error()
 
-    def mailbox(self) -> Mailbox:
+    def make_queue(self) -> FrameQueue:
         """See `Source`: live, the newest pair counts."""
-        return NewestMailbox()
+        return LatestFrameQueue()
 
-    def stamp_map(self) -> HostTime:
+    def make_stamp_converter(self) -> HostClockSync:
         """See `Source`."""
-        return HostTime(COLOUR_READOUT_S)
+        return HostClockSync(COLOR_READOUT_S)
 
 
-def find(context: Context, serial: str) -> str:
+def find_serial(context: FreenectContext, serial: str) -> str:
     """The serial number of the Kinect to open. Raises CameraNotFoundError, CameraError."""
-    serials = context.serials()
-    if not serials and context.count() > 0:
-        raise no_permission()
+    serials = context.list_serials()
+    if not serials and context.device_count() > 0:
+        raise no_permission_error()
     if not serials or serial not in {"", *serials}:
-        raise not_found(serial, serials)
+        raise device_not_found_error(serial, serials)
     return serial or serials[0]
 
 
@@ -92,8 +92,8 @@ def list_kinects(library: str = SONAME) -> list[str]:
     Raises UserFacingError without libfreenect, CameraError if there are some but this user may
     open none of them.
     """
-    with closing(Context(load_library(library), Log())) as context:
-        serials = context.serials()
-        if not serials and context.count() > 0:
-            raise no_permission()
+    with closing(FreenectContext(load_library(library), LibfreenectLog())) as context:
+        serials = context.list_serials()
+        if not serials and context.device_count() > 0:
+            raise no_permission_error()
         return serials

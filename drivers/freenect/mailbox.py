@@ -7,13 +7,13 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from drivers.camera import NoFrameYet
+from drivers.camera import FrameTimeout
 from drivers.errors import CameraLostError
-from drivers.nearest import Pair
+from drivers.nearest import StampedPair
 
 
 @dataclass(frozen=True, eq=False, slots=True, weakref_slot=True)
-class Image:
+class PooledImage:
     """One image in its slot.
 
     seq        number of the image in its stream, those that got lost included
@@ -22,21 +22,21 @@ class Image:
     """
 
     seq: int
-    arrival_s: float
+    receive_time_s: float
     pixels: NDArray[Any]
 
 
-ImagePair = Pair[Image, Image]
+ImagePair = StampedPair[PooledImage, PooledImage]
 
 
-class MailboxClosedError(CameraLostError):
+class FrameQueueClosedError(CameraLostError):
     """Nobody reads any more, or should."""
 
     def __init__(self) -> None:
         super().__init__("the camera is not open; open it first")
 
 
-class Mailbox(ABC):
+class FrameQueue(ABC):
     """Room for one pair of images."""
 
     def __init__(self) -> None:
@@ -49,51 +49,51 @@ class Mailbox(ABC):
     def put(self, pair: ImagePair) -> None:
         """Leave a pair for the reader. Raises MailboxClosedError after `close`, as `take` does."""
 
-    def take(self, timeout_s: float) -> ImagePair:
+    def get(self, timeout_s: float) -> ImagePair:
         """Wait for a pair. Raises NoFrameYet, or what `finish` was given."""
         with self._changed:
             self._changed.wait_for(lambda: self._pair or self._end, timeout_s)
             pair, self._pair = self._pair, None
             if pair is None:
-                raise self._end or NoFrameYet
+                raise self._end or FrameTimeout
             self.delivered += 1
             self._changed.notify_all()
             return pair
 
-    def finish(self, end: Exception) -> None:
+    def finish(self, exception: Exception) -> None:
         """Nothing will follow: `end` is raised behind the last pair. Only the first one counts."""
         with self._changed:
-            self._end = self._end or end
+            self._end = self._end or exception
             self._changed.notify_all()
 
     def close(self) -> None:
         """Nobody reads any more."""
         with self._changed:
-            self._pair, self._end = None, MailboxClosedError()
+            self._pair, self._end = None, FrameQueueClosedError()
             self._changed.notify_all()
 
-    def _leave(self, pair: ImagePair) -> None:
-        if isinstance(self._end, MailboxClosedError):
+    def _store(self, pair: ImagePair) -> None:
+        if isinstance(self._end, FrameQueueClosedError):
             raise self._end
         self._pair = pair
         self._changed.notify_all()
 
 
-class NewestMailbox(Mailbox):
+class LatestFrameQueue(FrameQueue):
     """A newer pair replaces one that was not read in time."""
 
     def put(self, pair: ImagePair) -> None:
-        """See `Mailbox`; never waits."""
+        """See `FrameQueue`; never waits."""
         with self._changed:
             self.dropped += self._pair is not None
-            self._leave(pair)
+            self._store(pair)
 
 
-class LockstepMailbox(Mailbox):
+class BlockingFrameQueue(FrameQueue):
     """Every pair: the source waits for the reader."""
 
     def put(self, pair: ImagePair) -> None:
-        """See `Mailbox`; waits while the pair before has not been read."""
+        """See `FrameQueue`; waits while the pair before has not been read."""
         with self._changed:
             self._changed.wait_for(lambda: self._pair is None or self._end)
-            self._leave(pair)
+            self._store(pair)

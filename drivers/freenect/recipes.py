@@ -2,33 +2,35 @@
 
 from pathlib import Path
 
-from drivers.camera import Pace, RgbdCamera
+from drivers.camera import PlaybackMode, RgbdCamera
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.dump import Dump
-from drivers.freenect.images import Images
-from drivers.freenect.kinect import Kinect
-from drivers.kinect_usb.base import NoBase
-from drivers.sensor_settings import SensorSettings
+from drivers.freenect.dump import FakenectSource
+from drivers.freenect.images import KinectRectifier
+from drivers.freenect.kinect import KinectSource
+from drivers.kinect_usb.base import NullMotorUnit
+from drivers.sensor_settings import SensorConfig
 
 
-def kinect_camera(serial: str, settings: SensorSettings, camera_file: Path | None) -> RgbdCamera:
+def make_kinect_camera(serial: str, settings: SensorConfig, camera_file: Path | None) -> RgbdCamera:
     """The Kinect with this serial number, "" for the first one found, and its base.
 
     Raises InputError for a camera file that does not fit.
     """
     from drivers.kinect_usb.hot_plug import wait_for_device
-    from drivers.kinect_usb.kinect_base import KinectBase
+    from drivers.kinect_usb.kinect_base import KinectMotorUnit
 
-    kinect, images = Kinect(serial, settings), Images(camera_file, settings.mirror)
-    return FreenectCamera(kinect, images, KinectBase(), settings, wait_for_device)
+    kinect, images = KinectSource(serial, settings), KinectRectifier(camera_file, settings.mirror)
+    return FreenectCamera(kinect, images, KinectMotorUnit(), settings, wait_for_device)
 
 
-def fakenect_camera(
-    folder: Path, camera_file: Path | None, pace: Pace = Pace.REALTIME
+def make_fakenect_camera(
+    folder: Path, camera_file: Path | None, playback_mode: PlaybackMode = PlaybackMode.REALTIME
 ) -> RgbdCamera:
     """A dump in libfreenect's own format, with depth in millimetres; one a process.
 
     Raises InputError for a camera file that does not fit.
     """
-    images = Images(camera_file, is_mirrored=False)
-    return FreenectCamera(Dump(folder, pace), images, NoBase(), SensorSettings())
+    images = KinectRectifier(camera_file, is_mirrored=False)
+    return FreenectCamera(
+        FakenectSource(folder, playback_mode), images, NullMotorUnit(), SensorConfig()
+    )

@@ -5,22 +5,22 @@ from contextlib import AbstractContextManager
 from typing import Protocol
 
 from drivers.camera import Clock
-from drivers.freenect.context import Context, Device
+from drivers.freenect.context import FreenectContext, FreenectDevice
 from drivers.freenect.depth import DepthFilter
 from drivers.freenect.library import DepthFormat
-from drivers.freenect.mailbox import Mailbox
-from drivers.freenect.watchdog import Patience
+from drivers.freenect.mailbox import FrameQueue
+from drivers.freenect.watchdog import StreamTimeouts
 
 
-class StampMap(Protocol):
+class StampConverter(Protocol):
     """Puts a stream's device seconds on the camera's clock."""
 
-    def host_s(self, device_s: float, arrival_s: float) -> float:
-        """The instant of `device_s`, of a frame that was whole at `arrival_s`; frames in order."""
+    def to_host_s(self, device_s: float, receive_time_s: float) -> float:
+        """The instant of `device_s`, of a frame that was whole at `receive_time_s`; frames in order."""
         ...
 
 
-class Source(Protocol):
+class DeviceSource(Protocol):
     """Where the real device and the dump differ.
 
     shortest_period_s  colour images are never closer together
@@ -28,14 +28,14 @@ class Source(Protocol):
 
     name: str
     clock: Clock
-    patience: Patience
-    shortest_period_s: float
+    timeouts: StreamTimeouts
+    min_period_s: float
 
     def load(self) -> ctypes.CDLL:
         """The library. Raises UserFacingError without it, InputError for a dump of no use."""
         ...
 
-    def open(self, context: Context) -> AbstractContextManager[Device]:
+    def open(self, context: FreenectContext) -> AbstractContextManager[FreenectDevice]:
         """Find the device and open it. Raises CameraNotFoundError, CameraError."""
         ...
 
@@ -43,18 +43,18 @@ class Source(Protocol):
         """What to ask the library for."""
         ...
 
-    def set_up(self, device: Device) -> DepthFilter:
+    def configure(self, device: FreenectDevice) -> DepthFilter:
         """Apply the settings, now that both streams run; tells which depths are readings."""
         ...
 
-    def end(self) -> Exception:
+    def make_end_exception(self) -> Exception:
         """Why libfreenect has no more events."""
         ...
 
-    def mailbox(self) -> Mailbox:
+    def make_queue(self) -> FrameQueue:
         """How pairs are passed on."""
         ...
 
-    def stamp_map(self) -> StampMap:
+    def make_stamp_converter(self) -> StampConverter:
         """For the colour stream, from its first image on."""
         ...

@@ -9,46 +9,55 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from drivers.device_clock import DeviceClock
+from drivers.device_clock import StampUnwrapper
 from drivers.freenect.log import StreamHealth
-from drivers.freenect.mailbox import Image
+from drivers.freenect.mailbox import PooledImage
 
 # Pairing keeps 4 images of a stream, one is ready, one is read, one is written; one to spare.
-SLOTS = 8
+POOL_SIZE = 8
 
-Deliver = Callable[[float, Image], None]
+ImageHandler = Callable[[float, PooledImage], None]
 
 
-class Slots:
+class BufferPool:
     """Room for images, made once. A slot is free again when nobody has its image any more."""
 
     def __init__(self, shape: tuple[int, ...], dtype: DTypeLike) -> None:
-        self._slots: list[NDArray[Any]] = [np.zeros(shape, dtype) for _ in range(SLOTS)]
-        self._users: list[Callable[[], Image | None]] = [lambda: None] * SLOTS
+        self._buffers: list[NDArray[Any]] = [np.zeros(shape, dtype) for _ in range(POOL_SIZE)]
+        self._image_refs: list[Callable[[], PooledImage | None]] = [lambda: None] * POOL_SIZE
 
-    def copy(self, address: int, seq: int, arrival_s: float) -> Image:
+    def copy_image(self, address: int, seq: int, receive_time_s: float) -> PooledImage:
         """An image with a copy of the pixels at `address`."""
-        free = next(index for index, user in enumerate(self._users) if user() is None)
-        pixels = self._slots[free]
+        free = next(index for index, user in enumerate(self._image_refs) if user() is None)
+        pixels = self._buffers[free]
         ctypes.memmove(pixels.ctypes.data, address, pixels.nbytes)
-        image = Image(seq, arrival_s, pixels)
-        self._users[free] = weakref.ref(image)
+        image = PooledImage(seq, receive_time_s, pixels)
+        self._image_refs[free] = weakref.ref(image)
         return image
 
 
-class StreamIntake:
+class FrameCallback:
     """Takes one stream's images from libfreenect and passes on the whole ones."""
 
     def __init__(
-        self, slots: Slots, clock: DeviceClock, health: StreamHealth, deliver: Deliver
+        self,
+        pool: BufferPool,
+        stamp_unwrapper: StampUnwrapper,
+        health: StreamHealth,
+        on_image: ImageHandler,
     ) -> None:
-        self._slots, self._clock, self._health, self._deliver = slots, clock, health, deliver
+        self._pool, self._stamp_unwrapper, self._health, self._on_image = (
+            pool,
+            stamp_unwrapper,
+            health,
+            on_image,
+        )
 
-    def take(self, address: int, stamp: int) -> None:
+    def handle_frame(self, address: int, stamp: int) -> None:
         """The callback: copy and go, for USB waits no longer than 32 ms."""
         arrival_s = time.monotonic()
-        is_whole = self._health.delivered(arrival_s)
-        device_s = self._clock.seconds(stamp)
+        is_whole = self._health.add_delivered(arrival_s)
+        device_s = self._stamp_unwrapper.unwrap_s(stamp)
         if is_whole:
             seq = self._health.images - 1
-            self._deliver(device_s, self._slots.copy(address, seq, arrival_s))
+            self._on_image(device_s, self._pool.copy_image(address, seq, arrival_s))

@@ -3,25 +3,25 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.freenect.faults import never_began, stalled
+from drivers.freenect.faults import stream_not_started_error, stream_stalled_error
 from drivers.freenect.log import StreamHealth
 
 
 @dataclass(frozen=True)
-class Patience:
+class StreamTimeouts:
     """How long to wait, for each stream, in seconds: for its first image, for the next one."""
 
-    first_s: float
-    next_s: float
+    first_image_s: float
+    next_image_s: float
 
 
-class Watchdog:
+class StreamWatchdog:
     """Watches streams by name, started at `started_s` (CLOCK_MONOTONIC)."""
 
     def __init__(
-        self, streams: Mapping[str, StreamHealth], patience: Patience, started_s: float
+        self, streams: Mapping[str, StreamHealth], timeouts: StreamTimeouts, started_s: float
     ) -> None:
-        self._streams, self._patience, self._started_s = streams, patience, started_s
+        self._streams, self._timeouts, self._started_s = streams, timeouts, started_s
 
     @property
     def due_s(self) -> float:
@@ -33,11 +33,11 @@ class Watchdog:
         for name, stream in self._streams.items():
             if now_s < self._due_s(stream):
                 continue
-            if stream.heard_s:
-                raise stalled(name, self._patience.next_s)
-            raise never_began(name, self._patience.first_s)
+            if stream.last_activity_s:
+                raise stream_stalled_error(name, self._timeouts.next_image_s)
+            raise stream_not_started_error(name, self._timeouts.first_image_s)
 
     def _due_s(self, stream: StreamHealth) -> float:
-        if stream.heard_s:
-            return stream.heard_s + self._patience.next_s
-        return self._started_s + self._patience.first_s
+        if stream.last_activity_s:
+            return stream.last_activity_s + self._timeouts.next_image_s
+        return self._started_s + self._timeouts.first_image_s

@@ -5,24 +5,24 @@ from dataclasses import replace
 
 from drivers.camera import (
     CameraCounters,
+    CameraStatus,
     Clock,
-    Condition,
-    Pace,
+    PlaybackMode,
     RgbdCamera,
     RgbdFrame,
 )
 from drivers.errors import CameraError, CameraLostError
-from drivers.isolation.limits import TimeLimits
-from drivers.isolation.messages import Recipe, Task
-from drivers.isolation.order import make_order
-from drivers.isolation.ring import RingEndedError, RingReader
-from drivers.isolation.supervisor import Supervisor
-from drivers.isolation.wishes import Light, Tilt, Wish
+from drivers.isolation.limits import Timeouts
+from drivers.isolation.messages import CameraFactory, CameraWorkerConfig
+from drivers.isolation.order import make_sequencer
+from drivers.isolation.ring import FrameRingEndedError, FrameRingReader
+from drivers.isolation.supervisor import CameraWorkerSupervisor
+from drivers.isolation.wishes import DeviceRequest, SetLed, SetTilt
 from drivers.sensor_settings import Led
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 
 
-class IsolatedCamera(RgbdCamera):
+class SubprocessCamera(RgbdCamera):
     """The camera that `recipe` makes, in a process of its own; frames come through shared memory.
 
     A live camera (`clock` monotonic) is opened, and opened again, for as long as this one is open:
@@ -39,9 +39,9 @@ class IsolatedCamera(RgbdCamera):
         self,
         name: str,
         clock: Clock,
-        recipe: Recipe,
-        pace: Pace,
-        limits: TimeLimits = TimeLimits(),  # noqa: B008 (frozen)
+        factory: CameraFactory,
+        playback_mode: PlaybackMode,
+        timeouts: Timeouts = Timeouts(),  # noqa: B008 (frozen)
     ) -> None:
         """`recipe` is called in the other process: a class or function of a module, or a partial.
 
@@ -50,9 +50,11 @@ class IsolatedCamera(RgbdCamera):
         """
         self.name, self.clock = name, clock
         self._is_live = clock is Clock.MONOTONIC
-        self._ring = RingReader(pace)
-        self._supervisor = Supervisor(Task(recipe, pace, self._is_live, limits), self._ring)
-        self._order = make_order(clock, pace)
+        self._ring = FrameRingReader(playback_mode)
+        self._supervisor = CameraWorkerSupervisor(
+            CameraWorkerConfig(factory, playback_mode, self._is_live, timeouts), self._ring
+        )
+        self._sequencer = make_sequencer(clock, playback_mode)
         self._delivered = self._skipped = 0
 
     def open(self) -> None:
@@ -72,7 +74,7 @@ class IsolatedCamera(RgbdCamera):
         """See `RgbdCamera`. Raises also what is wrong for good."""
         deadline_s = time.monotonic() + timeout_s
         while True:
-            frame = self._order(self._take(max(0.0, deadline_s - time.monotonic())))
+            frame = self._sequencer(self._get_frame(max(0.0, deadline_s - time.monotonic())))
             if frame is not None:
                 self._delivered += 1
                 return frame
@@ -92,53 +94,53 @@ class IsolatedCamera(RgbdCamera):
         return replace(self._supervisor.counters + mine, delivered=self._delivered)
 
     @property
-    def condition(self) -> Condition:
+    def status(self) -> CameraStatus:
         """How the camera is, or what became of its process."""
-        return self._supervisor.condition
+        return self._supervisor.status
 
     @property
     def intrinsics_source(self) -> str:
         """What the camera says; "" until it has been open."""
-        return self._supervisor.facts.intrinsics_source
+        return self._supervisor.camera_properties.intrinsics_source
 
     @property
     def frame_count(self) -> int | None:
         """What the camera says; None until it has been open."""
-        return self._supervisor.facts.frame_count
+        return self._supervisor.camera_properties.frame_count
 
     @property
-    def has_base(self) -> bool:
+    def has_motor(self) -> bool:
         """What the camera says; True until it has been open."""
-        return self._supervisor.facts.has_base
+        return self._supervisor.camera_properties.has_motor
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
         """See `RgbdCamera`. If the motor is not there, the log says so, a little later."""
-        if not self.has_base:
+        if not self.has_motor:
             super().set_tilt_deg(tilt_deg)
-        self._ask(Tilt(tilt_deg))
+        self._request(SetTilt(tilt_deg))
 
     def set_led(self, led: Led) -> None:
         """See `RgbdCamera`, and `set_tilt_deg`."""
-        if not self.has_base:
+        if not self.has_motor:
             super().set_led(led)
-        self._ask(Light(led))
+        self._request(SetLed(led))
 
     @property
-    def ground_truth(self) -> StampedPoses | None:
+    def ground_truth(self) -> Trajectory | None:
         """What the camera says; None until it has been open."""
-        return self._supervisor.facts.ground_truth
+        return self._supervisor.camera_properties.ground_truth
 
-    def _ask(self, wish: Wish) -> None:
+    def _request(self, request: DeviceRequest) -> None:
         """Raises CameraError if the camera is not open to hear it now."""
-        if not self._supervisor.ask(wish):
+        if not self._supervisor.send_request(request):
             raise CameraError(
-                f"{self.name}: not open now ({self.condition}); it is done as soon as it is open"
+                f"{self.name}: not open now ({self.status}); it is done as soon as it is open"
             )
 
-    def _take(self, timeout_s: float) -> RgbdFrame:
+    def _get_frame(self, timeout_s: float) -> RgbdFrame:
         try:
-            return self._ring.take(timeout_s)
-        except RingEndedError:
-            raise self._supervisor.ending or CameraLostError(
+            return self._ring.get(timeout_s)
+        except FrameRingEndedError:
+            raise self._supervisor.final_exception or CameraLostError(
                 f"{self.name}: not open; open it again"
             ) from None

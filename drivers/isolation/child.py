@@ -1,4 +1,4 @@
-"""The driver's process: ``python -m drivers.isolation.child FD``, started by `ChildProcess`.
+"""The driver's process: ``python -m drivers.isolation.child FD``, started by `WorkerProcess`.
 
 It ends with the service, whatever happens: in order where that is possible, by force where not.
 """
@@ -17,71 +17,75 @@ import cv2
 
 from drivers.camera import RgbdCamera
 from drivers.errors import CameraError, UserFacingError
-from drivers.isolation.camera_loop import CameraLoop
-from drivers.isolation.limits import TimeLimits
-from drivers.isolation.messages import Ended, Job
-from drivers.isolation.outbox import Outbox, leave_signals_to_service, log_to_service
-from drivers.isolation.ring import RingWriter
-from drivers.isolation.wishes import Wish
+from drivers.isolation.camera_loop import CaptureLoop
+from drivers.isolation.limits import Timeouts
+from drivers.isolation.messages import CameraFinished, StartCameraWorker
+from drivers.isolation.outbox import ParentConnection, forward_logs, ignore_terminal_signals
+from drivers.isolation.ring import FrameRingWriter
+from drivers.isolation.wishes import DeviceRequest
 
 _log = logging.getLogger(__name__)
 
 
 def main(connection: "Connection[Any, Any]") -> None:
     """Work until the service says that this is the end, or is gone."""
-    leave_signals_to_service()
+    ignore_terminal_signals()
     signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_hear`
-    job: Job = connection.recv()
-    outbox = Outbox(connection)
-    log_to_service(outbox, job.log_level)
+    job: StartCameraWorker = connection.recv()
+    outbox = ParentConnection(connection)
+    forward_logs(outbox, job.log_level)
     cv2.setNumThreads(1)
     stop = threading.Event()
-    wishes: SimpleQueue[Wish] = SimpleQueue()
-    listening = (connection, wishes, stop, job.task.limits)
-    threading.Thread(target=_listen, args=listening, daemon=True).start()
+    wishes: SimpleQueue[DeviceRequest] = SimpleQueue()
+    listening = (connection, wishes, stop, job.config.timeouts)
+    threading.Thread(target=_receive_requests, args=listening, daemon=True).start()
     try:
-        camera = job.task.recipe()
-        for wish in job.wishes:
+        camera = job.config.factory()
+        for wish in job.requests:
             with suppress(CameraError):  # it is not open yet: it remembers
-                wish.grant(camera)
-        threading.Thread(target=_grant, args=(wishes, camera), daemon=True).start()
-        CameraLoop(camera, RingWriter(job.ring, job.task.pace), job, outbox.tell, stop).run()
+                wish.apply(camera)
+        threading.Thread(target=_apply_requests, args=(wishes, camera), daemon=True).start()
+        CaptureLoop(
+            camera, FrameRingWriter(job.ring_fds, job.config.playback_mode), job, outbox.send, stop
+        ).run()
     except UserFacingError as error:
-        outbox.tell(Ended(error))
+        outbox.send(CameraFinished(error))
 
 
-def _listen(
+def _receive_requests(
     connection: "Connection[Any, Any]",
-    wishes: "SimpleQueue[Wish]",
+    requests: "SimpleQueue[DeviceRequest]",
     stop: threading.Event,
-    limits: TimeLimits,
+    timeouts: Timeouts,
 ) -> None:
     """Body of the thread that hears the service's wishes, and ends the process with it."""
     with suppress(EOFError, OSError):
-        while (wish := _hear(connection, limits)) is not None:
-            wishes.put(wish)
+        while (wish := _receive_request(connection, timeouts)) is not None:
+            requests.put(wish)
     stop.set()
-    threading.main_thread().join(limits.closing_s)
+    threading.main_thread().join(timeouts.closing_s)
     os._exit(1)
 
 
-def _grant(wishes: "SimpleQueue[Wish]", camera: RgbdCamera) -> None:
+def _apply_requests(requests: "SimpleQueue[DeviceRequest]", camera: RgbdCamera) -> None:
     """Body of the thread that does as it is told: neither frames nor the service wait for it."""
     while True:
         try:
-            wishes.get().grant(camera)
+            requests.get().apply(camera)
         except CameraError as error:
             _log.warning("%s", error)
 
 
-def _hear(connection: "Connection[Any, Any]", limits: TimeLimits) -> Wish | None:
+def _receive_request(
+    connection: "Connection[Any, Any]", timeouts: Timeouts
+) -> DeviceRequest | None:
     """The next wish; None at the end. Raises EOFError or OSError if the service is gone."""
     while True:
         # The kernel's alarm clock ends the process if nobody sets it again: native code that hangs
         # while it holds Python's lock stops this thread too.
-        signal.setitimer(signal.ITIMER_REAL, limits.orphan_s)
-        if connection.poll(limits.orphan_s / 3):
-            wish: Wish | None = connection.recv()
+        signal.setitimer(signal.ITIMER_REAL, timeouts.orphan_s)
+        if connection.poll(timeouts.orphan_s / 3):
+            wish: DeviceRequest | None = connection.recv()
             return wish
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
-class Phase(StrEnum):
+class WorkerPhase(StrEnum):
     """What the driver is busy with, as it may hang while doing it."""
 
     LAUNCHING = "starting up"
@@ -16,7 +16,7 @@ class Phase(StrEnum):
 
 
 @dataclass(frozen=True)
-class TimeLimits:
+class Timeouts:
     """Seconds. A driver that says nothing for longer is taken for hung, and killed.
 
     launching_s      until the new process says its first word: Python and OpenCV, from a slow disk
@@ -36,38 +36,38 @@ class TimeLimits:
     closing_s: float = 2.0
     heartbeat_s: float = 1.5
     first_frame_s: float = 2.5
-    first_retry_s: float = 0.2
-    longest_retry_s: float = 1.5
+    initial_retry_s: float = 0.2
+    max_retry_s: float = 1.5
     orphan_s: float = 10.0
 
-    def silence_s(self, phase: Phase) -> float:
+    def heartbeat_timeout_s(self, phase: WorkerPhase) -> float:
         """How long the driver may say nothing in this phase."""
         match phase:
-            case Phase.LAUNCHING:
+            case WorkerPhase.LAUNCHING:
                 return self.launching_s
-            case Phase.OPENING:
+            case WorkerPhase.OPENING:
                 return self.opening_s
-            case Phase.CLOSING:
+            case WorkerPhase.CLOSING:
                 return self.closing_s
-            case Phase.WAITING:
-                return self.longest_retry_s + self.heartbeat_s
-            case Phase.STARTING | Phase.STREAMING:
+            case WorkerPhase.WAITING:
+                return self.max_retry_s + self.heartbeat_s
+            case WorkerPhase.STARTING | WorkerPhase.STREAMING:
                 return self.heartbeat_s
 
 
-class BackOff:
+class ExponentialBackoff:
     """Waits that grow while nothing works."""
 
-    def __init__(self, limits: TimeLimits) -> None:
-        self._limits = limits
-        self._next_s = limits.first_retry_s
+    def __init__(self, timeouts: Timeouts) -> None:
+        self._timeouts = timeouts
+        self._next_s = timeouts.initial_retry_s
 
     def next_s(self) -> float:
         """How long to wait this time."""
         wait_s = self._next_s
-        self._next_s = min(2 * wait_s, self._limits.longest_retry_s)
+        self._next_s = min(2 * wait_s, self._timeouts.max_retry_s)
         return wait_s
 
     def reset(self) -> None:
         """It worked: the next wait is a short one."""
-        self._next_s = self._limits.first_retry_s
+        self._next_s = self._timeouts.initial_retry_s

@@ -3,32 +3,32 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.camera import CameraCounters, Condition, Pace, RgbdCamera
+from drivers.camera import CameraCounters, CameraStatus, PlaybackMode, RgbdCamera
 from drivers.errors import UserFacingError
-from drivers.isolation.limits import Phase, TimeLimits
-from drivers.isolation.ring import RingEnds
-from drivers.isolation.wishes import Wish
-from drivers.trajectory import StampedPoses
+from drivers.isolation.limits import Timeouts, WorkerPhase
+from drivers.isolation.ring import FrameRingFds
+from drivers.isolation.wishes import DeviceRequest
+from drivers.trajectory import Trajectory
 
 # Makes the camera, in the driver's process: a class or function of a module, or a partial of one.
-Recipe = Callable[[], RgbdCamera]
+CameraFactory = Callable[[], RgbdCamera]
 
 
 @dataclass(frozen=True)
-class Task:
+class CameraWorkerConfig:
     """What a driver's process is for.
 
     is_live  a camera that goes is opened again; a recording that goes is an error
     """
 
-    recipe: Recipe
-    pace: Pace
+    factory: CameraFactory
+    playback_mode: PlaybackMode
     is_live: bool
-    limits: TimeLimits
+    timeouts: Timeouts
 
 
 @dataclass(frozen=True)
-class Job:
+class StartCameraWorker:
     """To the driver, first and once; after it come wishes, and None at the end.
 
     condition  what is known of the camera so far
@@ -36,27 +36,27 @@ class Job:
     log_level  of the service's log
     """
 
-    task: Task
-    ring: RingEnds
-    condition: Condition
-    wishes: tuple[Wish, ...]
+    config: CameraWorkerConfig
+    ring_fds: FrameRingFds
+    status: CameraStatus
+    requests: tuple[DeviceRequest, ...]
     log_level: int
 
 
 @dataclass(frozen=True)
-class Report:
+class CameraHeartbeat:
     """From the driver, at every change and several times a second: its sign of life.
 
     The counters are totals over all times that this driver opened its camera.
     """
 
-    phase: Phase
-    condition: Condition
+    phase: WorkerPhase
+    status: CameraStatus
     counters: CameraCounters
 
 
 @dataclass(frozen=True)
-class Facts:
+class CameraProperties:
     """From the driver, after `open` and with the first frame: what the camera says of itself.
 
     Whether it has a base nobody knows before that.
@@ -64,24 +64,24 @@ class Facts:
 
     intrinsics_source: str = ""
     frame_count: int | None = None
-    has_base: bool = True
-    ground_truth: StampedPoses | None = None
+    has_motor: bool = True
+    ground_truth: Trajectory | None = None
 
 
 @dataclass(frozen=True)
-class Ended:
+class CameraFinished:
     """From the driver, last: no frame will follow, because of an error or without one."""
 
     error: UserFacingError | None = None
 
 
 @dataclass(frozen=True)
-class LogLine:
+class LogMessage:
     """From the driver, for the service's log."""
 
     level: int
-    logger: str
+    logger_name: str
     text: str
 
 
-Word = Report | Facts | Ended | LogLine
+CameraWorkerMessage = CameraHeartbeat | CameraProperties | CameraFinished | LogMessage

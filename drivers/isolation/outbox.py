@@ -6,28 +6,28 @@ import threading
 from multiprocessing.connection import Connection
 from typing import Any
 
-from drivers.isolation.messages import LogLine
+from drivers.isolation.messages import LogMessage
 
 
-class Outbox:
-    """Words for the service, from any thread. `is_heard` turns False when the service is gone."""
+class ParentConnection:
+    """Words for the service, from any thread. `is_connected` turns False when the service is gone."""
 
     def __init__(self, connection: "Connection[Any, Any]") -> None:
         self._connection = connection
         self._lock = threading.Lock()
-        self.is_heard = True
+        self.is_connected = True
 
-    def tell(self, word: object) -> bool:
+    def send(self, message: object) -> bool:
         """Send it. False if nobody hears it any more."""
         try:
             with self._lock:
-                self._connection.send(word)
+                self._connection.send(message)
         except OSError:
-            self.is_heard = False
-        return self.is_heard
+            self.is_connected = False
+        return self.is_connected
 
 
-def leave_signals_to_service(*more: signal.Signals) -> None:
+def ignore_terminal_signals(*more: signal.Signals) -> None:
     """Ignore Ctrl-C, a stop of the systemd unit, and `more`: these reach every process.
 
     The service decides what they mean.
@@ -36,16 +36,16 @@ def leave_signals_to_service(*more: signal.Signals) -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def log_to_service(outbox: Outbox, level: int) -> None:
+def forward_logs(parent: ParentConnection, level: int) -> None:
     """From now on what this process logs stands in the service's log."""
-    handlers = [_LogToService(outbox)]
+    handlers = [_ForwardingHandler(parent)]
     logging.basicConfig(level=level, format="%(message)s", handlers=handlers)
 
 
-class _LogToService(logging.Handler):
-    def __init__(self, outbox: Outbox) -> None:
+class _ForwardingHandler(logging.Handler):
+    def __init__(self, parent: ParentConnection) -> None:
         super().__init__()
-        self._outbox = outbox
+        self._parent = parent
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._outbox.tell(LogLine(record.levelno, record.name, self.format(record)))
+        self._parent.send(LogMessage(record.levelno, record.name, self.format(record)))

@@ -14,13 +14,13 @@ from multiprocessing.connection import wait
 from types import TracebackType
 from typing import IO, Any, Self
 
-_LONGEST_LINE = 200
-_REAPED_S = 5.0
+_MAX_LINE_CHARS = 200
+_REAP_TIMEOUT_S = 5.0
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Program:
+class WorkerSpec:
     """A module that is run with the number of its end of a `Connection`, and its name in the log.
 
     It must ignore SIGTERM and end when the other end of the connection is gone.
@@ -30,23 +30,23 @@ class Program:
     name: str
 
 
-DRIVER = Program("drivers.isolation.child", "driver")
+CAMERA_WORKER = WorkerSpec("drivers.isolation.child", "driver")
 
 
-class ChildProcess:
+class WorkerProcess:
     """Starts the process; leaving the context ends it and leaves nothing of it.
 
     What native libraries print goes to the log at level debug; the last line may explain a crash.
     """
 
-    def __init__(self, program: Program, fds: Sequence[int], patience_s: float) -> None:
+    def __init__(self, spec: WorkerSpec, fds: Sequence[int], exit_timeout_s: float) -> None:
         """`fds` go to the process; it may take `patience_s` to end by itself. Raises OSError."""
-        self._patience_s = patience_s
+        self._exit_timeout_s = exit_timeout_s
         self._connection, theirs = Pipe()
         with theirs:
             try:
                 self._process = start_module(
-                    program.module,
+                    spec.module,
                     (theirs.fileno(), *fds),
                     stdout=subprocess.PIPE,
                     stderr=subprocess.STDOUT,
@@ -55,27 +55,27 @@ class ChildProcess:
                 self._connection.close()
                 raise
         assert self._process.stdout is not None
-        self._output = _Output(program.name, self._process.stdout)
+        self._output = _OutputLogger(spec.name, self._process.stdout)
 
-    def tell(self, message: object) -> None:
+    def send(self, message: object) -> None:
         """Send a message; a process that has died hears nothing."""
         with suppress(OSError):
             self._connection.send(message)
 
-    def tell_parts(self, parts: Iterable[bytes | memoryview]) -> None:
+    def send_parts(self, parts: Iterable[bytes | memoryview]) -> None:
         """Send what the process puts together again; one that has died hears nothing."""
         with suppress(OSError):
             for part in parts:
                 self._connection.send_bytes(part)
 
-    def receive(self, timeout_s: float, *wakes: int) -> Any:
+    def receive(self, timeout_s: float, *wake_fds: int) -> Any:
         """Wait for the next word. None: none yet, after `timeout_s` or as a wake can be read.
 
         Raises EOFError if the process has ended.
         """
-        sources: list[Any] = [self._connection, *wakes, *self._output.sources]
+        sources: list[Any] = [self._connection, *wake_fds, *self._output.sources]
         ready = wait(sources, timeout_s)
-        self._output.read()
+        self._output.log_available()
         if self._connection not in ready:
             return None
         try:
@@ -88,13 +88,13 @@ class ChildProcess:
         self._process.kill()
 
     @property
-    def ending(self) -> str:
+    def exit_reason(self) -> str:
         """How it ended, in words, once the context has been left."""
         code = self._process.poll() or 0
         how = f"ended (exit code {code})"
         if code < 0:
             how = f"crashed (signal {-code}, {signal.strsignal(-code)})"
-        return f"{how}; last line: {self._output.last}" if self._output.last else how
+        return f"{how}; last line: {self._output.last_line}" if self._output.last_line else how
 
     def __enter__(self) -> Self:
         return self
@@ -108,13 +108,13 @@ class ChildProcess:
         try:
             self._reap()
         finally:
-            self._output.read()
+            self._output.log_available()
             self._output.close()
             self._connection.close()
 
     def _reap(self) -> None:
         """Hear it out, as a process that cannot speak cannot end; then kill it if it must be."""
-        due_s = time.monotonic() + self._patience_s
+        due_s = time.monotonic() + self._exit_timeout_s
         try:
             with suppress(EOFError):
                 while (left_s := due_s - time.monotonic()) > 0.0:
@@ -123,40 +123,40 @@ class ChildProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             with suppress(subprocess.TimeoutExpired):  # it is stuck in the kernel
-                self._process.wait(_REAPED_S)
+                self._process.wait(_REAP_TIMEOUT_S)
 
 
-class _Output:
+class _OutputLogger:
     """Lines that the process prints."""
 
     def __init__(self, name: str, pipe: IO[bytes]) -> None:
         self._name = name
         self._pipe = pipe
-        self._begun = b""
+        self._partial_line = b""
         self.sources = [pipe]  # to wait for, while something may come
-        self.last = ""
+        self.last_line = ""
         os.set_blocking(pipe.fileno(), False)
 
-    def read(self) -> None:
+    def log_available(self) -> None:
         """Log the lines that are there."""
         with suppress(BlockingIOError):
             while self.sources:
                 data = os.read(self._pipe.fileno(), 65536)
                 if not data:
                     self.sources.clear()
-                *lines, self._begun = (self._begun + data).split(b"\n")
+                *lines, self._partial_line = (self._partial_line + data).split(b"\n")
                 for line in lines:
-                    self._log(line)
+                    self._log_line(line)
 
     def close(self) -> None:
         """Log what has no end of line, and release the pipe."""
-        self._log(self._begun)
+        self._log_line(self._partial_line)
         self._pipe.close()
 
-    def _log(self, line: bytes) -> None:
+    def _log_line(self, line: bytes) -> None:
         text = "".join(c for c in line.decode(errors="replace").strip() if c.isprintable())
         if text:
-            self.last = text[:_LONGEST_LINE]
+            self.last_line = text[:_MAX_LINE_CHARS]
             _log.debug("%s: %s", self._name, text)
 
 

@@ -23,92 +23,92 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 
-from drivers.camera import NoFrameYet, Pace, RgbdFrame
-from drivers.isolation.slots import SLOT_BYTES, SLOTS, Slots
+from drivers.camera import FrameTimeout, PlaybackMode, RgbdFrame
+from drivers.isolation.slots import SLOT_BYTES, SLOT_COUNT, FrameSlots
 
-_END = SLOTS  # the token that says: no frame will follow
-_ALL = bytes(range(SLOTS))
+_END_TOKEN = SLOT_COUNT  # the token that says: no frame will follow
+_ALL_TOKENS = bytes(range(SLOT_COUNT))
 
 
-class RingEndedError(Exception):
+class FrameRingEndedError(Exception):
     """No frame is left and none will follow."""
 
 
 @dataclass(frozen=True)
-class RingEnds:
+class FrameRingFds:
     """The file descriptors that a writer in another process needs; the same numbers there."""
 
-    memory: int
-    free: int
-    filled: int
-    filled_to_reader: int
+    memory_fd: int
+    free_read_fd: int
+    filled_read_fd: int
+    filled_write_fd: int
 
     @property
     def all(self) -> tuple[int, int, int, int]:
         """Every one of them."""
-        return self.memory, self.free, self.filled, self.filled_to_reader
+        return self.memory_fd, self.free_read_fd, self.filled_read_fd, self.filled_write_fd
 
 
-class RingReader:
+class FrameRingReader:
     """The end that owns the ring. One thread takes; another may reset and finish it."""
 
-    def __init__(self, pace: Pace) -> None:
-        self._at_once = 1 if pace is Pace.LOCKSTEP else SLOTS + 1
+    def __init__(self, playback_mode: PlaybackMode) -> None:
+        self._max_tokens = 1 if playback_mode is PlaybackMode.LOCKSTEP else SLOT_COUNT + 1
         self._lock = threading.Lock()
-        self._is_open = self._is_ended = self._is_granted = False
-        self._expected = 0
+        self._is_open = self._is_ended = self._has_allowed_writes = False
+        self._next_ordinal = 0
         self.dropped = 0  # frames that were never taken, since `open`
 
     def open(self) -> None:
         """Make the ring. Nobody writes before `grant`, or the first `take`."""
         memory = os.memfd_create("camera-frames")
-        os.ftruncate(memory, SLOTS * SLOT_BYTES)
-        self._slots = Slots(memory)
-        free, self._free_to_writer = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        os.ftruncate(memory, SLOT_COUNT * SLOT_BYTES)
+        self._slots = FrameSlots(memory)
+        free, self._free_write_fd = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         filled, filled_to_reader = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-        self.ends = RingEnds(memory, free, filled, filled_to_reader)
-        self._poll = _poll_on(filled)
-        self._is_open, self._is_ended, self._is_granted = True, False, False
-        self._expected = self.dropped = 0
+        self.fds = FrameRingFds(memory, free, filled, filled_to_reader)
+        self._poll = _make_poll(filled)
+        self._is_open, self._is_ended, self._has_allowed_writes = True, False, False
+        self._next_ordinal = self.dropped = 0
 
-    def grant(self) -> None:
+    def allow_writes(self) -> None:
         """Let the writer begin, if it has not been let yet."""
         with self._lock:
-            if self._is_open and not self._is_granted:
-                self._is_granted = True
-                os.write(self._free_to_writer, _ALL)
+            if self._is_open and not self._has_allowed_writes:
+                self._has_allowed_writes = True
+                os.write(self._free_write_fd, _ALL_TOKENS)
 
     def reset(self) -> None:
         """Begin afresh, with every slot free, now that the writer is no more; `grant` it again."""
         with self._lock:
             if self._is_open:
-                unread = _tokens(self.ends.filled, SLOTS)
+                unread = _read_tokens(self.fds.filled_read_fd, SLOT_COUNT)
                 if unread:
-                    self.dropped += self._slots.read(unread[-1])[0] + 1 - self._expected
-                _tokens(self.ends.free, SLOTS)
-                self._is_granted = False
-                self._expected = 0
+                    self.dropped += self._slots.read(unread[-1])[0] + 1 - self._next_ordinal
+                _read_tokens(self.fds.free_read_fd, SLOT_COUNT)
+                self._has_allowed_writes = False
+                self._next_ordinal = 0
 
     def finish(self) -> None:
         """No frame will follow, as the writer is no more: `take` says so behind the last one."""
         with self._lock:
             if self._is_open:
-                os.write(self.ends.filled_to_reader, bytes([_END]))
+                os.write(self.fds.filled_write_fd, bytes([_END_TOKEN]))
 
-    def take(self, timeout_s: float) -> RgbdFrame:
+    def get(self, timeout_s: float) -> RgbdFrame:
         """Copy out the frame that is next at this pace.
 
         Raises NoFrameYet after `timeout_s`, RingEndedError if none is left and none will follow.
         """
         deadline_s = time.monotonic() + timeout_s
-        self.grant()
+        self.allow_writes()
         while True:
-            frame = self._take_at_once()
+            frame = self._try_get()
             if frame is not None:
                 return frame
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0:
-                raise NoFrameYet
+                raise FrameTimeout
             self._poll.poll(left_s * 1e3)
 
     def close(self) -> None:
@@ -117,69 +117,75 @@ class RingReader:
             if self._is_open:
                 self._is_open = False
                 self._slots.close()
-                for fd in (*self.ends.all, self._free_to_writer):
+                for fd in (*self.fds.all, self._free_write_fd):
                     os.close(fd)
 
-    def _take_at_once(self) -> RgbdFrame | None:
+    def _try_get(self) -> RgbdFrame | None:
         with self._lock:
             if not self._is_open or self._is_ended:
-                raise RingEndedError
-            tokens = _tokens(self.ends.filled, self._at_once)
-            if _END in tokens:
+                raise FrameRingEndedError
+            tokens = _read_tokens(self.fds.filled_read_fd, self._max_tokens)
+            if _END_TOKEN in tokens:
                 self._is_ended = True
-                tokens = tokens.rstrip(bytes([_END]))
+                tokens = tokens.rstrip(bytes([_END_TOKEN]))
                 if not tokens:
-                    raise RingEndedError
+                    raise FrameRingEndedError
             return self._copy_newest(tokens) if tokens else None
 
     def _copy_newest(self, tokens: bytes) -> RgbdFrame:
         try:
             ordinal, frame = self._slots.read(tokens[-1])
         finally:
-            os.write(self._free_to_writer, tokens)
-        self.dropped += ordinal - self._expected
-        self._expected = ordinal + 1
+            os.write(self._free_write_fd, tokens)
+        self.dropped += ordinal - self._next_ordinal
+        self._next_ordinal = ordinal + 1
         return frame
 
 
-class RingWriter:
+class FrameRingWriter:
     """The other end, in the process that has the camera."""
 
-    def __init__(self, ends: RingEnds, pace: Pace) -> None:
-        self._slots = Slots(ends.memory)
-        self._filled_to_reader = ends.filled_to_reader
-        self._sources = (ends.free,) if pace is Pace.LOCKSTEP else (ends.free, ends.filled)
-        self._poll = _poll_on(*self._sources)
-        self._in_hand = b""
+    def __init__(self, fds: FrameRingFds, playback_mode: PlaybackMode) -> None:
+        self._slots = FrameSlots(fds.memory_fd)
+        self._filled_write_fd = fds.filled_write_fd
+        self._token_fds = (
+            (fds.free_read_fd,)
+            if playback_mode is PlaybackMode.LOCKSTEP
+            else (fds.free_read_fd, fds.filled_read_fd)
+        )
+        self._poll = _make_poll(*self._token_fds)
+        self._held_token = b""
         self._ordinal = 0
 
     def acquire(self, timeout_s: float) -> bool:
         """Wait for a slot to write into; at once if there is one in hand."""
         deadline_s = time.monotonic() + timeout_s
-        while not self._in_hand:
-            self._in_hand = next(filter(None, (_tokens(fd, 1) for fd in self._sources)), b"")
+        while not self._held_token:
+            self._held_token = next(
+                filter(None, (_read_tokens(fd, 1) for fd in self._token_fds)), b""
+            )
             left_s = deadline_s - time.monotonic()
-            if self._in_hand or left_s <= 0.0:
+            if self._held_token or left_s <= 0.0:
                 break
             self._poll.poll(left_s * 1e3)
-        return bool(self._in_hand)
+        return bool(self._held_token)
 
     def put(self, frame: RgbdFrame) -> None:
         """Copy a frame into the slot in hand and pass it on."""
-        self._slots.write(self._in_hand[0], self._ordinal, frame)
-        os.write(self._filled_to_reader, self._in_hand)
-        self._in_hand = b""
+        self._slots.write(self._held_token[0], self._ordinal, frame)
+        os.write(self._filled_write_fd, self._held_token)
+        self._held_token = b""
         self._ordinal += 1
 
 
-def _tokens(fd: int, most: int) -> bytes:
+def _read_tokens(fd: int, max_tokens: int) -> bytes:
     """The tokens waiting in a pipe, up to so many."""
     with suppress(BlockingIOError):
-        return os.read(fd, most)
+        return os.read(fd, max_tokens)
     return b""
 
 
-def _poll_on(*fds: int) -> select.poll:
+def _make_poll(*fds: int) -> select.poll:
     poll = select.poll()
     for fd in fds:
         poll.register(fd, select.POLLIN)

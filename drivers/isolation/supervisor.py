@@ -7,41 +7,51 @@ import time
 from collections import deque
 from contextlib import suppress
 
-from drivers.camera import CameraCounters, CameraState, Condition, EndOfStream
+from drivers.camera import CameraCounters, CameraState, CameraStatus, EndOfStream
 from drivers.errors import CameraLostError
-from drivers.isolation.limits import BackOff, Phase
-from drivers.isolation.messages import Ended, Facts, Job, LogLine, Report, Task, Word
-from drivers.isolation.process import DRIVER, ChildProcess
-from drivers.isolation.ring import RingReader
-from drivers.isolation.wishes import Wish
+from drivers.isolation.limits import ExponentialBackoff, WorkerPhase
+from drivers.isolation.messages import (
+    CameraFinished,
+    CameraHeartbeat,
+    CameraProperties,
+    CameraWorkerConfig,
+    CameraWorkerMessage,
+    LogMessage,
+    StartCameraWorker,
+)
+from drivers.isolation.process import CAMERA_WORKER, WorkerProcess
+from drivers.isolation.ring import FrameRingReader
+from drivers.isolation.wishes import DeviceRequest
 
 _log = logging.getLogger(__name__)
 
 
-class Supervisor:
+class CameraWorkerSupervisor:
     """A thread that owns the process, so that it is watched even while nobody reads frames.
 
     What is known of the camera can be asked for at any time, from any thread.
     """
 
-    condition: Condition
-    facts: Facts
-    ending: Exception | None  # why no frame will follow
+    status: CameraStatus
+    camera_properties: CameraProperties
+    final_exception: Exception | None  # why no frame will follow
 
-    def __init__(self, task: Task, ring: RingReader) -> None:
+    def __init__(self, config: CameraWorkerConfig, ring: FrameRingReader) -> None:
         """The ring must be open from before `start` until after `stop`."""
-        self._task, self._ring = task, ring
+        self._config, self._ring = config, ring
         self._lock = threading.Lock()
         self._thread = threading.Thread()
         self._is_done = threading.Event()
         self._is_done.set()
-        self._wishes: dict[type[Wish], Wish] = {}  # for every process from now on
-        self._unsaid: deque[Wish] = deque()  # to the process that runs
-        self._forget()
+        self._requests: dict[
+            type[DeviceRequest], DeviceRequest
+        ] = {}  # for every process from now on
+        self._unsent_requests: deque[DeviceRequest] = deque()  # to the process that runs
+        self._reset()
 
     def start(self) -> None:
         """Begin."""
-        self._forget()
+        self._reset()
         self._wake = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._thread = threading.Thread(target=self._run, name="driver-supervisor", daemon=True)
         self._is_done.clear()
@@ -50,8 +60,8 @@ class Supervisor:
     def wait_until_open(self) -> None:
         """Until the camera is open for the first time. Raises what kept it from that."""
         self._is_settled.wait()
-        if self.ending is not None and not self._was_open:
-            raise self.ending
+        if self.final_exception is not None and not self._was_open:
+            raise self.final_exception
 
     def stop(self) -> None:
         """End the process: in order if it can, by force if not. Safe to call at any time.
@@ -67,18 +77,18 @@ class Supervisor:
         if self._thread.is_alive():
             self._thread.join()
 
-    def ask(self, wish: Wish) -> bool:
+    def send_request(self, request: DeviceRequest) -> bool:
         """Pass a wish on, without waiting; False if the camera is not open to hear it now.
 
         It is then done when the camera is opened, as it is again whenever the camera is.
         """
         with self._lock:
-            self._wishes[type(wish)] = wish
+            self._requests[type(request)] = request
             if self._wake < 0:
                 return False
-            self._unsaid.append(wish)
+            self._unsent_requests.append(request)
             os.eventfd_write(self._wake, 1)
-            return self._phase in (Phase.STARTING, Phase.STREAMING)
+            return self._phase in (WorkerPhase.STARTING, WorkerPhase.STREAMING)
 
     @property
     def counters(self) -> CameraCounters:
@@ -86,21 +96,25 @@ class Supervisor:
         before, now = self._counted
         return before + now
 
-    def _forget(self) -> None:
-        self.condition, self.facts, self.ending = Condition(CameraState.OPENING), Facts(), None
+    def _reset(self) -> None:
+        self.status, self.camera_properties, self.final_exception = (
+            CameraStatus(CameraState.OPENING),
+            CameraProperties(),
+            None,
+        )
         self._counted = CameraCounters(), CameraCounters()  # earlier processes, and this one
-        self._phase, self._was_open = Phase.LAUNCHING, False
-        self._back_off = BackOff(self._task.limits)
+        self._phase, self._was_open = WorkerPhase.LAUNCHING, False
+        self._backoff = ExponentialBackoff(self._config.timeouts)
         self._is_settled, self._stopping = threading.Event(), threading.Event()
         self._wake = -1
 
     def _run(self) -> None:
         """Body of the thread: one process after another. Errors in it reach the reader."""
         try:
-            while not self._stopping.is_set() and self.ending is None:
+            while not self._stopping.is_set() and self.final_exception is None:
                 self._run_process()
-                if self.ending is None:
-                    self._stopping.wait(self._back_off.next_s())
+                if self.final_exception is None:
+                    self._stopping.wait(self._backoff.next_s())
         except Exception as error:
             self._finish(error)
         finally:
@@ -112,87 +126,97 @@ class Supervisor:
 
     def _run_process(self) -> None:
         """From the start of a process until nothing is left of it."""
-        self._phase = Phase.LAUNCHING
-        if self._task.is_live:
-            self._ring.grant()
+        self._phase = WorkerPhase.LAUNCHING
+        if self._config.is_live:
+            self._ring.allow_writes()
         try:
-            with ChildProcess(DRIVER, self._ring.ends.all, self._task.limits.closing_s) as process:
-                process.tell(self._job())
-                trouble = self._attend(process)
+            with WorkerProcess(
+                CAMERA_WORKER, self._ring.fds.all, self._config.timeouts.closing_s
+            ) as process:
+                process.send(self._start_message())
+                trouble = self._monitor(process)
         except OSError as error:
-            self._note_trouble(f"cannot be started: {error.strerror}")
+            self._handle_exit(f"cannot be started: {error.strerror}")
         else:
-            self._note_trouble(trouble or process.ending)
+            self._handle_exit(trouble or process.exit_reason)
         self._counted = self.counters, CameraCounters()
 
-    def _job(self) -> Job:
+    def _start_message(self) -> StartCameraWorker:
         level = logging.getLogger().getEffectiveLevel()
         with self._lock:
-            self._unsaid.clear()
-            wishes = tuple(self._wishes.values())
-        return Job(self._task, self._ring.ends, self.condition, wishes, level)
+            self._unsent_requests.clear()
+            wishes = tuple(self._requests.values())
+        return StartCameraWorker(self._config, self._ring.fds, self.status, wishes, level)
 
-    def _attend(self, process: ChildProcess) -> str:
+    def _monitor(self, process: WorkerProcess) -> str:
         """Listen until it ends, or must: returns what is wrong with it if it had to be killed."""
-        due_s = time.monotonic() + self._silence_s()
+        due_s = time.monotonic() + self._heartbeat_timeout_s()
         while not self._stopping.is_set():
             try:
-                word: Word | None = process.receive(max(0.0, due_s - time.monotonic()), self._wake)
+                word: CameraWorkerMessage | None = process.receive(
+                    max(0.0, due_s - time.monotonic()), self._wake
+                )
             except EOFError:
                 return ""
-            self._pass_wishes_on(process)
+            self._send_pending_requests(process)
             if word is not None:
-                self._hear(word)
-            if isinstance(word, Report):  # a log line is no sign of life: other threads log too
-                due_s = time.monotonic() + self._silence_s()
+                self._handle_message(word)
+            if isinstance(
+                word, CameraHeartbeat
+            ):  # a log line is no sign of life: other threads log too
+                due_s = time.monotonic() + self._heartbeat_timeout_s()
             elif time.monotonic() >= due_s:
                 process.kill()
-                return f"hung while {self._phase}: no answer for {self._silence_s():g} s"
-        if self._phase in (Phase.LAUNCHING, Phase.WAITING):
+                return f"hung while {self._phase}: no answer for {self._heartbeat_timeout_s():g} s"
+        if self._phase in (WorkerPhase.LAUNCHING, WorkerPhase.WAITING):
             process.kill()  # there is no camera to close
-        process.tell(None)
+        process.send(None)
         return ""
 
-    def _pass_wishes_on(self, process: ChildProcess) -> None:
+    def _send_pending_requests(self, process: WorkerProcess) -> None:
         with suppress(BlockingIOError):
             os.eventfd_read(self._wake)
-        while self._unsaid:
-            process.tell(self._unsaid.popleft())
+        while self._unsent_requests:
+            process.send(self._unsent_requests.popleft())
 
-    def _silence_s(self) -> float:
-        return self._task.limits.silence_s(self._phase)
+    def _heartbeat_timeout_s(self) -> float:
+        return self._config.timeouts.heartbeat_timeout_s(self._phase)
 
-    def _hear(self, word: Word) -> None:
-        match word:
-            case Report(phase, condition, counters):
-                self._phase, self.condition = phase, condition
+    def _handle_message(self, message: CameraWorkerMessage) -> None:
+        match message:
+            case CameraHeartbeat(phase, condition, counters):
+                self._phase, self.status = phase, condition
                 self._counted = self._counted[0], counters
-                if phase is Phase.STREAMING:
-                    self._back_off.reset()
-            case Facts():
-                self.facts, self._was_open = word, True
+                if phase is WorkerPhase.STREAMING:
+                    self._backoff.reset()
+            case CameraProperties():
+                self.camera_properties, self._was_open = message, True
                 self._is_settled.set()
-            case Ended(error):
+            case CameraFinished(error):
                 self._finish(error or EndOfStream())
-            case LogLine(level, logger, text):
+            case LogMessage(level, logger, text):
                 logging.getLogger(logger).log(level, "%s", text)
 
-    def _note_trouble(self, trouble: str) -> None:
+    def _handle_exit(self, reason: str) -> None:
         """Say what became of a process that nobody told to end."""
-        if self.ending is not None or self._stopping.is_set():
+        if self.final_exception is not None or self._stopping.is_set():
             return
-        text = f"the driver {trouble}"
+        text = f"the driver {reason}"
         _log.info("%s", text)
-        if self._task.is_live:
+        if self._config.is_live:
             self._ring.reset()
-            was_open = self._phase in (Phase.STARTING, Phase.STREAMING, Phase.CLOSING)
+            was_open = self._phase in (
+                WorkerPhase.STARTING,
+                WorkerPhase.STREAMING,
+                WorkerPhase.CLOSING,
+            )
             state = CameraState.LOST if was_open else CameraState.OPENING
-            self.condition = Condition(state, text)
+            self.status = CameraStatus(state, text)
         else:
             self._finish(CameraLostError(f"{text}; open the recording again"))
 
-    def _finish(self, ending: Exception) -> None:
+    def _finish(self, exception: Exception) -> None:
         """No frame will follow those in the ring."""
-        self.ending = ending
+        self.final_exception = exception
         self._ring.finish()
         self._is_settled.set()

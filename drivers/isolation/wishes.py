@@ -7,25 +7,25 @@ from drivers.sensor_settings import Led
 
 
 @dataclass(frozen=True)
-class Tilt:
+class SetTilt:
     """See `RgbdCamera.set_tilt_deg`."""
 
     tilt_deg: float
 
-    def grant(self, camera: RgbdCamera) -> None:
+    def apply(self, camera: RgbdCamera) -> None:
         """Raises CameraError if it cannot be done now."""
         camera.set_tilt_deg(self.tilt_deg)
 
 
 @dataclass(frozen=True)
-class Light:
+class SetLed:
     """See `RgbdCamera.set_led`."""
 
     led: Led
 
-    def grant(self, camera: RgbdCamera) -> None:
+    def apply(self, camera: RgbdCamera) -> None:
         """Raises CameraError if it cannot be done now."""
         camera.set_led(self.led)
 
 
-Wish = Tilt | Light
+DeviceRequest = SetTilt | SetLed

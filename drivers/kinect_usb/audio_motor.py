@@ -12,8 +12,8 @@ import usb.core
 import usb.util
 
 from drivers.errors import CameraError
-from drivers.kinect_usb.base_device import TIMEOUT_MS, BaseReading, clamped_deg
-from drivers.kinect_usb.errors import usb_errors_of
+from drivers.kinect_usb.base_device import TIMEOUT_MS, MotorUnitReading, clamp_tilt_deg
+from drivers.kinect_usb.errors import translate_usb_errors
 from drivers.kinect_usb.gravity import gravity_from_counts
 from drivers.sensor_settings import Led
 
@@ -29,70 +29,70 @@ LED_VALUES = {
     Led.BLINK_RED_YELLOW: 4,
 }
 COMMAND_MAGIC, ANSWER_MAGIC = 0x06022009, 0x0A6FE000
-HEAD = struct.Struct("<4I")  # magic, tag, length of the data asked for, command
+HEADER = struct.Struct("<4I")  # magic, tag, length of the data asked for, command
 ARGUMENT = struct.Struct("<i")
 ANSWER = struct.Struct("<3I")  # magic, tag, status
 STATE = struct.Struct("<16x4i")  # a head, then x y z in counts and the tilt in degrees
-STATE_LENGTH = 104
-LONGEST_PACKET = 512
+STATE_BYTES = 104
+MAX_PACKET_BYTES = 512
 # Answers that an earlier program did not wait for come first.
-MOST_PACKETS = 6
+MAX_PACKETS = 6
 # Without firmware the device has one interface; with it, this many at least.
-INTERFACES_WITH_FIRMWARE = 2
+MIN_INTERFACES_WITH_FIRMWARE = 2
 
 
 class AudioMotor:
-    """See `BaseDevice`."""
+    """See `MotorDevice`."""
 
     def __init__(self, device: usb.core.Device, name: str) -> None:
         """Raises CameraError if the firmware is missing."""
         self.name = name
         self._device = device
         self._tags = count(1)
-        with usb_errors_of(name):
+        with translate_usb_errors(name):
             interfaces = device[0].bNumInterfaces
-        if interfaces < INTERFACES_WITH_FIRMWARE:
+        if interfaces < MIN_INTERFACES_WITH_FIRMWARE:
             raise CameraError(
                 f"{name}: no tilt, light and gravity without its firmware (audios.bin); "
                 "kinect-vo doctor says where it belongs"
             )
 
     def set_led(self, led: Led) -> None:
-        """See `BaseDevice`."""
-        self._ask(SET_LED, ARGUMENT.pack(LED_VALUES[led]))
+        """See `MotorDevice`."""
+        self._query(SET_LED, ARGUMENT.pack(LED_VALUES[led]))
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """See `BaseDevice`."""
-        self._ask(SET_TILT, ARGUMENT.pack(round(clamped_deg(tilt_deg))))
+        """See `MotorDevice`."""
+        self._query(SET_TILT, ARGUMENT.pack(round(clamp_tilt_deg(tilt_deg))))
 
-    def read(self) -> BaseReading:
-        """See `BaseDevice`. This device does not tell whether its motor runs."""
-        data = self._ask(GET_STATE, b"", STATE_LENGTH)
+    def read(self) -> MotorUnitReading:
+        """See `MotorDevice`. This device does not tell whether its motor runs."""
+        data = self._query(GET_STATE, b"", STATE_BYTES)
         if len(data) < STATE.size:
             raise CameraError(f"{self.name}: answers with {len(data)} bytes; plug it in again")
         x, y, z, tilt_deg = STATE.unpack_from(data)
-        return BaseReading(gravity_from_counts(x, y, z), float(tilt_deg), is_moving=False)
+        return MotorUnitReading(gravity_from_counts(x, y, z), float(tilt_deg), is_moving=False)
 
     def close(self) -> None:
-        """See `BaseDevice`."""
+        """See `MotorDevice`."""
         usb.util.dispose_resources(self._device)
 
-    def _ask(self, command: int, argument: bytes, length: int = 0) -> bytes:
+    def _query(self, command: int, argument: bytes, length: int = 0) -> bytes:
         """Send a command and wait for the end of its answer; returns the data before that."""
         tag = next(self._tags)
         data = b""
-        with usb_errors_of(self.name):
-            head = HEAD.pack(COMMAND_MAGIC, tag, length, command)
+        with translate_usb_errors(self.name):
+            head = HEADER.pack(COMMAND_MAGIC, tag, length, command)
             self._device.write(OUT, head + argument, TIMEOUT_MS)
-            for _ in range(MOST_PACKETS):
-                packet = bytes(self._device.read(IN, LONGEST_PACKET, TIMEOUT_MS))
+            for _ in range(MAX_PACKETS):
+                packet = bytes(self._device.read(IN, MAX_PACKET_BYTES, TIMEOUT_MS))
                 if len(packet) != ANSWER.size:
                     data = packet
-                elif self._ends(packet, tag):
+                elif self._is_end_of_answer(packet, tag):
                     return data
         raise CameraError(f"{self.name}: answers something else; plug it in again")
 
-    def _ends(self, packet: bytes, tag: int) -> bool:
+    def _is_end_of_answer(self, packet: bytes, tag: int) -> bool:
         """True for the end of the answer to `tag`. Raises CameraError if it says no."""
         magic, answered, status = ANSWER.unpack(packet)
         if magic != ANSWER_MAGIC or status != 0:

@@ -4,16 +4,16 @@ from typing import Protocol
 
 from drivers.errors import CameraError
 from drivers.gravity import Vector
-from drivers.sensor_settings import Led, SensorSettings
+from drivers.sensor_settings import Led, SensorConfig
 
 
-class Base(Protocol):
+class MotorUnit(Protocol):
     """The Kinect's base. Unless it says so nothing raises: trouble is said in the log, once.
 
     What is set lasts until it is closed: it is done again, or at last, when the base is back.
     """
 
-    exists: bool  # False: this camera has none
+    is_present: bool  # False: this camera has none
 
     @property
     def gravity_m_s2(self) -> Vector | None:
@@ -24,7 +24,7 @@ class Base(Protocol):
         """Find the base of the camera `serial` ("" for the only one) and measure gravity."""
         ...
 
-    def apply(self, settings: SensorSettings) -> None:
+    def apply(self, settings: SensorConfig) -> None:
         """Switch the light and tilt the head, now and again whenever it was away."""
         ...
 
@@ -41,17 +41,17 @@ class Base(Protocol):
         ...
 
 
-class NoBase:
+class NullMotorUnit:
     """For cameras without motor, light and accelerometer."""
 
-    exists = False
+    is_present = False
     gravity_m_s2: Vector | None = None
 
     def open(self, serial: str) -> None:
-        """See `Base`."""
+        """See `MotorUnit`."""
 
-    def apply(self, settings: SensorSettings) -> None:
-        """See `Base`."""
+    def apply(self, settings: SensorConfig) -> None:
+        """See `MotorUnit`."""
 
     def set_led(self, led: Led) -> None:
         """Raises CameraError."""
@@ -62,4 +62,4 @@ class NoBase:
         raise CameraError("it has no motor")
 
     def close(self) -> None:
-        """See `Base`."""
+        """See `MotorUnit`."""

@@ -8,11 +8,11 @@ from drivers.gravity import Vector
 from drivers.sensor_settings import Led
 
 TIMEOUT_MS = 500
-STEEPEST_DEG = 31
+MAX_TILT_DEG = 31
 
 
 @dataclass(frozen=True)
-class BaseReading:
+class MotorUnitReading:
     """One reading.
 
     gravity_m_s2  in camera axes; None where the device gives no data
@@ -25,7 +25,7 @@ class BaseReading:
     is_moving: bool
 
 
-class BaseDevice(Protocol):
+class MotorDevice(Protocol):
     """An open device. Every method raises CameraError, CameraLostError if it is unplugged."""
 
     name: str
@@ -38,7 +38,7 @@ class BaseDevice(Protocol):
         """Start tilting the head; angles beyond +-31 degrees are taken as 31."""
         ...
 
-    def read(self) -> BaseReading:
+    def read(self) -> MotorUnitReading:
         """Read accelerometer and tilt."""
         ...
 
@@ -47,8 +47,8 @@ class BaseDevice(Protocol):
         ...
 
 
-def clamped_deg(tilt_deg: float) -> float:
+def clamp_tilt_deg(tilt_deg: float) -> float:
     """An angle that the head can take. Raises ValueError for NaN."""
     if math.isnan(tilt_deg):
         raise ValueError("the tilt is not a number")
-    return max(-STEEPEST_DEG, min(STEEPEST_DEG, tilt_deg))
+    return max(-MAX_TILT_DEG, min(MAX_TILT_DEG, tilt_deg))

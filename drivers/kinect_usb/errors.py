@@ -10,7 +10,7 @@ from drivers.errors import CameraError, CameraLostError, UserFacingError
 
 
 @contextmanager
-def usb_errors_of(what: str) -> Iterator[None]:
+def translate_usb_errors(device_name: str) -> Iterator[None]:
     """Turn pyusb's errors into a CameraError about `what`; CameraLostError if it is unplugged.
 
     Raises UserFacingError if libusb is not installed.
@@ -23,17 +23,17 @@ def usb_errors_of(what: str) -> Iterator[None]:
             "apt install libusb-1.0-0"
         ) from error
     except (usb.core.USBError, NotImplementedError) as error:
-        raise _camera_error(what, error) from error
+        raise _camera_error(device_name, error) from error
 
 
-def _camera_error(what: str, error: Exception) -> CameraError:
+def _camera_error(device_name: str, error: Exception) -> CameraError:
     number = getattr(error, "errno", None)
     if number in (errno.ENODEV, errno.ENOENT):
-        return CameraLostError(f"{what}: unplugged; plug it in again")
+        return CameraLostError(f"{device_name}: unplugged; plug it in again")
     if number in (errno.EACCES, errno.EPERM):
-        return CameraError(f"{what}: no permission; kinect-vo doctor says how to get it")
+        return CameraError(f"{device_name}: no permission; kinect-vo doctor says how to get it")
     if number == errno.EBUSY:
-        return CameraError(f"{what}: in use by another program; close that first")
+        return CameraError(f"{device_name}: in use by another program; close that first")
     if isinstance(error, usb.core.USBTimeoutError):
-        return CameraError(f"{what}: does not answer; unplug it and plug it in again")
-    return CameraError(f"{what}: {error}; unplug it and plug it in again")
+        return CameraError(f"{device_name}: does not answer; unplug it and plug it in again")
+    return CameraError(f"{device_name}: {error}; unplug it and plug it in again")

@@ -4,10 +4,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from drivers.kinect_usb.ids import Role, is_supported, known_id
+from drivers.kinect_usb.ids import UsbRole, find_usb_id, is_supported
 
 
-def udev_monitor() -> Any:
+def open_udev_monitor() -> Any:
     """A pyudev monitor of USB devices, whose permissions udev has set by then.
 
     Raises ImportError without libudev, OSError where there is no netlink (some containers).
@@ -20,7 +20,7 @@ def udev_monitor() -> Any:
     return monitor
 
 
-def wait_for_device(timeout_s: float, open_monitor: Callable[[], Any] = udev_monitor) -> bool:
+def wait_for_device(timeout_s: float, open_monitor: Callable[[], Any] = open_udev_monitor) -> bool:
     """Wait until a supported sensor's camera is plugged in, at most `timeout_s`; True if one was.
 
     Only a hint: where udev cannot be asked it sleeps for the whole time.
@@ -40,7 +40,7 @@ def wait_for_device(timeout_s: float, open_monitor: Callable[[], Any] = udev_mon
 def _is_new_camera(event: Any) -> bool:
     """True for an "add" with PRODUCT=45e/2ae/10b: vendor, product and revision in hexadecimal."""
     vendor, product, *_ = event.properties.get("PRODUCT", "0/0").split("/")
-    known = known_id(int(vendor, 16), int(product, 16))
+    known = find_usb_id(int(vendor, 16), int(product, 16))
     if event.action != "add" or known is None:
         return False
-    return known.role is Role.CAMERA and is_supported(known.model)
+    return known.role is UsbRole.CAMERA and is_supported(known.model)

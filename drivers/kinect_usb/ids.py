@@ -8,7 +8,7 @@ MICROSOFT, PRIMESENSE = 0x045E, 0x1D27
 REVISION_1414 = 0x010B
 
 
-class Model(StrEnum):
+class SensorModel(StrEnum):
     """A sensor, as it is called on its label."""
 
     K1414 = "Kinect 1414"
@@ -22,11 +22,11 @@ class Model(StrEnum):
     AZURE = "Azure Kinect"
 
 
-class Role(StrEnum):
+class UsbRole(StrEnum):
     """Which part of a sensor a USB device is. Each part of a Kinect is a device of its own."""
 
     CAMERA = "camera"
-    COLOUR = "colour camera"  # only where it is a device beside the depth camera
+    COLOR = "colour camera"  # only where it is a device beside the depth camera
     MOTOR = "motor"
     AUDIO = "audio"
     HUB = "hub"
@@ -38,8 +38,8 @@ class UsbId:
 
     vendor: int
     product: int | None
-    role: Role
-    model: Model
+    role: UsbRole
+    model: SensorModel
 
     @property
     def text(self) -> str:
@@ -50,48 +50,48 @@ class UsbId:
 
 # Microsoft's three sensors of the first kind are driven through libfreenect.
 KINECT_IDS = (
-    UsbId(MICROSOFT, 0x02AE, Role.CAMERA, Model.K1414),  # the 1473 too, see REVISION_1414
-    UsbId(MICROSOFT, 0x02B0, Role.MOTOR, Model.K1414),
-    UsbId(MICROSOFT, 0x02AD, Role.AUDIO, Model.K1414),  # the 1473 too
-    UsbId(MICROSOFT, 0x02BF, Role.CAMERA, Model.K4W),
-    UsbId(MICROSOFT, 0x02BE, Role.AUDIO, Model.K4W),
-    UsbId(MICROSOFT, 0x02C3, Role.AUDIO, Model.K4W),
-    UsbId(MICROSOFT, 0x02BB, Role.AUDIO, Model.K4W),
-    UsbId(MICROSOFT, 0x02C2, Role.HUB, Model.K4W),  # the 1473 too
+    UsbId(MICROSOFT, 0x02AE, UsbRole.CAMERA, SensorModel.K1414),  # the 1473 too, see REVISION_1414
+    UsbId(MICROSOFT, 0x02B0, UsbRole.MOTOR, SensorModel.K1414),
+    UsbId(MICROSOFT, 0x02AD, UsbRole.AUDIO, SensorModel.K1414),  # the 1473 too
+    UsbId(MICROSOFT, 0x02BF, UsbRole.CAMERA, SensorModel.K4W),
+    UsbId(MICROSOFT, 0x02BE, UsbRole.AUDIO, SensorModel.K4W),
+    UsbId(MICROSOFT, 0x02C3, UsbRole.AUDIO, SensorModel.K4W),
+    UsbId(MICROSOFT, 0x02BB, UsbRole.AUDIO, SensorModel.K4W),
+    UsbId(MICROSOFT, 0x02C2, UsbRole.HUB, SensorModel.K4W),  # the 1473 too
 )
 # Sensors with PrimeSense's chip and vendor id are driven through OpenNI2.
 PRIMESENSE_IDS = (
-    UsbId(PRIMESENSE, 0x0600, Role.CAMERA, Model.XTION),
-    UsbId(PRIMESENSE, 0x0601, Role.CAMERA, Model.XTION_LIVE),
-    UsbId(PRIMESENSE, 0x0609, Role.CAMERA, Model.CARMINE),
-    UsbId(PRIMESENSE, None, Role.CAMERA, Model.PRIMESENSE),
+    UsbId(PRIMESENSE, 0x0600, UsbRole.CAMERA, SensorModel.XTION),
+    UsbId(PRIMESENSE, 0x0601, UsbRole.CAMERA, SensorModel.XTION_LIVE),
+    UsbId(PRIMESENSE, 0x0609, UsbRole.CAMERA, SensorModel.CARMINE),
+    UsbId(PRIMESENSE, None, UsbRole.CAMERA, SensorModel.PRIMESENSE),
 )
 SUPPORTED_IDS = KINECT_IDS + PRIMESENSE_IDS
 # Later sensors have other electronics: known by name, so that they are not looked for in vain.
 UNSUPPORTED_IDS = (
-    UsbId(MICROSOFT, 0x02C4, Role.CAMERA, Model.KINECT_V2),
-    UsbId(MICROSOFT, 0x02D8, Role.CAMERA, Model.KINECT_V2),
-    UsbId(MICROSOFT, 0x02D9, Role.HUB, Model.KINECT_V2),
-    UsbId(MICROSOFT, 0x097A, Role.HUB, Model.AZURE),
-    UsbId(MICROSOFT, 0x097B, Role.HUB, Model.AZURE),
-    UsbId(MICROSOFT, 0x097C, Role.CAMERA, Model.AZURE),
-    UsbId(MICROSOFT, 0x097D, Role.COLOUR, Model.AZURE),
-    UsbId(MICROSOFT, 0x097E, Role.AUDIO, Model.AZURE),
+    UsbId(MICROSOFT, 0x02C4, UsbRole.CAMERA, SensorModel.KINECT_V2),
+    UsbId(MICROSOFT, 0x02D8, UsbRole.CAMERA, SensorModel.KINECT_V2),
+    UsbId(MICROSOFT, 0x02D9, UsbRole.HUB, SensorModel.KINECT_V2),
+    UsbId(MICROSOFT, 0x097A, UsbRole.HUB, SensorModel.AZURE),
+    UsbId(MICROSOFT, 0x097B, UsbRole.HUB, SensorModel.AZURE),
+    UsbId(MICROSOFT, 0x097C, UsbRole.CAMERA, SensorModel.AZURE),
+    UsbId(MICROSOFT, 0x097D, UsbRole.COLOR, SensorModel.AZURE),
+    UsbId(MICROSOFT, 0x097E, UsbRole.AUDIO, SensorModel.AZURE),
 )
 
 
-def known_id(vendor: int, product: int) -> UsbId | None:
+def find_usb_id(vendor: int, product: int) -> UsbId | None:
     """The line of a device; None for a device that is no sensor known here."""
     lines = [line for line in SUPPORTED_IDS + UNSUPPORTED_IDS if line.vendor == vendor]
     exact = [line for line in lines if line.product == product]
     return next(iter(exact + [line for line in lines if line.product is None]), None)
 
 
-def is_kinect(model: Model) -> bool:
+def is_kinect(model: SensorModel) -> bool:
     """True for the sensors that libfreenect drives."""
-    return model in (Model.K1414, Model.K1473, Model.K4W)
+    return model in (SensorModel.K1414, SensorModel.K1473, SensorModel.K4W)
 
 
-def is_supported(model: Model) -> bool:
+def is_supported(model: SensorModel) -> bool:
     """False for the sensors that are known by name only."""
-    return model not in (Model.KINECT_V2, Model.AZURE)
+    return model not in (SensorModel.KINECT_V2, SensorModel.AZURE)

@@ -6,8 +6,8 @@ import usb.core
 import usb.util
 
 from drivers.errors import CameraError
-from drivers.kinect_usb.base_device import TIMEOUT_MS, BaseReading, clamped_deg
-from drivers.kinect_usb.errors import usb_errors_of
+from drivers.kinect_usb.base_device import TIMEOUT_MS, MotorUnitReading, clamp_tilt_deg
+from drivers.kinect_usb.errors import translate_usb_errors
 from drivers.kinect_usb.gravity import gravity_from_counts
 from drivers.sensor_settings import Led
 
@@ -26,38 +26,38 @@ STATE = struct.Struct(">2x3hbB")
 TILT_UNKNOWN, STATUS_MOVING = -128, 4
 
 
-class Motor:
-    """See `BaseDevice`."""
+class Kinect1414Motor:
+    """See `MotorDevice`."""
 
     def __init__(self, device: usb.core.Device, name: str) -> None:
         self.name = name
         self._device = device
 
     def set_led(self, led: Led) -> None:
-        """See `BaseDevice`."""
+        """See `MotorDevice`."""
         self._send(SET_LED, LED_VALUES[led])
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """See `BaseDevice`."""
-        self._send(SET_TILT, round(2 * clamped_deg(tilt_deg)) & 0xFFFF)
+        """See `MotorDevice`."""
+        self._send(SET_TILT, round(2 * clamp_tilt_deg(tilt_deg)) & 0xFFFF)
 
-    def read(self) -> BaseReading:
-        """See `BaseDevice`."""
-        with usb_errors_of(self.name):
+    def read(self) -> MotorUnitReading:
+        """See `MotorDevice`."""
+        with translate_usb_errors(self.name):
             data = bytes(self._device.ctrl_transfer(IN, GET_STATE, 0, 0, STATE.size, TIMEOUT_MS))
         if len(data) != STATE.size:
             raise CameraError(f"{self.name}: answers with {len(data)} bytes; plug it in again")
         x, y, z, half_degrees, status = STATE.unpack(data)
-        return BaseReading(
+        return MotorUnitReading(
             gravity_m_s2=gravity_from_counts(x, y, z),
             tilt_deg=None if half_degrees == TILT_UNKNOWN else half_degrees / 2,
             is_moving=status == STATUS_MOVING,
         )
 
     def close(self) -> None:
-        """See `BaseDevice`."""
+        """See `MotorDevice`."""
         usb.util.dispose_resources(self._device)
 
     def _send(self, request: int, value: int) -> None:
-        with usb_errors_of(self.name):
+        with translate_usb_errors(self.name):
             self._device.ctrl_transfer(OUT, request, value, 0, None, TIMEOUT_MS)

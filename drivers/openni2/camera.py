@@ -5,16 +5,16 @@ from pathlib import Path
 from drivers.camera import (
     CameraCounters,
     CameraState,
+    CameraStatus,
     Clock,
-    Condition,
     RgbdCamera,
     RgbdFrame,
 )
 from drivers.errors import CameraError, CameraLostError, CameraNotFoundError
 from drivers.openni2.library import OpenNI2
-from drivers.openni2.live import Live
-from drivers.openni2.optics import CameraChoice
-from drivers.sensor_settings import SensorSettings
+from drivers.openni2.live import LiveStream
+from drivers.openni2.optics import CalibrationFile
+from drivers.sensor_settings import SensorConfig
 
 
 class OpenNI2Camera(RgbdCamera):
@@ -29,65 +29,67 @@ class OpenNI2Camera(RgbdCamera):
 
     def __init__(
         self,
-        wanted: str = "",
+        device_id: str = "",
         camera_file: Path | None = None,
-        settings: SensorSettings | None = None,
+        settings: SensorConfig | None = None,
     ) -> None:
-        self.name = f"openni2:{wanted}" if wanted else "openni2"
-        self._wanted, self._camera_file = wanted, camera_file
-        self._settings = settings or SensorSettings()
-        self._choice = CameraChoice(None, None)
+        self.name = f"openni2:{device_id}" if device_id else "openni2"
+        self._device_id, self._camera_file = device_id, camera_file
+        self._settings = settings or SensorConfig()
+        self._calibration_file = CalibrationFile(None, None)
         self._openni2: OpenNI2 | None = None
-        self._live: Live | None = None
+        self._stream: LiveStream | None = None
         self._is_open = False
-        self._condition = Condition(CameraState.ABSENT, "not opened yet")
+        self._status = CameraStatus(CameraState.ABSENT, "not opened yet")
 
     def open(self) -> None:
         """Start delivering. Raises as `RgbdCamera.open`; UserFacingError without libOpenNI2."""
         self.close()
-        self._choice = CameraChoice.read(self._camera_file)
-        self._condition = Condition(CameraState.OPENING)
+        self._calibration_file = CalibrationFile.read(self._camera_file)
+        self._status = CameraStatus(CameraState.OPENING)
         try:
             self._openni2 = self._openni2 or OpenNI2()
-            self._live = Live(self._openni2, self.name, self._wanted, self._choice, self._settings)
+            self._stream = LiveStream(
+                self._openni2, self.name, self._device_id, self._calibration_file, self._settings
+            )
         except CameraNotFoundError as error:
-            self._condition = Condition(CameraState.ABSENT, str(error))
+            self._status = CameraStatus(CameraState.ABSENT, str(error))
             raise
         except CameraError as error:
-            self._condition = Condition(CameraState.OPENING, str(error))
+            self._status = CameraStatus(CameraState.OPENING, str(error))
             raise
         self._is_open = True
-        self._condition = Condition(CameraState.STARTING)
+        self._status = CameraStatus(CameraState.STARTING)
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """The newest frame, as the contract says."""
-        if self._live is None or not self._is_open:
+        if self._stream is None or not self._is_open:
             raise CameraLostError(f"{self.name}: is not open")
         try:
-            frame = self._live.read(timeout_s)
+            frame = self._stream.read(timeout_s)
         except CameraLostError as error:
-            self._condition = Condition(CameraState.LOST, str(error))
+            self._status = CameraStatus(CameraState.LOST, str(error))
             raise
-        self._condition = Condition(CameraState.STREAMING)
+        self._status = CameraStatus(CameraState.STREAMING)
         return frame
 
     def close(self) -> None:
         """Stop and release everything; what has been counted can still be asked for."""
         self._is_open = False
-        if self._live is not None:
-            self._live.close()
+        if self._stream is not None:
+            self._stream.close()
 
     @property
     def counters(self) -> CameraCounters:
         """Totals since `open`; `skipped` counts images torn or without a partner."""
-        return self._live.counters if self._live else CameraCounters()
+        return self._stream.counters if self._stream else CameraCounters()
 
     @property
-    def condition(self) -> Condition:
+    def status(self) -> CameraStatus:
         """See `RgbdCamera`."""
-        return self._condition
+        return self._status
 
     @property
     def intrinsics_source(self) -> str:
         """See `RgbdCamera`; "" before `open`."""
-        return self._live.optics.intrinsics_source if self._live else ""
+        return self._stream.rectifier.intrinsics_source if self._stream else ""

@@ -6,45 +6,49 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.openni2.library import Format, Frame, VideoMode
+from drivers.openni2.library import OniFrame, PixelFormat, VideoMode
 
 # Depth values per metre.
-DEPTH_FACTORS = {Format.DEPTH_1_MM: 1000.0, Format.DEPTH_100_UM: 10000.0}
+DEPTH_FACTORS = {PixelFormat.DEPTH_1_MM: 1000.0, PixelFormat.DEPTH_100_UM: 10000.0}
 TO_BGR = {
-    Format.RGB888: (cv2.COLOR_RGB2BGR, 3),
-    Format.YUV422: (cv2.COLOR_YUV2BGR_UYVY, 2),
-    Format.YUYV: (cv2.COLOR_YUV2BGR_YUYV, 2),
-    Format.GREY8: (cv2.COLOR_GRAY2BGR, 1),
+    PixelFormat.RGB888: (cv2.COLOR_RGB2BGR, 3),
+    PixelFormat.YUV422: (cv2.COLOR_YUV2BGR_UYVY, 2),
+    PixelFormat.YUYV: (cv2.COLOR_YUV2BGR_YUYV, 2),
+    PixelFormat.GRAY8: (cv2.COLOR_GRAY2BGR, 1),
 }
 
 
-class TornFrameError(Exception):
+class IncompleteFrameError(Exception):
     """A frame that is not what its stream promised."""
 
 
 def format_name(mode: VideoMode) -> str:
     """The format's name, or its number."""
-    return Format(mode.format).name if mode.format in set(Format) else f"number {mode.format}"
+    return (
+        PixelFormat(mode.format).name
+        if mode.format in set(PixelFormat)
+        else f"number {mode.format}"
+    )
 
 
-def colour_of(frame: Frame) -> NDArray[np.uint8]:
+def decode_color(frame: OniFrame) -> NDArray[np.uint8]:
     """(height, width, 3) uint8 BGR, a copy. Raises TornFrameError."""
-    code, channels = TO_BGR[Format(frame.mode.format)]
+    code, channels = TO_BGR[PixelFormat(frame.mode.format)]
     return cv2.cvtColor(_pixels(frame, channels), code)  # type: ignore[return-value]
 
 
-def depth_of(frame: Frame) -> NDArray[np.uint16]:
+def decode_depth(frame: OniFrame) -> NDArray[np.uint16]:
     """(height, width) uint16 in the stream's unit, a copy; 0 is none. Raises TornFrameError."""
     depth: NDArray[np.uint16] = _pixels(frame, 2).view(np.uint16)[..., 0].copy()
     return depth
 
 
-def _pixels(frame: Frame, channels: int) -> NDArray[np.uint8]:
+def _pixels(frame: OniFrame, channels: int) -> NDArray[np.uint8]:
     """(height, width, channels) uint8, in the library's memory."""
     height, width = frame.height, frame.width
     is_whole = (width, height) == (frame.mode.width, frame.mode.height)
     if not is_whole or frame.size != height * width * channels:
-        raise TornFrameError(
+        raise IncompleteFrameError(
             f"{frame.size} bytes of {width}x{height} where {frame.mode.width}x{frame.mode.height} "
             "are expected"
         )

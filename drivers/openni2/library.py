@@ -16,24 +16,24 @@ from drivers.errors import CameraError, UserFacingError
 
 SONAME = "libOpenNI2.so.0"
 API_VERSION = 2002
-TEXT_LENGTH = 256
+MAX_TEXT_BYTES = 256
 
 
-class Sensor(IntEnum):
+class SensorType(IntEnum):
     """What a stream comes from."""
 
     COLOUR = 2
     DEPTH = 3
 
 
-class Format(IntEnum):
+class PixelFormat(IntEnum):
     """How a pixel is stored."""
 
     DEPTH_1_MM = 100
     DEPTH_100_UM = 101
     RGB888 = 200
     YUV422 = 201  # U Y V Y
-    GREY8 = 202
+    GRAY8 = 202
     YUYV = 205
 
 
@@ -58,7 +58,7 @@ class StreamProperty(IntEnum):
     AUTO_EXPOSURE = 101
 
 
-REGISTRATION_OFF, REGISTRATION_DEPTH_TO_COLOUR = 0, 1
+REGISTRATION_OFF, REGISTRATION_DEPTH_TO_COLOR = 0, 1
 TIMED_OUT = 102
 
 
@@ -87,15 +87,15 @@ class DeviceInfo(ctypes.Structure):
     """A device that is there, or that has been opened."""
 
     _fields_ = (
-        ("uri", ctypes.c_char * TEXT_LENGTH),
-        ("vendor", ctypes.c_char * TEXT_LENGTH),
-        ("name", ctypes.c_char * TEXT_LENGTH),
+        ("uri", ctypes.c_char * MAX_TEXT_BYTES),
+        ("vendor", ctypes.c_char * MAX_TEXT_BYTES),
+        ("name", ctypes.c_char * MAX_TEXT_BYTES),
         ("usb_vendor", ctypes.c_uint16),
         ("usb_product", ctypes.c_uint16),
     )
 
 
-class Frame(ctypes.Structure):
+class OniFrame(ctypes.Structure):
     """One image, in the library's memory until it is released; `stamp_us` is its own clock."""
 
     _fields_ = (
@@ -152,7 +152,7 @@ def load_library() -> ctypes.CDLL:
         raise UserFacingError(
             f"{SONAME} cannot be loaded: {error}; apt install libopenni2-0"
         ) from error
-    _declare(library)
+    _declare_functions(library)
     return library
 
 
@@ -164,12 +164,12 @@ class OpenNI2:
 
     def __init__(self) -> None:
         """Raises UserFacingError if it is not installed, OpenNI2Error if it does not start."""
-        self.calls = load_library()
-        check(self.calls, self.calls.oniInitialize(API_VERSION), "OpenNI2 cannot start")
-        weakref.finalize(self, self.calls.oniShutdown)
+        self.library = load_library()
+        check_status(self.library, self.library.oniInitialize(API_VERSION), "OpenNI2 cannot start")
+        weakref.finalize(self, self.library.oniShutdown)
 
 
-def check(library: ctypes.CDLL, status: int, what: str) -> None:
+def check_status(library: ctypes.CDLL, status: int, what: str) -> None:
     """Raise OpenNI2Error unless `status` is that of success."""
     if status == 0:
         return
@@ -184,11 +184,11 @@ def read_property(get: Any, handle: ctypes.c_void_p, prop: int, value: Any) -> b
     return status == 0
 
 
-def _declare(library: ctypes.CDLL) -> None:
+def _declare_functions(library: ctypes.CDLL) -> None:
     """Say what the calls take and give; a handle is a pointer that must not be cut to an int."""
     handle, number = ctypes.c_void_p, ctypes.c_int
     pointer, size = ctypes.c_void_p, ctypes.POINTER(ctypes.c_int)
-    declare = partial(_signature, library)
+    declare = partial(_declare_function, library)
     declare("oniInitialize", number, number)
     declare("oniShutdown", None)
     declare("oniGetExtendedError", ctypes.c_char_p)
@@ -217,6 +217,6 @@ def _declare(library: ctypes.CDLL) -> None:
     declare("oniFrameRelease", None, pointer)
 
 
-def _signature(library: ctypes.CDLL, name: str, result: Any, *arguments: Any) -> None:
+def _declare_function(library: ctypes.CDLL, name: str, result: Any, *arguments: Any) -> None:
     function = getattr(library, name)
     function.restype, function.argtypes = result, arguments

@@ -9,128 +9,136 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.camera import CameraCounters, NoFrameYet, RgbdFrame
-from drivers.device_clock import HostTime
+from drivers.camera import CameraCounters, FrameTimeout, RgbdFrame
+from drivers.device_clock import HostClockSync
 from drivers.errors import CameraError, CameraLostError
-from drivers.nearest import NearestPairing, Pair
+from drivers.nearest import NearestFramePairing, StampedPair
 from drivers.openni2.finding import open_device
-from drivers.openni2.images import TornFrameError, colour_of, depth_of
-from drivers.openni2.library import Frame, OpenNI2, OpenNI2Error, Sensor
-from drivers.openni2.optics import CameraChoice, make_optics
-from drivers.openni2.set_up import set_up, start
-from drivers.openni2.stream import Stream
-from drivers.sensor_settings import SensorSettings
+from drivers.openni2.images import IncompleteFrameError, decode_color, decode_depth
+from drivers.openni2.library import OniFrame, OpenNI2, OpenNI2Error, SensorType
+from drivers.openni2.optics import CalibrationFile, make_rectifier
+from drivers.openni2.set_up import configure_device, start_streams
+from drivers.openni2.stream import OpenNI2Stream
+from drivers.sensor_settings import SensorConfig
 
 # Which instant the stamps mark is written nowhere. They are taken for that of the middle row, and
 # an image to need as long from there to the host as a Kinect's.
-READOUT_S = 0.020
-FIRST_IMAGE_S, NEXT_IMAGE_S = 2.0, 1.0
+ASSUMED_READOUT_S = 0.020
+FIRST_IMAGE_TIMEOUT_S, NEXT_IMAGE_TIMEOUT_S = 2.0, 1.0
 # How long the library may wait before the time-outs are looked at.
-TICK_S = 0.1
+POLL_S = 0.1
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Colour:
+class ReceivedColorImage:
     """A colour image: its number at the sensor, and CLOCK_MONOTONIC when it was fetched."""
 
     index: int
-    arrival_s: float
+    receive_time_s: float
     pixels: NDArray[np.uint8]
 
 
-Pairs = list[Pair[Colour, NDArray[np.uint16]]]
+ReceivedPairs = list[StampedPair[ReceivedColorImage, NDArray[np.uint16]]]
 
 
-class Live:
+class LiveStream:
     """Made when a sensor is opened, gone when it is closed."""
 
     def __init__(
         self,
         openni2: OpenNI2,
         name: str,
-        wanted: str,
-        choice: CameraChoice,
-        settings: SensorSettings,
+        device_id: str,
+        calibration_file: CalibrationFile,
+        settings: SensorConfig,
     ) -> None:
         """Raises CameraError if the sensor cannot be opened, InputError if it cannot be used."""
         self._name = name
         self._unplugged = threading.Event()
         with ExitStack() as undo:
-            self._device = open_device(openni2, wanted)
+            self._device = open_device(openni2, device_id)
             undo.callback(self._device.close)
             undo.enter_context(self._device.on_unplug(self._unplugged.set))
             try:
-                source = set_up(name, self._device, choice, settings)
-                self.optics = make_optics(source, choice)
-                start(self._device, settings)
+                source = configure_device(name, self._device, calibration_file, settings)
+                self.rectifier = make_rectifier(source, calibration_file)
+                start_streams(self._device, settings)
             except OpenNI2Error as error:
                 raise CameraError(f"{name}: {error}; plug it out and in again") from error
             self._streams = self._device.streams
-            self._undo = undo.pop_all()
-        self._silence = {stream.sensor: _Silence() for stream in self._streams}
-        self._pairing = NearestPairing[Colour, NDArray[np.uint16]]()
-        self._host_time = HostTime(READOUT_S)
+            self._exit_stack = undo.pop_all()
+        self._watchdogs = {stream.sensor: _SilenceTimer() for stream in self._streams}
+        self._pairing = NearestFramePairing[ReceivedColorImage, NDArray[np.uint16]]()
+        self._clock_sync = HostClockSync(ASSUMED_READOUT_S)
         self._first_index, self._next_seq = -1, 0
-        self._delivered = self._dropped = self._torn = 0
+        self._delivered = self._dropped = self._incomplete = 0
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """The newest frame. Raises NoFrameYet, CameraLostError."""
         deadline_s = time.monotonic() + timeout_s
         while True:
-            if pairs := self._fetch(deadline_s - time.monotonic()):
-                return self._frame(pairs[-1])
+            if pairs := self._poll(deadline_s - time.monotonic()):
+                return self._make_frame(pairs[-1])
             if time.monotonic() >= deadline_s:
-                raise NoFrameYet
+                raise FrameTimeout
 
     @property
     def counters(self) -> CameraCounters:
         """Totals since it was opened; `skipped` counts images torn or without a partner."""
-        return CameraCounters(self._delivered, self._dropped, self._torn + self._pairing.unpaired)
+        return CameraCounters(
+            self._delivered, self._dropped, self._incomplete + self._pairing.unpaired
+        )
 
     def close(self) -> None:
         """Stop and release everything. May be called twice."""
-        self._undo.close()
+        self._exit_stack.close()
 
-    def _fetch(self, timeout_s: float) -> Pairs:
+    def _poll(self, timeout_s: float) -> ReceivedPairs:
         """Wait for an image of either stream, at most a tick; the pairs that it decides."""
         begin_s = time.monotonic()
         try:
-            stream = self._device.wait(self._streams, max(0.0, min(timeout_s, TICK_S)))
+            stream = self._device.wait_for_any_stream(
+                self._streams, max(0.0, min(timeout_s, POLL_S))
+            )
             waited_s = time.monotonic() - begin_s
-            for sensor, silence in self._silence.items():
-                silence.add(waited_s, heard=stream is not None and stream.sensor is sensor)
-            self._check()
-            return [] if stream is None else self._take(stream)
+            for sensor, silence in self._watchdogs.items():
+                silence.add(waited_s, has_received=stream is not None and stream.sensor is sensor)
+            self._check_connection()
+            return [] if stream is None else self._read_stream(stream)
         except OpenNI2Error as error:
             raise CameraLostError(f"{self._name}: {error}") from error
 
-    def _take(self, stream: Stream) -> Pairs:
-        with stream.frame() as frame:
+    def _read_stream(self, stream: OpenNI2Stream) -> ReceivedPairs:
+        with stream.read_frame() as frame:
             stamp_s = frame.stamp_us / 1e6
             try:
-                if stream.sensor is Sensor.DEPTH:
-                    return self._pairing.add_depth(stamp_s, depth_of(frame))
-                return self._pairing.add_colour(stamp_s, _colour(frame))
-            except TornFrameError as error:
+                if stream.sensor is SensorType.DEPTH:
+                    return self._pairing.add_depth(stamp_s, decode_depth(frame))
+                return self._pairing.add_color(stamp_s, _receive_color(frame))
+            except IncompleteFrameError as error:
                 _log.warning("%s: an image is skipped: %s", self._name, error)
-                self._torn += 1
+                self._incomplete += 1
                 return []
 
-    def _check(self) -> None:
+    def _check_connection(self) -> None:
         """Raise CameraLostError if the sensor has gone or a stream is silent for too long."""
         if self._unplugged.is_set():
             raise CameraLostError(f"{self._name}: unplugged")
-        for sensor, silence in self._silence.items():
-            if silence.is_too_long:
-                what = f"stopped for {NEXT_IMAGE_S:g} s" if silence.heard else "did not begin"
+        for sensor, silence in self._watchdogs.items():
+            if silence.has_timed_out:
+                what = (
+                    f"stopped for {NEXT_IMAGE_TIMEOUT_S:g} s"
+                    if silence.has_received
+                    else "did not begin"
+                )
                 raise CameraLostError(
                     f"{self._name}: its {sensor.name.lower()} stream {what}; if it stays so, plug "
                     "it into a USB port of its own"
                 )
 
-    def _frame(self, pair: Pair[Colour, NDArray[np.uint16]]) -> RgbdFrame:
-        colour = pair.colour
+    def _make_frame(self, pair: StampedPair[ReceivedColorImage, NDArray[np.uint16]]) -> RgbdFrame:
+        colour = pair.color
         if self._first_index < 0:
             self._first_index = colour.index
         seq = max(self._next_seq, colour.index - self._first_index)
@@ -138,33 +146,35 @@ class Live:
         self._delivered, self._next_seq = self._delivered + 1, seq + 1
         return RgbdFrame(
             seq=seq,
-            stamp_s=self._host_time.host_s(pair.colour_s, colour.arrival_s),
-            arrival_s=time.monotonic(),
-            colour_bgr=self.optics.colour(colour.pixels),
-            depth_raw=self.optics.depth(pair.depth),
-            depth_factor=self.optics.depth_factor,
-            camera=self.optics.camera,
-            device_stamp_s=pair.colour_s,
-            skew_s=pair.skew_s + self.optics.depth_offset_s,
-            readout_s=self.optics.readout_s,
+            stamp_s=self._clock_sync.to_host_s(pair.color_s, colour.receive_time_s),
+            receive_time_s=time.monotonic(),
+            color_bgr=self.rectifier.rectify_color(colour.pixels),
+            depth_raw=self.rectifier.rectify_depth(pair.depth),
+            depth_factor=self.rectifier.depth_factor,
+            camera=self.rectifier.camera,
+            device_stamp_s=pair.color_s,
+            skew_s=pair.skew_s + self.rectifier.depth_offset_s,
+            readout_s=self.rectifier.readout_s,
         )
 
 
 @dataclass
-class _Silence:
+class _SilenceTimer:
     """How long a stream has been waited for; time in which nobody waited does not count."""
 
     waited_s: float = 0.0
-    heard: bool = False
+    has_received: bool = False
 
-    def add(self, waited_s: float, heard: bool) -> None:
-        self.waited_s = 0.0 if heard else self.waited_s + waited_s
-        self.heard = self.heard or heard
+    def add(self, waited_s: float, has_received: bool) -> None:
+        self.waited_s = 0.0 if has_received else self.waited_s + waited_s
+        self.has_received = self.has_received or has_received
 
     @property
-    def is_too_long(self) -> bool:
-        return self.waited_s > (NEXT_IMAGE_S if self.heard else FIRST_IMAGE_S)
+    def has_timed_out(self) -> bool:
+        return self.waited_s > (
+            NEXT_IMAGE_TIMEOUT_S if self.has_received else FIRST_IMAGE_TIMEOUT_S
+        )
 
 
-def _colour(frame: Frame) -> Colour:
-    return Colour(frame.index, time.monotonic(), colour_of(frame))
+def _receive_color(frame: OniFrame) -> ReceivedColorImage:
+    return ReceivedColorImage(frame.index, time.monotonic(), decode_color(frame))

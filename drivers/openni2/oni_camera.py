@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from drivers.camera import CameraCounters, Clock, Pace, RgbdCamera, RgbdFrame
+from drivers.camera import CameraCounters, Clock, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.errors import CameraError
 from drivers.openni2.library import OpenNI2
-from drivers.openni2.optics import CameraChoice
-from drivers.openni2.playback import Playback
-from drivers.sensor_settings import SensorSettings
+from drivers.openni2.optics import CalibrationFile
+from drivers.openni2.playback import OniPlayback
+from drivers.sensor_settings import SensorConfig
 
 
 class OniCamera(RgbdCamera):
@@ -26,22 +26,24 @@ class OniCamera(RgbdCamera):
         self,
         path: Path,
         camera_file: Path | None = None,
-        pace: Pace = Pace.LOCKSTEP,
-        settings: SensorSettings | None = None,
+        playback_mode: PlaybackMode = PlaybackMode.LOCKSTEP,
+        settings: SensorConfig | None = None,
     ) -> None:
         self.name = f"openni2:{path}"
-        self._path, self._camera_file, self._pace = path, camera_file, pace
-        self._mirror = (settings or SensorSettings()).mirror
+        self._path, self._camera_file, self._playback_mode = path, camera_file, playback_mode
+        self._mirror = (settings or SensorConfig()).mirror
         self._openni2: OpenNI2 | None = None
-        self._playback: Playback | None = None
+        self._playback: OniPlayback | None = None
         self._is_open = False
 
     def open(self) -> None:
         """Check the file and start to play. Raises InputError for a file without use."""
         self.close()
-        choice = CameraChoice.read(self._camera_file)
+        choice = CalibrationFile.read(self._camera_file)
         self._openni2 = self._openni2 or OpenNI2()
-        self._playback = Playback(self._openni2, self._path, choice, self._pace, self._mirror)
+        self._playback = OniPlayback(
+            self._openni2, self._path, choice, self._playback_mode, self._mirror
+        )
         self._is_open = True
 
     def read(self, timeout_s: float) -> RgbdFrame:
@@ -64,7 +66,7 @@ class OniCamera(RgbdCamera):
     @property
     def intrinsics_source(self) -> str:
         """See `RgbdCamera`; "" before `open`."""
-        return self._playback.optics.intrinsics_source if self._playback else ""
+        return self._playback.rectifier.intrinsics_source if self._playback else ""
 
     @property
     def frame_count(self) -> int | None:

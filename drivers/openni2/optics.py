@@ -20,20 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
-from drivers.camera_file import NO_DISTORTION, CameraFile, read_camera_file
+from drivers.camera_file import NO_DISTORTION, CameraCalibration, read_calibration
 from drivers.errors import InputError
 from drivers.registration import SoftwareRegistration
-from drivers.undistort import Undistorter, undistorter
+from drivers.undistort import Undistorter, make_undistorter
 
 # The usual values of these sensors, for an image 640 pixels wide.
-DEFAULT_FOCAL, DEFAULT_WIDTH = 525.0, 640
+DEFAULT_FOCAL_PX, DEFAULT_WIDTH_PX = 525.0, 640
 # A camera file corrects a sensor's scale by per cent; beyond this it is one for another unit.
-LARGEST_CORRECTION = 1.25
+MAX_SCALE_CORRECTION = 1.25
 
 Size = tuple[int, int]
 
 
-class Registered(Enum):
+class DepthRegistration(Enum):
     """Whether the depth that a source delivers is registered to its colour image."""
 
     YES = "yes"
@@ -42,38 +42,38 @@ class Registered(Enum):
 
 
 @dataclass(frozen=True)
-class Source:
+class SourceProperties:
     """What a device or a recording says of its images; sizes are (width, height)."""
 
     name: str
-    colour_size: Size
+    color_size: Size
     depth_size: Size
-    colour_fov_rad: tuple[float, float]
+    color_fov_rad: tuple[float, float]
     depth_factor: float
-    registered: Registered
-    flip_colour: bool = False
+    registration: DepthRegistration
+    flip_color: bool = False
     flip_depth: bool = False
 
 
 @dataclass(frozen=True)
-class CameraChoice:
+class CalibrationFile:
     """The camera file that the user gave, if any."""
 
     path: Path | None
-    file: CameraFile | None
+    calibration: CameraCalibration | None
 
     @classmethod
-    def read(cls, path: Path | None) -> "CameraChoice":
+    def read(cls, path: Path | None) -> "CalibrationFile":
         """Read it. Raises InputError."""
-        return cls(path, None if path is None else read_camera_file(path))
+        return cls(path, None if path is None else read_calibration(path))
 
     @property
     def has_depth_camera(self) -> bool:
         """Whether depth is to be registered here."""
-        return self.file is not None and self.file.depth is not None
+        return self.calibration is not None and self.calibration.depth is not None
 
 
-class DepthPath(Protocol):
+class DepthRectifier(Protocol):
     """Makes depth as delivered the depth of the undistorted colour camera."""
 
     def __call__(self, image: NDArray[np.uint16], /) -> NDArray[np.uint16]:
@@ -82,113 +82,115 @@ class DepthPath(Protocol):
 
 
 @dataclass(frozen=True)
-class Optics:
+class OpenNI2Rectifier:
     """Makes a frame's images. `intrinsics_source` says where `camera` comes from.
 
-    The timing is the camera file's, see `CameraFile`; zero without one.
+    The timing is the camera file's, see `CameraCalibration`; zero without one.
     """
 
     camera: PinholeCamera
     depth_factor: float
     intrinsics_source: str
-    lens: Undistorter
-    depth_path: DepthPath
-    flip_colour: bool
+    undistorter: Undistorter
+    depth_rectifier: DepthRectifier
+    flip_color: bool
     flip_depth: bool
     readout_s: float = 0.0
     depth_offset_s: float = 0.0
 
-    def colour(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def rectify_color(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Undistorted."""
-        if self.flip_colour:
+        if self.flip_color:
             image = cv2.flip(image, 1)  # type: ignore[assignment]
-        return self.lens.colour(image)
+        return self.undistorter.undistort_color(image)
 
-    def depth(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    def rectify_depth(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
         """Undistorted and registered."""
         if self.flip_depth:
             image = cv2.flip(image, 1)  # type: ignore[assignment]
-        return self.depth_path(image)
+        return self.depth_rectifier(image)
 
 
-def make_optics(source: Source, choice: CameraChoice) -> Optics:
+def make_rectifier(source: SourceProperties, calibration_file: CalibrationFile) -> OpenNI2Rectifier:
     """Raises InputError where file and source do not fit, or depth cannot be registered."""
-    if choice.file is None:
-        return _without_file(source)
-    _check_file(source, choice.file, f"camera file {choice.path}")
-    camera, depth = choice.file.pinhole, choice.file.depth
-    lens = undistorter(camera, choice.file.distortion)
-    path: DepthPath
+    if calibration_file.calibration is None:
+        return _make_uncalibrated_rectifier(source)
+    _check_calibration(source, calibration_file.calibration, f"camera file {calibration_file.path}")
+    camera, depth = calibration_file.calibration.pinhole, calibration_file.calibration.depth
+    lens = make_undistorter(camera, calibration_file.calibration.distortion)
+    path: DepthRectifier
     if depth is None:
-        path, factor = lens.depth, choice.file.depth_factor
+        path, factor = lens.undistort_depth, calibration_file.calibration.depth_factor
     else:
-        registration = SoftwareRegistration(camera, depth, choice.file.depth_factor)
+        registration = SoftwareRegistration(
+            camera, depth, calibration_file.calibration.depth_factor
+        )
         path, factor = registration.register, registration.depth_factor
-    return Optics(
+    return OpenNI2Rectifier(
         camera,
         factor,
-        f"camera file {choice.path}",
+        f"camera file {calibration_file.path}",
         lens,
         path,
-        source.flip_colour,
+        source.flip_color,
         source.flip_depth,
-        choice.file.readout_s,
-        choice.file.depth_offset_s,
+        calibration_file.calibration.readout_s,
+        calibration_file.calibration.depth_offset_s,
     )
 
 
-def _without_file(source: Source) -> Optics:
-    if source.registered is not Registered.YES:
-        raise _unregistered(source)
+def _make_uncalibrated_rectifier(source: SourceProperties) -> OpenNI2Rectifier:
+    if source.registration is not DepthRegistration.YES:
+        raise _unregistered_error(source)
     _check_same_size(source)
-    camera, told = _told_by(source)
-    lens = undistorter(camera, NO_DISTORTION)
-    return Optics(
+    camera, told = _source_intrinsics(source)
+    lens = make_undistorter(camera, NO_DISTORTION)
+    return OpenNI2Rectifier(
         camera,
         source.depth_factor,
         told,
         lens,
-        lens.depth,
-        source.flip_colour,
+        lens.undistort_depth,
+        source.flip_color,
         source.flip_depth,
     )
 
 
-def _told_by(source: Source) -> tuple[PinholeCamera, str]:
+def _source_intrinsics(source: SourceProperties) -> tuple[PinholeCamera, str]:
     """Intrinsics from the field of view that the source tells, else the usual ones."""
-    width, height = source.colour_size
+    width, height = source.color_size
     centre = ((width - 1) / 2, (height - 1) / 2)
-    across, down = source.colour_fov_rad
+    across, down = source.color_fov_rad
     if 0.1 < across < 3.0 and 0.1 < down < 3.0:
         fx, fy = width / (2 * tan(across / 2)), height / (2 * tan(down / 2))
         return PinholeCamera(width, height, fx, fy, *centre), "factory"
-    focal = DEFAULT_FOCAL * width / DEFAULT_WIDTH
+    focal = DEFAULT_FOCAL_PX * width / DEFAULT_WIDTH_PX
     return PinholeCamera(width, height, focal, focal, *centre), "default"
 
 
-def _check_file(source: Source, file: CameraFile, name: str) -> None:
-    _check_size(source, "colour", source.colour_size, (file.width, file.height), name)
-    if file.depth is not None:
-        depth_size = (file.depth.width, file.depth.height)
+def _check_calibration(source: SourceProperties, calibration: CameraCalibration, name: str) -> None:
+    _check_size(source, "colour", source.color_size, (calibration.width, calibration.height), name)
+    if calibration.depth is not None:
+        depth_size = (calibration.depth.width, calibration.depth.height)
         _check_size(source, "depth", source.depth_size, depth_size, f"[depth] of {name}")
-        if source.registered is Registered.YES:
+        if source.registration is DepthRegistration.YES:
             raise InputError(
                 f"{source.name}: registers its depth and cannot be told not to; leave [depth] "
                 f"out of {name}"
             )
     else:
-        if source.registered is Registered.NO:
-            raise _unregistered(source)
+        if source.registration is DepthRegistration.NO:
+            raise _unregistered_error(source)
         _check_same_size(source)
-    correction = file.depth_factor / source.depth_factor
-    if not 1 / LARGEST_CORRECTION < correction < LARGEST_CORRECTION:
+    correction = calibration.depth_factor / source.depth_factor
+    if not 1 / MAX_SCALE_CORRECTION < correction < MAX_SCALE_CORRECTION:
         raise InputError(
-            f"{name}: depth_factor is {file.depth_factor:g}, but {source.name} delivers "
+            f"{name}: depth_factor is {calibration.depth_factor:g}, but {source.name} delivers "
             f"{source.depth_factor:g} per metre; set depth_factor = {source.depth_factor:.1f}"
         )
 
 
-def _check_size(source: Source, what: str, has: Size, wanted: Size, name: str) -> None:
+def _check_size(source: SourceProperties, what: str, has: Size, wanted: Size, name: str) -> None:
     if has != wanted:
         raise InputError(
             f"{source.name}: {what} is {has[0]}x{has[1]}, but {name} is for "
@@ -196,17 +198,17 @@ def _check_size(source: Source, what: str, has: Size, wanted: Size, name: str) -
         )
 
 
-def _check_same_size(source: Source) -> None:
-    if source.colour_size != source.depth_size:
-        (w, h), (depth_w, depth_h) = source.colour_size, source.depth_size
+def _check_same_size(source: SourceProperties) -> None:
+    if source.color_size != source.depth_size:
+        (w, h), (depth_w, depth_h) = source.color_size, source.depth_size
         raise InputError(
             f"{source.name}: colour is {w}x{h} but depth is {depth_w}x{depth_h}, so it cannot be "
             "registered; give a camera file with a [depth] table (kinect-vo calibrate --depth)"
         )
 
 
-def _unregistered(source: Source) -> InputError:
-    if source.registered is Registered.UNKNOWN:
+def _unregistered_error(source: SourceProperties) -> InputError:
+    if source.registration is DepthRegistration.UNKNOWN:
         return InputError(
             f"{source.name}: does not say whether its depth was registered to colour; give a "
             "camera file: without a [depth] table if it was, with one if it was not (kinect-vo "

@@ -5,33 +5,35 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 
-from drivers.camera import NoFrameYet, Pace
+from drivers.camera import FrameTimeout, PlaybackMode
 
 
-class Pacer(ABC):
+class PlaybackScheduler(ABC):
     """Decides for a recording whose pairs are numbered from 0."""
 
     @abstractmethod
-    def take(self, seq: int, timeout_s: float) -> int:
+    def wait_until_due(self, seq: int, timeout_s: float) -> int:
         """Wait for pair `seq` or a later one that is due already. Raises NoFrameYet."""
 
 
-def make_pacer(pace: Pace, stamps_s: Sequence[float]) -> Pacer:
+def make_playback_scheduler(
+    playback_mode: PlaybackMode, stamps_s: Sequence[float]
+) -> PlaybackScheduler:
     """`stamps_s` are those of all pairs."""
-    if pace is Pace.LOCKSTEP:
-        return LockstepPacer()
-    return RealtimePacer([stamp_s - stamps_s[0] for stamp_s in stamps_s])
+    if playback_mode is PlaybackMode.LOCKSTEP:
+        return LockstepScheduler()
+    return RealtimeScheduler([stamp_s - stamps_s[0] for stamp_s in stamps_s])
 
 
-class LockstepPacer(Pacer):
+class LockstepScheduler(PlaybackScheduler):
     """Every pair, when it is asked for."""
 
-    def take(self, seq: int, timeout_s: float) -> int:
+    def wait_until_due(self, seq: int, timeout_s: float) -> int:
         """See `Pacer`."""
         return seq
 
 
-class RealtimePacer(Pacer):
+class RealtimeScheduler(PlaybackScheduler):
     """Each pair when it is due, a newer one instead of it once that is due.
 
     `offsets_s` are the stamps since the first; the recording starts to run when the first pair is
@@ -47,7 +49,7 @@ class RealtimePacer(Pacer):
         self._offsets_s, self._clock, self._sleep = offsets_s, clock, sleep
         self._start_s: float | None = None
 
-    def take(self, seq: int, timeout_s: float) -> int:
+    def wait_until_due(self, seq: int, timeout_s: float) -> int:
         """See `Pacer`."""
         now_s = self._clock()
         if self._start_s is None:
@@ -55,6 +57,6 @@ class RealtimePacer(Pacer):
         wait_s = self._start_s + self._offsets_s[seq] - now_s
         self._sleep(max(0.0, min(wait_s, timeout_s)))
         if wait_s > timeout_s:
-            raise NoFrameYet
+            raise FrameTimeout
         newest_due = bisect_right(self._offsets_s, self._clock() - self._start_s) - 1
         return max(seq, newest_due)

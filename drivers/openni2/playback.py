@@ -6,34 +6,41 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.camera import CameraCounters, EndOfStream, Pace, RgbdFrame
-from drivers.openni2.images import TornFrameError
+from drivers.camera import CameraCounters, EndOfStream, PlaybackMode, RgbdFrame
+from drivers.openni2.images import IncompleteFrameError
 from drivers.openni2.library import OpenNI2
-from drivers.openni2.optics import CameraChoice, make_optics
-from drivers.openni2.pace import make_pacer
-from drivers.openni2.pair_reader import PairReader
+from drivers.openni2.optics import CalibrationFile, make_rectifier
+from drivers.openni2.pace import make_playback_scheduler
+from drivers.openni2.pair_reader import OniPairReader
 from drivers.openni2.player import OniPlayer
-from drivers.openni2.recording import read_index
+from drivers.openni2.recording import read_oni_index
 
 _log = logging.getLogger(__name__)
 
 
-class Playback:
+class OniPlayback:
     """Made when a recording is opened, gone when it is closed."""
 
     def __init__(
-        self, openni2: OpenNI2, path: Path, choice: CameraChoice, pace: Pace, mirror: bool
+        self,
+        openni2: OpenNI2,
+        path: Path,
+        calibration_file: CalibrationFile,
+        playback_mode: PlaybackMode,
+        mirror: bool,
     ) -> None:
         """Raises InputError for a file without use, or one that does not fit the camera file."""
-        self.index = read_index(path)
+        self.index = read_oni_index(path)
         with ExitStack() as undo:
             player = OniPlayer(openni2, path)
             undo.callback(player.close)
-            self.optics = make_optics(player.source(mirror), choice)
+            self.rectifier = make_rectifier(player.read_properties(mirror), calibration_file)
             player.start()
-            self._player, self._undo = player, undo.pop_all()
-        self._reader = PairReader(player, self.index)
-        self._pacer = make_pacer(pace, [self.index.stamp_s(i) for i, _ in self.index.pairs])
+            self._player, self._exit_stack = player, undo.pop_all()
+        self._reader = OniPairReader(player, self.index)
+        self._scheduler = make_playback_scheduler(
+            playback_mode, [self.index.stamp_s(i) for i, _ in self.index.pairs]
+        )
         self._next_seq = 0
         self.counters = CameraCounters()
 
@@ -41,14 +48,14 @@ class Playback:
         """The next frame. Raises NoFrameYet, EndOfStream, CameraError as the contract says."""
         deadline_s = time.monotonic() + timeout_s
         while self._next_seq < len(self.index.pairs):
-            seq = self._pacer.take(self._next_seq, deadline_s - time.monotonic())
+            seq = self._scheduler.wait_until_due(self._next_seq, deadline_s - time.monotonic())
             try:
-                frame = self._frame(seq, deadline_s)
-            except TornFrameError as error:
+                frame = self._make_frame(seq, deadline_s)
+            except IncompleteFrameError as error:
                 _log.warning("frame %d is skipped: %s", seq, error)
-                self._move_on(seq, skipped=1)
+                self._advance(seq, skipped=1)
             else:
-                self._move_on(seq, delivered=1)
+                self._advance(seq, delivered=1)
                 return frame
         # At the end of the file the library's thread would spin on one core.
         self._player.stop()
@@ -56,24 +63,24 @@ class Playback:
 
     def close(self) -> None:
         """Stop and release everything. May be called twice."""
-        self._undo.close()
+        self._exit_stack.close()
 
-    def _frame(self, seq: int, deadline_s: float) -> RgbdFrame:
-        colour, depth = self._reader.pair(seq, deadline_s)
+    def _make_frame(self, seq: int, deadline_s: float) -> RgbdFrame:
+        colour, depth = self._reader.read_pair(seq, deadline_s)
         pair = self.index.pairs[seq]
         return RgbdFrame(
             seq=seq,
             stamp_s=self.index.stamp_s(pair[0]),
-            arrival_s=time.monotonic(),
-            colour_bgr=self.optics.colour(colour),
-            depth_raw=self.optics.depth(depth),
-            depth_factor=self.optics.depth_factor,
-            camera=self.optics.camera,
-            skew_s=self.index.skew_s(pair) + self.optics.depth_offset_s,
-            readout_s=self.optics.readout_s,
+            receive_time_s=time.monotonic(),
+            color_bgr=self.rectifier.rectify_color(colour),
+            depth_raw=self.rectifier.rectify_depth(depth),
+            depth_factor=self.rectifier.depth_factor,
+            camera=self.rectifier.camera,
+            skew_s=self.index.skew_s(pair) + self.rectifier.depth_offset_s,
+            readout_s=self.rectifier.readout_s,
         )
 
-    def _move_on(self, seq: int, delivered: int = 0, skipped: int = 0) -> None:
+    def _advance(self, seq: int, delivered: int = 0, skipped: int = 0) -> None:
         now = self.counters
         self.counters = replace(
             now,

@@ -6,26 +6,26 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from drivers.camera import NoFrameYet
+from drivers.camera import FrameTimeout
 from drivers.errors import CameraError, InputError
-from drivers.openni2.device import Device
+from drivers.openni2.device import OpenNI2Device
 from drivers.openni2.images import DEPTH_FACTORS, TO_BGR, format_name
 from drivers.openni2.library import (
     DeviceProperty,
-    Format,
-    Frame,
+    OniFrame,
     OpenNI2,
     OpenNI2Error,
-    Sensor,
+    PixelFormat,
+    SensorType,
 )
-from drivers.openni2.optics import Registered, Source
+from drivers.openni2.optics import DepthRegistration, SourceProperties
 from drivers.openni2.recording import IndexedImage
-from drivers.openni2.stream import Stream
+from drivers.openni2.stream import OpenNI2Stream
 
 # The next image is played only once it is asked for. (0 would be "as fast as it goes", and drops.)
-ON_DEMAND = -1.0
+SPEED_ON_DEMAND = -1.0
 # It comes at once, unless the library has given up on the file.
-PATIENCE_S = 2.0
+IMAGE_TIMEOUT_S = 2.0
 
 
 class OniPlayer:
@@ -39,30 +39,34 @@ class OniPlayer:
             # has no room for long ones.
             uri = f"/proc/self/fd/{undo.enter_context(path.open('rb')).fileno()}"
             try:
-                self._device = Device(openni2, uri)
+                self._device = OpenNI2Device(openni2, uri)
                 undo.callback(self._device.close)
                 # Seeking hangs, and a file that begins again would need it: never repeat.
-                self._device.set(DeviceProperty.PLAYBACK_REPEAT, ctypes.c_int(0))
-                self._device.set(DeviceProperty.PLAYBACK_SPEED, ctypes.c_float(ON_DEMAND))
-                self._streams = {sensor: self._device.stream(sensor) for sensor in Sensor}
+                self._device.set_property(DeviceProperty.PLAYBACK_REPEAT, ctypes.c_int(0))
+                self._device.set_property(
+                    DeviceProperty.PLAYBACK_SPEED, ctypes.c_float(SPEED_ON_DEMAND)
+                )
+                self._streams = {
+                    sensor: self._device.create_stream(sensor) for sensor in SensorType
+                }
             except OpenNI2Error as error:
                 raise InputError(f"{path}: libOpenNI2 does not take it: {error}") from error
             for stream in self._streams.values():
-                _check(stream, path)
-            self._undo = undo.pop_all()
+                _check_stream(stream, path)
+            self._exit_stack = undo.pop_all()
         self._waited_s = 0.0
 
-    def source(self, mirror: bool) -> Source:
+    def read_properties(self, mirror: bool) -> SourceProperties:
         """What the recording says of its images; `mirror` is how they are wanted."""
-        colour, depth = self._streams[Sensor.COLOUR], self._streams[Sensor.DEPTH]
-        return Source(
+        colour, depth = self._streams[SensorType.COLOUR], self._streams[SensorType.DEPTH]
+        return SourceProperties(
             name=f"openni2:{self._path}",
-            colour_size=(colour.mode.width, colour.mode.height),
-            depth_size=(depth.mode.width, depth.mode.height),
-            colour_fov_rad=colour.fov_rad,
-            depth_factor=DEPTH_FACTORS[Format(depth.mode.format)],
-            registered=Registered.UNKNOWN,
-            flip_colour=colour.is_mirrored != mirror,
+            color_size=(colour.video_mode.width, colour.video_mode.height),
+            depth_size=(depth.video_mode.width, depth.video_mode.height),
+            color_fov_rad=colour.fov_rad,
+            depth_factor=DEPTH_FACTORS[PixelFormat(depth.video_mode.format)],
+            registration=DepthRegistration.UNKNOWN,
+            flip_color=colour.is_mirrored != mirror,
             flip_depth=depth.is_mirrored != mirror,
         )
 
@@ -71,28 +75,28 @@ class OniPlayer:
         for stream in self._streams.values():
             stream.start()
 
-    def wait(self, expected: IndexedImage, timeout_s: float) -> None:
+    def wait_for_image(self, expected: IndexedImage, timeout_s: float) -> None:
         """Wait for the next image of the file.
 
         Raises NoFrameYet after `timeout_s`, CameraError if it cannot be expected any more.
         """
         begin_s = time.monotonic()
         stream = self._streams[expected.sensor]
-        if self._device.wait([stream], timeout_s):
+        if self._device.wait_for_any_stream([stream], timeout_s):
             self._waited_s = 0.0
             return
         self._waited_s += time.monotonic() - begin_s
-        if self._waited_s > PATIENCE_S:
+        if self._waited_s > IMAGE_TIMEOUT_S:
             raise CameraError(f"{self._path}: libOpenNI2 stopped before the {expected}")
-        raise NoFrameYet
+        raise FrameTimeout
 
     @contextmanager
-    def image(self, expected: IndexedImage) -> Iterator[Frame]:
+    def read_image(self, expected: IndexedImage) -> Iterator[OniFrame]:
         """The image that was waited for, valid within the block.
 
         Raises CameraError if it is another one.
         """
-        with self._streams[expected.sensor].frame() as frame:
+        with self._streams[expected.sensor].read_frame() as frame:
             if frame.stamp_us != expected.stamp_us:
                 raise CameraError(
                     f"{self._path}: libOpenNI2 played {frame.stamp_us / 1e6:.6f} s instead of the "
@@ -106,16 +110,16 @@ class OniPlayer:
 
     def close(self) -> None:
         """Stop and release everything. May be called twice."""
-        self._undo.close()
+        self._exit_stack.close()
 
 
-def _check(stream: Stream, path: Path) -> None:
+def _check_stream(stream: OpenNI2Stream, path: Path) -> None:
     """Raise InputError for a stream that cannot be used."""
     try:
-        mode, name = stream.mode, stream.sensor.name.lower()
+        mode, name = stream.video_mode, stream.sensor.name.lower()
     except OpenNI2Error as error:
         raise InputError(f"{path}: {error}; record it again") from error
-    known = DEPTH_FACTORS if stream.sensor is Sensor.DEPTH else TO_BGR
+    known = DEPTH_FACTORS if stream.sensor is SensorType.DEPTH else TO_BGR
     if mode.format not in known:
         names = ", ".join(known_format.name for known_format in known)
         raise InputError(

@@ -3,41 +3,45 @@
 import logging
 
 from drivers.errors import InputError
-from drivers.openni2.device import Device
+from drivers.openni2.device import OpenNI2Device
 from drivers.openni2.images import DEPTH_FACTORS
-from drivers.openni2.library import Format, OpenNI2Error, Sensor, StreamProperty
-from drivers.openni2.modes import choose_mode
-from drivers.openni2.optics import CameraChoice, Registered, Source
-from drivers.openni2.stream import Stream
-from drivers.sensor_settings import SensorSettings
+from drivers.openni2.library import OpenNI2Error, PixelFormat, SensorType, StreamProperty
+from drivers.openni2.modes import choose_video_mode
+from drivers.openni2.optics import CalibrationFile, DepthRegistration, SourceProperties
+from drivers.openni2.stream import OpenNI2Stream
+from drivers.sensor_settings import SensorConfig
 
 _log = logging.getLogger(__name__)
 
 
-def set_up(name: str, device: Device, choice: CameraChoice, settings: SensorSettings) -> Source:
+def configure_device(
+    name: str, device: OpenNI2Device, calibration_file: CalibrationFile, settings: SensorConfig
+) -> SourceProperties:
     """Create the streams of a device and choose how they deliver; what they will deliver.
 
     Raises InputError if the device lacks what is needed, OpenNI2Error if a call fails.
     """
-    colour, depth = (_stream(name, device, sensor, choice) for sensor in Sensor)
-    is_registered = device.register_depth(not choice.has_depth_camera)
-    if not device.synchronise():
+    colour, depth = (
+        _create_stream(name, device, sensor, calibration_file) for sensor in SensorType
+    )
+    is_registered = device.enable_depth_registration(not calibration_file.has_depth_camera)
+    if not device.enable_depth_color_sync():
         _log.info("%s: does not take depth and colour together; they are paired by stamp", name)
     for stream in (colour, depth):
-        _try_switch(stream, StreamProperty.MIRRORING, settings.mirror)
-    return Source(
+        _try_set_flag(stream, StreamProperty.MIRRORING, settings.mirror)
+    return SourceProperties(
         name=name,
-        colour_size=(colour.mode.width, colour.mode.height),
-        depth_size=(depth.mode.width, depth.mode.height),
-        colour_fov_rad=colour.fov_rad,
-        depth_factor=DEPTH_FACTORS[Format(depth.mode.format)],
-        registered=Registered.YES if is_registered else Registered.NO,
-        flip_colour=colour.is_mirrored != settings.mirror,
+        color_size=(colour.video_mode.width, colour.video_mode.height),
+        depth_size=(depth.video_mode.width, depth.video_mode.height),
+        color_fov_rad=colour.fov_rad,
+        depth_factor=DEPTH_FACTORS[PixelFormat(depth.video_mode.format)],
+        registration=DepthRegistration.YES if is_registered else DepthRegistration.NO,
+        flip_color=colour.is_mirrored != settings.mirror,
         flip_depth=depth.is_mirrored != settings.mirror,
     )
 
 
-def start(device: Device, settings: SensorSettings) -> None:
+def start_streams(device: OpenNI2Device, settings: SensorConfig) -> None:
     """Start the streams, then set exposure and white balance: starting them may reset these.
 
     Raises OpenNI2Error.
@@ -45,26 +49,30 @@ def start(device: Device, settings: SensorSettings) -> None:
     for stream in device.streams:
         stream.start()
     for stream in device.streams:
-        if stream.sensor is Sensor.COLOUR:
-            _try_switch(stream, StreamProperty.AUTO_EXPOSURE, settings.auto_exposure)
-            _try_switch(stream, StreamProperty.AUTO_WHITE_BALANCE, settings.auto_white_balance)
+        if stream.sensor is SensorType.COLOUR:
+            _try_set_flag(stream, StreamProperty.AUTO_EXPOSURE, settings.auto_exposure)
+            _try_set_flag(stream, StreamProperty.AUTO_WHITE_BALANCE, settings.auto_white_balance)
 
 
-def _stream(name: str, device: Device, sensor: Sensor, choice: CameraChoice) -> Stream:
-    if not device.has(sensor):
+def _create_stream(
+    name: str, device: OpenNI2Device, sensor: SensorType, calibration_file: CalibrationFile
+) -> OpenNI2Stream:
+    if not device.has_sensor(sensor):
         raise InputError(
             f"{name}: has no {sensor.name.lower()} sensor; colour and depth are both needed"
         )
-    stream = device.stream(sensor)
-    stream.set_mode(choose_mode(sensor, device.modes(sensor), choice.file))
+    stream = device.create_stream(sensor)
+    stream.set_video_mode(
+        choose_video_mode(sensor, device.video_modes(sensor), calibration_file.calibration)
+    )
     return stream
 
 
-def _try_switch(stream: Stream, prop: StreamProperty, on: bool) -> None:
+def _try_set_flag(stream: OpenNI2Stream, prop: StreamProperty, is_on: bool) -> None:
     """Set what this sensor has; one that refuses still delivers."""
-    if not stream.has(prop):
+    if not stream.has_property(prop):
         return
     try:
-        stream.switch(prop, on)
+        stream.set_flag(prop, is_on)
     except OpenNI2Error as error:
         _log.warning("%s", error)

@@ -7,79 +7,79 @@ from typing import Any
 
 from drivers.openni2.library import (
     Cropping,
-    Frame,
+    OniFrame,
     OpenNI2Error,
-    Sensor,
+    SensorType,
     StreamProperty,
     VideoMode,
-    check,
+    check_status,
     read_property,
 )
 
 
-class Stream:
+class OpenNI2Stream:
     """One sensor's images."""
 
-    def __init__(self, library: ctypes.CDLL, device: ctypes.c_void_p, sensor: Sensor) -> None:
+    def __init__(self, library: ctypes.CDLL, device: ctypes.c_void_p, sensor: SensorType) -> None:
         self._library, self.sensor = library, sensor
         self.handle = ctypes.c_void_p()
         status = library.oniDeviceCreateStream(device, sensor, ctypes.byref(self.handle))
-        check(library, status, f"no {sensor.name.lower()} stream")
+        check_status(library, status, f"no {sensor.name.lower()} stream")
 
     def start(self) -> None:
         """Begin to deliver."""
         what = f"the {self.sensor.name.lower()} stream cannot be started"
-        check(self._library, self._library.oniStreamStart(self.handle), what)
+        check_status(self._library, self._library.oniStreamStart(self.handle), what)
 
     @property
-    def mode(self) -> VideoMode:
+    def video_mode(self) -> VideoMode:
         """Format, size and rate."""
         mode = VideoMode()
-        if not self._get(StreamProperty.VIDEO_MODE, mode):
+        if not self._read_property(StreamProperty.VIDEO_MODE, mode):
             raise OpenNI2Error(f"the {self.sensor.name.lower()} stream has no video mode")
         return mode
 
-    def set_mode(self, mode: VideoMode) -> None:
+    def set_video_mode(self, mode: VideoMode) -> None:
         """Choose one of the device's modes; before `start`."""
         # A sensor with a single mode may refuse to be told so.
-        if bytes(mode) != bytes(self.mode):
-            self._set(StreamProperty.VIDEO_MODE, mode)
+        if bytes(mode) != bytes(self.video_mode):
+            self._set_property(StreamProperty.VIDEO_MODE, mode)
 
     @property
     def fov_rad(self) -> tuple[float, float]:
         """Horizontal and vertical field of view; zeros where the sensor does not tell."""
         across, down = ctypes.c_float(0.0), ctypes.c_float(0.0)
-        self._get(StreamProperty.HORIZONTAL_FOV, across)
-        self._get(StreamProperty.VERTICAL_FOV, down)
+        self._read_property(StreamProperty.HORIZONTAL_FOV, across)
+        self._read_property(StreamProperty.VERTICAL_FOV, down)
         return across.value, down.value
 
     @property
     def is_mirrored(self) -> bool:
         """Whether left and right are swapped; False where the sensor does not tell."""
         mirrored = ctypes.c_int(0)
-        self._get(StreamProperty.MIRRORING, mirrored)
+        self._read_property(StreamProperty.MIRRORING, mirrored)
         return mirrored.value != 0
 
     @property
     def cropping(self) -> Cropping | None:
         """Which part of the image is delivered; None where the sensor does not tell."""
         cropping = Cropping()
-        return cropping if self._get(StreamProperty.CROPPING, cropping) else None
+        return cropping if self._read_property(StreamProperty.CROPPING, cropping) else None
 
-    def has(self, prop: StreamProperty) -> bool:
+    def has_property(self, prop: StreamProperty) -> bool:
         """Whether the stream knows a property."""
         return bool(self._library.oniStreamIsPropertySupported(self.handle, prop))
 
-    def switch(self, prop: StreamProperty, on: bool) -> None:
+    def set_flag(self, prop: StreamProperty, is_on: bool) -> None:
         """Set a property that is on or off."""
-        self._set(prop, ctypes.c_int(on))
+        self._set_property(prop, ctypes.c_int(is_on))
 
     @contextmanager
-    def frame(self) -> Iterator[Frame]:
+    def read_frame(self) -> Iterator[OniFrame]:
         """The next image, valid within the block. Blocks until there is one: `wait` first."""
-        pointer = ctypes.POINTER(Frame)()
+        pointer = ctypes.POINTER(OniFrame)()
         status = self._library.oniStreamReadFrame(self.handle, ctypes.byref(pointer))
-        check(self._library, status, f"no frame from the {self.sensor.name.lower()} stream")
+        check_status(self._library, status, f"no frame from the {self.sensor.name.lower()} stream")
         if not pointer:
             raise OpenNI2Error(f"an empty frame from the {self.sensor.name.lower()} stream")
         try:
@@ -87,11 +87,13 @@ class Stream:
         finally:
             self._library.oniFrameRelease(pointer)
 
-    def _get(self, prop: StreamProperty, value: Any) -> bool:
+    def _read_property(self, prop: StreamProperty, value: Any) -> bool:
         return read_property(self._library.oniStreamGetProperty, self.handle, prop, value)
 
-    def _set(self, prop: StreamProperty, value: Any) -> None:
+    def _set_property(self, prop: StreamProperty, value: Any) -> None:
         status = self._library.oniStreamSetProperty(
             self.handle, prop, ctypes.byref(value), ctypes.sizeof(value)
         )
-        check(self._library, status, f"{self.sensor.name.lower()}: {prop.name} cannot be set")
+        check_status(
+            self._library, status, f"{self.sensor.name.lower()}: {prop.name} cannot be set"
+        )

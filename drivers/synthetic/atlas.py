@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import Array
-from drivers.synthetic.lighting import light_on_face
-from drivers.synthetic.solids import FACES, Kind, Solid, SolidArrays
+from drivers.synthetic.lighting import compute_face_brightness
+from drivers.synthetic.solids import FACES, Solid, SolidArrays, SolidKind
 
-LEVELS = 9
-LARGEST_FACE_PX = 6000
-ROOM_COARSER = 1.5  # walls and floor are seen from further away than what stands before them
+MIP_LEVELS = 9
+MAX_FACE_PX = 6000
+ROOM_TEXEL_SCALE = 1.5  # walls and floor are seen from further away than what stands before them
 
 
 @dataclass(frozen=True)
-class Atlas:
+class TextureAtlas:
     """Skins of S solids. Level k has half the size of level k - 1.
 
     texels  (N, 3) uint8 BGR, the images of all levels one after the other
@@ -41,13 +41,13 @@ def paint_atlas(
     seed: int,
     threads: int,
     folder: Path | None = None,
-) -> Atlas:
+) -> TextureAtlas:
     """Paint every face by a generator of its own: the same picture for any number of threads.
 
     The texels lie in a file without a name in `folder` (default: the system's for such): what no
     frame shows takes no memory. Raises OSError if the disk is full.
     """
-    faces = [(s, face) for s, solid in enumerate(solids) for face in range(_faces(solid))]
+    faces = [(s, face) for s, solid in enumerate(solids) for face in range(_face_count(solid))]
 
     def paint(key: tuple[int, int]) -> list[NDArray[np.uint8]]:
         s, face = key
@@ -58,8 +58,8 @@ def paint_atlas(
         return _pack(len(solids), zip(faces, pool.map(paint, faces), strict=True), file)
 
 
-def _faces(solid: Solid) -> int:
-    return FACES if solid.kind in (Kind.BOX, Kind.ROOM) else 1
+def _face_count(solid: Solid) -> int:
+    return FACES if solid.kind in (SolidKind.BOX, SolidKind.ROOM) else 1
 
 
 def _paint_face(
@@ -71,18 +71,18 @@ def _paint_face(
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
     wide_m, high_m = solid.face_size_m(face)
-    if solid.kind is Kind.ROOM:
-        texel_m *= ROOM_COARSER
-    width, height = (int(np.clip(m / texel_m, 4, LARGEST_FACE_PX)) for m in (wide_m, high_m))
-    paint = solid.skins[face](rng, height, width, texel_m)
-    light = cv2.resize(light_on_face(solid, face, arrays, lights), (width, height))
+    if solid.kind is SolidKind.ROOM:
+        texel_m *= ROOM_TEXEL_SCALE
+    width, height = (int(np.clip(m / texel_m, 4, MAX_FACE_PX)) for m in (wide_m, high_m))
+    paint = solid.textures[face](rng, height, width, texel_m)
+    light = cv2.resize(compute_face_brightness(solid, face, arrays, lights), (width, height))
     image: NDArray[np.uint8] = np.clip(paint * light[..., None], 0.0, 255.0).astype(np.uint8)
     return image
 
 
 def _mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     levels = [image]
-    for _ in range(LEVELS - 1):
+    for _ in range(MIP_LEVELS - 1):
         height, width = levels[-1].shape[:2]
         half = max(1, width // 2), max(1, height // 2)
         levels.append(cv2.resize(levels[-1], half, interpolation=cv2.INTER_AREA))  # type: ignore[arg-type]
@@ -93,8 +93,8 @@ def _pack(
     count: int,
     painted: Iterable[tuple[tuple[int, int], list[NDArray[np.uint8]]]],
     file: BinaryIO,
-) -> Atlas:
-    table = np.zeros((count, FACES, LEVELS, 3), dtype=np.int64)
+) -> TextureAtlas:
+    table = np.zeros((count, FACES, MIP_LEVELS, 3), dtype=np.int64)
     first = 0
     for (s, face), levels in painted:
         for k, image in enumerate(levels):
@@ -103,4 +103,4 @@ def _pack(
             first += image.shape[0] * image.shape[1]
     file.flush()
     texels = np.frombuffer(mmap.mmap(file.fileno(), 0), np.uint8)
-    return Atlas(texels.reshape(-1, 3), table)
+    return TextureAtlas(texels.reshape(-1, 3), table)

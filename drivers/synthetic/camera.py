@@ -10,29 +10,33 @@ import numpy as np
 from drivers.camera import (
     CameraCounters,
     CameraState,
-    Condition,
+    CameraStatus,
     EndOfStream,
-    NoFrameYet,
-    Pace,
+    FrameTimeout,
+    PlaybackMode,
     RgbdCamera,
     RgbdFrame,
 )
 from drivers.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
 from drivers.gravity import STANDARD_GRAVITY_M_S2, Vector
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.faults import FaultKind, FaultySource
-from drivers.synthetic.motion import make_path
+from drivers.synthetic.faults import FaultInjector, FaultKind
+from drivers.synthetic.motion import make_motion
 from drivers.synthetic.pacing import HostClock, make_pacer
-from drivers.synthetic.rendering import BackgroundRendering, DirectRendering, Rendering
+from drivers.synthetic.rendering import (
+    BackgroundFrameProvider,
+    FrameProvider,
+    OnDemandFrameProvider,
+)
 from drivers.synthetic.scene import ROOM_HEIGHT_M
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 
 # How often a live reader looks which frame is due, while none is rendered.
-TICK_S = 0.02
+POLL_PERIOD_S = 0.02
 
 
 @dataclass(frozen=True)
-class Preparation:
+class RenderOptions:
     """How frames are made: rendered ahead by a process of its own and kept in `cache_dir`.
 
     Without a `cache_dir` each frame is rendered when it is read. 0 threads: one a core.
@@ -52,8 +56,8 @@ class SyntheticCamera(RgbdCamera):
     def __init__(
         self,
         config: SyntheticConfig,
-        pace: Pace = Pace.LOCKSTEP,
-        preparation: Preparation = Preparation(),
+        playback_mode: PlaybackMode = PlaybackMode.LOCKSTEP,
+        render_options: RenderOptions = RenderOptions(),
         host: HostClock = HostClock(),  # noqa: B008 (frozen)
     ) -> None:
         """Raises InputError if `config` cannot be used: its track, or too many frames to keep."""
@@ -61,74 +65,80 @@ class SyntheticCamera(RgbdCamera):
         self._config = config
         self._host = host
         latency_s = config.timing.readout_s / 2 + max(config.timing.skew_s, 0.0)
-        self._pacer = make_pacer(pace, config.rate_hz, latency_s, host)
+        self._pacer = make_pacer(playback_mode, config.rate_hz, latency_s, host)
         self.clock = self._pacer.clock
-        self._path = make_path(config, ROOM_HEIGHT_M)
+        self._motion = make_motion(config, ROOM_HEIGHT_M)
         self._last_seq = sys.maxsize if config.loop else config.frame_count - 1
-        self._rendering = _rendering(config, pace, preparation)
-        self._frames = FaultySource(self._rendering.images, config.faults, config.seed)
-        self._unplugs = [f for f in config.faults if f.kind is FaultKind.UNPLUGGED]
-        self._open = self._lost = self._has_started = False
+        self._frame_provider = _make_frame_provider(config, playback_mode, render_options)
+        self._fault_injector = FaultInjector(self._frame_provider.read, config.faults, config.seed)
+        self._pending_unplugs = [f for f in config.faults if f.kind is FaultKind.UNPLUGGED]
+        self._is_open = self._is_disconnected = self._has_started = False
         self._next_seq = 0
-        self._back_at_s = 0.0
+        self._reconnect_time_s = 0.0
         self._counters = CameraCounters()
 
     def prepare(self) -> None:
         """Paint the room, where that is done in the background."""
         with suppress(CameraError, InputError):
-            self._rendering.prepare()
+            self._frame_provider.prepare()
 
     def open(self) -> None:
         """See `RgbdCamera`. Until the room is painted, `condition` says that it is opening."""
-        if self._lost and self._host.now_s() < self._back_at_s:
+        if self._is_disconnected and self._host.now_s() < self._reconnect_time_s:
             raise CameraNotFoundError("synthetic camera: unplugged; it comes back by itself")
-        self._rendering.start()
+        self._frame_provider.start()
         self._has_started = False
-        if self._lost:
-            self._next_seq = self._pacer.resume(self._next_seq)
+        if self._is_disconnected:
+            self._next_seq = self._pacer.resume_at(self._next_seq)
         else:
             self._pacer.rewind()
             self._next_seq = 0
-            self._unplugs = [f for f in self._config.faults if f.kind is FaultKind.UNPLUGGED]
-        self._open, self._lost = True, False
+            self._pending_unplugs = [
+                f for f in self._config.faults if f.kind is FaultKind.UNPLUGGED
+            ]
+        self._is_open, self._is_disconnected = True, False
         self._counters = CameraCounters()
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """See `RgbdCamera`."""
-        if not self._open:
+        if not self._is_open:
             raise CameraLostError("synthetic camera: not open; open it again")
         self._wait_for_start(timeout_s)
         deadline_s = self._host.now_s() + timeout_s
         while True:
             if self._next_seq > self._last_seq:
                 raise EndOfStream
-            due = self._pacer.take(self._next_seq, self._last_seq, self._left_s(deadline_s))
-            self._unplug_by(due)
-            seq = self._rendering.newest(self._next_seq, due, min(TICK_S, self._left_s(deadline_s)))
+            due = self._pacer.wait_for_frame(
+                self._next_seq, self._last_seq, self._remaining_s(deadline_s)
+            )
+            self._raise_if_unplugged(due)
+            seq = self._frame_provider.wait_for_newest(
+                self._next_seq, due, min(POLL_PERIOD_S, self._remaining_s(deadline_s))
+            )
             if seq is None:
-                if self._left_s(deadline_s) <= 0.0:
-                    raise NoFrameYet
+                if self._remaining_s(deadline_s) <= 0.0:
+                    raise FrameTimeout
                 continue
-            while seq > self._next_seq and self._frames.strikes(FaultKind.DROPPED, seq):
+            while seq > self._next_seq and self._fault_injector.has_fault(FaultKind.DROPPED, seq):
                 seq -= 1
             passed_over, self._next_seq = seq - self._next_seq, seq + 1
-            self._count(dropped=passed_over)
-            if not self._frames.strikes(FaultKind.DROPPED, seq):
-                self._count(delivered=1)
-                return self._frame(seq, self._frames)
-            self._count(skipped=1)
+            self._add_to_counters(dropped=passed_over)
+            if not self._fault_injector.has_fault(FaultKind.DROPPED, seq):
+                self._add_to_counters(delivered=1)
+                return self._make_frame(seq, self._fault_injector)
+            self._add_to_counters(skipped=1)
 
     def close(self) -> None:
         """See `RgbdCamera`."""
-        self._open = False
-        self._rendering.close()
+        self._is_open = False
+        self._frame_provider.close()
 
     @property
-    def condition(self) -> Condition:
+    def status(self) -> CameraStatus:
         """See `RgbdCamera`."""
-        if self._open and not self._has_started:
-            return Condition(CameraState.OPENING, "preparing its room")
-        return Condition(CameraState.STREAMING)
+        if self._is_open and not self._has_started:
+            return CameraStatus(CameraState.OPENING, "preparing its room")
+        return CameraStatus(CameraState.STREAMING)
 
     @property
     def counters(self) -> CameraCounters:
@@ -141,48 +151,48 @@ class SyntheticCamera(RgbdCamera):
         return None if self._config.loop else self._config.frame_count
 
     @property
-    def ground_truth(self) -> StampedPoses | None:
+    def ground_truth(self) -> Trajectory | None:
         """The exact poses at every frame's true stamp, in the room's frame; None in a loop.
 
         With a live pace the stamps, and so the truth, are known from the first `read` on.
         """
-        if self._config.loop or not self._pacer.is_running:
+        if self._config.loop or not self._pacer.has_started:
             return None
         seqs = np.arange(self._config.frame_count)
         stamps_s = np.array([self._pacer.stamp_s(int(seq)) for seq in seqs])
-        return StampedPoses(stamps_s, self._path.poses(seqs / self._config.rate_hz))
+        return Trajectory(stamps_s, self._motion.poses(seqs / self._config.rate_hz))
 
     def _wait_for_start(self, timeout_s: float) -> None:
         """The camera is open once its first frame is rendered. Raises NoFrameYet."""
         if not self._has_started:
-            if not self._rendering.wait_until_started(timeout_s):
-                raise NoFrameYet
+            if not self._frame_provider.wait_until_started(timeout_s):
+                raise FrameTimeout
             self._has_started = True
 
-    def _left_s(self, deadline_s: float) -> float:
+    def _remaining_s(self, deadline_s: float) -> float:
         return max(0.0, deadline_s - self._host.now_s())
 
-    def _unplug_by(self, seq: int) -> None:
+    def _raise_if_unplugged(self, seq: int) -> None:
         """Raise CameraLostError if the camera is to be unplugged at a frame up to `seq`."""
-        due = [fault for fault in self._unplugs if self._next_seq <= fault.first <= seq]
+        due = [fault for fault in self._pending_unplugs if self._next_seq <= fault.first <= seq]
         if not due:
             return
         fault = due[0]
-        self._unplugs.remove(fault)
-        self._back_at_s = self._host.now_s() + fault.seconds
+        self._pending_unplugs.remove(fault)
+        self._reconnect_time_s = self._host.now_s() + fault.seconds
         self._next_seq = fault.first + round(fault.seconds * self._config.rate_hz)
-        self._open, self._lost = False, True
+        self._is_open, self._is_disconnected = False, True
         raise CameraLostError("synthetic camera: unplugged on request; open it again")
 
-    def _frame(self, seq: int, frames: FaultySource) -> RgbdFrame:
-        images = frames.images(seq)
-        stamped_as, off_s = frames.stamped_as(seq)
+    def _make_frame(self, seq: int, frames: FaultInjector) -> RgbdFrame:
+        images = frames.read_images(seq)
+        stamped_as, off_s = frames.stamp_source(seq)
         return RgbdFrame(
             seq=seq,
             stamp_s=round(self._pacer.stamp_s(stamped_as) + off_s, 6),
-            arrival_s=self._pacer.arrival_s(seq),
-            colour_bgr=images.colour,
-            depth_raw=images.depth,
+            receive_time_s=self._pacer.receive_time_s(seq),
+            color_bgr=images.color_bgr,
+            depth_raw=images.depth_raw,
             depth_factor=self._config.depth_factor,
             camera=self._config.camera,
             skew_s=self._config.timing.skew_s,
@@ -193,10 +203,10 @@ class SyntheticCamera(RgbdCamera):
     def _gravity(self, seq: int) -> Vector:
         """What an accelerometer without fault would tell; the room's z is up."""
         instant_s = np.array([seq / self._config.rate_hz])
-        x, y, z = (-STANDARD_GRAVITY_M_S2 * self._path.poses(instant_s)[0, 2, :3]).tolist()
+        x, y, z = (-STANDARD_GRAVITY_M_S2 * self._motion.poses(instant_s)[0, 2, :3]).tolist()
         return (x, y, z)
 
-    def _count(self, delivered: int = 0, dropped: int = 0, skipped: int = 0) -> None:
+    def _add_to_counters(self, delivered: int = 0, dropped: int = 0, skipped: int = 0) -> None:
         now = self._counters
         self._counters = replace(
             now,
@@ -206,8 +216,12 @@ class SyntheticCamera(RgbdCamera):
         )
 
 
-def _rendering(config: SyntheticConfig, pace: Pace, preparation: Preparation) -> Rendering:
-    if preparation.cache_dir is None:
-        return DirectRendering(config, preparation.threads)
-    rate_hz = config.rate_hz if pace is Pace.REALTIME else 0.0
-    return BackgroundRendering(config, preparation.cache_dir, rate_hz, preparation.threads)
+def _make_frame_provider(
+    config: SyntheticConfig, pace: PlaybackMode, render_options: RenderOptions
+) -> FrameProvider:
+    if render_options.cache_dir is None:
+        return OnDemandFrameProvider(config, render_options.threads)
+    rate_hz = config.rate_hz if pace is PlaybackMode.REALTIME else 0.0
+    return BackgroundFrameProvider(
+        config, render_options.cache_dir, rate_hz, render_options.threads
+    )

@@ -5,14 +5,18 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from drivers.synthetic.textures import Paint, Skin
+from drivers.synthetic.textures import Paint, TexturePainter
 
 
-def collage(ground: Skin, pieces: Sequence[tuple[Skin, float]], turn_rad: float = 0.5) -> Skin:
+def collage(
+    background: TexturePainter,
+    pieces: Sequence[tuple[TexturePainter, float]],
+    turn_rad: float = 0.5,
+) -> TexturePainter:
     """`pieces` (a skin and its breadth in metres) strewn over a ground, turned at random."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        image = ground(rng, height, width, texel_m)
+        image = background(rng, height, width, texel_m)
         for skin, breadth_m in pieces:
             wide = max(4, min(width, round(breadth_m / texel_m)))
             high = max(4, min(height, round(wide * rng.uniform(0.65, 1.5))))
@@ -43,7 +47,7 @@ def _paste(image: Paint, piece: Paint, x: float, y: float, angle_rad: float) -> 
     window += warped
 
 
-def same(image: Paint) -> Skin:
+def fixed_texture(image: Paint) -> TexturePainter:
     """A skin that is painted already."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:

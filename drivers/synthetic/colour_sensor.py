@@ -9,27 +9,27 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array
 from drivers.jit import kernel
-from drivers.synthetic.config import ColourEye
+from drivers.synthetic.config import ColorSensorModel
 from drivers.synthetic.raycast import Floats
 
-MOST_TAPS = 12
+MAX_BLUR_TAPS = 12
 # So many rows are exposed at a time: what is made on the way then stays in the cache.
-BAND = 32
+BAND_ROWS = 32
 MID_GREY = 128.0
 # A camera's automatic exposure hunts slowly: relative parts, and hertz.
 GAIN_WAVES = ((0.7, 0.11, 0.3), (0.3, 0.43, 1.9))
 
 
-def gain_at(eye: ColourEye, time_s: float, duration_s: float) -> float:
+def gain_at(sensor: ColorSensorModel, time_s: float, duration_s: float) -> float:
     """Exposure gain at a time; whole periods in `duration_s`, so that it can be looped."""
     total = 0.0
     for part, frequency, phase in GAIN_WAVES:
         periods = max(1.0, round(frequency * duration_s))
         total += part * np.sin(2 * np.pi * periods * time_s / duration_s + phase)
-    return 1.0 + eye.gain_drift * float(total)
+    return 1.0 + sensor.gain_drift * float(total)
 
 
-def vignette(camera: PinholeCamera, loss: float) -> Floats:
+def vignetting_map(camera: PinholeCamera, loss: float) -> Floats:
     """Brightness (H, W) kept at each pixel: `loss` is what is missing in the corners."""
     x = (np.arange(camera.width) - camera.cx) / (0.5 * camera.width)
     y = (np.arange(camera.height) - camera.cy) / (0.5 * camera.height)
@@ -38,17 +38,21 @@ def vignette(camera: PinholeCamera, loss: float) -> Floats:
 
 
 def expose(
-    image: Floats, gain: float, kept: Floats, eye: ColourEye, rng: np.random.Generator
+    image: Floats,
+    gain: float,
+    vignetting: Floats,
+    sensor: ColorSensorModel,
+    rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
     """(H, W, 3) uint8: half of the noise's power at mid grey is shot noise, half read-out."""
-    if eye.softness_px > 0:
-        image = cv2.GaussianBlur(image, (0, 0), eye.softness_px)  # type: ignore[assignment]
+    if sensor.softness_px > 0:
+        image = cv2.GaussianBlur(image, (0, 0), sensor.softness_px)  # type: ignore[assignment]
     result = np.empty(image.shape, dtype=np.uint8)
-    for top in range(0, len(image), BAND):
-        rows = slice(top, top + BAND)
-        exposed = image[rows] * (np.float32(gain) * kept[rows])[..., None]
-        if eye.noise_sigma > 0:
-            sigma = eye.noise_sigma * np.sqrt(0.5 + exposed * np.float32(0.5 / MID_GREY))
+    for top in range(0, len(image), BAND_ROWS):
+        rows = slice(top, top + BAND_ROWS)
+        exposed = image[rows] * (np.float32(gain) * vignetting[rows])[..., None]
+        if sensor.noise_sigma > 0:
+            sigma = sensor.noise_sigma * np.sqrt(0.5 + exposed * np.float32(0.5 / MID_GREY))
             exposed += sigma * rng.standard_normal(exposed.shape, dtype=np.float32)
         result[rows] = np.clip(exposed + np.float32(0.5), 0, 255)
     return result
@@ -76,10 +80,10 @@ def motion_blur(
     for v in range(height):
         for u in range(width):
             x, y, z = rays[v, u, 0], rays[v, u, 1], depth_m[v, u]
-            ax, ay = seen_from(T_opening_now, body[v, u], v, x, y, z)
-            bx, by = seen_from(T_closing_now, body[v, u], v, x, y, z)
+            ax, ay = project_transformed(T_opening_now, body[v, u], v, x, y, z)
+            bx, by = project_transformed(T_closing_now, body[v, u], v, x, y, z)
             du, dv = focal_px * (bx - ax), focal_px * (by - ay)
-            taps = 1 + min(MOST_TAPS - 1, int(math.sqrt(du * du + dv * dv) + 0.5))
+            taps = 1 + min(MAX_BLUR_TAPS - 1, int(math.sqrt(du * du + dv * dv) + 0.5))
             total[:] = 0.0
             for k in range(taps):
                 # The light of this pixel came from where the surface was: against the motion.
@@ -103,7 +107,9 @@ def motion_blur(
 
 
 @kernel
-def seen_from(T: Array, b: int, v: int, x: float, y: float, z: float) -> tuple[float, float]:
+def project_transformed(
+    T: Array, b: int, v: int, x: float, y: float, z: float
+) -> tuple[float, float]:
     """Where on the plane z = 1 the point (x, y, 1) z is seen after the rigid motion T[b, v]."""
     depth = T[b, v, 2, 0] * x + T[b, v, 2, 1] * y + T[b, v, 2, 2] + T[b, v, 2, 3] / z
     return (

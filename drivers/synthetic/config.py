@@ -7,14 +7,14 @@ from typing import Self
 
 from drivers.camera import PinholeCamera
 from drivers.errors import InputError
-from drivers.strict_toml import required, setting
+from drivers.strict_toml import config_field, required_field
 from drivers.synthetic.faults import Fault
 
-KINECT_COLOUR = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
+KINECT_COLOR = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class Motion(StrEnum):
+class MotionKind(StrEnum):
     """How the camera moves when no track is given."""
 
     HAND_HELD = "hand-held"  # a slow sweep with the tremor of a hand
@@ -29,51 +29,67 @@ class Motion(StrEnum):
 
 
 @dataclass(frozen=True)
-class ColourEye:
+class ColorSensorModel:
     """The colour sensor. The defaults are those of a Kinect v1 indoors."""
 
-    distortion: tuple[float, ...] = setting(
+    distortion: tuple[float, ...] = config_field(
         (0.05, -0.10, 0.0005, -0.0005, 0.0), "five values of the lens: k1 k2 p1 p2 k3"
     )
-    noise_sigma: float = setting(3.0, "noise at mid grey, grey levels", low=0.0)
-    softness_px: float = setting(0.9, "blur of the lens and the colour filters, pixels", low=0.0)
-    exposure_s: float = setting(0.012, "motion blur, seconds; 0 = a perfect instant", low=0.0)
-    gain_drift: float = setting(0.12, "how far brightness drifts, relative; below 1", low=0.0)
-    vignetting: float = setting(0.12, "loss of brightness in the corners, relative", low=0.0)
-    smooth_edges: bool = setting(True, "average four rays where surfaces meet")
+    noise_sigma: float = config_field(3.0, "noise at mid grey, grey levels", minimum=0.0)
+    softness_px: float = config_field(
+        0.9, "blur of the lens and the colour filters, pixels", minimum=0.0
+    )
+    exposure_s: float = config_field(
+        0.012, "motion blur, seconds; 0 = a perfect instant", minimum=0.0
+    )
+    gain_drift: float = config_field(
+        0.12, "how far brightness drifts, relative; below 1", minimum=0.0
+    )
+    vignetting: float = config_field(
+        0.12, "loss of brightness in the corners, relative", minimum=0.0
+    )
+    smooth_edges: bool = config_field(True, "average four rays where surfaces meet")
 
 
 @dataclass(frozen=True)
-class DepthEye:
+class DepthSensorModel:
     """The infrared projector and camera (Khoshelham and Elberink, Sensors 2012, section 3)."""
 
-    focal_px: float = setting(580.0, "focal length for an image 640 pixels wide", above=0.0)
-    baseline_m: float = setting(0.075, "from the projector to the infrared camera", above=0.0)
-    eye_offset_m: float = setting(0.025, "the infrared camera is so far left of the colour camera")
-    registration: bool = setting(
+    focal_px: float = config_field(
+        580.0, "focal length for an image 640 pixels wide", exclusive_minimum=0.0
+    )
+    baseline_m: float = config_field(
+        0.075, "from the projector to the infrared camera", exclusive_minimum=0.0
+    )
+    eye_offset_m: float = config_field(
+        0.025, "the infrared camera is so far left of the colour camera"
+    )
+    registration: bool = config_field(
         True, "false = depth is seen through the colour camera, without parallax"
     )
-    shadows: bool = setting(True, "no reading where the projector's light is hidden")
-    disparity_step_px: float = setting(1.0 / 8.0, "steps of the disparity; 0 = exact", low=0.0)
-    disparity_sigma_px: float = setting(0.07, "noise of the disparity", low=0.0)
-    lateral_sigma_px: float = setting(
-        0.7, "edges fray: the depth is that of a neighbour so far away", low=0.0
+    shadows: bool = config_field(True, "no reading where the projector's light is hidden")
+    disparity_step_px: float = config_field(
+        1.0 / 8.0, "steps of the disparity; 0 = exact", minimum=0.0
     )
-    min_range_m: float = setting(0.5, "nothing nearer is read", low=0.0)
-    max_range_m: float = setting(5.0, "nothing farther is read", above=0.0)
+    disparity_sigma_px: float = config_field(0.07, "noise of the disparity", minimum=0.0)
+    lateral_sigma_px: float = config_field(
+        0.7, "edges fray: the depth is that of a neighbour so far away", minimum=0.0
+    )
+    min_range_m: float = config_field(0.5, "nothing nearer is read", minimum=0.0)
+    max_range_m: float = config_field(5.0, "nothing farther is read", exclusive_minimum=0.0)
 
 
 @dataclass(frozen=True)
-class Timing:
+class ShutterTiming:
     """When rows are taken. Rows are read top to bottom; a stamp is that of the middle row."""
 
-    readout_s: float = setting(
-        0.020, "rolling shutter: first row to last, of both images; at most a frame", low=0.0
+    readout_s: float = config_field(
+        0.020, "rolling shutter: first row to last, of both images; at most a frame", minimum=0.0
     )
-    skew_s: float = setting(0.010, "depth after colour, seconds; at most half a frame")
+    skew_s: float = config_field(0.010, "depth after colour, seconds; at most half a frame")
 
 
-class MoverKind(StrEnum):
+class DynamicObjectKind(StrEnum):
     """What it is that moves."""
 
     PARCEL = "parcel"  # a printed box that hangs in the air
@@ -81,23 +97,23 @@ class MoverKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Mover:
+class DynamicObjectConfig:
     """Something that goes by itself through the view, evenly as the camera sees it.
 
-    It is there from `begin_s` to `end_s`.
+    It is there from `start_s` to `end_s`.
     """
 
-    kind: MoverKind = required("what moves")
-    begin_s: float = required("when it comes, seconds from the first frame", low=0.0)
-    end_s: float = required("when it has gone", above=0.0)
-    size_m: tuple[float, float, float] = setting(
-        (0.5, 1.75, 0.3), "width, height and depth, metres", low=0.01, high=3.0
+    kind: DynamicObjectKind = required_field("what moves")
+    begin_s: float = required_field("when it comes, seconds from the first frame", minimum=0.0)
+    end_s: float = required_field("when it has gone", exclusive_minimum=0.0)
+    size_m: tuple[float, float, float] = config_field(
+        (0.5, 1.75, 0.3), "width, height and depth, metres", minimum=0.01, maximum=3.0
     )
-    distance_m: float = setting(1.0, "how far along the view, metres", low=0.2)
-    begin_view: tuple[float, float] = setting(
+    distance_m: float = config_field(1.0, "how far along the view, metres", minimum=0.2)
+    begin_view: tuple[float, float] = config_field(
         (-1.8, 0.0), "where the camera then sees it: right and down, in half images from the middle"
     )
-    end_view: tuple[float, float] = setting((1.8, 0.0), "where the camera sees it in the end")
+    end_view: tuple[float, float] = config_field((1.8, 0.0), "where the camera sees it in the end")
 
     def __post_init__(self) -> None:
         if self.begin_s >= self.end_s:
@@ -108,25 +124,31 @@ class Mover:
 class SyntheticConfig:
     """A virtual Kinect in a room of its own. Raises InputError if a value makes no sense."""
 
-    seed: int = setting(1, "another seed is another room and another motion", low=0)
-    duration_s: float = setting(20.0, "length of the film, seconds; one frame at least", above=0.0)
-    rate_hz: float = setting(30.0, "frames a second", above=0.0)
-    camera: PinholeCamera = setting(KINECT_COLOUR, "intrinsics of the colour camera")
-    depth_factor: float = setting(1000.0, "depth value of one metre", low=1.0, high=10000.0)
-    motion: Motion = setting(Motion.HAND_HELD, "how the camera moves when no track is given")
-    track: Path | None = setting(
+    seed: int = config_field(1, "another seed is another room and another motion", minimum=0)
+    duration_s: float = config_field(
+        20.0, "length of the film, seconds; one frame at least", exclusive_minimum=0.0
+    )
+    rate_hz: float = config_field(30.0, "frames a second", exclusive_minimum=0.0)
+    camera: PinholeCamera = config_field(KINECT_COLOR, "intrinsics of the colour camera")
+    depth_factor: float = config_field(
+        1000.0, "depth value of one metre", minimum=1.0, maximum=10000.0
+    )
+    motion: MotionKind = config_field(
+        MotionKind.HAND_HELD, "how the camera moves when no track is given"
+    )
+    track: Path | None = config_field(
         None, "a trajectory in TUM format (optical camera in a z-up world) to follow"
     )
-    track_start_s: float = setting(0.0, "where in the track to begin, from its first stamp")
-    loop: bool = setting(False, "play for ever; the motion then ends where it began")
-    bare_wall: bool = setting(False, "one wall without texture")
-    twin_corners: bool = setting(False, "two opposite corners look the same")
-    texel_m: float = setting(0.0025, "size of a texture's pixel, metres", low=0.001)
-    colour: ColourEye = field(default_factory=ColourEye)
-    depth: DepthEye = field(default_factory=DepthEye)
-    timing: Timing = field(default_factory=Timing)
-    movers: tuple[Mover, ...] = setting((), "what moves by itself")
-    faults: tuple[Fault, ...] = setting((), "what goes wrong with which frames")
+    track_start_s: float = config_field(0.0, "where in the track to begin, from its first stamp")
+    loop: bool = config_field(False, "play for ever; the motion then ends where it began")
+    bare_wall: bool = config_field(False, "one wall without texture")
+    twin_corners: bool = config_field(False, "two opposite corners look the same")
+    texel_m: float = config_field(0.0025, "size of a texture's pixel, metres", minimum=0.001)
+    colour: ColorSensorModel = field(default_factory=ColorSensorModel)
+    depth: DepthSensorModel = field(default_factory=DepthSensorModel)
+    timing: ShutterTiming = field(default_factory=ShutterTiming)
+    movers: tuple[DynamicObjectConfig, ...] = config_field((), "what moves by itself")
+    faults: tuple[Fault, ...] = config_field((), "what goes wrong with which frames")
 
     def __post_init__(self) -> None:
         half_frame_s = 0.5 / self.rate_hz if self.rate_hz > 0 else 0.0
@@ -158,7 +180,7 @@ class SyntheticConfig:
         """No fault at all: exact depth, one instant, no noise."""
         return cls(
             depth_factor=5000.0,
-            colour=ColourEye(
+            colour=ColorSensorModel(
                 distortion=NO_DISTORTION,
                 noise_sigma=0.0,
                 softness_px=0.0,
@@ -166,7 +188,7 @@ class SyntheticConfig:
                 gain_drift=0.0,
                 vignetting=0.0,
             ),
-            depth=DepthEye(
+            depth=DepthSensorModel(
                 registration=False,
                 shadows=False,
                 disparity_step_px=0.0,
@@ -175,11 +197,11 @@ class SyntheticConfig:
                 min_range_m=0.0,
                 max_range_m=13.0,
             ),
-            timing=Timing(readout_s=0.0, skew_s=0.0),
+            timing=ShutterTiming(readout_s=0.0, skew_s=0.0),
         )
 
     @classmethod
-    def light(cls) -> Self:
+    def fast(cls) -> Self:
         """Stand-in for a live camera: quickly rendered, then played round and round."""
         full = cls(duration_s=10.0, loop=True, texel_m=0.004)
         eye = replace(full.colour, distortion=NO_DISTORTION, exposure_s=0.0, smooth_edges=False)

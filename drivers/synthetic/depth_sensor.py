@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array
 from drivers.jit import kernel
-from drivers.synthetic.config import DepthEye
+from drivers.synthetic.config import DepthSensorModel
 from drivers.synthetic.intersect import FAR_M
 from drivers.synthetic.raycast import Floats
 
@@ -25,44 +25,46 @@ KINECT_WIDTH_PX = 640
 SHADOW_TOLERANCE_PX = 1.5
 
 
-def infrared_camera(eye: DepthEye, colour: PinholeCamera) -> PinholeCamera:
+def infrared_camera(sensor: DepthSensorModel, color_camera: PinholeCamera) -> PinholeCamera:
     """Intrinsics of the infrared image, for a colour image of any size."""
-    focal_px = eye.focal_px * colour.width / KINECT_WIDTH_PX
-    cx, cy = (colour.width - 1) / 2, (colour.height - 1) / 2
-    return PinholeCamera(colour.width, colour.height, focal_px, focal_px, cx, cy)
+    focal_px = sensor.focal_px * color_camera.width / KINECT_WIDTH_PX
+    cx, cy = (color_camera.width - 1) / 2, (color_camera.height - 1) / 2
+    return PinholeCamera(color_camera.width, color_camera.height, focal_px, focal_px, cx, cy)
 
 
-def measure(depth_m: Floats, eye: DepthEye, rng: np.random.Generator) -> Floats:
+def measure_depth(depth_m: Floats, sensor: DepthSensorModel, rng: np.random.Generator) -> Floats:
     """(H, W) what the sensor reads in metres, 0 = no reading."""
-    true_m = fray(depth_m, eye.lateral_sigma_px, rng)
-    scale = eye.focal_px * eye.baseline_m
+    true_m = jitter_edges(depth_m, sensor.lateral_sigma_px, rng)
+    scale = sensor.focal_px * sensor.baseline_m
     disparity_px = np.float32(scale) / true_m
     hidden = np.zeros(depth_m.shape, dtype=np.bool_)
-    if eye.shadows:
+    if sensor.shadows:
         # In pixels of this image, which may be smaller than a Kinect's.
-        hidden = shadowed(disparity_px * np.float32(depth_m.shape[1] / KINECT_WIDTH_PX))
-    if eye.disparity_sigma_px > 0:
-        disparity_px += eye.disparity_sigma_px * _noise(depth_m.shape, rng)
-    if eye.disparity_step_px > 0:
-        disparity_px = np.rint(disparity_px / eye.disparity_step_px) * eye.disparity_step_px
+        hidden = find_shadows(disparity_px * np.float32(depth_m.shape[1] / KINECT_WIDTH_PX))
+    if sensor.disparity_sigma_px > 0:
+        disparity_px += sensor.disparity_sigma_px * _correlated_noise(depth_m.shape, rng)
+    if sensor.disparity_step_px > 0:
+        disparity_px = np.rint(disparity_px / sensor.disparity_step_px) * sensor.disparity_step_px
     with np.errstate(divide="ignore"):
         measured_m = np.float32(scale) / disparity_px
-    seen = (measured_m >= eye.min_range_m) & (measured_m <= eye.max_range_m) & ~hidden
+    seen = (measured_m >= sensor.min_range_m) & (measured_m <= sensor.max_range_m) & ~hidden
     return np.where(seen & (depth_m < FAR_M), measured_m, 0).astype(np.float32)
 
 
-def fray(depth_m: Floats, sigma_px: float, rng: np.random.Generator) -> Floats:
+def jitter_edges(depth_m: Floats, sigma_px: float, rng: np.random.Generator) -> Floats:
     """Each pixel takes the depth of a neighbour `sigma_px` away on average."""
     if sigma_px == 0:
         return depth_m
     height, width = depth_m.shape
-    columns = np.arange(width, dtype=np.float32) + sigma_px * _noise(depth_m.shape, rng)
-    rows = np.arange(height, dtype=np.float32)[:, None] + sigma_px * _noise(depth_m.shape, rng)
+    columns = np.arange(width, dtype=np.float32) + sigma_px * _correlated_noise(depth_m.shape, rng)
+    rows = np.arange(height, dtype=np.float32)[:, None] + sigma_px * _correlated_noise(
+        depth_m.shape, rng
+    )
     flags, border = cv2.INTER_NEAREST, cv2.BORDER_REPLICATE
     return cv2.remap(depth_m, columns, rows, flags, borderMode=border)  # type: ignore[return-value]
 
 
-def _noise(shape: tuple[int, ...], rng: np.random.Generator) -> Floats:
+def _correlated_noise(shape: tuple[int, ...], rng: np.random.Generator) -> Floats:
     """(H, W) noise of unit deviation that neighbours share."""
     white = rng.standard_normal(shape, dtype=np.float32)
     # A Gaussian of width s leaves 1 / (4 pi s^2) of white noise's power.
@@ -71,7 +73,7 @@ def _noise(shape: tuple[int, ...], rng: np.random.Generator) -> Floats:
 
 
 @kernel
-def shadowed(disparity_px: Floats) -> NDArray[np.bool_]:
+def find_shadows(disparity_px: Floats) -> NDArray[np.bool_]:
     """(H, W) where something nearer hides the point from the projector.
 
     The point of column u is in the projector's column u - disparity: the nearest one there has it.
@@ -96,18 +98,18 @@ def shadowed(disparity_px: Floats) -> NDArray[np.bool_]:
 
 
 @kernel
-def register(
+def register_depth(
     measured_m: Floats,
     infrared: tuple[float, float, float],
-    colour: tuple[float, float, float, float],
+    color: tuple[float, float, float, float],
     distortion: Array,
-    eye_offset_m: float,
+    infrared_offset_m: float,
     factor: float,
 ) -> NDArray[np.uint16]:
     """Depth (H, W) as the colour camera's raw, distorted image would see it, 0 = no reading.
 
     Every reading is carried to the pixel where its point falls; the nearest wins. `infrared` is
-    focal length and centre, `colour` fx fy cx cy; the infrared eye is `eye_offset_m` to the left.
+    focal length and centre, `colour` fx fy cx cy; the infrared eye is `infrared_offset_m` to the left.
     """
     height, width = measured_m.shape
     focal, cx, cy = infrared
@@ -117,9 +119,9 @@ def register(
             z = measured_m[v, u]
             if z <= 0.0:
                 continue
-            x, y = distort((u - cx) / focal - eye_offset_m / z, (v - cy) / focal, distortion)
-            column = math.floor(colour[0] * x + colour[2] + 0.5)
-            row = math.floor(colour[1] * y + colour[3] + 0.5)
+            x, y = distort((u - cx) / focal - infrared_offset_m / z, (v - cy) / focal, distortion)
+            column = math.floor(color[0] * x + color[2] + 0.5)
+            row = math.floor(color[1] * y + color[3] + 0.5)
             if 0 <= column < width and 0 <= row < height:
                 reading = min(z * factor + 0.5, 65535.0)
                 if result[row, column] == 0 or reading < result[row, column]:

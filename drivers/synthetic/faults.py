@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
-from drivers.strict_toml import required, setting
+from drivers.strict_toml import config_field, required_field
 
 Image = NDArray[np.uint8]
 Depth = NDArray[np.uint16]
@@ -33,10 +33,10 @@ class FaultKind(StrEnum):
 class Fault:
     """`kind` strikes `count` frames from frame `first`; `seconds` where the kind asks for it."""
 
-    kind: FaultKind = required("what goes wrong")
-    first: int = required("number of the first frame that suffers, from 0", low=0)
-    count: int = setting(1, "how many frames suffer", low=1)
-    seconds: float = setting(
+    kind: FaultKind = required_field("what goes wrong")
+    first: int = required_field("number of the first frame that suffers, from 0", minimum=0)
+    count: int = config_field(1, "how many frames suffer", minimum=1)
+    seconds: float = config_field(
         0.0, "how far stamps jump, or after how long an unplugged camera is back"
     )
 
@@ -46,82 +46,84 @@ class Fault:
         if self.kind is FaultKind.UNPLUGGED and self.seconds <= 0:
             raise InputError("fault unplugged: give the seconds until the camera comes back")
 
-    def strikes(self, index: int) -> bool:
+    def applies_to(self, index: int) -> bool:
         """True if frame `index` is one of those that suffer."""
         return self.first <= index < self.first + self.count
 
 
 @dataclass(frozen=True)
-class Images:
+class RenderedImages:
     """Colour (H, W, 3) uint8 BGR and depth registered to it (H, W) uint16, both undistorted."""
 
-    colour: Image
-    depth: Depth
+    color_bgr: Image
+    depth_raw: Depth
 
 
-Source = Callable[[int], Images]
+ImageSource = Callable[[int], RenderedImages]
 
 DARK_GAIN = 0.02
 DARK_NOISE_SIGMA = 3.0
 
 
 @dataclass(frozen=True)
-class FaultySource:
+class FaultInjector:
     """The images and stamps of `source` as they come through when `faults` strike."""
 
-    source: Source
+    source: ImageSource
     faults: tuple[Fault, ...]
     seed: int
 
-    def strikes(self, kind: FaultKind, index: int) -> bool:
+    def has_fault(self, kind: FaultKind, index: int) -> bool:
         """True if frame `index` suffers from `kind`."""
-        return any(fault.kind is kind and fault.strikes(index) for fault in self.faults)
+        return any(fault.kind is kind and fault.applies_to(index) for fault in self.faults)
 
-    def images(self, index: int) -> Images:
+    def read_images(self, index: int) -> RenderedImages:
         """What the driver is given as frame `index`."""
-        images = self.source(self._shown(FaultKind.FROZEN, index))
-        if self.strikes(FaultKind.TORN, index):
-            images = _torn(images, self.source(max(index - 1, 0)))
-        if self.strikes(FaultKind.DARK, index):
-            images = _dark(images, np.random.default_rng([self.seed, 6, index]))
-        if self.strikes(FaultKind.BLACK, index):
-            images = Images(np.zeros_like(images.colour), images.depth)
-        if self.strikes(FaultKind.COVERED, index):
-            images = Images(np.zeros_like(images.colour), np.zeros_like(images.depth))
-        if self.strikes(FaultKind.NOISE, index):
-            images = _noise(images, np.random.default_rng([self.seed, 7, index]))
+        images = self.source(self._last_unaffected(FaultKind.FROZEN, index))
+        if self.has_fault(FaultKind.TORN, index):
+            images = _tear(images, self.source(max(index - 1, 0)))
+        if self.has_fault(FaultKind.DARK, index):
+            images = _darken(images, np.random.default_rng([self.seed, 6, index]))
+        if self.has_fault(FaultKind.BLACK, index):
+            images = RenderedImages(np.zeros_like(images.color_bgr), images.depth_raw)
+        if self.has_fault(FaultKind.COVERED, index):
+            images = RenderedImages(
+                np.zeros_like(images.color_bgr), np.zeros_like(images.depth_raw)
+            )
+        if self.has_fault(FaultKind.NOISE, index):
+            images = _replace_with_noise(images, np.random.default_rng([self.seed, 7, index]))
         return images
 
-    def stamped_as(self, index: int) -> tuple[int, float]:
+    def stamp_source(self, index: int) -> tuple[int, float]:
         """The frame whose stamp frame `index` bears, and the seconds by which it is off."""
         off_s = sum(
             fault.seconds
             for fault in self.faults
-            if fault.kind is FaultKind.STAMP_JUMP and fault.strikes(index)
+            if fault.kind is FaultKind.STAMP_JUMP and fault.applies_to(index)
         )
-        return self._shown(FaultKind.STAMP_REPEAT, index), off_s
+        return self._last_unaffected(FaultKind.STAMP_REPEAT, index), off_s
 
-    def _shown(self, kind: FaultKind, index: int) -> int:
+    def _last_unaffected(self, kind: FaultKind, index: int) -> int:
         """The last frame before a repetition of that kind; `index` itself where there is none."""
-        while index > 0 and self.strikes(kind, index):
+        while index > 0 and self.has_fault(kind, index):
             index -= 1
         return index
 
 
-def _torn(new: Images, old: Images) -> Images:
-    colour, depth = new.colour.copy(), new.depth.copy()
+def _tear(new: RenderedImages, old: RenderedImages) -> RenderedImages:
+    colour, depth = new.color_bgr.copy(), new.depth_raw.copy()
     half = len(depth) // 2
-    colour[half:], depth[half:] = old.colour[half:], old.depth[half:]
-    return Images(colour, depth)
+    colour[half:], depth[half:] = old.color_bgr[half:], old.depth_raw[half:]
+    return RenderedImages(colour, depth)
 
 
-def _dark(images: Images, rng: np.random.Generator) -> Images:
-    noise = DARK_NOISE_SIGMA * rng.standard_normal(images.colour.shape, dtype=np.float32)
-    colour = np.clip(images.colour * np.float32(DARK_GAIN) + noise + 0.5, 0, 255)
-    return Images(colour.astype(np.uint8), images.depth)
+def _darken(images: RenderedImages, rng: np.random.Generator) -> RenderedImages:
+    noise = DARK_NOISE_SIGMA * rng.standard_normal(images.color_bgr.shape, dtype=np.float32)
+    colour = np.clip(images.color_bgr * np.float32(DARK_GAIN) + noise + 0.5, 0, 255)
+    return RenderedImages(colour.astype(np.uint8), images.depth_raw)
 
 
-def _noise(images: Images, rng: np.random.Generator) -> Images:
-    colour = rng.integers(0, 256, images.colour.shape, np.uint8)
-    farthest = max(1, int(images.depth.max()))
-    return Images(colour, rng.integers(0, farthest, images.depth.shape, np.uint16))
+def _replace_with_noise(images: RenderedImages, rng: np.random.Generator) -> RenderedImages:
+    colour = rng.integers(0, 256, images.color_bgr.shape, np.uint8)
+    farthest = max(1, int(images.depth_raw.max()))
+    return RenderedImages(colour, rng.integers(0, farthest, images.depth_raw.shape, np.uint16))

@@ -9,7 +9,7 @@ FAR_M = 1e6
 
 
 @kernel
-def meet_box(
+def intersect_box(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, inside: bool
 ) -> float:
     """Where o + t d enters the unit cube (leaves it, if seen from `inside`); FAR_M if nowhere."""
@@ -24,11 +24,11 @@ def meet_box(
 
 
 @kernel
-def meet_round(
-    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, tube: bool
+def intersect_sphere_or_cylinder(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, is_cylinder: bool
 ) -> float:
     """Where o + t d first meets the unit ball, or the wall of the unit tube; FAR_M if nowhere."""
-    w = 0.0 if tube else 1.0
+    w = 0.0 if is_cylinder else 1.0
     a = dx * dx + dy * dy + w * dz * dz
     half_b = ox * dx + oy * dy + w * oz * dz
     root = half_b * half_b - a * (ox * ox + oy * oy + w * oz * oz - 1.0)

@@ -2,36 +2,36 @@
 
 import numpy as np
 
-from drivers.synthetic.config import Motion, SyntheticConfig
-from drivers.synthetic.hand import THROUGH_ROOM, FloorPath, HandPath
-from drivers.synthetic.orbit import OrbitPath
-from drivers.synthetic.path import Path
-from drivers.synthetic.staged import CreepPath, FastTurnPath, WallPath
-from drivers.synthetic.tour import TourPath
-from drivers.synthetic.track import TrackPath
+from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.synthetic.hand import ROOM_SWEEP, FloorMotion, HandheldMotion
+from drivers.synthetic.orbit import OrbitMotion
+from drivers.synthetic.path import CameraMotion
+from drivers.synthetic.staged import CreepMotion, FastTurnMotion, WallMotion
+from drivers.synthetic.tour import TourMotion
+from drivers.synthetic.track import RecordedMotion
 
 
-def make_path(config: SyntheticConfig, room_height_m: float) -> Path:
+def make_motion(config: SyntheticConfig, room_height_m: float) -> CameraMotion:
     """The path that `config` asks for. Raises InputError if the track cannot be used."""
     if config.track is not None:
-        return TrackPath.read(config.track, config, room_height_m)
+        return RecordedMotion.read(config.track, config, room_height_m)
     rng, duration_s = np.random.default_rng([config.seed, 1]), config.duration_s
     match config.motion:
-        case Motion.HAND_HELD:
-            return HandPath(rng, duration_s, THROUGH_ROOM)
-        case Motion.SMOOTH:
-            return HandPath(rng, duration_s, THROUGH_ROOM, tremor_scale=0.0)
-        case Motion.STILL:
-            return HandPath(rng, duration_s, THROUGH_ROOM, sweep_scale=0.0, tremor_scale=0.0)
-        case Motion.FLOOR:
-            return FloorPath(rng, duration_s)
-        case Motion.ORBIT:
-            return OrbitPath(rng, duration_s)
-        case Motion.TOUR:
-            return TourPath(rng, duration_s)
-        case Motion.WALL:
-            return WallPath(rng, duration_s)
-        case Motion.FAST_TURN:
-            return FastTurnPath(rng, duration_s)
-        case Motion.CREEP:
-            return CreepPath(rng, duration_s if config.loop else np.inf)
+        case MotionKind.HAND_HELD:
+            return HandheldMotion(rng, duration_s, ROOM_SWEEP)
+        case MotionKind.SMOOTH:
+            return HandheldMotion(rng, duration_s, ROOM_SWEEP, tremor_scale=0.0)
+        case MotionKind.STILL:
+            return HandheldMotion(rng, duration_s, ROOM_SWEEP, sweep_scale=0.0, tremor_scale=0.0)
+        case MotionKind.FLOOR:
+            return FloorMotion(rng, duration_s)
+        case MotionKind.ORBIT:
+            return OrbitMotion(rng, duration_s)
+        case MotionKind.TOUR:
+            return TourMotion(rng, duration_s)
+        case MotionKind.WALL:
+            return WallMotion(rng, duration_s)
+        case MotionKind.FAST_TURN:
+            return FastTurnMotion(rng, duration_s)
+        case MotionKind.CREEP:
+            return CreepMotion(rng, duration_s if config.loop else np.inf)

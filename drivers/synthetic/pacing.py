@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from drivers.camera import Clock, NoFrameYet, Pace
+from drivers.camera import Clock, FrameTimeout, PlaybackMode
 
 FIRST_STAMP_S = 1000.0
 
@@ -18,13 +18,13 @@ class HostClock:
     sleep: Callable[[float], None] = time.sleep
 
 
-class Pacer(Protocol):
+class FramePacer(Protocol):
     """Decides which frame comes next, and when. Frame k is taken at stamp k / rate_hz."""
 
     clock: Clock
 
     @property
-    def is_running(self) -> bool:
+    def has_started(self) -> bool:
         """Whether stamps are known."""
         ...
 
@@ -32,11 +32,11 @@ class Pacer(Protocol):
         """Frame 0 is taken when the next one is asked for."""
         ...
 
-    def resume(self, seq: int) -> int:
+    def resume_at(self, seq: int) -> int:
         """First frame to deliver after the camera was away until frame `seq`."""
         ...
 
-    def take(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
+    def wait_for_frame(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
         """Wait for a frame from `next_seq` to `last_seq`. Raises NoFrameYet."""
         ...
 
@@ -44,19 +44,21 @@ class Pacer(Protocol):
         """Stamp of a frame in whole microseconds."""
         ...
 
-    def arrival_s(self, seq: int) -> float:
+    def receive_time_s(self, seq: int) -> float:
         """CLOCK_MONOTONIC when a frame that was taken had arrived."""
         ...
 
 
-def make_pacer(pace: Pace, rate_hz: float, latency_s: float, host: HostClock) -> Pacer:
+def make_pacer(
+    playback_mode: PlaybackMode, rate_hz: float, latency_s: float, host: HostClock
+) -> FramePacer:
     """`latency_s`: from a frame's stamp until all of it has arrived."""
-    if pace is Pace.REALTIME:
-        return RealtimePacer(rate_hz, latency_s, host)
-    return LockstepPacer(rate_hz, host)
+    if playback_mode is PlaybackMode.REALTIME:
+        return RealtimeFramePacer(rate_hz, latency_s, host)
+    return LockstepFramePacer(rate_hz, host)
 
 
-class LockstepPacer:
+class LockstepFramePacer:
     """Every frame, at once, under stamps that are the same in every run."""
 
     clock = Clock.RECORDED
@@ -66,18 +68,18 @@ class LockstepPacer:
         self._host = host
 
     @property
-    def is_running(self) -> bool:
+    def has_started(self) -> bool:
         """Always: the stamps are the same in every run."""
         return True
 
     def rewind(self) -> None:
         """See `Pacer`."""
 
-    def resume(self, seq: int) -> int:
+    def resume_at(self, seq: int) -> int:
         """See `Pacer`."""
         return seq
 
-    def take(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
+    def wait_for_frame(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
         """See `Pacer`."""
         return next_seq
 
@@ -85,12 +87,12 @@ class LockstepPacer:
         """See `Pacer`."""
         return round(FIRST_STAMP_S + seq / self._rate_hz, 6)
 
-    def arrival_s(self, seq: int) -> float:
+    def receive_time_s(self, seq: int) -> float:
         """See `Pacer`."""
         return self._host.now_s()
 
 
-class RealtimePacer:
+class RealtimeFramePacer:
     """A live camera: the newest frame that has arrived; older ones are gone."""
 
     clock = Clock.MONOTONIC
@@ -100,30 +102,30 @@ class RealtimePacer:
         self._latency_s = latency_s
         self._host = host
         self._start_s = 0.0
-        self._is_running = False
+        self._has_started = False
 
     @property
-    def is_running(self) -> bool:
+    def has_started(self) -> bool:
         """From the first `take` on."""
-        return self._is_running
+        return self._has_started
 
     def rewind(self) -> None:
         """See `Pacer`."""
-        self._is_running = False
+        self._has_started = False
 
-    def resume(self, seq: int) -> int:
+    def resume_at(self, seq: int) -> int:
         """See `Pacer`."""
         return max(seq, self._newest() + 1)
 
-    def take(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
+    def wait_for_frame(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
         """See `Pacer`."""
-        if not self._is_running:
-            self._start_s, self._is_running = self._host.now_s(), True
-        due_s = self.arrival_s(next_seq)
+        if not self._has_started:
+            self._start_s, self._has_started = self._host.now_s(), True
+        due_s = self.receive_time_s(next_seq)
         deadline_s = self._host.now_s() + timeout_s
         while (now_s := self._host.now_s()) < due_s:
             if now_s >= deadline_s:
-                raise NoFrameYet
+                raise FrameTimeout
             self._host.sleep(min(due_s, deadline_s) - now_s)
         return max(next_seq, min(self._newest(), last_seq))
 
@@ -131,7 +133,7 @@ class RealtimePacer:
         """See `Pacer`."""
         return round(self._start_s + seq / self._rate_hz, 6)
 
-    def arrival_s(self, seq: int) -> float:
+    def receive_time_s(self, seq: int) -> float:
         """See `Pacer`."""
         return self.stamp_s(seq) + self._latency_s
 

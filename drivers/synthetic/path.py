@@ -11,31 +11,31 @@ import numpy as np
 from drivers.geometry import Array
 
 
-class Path(ABC):
+class CameraMotion(ABC):
     """The exact motion of the colour eye."""
 
     @abstractmethod
     def poses(self, times_s: Array) -> Array:
         """T_world_camera (N, 4, 4) at `times_s` (N,), counted from the first frame's stamp."""
 
-    def free_m(self, times_s: Array) -> Array:
+    def clearance_points_m(self, times_s: Array) -> Array:
         """Points (M, 3) of the world from which furniture keeps away: here the eye itself."""
         result: Array = self.poses(times_s)[:, :3, 3]
         return result
 
 
-def facing(yaw: Array, down: Array, roll: Array) -> Array:
+def look_rotations(yaw: Array, down: Array, roll: Array) -> Array:
     """Rotations (N, 3, 3) of a camera looking along +y, turned left by yaw, down and rolled."""
     level = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     zero = np.zeros_like(yaw)
-    turn = rotations(np.stack([zero, zero, yaw], axis=1))
-    nod = rotations(np.stack([-down, zero, zero], axis=1))
-    tilt = rotations(np.stack([zero, zero, roll], axis=1))
+    turn = rotations_from_vectors(np.stack([zero, zero, yaw], axis=1))
+    nod = rotations_from_vectors(np.stack([-down, zero, zero], axis=1))
+    tilt = rotations_from_vectors(np.stack([zero, zero, roll], axis=1))
     result: Array = turn @ level @ nod @ tilt
     return result
 
 
-def rotations(vectors_rad: Array) -> Array:
+def rotations_from_vectors(vectors_rad: Array) -> Array:
     """Rodrigues' formula for many vectors: (N, 3) to (N, 3, 3)."""
     x, y, z = vectors_rad.T
     zero = np.zeros_like(x)

@@ -11,25 +11,25 @@ from numpy.typing import NDArray
 
 from drivers.geometry import Array
 from drivers.jit import kernel
-from drivers.synthetic.intersect import FAR_M, NEAR_M, meet_box, meet_round
-from drivers.synthetic.solids import Kind, SolidArrays
+from drivers.synthetic.intersect import FAR_M, NEAR_M, intersect_box, intersect_sphere_or_cylinder
+from drivers.synthetic.solids import SolidArrays, SolidKind
 
 TILE = 16
 # How far a solid's outline may move between the three rows that were looked at, in tan(angle).
 OUTLINE_MARGIN = 0.01
-BOX, ROOM, TUBE = int(Kind.BOX), int(Kind.ROOM), int(Kind.TUBE)
+BOX, ROOM, CYLINDER = int(SolidKind.BOX), int(SolidKind.ROOM), int(SolidKind.CYLINDER)
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
-class View:
+class RaycastScene:
     """Solids as seen from each row's pose: what rays are tested against.
 
     `frames` (H, S, 3, 4) maps camera coordinates at that row to a solid's unit cube;
     `candidates` (tiles down, tiles across, S) lists the solids that a tile may see, nearest first,
-    ended by -1; `near_m` (S,) is where each begins.
+    ended by -1; `nearby_error_m` (S,) is where each begins.
     """
 
     kind: NDArray[np.int64]
@@ -49,7 +49,7 @@ class RayGrid:
     bounds: Array
 
     @classmethod
-    def of(cls, rays: Array) -> "RayGrid":
+    def from_rays(cls, rays: Array) -> "RayGrid":
         """The grid of `rays` (H, W, 2)."""
         down, across = np.arange(0, rays.shape[0], TILE), np.arange(0, rays.shape[1], TILE)
         bounds = [
@@ -60,7 +60,7 @@ class RayGrid:
         return cls(rays, np.stack(bounds, axis=-1))
 
 
-def look(solids: SolidArrays, grid: RayGrid, T_body_camera: Array) -> View:
+def prepare_scene(solids: SolidArrays, grid: RayGrid, T_body_camera: Array) -> RaycastScene:
     """Prepare to cast the rays of `grid` from the poses of its rows in each body (B, H, 4, 4)."""
     frames = unit_frames(solids.to_unit, solids.centre_m, solids.body, T_body_camera)
     rows = np.array([0, len(grid.rays) // 2, len(grid.rays) - 1])
@@ -68,7 +68,7 @@ def look(solids: SolidArrays, grid: RayGrid, T_body_camera: Array) -> View:
     outlines = project_outlines(solids.corners_m, solids.body, T_camera_body)
     order = np.argsort(outlines[:, 0], kind="stable")
     candidates = list_candidates(outlines, order, grid.bounds)
-    return View(solids.kind, frames, candidates, outlines[:, 0].copy())
+    return RaycastScene(solids.kind, frames, candidates, outlines[:, 0].copy())
 
 
 @kernel
@@ -112,17 +112,19 @@ def project_outlines(corners_m: Array, body: NDArray[np.int64], T_camera_body: A
                     p[i, j] = T[j, 0] * c[0] + T[j, 1] * c[1] + T[j, 2] * c[2] + T[j, 3]
             for i in range(8):
                 if p[i, 2] >= NEAR_M:
-                    _widen(outline, p[i, 0], p[i, 1], p[i, 2])
+                    _extend_outline(outline, p[i, 0], p[i, 1], p[i, 2])
                 for bit in (1, 2, 4):
                     a, b = p[i], p[i ^ bit]
                     if a[2] >= NEAR_M and b[2] < NEAR_M:
                         k = (NEAR_M - a[2]) / (b[2] - a[2])
-                        _widen(outline, a[0] + k * (b[0] - a[0]), a[1] + k * (b[1] - a[1]), NEAR_M)
+                        _extend_outline(
+                            outline, a[0] + k * (b[0] - a[0]), a[1] + k * (b[1] - a[1]), NEAR_M
+                        )
     return outlines
 
 
 @kernel
-def _widen(outline: Array, x: float, y: float, z: float) -> None:
+def _extend_outline(outline: Array, x: float, y: float, z: float) -> None:
     outline[0] = min(outline[0], z)
     outline[1] = min(outline[1], x / z)
     outline[2] = max(outline[2], x / z)
@@ -157,7 +159,7 @@ def list_candidates(outlines: Array, order: NDArray[np.int64], bounds: Array) ->
 
 
 @kernel
-def cast(
+def cast_rays(
     rays: Array, kind: NDArray[np.int64], frames: Array, candidates: Indices, near_m: Array
 ) -> tuple[Floats, Indices]:
     """Depth (H, W) in metres and index of the solid (H, W) that each pixel sees."""
@@ -167,12 +169,12 @@ def cast(
     for v in range(height):
         for u in range(width):
             x, y = rays[v, u, 0], rays[v, u, 1]
-            depth_m[v, u], solid[v, u] = closest(x, y, v, u, kind, frames, candidates, near_m)
+            depth_m[v, u], solid[v, u] = cast_ray(x, y, v, u, kind, frames, candidates, near_m)
     return depth_m, solid
 
 
 @kernel
-def closest(
+def cast_ray(
     x: float,
     y: float,
     v: int,
@@ -194,9 +196,9 @@ def closest(
             break
         ox, oy, oz, dx, dy, dz = in_unit_cube(x, y, v, s, frames)
         if kind[s] <= ROOM:
-            t = meet_box(ox, oy, oz, dx, dy, dz, kind[s] == ROOM)
+            t = intersect_box(ox, oy, oz, dx, dy, dz, kind[s] == ROOM)
         else:
-            t = meet_round(ox, oy, oz, dx, dy, dz, kind[s] == TUBE)
+            t = intersect_sphere_or_cylinder(ox, oy, oz, dx, dy, dz, kind[s] == CYLINDER)
         if t < best:
             best, found = t, s
     return best, found

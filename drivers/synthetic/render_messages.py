@@ -18,25 +18,25 @@ class RenderJob:
     files: SequenceFiles
     rate_hz: float
     threads: int
-    wake: int
+    wake_fd: int
 
 
 @dataclass(frozen=True)
-class ReaderIsAt:
+class ReaderPosition:
     """The reader wants this frame next."""
 
     index: int
 
 
 @dataclass(frozen=True)
-class RenderNow:
+class RenderRequest:
     """The reader waits for this frame."""
 
     index: int
 
 
 @dataclass(frozen=True)
-class AllRendered:
+class RenderingComplete:
     """No frame is missing."""
 
 

@@ -27,11 +27,11 @@ class RenderSchedule:
         self._now_s = now_s
         self._lock = threading.Lock()
         self._urgent: deque[int] = deque()
-        self._begun: dict[int, float] = {}  # frames being rendered, and since when
+        self._started_s: dict[int, float] = {}  # frames being rendered, and since when
         self._reader = (0, math.inf)  # index of the reader's next frame, and when it was there
         self._render_s = 0.0  # how long the last frame took
 
-    def reader_is_at(self, index: int) -> None:
+    def set_reader_position(self, index: int) -> None:
         """The frame that the reader wants next."""
         self._reader = (index, self._now_s())
 
@@ -39,30 +39,30 @@ class RenderSchedule:
         """Render this frame before all others."""
         self._urgent.append(index)
 
-    def take(self) -> int | None:
+    def next_frame(self) -> int | None:
         """The frame to render now; None when none is missing."""
         with self._lock:
             now_s = self._now_s()
-            index = self._next(now_s)
+            index = self._select_next(now_s)
             if index is not None:
-                self._begun[index] = now_s
+                self._started_s[index] = now_s
             return index
 
-    def finish(self, index: int) -> None:
+    def mark_rendered(self, index: int) -> None:
         """A frame that was taken has been written."""
         with self._lock:
-            self._render_s = self._now_s() - self._begun.pop(index)
+            self._render_s = self._now_s() - self._started_s.pop(index)
 
-    def _next(self, now_s: float) -> int | None:
+    def _select_next(self, now_s: float) -> int | None:
         while self._urgent:
             index = self._urgent.popleft()
-            if index not in self._begun and not self._sequence.has(index):
+            if index not in self._started_s and not self._sequence.is_rendered(index):
                 return index
-        missing = [int(i) for i in self._sequence.missing() if i not in self._begun]
-        first = self._first_in_time(now_s)
+        missing = [int(i) for i in self._sequence.missing_frames() if i not in self._started_s]
+        first = self._first_feasible(now_s)
         return next((i for i in missing if i >= first), missing[0] if missing else None)
 
-    def _first_in_time(self, now_s: float) -> int:
+    def _first_feasible(self, now_s: float) -> int:
         """The first frame that is not due before it can be ready."""
         index, since_s = self._reader
         ahead_s = max(0.0, now_s - since_s) + self._render_s

@@ -15,53 +15,55 @@ from typing import Any
 import cv2
 
 from drivers.errors import CameraError, UserFacingError
-from drivers.isolation.outbox import Outbox, leave_signals_to_service
+from drivers.isolation.outbox import ParentConnection, ignore_terminal_signals
 from drivers.memory import release_memory
 from drivers.synthetic.render import make_renderer
 from drivers.synthetic.render_messages import (
-    AllRendered,
-    ReaderIsAt,
+    ReaderPosition,
+    RenderingComplete,
     RenderingFailed,
     RenderJob,
-    RenderNow,
+    RenderRequest,
 )
 from drivers.synthetic.render_schedule import RenderSchedule
 from drivers.synthetic.rendered_sequence import RenderedSequence
 
 # Live readers of the frames come first.
-NICE = 10
+NICENESS = 10
 
 
 def main(connection: "Connection[Any, Any]") -> None:
     """Render until no frame is missing."""
-    leave_signals_to_service()
-    os.nice(NICE)
+    ignore_terminal_signals()
+    os.nice(NICENESS)
     cv2.setNumThreads(1)
     job: RenderJob = connection.recv()
-    outbox = Outbox(connection)
+    outbox = ParentConnection(connection)
     try:
         _render_missing(job, connection, outbox)
     except UserFacingError as error:
-        outbox.tell(RenderingFailed(error))
+        outbox.send(RenderingFailed(error))
     except OSError as error:
         message = f"{job.files.frames}: frames cannot be kept: {error.strerror or error}"
-        outbox.tell(RenderingFailed(CameraError(message)))
+        outbox.send(RenderingFailed(CameraError(message)))
 
 
-def _render_missing(job: RenderJob, connection: "Connection[Any, Any]", outbox: Outbox) -> None:
+def _render_missing(
+    job: RenderJob, connection: "Connection[Any, Any]", outbox: ParentConnection
+) -> None:
     """Raises UserFacingError if the configuration cannot be rendered, OSError for the disk."""
     sequence = RenderedSequence(job.files)
     schedule = RenderSchedule(sequence, job.rate_hz)
-    threading.Thread(target=_listen, args=(connection, schedule), daemon=True).start()
+    threading.Thread(target=_receive_requests, args=(connection, schedule), daemon=True).start()
     renderer = make_renderer(job.config, job.threads, job.files.folder)
 
     def render_next() -> bool:
-        index = schedule.take()
+        index = schedule.next_frame()
         if index is None:
             return False
         sequence.write(index, renderer.render(index))
-        schedule.finish(index)
-        os.eventfd_write(job.wake, 1)
+        schedule.mark_rendered(index)
+        os.eventfd_write(job.wake_fd, 1)
         return True
 
     def render_all() -> None:
@@ -77,17 +79,17 @@ def _render_missing(job: RenderJob, connection: "Connection[Any, Any]", outbox: 
         render_all()  # a thread more would hold as much freed memory again
         for done in others:
             done.result()
-    outbox.tell(AllRendered())
+    outbox.send(RenderingComplete())
 
 
-def _listen(connection: "Connection[Any, Any]", schedule: RenderSchedule) -> None:
+def _receive_requests(connection: "Connection[Any, Any]", schedule: RenderSchedule) -> None:
     """Body of the thread that hears what the reader needs, and ends the process with it."""
     with suppress(EOFError, OSError):
         while True:
             match connection.recv():
-                case ReaderIsAt(index):
-                    schedule.reader_is_at(index)
-                case RenderNow(index):
+                case ReaderPosition(index):
+                    schedule.set_reader_position(index)
+                case RenderRequest(index):
                     schedule.add_urgent(index)
     os._exit(1)  # at once: a frame that is half-written does not count
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import CameraError, InputError
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.faults import Images
+from drivers.synthetic.faults import RenderedImages
 
 MAX_SEQUENCE_BYTES = 3 << 30
 MAX_FOLDER_BYTES = 4 << 30
@@ -60,7 +60,7 @@ class SequenceFiles:
         return self.count * self.frame_bytes
 
 
-def sequence_files(config: SyntheticConfig, folder: Path) -> SequenceFiles:
+def files_for_config(config: SyntheticConfig, folder: Path) -> SequenceFiles:
     """The files for a configuration; the key changes with whatever changes a pixel.
 
     Raises InputError if the frames are too many to keep or the track cannot be read.
@@ -103,7 +103,7 @@ class RenderedSequence:
         finally:
             os.close(index)
         self._index: NDArray[np.uint64] = np.frombuffer(shared, np.uint64)
-        self._checked = np.zeros(files.count, np.bool_)
+        self._is_verified = np.zeros(files.count, np.bool_)
 
     def close(self) -> None:
         """Release the files. Safe to call twice."""
@@ -111,44 +111,44 @@ class RenderedSequence:
             os.close(self._frames)
             self._frames = -1
 
-    def has(self, index: int) -> bool:
+    def is_rendered(self, index: int) -> bool:
         """Whether a frame is rendered."""
         return bool(self._index[index])
 
-    def missing(self) -> NDArray[np.intp]:
+    def missing_frames(self) -> NDArray[np.intp]:
         """Indices of the frames that are not rendered, rising."""
         return np.flatnonzero(self._index == 0)
 
-    def read(self, index: int) -> Images | None:
+    def read(self, index: int) -> RenderedImages | None:
         """A frame; None if it is not rendered, or damaged: then it is to be rendered again."""
-        if not self.has(index):
+        if not self.is_rendered(index):
             return None
         size = self.files.height, self.files.width
-        images = Images(np.empty((*size, 3), np.uint8), np.empty(size, np.uint16))
+        images = RenderedImages(np.empty((*size, 3), np.uint8), np.empty(size, np.uint16))
         offset = index * self.files.frame_bytes
-        length = os.preadv(self._frames, [images.colour.data, images.depth.data], offset)
+        length = os.preadv(self._frames, [images.color_bgr.data, images.depth_raw.data], offset)
         # A checksum costs a millisecond: once for each frame is enough.
         is_whole = length == self.files.frame_bytes and (
-            self._checked[index] or _entry(images) == int(self._index[index])
+            self._is_verified[index] or _index_entry(images) == int(self._index[index])
         )
         if not is_whole:
             self._index[index] = 0
             return None
-        self._checked[index] = True
+        self._is_verified[index] = True
         return images
 
-    def write(self, index: int, images: Images) -> None:
+    def write(self, index: int, images: RenderedImages) -> None:
         """Keep a frame. Raises OSError."""
-        parts = [np.ascontiguousarray(part).data for part in (images.colour, images.depth)]
+        parts = [np.ascontiguousarray(part).data for part in (images.color_bgr, images.depth_raw)]
         length = os.pwritev(self._frames, parts, index * self.files.frame_bytes)
         if length != self.files.frame_bytes:
             raise OSError(f"{self.files.frames}: only {length} bytes of a frame were written")
-        self._index[index] = _entry(images)
+        self._index[index] = _index_entry(images)
 
 
-def _entry(images: Images) -> int:
+def _index_entry(images: RenderedImages) -> int:
     """What the index holds for a whole frame."""
-    return _WRITTEN | zlib.crc32(images.depth.tobytes(), zlib.crc32(images.colour.tobytes()))
+    return _WRITTEN | zlib.crc32(images.depth_raw.tobytes(), zlib.crc32(images.color_bgr.tobytes()))
 
 
 def create_sequence(files: SequenceFiles) -> RenderedSequence:
@@ -159,10 +159,10 @@ def create_sequence(files: SequenceFiles) -> RenderedSequence:
     """
     try:
         files.folder.mkdir(parents=True, exist_ok=True)
-        with _locked(files.folder):
-            _make_room(files)
-            _reserve(files.frames, files.total_bytes)
-            _reserve(files.index, 8 * files.count)
+        with _lock_folder(files.folder):
+            _evict_old_sequences(files)
+            _allocate(files.frames, files.total_bytes)
+            _allocate(files.index, 8 * files.count)
             return RenderedSequence(files)
     except (PermissionError, NotADirectoryError, FileExistsError) as error:
         raise InputError(
@@ -176,7 +176,7 @@ def create_sequence(files: SequenceFiles) -> RenderedSequence:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
+def _lock_folder(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder."""
     fd = os.open(folder, os.O_RDONLY)
     try:
@@ -186,7 +186,7 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(fd)
 
 
-def _reserve(path: Path, size: int) -> None:
+def _allocate(path: Path, size: int) -> None:
     """Make a file of that size, zeros at first; one that has it already is left alone.
 
     A full disk under a memory map would kill the process, so the space is taken now.
@@ -204,7 +204,7 @@ def _reserve(path: Path, size: int) -> None:
         os.close(fd)
 
 
-def _make_room(files: SequenceFiles) -> None:
+def _evict_old_sequences(files: SequenceFiles) -> None:
     """Delete what was unused longest until this sequence fits.
 
     Another process may be playing it: files that are open stay readable after this.

@@ -9,31 +9,31 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from drivers.errors import CameraLostError
-from drivers.isolation.process import ChildProcess, Program
+from drivers.isolation.process import WorkerProcess, WorkerSpec
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.faults import Images
+from drivers.synthetic.faults import RenderedImages
 from drivers.synthetic.render_messages import (
-    AllRendered,
-    ReaderIsAt,
+    ReaderPosition,
+    RenderingComplete,
     RenderingFailed,
     RenderJob,
-    RenderNow,
+    RenderRequest,
 )
-from drivers.synthetic.rendered_sequence import RenderedSequence, create_sequence, sequence_files
+from drivers.synthetic.rendered_sequence import RenderedSequence, create_sequence, files_for_config
 
 if TYPE_CHECKING:  # its kernels are slow to load, and a renderer in a process of its own has them
     from drivers.synthetic.render import Renderer
 
-RENDERER = Program("drivers.synthetic.render_worker", "renderer")
+RENDERER = WorkerSpec("drivers.synthetic.render_worker", "renderer")
 # It is killed rather than waited for: what it has written stays.
-PATIENCE_S = 2.0
+STOP_TIMEOUT_S = 2.0
 # A single frame takes a second on a slow board; the first one is preceded by painting the room.
 MAX_FRAME_S = 120.0
 
-Progress = Callable[[int, int], None]  # frames done, frames in all
+RenderProgress = Callable[[int, int], None]  # frames done, frames in all
 
 
-class Rendering(Protocol):
+class FrameProvider(Protocol):
     """The frames of a configuration, which is played round and round: frame 0 follows the last."""
 
     def prepare(self) -> None:
@@ -48,14 +48,14 @@ class Rendering(Protocol):
         """Wait until the first frame is there. Raises as `newest`."""
         ...
 
-    def newest(self, first: int, last: int, timeout_s: float) -> int | None:
+    def wait_for_newest(self, first: int, last: int, timeout_s: float) -> int | None:
         """The newest frame from `first` to `last` that is rendered; waits for one of them.
 
         None if there is none after `timeout_s`. Raises InputError or CameraError if none will come.
         """
         ...
 
-    def images(self, seq: int) -> Images:
+    def read(self, seq: int) -> RenderedImages:
         """A frame, whether or not it is rendered already. Raises as `newest`."""
         ...
 
@@ -64,7 +64,7 @@ class Rendering(Protocol):
         ...
 
 
-class DirectRendering:
+class OnDemandFrameProvider:
     """Renders each frame when it is read, and keeps none."""
 
     def __init__(self, config: SyntheticConfig, threads: int) -> None:
@@ -73,7 +73,7 @@ class DirectRendering:
         self._renderers: list[Renderer] = []
 
     def prepare(self) -> None:
-        """See `Rendering`: nothing is done in the background."""
+        """See `FrameProvider`: nothing is done in the background."""
 
     def start(self) -> None:
         """Paint the room, the first time."""
@@ -83,22 +83,22 @@ class DirectRendering:
             self._renderers.append(make_renderer(self._config, self._threads))
 
     def wait_until_started(self, timeout_s: float) -> bool:
-        """See `Rendering`."""
+        """See `FrameProvider`."""
         return True
 
-    def newest(self, first: int, last: int, timeout_s: float) -> int | None:
-        """See `Rendering`."""
+    def wait_for_newest(self, first: int, last: int, timeout_s: float) -> int | None:
+        """See `FrameProvider`."""
         return last
 
-    def images(self, seq: int) -> Images:
-        """See `Rendering`."""
+    def read(self, seq: int) -> RenderedImages:
+        """See `FrameProvider`."""
         return self._renderers[0].render(seq % self._config.frame_count)
 
     def close(self) -> None:
-        """See `Rendering`."""
+        """See `FrameProvider`."""
 
 
-class BackgroundRendering:
+class BackgroundFrameProvider:
     """Frames that a process of its own renders ahead of the reader and that are kept on disk.
 
     The process runs while frames are missing. A live reader (`rate_hz` above 0) finds the frames
@@ -107,65 +107,67 @@ class BackgroundRendering:
 
     def __init__(self, config: SyntheticConfig, folder: Path, rate_hz: float, threads: int) -> None:
         """Raises InputError if the frames are too many to keep or the track cannot be read."""
-        self._files = sequence_files(config, folder)
-        self._job = RenderJob(config, self._files, rate_hz, threads or os.cpu_count() or 1, wake=-1)
+        self._files = files_for_config(config, folder)
+        self._job = RenderJob(
+            config, self._files, rate_hz, threads or os.cpu_count() or 1, wake_fd=-1
+        )
         self._resources = ExitStack()
-        self._wake = -1  # eventfd: the process has written a frame
+        self._wake_fd = -1  # eventfd: the process has written a frame
         self._sequence: RenderedSequence | None = None
-        self._process: ChildProcess | None = None
+        self._process: WorkerProcess | None = None
 
     def prepare(self) -> None:
-        """See `Rendering`."""
+        """See `FrameProvider`."""
         self.start()
 
     def start(self) -> None:
-        """See `Rendering`. Returns at once; a process that is at work goes on."""
+        """See `FrameProvider`. Returns at once; a process that is at work goes on."""
         if self._process is not None:
             return
         self.close()
         self._sequence = create_sequence(self._files)
         self._resources.callback(self._sequence.close)
-        self._wake = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
-        self._resources.callback(os.close, self._wake)
-        if self._sequence.missing().size:
-            self._running_process()
+        self._wake_fd = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
+        self._resources.callback(os.close, self._wake_fd)
+        if self._sequence.missing_frames().size:
+            self._ensure_process()
 
     def wait_until_started(self, timeout_s: float) -> bool:
-        """See `Rendering`."""
+        """See `FrameProvider`."""
         return self._wait_for(0, 0, timeout_s) is not None
 
-    def newest(self, first: int, last: int, timeout_s: float) -> int | None:
-        """See `Rendering`."""
+    def wait_for_newest(self, first: int, last: int, timeout_s: float) -> int | None:
+        """See `FrameProvider`."""
         if self._process is not None:
-            self._process.tell(ReaderIsAt(last % self._files.count))
+            self._process.send(ReaderPosition(last % self._files.count))
             self._receive(0.0)
         return self._wait_for(first, last, timeout_s)
 
-    def images(self, seq: int) -> Images:
-        """See `Rendering`."""
+    def read(self, seq: int) -> RenderedImages:
+        """See `FrameProvider`."""
         index = seq % self._files.count
         deadline_s = time.monotonic() + MAX_FRAME_S
-        while (images := self._opened.read(index)) is None:
+        while (images := self._open_sequence.read(index)) is None:
             if time.monotonic() > deadline_s:
                 raise CameraLostError(f"synthetic camera: frame {index} is not rendered in time")
-            self._running_process().tell(RenderNow(index))
+            self._ensure_process().send(RenderRequest(index))
             self._wait_for(seq, seq, 1.0)
         return images
 
-    def finish(self, progress: Progress) -> None:
+    def wait_until_complete(self, progress: RenderProgress) -> None:
         """Wait until no frame is missing. Raises as `newest`, and what `progress` raises."""
-        while missing := self._opened.missing().size:
+        while missing := self._open_sequence.missing_frames().size:
             progress(self._files.count - missing, self._files.count)
             self._receive(0.1)
 
     def close(self) -> None:
-        """See `Rendering`."""
+        """See `FrameProvider`."""
         self._stop_process()
         self._resources.close()
         self._sequence = None
 
     @property
-    def _opened(self) -> RenderedSequence:
+    def _open_sequence(self) -> RenderedSequence:
         if self._sequence is None:
             raise CameraLostError("synthetic camera: not open; open it again")
         return self._sequence
@@ -174,23 +176,23 @@ class BackgroundRendering:
         deadline_s = time.monotonic() + timeout_s
         while True:
             for seq in range(last, max(first, last - self._files.count + 1) - 1, -1):
-                if self._opened.has(seq % self._files.count):
+                if self._open_sequence.is_rendered(seq % self._files.count):
                     return seq
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0:
                 return None
             self._receive(left_s)
 
-    def _running_process(self) -> ChildProcess:
+    def _ensure_process(self) -> WorkerProcess:
         """The process, started where there is none. Raises CameraLostError."""
         if self._process is None:
             try:
-                self._process = ChildProcess(RENDERER, (self._wake,), PATIENCE_S)
+                self._process = WorkerProcess(RENDERER, (self._wake_fd,), STOP_TIMEOUT_S)
             except OSError as error:
                 raise CameraLostError(
                     f"synthetic camera: the renderer cannot be started: {error.strerror}"
                 ) from error
-            self._process.tell(replace(self._job, wake=self._wake))
+            self._process.send(replace(self._job, wake_fd=self._wake_fd))
         return self._process
 
     def _stop_process(self) -> None:
@@ -202,16 +204,16 @@ class BackgroundRendering:
 
     def _receive(self, timeout_s: float) -> None:
         """Wait until the process has written a frame. Raises InputError or CameraError."""
-        process = self._running_process()  # it has ended where all frames were there once
+        process = self._ensure_process()  # it has ended where all frames were there once
         try:
-            message = process.receive(timeout_s, self._wake)
+            message = process.receive(timeout_s, self._wake_fd)
             with suppress(BlockingIOError):
-                os.eventfd_read(self._wake)
+                os.eventfd_read(self._wake_fd)
         except EOFError:
             self._stop_process()
-            raise CameraLostError(f"synthetic camera: the renderer {process.ending}") from None
+            raise CameraLostError(f"synthetic camera: the renderer {process.exit_reason}") from None
         match message:
-            case AllRendered():
+            case RenderingComplete():
                 self._stop_process()
             case RenderingFailed(error):
                 self._stop_process()
@@ -219,16 +221,16 @@ class BackgroundRendering:
 
 
 def render_all(
-    config: SyntheticConfig, folder: Path, progress: Progress, threads: int = 0
+    config: SyntheticConfig, folder: Path, progress: RenderProgress, threads: int = 0
 ) -> RenderedSequence:
     """Render what is missing of a configuration, and open the result.
 
     Raises InputError or CameraError, and what `progress` raises.
     """
-    rendering = BackgroundRendering(config, folder, 0.0, threads)
+    rendering = BackgroundFrameProvider(config, folder, 0.0, threads)
     try:
         rendering.start()
-        rendering.finish(progress)
+        rendering.wait_until_complete(progress)
     finally:
         rendering.close()
-    return create_sequence(sequence_files(config, folder))
+    return create_sequence(files_for_config(config, folder))

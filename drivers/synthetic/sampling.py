@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from drivers.jit import kernel
 
-MOST_TAPS = 4
-Colour3 = tuple[float, float, float]
+MAX_TAPS = 4
+Color3 = tuple[float, float, float]
 Bytes = NDArray[np.uint8]
 Table = NDArray[np.int64]
 
 
 @kernel
-def texels_along(
+def sample_anisotropic(
     u: float,
     w: float,
     across_u: float,
@@ -25,7 +25,7 @@ def texels_along(
     face: int,
     texels: Bytes,
     levels: Table,
-) -> Colour3:
+) -> Color3:
     """Mean over a pixel's footprint: samples along its longer side, as broad as its shorter."""
     across = math.sqrt(across_u * across_u + across_w * across_w)
     down = math.sqrt(down_u * down_u + down_w * down_w)
@@ -34,51 +34,51 @@ def texels_along(
     )
     area = abs(across_u * down_w - across_w * down_u)
     breadth = area / max(longest, 1e-9)
-    taps = min(MOST_TAPS, int(longest / max(breadth, 1e-9) + 0.5))
+    taps = min(MAX_TAPS, int(longest / max(breadth, 1e-9) + 0.5))
     if taps <= 1:
-        return texel(u, w, longest, s, face, texels, levels)
+        return sample_trilinear(u, w, longest, s, face, texels, levels)
     # One level will do: the taps overlap, which hides the step to the next.
-    k = int(level_of(max(breadth, longest / taps), levels.shape[2]) + 0.5)
+    k = int(mip_level(max(breadth, longest / taps), levels.shape[2]) + 0.5)
     scale_u = levels[s, face, k, 1] / levels[s, face, 0, 1]
     scale_w = levels[s, face, k, 2] / levels[s, face, 0, 2]
     step_u, step_w = long_u * scale_u / taps, long_w * scale_w / taps
     x, y = u * scale_u - 0.5 * (taps - 1) * step_u, w * scale_w - 0.5 * (taps - 1) * step_w
     b, g, r = 0.0, 0.0, 0.0
     for _ in range(taps):
-        tb, tg, tr = bilinear(x, y, s, face, k, texels, levels)
+        tb, tg, tr = sample_bilinear(x, y, s, face, k, texels, levels)
         b, g, r = b + tb, g + tg, r + tr
         x, y = x + step_u, y + step_w
     return b / taps, g / taps, r / taps
 
 
 @kernel
-def texel(
+def sample_trilinear(
     u: float, w: float, size: float, s: int, face: int, texels: Bytes, levels: Table
-) -> Colour3:
+) -> Color3:
     """Trilinear sample at (u, w), in pixels of level 0, of a footprint `size` pixels wide."""
-    lod = level_of(size, levels.shape[2])
+    lod = mip_level(size, levels.shape[2])
     k = int(lod)
     part = lod - k
     x, y = u / levels[s, face, 0, 1], w / levels[s, face, 0, 2]
     wide, high = levels[s, face, k, 1], levels[s, face, k, 2]
-    b, g, r = bilinear(x * wide, y * high, s, face, k, texels, levels)
+    b, g, r = sample_bilinear(x * wide, y * high, s, face, k, texels, levels)
     if part < 0.02:
         return b, g, r
     wide, high = levels[s, face, k + 1, 1], levels[s, face, k + 1, 2]
-    cb, cg, cr = bilinear(x * wide, y * high, s, face, k + 1, texels, levels)
+    cb, cg, cr = sample_bilinear(x * wide, y * high, s, face, k + 1, texels, levels)
     return b + part * (cb - b), g + part * (cg - g), r + part * (cr - r)
 
 
 @kernel
-def level_of(size: float, levels: int) -> float:
+def mip_level(size: float, levels: int) -> float:
     """Mip level, with a fraction, whose texels are `size` texels of level 0 wide."""
     return min(max(math.log2(max(size, 1e-6)), 0.0), levels - 1.001)
 
 
 @kernel
-def bilinear(
+def sample_bilinear(
     u: float, w: float, s: int, face: int, k: int, texels: Bytes, levels: Table
-) -> Colour3:
+) -> Color3:
     """Sample of level k at (u, w) in its pixels; the first pixel's centre is 0.5."""
     first, width, height = levels[s, face, k, 0], levels[s, face, k, 1], levels[s, face, k, 2]
     x = min(max(u - 0.5, 0.0), width - 1.0)

@@ -6,9 +6,9 @@ import numpy as np
 
 from drivers.geometry import Array
 from drivers.jit import kernel
-from drivers.synthetic.raycast import ROOM, TUBE, Floats, Indices, closest, in_unit_cube
-from drivers.synthetic.sampling import Bytes, Colour3, Table, texel, texels_along
-from drivers.synthetic.solids import FACE_FLIP, FACE_U, FACE_V
+from drivers.synthetic.raycast import CYLINDER, ROOM, Floats, Indices, cast_ray, in_unit_cube
+from drivers.synthetic.sampling import Bytes, Color3, Table, sample_anisotropic, sample_trilinear
+from drivers.synthetic.solids import FACE_FLIP, FACE_U_AXIS, FACE_V_AXIS
 
 
 @kernel
@@ -35,7 +35,7 @@ def shade(
             if s < 0:
                 surface[v, u] = -1
                 continue
-            face, b, g, r = colour_at(
+            face, b, g, r = color_at(
                 rays[v, u, 0],
                 rays[v, u, 1],
                 depth_m[v, u],
@@ -86,18 +86,16 @@ def smooth_edges(
                 for j in (-0.125, 0.125):
                     x = rays[v, u, 0] + i * across_x + j * down_x
                     y = rays[v, u, 1] + i * across_y + j * down_y
-                    t, s = closest(x, y, v, u, kind, frames, candidates, near_m)
+                    t, s = cast_ray(x, y, v, u, kind, frames, candidates, near_m)
                     if s >= 0:
-                        _, b, g, r = colour_at(
-                            x, y, t, v, s, kind[s], frames, texels, levels, pixel
-                        )
+                        _, b, g, r = color_at(x, y, t, v, s, kind[s], frames, texels, levels, pixel)
                         image[v, u, 0] += 0.25 * b
                         image[v, u, 1] += 0.25 * g
                         image[v, u, 2] += 0.25 * r
 
 
 @kernel
-def colour_at(
+def color_at(
     x: float,
     y: float,
     t: float,
@@ -112,8 +110,8 @@ def colour_at(
     """Face and colour where the ray (x, y, 1) of row v meets solid s at depth t."""
     ox, oy, oz, dx, dy, dz = in_unit_cube(x, y, v, s, frames)
     px, py, pz = ox + t * dx, oy + t * dy, oz + t * dz
-    if kind >= TUBE:
-        b, g, r = round_colour(px, py, pz, t, v, s, frames, texels, levels, pixel)
+    if kind >= CYLINDER:
+        b, g, r = round_surface_color(px, py, pz, t, v, s, frames, texels, levels, pixel)
         return 0, b, g, r
     ax, ay, az = abs(px), abs(py), abs(pz)
     axis = 0 if ax >= ay and ax >= az else (1 if ay >= az else 2)
@@ -121,13 +119,13 @@ def colour_at(
     outside = p[axis] > 0.0
     face = 2 * axis + (1 if outside else 0)
     wide, high = levels[s, face, 0, 1], levels[s, face, 0, 2]
-    i, j = FACE_U[axis], FACE_V[axis]
+    i, j = FACE_U_AXIS[axis], FACE_V_AXIS[axis]
     flip = FACE_FLIP[axis] * (1.0 if outside != (kind == ROOM) else -1.0)
     half_w, half_h = 0.5 * flip * wide, -0.5 * high
     # How the texel under the ray moves from one pixel to the next, across and down.
     step = t * pixel
     kx, ky = frames[v, s, axis, 0] / d[axis], frames[v, s, axis, 1] / d[axis]
-    b, g, r = texels_along(
+    b, g, r = sample_anisotropic(
         0.5 * wide + half_w * p[i],
         0.5 * high + half_h * p[j],
         half_w * step * (frames[v, s, i, 0] - d[i] * kx),
@@ -143,7 +141,7 @@ def colour_at(
 
 
 @kernel
-def round_colour(
+def round_surface_color(
     px: float,
     py: float,
     pz: float,
@@ -154,10 +152,10 @@ def round_colour(
     texels: Bytes,
     levels: Table,
     pixel: float,
-) -> Colour3:
+) -> Color3:
     """Colour of a tube or ball at (px, py, pz) in its unit cube: the skin is wound round it."""
     wide, high = levels[s, 0, 0, 1], levels[s, 0, 0, 2]
     turn = math.atan2(py, px) / (2.0 * math.pi) + 0.5
     scale = math.sqrt(frames[v, s, 0, 0] ** 2 + frames[v, s, 1, 0] ** 2 + frames[v, s, 2, 0] ** 2)
     size = t * pixel * scale * wide / (2.0 * math.pi)
-    return texel(turn * wide, 0.5 * (1.0 - pz) * high, size, s, 0, texels, levels)
+    return sample_trilinear(turn * wide, 0.5 * (1.0 - pz) * high, size, s, 0, texels, levels)

@@ -7,24 +7,24 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
-from drivers.synthetic.textures import Skin
+from drivers.geometry import Array, rigid_transform, so3_exp
+from drivers.synthetic.textures import TexturePainter
 
 
-class Kind(IntEnum):
+class SolidKind(IntEnum):
     """Shape of a solid in its own unit cube, -1 to 1 along each axis."""
 
     BOX = 0
     ROOM = 1  # a box seen from inside
-    TUBE = 2  # upright, open at both ends
-    BALL = 3
+    CYLINDER = 2  # upright, open at both ends
+    SPHERE = 3
 
 
 FACES = 6  # a box's: -x +x -y +y -z +z; a round solid has one skin, face 0
 # For a face across axis x, y, z: the axes along its skin's columns and rows, and the sign that
 # makes writing run from left to right for whoever looks at it from outside.
-FACE_U = (1, 0, 0)
-FACE_V = (2, 2, 1)
+FACE_U_AXIS = (1, 0, 0)
+FACE_V_AXIS = (2, 2, 1)
 FACE_FLIP = (1.0, -1.0, 1.0)
 
 
@@ -32,33 +32,33 @@ FACE_FLIP = (1.0, -1.0, 1.0)
 class Solid:
     """A shape with `half_m` extents (3,) in its own frame, and a skin for each face."""
 
-    kind: Kind
+    kind: SolidKind
     T_world_solid: Array
     half_m: Array
-    skins: tuple[Skin, ...]
+    textures: tuple[TexturePainter, ...]
 
-    def moved(self, T: Array) -> "Solid":
+    def transform(self, T: Array) -> "Solid":
         """The same solid after the rigid motion `T` of its world."""
         return replace(self, T_world_solid=T @ self.T_world_solid)
 
     def face_size_m(self, face: int) -> tuple[float, float]:
         """Width and height of a face's skin in metres."""
         x, y, z = (2.0 * float(half) for half in self.half_m)
-        if self.kind in (Kind.TUBE, Kind.BALL):
+        if self.kind in (SolidKind.CYLINDER, SolidKind.SPHERE):
             return np.pi * (x + y) / 2, z
         return ((y, z), (x, z), (x, y))[face // 2]
 
 
-def box(
+def make_solid(
     centre_m: Sequence[float],
     size_m: Sequence[float],
-    skins: Skin | tuple[Skin, ...],
+    textures: TexturePainter | tuple[TexturePainter, ...],
     yaw_rad: float = 0.0,
-    kind: Kind = Kind.BOX,
+    kind: SolidKind = SolidKind.BOX,
 ) -> Solid:
     """An upright solid of full `size_m`, turned by `yaw_rad`; one skin for all faces or six."""
-    six = skins if isinstance(skins, tuple) else (skins,) * FACES
-    T = rigid_transform(rotation_from_vector([0.0, 0.0, yaw_rad]), centre_m)
+    six = textures if isinstance(textures, tuple) else (textures,) * FACES
+    T = rigid_transform(so3_exp([0.0, 0.0, yaw_rad]), centre_m)
     return Solid(kind, T, np.asarray(size_m, dtype=np.float64) / 2, six)
 
 

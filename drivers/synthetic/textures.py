@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Paint = NDArray[np.float32]
-Skin = Callable[[np.random.Generator, int, int, float], Paint]
-Colour = tuple[float, float, float]
+TexturePainter = Callable[[np.random.Generator, int, int, float], Paint]
+Color = tuple[float, float, float]
 
 
-def fractal(
+def fractal_noise(
     rng: np.random.Generator, height: int, width: int, coarsest_px: float, finest_px: float = 1.0
 ) -> Paint:
     """(H, W) noise of about unit deviation, equal power in each octave: photographs' 1/f law."""
@@ -23,18 +23,18 @@ def fractal(
     total = np.zeros((2, 2), dtype=np.float32)
     for size_px in finest_px * 2.0 ** np.arange(octaves - 1, -1, -1):
         rows, columns = int(height / size_px) + 2, int(width / size_px) + 2
-        total = _enlarged(total, columns, rows)
+        total = _enlarge(total, columns, rows)
         total += rng.standard_normal((rows, columns), dtype=np.float32)
     if finest_px > 1.0:
-        total = _enlarged(total, width, height)
+        total = _enlarge(total, width, height)
     return total[:height, :width] / np.float32(np.sqrt(0.8 * octaves))
 
 
-def _enlarged(image: Paint, width: int, height: int) -> Paint:
+def _enlarge(image: Paint, width: int, height: int) -> Paint:
     return cv2.resize(image, (width, height), interpolation=cv2.INTER_CUBIC)  # type: ignore[return-value]
 
 
-def stretched(
+def anisotropic_noise(
     rng: np.random.Generator, height: int, width: int, size_x: float, size_y: float
 ) -> Paint:
     """(H, W) smooth noise of about unit deviation with blobs of the given size in pixels."""
@@ -50,15 +50,15 @@ def stretched(
     return result
 
 
-def tinted(colour: Colour, light: Paint) -> Paint:
+def tint(color: Color, light: Paint) -> Paint:
     """A colour times a map of brightness (H, W): float32 (H, W, 3)."""
-    result: Paint = light[..., None] * np.array(colour, dtype=np.float32)
+    result: Paint = light[..., None] * np.array(color, dtype=np.float32)
     return result
 
 
-def random_colour(
+def random_color(
     rng: np.random.Generator, saturation: float = 0.5, low: float = 60.0, high: float = 210.0
-) -> Colour:
+) -> Color:
     """A random hue: saturation 0 is grey."""
     brightness = rng.uniform(low, high)
     hue = rng.dirichlet((2.0, 2.0, 2.0)) * 3.0
@@ -67,53 +67,55 @@ def random_colour(
     return float(blue), float(green), float(red)
 
 
-def plain(colour: Colour) -> Skin:
+def flat_color(color: Color) -> TexturePainter:
     """One flat colour: what a bare wall is."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        return np.full((height, width, 3), colour, dtype=np.float32)
+        return np.full((height, width, 3), color, dtype=np.float32)
 
     return paint
 
 
-def plaster(colour: Colour, roughness: float = 0.04) -> Skin:
+def plaster(color: Color, roughness: float = 0.04) -> TexturePainter:
     """A painted wall: clouds, stains, grain and scuffs."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        light = 1.0 + roughness * fractal(rng, height, width, 0.8 / texel_m)
-        scuffs = fractal(rng, height, width, 0.1 / texel_m)
+        light = 1.0 + roughness * fractal_noise(rng, height, width, 0.8 / texel_m)
+        scuffs = fractal_noise(rng, height, width, 0.1 / texel_m)
         light -= 0.12 * np.maximum(0.0, scuffs - 1.8)
-        return tinted(colour, light)
+        return tint(color, light)
 
     return paint
 
 
-def fabric(colour: Colour, other: Colour) -> Skin:
+def fabric(color: Color, other: Color) -> TexturePainter:
     """Woven cloth or carpet: irregular stripes, the second colour a hint; yarn and wear."""
-    b, g, r = (0.75 * one + 0.15 * two for one, two in zip(colour, other, strict=True))
+    b, g, r = (0.75 * one + 0.15 * two for one, two in zip(color, other, strict=True))
     shade = (b, g, r)
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        stripes = stretched(rng, 1, width, 0.03 / texel_m, 1.0)
-        bands = stretched(rng, height, 1, 1.0, 0.05 / texel_m)
-        wander = 0.5 * fractal(rng, height, width, 0.3 / texel_m)
+        stripes = anisotropic_noise(rng, 1, width, 0.03 / texel_m, 1.0)
+        bands = anisotropic_noise(rng, height, 1, 1.0, 0.05 / texel_m)
+        wander = 0.5 * fractal_noise(rng, height, width, 0.3 / texel_m)
         mix = 1.0 / (1.0 + np.exp(-1.6 * (stripes + 0.7 * bands + wander)))
-        yarn = 1.0 + 0.07 * fractal(rng, height, width, 0.02 / texel_m)
-        return tinted(colour, mix * yarn) + tinted(shade, (1.0 - mix) * yarn)
+        yarn = 1.0 + 0.07 * fractal_noise(rng, height, width, 0.02 / texel_m)
+        return tint(color, mix * yarn) + tint(shade, (1.0 - mix) * yarn)
 
     return paint
 
 
-def wood(colour: Colour, board_m: float = 0.0) -> Skin:
+def wood(color: Color, board_m: float = 0.0) -> TexturePainter:
     """Grain along the width; with `board_m`, boards of that breadth, each cut elsewhere."""
 
     def grain(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        rings = stretched(rng, height, width, 0.6 / texel_m, 0.04 / texel_m)
-        veins = np.sin(7.0 * rings + stretched(rng, height, width, 0.2 / texel_m, 0.006 / texel_m))
-        fibre = stretched(rng, height, width, 0.05 / texel_m, 0.003 / texel_m)
-        clouds = fractal(rng, height, width, 0.3 / texel_m)
+        rings = anisotropic_noise(rng, height, width, 0.6 / texel_m, 0.04 / texel_m)
+        veins = np.sin(
+            7.0 * rings + anisotropic_noise(rng, height, width, 0.2 / texel_m, 0.006 / texel_m)
+        )
+        fibre = anisotropic_noise(rng, height, width, 0.05 / texel_m, 0.003 / texel_m)
+        clouds = fractal_noise(rng, height, width, 0.3 / texel_m)
         light = rng.uniform(0.92, 1.05) + 0.03 * veins + 0.015 * fibre + 0.03 * clouds
-        return tinted(colour, light)
+        return tint(color, light)
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         if board_m == 0.0:
@@ -135,7 +137,7 @@ def wood(colour: Colour, board_m: float = 0.0) -> Skin:
     return paint
 
 
-def bricks(colour: Colour, brick_m: tuple[float, float] = (0.24, 0.075)) -> Skin:
+def bricks(color: Color, brick_m: tuple[float, float] = (0.24, 0.075)) -> TexturePainter:
     """A wall of bricks, each burnt differently, in rough mortar."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
@@ -144,16 +146,16 @@ def bricks(colour: Colour, brick_m: tuple[float, float] = (0.24, 0.075)) -> Skin
         joint = max(1, round(0.010 / texel_m))
         for row, top in enumerate(range(0, height, high)):
             for left in range(-(row % 2) * long // 2 - rng.integers(0, 3), width, long):
-                burnt = np.array(colour) * rng.uniform(0.85, 1.1) + rng.normal(0.0, 4.0, 3)
+                burnt = np.array(color) * rng.uniform(0.85, 1.1) + rng.normal(0.0, 4.0, 3)
                 image[top : top + high - joint, max(left, 0) : max(left + long - joint, 0)] = burnt
-        light = 1.0 + 0.06 * fractal(rng, height, width, 0.2 / texel_m)
+        light = 1.0 + 0.06 * fractal_noise(rng, height, width, 0.2 / texel_m)
         result: Paint = image * light[..., None]
         return result
 
     return paint
 
 
-def doors(front: Skin, columns: int, rows: int) -> Skin:
+def cabinet_doors(front: TexturePainter, columns: int, rows: int) -> TexturePainter:
     """A cupboard's front: panels with gaps, bevels and handles."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:

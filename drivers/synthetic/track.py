@@ -7,30 +7,34 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.geometry import Array, quaternion_from_rotation
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.path import Path as MotionPath
+from drivers.synthetic.path import CameraMotion as MotionPath
 from drivers.synthetic.spline import CubicSpline
-from drivers.trajectory import StampedPoses, read_trajectory
+from drivers.trajectory import Trajectory, read_trajectory
 
 FLOOR_MARGIN_M = 0.4
 CEILING_MARGIN_M = 0.4
 
 
-class TrackPath(MotionPath):
+class RecordedMotion(MotionPath):
     """A recorded track, moved into the middle of the room but neither turned nor scaled."""
 
-    def __init__(self, track: StampedPoses, start_s: float, duration_s: float, loop: bool) -> None:
-        times_s = track.stamps_s - track.stamps_s[0]
-        quaternions = np.array([quaternion_from_rotation(T[:3, :3]) for T in track.T_world_camera])
+    def __init__(
+        self, trajectory: Trajectory, start_s: float, duration_s: float, loop: bool
+    ) -> None:
+        times_s = trajectory.stamps_s - trajectory.stamps_s[0]
+        quaternions = np.array(
+            [quaternion_from_rotation(T[:3, :3]) for T in trajectory.T_world_camera]
+        )
         # q and -q are one rotation: choose signs so that neighbours are close.
         flips = np.sign(np.sum(quaternions[1:] * quaternions[:-1], axis=1) + 1e-12)
         quaternions[1:] *= np.cumprod(flips)[:, None]
-        positions = track.T_world_camera[:, :3, 3]
+        positions = trajectory.T_world_camera[:, :3, 3]
         self._spline = CubicSpline(times_s, np.hstack([positions, quaternions]))
         self._start_s, self._duration_s, self._loop = start_s, duration_s, loop
         self._shift_m = np.zeros(3)
 
     @classmethod
-    def read(cls, file: Path, config: SyntheticConfig, room_height_m: float) -> "TrackPath":
+    def read(cls, file: Path, config: SyntheticConfig, room_height_m: float) -> "RecordedMotion":
         """Read and place a track file. Raises InputError if it is broken or too short."""
         track = read_trajectory(file)
         available_s = float(track.stamps_s[-1] - track.stamps_s[0]) - config.track_start_s
@@ -41,18 +45,18 @@ class TrackPath(MotionPath):
                 "ask for a shorter duration"
             )
         path = cls(track, config.track_start_s, config.duration_s, config.loop)
-        path._centre(room_height_m)
+        path._center(room_height_m)
         return path
 
     def poses(self, times_s: Array) -> Array:
-        """See `path.Path`."""
-        values = self._spline(self._start_s + self._track_time(times_s))
+        """See `path.CameraMotion`."""
+        values = self._spline(self._start_s + self._playback_time(times_s))
         T = np.tile(np.eye(4), (len(times_s), 1, 1))
         T[:, :3, 3] = values[:, :3] + self._shift_m
         T[:, :3, :3] = _rotations_from_quaternions(values[:, 3:])
         return T
 
-    def _track_time(self, times_s: Array) -> Array:
+    def _playback_time(self, times_s: Array) -> Array:
         """In a loop the track is played there and back, slowing down at both ends."""
         if not self._loop:
             return times_s
@@ -60,7 +64,7 @@ class TrackPath(MotionPath):
         result: Array = 0.25 * self._duration_s * (1.0 - np.cos(phase))
         return result
 
-    def _centre(self, room_height_m: float) -> None:
+    def _center(self, room_height_m: float) -> None:
         position_m = self.poses(np.linspace(0.0, self._duration_s, 500))[:, :3, 3]
         low, high = position_m.min(axis=0), position_m.max(axis=0)
         self._shift_m = -(low + high) / 2

@@ -7,15 +7,15 @@ import numpy as np
 from drivers.geometry import Array
 
 # (amplitude, frequency in Hz), metres or radians.
-Waves = tuple[tuple[float, float], ...]
-TREMOR_POSITION: Waves = ((0.006, 0.7), (0.004, 1.3), (0.0015, 2.9), (0.0006, 5.3))
-TREMOR_ROTATION: Waves = ((0.010, 0.8), (0.006, 1.7), (0.003, 3.1), (0.0012, 5.9))
+Sinusoids = tuple[tuple[float, float], ...]
+TREMOR_POSITION: Sinusoids = ((0.006, 0.7), (0.004, 1.3), (0.0015, 2.9), (0.0006, 5.3))
+TREMOR_ROTATION: Sinusoids = ((0.010, 0.8), (0.006, 1.7), (0.003, 3.1), (0.0012, 5.9))
 # Of a hand: x y z, and a rotation vector in the camera's axes.
 TREMOR = (TREMOR_POSITION,) * 3 + (TREMOR_ROTATION,) * 3
 
 
 @dataclass(frozen=True)
-class WavePath:
+class SinusoidSum:
     """Six sums of sines (..., 6), each with a whole number of periods in `duration_s`."""
 
     amplitude: Array  # (6, K)
@@ -24,8 +24,8 @@ class WavePath:
 
     @classmethod
     def random(
-        cls, rng: np.random.Generator, duration_s: float, axes: tuple[Waves, ...]
-    ) -> "WavePath":
+        cls, rng: np.random.Generator, duration_s: float, axes: tuple[Sinusoids, ...]
+    ) -> "SinusoidSum":
         """Waves of random phase near the frequencies asked; never faster for being rounded up."""
         longest = max(len(axis) for axis in axes)
         table = np.zeros((len(axes), longest, 2))

@@ -5,18 +5,18 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-from drivers.camera import CameraCounters, Clock, EndOfStream, Pace, RgbdCamera, RgbdFrame
+from drivers.camera import CameraCounters, Clock, EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.errors import InputError
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from drivers.tum.decode import UnreadableFrameError
-from drivers.tum.folder import TumFolder, open_folder
+from drivers.tum.folder import TumFolder, open_tum_folder
 from drivers.tum.frame_buffer import (
     BufferClosedError,
     FrameBuffer,
     LockstepBuffer,
     RealtimeBuffer,
 )
-from drivers.tum.frame_reader import FrameReader
+from drivers.tum.frame_reader import TumFrameReader
 from drivers.tum.lists import FramePair
 
 JOIN_TIMEOUT_S = 5.0
@@ -37,14 +37,14 @@ class TumCamera(RgbdCamera):
         self,
         folder: Path,
         camera_file: Path | None = None,
-        pace: Pace = Pace.LOCKSTEP,
+        playback_mode: PlaybackMode = PlaybackMode.LOCKSTEP,
         every: int = 1,
     ) -> None:
         if every < 1:
             raise InputError(f"every {every}: must be 1 (each frame) or more")
         self.name = f"tum:{folder}"
         self._folder, self._camera_file = folder, camera_file
-        self._pace, self._every = pace, every
+        self._playback_mode, self._every = playback_mode, every
         self._opened: TumFolder | None = None
         self._pairs: Sequence[FramePair] = ()
         self._thread = threading.Thread()
@@ -54,9 +54,9 @@ class TumCamera(RgbdCamera):
     def open(self) -> None:
         """Check the folder and start decoding. Raises InputError for a folder without use."""
         self.close()
-        self._opened = open_folder(self._folder, self._camera_file)
+        self._opened = open_tum_folder(self._folder, self._camera_file)
         self._pairs = self._opened.frames.pairs[:: self._every]
-        self._buffer = _buffer(self._pace, self._pairs)
+        self._buffer = _make_buffer(self._playback_mode, self._pairs)
         self._thread = threading.Thread(
             target=_decode_ahead,
             args=(self._pairs, self._opened, self._buffer),
@@ -67,7 +67,7 @@ class TumCamera(RgbdCamera):
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """The next frame at this pace, as the contract says."""
-        return self._buffer.take(timeout_s)
+        return self._buffer.get(timeout_s)
 
     def close(self) -> None:
         """Stop the decoding; what has been counted can still be asked for."""
@@ -92,22 +92,22 @@ class TumCamera(RgbdCamera):
         return self._opened.frames.unpaired if self._opened else None
 
     @property
-    def ground_truth(self) -> StampedPoses | None:
+    def ground_truth(self) -> Trajectory | None:
         """FOLDER/groundtruth.txt, if there is one; None before `open`."""
         return self._opened.ground_truth if self._opened else None
 
 
-def _buffer(pace: Pace, pairs: Sequence[FramePair]) -> FrameBuffer:
-    if pace is Pace.LOCKSTEP:
+def _make_buffer(playback_mode: PlaybackMode, pairs: Sequence[FramePair]) -> FrameBuffer:
+    if playback_mode is PlaybackMode.LOCKSTEP:
         return LockstepBuffer()
-    first_s = pairs[0].colour.stamp_s
-    return RealtimeBuffer([pair.colour.stamp_s - first_s for pair in pairs])
+    first_s = pairs[0].color.stamp_s
+    return RealtimeBuffer([pair.color.stamp_s - first_s for pair in pairs])
 
 
 def _decode_ahead(pairs: Sequence[FramePair], folder: TumFolder, buffer: FrameBuffer) -> None:
     """Body of the decoding thread. Whatever goes wrong in it reaches the reader."""
     try:
-        _fill(buffer, pairs, folder)
+        _fill_buffer(buffer, pairs, folder)
         buffer.finish(EndOfStream())
     except BufferClosedError:
         pass
@@ -115,15 +115,15 @@ def _decode_ahead(pairs: Sequence[FramePair], folder: TumFolder, buffer: FrameBu
         buffer.finish(error)
 
 
-def _fill(buffer: FrameBuffer, pairs: Sequence[FramePair], folder: TumFolder) -> None:
-    reader = FrameReader(folder)
+def _fill_buffer(buffer: FrameBuffer, pairs: Sequence[FramePair], folder: TumFolder) -> None:
+    reader = TumFrameReader(folder)
     index = 0
-    while (index := buffer.next_wanted(index)) < len(pairs):
+    while (index := buffer.next_index(index)) < len(pairs):
         try:
             frame = reader.read(pairs[index], seq=index)
         except UnreadableFrameError as error:
             _log.warning("frame %d is skipped: %s", index, error)
-            buffer.skip()
+            buffer.count_skipped()
         else:
             buffer.put(frame)
         index += 1

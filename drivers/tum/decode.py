@@ -16,7 +16,7 @@ JPEG_START = b"\xff\xd8"
 JPEG_END = b"\xff\xd9"
 JPEG_SCAN = 0xDA
 
-ColourImage = NDArray[np.uint8]
+BgrImage = NDArray[np.uint8]
 DepthImage = NDArray[np.uint16]
 
 
@@ -24,27 +24,27 @@ class UnreadableFrameError(Exception):
     """A frame's file is missing, broken or of the wrong kind: ``FILE: reason; what to do``."""
 
 
-def load_pair(pair: FramePair, size: tuple[int, int]) -> tuple[ColourImage, DepthImage]:
+def load_pair(pair: FramePair, size: tuple[int, int]) -> tuple[BgrImage, DepthImage]:
     """Colour (height, width, 3) BGR uint8 and depth (height, width) uint16 of one frame.
 
     `size` is (width, height) of the camera. Raises UnreadableFrameError.
     """
-    colour = load_colour(pair.colour.file)
+    colour = load_color(pair.color.file)
     depth = load_depth(pair.depth.file)
     if colour.shape[:2] != depth.shape:
         raise UnreadableFrameError(
-            f"{pair.colour.file}: colour is {_size(colour)} but depth ({pair.depth.file}) is "
-            f"{_size(depth)}; register the depth to the colour image"
+            f"{pair.color.file}: colour is {_size_text(colour)} but depth ({pair.depth.file}) is "
+            f"{_size_text(depth)}; register the depth to the colour image"
         )
     if depth.shape != size[::-1]:
         raise UnreadableFrameError(
-            f"{pair.colour.file}: the image is {_size(colour)} but the camera is "
+            f"{pair.color.file}: the image is {_size_text(colour)} but the camera is "
             f"{size[0]}x{size[1]}; give the camera file of these images"
         )
     return colour, depth
 
 
-def load_colour(file: Path) -> ColourImage:
+def load_color(file: Path) -> BgrImage:
     """(height, width, 3) BGR uint8 of a PNG or JPEG. Raises UnreadableFrameError."""
     image = _load(file)
     if image.dtype != np.uint8:
@@ -77,7 +77,7 @@ def _load(file: Path) -> NDArray[Any]:
         data = file.read_bytes()
     except OSError as error:
         raise UnreadableFrameError(f"{file}: cannot be read: {error.strerror}") from error
-    fault = _fault(data)
+    fault = _find_fault(data)
     if fault:
         raise UnreadableFrameError(f"{file}: {fault}; restore it or take it out of the list")
     try:
@@ -89,7 +89,7 @@ def _load(file: Path) -> NDArray[Any]:
     return image
 
 
-def _fault(data: bytes) -> str:
+def _find_fault(data: bytes) -> str:
     """Why an image file is not whole, "" if it is.
 
     OpenCV would fill what is missing with grey, or complain on standard error: so look first.
@@ -97,13 +97,13 @@ def _fault(data: bytes) -> str:
     if not data:
         return "is empty (0 bytes)"
     if data.startswith(PNG_SIGNATURE):
-        return _png_fault(data)
+        return _find_png_fault(data)
     if data.startswith(JPEG_START):
-        return _jpeg_fault(data)
+        return _find_jpeg_fault(data)
     return "is not an image (neither PNG nor JPEG)"
 
 
-def _png_fault(data: bytes) -> str:
+def _find_png_fault(data: bytes) -> str:
     """Walk the chunks (length, type, data, CRC) up to IEND: PNG specification, section 5."""
     position = len(PNG_SIGNATURE)
     while position + 12 <= len(data):
@@ -120,7 +120,7 @@ def _png_fault(data: bytes) -> str:
     return f"is truncated (the PNG breaks off after {len(data)} bytes)"
 
 
-def _jpeg_fault(data: bytes) -> str:
+def _find_jpeg_fault(data: bytes) -> str:
     """Walk the segments to the scan, then look for the end: ITU-T T.81, annex B.
 
     In a scan 0xFF is always escaped, so an end marker found there is the real one, not one of an
@@ -136,5 +136,5 @@ def _jpeg_fault(data: bytes) -> str:
     return "is truncated or damaged (the JPEG has no picture in it)"
 
 
-def _size(image: NDArray[Any]) -> str:
+def _size_text(image: NDArray[Any]) -> str:
     return f"{image.shape[1]}x{image.shape[0]}"

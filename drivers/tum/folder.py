@@ -5,19 +5,19 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.camera_file import CameraFile, camera_of_folder
+from drivers.camera_file import CameraCalibration, find_calibration
 from drivers.errors import InputError
-from drivers.trajectory import StampedPoses, read_trajectory
-from drivers.tum.accelerometer import GravityTrack, read_gravity
+from drivers.trajectory import Trajectory, read_trajectory
+from drivers.tum.accelerometer import GravitySeries, read_gravity
 from drivers.tum.decode import UnreadableFrameError, load_pair
 from drivers.tum.lists import FramePair, ListedImage, read_associations, read_image_list
-from drivers.tum.pairing import Stamps, pair_nearest
+from drivers.tum.pairing import StampsUs, pair_nearest
 
-WITHIN_US = 20_000
+MAX_PAIR_SKEW_US = 20_000
 
 
 @dataclass(frozen=True)
-class PairedFrames:
+class FolderFrames:
     """The frames of a folder, and how many images were left without a partner."""
 
     pairs: list[FramePair]
@@ -28,25 +28,25 @@ class PairedFrames:
 class TumFolder:
     """A folder that has been checked: it can be replayed from its first frame."""
 
-    frames: PairedFrames
-    camera_file: CameraFile
-    ground_truth: StampedPoses | None
-    gravity: GravityTrack
+    frames: FolderFrames
+    calibration: CameraCalibration
+    ground_truth: Trajectory | None
+    gravity: GravitySeries
 
 
-def open_folder(folder: Path, camera_file: Path | None) -> TumFolder:
+def open_tum_folder(folder: Path, camera_file: Path | None) -> TumFolder:
     """Read a folder's lists, camera, ground truth and gravity, and try its first frame.
 
     Raises InputError for whatever makes the folder as a whole unusable.
     """
     _check_folder(folder)
-    frames = paired_frames(folder)
-    camera = camera_of_folder(folder, camera_file)
+    frames = read_frame_pairs(folder)
+    camera = find_calibration(folder, camera_file)
     _check_files(frames.pairs)
     try:
         load_pair(frames.pairs[0], (camera.width, camera.height))
     except UnreadableFrameError as error:
-        where = frames.pairs[0].colour.where
+        where = frames.pairs[0].color.location
         raise InputError(f"{error} (the first frame, {where})") from error
     truth = folder / "groundtruth.txt"
     known_truth = read_trajectory(truth) if truth.exists() else None
@@ -66,14 +66,14 @@ def _check_folder(folder: Path) -> None:
         raise InputError(f"{folder}: the folder is empty; name one with rgb.txt and depth.txt")
 
 
-def paired_frames(folder: Path) -> PairedFrames:
+def read_frame_pairs(folder: Path) -> FolderFrames:
     """The frames that the lists of a folder name, without a look at its images or its camera.
 
     Raises InputError if a list is missing, does not parse, or no two images belong together.
     """
     associations = folder / "associations.txt"
     if associations.exists():
-        return PairedFrames(read_associations(associations))
+        return FolderFrames(read_associations(associations))
     for name in ("rgb.txt", "depth.txt"):
         if not (folder / name).exists():
             raise InputError(
@@ -81,30 +81,30 @@ def paired_frames(folder: Path) -> PairedFrames:
                 "or associations.txt"
             )
     colour, depth = read_image_list(folder / "rgb.txt"), read_image_list(folder / "depth.txt")
-    found = pair_nearest(_microseconds(colour), _microseconds(depth), WITHIN_US)
+    found = pair_nearest(_stamps_us(colour), _stamps_us(depth), MAX_PAIR_SKEW_US)
     if not found:
         raise InputError(
-            f"{folder}: no colour and depth images within {WITHIN_US // 1000} ms of each other; "
+            f"{folder}: no colour and depth images within {MAX_PAIR_SKEW_US // 1000} ms of each other; "
             "rgb.txt and depth.txt must be of one recording, with stamps in seconds"
         )
     pairs = [FramePair(colour[i], depth[j]) for i, j in found]
-    return PairedFrames(pairs, len(colour) + len(depth) - 2 * len(pairs))
+    return FolderFrames(pairs, len(colour) + len(depth) - 2 * len(pairs))
 
 
-def _microseconds(images: list[ListedImage]) -> Stamps:
+def _stamps_us(images: list[ListedImage]) -> StampsUs:
     return np.array([int(image.stamp.scaleb(6).to_integral_value()) for image in images], np.int64)
 
 
 def _check_files(pairs: list[FramePair]) -> None:
     """Raise unless the first frame's files are there and most of the others' too."""
-    missing = [_missing(pair) for pair in pairs]
+    missing = [_missing_file(pair) for pair in pairs]
     named = [image for image in missing if image is not None]
     if missing[0] is not None or 2 * len(named) > len(pairs):
         raise InputError(
-            f"{named[0].where}: names {named[0].file}, which is missing "
+            f"{named[0].location}: names {named[0].file}, which is missing "
             f"({len(named)} of {len(pairs)} frames lack a file); restore it or remove the line"
         )
 
 
-def _missing(pair: FramePair) -> ListedImage | None:
-    return next((image for image in (pair.colour, pair.depth) if not image.file.is_file()), None)
+def _missing_file(pair: FramePair) -> ListedImage | None:
+    return next((image for image in (pair.color, pair.depth) if not image.file.is_file()), None)

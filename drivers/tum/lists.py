@@ -9,8 +9,8 @@ from drivers.errors import InputError
 
 # Stamps are kept as written: 17 digits of seconds do not fit a float, and a difference of two
 # stamps is then exact. The precision holds the sum of any two floats that have been printed.
-EXACT = Context(prec=100)
-_FAR_FUTURE_S = Decimal(10**11)
+EXACT_CONTEXT = Context(prec=100)
+_MAX_STAMP_S = Decimal(10**11)
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class ListedImage:
 
     stamp: Decimal
     file: Path
-    where: str  # "LIST:LINE"
+    location: str  # "LIST:LINE"
 
     @property
     def stamp_s(self) -> float:
@@ -31,13 +31,13 @@ class ListedImage:
 class FramePair:
     """Colour and depth that belong together."""
 
-    colour: ListedImage
+    color: ListedImage
     depth: ListedImage
 
     @property
     def skew_s(self) -> float:
         """Instant of depth minus instant of colour."""
-        return float(EXACT.subtract(self.depth.stamp, self.colour.stamp))
+        return float(EXACT_CONTEXT.subtract(self.depth.stamp, self.color.stamp))
 
 
 def read_image_list(path: Path) -> list[ListedImage]:
@@ -47,8 +47,8 @@ def read_image_list(path: Path) -> list[ListedImage]:
     read, is empty, does not parse, if a path leads out of the folder by what it says (absolute, or
     with ``..``; links are followed), or if stamps repeat or go backwards.
     """
-    images = [_image(words, path, n) for n, words in _image_rows(path, "stamp file")]
-    _check_rising(images)
+    images = [_parse_image(words, path, n) for n, words in _read_image_rows(path, "stamp file")]
+    _check_increasing(images)
     return images
 
 
@@ -57,14 +57,14 @@ def read_associations(path: Path) -> list[FramePair]:
 
     Raises InputError as `read_image_list`, for either column of stamps.
     """
-    rows = _image_rows(path, "stamp colour_file stamp depth_file")
-    pairs = [FramePair(_image(w[:2], path, n), _image(w[2:], path, n)) for n, w in rows]
-    _check_rising([pair.colour for pair in pairs])
-    _check_rising([pair.depth for pair in pairs])
+    rows = _read_image_rows(path, "stamp colour_file stamp depth_file")
+    pairs = [FramePair(_parse_image(w[:2], path, n), _parse_image(w[2:], path, n)) for n, w in rows]
+    _check_increasing([pair.color for pair in pairs])
+    _check_increasing([pair.depth for pair in pairs])
     return pairs
 
 
-def words_of_list(path: Path, form: str) -> list[tuple[int, list[str]]]:
+def read_rows(path: Path, columns: str) -> list[tuple[int, list[str]]]:
     """The line number and the words of every line that is neither blank nor a comment.
 
     Raises InputError naming the file, and the line where the number of words is not that of `form`.
@@ -74,29 +74,29 @@ def words_of_list(path: Path, form: str) -> list[tuple[int, list[str]]]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not a text file; expected lines of: {form}") from error
+        raise InputError(f"{path}: is not a text file; expected lines of: {columns}") from error
     rows = []
     for number, line in enumerate(lines, 1):
         words = line.replace(",", " ").split()
         if not words or words[0].startswith("#"):
             continue
-        if len(words) != len(form.split()):
+        if len(words) != len(columns.split()):
             raise InputError(
-                f"{path}:{number}: {len(words)} columns where {len(form.split())} are expected: "
-                f"{form}"
+                f"{path}:{number}: {len(words)} columns where {len(columns.split())} are expected: "
+                f"{columns}"
             )
         rows.append((number, words))
     return rows
 
 
-def _image_rows(path: Path, form: str) -> list[tuple[int, list[str]]]:
-    rows = words_of_list(path, form)
+def _read_image_rows(path: Path, columns: str) -> list[tuple[int, list[str]]]:
+    rows = read_rows(path, columns)
     if not rows:
-        raise InputError(f"{path}: names no image; expected lines of: {form}")
+        raise InputError(f"{path}: names no image; expected lines of: {columns}")
     return rows
 
 
-def _image(words: list[str], path: Path, number: int) -> ListedImage:
+def _parse_image(words: list[str], path: Path, number: int) -> ListedImage:
     where = f"{path}:{number}"
     try:
         stamp = Decimal(words[0])
@@ -104,12 +104,12 @@ def _image(words: list[str], path: Path, number: int) -> ListedImage:
         raise InputError(
             f'{where}: "{words[0]}" is not a stamp; the column must be seconds, as 1305031102.1753'
         ) from error
-    if not stamp.is_finite() or abs(stamp) > _FAR_FUTURE_S:
+    if not stamp.is_finite() or abs(stamp) > _MAX_STAMP_S:
         raise InputError(f"{where}: stamp {words[0]} is not in seconds; rewrite the list")
-    return ListedImage(stamp, path.parent / _below(words[1], where), where)
+    return ListedImage(stamp, path.parent / _resolve_inside(words[1], where), where)
 
 
-def _below(text: str, where: str) -> PurePath:
+def _resolve_inside(text: str, location: str) -> PurePath:
     """The path of an image, from the list's folder. Raises InputError if it leads out of that.
 
     What the list says counts, not what is on the disk: a folder may be a link to another disk.
@@ -117,17 +117,17 @@ def _below(text: str, where: str) -> PurePath:
     path = PurePath(text)
     if path.is_absolute() or ".." in path.parts:
         raise InputError(
-            f'{where}: "{text}" leads out of the recording\'s folder; put the image (or a link to '
+            f'{location}: "{text}" leads out of the recording\'s folder; put the image (or a link to '
             "it) into that folder, and write its path from there"
         )
     return path
 
 
-def _check_rising(images: list[ListedImage]) -> None:
+def _check_increasing(images: list[ListedImage]) -> None:
     for before, image in pairwise(images):
         if image.stamp_s <= before.stamp_s:
             fault = "repeats" if image.stamp_s == before.stamp_s else "goes back"
             raise InputError(
-                f"{image.where}: stamp {image.stamp} {fault} (the one before is {before.stamp}); "
+                f"{image.location}: stamp {image.stamp} {fault} (the one before is {before.stamp}); "
                 "sort the list by its stamps and remove repeats"
             )

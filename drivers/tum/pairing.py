@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-Stamps = NDArray[np.int64]
+StampsUs = NDArray[np.int64]
 
 
-def pair_nearest(colour_us: Stamps, depth_us: Stamps, within_us: int) -> list[tuple[int, int]]:
-    """Pair two rising lists of stamps (microseconds), at most `within_us` apart, one to one.
+def pair_nearest(color_us: StampsUs, depth_us: StampsUs, max_skew_us: int) -> list[tuple[int, int]]:
+    """Pair two rising lists of stamps (microseconds), at most `max_skew_us` apart, one to one.
 
     Greedy over all candidates, closest first, as the TUM RGB-D benchmark's own ``associate.py``;
     of two equally close the earlier goes first. Only neighbours within reach are ever listed, so
@@ -15,11 +15,11 @@ def pair_nearest(colour_us: Stamps, depth_us: Stamps, within_us: int) -> list[tu
 
     Returns (index in colour, index in depth), in order of time.
     """
-    first = np.searchsorted(depth_us, colour_us - within_us, side="left")
-    last = np.searchsorted(depth_us, colour_us + within_us, side="right")
+    first = np.searchsorted(depth_us, color_us - max_skew_us, side="left")
+    last = np.searchsorted(depth_us, color_us + max_skew_us, side="right")
     candidates = sorted(
-        (abs(int(colour_us[i] - depth_us[j])), i, j)
-        for i in range(len(colour_us))
+        (abs(int(color_us[i] - depth_us[j])), i, j)
+        for i in range(len(color_us))
         for j in range(first[i], last[i])
     )
     partner: dict[int, int] = {}

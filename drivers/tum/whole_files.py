@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 
-def write_whole(path: Path, data: bytes) -> None:
+def atomic_write(path: Path, data: bytes) -> None:
     """Write a file under a temporary name, then give it its own. Raises OSError, leaving nothing.
 
     Survives a kill at any moment; not flushed to the disk itself, so after a power cut the newest
@@ -19,15 +19,15 @@ def write_whole(path: Path, data: bytes) -> None:
         raise
 
 
-class GrowingList:
+class AppendOnlyFile:
     """A text file that grows by whole lines only."""
 
-    def __init__(self, path: Path, heading: str) -> None:
+    def __init__(self, path: Path, header: str) -> None:
         """Create the file with a comment as its first line. Raises OSError."""
         self.path = path
         self._size = 0
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666)
-        self.append(f"# {heading}")
+        self.append(f"# {header}")
 
     def append(self, line: str) -> None:
         """Add one line, or raise OSError and leave the file as it was."""

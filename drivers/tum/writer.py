@@ -9,24 +9,29 @@ from types import TracebackType
 from typing import Self
 
 from drivers.camera import RgbdFrame
-from drivers.camera_file import FILE_NAME, NO_DISTORTION, CameraFile, camera_file_text
+from drivers.camera_file import (
+    CAMERA_FILE_NAME,
+    NO_DISTORTION,
+    CameraCalibration,
+    format_calibration,
+)
 from drivers.errors import InputError, UserFacingError
-from drivers.full_disk import is_full
-from drivers.trajectory import StampedPoses, pose_line
-from drivers.tum.accelerometer import AccelerometerList
+from drivers.full_disk import is_disk_full
+from drivers.trajectory import Trajectory, format_pose_line
+from drivers.tum.accelerometer import AccelerometerWriter
 from drivers.tum.encode import (
-    BEFORE_ALL,
-    ColourFormat,
+    EARLIEST_STAMPS,
+    ColorFormat,
     EncodedFrame,
     FrameStamps,
-    encode,
-    exact,
-    microseconds,
+    encode_frame,
+    format_stamp,
+    round_to_microseconds,
 )
-from drivers.tum.whole_files import GrowingList, write_whole
+from drivers.tum.whole_files import AppendOnlyFile, atomic_write
 
-ENCODERS = 2
-MOST_PENDING = 4
+ENCODER_THREADS = 2
+MAX_PENDING_FRAMES = 4
 _log = logging.getLogger(__name__)
 
 
@@ -43,20 +48,20 @@ class TumWriter:
         self,
         folder: Path,
         *,
-        ground_truth: StampedPoses | None = None,
-        colour: ColourFormat = ColourFormat.PNG,
+        ground_truth: Trajectory | None = None,
+        color_format: ColorFormat = ColorFormat.PNG,
     ) -> None:
         """Create the folder. Raises InputError if it cannot be created or is not empty."""
         self.folder = folder
         self.written = self.skipped = 0
-        self._format = colour
-        self._cameras: list[CameraFile] = []
-        self._last = BEFORE_ALL
+        self._color_format = color_format
+        self._calibrations: list[CameraCalibration] = []
+        self._last_stamps = EARLIEST_STAMPS
         self._failure: UserFacingError | None = None
-        self._lists = _create(folder, ground_truth)
-        self._accelerometer = AccelerometerList(folder)
+        self._index_files = _create_folder(folder, ground_truth)
+        self._accelerometer = AccelerometerWriter(folder)
         self._pending: deque[Future[EncodedFrame]] = deque()
-        self._pool = ThreadPoolExecutor(ENCODERS, thread_name_prefix="tum-encode")
+        self._pool = ThreadPoolExecutor(ENCODER_THREADS, thread_name_prefix="tum-encode")
 
     def write(self, frame: RgbdFrame) -> None:
         """Add a frame; it may reach the disk a few frames later.
@@ -66,15 +71,17 @@ class TumWriter:
         """
         if self._failure:
             raise self._failure
-        stamps = FrameStamps.of(frame)
-        if not stamps.follow(self._last):
+        stamps = FrameStamps.from_frame(frame)
+        if not stamps.is_after(self._last_stamps):
             self.skipped += 1
             _log.warning("frame %d is not recorded: its stamp does not rise", frame.seq)
             return
-        self._write_camera(frame)
-        self._last = stamps
-        self._pending.append(self._pool.submit(encode, frame, stamps, self._format))
-        while len(self._pending) > MOST_PENDING or (self._pending and self._pending[0].done()):
+        self._write_calibration(frame)
+        self._last_stamps = stamps
+        self._pending.append(self._pool.submit(encode_frame, frame, stamps, self._color_format))
+        while len(self._pending) > MAX_PENDING_FRAMES or (
+            self._pending and self._pending[0].done()
+        ):
             self._commit(self._pending.popleft().result())
 
     def close(self) -> None:
@@ -86,8 +93,8 @@ class TumWriter:
             self._pending.clear()
             self._pool.shutdown()
             self._accelerometer.close()
-            while self._lists:
-                self._lists.pop().close()
+            while self._index_files:
+                self._index_files.pop().close()
 
     def __enter__(self) -> Self:
         return self
@@ -100,13 +107,15 @@ class TumWriter:
     ) -> None:
         self.close()
 
-    def _write_camera(self, frame: RgbdFrame) -> None:
+    def _write_calibration(self, frame: RgbdFrame) -> None:
         """Write the camera file with the first frame; from then on the camera must stay."""
-        found = _camera_file(frame)
-        if not self._cameras:
-            self._store([(self.folder / FILE_NAME, camera_file_text(found).encode())])
-            self._cameras.append(found)
-        if found != self._cameras[0]:
+        found = _make_calibration(frame)
+        if not self._calibrations:
+            self._write_files(
+                [(self.folder / CAMERA_FILE_NAME, format_calibration(found).encode())]
+            )
+            self._calibrations.append(found)
+        if found != self._calibrations[0]:
             raise UserFacingError(
                 f"{self.folder}: the camera changed while it was recorded (now {frame.camera}, "
                 f"depth factor {frame.depth_factor}, readout {frame.readout_s} s); record it into "
@@ -115,34 +124,34 @@ class TumWriter:
 
     def _commit(self, frame: EncodedFrame) -> None:
         stamps = frame.stamps
-        colour_file = f"rgb/{microseconds(stamps.colour):f}.{self._format}"
-        depth_file = f"depth/{microseconds(stamps.depth):f}.png"
-        self._store(
-            [(self.folder / colour_file, frame.colour), (self.folder / depth_file, frame.depth)]
+        colour_file = f"rgb/{round_to_microseconds(stamps.color):f}.{self._color_format}"
+        depth_file = f"depth/{round_to_microseconds(stamps.depth):f}.png"
+        self._write_files(
+            [(self.folder / colour_file, frame.color), (self.folder / depth_file, frame.depth)]
         )
-        colour_line = f"{exact(stamps.colour)} {colour_file}"
-        depth_line = f"{exact(stamps.depth)} {depth_file}"
+        colour_line = f"{format_stamp(stamps.color)} {colour_file}"
+        depth_line = f"{format_stamp(stamps.depth)} {depth_file}"
         lines = (colour_line, depth_line, f"{colour_line} {depth_line}")
         try:
-            self._accelerometer.add(exact(stamps.colour), frame.gravity_m_s2)
-            for growing, line in zip(self._lists, lines, strict=True):
+            self._accelerometer.add(format_stamp(stamps.color), frame.gravity_m_s2)
+            for growing, line in zip(self._index_files, lines, strict=True):
                 growing.append(line)
         except OSError as error:
-            raise self._fail(error) from error
+            raise self._set_failure(error) from error
         self.written += 1
 
-    def _store(self, files: Sequence[tuple[Path, bytes]]) -> None:
+    def _write_files(self, files: Sequence[tuple[Path, bytes]]) -> None:
         """Write all of them or none."""
         try:
             for path, data in files:
-                write_whole(path, data)
+                atomic_write(path, data)
         except OSError as error:
             for path, _ in files:
                 path.unlink(missing_ok=True)
-            raise self._fail(error) from error
+            raise self._set_failure(error) from error
 
-    def _fail(self, error: OSError) -> UserFacingError:
-        full = is_full(error)
+    def _set_failure(self, error: OSError) -> UserFacingError:
+        full = is_disk_full(error)
         cause = "the disk is full" if full else f"cannot be written: {error.strerror}"
         self._failure = UserFacingError(
             f"{self.folder}: {cause}; the {self.written} frames recorded so far are complete; "
@@ -151,7 +160,7 @@ class TumWriter:
         return self._failure
 
 
-def _create(folder: Path, ground_truth: StampedPoses | None) -> list[GrowingList]:
+def _create_folder(folder: Path, ground_truth: Trajectory | None) -> list[AppendOnlyFile]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
@@ -160,12 +169,14 @@ def _create(folder: Path, ground_truth: StampedPoses | None) -> list[GrowingList
         (folder / "depth").mkdir()
         if ground_truth is not None:
             poses = zip(ground_truth.stamps_s, ground_truth.T_world_camera, strict=True)
-            text = "# timestamp tx ty tz qx qy qz qw\n" + "".join(pose_line(*p) for p in poses)
-            write_whole(folder / "groundtruth.txt", text.encode())
+            text = "# timestamp tx ty tz qx qy qz qw\n" + "".join(
+                format_pose_line(*p) for p in poses
+            )
+            atomic_write(folder / "groundtruth.txt", text.encode())
         return [
-            GrowingList(folder / "rgb.txt", "timestamp filename"),
-            GrowingList(folder / "depth.txt", "timestamp filename"),
-            GrowingList(folder / "associations.txt", "timestamp rgb timestamp depth"),
+            AppendOnlyFile(folder / "rgb.txt", "timestamp filename"),
+            AppendOnlyFile(folder / "depth.txt", "timestamp filename"),
+            AppendOnlyFile(folder / "associations.txt", "timestamp rgb timestamp depth"),
         ]
     except OSError as error:
         raise InputError(
@@ -173,11 +184,11 @@ def _create(folder: Path, ground_truth: StampedPoses | None) -> list[GrowingList
         ) from error
 
 
-def _camera_file(frame: RgbdFrame) -> CameraFile:
+def _make_calibration(frame: RgbdFrame) -> CameraCalibration:
     """The camera of a frame, which is undistorted already.
 
     Its stamps are written with the whole skew, so depth is where they say: no offset is left.
     """
     c, timing = frame.camera, (frame.readout_s, 0.0)
     intrinsics = (c.width, c.height, c.fx, c.fy, c.cx, c.cy)
-    return CameraFile(*intrinsics, NO_DISTORTION, frame.depth_factor, *timing)
+    return CameraCalibration(*intrinsics, NO_DISTORTION, frame.depth_factor, *timing)

@@ -9,12 +9,18 @@ import numpy as np
 import pytest
 
 from benchmarks import features
-from benchmarks.feature_methods import FeatureSet, opencv
-from benchmarks.feature_scores import inside, score, transform, zoom_at
-from benchmarks.image_changes import Change, Grey, all_changes, tilted, turned
+from benchmarks.feature_methods import FeatureSet, make_opencv_method
+from benchmarks.feature_scores import is_inside, scale_at, score_features, transform_points
+from benchmarks.image_changes import (
+    Grey,
+    ImageTransform,
+    all_transforms,
+    make_perspective_tilt,
+    make_rotation,
+)
 
 SIZE = (320, 240)
-TILT = tilted(0.1, 0.0, 0.0, 0.15)(*SIZE)
+TILT = make_perspective_tilt(0.1, 0.0, 0.0, 0.15)(*SIZE)
 
 
 def random_features(count: int = 50) -> FeatureSet:
@@ -39,19 +45,21 @@ def texture() -> Grey:
     return np.asarray(cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX), np.uint8)  # type: ignore[call-overload]
 
 
-@pytest.mark.parametrize("change", [c for c in all_changes() if c.group not in ("light", "noise")])
-def test_a_change_puts_a_spot_where_its_homography_says(change: Change) -> None:
+@pytest.mark.parametrize(
+    "change", [c for c in all_transforms() if c.group not in ("light", "noise")]
+)
+def test_a_change_puts_a_spot_where_its_homography_says(change: ImageTransform) -> None:
     image = np.zeros((240, 320), np.uint8)
     cv2.circle(image, (150, 130), 4, 255, -1)
     found = cv2.moments(change.apply(image))
     middle_px = np.array([found["m10"], found["m01"]]) / found["m00"]
-    expected_px = transform(change.homography(image), np.array([[150.0, 130.0]]))[0]
+    expected_px = transform_points(change.homography(image), np.array([[150.0, 130.0]]))[0]
     assert middle_px == pytest.approx(expected_px, abs=0.3)
 
 
 def test_every_change_is_the_same_each_time_and_changes_something() -> None:
     image = texture()
-    changes = all_changes()
+    changes = all_transforms()
     assert len(changes) == 34
     for change in changes:
         assert np.array_equal(change.apply(image), change.apply(image))
@@ -60,18 +68,20 @@ def test_every_change_is_the_same_each_time_and_changes_something() -> None:
 
 def test_zoom_is_how_far_apart_neighbours_come() -> None:
     points = np.array([[30.0, 40.0], [250.0, 200.0]])
-    right, down = (transform(TILT, points + step) for step in ([1e-4, 0], [0, 1e-4]))
-    sides = np.stack([right, down], axis=1) - transform(TILT, points)[:, None]
-    assert zoom_at(TILT, points) == pytest.approx(np.sqrt(np.linalg.det(sides)) * 1e4, rel=1e-3)
-    assert zoom_at(turned(30.0, 1.4)(*SIZE), points) == pytest.approx([1.4, 1.4])
+    right, down = (transform_points(TILT, points + step) for step in ([1e-4, 0], [0, 1e-4]))
+    sides = np.stack([right, down], axis=1) - transform_points(TILT, points)[:, None]
+    assert scale_at(TILT, points) == pytest.approx(np.sqrt(np.linalg.det(sides)) * 1e4, rel=1e-3)
+    assert scale_at(make_rotation(30.0, 1.4)(*SIZE), points) == pytest.approx([1.4, 1.4])
 
 
 def test_features_that_follow_the_homography_are_all_found_again_and_right() -> None:
     original = random_features()
-    position_px = transform(TILT, original.position_px)
-    scale = original.scale_px * zoom_at(TILT, original.position_px)
-    result = score(original, FeatureSet(position_px, scale, original.descriptor), TILT, SIZE)
-    assert result.possible == result.repeated == result.matches == result.correct == 50
+    position_px = transform_points(TILT, original.position_px)
+    scale = original.scale_px * scale_at(TILT, original.position_px)
+    result = score_features(
+        original, FeatureSet(position_px, scale, original.descriptor), TILT, SIZE
+    )
+    assert result.max_repeatable == result.repeated == result.matches == result.correct == 50
     assert np.allclose(result.errors_px, 0.0, atol=1e-6)
 
 
@@ -90,41 +100,41 @@ def test_what_is_found_elsewhere_or_at_another_scale_does_not_count(
     by_px: float, scale: float, repeated: bool, correct: bool
 ) -> None:
     original = random_features(count=8)  # far from one another
-    result = score(original, moved(original, by_px, scale), np.eye(3), SIZE)
+    result = score_features(original, moved(original, by_px, scale), np.eye(3), SIZE)
     assert (result.repeated, result.correct) == (8 * repeated, 8 * correct)
     assert result.matches == 8
 
 
 def test_distances_are_in_pixels_of_the_original() -> None:
     original = random_features(count=8)
-    H = turned(0.0, 0.5)(*SIZE)
+    H = make_rotation(0.0, 0.5)(*SIZE)
     seen = FeatureSet(
-        transform(H, original.position_px), 0.5 * original.scale_px, original.descriptor
+        transform_points(H, original.position_px), 0.5 * original.scale_px, original.descriptor
     )
-    assert score(original, moved(seen, by_px=0.9), H, SIZE).repeated == 8
-    assert score(original, moved(seen, by_px=1.1), H, SIZE).repeated == 0
+    assert score_features(original, moved(seen, by_px=0.9), H, SIZE).repeated == 8
+    assert score_features(original, moved(seen, by_px=1.1), H, SIZE).repeated == 0
 
 
 def test_descriptors_of_something_else_are_matches_but_not_right() -> None:
     original = random_features()
     swapped = FeatureSet(original.position_px, original.scale_px, original.descriptor[::-1].copy())
-    result = score(original, swapped, np.eye(3), SIZE)
+    result = score_features(original, swapped, np.eye(3), SIZE)
     assert (result.repeated, result.matches, result.correct) == (50, 50, 0)
 
 
 def test_features_outside_the_other_image_are_not_possible() -> None:
     original = random_features()
-    H = turned(0.0, 2.0)(*SIZE)
-    in_view = inside(transform(H, original.position_px), SIZE)
-    result = score(original, original, H, SIZE)
+    H = make_rotation(0.0, 2.0)(*SIZE)
+    in_view = is_inside(transform_points(H, original.position_px), SIZE)
+    result = score_features(original, original, H, SIZE)
     assert 0 < in_view.sum() < 50
-    assert result.possible == in_view.sum()
+    assert result.max_repeatable == in_view.sum()
 
 
 def test_an_image_without_features_scores_nothing() -> None:
-    empty = opencv(cv2.SIFT_create(10))(np.zeros((240, 320), np.uint8))  # type: ignore[attr-defined]
-    result = score(random_features(), empty, np.eye(3), SIZE)
-    assert (result.possible, result.repeated, result.matches, result.correct) == (0, 0, 0, 0)
+    empty = make_opencv_method(cv2.SIFT_create(10))(np.zeros((240, 320), np.uint8))  # type: ignore[attr-defined]
+    result = score_features(random_features(), empty, np.eye(3), SIZE)
+    assert (result.max_repeatable, result.repeated, result.matches, result.correct) == (0, 0, 0, 0)
 
 
 def benchmark(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -145,7 +155,10 @@ def test_pictures_and_folders_are_measured_by_all_three(
         assert 0.5 < result["precision"] <= 1
         assert result["cpu_ms"] > 0
     assert (
-        features.table({name: features.Result(**r) for name, r in results.items()}).count("\n") == 3
+        features.format_table(
+            {name: features.FeatureBenchmarkResult(**r) for name, r in results.items()}
+        ).count("\n")
+        == 3
     )
 
 
@@ -158,6 +171,6 @@ def test_a_file_that_is_no_image_is_one_clear_line(
 
 
 def test_frames_of_a_recording_are_spread_from_first_to_last(recording: Path) -> None:
-    assert [file.name for file in features.spread(recording, 3)] == [
+    assert [file.name for file in features.sample_images(recording, 3)] == [
         "0.000000.png", "0.200000.png", "0.366667.png",
     ]  # fmt: skip

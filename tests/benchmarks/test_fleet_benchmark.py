@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks import fleet
-from benchmarks.fleet_files import fleet_files
+from benchmarks.fleet_files import write_fleet_files
 from tests.ports import free_port
-from vo_service.outputs.zenoh_check import check_zenoh
+from vo_service.outputs.zenoh_check import check_session_config
 from vo_service.settings import ZenohConfig
 
 pytestmark = pytest.mark.subprocess
@@ -23,8 +23,8 @@ def test_a_small_fleet_loses_nothing(capsys: pytest.CaptureFixture[str]) -> None
 
 @pytest.mark.zenoh
 def test_each_robot_has_its_lines_in_the_routers_file(tmp_path: Path) -> None:
-    files = fleet_files(tmp_path, ["robot1", "robot7", "arm"], free_port())
-    assert check_zenoh(ZenohConfig(config_file=files.router)) == ""
+    files = write_fleet_files(tmp_path, ["robot1", "robot7", "arm"], free_port())
+    assert check_session_config(ZenohConfig(config_file=files.router)) == ""
     text = files.router.read_text()
     for name in ("robot1", "robot7", "arm"):
         assert text.count(f'"{name}/**"') == 1

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.hard_cases import CASES, as_text, case_config
-from benchmarks.hard_cases_measure import longest_without_s, measure
+from benchmarks.hard_cases import CASES, case_config, format_row
+from benchmarks.hard_cases_measure import longest_gap_s, measure
 from benchmarks.rendered import render
-from benchmarks.slow_cases_measure import creep, stand_still
+from benchmarks.slow_cases_measure import measure_creep, measure_stationary
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.synthetic.config import Motion, SyntheticConfig
+from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.faults import Fault, FaultKind
-from tests.vo_service.fakes import frame
+from tests.vo_service.fakes import make_frame
 from vo_service import methods
 from vo_service.types import Estimate
 
@@ -26,13 +26,13 @@ CONFIG = SyntheticConfig(
     camera=TINY,
     duration_s=1.0,
     texel_m=0.05,
-    motion=Motion.CREEP,
+    motion=MotionKind.CREEP,
     faults=(Fault(FaultKind.COVERED, 10, 5),),
 )
 
 
 @dataclass
-class Told:
+class ScriptedEstimates:
     """An odometry that answers what it is told to, by the number of the frame."""
 
     pose: Callable[[int], float]
@@ -56,7 +56,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def told(monkeypatch: pytest.MonkeyPatch, odometry: Told) -> str:
+def told(monkeypatch: pytest.MonkeyPatch, odometry: ScriptedEstimates) -> str:
     """The name of a method that is this odometry."""
     monkeypatch.setitem(methods.METHODS, "told", lambda features, stopwatch: odometry)
     return "told"
@@ -65,55 +65,61 @@ def told(monkeypatch: pytest.MonkeyPatch, odometry: Told) -> str:
 def test_what_is_lost_for_a_while_is_told_with_the_time_until_it_was_found(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
-    method = told(monkeypatch, Told(lambda seq: 0.0, is_lost=lambda seq: 10 <= seq < 18))
+    method = told(
+        monkeypatch, ScriptedEstimates(lambda seq: 0.0, is_lost=lambda seq: 10 <= seq < 18)
+    )
     case = measure(method, folder, CONFIG)
     assert (case.frames, case.lost, case.degraded, case.gross) == (30, 8, 0, 0)
-    assert case.longest_s == pytest.approx(8 / 30, abs=1e-5)
+    assert case.longest_gap_s == pytest.approx(8 / 30, abs=1e-5)
     assert case.recovery_s == pytest.approx(3 / 30, abs=1e-5)
-    assert case.largest_m is not None
-    assert case.largest_m < 0.001
+    assert case.max_error_m is not None
+    assert case.max_error_m < 0.001
 
 
 def test_a_jump_is_a_gross_error_and_worse_where_it_is_called_tracking(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
-    odometry = Told(lambda seq: 0.06 * (seq >= 5) + 0.06 * (seq >= 20))
+    odometry = ScriptedEstimates(lambda seq: 0.06 * (seq >= 5) + 0.06 * (seq >= 20))
     case = measure(told(monkeypatch, odometry), folder, CONFIG)
     assert (case.gross, case.gross_tracking, case.degraded) == (2, 2, 0)
     unsure = replace(odometry, inliers=lambda seq: 10 if seq == 20 else 100)
     case = measure(told(monkeypatch, unsure), folder, CONFIG)
     assert (case.gross, case.gross_tracking, case.degraded) == (2, 1, 1)
-    assert "2 (1)" in as_text(case)
+    assert "2 (1)" in format_row(case)
 
 
 def test_what_never_comes_back_has_no_end(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    method = told(monkeypatch, Told(lambda seq: 0.0, is_lost=lambda seq: seq >= 10))
+    method = told(monkeypatch, ScriptedEstimates(lambda seq: 0.0, is_lost=lambda seq: seq >= 10))
     case = measure(method, folder, CONFIG)
     assert case.recovery_s == np.inf
-    assert "inf" in as_text(case)
-    lost = measure(told(monkeypatch, Told(lambda seq: 0.0, lambda seq: True)), folder, CONFIG)
+    assert "inf" in format_row(case)
+    lost = measure(
+        told(monkeypatch, ScriptedEstimates(lambda seq: 0.0, lambda seq: True)), folder, CONFIG
+    )
     assert (lost.lost, lost.ate_m, lost.gross) == (30, None, 0)
 
 
 def test_how_much_of_a_creep_was_followed(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    stands = creep(told(monkeypatch, Told(lambda seq: 0.0)), folder)
-    assert stands.way_m == pytest.approx(29 / 30 * 0.001, rel=1e-3)
-    assert stands.followed_m == 0.0
-    assert "0.0 %" in as_text(stands)
+    stands = measure_creep(told(monkeypatch, ScriptedEstimates(lambda seq: 0.0)), folder)
+    assert stands.true_distance_m == pytest.approx(29 / 30 * 0.001, rel=1e-3)
+    assert stands.tracked_distance_m == 0.0
+    assert "0.0 %" in format_row(stands)
 
 
 def test_standing_still_is_measured_from_the_first_pose(monkeypatch: pytest.MonkeyPatch) -> None:
-    method = told(monkeypatch, Told(lambda seq: 0.5 - 0.01 * (seq == 3) + 0.002 * (seq == 5)))
-    stood = stand_still(method, [replace(frame(0), seq=seq) for seq in range(6)])
+    method = told(
+        monkeypatch, ScriptedEstimates(lambda seq: 0.5 - 0.01 * (seq == 3) + 0.002 * (seq == 5))
+    )
+    stood = measure_stationary(method, [replace(make_frame(0), seq=seq) for seq in range(6)])
     assert (stood.frames, stood.lost) == (6, 0)
-    assert stood.farthest_m == pytest.approx(0.010)
+    assert stood.max_error_m == pytest.approx(0.010)
     assert stood.end_m == pytest.approx(0.002)
 
 
 def test_a_pause_between_frames_is_time_without_a_pose() -> None:
     stamps_s = np.array([0.0, 0.1, 0.2, 1.2, 1.3])
-    assert longest_without_s(stamps_s, np.ones(5, np.bool_)) == pytest.approx(0.9)
-    assert longest_without_s(stamps_s[:3], np.array([True, False, False])) == pytest.approx(0.1)
+    assert longest_gap_s(stamps_s, np.ones(5, np.bool_)) == pytest.approx(0.9)
+    assert longest_gap_s(stamps_s[:3], np.array([True, False, False])) == pytest.approx(0.1)
 
 
 def test_every_case_has_a_sequence() -> None:

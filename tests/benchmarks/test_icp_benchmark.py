@@ -6,8 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.icp_methods import OPENCV, OURS, OURS_FRAME_TO_FRAME, methods
-from tests.vo_service.odometry.icp.views import CAMERA, ROOM, frame_of, noisy, pose, view_of
+from benchmarks.icp_methods import OPENCV, OURS, OURS_FRAME_TO_FRAME, make_methods
+from tests.vo_service.odometry.icp.views import (
+    CAMERA,
+    ROOM,
+    add_noise,
+    hand_held_pose,
+    make_frame,
+    render_view,
+)
 
 pytestmark = pytest.mark.subprocess
 
@@ -35,10 +42,12 @@ def test_a_missing_open3d_is_one_line_that_says_how_to_get_it(tmp_path: Path) ->
 
 @pytest.mark.parametrize("name", [OURS, OURS_FRAME_TO_FRAME, OPENCV])
 def test_each_follows_a_corner_of_a_room_and_leaves_out_a_frame_without_depth(name: str) -> None:
-    odometry = methods(None, frame_to_frame=True)[name]()
-    blind = frame_of(np.zeros((CAMERA.height, CAMERA.width)), 2)
-    frames = [noisy(view_of(ROOM, pose(k), k), k) for k in (0, 1)]
-    estimates = [odometry.estimate(f) for f in (*frames, blind, view_of(ROOM, pose(2), 2))]
+    odometry = make_methods(None, frame_to_frame=True)[name]()
+    blind = make_frame(np.zeros((CAMERA.height, CAMERA.width)), 2)
+    frames = [add_noise(render_view(ROOM, hand_held_pose(k), k), k) for k in (0, 1)]
+    estimates = [
+        odometry.estimate(f) for f in (*frames, blind, render_view(ROOM, hand_held_pose(2), 2))
+    ]
     assert [e.ok for e in estimates] == [True, True, False, True]
-    error = estimates[-1].T_world_camera[:3, 3] - pose(2)[:3, 3]
+    error = estimates[-1].T_world_camera[:3, 3] - hand_held_pose(2)[:3, 3]
     assert np.linalg.norm(error) < 0.02

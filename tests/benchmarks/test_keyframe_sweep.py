@@ -8,31 +8,38 @@ import pytest
 
 from benchmarks import keyframe_sweep
 from benchmarks.kept_results import Json
-from benchmarks.keyframe_sweep import AS_IT_IS, as_text, changed, constants, main, scaled
+from benchmarks.keyframe_sweep import (
+    BASELINE,
+    format_row,
+    main,
+    parse_change,
+    scale_parameter,
+    swept_parameters,
+)
 from vo_service.odometry.keyframe import parameters
 
 GOOD = {"ate_m": 0.00123, "global_m": 0.0045, "lost": 0, "gross": 0}
 
 
 def test_every_constant_has_another_value_that_can_be_read_again() -> None:
-    assert len(constants()) == len(set(constants())) == 25
-    for name in constants():
-        same, value = changed(scaled(name, 2.0))
+    assert len(swept_parameters()) == len(set(swept_parameters())) == 25
+    for name in swept_parameters():
+        same, value = parse_change(scale_parameter(name, 2.0))
         assert (same, type(value)) == (name, type(getattr(parameters, name)))
         assert value != getattr(parameters, name)
 
 
 def test_counts_stay_whole_and_what_would_not_change_is_left_out() -> None:
-    assert scaled("PLANE_RADIUS_PX", 1.2) == "PLANE_RADIUS_PX=7"
-    assert scaled("PLANE_RADIUS_PX", 1.01) == ""
-    assert scaled("VELOCITY_SIGMA", 0.5) == "VELOCITY_SIGMA=(0.015, 0.05)"
+    assert scale_parameter("PLANE_RADIUS_PX", 1.2) == "PLANE_RADIUS_PX=7"
+    assert scale_parameter("PLANE_RADIUS_PX", 1.01) == ""
+    assert scale_parameter("VELOCITY_SIGMA", 0.5) == "VELOCITY_SIGMA=(0.015, 0.05)"
 
 
 def test_a_row_tells_what_was_lost_and_what_was_grossly_wrong() -> None:
     cells = {"a/desk": GOOD, "a/kitchen@5": {**GOOD, "lost": 2, "gross": 1}, "a/wall": None}
-    row = " ".join(as_text("SIGMAS=6.0", cells, list(cells)).split())
+    row = " ".join(format_row("SIGMAS=6.0", cells, list(cells)).split())
     assert row == "SIGMAS=6.0 1.23 (4.50) 1.23 (4.50) lost 2 gross 1 -"
-    assert "failed: out of memory" in as_text("SIGMAS=6.0", {"failed": "out of memory"}, [])
+    assert "failed: out of memory" in format_row("SIGMAS=6.0", {"failed": "out of memory"}, [])
 
 
 @pytest.mark.subprocess
@@ -59,5 +66,5 @@ def test_rows_that_are_kept_are_not_made_again(
     for _ in range(2):
         monkeypatch.setattr(sys, "argv", arguments)
         assert main() == 0
-    assert made == [AS_IT_IS, "SIGMAS=6.0"]
+    assert made == [BASELINE, "SIGMAS=6.0"]
     assert capsys.readouterr().out.count("SIGMAS=6.0") == 2

@@ -7,18 +7,18 @@ import pytest
 
 from benchmarks.map_error import MapError, measure
 from drivers.errors import InputError
-from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector, transform_points
-from drivers.synthetic.solids import Kind, Solid
-from drivers.trajectory import StampedPoses, pose_line
+from drivers.geometry import Array, inverse, rigid_transform, so3_exp, transform_points
+from drivers.synthetic.solids import Solid, SolidKind
+from drivers.trajectory import Trajectory, format_pose_line
 from vo_service.mapping.mesh import Mesh
 from vo_service.mapping.ply import write_ply
 
-BOX = Solid(Kind.BOX, np.eye(4), np.array([1.0, 1.0, 1.0]), ())
+BOX = Solid(SolidKind.BOX, np.eye(4), np.array([1.0, 1.0, 1.0]), ())
 # The first camera in the room, and a way from there.
-T_ROOM_CAMERA = rigid_transform(rotation_from_vector([0.1, 0.4, -0.2]), [0.2, 0.3, -0.4])
+T_ROOM_CAMERA = rigid_transform(so3_exp([0.1, 0.4, -0.2]), [0.2, 0.3, -0.4])
 STAMPS_S = np.arange(10) / 30
 WAY = np.array([rigid_transform(np.eye(3), [0.1 * k, 0.0, k * k / 50]) for k in range(10)])
-TRUTH = StampedPoses(STAMPS_S, T_ROOM_CAMERA @ WAY)
+TRUTH = Trajectory(STAMPS_S, T_ROOM_CAMERA @ WAY)
 
 
 def measured(folder: Path, points_m: Array) -> MapError:
@@ -26,7 +26,7 @@ def measured(folder: Path, points_m: Array) -> MapError:
     in_map_m = transform_points(inverse(T_ROOM_CAMERA), points_m).astype(np.float32)
     grey = np.zeros((len(points_m), 3), np.uint8)
     write_ply(folder / "map.ply", Mesh(in_map_m, in_map_m, grey, np.zeros((1, 3), np.int32)))
-    (folder / "trajectory.txt").write_text("".join(map(pose_line, STAMPS_S, WAY)))
+    (folder / "trajectory.txt").write_text("".join(map(format_pose_line, STAMPS_S, WAY)))
     return measure(folder, TRUTH, [BOX])
 
 

@@ -8,11 +8,16 @@ import numpy as np
 import pytest
 
 from benchmarks import next_day, next_day_measure
-from benchmarks.next_day_measure import Outcome, Tour, first_day, second_day
-from benchmarks.tour_frames import tour_config, true_poses
+from benchmarks.next_day_measure import (
+    SessionStartResult,
+    TourSequence,
+    build_map,
+    relocalize_in_map,
+)
+from benchmarks.tour_frames import compute_true_poses, make_tour_config
 from drivers.camera import PinholeCamera
 from drivers.geometry import T_BODY_CAMERA, inverse
-from drivers.synthetic.faults import Images
+from drivers.synthetic.faults import RenderedImages
 from drivers.synthetic.render import make_renderer
 
 pytestmark = pytest.mark.slow
@@ -24,46 +29,49 @@ WAY = THERE + THERE[::-1]
 
 
 @pytest.fixture(scope="module")
-def tour() -> Tour:
-    config = replace(tour_config(1, 60.0, False), camera=CAMERA, texel_m=0.008)
-    renderer, seen = make_renderer(config, 2), dict[int, Images]()
+def tour() -> TourSequence:
+    config = replace(make_tour_config(1, 60.0, False), camera=CAMERA, texel_m=0.008)
+    renderer, seen = make_renderer(config, 2), dict[int, RenderedImages]()
 
-    def film(number: int) -> Images:
+    def film(number: int) -> RenderedImages:
         shown = WAY[number]
         return seen[shown] if shown in seen else seen.setdefault(shown, renderer.render(shown))
 
-    return Tour(config, film, true_poses(config)[WAY])
+    return TourSequence(config, film, compute_true_poses(config)[WAY])
 
 
 def test_a_camera_that_begins_where_it_was_the_day_before_is_known_there(
-    tour: Tour, tmp_path: Path
+    tour: TourSequence, tmp_path: Path
 ) -> None:
     file = tmp_path / "day.places"
-    T_room_map = first_day("keyframe", tour, file)
+    T_room_map = build_map("keyframe", tour, file)
     np.testing.assert_allclose(T_room_map, tour.T_room_camera[0] @ inverse(T_BODY_CAMERA))
-    outcome = second_day("keyframe", tour, file, T_room_map, tour.noon)
+    outcome = relocalize_in_map("keyframe", tour, file, T_room_map, tour.second_half_start)
     assert (outcome.frames, outcome.is_wrong) == (1, False)
-    assert 0.0 < outcome.away_m <= outcome.later_m < 0.02
-    assert 0.0 < outcome.near_m < 0.02
+    assert 0.0 < outcome.error_m <= outcome.settled_error_m < 0.02
+    assert 0.0 < outcome.nearby_error_m < 0.02
     # The same poses, but the room said to lie elsewhere.
     aside = T_room_map.copy()
     aside[0, 3] += 0.06
-    assert second_day("keyframe", tour, file, aside, tour.noon).is_wrong
+    assert relocalize_in_map("keyframe", tour, file, aside, tour.second_half_start).is_wrong
 
 
 def test_starts_are_counted_by_what_became_of_them() -> None:
-    known, never = Outcome(3, 0.004, 0.1, 0.003, 0.012, 0.2), Outcome(None, 0, 0, 0, 0, 0)
-    wrong = Outcome(5, 0.006, 0.1, 0.002, 0.06, 0.2)
-    cells = next_day.as_text("seed 1", [known, wrong, never]).split()
+    known, never = (
+        SessionStartResult(3, 0.004, 0.1, 0.003, 0.012, 0.2),
+        SessionStartResult(None, 0, 0, 0, 0, 0),
+    )
+    wrong = SessionStartResult(5, 0.006, 0.1, 0.002, 0.06, 0.2)
+    cells = next_day.format_row("seed 1", [known, wrong, never]).split()
     assert cells == ["seed", "1", "3", "2", "1", "4", "5.0", "6.0", "0.10", "3.0", "60.0", "0.20"]
-    assert next_day.as_text("seed 1", [never]).split()[2:] == ["1", "0", "0"]
+    assert next_day.format_row("seed 1", [never]).split()[2:] == ["1", "0", "0"]
 
 
 def test_seeds_that_are_finished_are_not_measured_again(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tour: Tour
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tour: TourSequence
 ) -> None:
     monkeypatch.setattr(next_day, "tour_config", lambda *choice: tour.config)
-    monkeypatch.setattr(next_day, "kept_film", lambda *place: tour.film)
+    monkeypatch.setattr(next_day, "kept_film", lambda *place: tour.images)
     monkeypatch.setattr(next_day, "true_poses", lambda config: tour.T_room_camera)
     monkeypatch.setattr(next_day, "LONGEST", 10)
     monkeypatch.setattr(next_day_measure, "LONGEST", 10)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.odometry_methods import METHODS, make_odometry
-from tests.vo_service.odometry.synthetic_views import frame_of, view_of_a_corner
-from vo_service.odometry.stopwatch import NullStopwatch
+from tests.vo_service.odometry.synthetic_views import make_frame, render_corner
+from vo_service.odometry.stopwatch import NullStageTimer
 
 pytestmark = pytest.mark.subprocess
 
@@ -46,16 +46,16 @@ def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_answers_a_black_image_and_goes_on(method: str) -> None:
-    odometry = make_odometry(method, NullStopwatch())
-    view = view_of_a_corner(np.eye(4))
-    black = frame_of(np.zeros_like(view.grey), view.depth_m.astype(np.float64))
+    odometry = make_odometry(method, NullStageTimer())
+    view = render_corner(np.eye(4))
+    black = make_frame(np.zeros_like(view.gray), view.depth_m.astype(np.float64))
     assert [odometry.estimate(f).ok for f in (view, black, view)] == [True, False, True]
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_descriptors_are_whole_numbers_that_float32_multiplies_exactly(method: str) -> None:
-    odometry = make_odometry(method, NullStopwatch())
-    descriptor = odometry._extractor.extract(view_of_a_corner(np.eye(4)).grey).descriptor
+    odometry = make_odometry(method, NullStageTimer())
+    descriptor = odometry._extractor.extract(render_corner(np.eye(4)).gray).descriptor
     assert len(descriptor) > 100
     assert descriptor.dtype == np.float32
     assert np.array_equal(descriptor, np.rint(descriptor))

@@ -6,19 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.mocap_rooms import TIMINGS, rooms
-from benchmarks.rendered import is_whole, render, render_all
-from benchmarks.still_views import StillView
+from benchmarks.mocap_rooms import TIMINGS, make_configs
+from benchmarks.rendered import is_complete, render, render_all
+from benchmarks.still_views import StaticView
 from drivers.camera import PinholeCamera
 from drivers.errors import InputError
-from drivers.synthetic.config import Motion, SyntheticConfig
+from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.synthetic.faults import Fault, FaultKind
-from drivers.tum.folder import open_folder
+from drivers.tum.folder import open_tum_folder
 
 pytestmark = pytest.mark.slow
 
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
-CONFIG = SyntheticConfig(camera=TINY, duration_s=0.2, texel_m=0.05, motion=Motion.STILL)
+CONFIG = SyntheticConfig(camera=TINY, duration_s=0.2, texel_m=0.05, motion=MotionKind.STILL)
 
 
 def told_nothing(line: str) -> None:
@@ -35,19 +35,19 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_sequence_is_whole_with_its_truth_and_its_faults(kept: Path) -> None:
-    opened = open_folder(kept, None)
+    opened = open_tum_folder(kept, None)
     assert len(opened.frames.pairs) == 5
     assert opened.ground_truth is not None
     assert len(opened.ground_truth) == 6
-    assert opened.camera_file.readout_s == CONFIG.timing.readout_s
+    assert opened.calibration.readout_s == CONFIG.timing.readout_s
     assert not kept.with_name("room.part").exists()
 
 
 def test_what_is_there_is_not_rendered_again_but_what_has_changed_is(kept: Path) -> None:
     config = replace(CONFIG, faults=(Fault(FaultKind.DROPPED, 2, 1),))
     render_all({kept: config}, told_nothing, 1)
-    assert is_whole(kept, config)
-    assert not is_whole(kept, CONFIG)
+    assert is_complete(kept, config)
+    assert not is_complete(kept, CONFIG)
 
 
 def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
@@ -64,17 +64,19 @@ def track_of(folder: Path, seconds: int) -> Path:
 
 
 def test_each_track_is_seen_in_each_room_with_each_timing(tmp_path: Path) -> None:
-    wanted = rooms(track_of(tmp_path, 30), [11, 12], list(TIMINGS))
+    wanted = make_configs(track_of(tmp_path, 30), [11, 12], list(TIMINGS))
     assert len(wanted) == 8
     config = wanted["fr1_xyz-room12-rolling--12"]
     assert (config.seed, config.timing.readout_s, config.timing.skew_s) == (12, 0.02, -0.012)
     with pytest.raises(InputError, match="name a folder of TUM trajectories"):
-        rooms(tmp_path / "fr1", [11], ["ideal"])
+        make_configs(tmp_path / "fr1", [11], ["ideal"])
 
 
 def test_of_a_track_that_is_shorter_all_is_rendered(tmp_path: Path) -> None:
     def config(start_s: float) -> SyntheticConfig:
-        return rooms(track_of(tmp_path, 23), [11], ["ideal"], start_s, 10.0)["fr1_xyz-room11-ideal"]
+        return make_configs(track_of(tmp_path, 23), [11], ["ideal"], start_s, 10.0)[
+            "fr1_xyz-room11-ideal"
+        ]
 
     assert (config(4.0).track_start_s, config(4.0).duration_s) == (4.0, 10.0)
     assert config(20.0).duration_s == 3.0
@@ -83,12 +85,12 @@ def test_of_a_track_that_is_shorter_all_is_rendered(tmp_path: Path) -> None:
 
 
 def test_a_still_view_has_other_noise_in_each_frame_and_nothing_else_that_differs() -> None:
-    view = StillView.of(CONFIG)
+    view = StaticView.render(CONFIG)
     frames = list(view.frames(8))
     assert [frame.seq for frame in frames] == list(range(8))
-    np.testing.assert_array_equal(frames[5].colour_bgr, view.frame(5).colour_bgr)
+    np.testing.assert_array_equal(frames[5].color_bgr, view.frame(5).color_bgr)
     np.testing.assert_array_equal(frames[5].depth_raw, view.frame(5).depth_raw)
-    assert np.any(frames[0].colour_bgr != frames[1].colour_bgr)
+    assert np.any(frames[0].color_bgr != frames[1].color_bgr)
     assert np.any(frames[0].depth_raw != frames[1].depth_raw)
     both = (frames[0].depth_raw > 0) & (frames[1].depth_raw > 0)
     assert np.median(np.abs(frames[0].depth_m - frames[1].depth_m)[both]) < 0.03

@@ -6,16 +6,16 @@ from pathlib import Path
 import pytest
 
 from benchmarks.soak_plot import save_plot
-from benchmarks.soak_record import Record, Sample, slope, verdicts
+from benchmarks.soak_record import SoakRecord, SoakSample, check_soak, slope
 
-FLAT = Sample(
+FLAT = SoakSample(
     run=0, frame=0, seconds=0.0, service_mb=300.0, others_mb=200.0, handles=40, threads=20,
     children=2, p50_ms=11.0, p99_ms=19.0, cpu_ms=14.0, dropped=0, lost=0,
 )  # fmt: skip
 
 
-def record_of(file: Path, *samples: Sample) -> Record:
-    record = Record(file)
+def record_of(file: Path, *samples: SoakSample) -> SoakRecord:
+    record = SoakRecord(file)
     for sample in samples:
         record.add(sample)
     return record
@@ -23,25 +23,25 @@ def record_of(file: Path, *samples: Sample) -> Record:
 
 def run_of(
     count: int, run: int = 0, mb_per_1000: float = 0.0, base_mb: float = 300.0
-) -> list[Sample]:
+) -> list[SoakSample]:
     return [
         replace(FLAT, run=run, frame=1000 * k, service_mb=base_mb + mb_per_1000 * k)
         for k in range(1, count + 1)
     ]
 
 
-def failed(record: Record, warm_up: int = 2000) -> list[str]:
-    return [each.name for each in verdicts(record, warm_up) if not each.is_good]
+def failed(record: SoakRecord, warm_up: int = 2000) -> list[str]:
+    return [each.name for each in check_soak(record, warm_up) if not each.is_within_limit]
 
 
 def test_what_was_measured_is_gone_on_with(tmp_path: Path) -> None:
     file = tmp_path / "state.json"
     before = record_of(file, *run_of(4))
-    again = Record.of(file)
+    again = SoakRecord.load(file)
     assert again.samples == before.samples
     for sample in run_of(3, run=again.runs):
         again.add(sample)
-    assert (Record.of(file).runs, Record.of(file).frames) == (2, 7000)
+    assert (SoakRecord.load(file).runs, SoakRecord.load(file).frames) == (2, 7000)
 
 
 def test_nothing_grows_where_nothing_does(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_handles_latency_and_lost_poses_are_judged_too(tmp_path: Path) -> None:
 
 def test_too_few_samples_prove_nothing(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="too few"):
-        verdicts(record_of(tmp_path / "state.json", *run_of(3)), warm_up=2000)
+        check_soak(record_of(tmp_path / "state.json", *run_of(3)), warm_up=2000)
 
 
 def test_it_can_be_drawn(tmp_path: Path) -> None:

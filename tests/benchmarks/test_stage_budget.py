@@ -6,33 +6,33 @@ from pathlib import Path
 import pytest
 
 from benchmarks import stage_budget
-from benchmarks.stage_budget import WHOLE, Spent, budgeted, table
+from benchmarks.stage_budget import WHOLE_FRAME, StageTiming, compare_with_budget, format_table
 from vo_service import methods
 
-FRAMES_MS = [{"align": 2.0, WHOLE: 3.0}] * 3 + [{"align": 6.0, "odd": 4.0, WHOLE: 10.0}]
+FRAMES_MS = [{"align": 2.0, WHOLE_FRAME: 3.0}] * 3 + [{"align": 6.0, "odd": 4.0, WHOLE_FRAME: 10.0}]
 
 
 @pytest.fixture
-def stages(monkeypatch: pytest.MonkeyPatch) -> dict[str, Spent]:
+def stages(monkeypatch: pytest.MonkeyPatch) -> dict[str, StageTiming]:
     """A method that may take 2.5 ms to align, and 5 ms for what it never does."""
-    monkeypatch.setitem(methods.BUDGETS_MS, "slow", {"align": 2.5, "rest": 5.0})
-    return budgeted("slow", FRAMES_MS)
+    monkeypatch.setitem(methods.STAGE_BUDGETS_MS, "slow", {"align": 2.5, "rest": 5.0})
+    return compare_with_budget("slow", FRAMES_MS)
 
 
 def test_means_are_over_all_frames_and_the_others_over_those_that_ran_it(
-    stages: dict[str, Spent],
+    stages: dict[str, StageTiming],
 ) -> None:
-    assert list(stages) == ["align", "odd", WHOLE]
-    assert stages["odd"] == Spent(1, 4.0, 4.0, 4.0, 1.0, None)
-    assert (stages["align"].median, stages["align"].most, stages["align"].mean) == (2.0, 6.0, 3.0)
+    assert list(stages) == ["align", "odd", WHOLE_FRAME]
+    assert stages["odd"] == StageTiming(1, 4.0, 4.0, 4.0, 1.0, None)
+    assert (stages["align"].median, stages["align"].max, stages["align"].mean) == (2.0, 6.0, 3.0)
 
 
 def test_a_mean_beyond_its_budget_is_told_and_the_whole_may_take_all_of_them(
-    stages: dict[str, Spent],
+    stages: dict[str, StageTiming],
 ) -> None:
     assert [name for name, spent in stages.items() if spent.is_over] == ["align"]
-    assert stages[WHOLE].budget == 7.5
-    lines = table(stages).splitlines()
+    assert stages[WHOLE_FRAME].budget == 7.5
+    lines = format_table(stages).splitlines()
     assert [line.endswith("  OVER") for line in lines] == [False, True, False, False]
 
 
@@ -44,17 +44,17 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
 def test_a_recording_is_followed_and_what_it_cost_is_told(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(methods.BUDGETS_MS, "keyframe", {"images": 1e6, "align": 0.0})
+    monkeypatch.setitem(methods.STAGE_BUDGETS_MS, "keyframe", {"images": 1e6, "align": 0.0})
     assert run(monkeypatch, str(recording), "--json") == 1
     stages = json.loads(capsys.readouterr().out)[str(recording)]
     assert (stages["images"]["frames"], stages["align"]["frames"]) == (12, 11)
-    assert 0 < stages["align"]["mean"] < stages[WHOLE]["mean"]
+    assert 0 < stages["align"]["mean"] < stages[WHOLE_FRAME]["mean"]
 
 
 def test_every_nth_frame_within_its_budget_is_all_well(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(methods.BUDGETS_MS, "keyframe", {"images": 1e6})
+    monkeypatch.setitem(methods.STAGE_BUDGETS_MS, "keyframe", {"images": 1e6})
     assert run(monkeypatch, str(recording), "--every", "4") == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[:2] for line in lines[2:4]] == [["images", "3"], ["align", "2"]]

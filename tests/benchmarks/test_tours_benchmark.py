@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from benchmarks import tours
-from benchmarks.kept_results import KeptResults
-from benchmarks.runners import Loop, OdometryRunner
-from benchmarks.tour_frames import rendered_frames, tour_config, true_poses
-from benchmarks.tour_measure import result_of, run_tour
+from benchmarks.kept_results import ResultCache
+from benchmarks.runners import LoopClosureRecord, OdometryRunner
+from benchmarks.tour_frames import compute_true_poses, make_tour_config, render_frames
+from benchmarks.tour_measure import run_tour, summarize
 from benchmarks.tour_plot import save_plot
 from benchmarks.tour_record import TourRecord
-from benchmarks.virtual_frames import AHEAD, made_ahead
+from benchmarks.virtual_frames import PREFETCH_COUNT, prefetch
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.errors import InputError
 from drivers.geometry import Array, inverse
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.render import make_renderer
-from drivers.trajectory import StampedPoses
-from tests.vo_service.fakes import frame
+from drivers.trajectory import Trajectory
+from tests.vo_service.fakes import make_frame
 from vo_service.types import Estimate
 
 TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
@@ -31,46 +31,46 @@ LOST = 3
 
 
 def tiny_tour(seed: int, seconds: float, twins: bool) -> SyntheticConfig:
-    return replace(tour_config(seed, seconds, twins), camera=TINY, texel_m=0.05)
+    return replace(make_tour_config(seed, seconds, twins), camera=TINY, texel_m=0.05)
 
 
 @dataclass
-class Told:
+class ScriptedRunner:
     """A runner that answers what it is told to: poses, corrected poses, loops."""
 
     poses: Array
     offset_m: float = 0.0
-    found: Sequence[Loop] = field(default=())
+    found: Sequence[LoopClosureRecord] = field(default=())
 
-    def frame(self, frame: RgbdFrame) -> Estimate:
+    def estimate_pose(self, frame: RgbdFrame) -> Estimate:
         """The pose of that number; without one at frame LOST."""
         return Estimate(frame.seq != LOST, "", self.poses[frame.seq], np.eye(4), np.eye(6))
 
-    def learn(self) -> None:
+    def update_map(self) -> None:
         """It knows all."""
 
-    def corrected(self, trajectory: StampedPoses) -> StampedPoses:
+    def optimized_trajectory(self, trajectory: Trajectory) -> Trajectory:
         """Every other pose is off by so much upwards."""
         poses = trajectory.T_world_camera.copy()
         poses[::2, 2, 3] += self.offset_m
         return replace(trajectory, T_world_camera=poses)
 
-    def loops(self) -> Sequence[Loop]:
+    def loop_closures(self) -> Sequence[LoopClosureRecord]:
         """As told."""
         return self.found
 
 
 def frames(count: int) -> list[RgbdFrame]:
-    return [replace(frame(0), seq=n, stamp_s=n / 30.0) for n in range(count)]
+    return [replace(make_frame(0), seq=n, stamp_s=n / 30.0) for n in range(count)]
 
 
-def follow(runner: Told, truth: Array) -> TourRecord:
+def follow(runner: ScriptedRunner, truth: Array) -> TourRecord:
     return run_tour(runner, frames(len(truth)), truth, lambda done, total: None)
 
 
 @pytest.fixture(scope="module")
 def truth() -> Array:
-    return true_poses(tiny_tour(1, 4.0, twins=False))
+    return compute_true_poses(tiny_tour(1, 4.0, twins=False))
 
 
 def test_what_is_made_ahead_comes_in_order_and_only_a_few_are_waiting() -> None:
@@ -82,56 +82,56 @@ def test_what_is_made_ahead_comes_in_order_and_only_a_few_are_waiting() -> None:
             begun.append(number)
         return number
 
-    for number in made_ahead(make, 40):
+    for number in prefetch(make, 40):
         assert number == taken
         taken += 1
         with lock:
-            assert len(begun) <= taken + AHEAD
+            assert len(begun) <= taken + PREFETCH_COUNT
     assert taken == 40
 
 
 @pytest.mark.slow
 def test_a_tour_is_the_virtual_kinect_s_own_frames() -> None:
     config = tiny_tour(1, 0.2, twins=False)
-    streamed, renderer = list(rendered_frames(config)), make_renderer(config, 1)
+    streamed, renderer = list(render_frames(config)), make_renderer(config, 1)
     assert [each.stamp_s for each in streamed] == [round(n / 30, 6) for n in range(6)]
-    np.testing.assert_array_equal(streamed[4].colour_bgr, renderer.render(4).colour)
-    np.testing.assert_array_equal(streamed[4].depth_raw, renderer.render(4).depth)
+    np.testing.assert_array_equal(streamed[4].color_bgr, renderer.render(4).color_bgr)
+    np.testing.assert_array_equal(streamed[4].depth_raw, renderer.render(4).depth_raw)
     assert (streamed[0].readout_s, streamed[0].skew_s) == (0.02, 0.01)
 
 
 def test_errors_are_those_of_the_poses_given_and_of_the_corrected_ones(truth: Array) -> None:
     T_start_room = inverse(truth[0])
-    result = result_of(follow(Told(T_start_room @ truth, offset_m=0.02), truth))
-    assert (result.frames, result.epochs, result.gross, result.loops) == (120, 0, 0, 0)
+    result = summarize(follow(ScriptedRunner(T_start_room @ truth, offset_m=0.02), truth))
+    assert (result.frames, result.epochs, result.gross, result.loop_closures) == (120, 0, 0, 0)
     assert result.coverage == pytest.approx(119 / 120)
     assert result.ate_m == pytest.approx(0.0, abs=1e-9)
-    assert result.ate_loops_m == pytest.approx(0.01, rel=0.1)
+    assert result.ate_optimized_m == pytest.approx(0.01, rel=0.1)
     assert min(result.memory_mb) > 10.0
 
 
 def test_a_jump_that_says_nothing_is_a_gross_error(truth: Array) -> None:
     jumping = truth.copy()
     jumping[60:, 0, 3] += 0.06
-    assert result_of(follow(Told(jumping), truth)).gross == 1
+    assert summarize(follow(ScriptedRunner(jumping), truth)).gross == 1
 
 
 def test_a_loop_is_wrong_if_it_is_off_by_more_than_five_centimetres(truth: Array) -> None:
     right, wrong = (inverse(truth[10]) @ truth[100] for _ in range(2))
     right[0, 3] += 0.04
     wrong[0, 3] += 0.06
-    loops = [Loop(10 / 30, 100 / 30, T) for T in (right, wrong, right)]
-    result = result_of(follow(Told(truth, found=loops), truth))
-    assert (result.loops, result.wrong_loops) == (3, 1)
+    loops = [LoopClosureRecord(10 / 30, 100 / 30, T) for T in (right, wrong, right)]
+    result = summarize(follow(ScriptedRunner(truth, found=loops), truth))
+    assert (result.loop_closures, result.wrong_loop_closures) == (3, 1)
 
 
 def test_what_was_measured_can_be_read_again_and_drawn(truth: Array, tmp_path: Path) -> None:
-    record = follow(Told(truth, 0.02, [Loop(0.1, 0.2, truth[5])]), truth)
+    record = follow(ScriptedRunner(truth, 0.02, [LoopClosureRecord(0.1, 0.2, truth[5])]), truth)
     record.save(tmp_path / "tour.npz")
     again = TourRecord.load(tmp_path / "tour.npz")
-    assert result_of(again) == result_of(record)
-    np.testing.assert_array_equal(again.loops[0].T_place_camera, truth[5])
-    assert np.flatnonzero(~again.ok).tolist() == [LOST]
+    assert summarize(again) == summarize(record)
+    np.testing.assert_array_equal(again.loop_closures[0].T_keyframe_camera, truth[5])
+    assert np.flatnonzero(~again.has_pose).tolist() == [LOST]
     save_plot({"tour": again}, tmp_path / "tour.png")
     assert (tmp_path / "tour.png").read_bytes().startswith(b"\x89PNG")
 
@@ -162,16 +162,16 @@ def test_a_tour_that_is_finished_is_not_run_again(
 def test_results_that_were_not_written_here_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "results.json").write_text("[1, 2]")
     with pytest.raises(InputError, match="holds no results; name another folder"):
-        KeptResults(tmp_path)
+        ResultCache(tmp_path)
     (tmp_path / "results.json").write_text("thesis")
     with pytest.raises(InputError, match="cannot be read"):
-        KeptResults(tmp_path)
+        ResultCache(tmp_path)
     assert (tmp_path / "results.json").read_text() == "thesis"
 
 
 def test_the_odometry_alone_knows_no_loops_and_corrects_nothing() -> None:
     runner = OdometryRunner("icp")
-    estimate = runner.frame(frame(0))
-    trajectory = StampedPoses(np.zeros(1), estimate.T_world_camera[None])
-    assert runner.corrected(trajectory) is trajectory
-    assert runner.loops() == ()
+    estimate = runner.estimate_pose(make_frame(0))
+    trajectory = Trajectory(np.zeros(1), estimate.T_world_camera[None])
+    assert runner.optimized_trajectory(trajectory) is trajectory
+    assert runner.loop_closures() == ()

@@ -8,19 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera_file import (
-    KNOWN_CAMERAS,
-    CameraFile,
-    DepthTable,
-    RigidPose,
-    camera_file_text,
-    camera_of_folder,
-    read_camera_file,
+    TUM_CALIBRATIONS,
+    CameraCalibration,
+    DepthCameraCalibration,
+    RigidTransform,
+    find_calibration,
+    format_calibration,
+    read_calibration,
 )
 from drivers.errors import InputError
 from drivers.geometry import is_rigid
 from drivers.strict_toml import parse_toml
 
-TEXT = camera_file_text(KNOWN_CAMERAS["1"])
+TEXT = format_calibration(TUM_CALIBRATIONS["1"])
 MILLIMETRES = TEXT.replace("depth_factor = 5000.0", "depth_factor = 1000.0")
 
 
@@ -29,7 +29,7 @@ def complaint(tmp_path: Path, old: str, new: str) -> str:
     file = tmp_path / "camera.toml"
     file.write_text(TEXT.replace(old, new))
     with pytest.raises(InputError) as caught:
-        read_camera_file(file)
+        read_calibration(file)
     return str(caught.value).removeprefix(str(tmp_path))
 
 
@@ -40,14 +40,14 @@ def unit_quaternion(direction: tuple[float, ...]) -> tuple[float, ...]:
 
 distortions = st.tuples(*[st.floats(-1e3, 1e3)] * 5)
 poses = st.builds(
-    RigidPose,
+    RigidTransform,
     st.tuples(*[st.floats(-10.0, 10.0)] * 3),
     st.tuples(*[st.floats(-1.0, 1.0)] * 4)
     .filter(lambda direction: math.hypot(*direction) > 1e-3)
     .map(unit_quaternion),
 )
 depth_tables = st.builds(
-    DepthTable,
+    DepthCameraCalibration,
     fx=st.floats(1.0, 1e6),
     fy=st.floats(1.0, 1e6),
     cx=st.floats(-1e5, 1e5),
@@ -62,7 +62,7 @@ depth_tables = st.builds(
 
 @given(
     st.builds(
-        CameraFile,
+        CameraCalibration,
         st.integers(1, 16384),
         st.integers(1, 16384),
         *[st.floats(1.0, 1e6)] * 2,
@@ -74,8 +74,8 @@ depth_tables = st.builds(
         st.none() | depth_tables,
     )
 )
-def test_what_is_written_reads_back_exactly(camera: CameraFile) -> None:
-    read = parse_toml(camera_file_text(camera), "camera.toml", CameraFile)
+def test_what_is_written_reads_back_exactly(camera: CameraCalibration) -> None:
+    read = parse_toml(format_calibration(camera), "camera.toml", CameraCalibration)
     assert [repr(getattr(read, f.name)) for f in fields(read)] == [
         repr(getattr(camera, f.name)) for f in fields(camera)
     ]
@@ -84,12 +84,12 @@ def test_what_is_written_reads_back_exactly(camera: CameraFile) -> None:
 def test_whole_numbers_and_comments_are_read(tmp_path: Path) -> None:
     text = TEXT.replace("fx = 517.3", "fx = 520  # pixels").replace("readout_s = 0.0", "")
     (tmp_path / "camera.toml").write_text(text.split("  # rolling")[0])
-    assert read_camera_file(tmp_path / "camera.toml").fx == 520.0
+    assert read_calibration(tmp_path / "camera.toml").fx == 520.0
 
 
 @given(poses, st.tuples(*[st.floats(-10.0, 10.0)] * 3))
 def test_a_pose_turns_and_shifts_points_and_keeps_their_distances(
-    pose: RigidPose, point: tuple[float, float, float]
+    pose: RigidTransform, point: tuple[float, float, float]
 ) -> None:
     T = pose.matrix
     assert is_rigid(T)
@@ -98,11 +98,11 @@ def test_a_pose_turns_and_shifts_points_and_keeps_their_distances(
     assert np.linalg.norm(turned) == pytest.approx(np.linalg.norm(point), abs=1e-9)
 
 
-DEPTH_TEXT = camera_file_text(
+DEPTH_TEXT = format_calibration(
     replace(
-        KNOWN_CAMERAS["3"],
-        depth=DepthTable(
-            580.0, 579.0, 318.0, 242.0, RigidPose((-0.025, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        TUM_CALIBRATIONS["3"],
+        depth=DepthCameraCalibration(
+            580.0, 579.0, 318.0, 242.0, RigidTransform((-0.025, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
         ),
     )
 )
@@ -122,13 +122,13 @@ DEPTH_TEXT = camera_file_text(
 def test_a_mistake_in_the_depth_table_is_named_by_its_line(old: str, new: str, line: str) -> None:
     assert old in DEPTH_TEXT
     with pytest.raises(InputError) as caught:
-        parse_toml(DEPTH_TEXT.replace(old, new, 1), "camera.toml", CameraFile)
+        parse_toml(DEPTH_TEXT.replace(old, new, 1), "camera.toml", CameraCalibration)
     assert str(caught.value).startswith(line)
 
 
 def test_what_a_depth_table_may_leave_out() -> None:
     kept = [line for line in DEPTH_TEXT.splitlines() if not line.startswith(("scale", "readout"))]
-    table = parse_toml("\n".join(kept), "camera.toml", CameraFile).depth
+    table = parse_toml("\n".join(kept), "camera.toml", CameraCalibration).depth
     assert table is not None
     assert (table.width, table.height, table.scale) == (640, 480, 1.0)
 
@@ -162,13 +162,13 @@ def test_a_mistake_is_named_by_its_line(tmp_path: Path, old: str, new: str, line
 )
 def test_tum_cameras_are_known_by_folder_name(tmp_path: Path, name: str, camera: str) -> None:
     (tmp_path / name).mkdir()
-    assert camera_of_folder(tmp_path / name, None) is KNOWN_CAMERAS[camera]
+    assert find_calibration(tmp_path / name, None) is TUM_CALIBRATIONS[camera]
 
 
 @pytest.mark.parametrize("name", ["kitchen", "freiburg4", "freiburg11", "afr1", "fr1x", "fr"])
 def test_an_unknown_folder_has_no_default(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=r"no camera file.*write .*camera\.toml with the keys"):
-        camera_of_folder(tmp_path / name, None)
+        find_calibration(tmp_path / name, None)
 
 
 def test_the_folder_here_is_known_by_its_real_name(
@@ -176,21 +176,21 @@ def test_the_folder_here_is_known_by_its_real_name(
 ) -> None:
     (tmp_path / "freiburg2").mkdir()
     monkeypatch.chdir(tmp_path / "freiburg2")
-    assert camera_of_folder(Path(), None) is KNOWN_CAMERAS["2"]
+    assert find_calibration(Path(), None) is TUM_CALIBRATIONS["2"]
 
 
 def test_the_file_in_the_folder_wins_over_its_name(tmp_path: Path) -> None:
     folder = tmp_path / "freiburg1"
     folder.mkdir()
     (folder / "camera.toml").write_text(MILLIMETRES)
-    assert camera_of_folder(folder, None).depth_factor == 1000.0
+    assert find_calibration(folder, None).depth_factor == 1000.0
 
 
 def test_the_file_given_wins_over_the_one_in_the_folder(tmp_path: Path) -> None:
     (tmp_path / "camera.toml").write_text(MILLIMETRES)
     given_file = tmp_path / "mine.toml"
     given_file.write_text(TEXT)
-    assert camera_of_folder(tmp_path, given_file).depth_factor == 5000.0
+    assert find_calibration(tmp_path, given_file).depth_factor == 5000.0
 
 
 def test_a_camera_file_that_cannot_be_read_is_never_passed_over(tmp_path: Path) -> None:
@@ -198,4 +198,4 @@ def test_a_camera_file_that_cannot_be_read_is_never_passed_over(tmp_path: Path) 
     folder.mkdir()
     (folder / "camera.toml").symlink_to(tmp_path / "gone.toml")
     with pytest.raises(InputError, match="cannot be read"):
-        camera_of_folder(folder, None)
+        find_calibration(folder, None)

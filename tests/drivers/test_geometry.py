@@ -10,17 +10,17 @@ from scipy.spatial.transform import Rotation
 from drivers.geometry import (
     Array,
     adjoint,
-    apart,
-    are_near,
     inverse,
     is_rigid,
-    orthonormal,
+    orthonormalize,
+    pose_distance,
+    poses_close,
     quaternion_from_rotation,
     rigid_transform,
     rotation_angle_rad,
     rotation_from_quaternion,
-    rotation_from_vector,
     skew_matrix,
+    so3_exp,
     transform_from_pose,
     transform_points,
 )
@@ -39,7 +39,7 @@ HALF_TURNS = [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0.6, 0, 0.8, 0]]
 
 def twist_step(T: Array, twist: Array) -> Array:
     """A small motion by a twist (translation, rotation) in the frame that T maps to."""
-    return rigid_transform(rotation_from_vector(twist[3:]), twist[:3]) @ T
+    return rigid_transform(so3_exp(twist[3:]), twist[:3]) @ T
 
 
 @given(unit_quaternions)
@@ -80,19 +80,19 @@ def test_a_quaternion_that_is_no_rotation_is_refused(q: list[float]) -> None:
 
 @given(vectors)
 def test_rodrigues_formula_agrees_with_scipy(v: Array) -> None:
-    assert np.allclose(rotation_from_vector(v), Rotation.from_rotvec(v).as_matrix(), atol=1e-13)
+    assert np.allclose(so3_exp(v), Rotation.from_rotvec(v).as_matrix(), atol=1e-13)
 
 
 @given(st.floats(1e-12, np.pi))
 def test_an_angle_is_exact_however_small(angle_rad: float) -> None:
     axis = np.array([2.0, -1.0, 2.0]) / 3.0
-    measured = rotation_angle_rad(rotation_from_vector(axis * angle_rad))
+    measured = rotation_angle_rad(so3_exp(axis * angle_rad))
     assert measured == pytest.approx(angle_rad, rel=1e-12, abs=1e-15)
 
 
 def test_no_rotation_has_no_angle() -> None:
     assert rotation_angle_rad(np.eye(3)) == 0.0
-    assert np.array_equal(rotation_from_vector([0, 0, 0]), np.eye(3))
+    assert np.array_equal(so3_exp([0, 0, 0]), np.eye(3))
 
 
 @given(vectors, vectors)
@@ -114,26 +114,26 @@ def test_transforms_compose_as_their_names_say(T_a_b: Array, T_b_c: Array, p: Ar
 
 
 def test_how_far_two_poses_are_apart_does_not_depend_on_where_they_are() -> None:
-    step = rigid_transform(rotation_from_vector([0.0, 0.2, 0.0]), [0.3, 0.0, 0.4])
-    here = rigid_transform(rotation_from_vector([1.0, 0.5, -0.3]), [5.0, -2.0, 7.0])
-    np.testing.assert_allclose(apart(here, here @ step), (0.5, 0.2))
-    assert are_near(here, here @ step, 0.51, 0.21)
-    assert not are_near(here, here @ step, 0.49, 0.21)
-    assert not are_near(here, here @ step, 0.51, 0.19)
+    step = rigid_transform(so3_exp([0.0, 0.2, 0.0]), [0.3, 0.0, 0.4])
+    here = rigid_transform(so3_exp([1.0, 0.5, -0.3]), [5.0, -2.0, 7.0])
+    np.testing.assert_allclose(pose_distance(here, here @ step), (0.5, 0.2))
+    assert poses_close(here, here @ step, 0.51, 0.21)
+    assert not poses_close(here, here @ step, 0.49, 0.21)
+    assert not poses_close(here, here @ step, 0.51, 0.19)
 
 
 def test_points_are_rows_and_each_is_turned_then_moved() -> None:
-    quarter_turn_about_z = rotation_from_vector([0, 0, np.pi / 2])
+    quarter_turn_about_z = so3_exp([0, 0, np.pi / 2])
     T = rigid_transform(quarter_turn_about_z, [10, 20, 30])
     moved = transform_points(T, np.array([[1.0, 0, 0], [0, 2.0, 0], [0, 0, 3.0]]))
     assert np.allclose(moved, [[10, 21, 30], [8, 20, 30], [10, 20, 33]])
 
 
 def test_orthonormal_takes_away_what_rounding_has_added() -> None:
-    T = rigid_transform(rotation_from_vector([0.4, -0.2, 0.1]), [1.0, 2.0, 3.0])
+    T = rigid_transform(so3_exp([0.4, -0.2, 0.1]), [1.0, 2.0, 3.0])
     rounded = T.copy()
     rounded[:3, :3] += 1e-6 * np.arange(9.0).reshape(3, 3)
-    cleaned = orthonormal(rounded)
+    cleaned = orthonormalize(rounded)
     assert is_rigid(cleaned, tolerance=1e-14)
     np.testing.assert_allclose(cleaned, T, atol=1e-5)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from drivers.memory import limit_arenas, release_memory
+from drivers.memory import limit_malloc_arenas, release_memory
 
 
 def resident_bytes() -> int:
@@ -23,5 +23,5 @@ def test_kernels_can_still_be_compiled_after_the_compiler_was_given_back() -> No
 
 def test_a_number_of_arenas_that_the_user_has_set_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MALLOC_ARENA_MAX", "7")
-    limit_arenas()
+    limit_malloc_arenas()
     assert os.environ["MALLOC_ARENA_MAX"] == "7"

@@ -3,10 +3,10 @@ from collections.abc import Sequence
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.nearest import TOLERANCE_S, NearestPairing, Pair
+from drivers.nearest import MAX_PAIR_SKEW_S, NearestFramePairing, StampedPair
 
 PERIOD_S = 1 / 30
-Images = list[Pair[int, int]]
+Images = list[StampedPair[int, int]]
 
 
 def run(
@@ -14,10 +14,10 @@ def run(
     depths_s: Sequence[float],
     late_s: float = 0.0,
     period_s: float = 0.0,
-) -> tuple[Images, NearestPairing[int, int]]:
+) -> tuple[Images, NearestFramePairing[int, int]]:
     """Pairs, when depth arrives `late_s` behind colour of the same stamp."""
-    pairing: NearestPairing[int, int] = NearestPairing(shortest_period_s=period_s)
-    events = [(s, pairing.add_colour, s, k) for k, s in enumerate(colours_s)]
+    pairing: NearestFramePairing[int, int] = NearestFramePairing(min_period_s=period_s)
+    events = [(s, pairing.add_color, s, k) for k, s in enumerate(colours_s)]
     events += [(s + late_s, pairing.add_depth, s, k) for k, s in enumerate(depths_s)]
     pairs: Images = []
     for _, add, stamp_s, k in sorted(events, key=lambda event: event[0]):
@@ -37,7 +37,7 @@ def test_no_depth_image_gets_the_farther_neighbour(
     colours_s: list[float], depths_s: list[float], late_s: float
 ) -> None:
     for pair in run(colours_s, depths_s, late_s)[0]:
-        assert abs(pair.skew_s) <= TOLERANCE_S
+        assert abs(pair.skew_s) <= MAX_PAIR_SKEW_S
         assert all(abs(pair.skew_s) <= abs(pair.depth_s - s) for s in colours_s)
 
 
@@ -46,7 +46,7 @@ def test_every_image_is_used_once_and_in_order_or_counted(
     colours_s: list[float], depths_s: list[float]
 ) -> None:
     pairs, pairing = run(colours_s, depths_s)
-    for used in ([p.colour for p in pairs], [p.depth for p in pairs]):
+    for used in ([p.color for p in pairs], [p.depth for p in pairs]):
         assert used == sorted(set(used))
     paired_early = [p for p in pairs if p.depth_s < colours_s[0]]
     later = [s for s in depths_s if colours_s and s >= colours_s[0]]
@@ -65,18 +65,18 @@ def test_two_streams_of_30_a_second_pair_up_whatever_their_phase(
 
 
 def test_the_next_colour_image_is_waited_for_where_it_is_nearer() -> None:
-    pairing: NearestPairing[str, str] = NearestPairing()
-    assert pairing.add_colour(0.0, "before") == []
+    pairing: NearestFramePairing[str, str] = NearestFramePairing()
+    assert pairing.add_color(0.0, "before") == []
     assert pairing.add_depth(0.021, "depth") == []
-    (pair,) = pairing.add_colour(0.0333, "after")
-    assert (pair.colour, round(pair.skew_s, 4)) == ("after", -0.0123)
+    (pair,) = pairing.add_color(0.0333, "after")
+    assert (pair.color, round(pair.skew_s, 4)) == ("after", -0.0123)
 
 
 def test_a_pair_that_cannot_get_better_is_there_at_once() -> None:
-    pairing: NearestPairing[str, str] = NearestPairing()
-    pairing.add_colour(0.0, "colour")
+    pairing: NearestFramePairing[str, str] = NearestFramePairing()
+    pairing.add_color(0.0, "colour")
     (pair,) = pairing.add_depth(0.012, "depth")
-    assert (pair.colour, pair.depth, pair.skew_s) == ("colour", "depth", 0.012)
+    assert (pair.color, pair.depth, pair.skew_s) == ("colour", "depth", 0.012)
 
 
 def test_images_too_far_apart_are_no_pair() -> None:
@@ -85,8 +85,8 @@ def test_images_too_far_apart_are_no_pair() -> None:
 
 
 def test_a_stream_that_falls_silent_holds_up_only_a_few_images() -> None:
-    pairing: NearestPairing[int, int] = NearestPairing()
-    pairing.add_colour(-1.0, 0)
+    pairing: NearestFramePairing[int, int] = NearestFramePairing()
+    pairing.add_color(-1.0, 0)
     for k in range(100):
         pairing.add_depth(k * PERIOD_S, k)
     assert pairing.unpaired == 96

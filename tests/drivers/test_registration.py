@@ -12,27 +12,27 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.camera_file import DepthTable, RigidPose
+from drivers.camera_file import DepthCameraCalibration, RigidTransform
 from drivers.errors import InputError
 from drivers.geometry import (
     Array,
     inverse,
     quaternion_from_rotation,
     rigid_transform,
-    rotation_from_vector,
+    so3_exp,
 )
 from drivers.registration import SoftwareRegistration
-from tests.vo_service.odometry.synthetic_views import CAMERA, FLOOR, WALL, view_of_a_corner
+from tests.vo_service.odometry.synthetic_views import CAMERA, FLOOR, WALL, render_corner
 from vo_service.odometry.surf_odometry import SurfOdometry
 
 COLOUR = PinholeCamera(160, 120, 131.0, 131.5, 80.2, 59.1)
-SAME = RigidPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+SAME = RigidTransform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 # The depth camera sits 2.5 cm to the left of the colour camera.
-BESIDE = RigidPose((-0.025, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+BESIDE = RigidTransform((-0.025, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
-def table(camera: PinholeCamera, pose: RigidPose) -> DepthTable:
-    return DepthTable(
+def table(camera: PinholeCamera, pose: RigidTransform) -> DepthCameraCalibration:
+    return DepthCameraCalibration(
         fx=camera.fx,
         fy=camera.fy,
         cx=camera.cx,
@@ -43,10 +43,10 @@ def table(camera: PinholeCamera, pose: RigidPose) -> DepthTable:
     )
 
 
-def pose_of(T: Array) -> RigidPose:
+def pose_of(T: Array) -> RigidTransform:
     x, y, z = (float(value) for value in T[:3, 3])
     qx, qy, qz, qw = (float(value) for value in quaternion_from_rotation(T[:3, :3]))
-    return RigidPose((x, y, z), (qx, qy, qz, qw))
+    return RigidTransform((x, y, z), (qx, qy, qz, qw))
 
 
 def rays(camera: PinholeCamera) -> Array:
@@ -98,9 +98,7 @@ def test_plane_gets_the_depth_at_which_the_colour_camera_sees_it(
     factor: float,
     scale: float,
 ) -> None:
-    T_colour_depth = rigid_transform(
-        rotation_from_vector(0.02 * np.array(turn)), 0.03 * np.array(offset)
-    )
+    T_colour_depth = rigid_transform(so3_exp(0.02 * np.array(turn)), 0.03 * np.array(offset))
     eye = PinholeCamera(176, 132, COLOUR.fx * focal, COLOUR.fy * focal, 87.0, 66.0)
     plane = np.array([0.3 * tilt[0], 0.3 * tilt[1], 1.0]) / distance_m
     read_m = plane_depth_m(eye, T_colour_depth, plane) / scale
@@ -162,8 +160,8 @@ def test_lens_of_the_depth_camera_is_taken_out() -> None:
 
 
 def test_readings_too_near_or_too_far_to_be_placed_are_dropped() -> None:
-    back = RigidPose((0.0, 0.0, -0.05), (0.0, 0.0, 0.0, 1.0))
-    forth = RigidPose((0.0, 0.0, 0.05), (0.0, 0.0, 0.0, 1.0))
+    back = RigidTransform((0.0, 0.0, -0.05), (0.0, 0.0, 0.0, 1.0))
+    forth = RigidTransform((0.0, 0.0, 0.05), (0.0, 0.0, 0.0, 1.0))
     for pose, reading in ((back, 40), (forth, 65500)):
         depth = np.full((COLOUR.height, COLOUR.width), reading, np.uint16)
         registered = SoftwareRegistration(COLOUR, table(COLOUR, pose), 1000.0).register(depth)
@@ -171,7 +169,7 @@ def test_readings_too_near_or_too_far_to_be_placed_are_dropped() -> None:
 
 
 def test_depth_camera_that_looks_elsewhere_is_refused() -> None:
-    behind = RigidPose((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+    behind = RigidTransform((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
     with pytest.raises(InputError, match="turns the depth camera away"):
         SoftwareRegistration(COLOUR, table(COLOUR, behind), 1000.0)
 
@@ -179,15 +177,15 @@ def test_depth_camera_that_looks_elsewhere_is_refused() -> None:
 # A walk past a corner, by a sensor whose depth camera sits beside its colour camera.
 
 EYE = PinholeCamera(320, 240, 315.0, 316.0, 158.0, 121.5)
-EYE_POSE = RigidPose((-0.025, 0.001, -0.002), (0.002, -0.003, 0.001, 0.999993))
+EYE_POSE = RigidTransform((-0.025, 0.001, -0.002), (0.002, -0.003, 0.001, 0.999993))
 
 
 def walk(frames: int = 25) -> Iterator[tuple[Array, RgbdFrame]]:
     """True poses, and frames whose depth is exact and registered."""
     for seq in range(frames):
-        turn = rotation_from_vector([0.002 * seq, 0.007 * seq, -0.003 * seq])
+        turn = so3_exp([0.002 * seq, 0.007 * seq, -0.003 * seq])
         T = rigid_transform(turn, [0.012 * seq, -0.004 * seq, 0.014 * seq])
-        yield T, view_of_a_corner(T, seq)
+        yield T, render_corner(T, seq)
 
 
 def eye_depth_mm(T_world_colour: Array) -> NDArray[np.uint16]:

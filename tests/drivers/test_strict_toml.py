@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
-from drivers.strict_toml import parse_toml, read_toml, required, setting
+from drivers.strict_toml import config_field, parse_toml, read_toml, required_field
 
 
 class Shade(StrEnum):
@@ -18,18 +18,18 @@ class Shade(StrEnum):
 
 @dataclass(frozen=True)
 class Lamp:
-    power_w: float = setting(5.0, "electric power", above=0.0, high=100.0)
-    shade: Shade = setting(Shade.LIGHT, "colour of the shade")
+    power_w: float = config_field(5.0, "electric power", exclusive_minimum=0.0, maximum=100.0)
+    shade: Shade = config_field(Shade.LIGHT, "colour of the shade")
 
 
 @dataclass(frozen=True)
 class Room:
-    width: int = required("metres from wall to wall", low=1)
-    name: str = setting("kitchen", "what people call it")
-    heated: bool = setting(False, "has a stove")
-    corner: tuple[float, float] = setting((0.0, 0.0), "where it starts", low=-10.0)
+    width: int = required_field("metres from wall to wall", minimum=1)
+    name: str = config_field("kitchen", "what people call it")
+    heated: bool = config_field(False, "has a stove")
+    corner: tuple[float, float] = config_field((0.0, 0.0), "where it starts", minimum=-10.0)
     tags: list[str] = field(default_factory=list)
-    plan: Path | None = setting(None, "drawing of the room")
+    plan: Path | None = config_field(None, "drawing of the room")
     lamp: Lamp = Lamp()
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-from drivers.toml_lines import key_lines
+from drivers.toml_lines import find_key_lines
 
 TEXT = '''# a comment = 1
 top = 1
@@ -24,7 +24,7 @@ key = 1
 
 
 def test_every_key_has_its_line() -> None:
-    lines = key_lines(TEXT)
+    lines = find_key_lines(TEXT)
     assert lines == {
         ("top",): 2,
         ("multi",): 3,

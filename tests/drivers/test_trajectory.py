@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
-from drivers.geometry import rigid_transform, rotation_angle_rad, rotation_from_vector
-from drivers.trajectory import pose_line, read_trajectory
+from drivers.geometry import rigid_transform, rotation_angle_rad, so3_exp
+from drivers.trajectory import format_pose_line, read_trajectory
 
 GOOD = "1.0 0 0 0 0 0 0 1\n"
 angles = st.floats(-np.pi, np.pi)
@@ -29,8 +29,8 @@ def complaint(folder: Path, text: str | bytes) -> str:
 
 def test_a_line_holds_stamp_position_and_quaternion_x_y_z_w(tmp_path: Path) -> None:
     half_turn_about_x = rigid_transform(np.diag([1, -1, -1]), [4, 5, 6])
-    quarter_turn_about_z = rigid_transform(rotation_from_vector([0, 0, np.pi / 2]), [1, 2, 3])
-    assert pose_line(0.5, quarter_turn_about_z) == (
+    quarter_turn_about_z = rigid_transform(so3_exp([0, 0, np.pi / 2]), [1, 2, 3])
+    assert format_pose_line(0.5, quarter_turn_about_z) == (
         "0.500000 1.0000000 2.0000000 3.0000000 0.000000000 0.000000000 0.707106781 0.707106781\n"
     )
     path = tmp_path / "poses.txt"
@@ -48,9 +48,9 @@ def test_what_is_written_reads_back(
     position_m: tuple[float, ...],
     vector_rad: tuple[float, ...],
 ) -> None:
-    T = rigid_transform(rotation_from_vector(vector_rad), position_m)
+    T = rigid_transform(so3_exp(vector_rad), position_m)
     path = tmp_path_factory.getbasetemp() / "one_pose.txt"
-    path.write_text(pose_line(stamp_s, T))
+    path.write_text(format_pose_line(stamp_s, T))
     poses = read_trajectory(path)
     back = poses.T_world_camera[0]
     assert poses.stamps_s[0] == pytest.approx(stamp_s, abs=1e-6, rel=0)

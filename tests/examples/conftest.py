@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 
 from tests.conftest import FRAMES
-from tests.preloaded import Preloaded
-from tests.vo_service.client.published import free_endpoint
-from tests.vo_service.played_service import PATIENT_KINECT_VO, WITHOUT_MAP
+from tests.preloaded import ForkedProcess
+from tests.vo_service.client.published import find_free_endpoint
+from tests.vo_service.played_service import KINECT_VO_WITH_LONG_TIMEOUT, NO_MAP_CONFIG
 from vo_service.client import PoseClient
 
 RATE_HZ = 30
-LENGTH_S = 300
+DURATION_S = 300
 
 
 @pytest.fixture(scope="session")
@@ -31,7 +31,7 @@ def long_recording(recording: Path, tmp_path_factory: pytest.TempPathFactory) ->
         lines = (recording / f"{part}.txt").read_text().splitlines()
         files = [line.split()[1] for line in lines if not line.startswith("#")]
         there_and_back = chain(range(FRAMES), range(FRAMES - 2, 0, -1))
-        played = islice(cycle(there_and_back), RATE_HZ * LENGTH_S)
+        played = islice(cycle(there_and_back), RATE_HZ * DURATION_S)
         rows = [f"{i / RATE_HZ:.6f} {files[k]}\n" for i, k in enumerate(played)]
         (folder / f"{part}.txt").write_text("".join(rows))
     return folder
@@ -40,14 +40,14 @@ def long_recording(recording: Path, tmp_path_factory: pytest.TempPathFactory) ->
 @pytest.fixture(scope="module")
 def endpoint(long_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Where the service is, once it publishes poses."""
-    where, folder = free_endpoint(), tmp_path_factory.mktemp("run")
+    where, folder = find_free_endpoint(), tmp_path_factory.mktemp("run")
     config, log = folder / "kinect.toml", folder / "log.txt"
     config.write_text(
         f'schema = 1\n[zenoh]\nlisten = ["{where}"]\n[recorder]\nfolder = "{folder}/incidents"\n'
-        f"{WITHOUT_MAP}"
+        f"{NO_MAP_CONFIG}"
     )
     command = [
-        *PATIENT_KINECT_VO,
+        *KINECT_VO_WITH_LONG_TIMEOUT,
         "run",
         "--camera",
         f"tum:{long_recording}",
@@ -56,7 +56,7 @@ def endpoint(long_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     ]
     surroundings = os.environ | {"XDG_STATE_HOME": str(folder), "STATE_DIRECTORY": str(folder)}
     with log.open("wb") as said:
-        process = Preloaded(command, stdout=said, stderr=said, env=surroundings)
+        process = ForkedProcess(command, stdout=said, stderr=said, env=surroundings)
     try:
         with PoseClient(connect=where) as client:
             next(client.poses(timeout_s=110.0))  # kernels that nobody has compiled yet
@@ -68,7 +68,7 @@ def endpoint(long_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> 
         process.wait()
 
 
-class Lines:
+class ProgramOutput:
     """What a program prints, line by line; it is killed when that takes too long."""
 
     def __init__(self, process: "subprocess.Popen[str]", limit_s: float = 100.0) -> None:
@@ -76,7 +76,7 @@ class Lines:
         self._timer = threading.Timer(limit_s, process.kill)
         self._timer.start()
 
-    def until(self, pattern: str) -> "re.Match[str]":
+    def wait_for_line(self, pattern: str) -> "re.Match[str]":
         """The first line that matches; fails if there is none."""
         seen: list[Any] = []
         assert self._process.stdout is not None
@@ -86,7 +86,7 @@ class Lines:
                 return found
         raise AssertionError(f"no line with {pattern!r}, but: {seen}")
 
-    def end(self) -> None:
+    def stop(self) -> None:
         """Enough."""
         self._timer.cancel()
         self._process.kill()

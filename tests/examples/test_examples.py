@@ -15,11 +15,11 @@ from typing import Any
 import pytest
 
 from tests import preloaded
-from tests.examples.conftest import RATE_HZ, Lines
-from tests.json_schema import complaints
-from tests.vo_service.client.published import free_endpoint, robot
+from tests.examples.conftest import RATE_HZ, ProgramOutput
+from tests.json_schema import schema_errors
+from tests.vo_service.client.published import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
-from vo_service.client import CommandRefused, NoPose, PoseClient, Why
+from vo_service.client import CommandRefused, PoseClient, PoseUnavailable, PoseUnavailableReason
 
 pytestmark = pytest.mark.subprocess
 
@@ -30,15 +30,15 @@ NUMBER = r"-?\d+\.?\d*(?:e-?\d+)?"
 
 
 @contextmanager
-def program(name: str, *arguments: object) -> Iterator[Lines]:
+def program(name: str, *arguments: object) -> Iterator[ProgramOutput]:
     """An example while it runs."""
     command = [sys.executable, str(EXAMPLES / name), *(str(argument) for argument in arguments)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    lines = Lines(process)
+    lines = ProgramOutput(process)
     try:
         yield lines
     finally:
-        lines.end()
+        lines.stop()
 
 
 def finished(name: str, *arguments: object) -> "subprocess.CompletedProcess[str]":
@@ -77,20 +77,20 @@ def again_and_again(tell: Callable[[], None]) -> Iterator[None]:
 
 @pytest.mark.zenoh
 def test_poses_of_the_maps_own_epoch_are_printed_in_the_map() -> None:
-    here = free_endpoint()
-    with robot(here) as service:
+    here = find_free_endpoint()
+    with running_fake_service(here) as service:
         service.answers_map_odom(2.0, epoch=4)  # for a pose that overtakes it
 
         def tell() -> None:
-            service.map_odom(2.0, epoch=4)
-            service.pose(0, 1.0, epoch=3)
-            service.pose(1, 3.0, epoch=4)
+            service.publish_map_odom(2.0, epoch=4)
+            service.publish_pose(0, 1.0, epoch=3)
+            service.publish_pose(1, 3.0, epoch=4)
 
         with program("pose_in_map.py", here) as lines:
             service.wait_for_reader()
             with again_and_again(tell):
                 for _ in range(5):
-                    x_m, y_m = lines.until(rf"^12\.5 \[ *({NUMBER}) +({NUMBER}) ").groups()
+                    x_m, y_m = lines.wait_for_line(rf"^12\.5 \[ *({NUMBER}) +({NUMBER}) ").groups()
                     assert (float(x_m), float(y_m)) == (3.0, 2.5)
 
 
@@ -102,28 +102,28 @@ def test_a_service_without_a_map_is_said(endpoint: str) -> None:
 
 def test_poses_are_printed(endpoint: str) -> None:
     with program("print_poses.py", endpoint) as lines:
-        lines.until(rf"^{NUMBER} \[.*\] tracking$")
-        lines.until(rf"^{NUMBER} \[.*\] tracking$")
+        lines.wait_for_line(rf"^{NUMBER} \[.*\] tracking$")
+        lines.wait_for_line(rf"^{NUMBER} \[.*\] tracking$")
 
 
 @pytest.mark.zenoh
 def test_a_loop_drives_while_there_are_poses_and_stops_with_the_reason(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client, program("drive.py", endpoint) as lines:
-        lines.until(r"^drive: \d\.\d\d m to go$")
+        lines.wait_for_line(r"^drive: \d\.\d\d m to go$")
         client.pause()
-        lines.until("^stop: the service is paused$")
+        lines.wait_for_line("^stop: the service is paused$")
         client.resume()
-        lines.until("^drive: ")
+        lines.wait_for_line("^drive: ")
 
 
 @pytest.mark.zenoh
 def test_changes_of_the_status_are_said(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client, program("watch_status.py", endpoint) as lines:
-        lines.until(r"^tracking: \d+ poses a second")
+        lines.wait_for_line(r"^tracking: \d+ poses a second")
         client.pause()
-        lines.until("^lost: .*paused")
+        lines.wait_for_line("^lost: .*paused")
         client.resume()
-        lines.until("^tracking: ")
+        lines.wait_for_line("^tracking: ")
 
 
 @pytest.mark.zenoh
@@ -165,9 +165,9 @@ def test_a_spreadsheet_without_a_name_is_told_how_to_give_one() -> None:
 
 def test_plain_zenoh_reads_the_same(endpoint: str) -> None:
     with program("plain_zenoh.py", endpoint) as lines:
-        lines.until("^status: tracking$")
-        lines.until(r"^\d+\.\d{9} odom->base_link at \(")
-        lines.until("'state': 'tracking'")
+        lines.wait_for_line("^status: tracking$")
+        lines.wait_for_line(r"^\d+\.\d{9} odom->base_link at \(")
+        lines.wait_for_line("'state': 'tracking'")
 
 
 def test_the_shell_sends_commands_and_hears_why_not(endpoint: str) -> None:
@@ -186,7 +186,7 @@ def test_the_shell_sends_commands_and_hears_why_not(endpoint: str) -> None:
 def test_all_that_a_running_service_sends_agrees_with_its_schemas(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client:
         schemas = client.schemas()
-        assert complaints(schemas["status"], dict(client.status())) == []
+        assert schema_errors(schemas["status"], dict(client.status())) == []
         for key, name in (("kinect/latest", "odom-attachment"), ("kinect/status", "status")):
             check_reply(client, key, schemas[name])
         for command in ("reset", "pause", "resume", "save-incident"):
@@ -196,14 +196,14 @@ def test_all_that_a_running_service_sends_agrees_with_its_schemas(endpoint: str)
 
 def check_reply(client: PoseClient, key: str, schema: dict[str, Any]) -> None:
     """The JSON of a reply (of a pose, its attachment) is valid and has no key of its own."""
-    (reply,) = client._connecting.sessions[0].get(key, timeout=100)
+    (reply,) = client._connection.sessions[0].get(key, timeout=100)
     if reply.ok is None:
         assert reply.err is not None
         payload = reply.err.payload
     else:
         payload = reply.ok.attachment or reply.ok.payload
     content = json.loads(payload.to_bytes())
-    assert complaints(schema, content) == [], content
+    assert schema_errors(schema, content) == [], content
     assert content.keys() <= schema["properties"].keys()
 
 
@@ -220,11 +220,11 @@ def test_a_program_in_the_documentation_runs_as_it_stands(endpoint: str, page: s
             [sys.executable, "-u", "-c", here], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True,
         )  # fmt: skip
-        lines = Lines(process)
+        lines = ProgramOutput(process)
         try:
-            lines.until("tracking|degraded")
+            lines.wait_for_line("tracking|degraded")
         finally:
-            lines.end()
+            lines.stop()
 
 
 @pytest.mark.zenoh
@@ -239,15 +239,15 @@ def test_what_this_service_cannot_do_is_a_typed_error(endpoint: str) -> None:
 def test_after_a_pause_only_poses_under_way_come_and_the_client_says_why(endpoint: str) -> None:
     with PoseClient(connect=endpoint) as client:
         client.pause()
-        with pytest.raises(NoPose):
+        with pytest.raises(PoseUnavailable):
             next(islice(client.poses(timeout_s=1.0), UNDER_WAY, None))
         # On a busy machine the status may be late as well.
-        wait_until(lambda: why_there_is_no_pose(client) is Why.PAUSED)
+        wait_until(lambda: why_there_is_no_pose(client) is PoseUnavailableReason.PAUSED)
         client.resume()
 
 
-def why_there_is_no_pose(client: PoseClient) -> Why:
+def why_there_is_no_pose(client: PoseClient) -> PoseUnavailableReason:
     """Fails if one comes."""
-    with pytest.raises(NoPose) as none:
+    with pytest.raises(PoseUnavailable) as none:
         next(client.poses(timeout_s=0.5))
-    return none.value.why
+    return none.value.reason

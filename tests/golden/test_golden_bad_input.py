@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tests.vo_service.commands.command_line import Outcome, call
+from tests.vo_service.commands.command_line import CommandResult, run_in_process
 from tests.vo_service.commands.test_bad_input import BROKEN, CopyRecording
 
 FILE = Path(__file__).with_name("bad_input.json")
@@ -99,10 +99,10 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def agrees() -> Callable[[str, Outcome, Path], None]:
+def agrees() -> Callable[[str, CommandResult, Path], None]:
     """Compare an outcome with the file; or write it there, if that was asked for."""
 
-    def check(name: str, outcome: Outcome, folder: Path) -> None:
+    def check(name: str, outcome: CommandResult, folder: Path) -> None:
         first_line = outcome.err.splitlines()[0].replace(str(folder), "FOLDER")
         found: dict[str, Any] = {"code": outcome.code, "first_line": first_line}
         golden = json.loads(FILE.read_text()) if FILE.exists() else {}
@@ -119,9 +119,9 @@ def test_a_mistake_on_the_command_line(
     command: str,
     place: Path,
     capfd: pytest.CaptureFixture[str],
-    agrees: Callable[[str, Outcome, Path], None],
+    agrees: Callable[[str, CommandResult, Path], None],
 ) -> None:
-    agrees(f"kinect-vo {command}".strip(), call(capfd, *shlex.split(command)), place)
+    agrees(f"kinect-vo {command}".strip(), run_in_process(capfd, *shlex.split(command)), place)
 
 
 @pytest.mark.parametrize("fault", BROKEN)
@@ -130,11 +130,11 @@ def test_a_broken_recording(
     copy_recording: CopyRecording,
     tmp_path: Path,
     capfd: pytest.CaptureFixture[str],
-    agrees: Callable[[str, Outcome, Path], None],
+    agrees: Callable[[str, CommandResult, Path], None],
 ) -> None:
     folder = copy_recording(lists=True)
     BROKEN[fault][0](folder)
-    agrees(fault, call(capfd, "replay", folder, "--no-publish"), tmp_path)
+    agrees(fault, run_in_process(capfd, "replay", folder, "--no-publish"), tmp_path)
 
 
 def test_the_file_has_nothing_else() -> None:

@@ -9,8 +9,15 @@ import pytest
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.render import Renderer, make_renderer
 from tests.drivers.synthetic.studio import fill_sequence
-from tests.golden.trajectories import CASES, FILE, RECORDINGS, VIRTUAL, made_with, trajectory
-from tests.made_once import made_once
+from tests.golden.trajectories import (
+    CASES,
+    FILE,
+    RECORDINGS,
+    VIRTUAL,
+    compute_digest,
+    environment_info,
+)
+from tests.made_once import make_once
 
 # On another processor rounding differs, and with it what RANSAC draws.
 ROUGH_M = 0.005
@@ -25,7 +32,7 @@ def _renderer(config: SyntheticConfig) -> Renderer:
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Frames of the virtual Kinect, for all methods."""
-    return made_once(
+    return make_once(
         tmp_path_factory, "golden", lambda folder: fill_sequence(VIRTUAL, folder, _renderer)
     )
 
@@ -37,10 +44,10 @@ def test_a_method_gives_the_poses_that_it_gave(
     if case.endswith(RECORDINGS):
         request.getfixturevalue("recordings")
     golden = json.loads(FILE.read_text())
-    expected, found = golden["trajectories"][case], trajectory(case, rendered)
+    expected, found = golden["trajectories"][case], compute_digest(case, rendered)
     assert found["states"].keys() == expected["states"].keys()
     np.testing.assert_allclose(found["path_m"], expected["path_m"], atol=ROUGH_M)
-    if golden["made_with"] == made_with():
+    if golden["made_with"] == environment_info():
         assert found == expected
 
 

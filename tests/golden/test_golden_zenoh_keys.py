@@ -5,13 +5,13 @@ from typing import Any
 import pytest
 import zenoh
 
-from vo_service.control.inbox import Inbox
-from vo_service.outputs.zenoh_commands import commands_for
-from vo_service.outputs.zenoh_messages import Frames
-from vo_service.outputs.zenoh_questions import Memory, Questions
+from vo_service.control.inbox import CommandQueue
+from vo_service.outputs.zenoh_commands import make_command_endpoint
+from vo_service.outputs.zenoh_messages import FrameIds
+from vo_service.outputs.zenoh_questions import LatestMessages, Queryables
 from vo_service.outputs.zenoh_session import open_session
-from vo_service.outputs.zenoh_station import Programme, Station
-from vo_service.settings import CommandSettings, Ros2Settings, ZenohConfig
+from vo_service.outputs.zenoh_station import EndpointConfig, SessionEndpoints
+from vo_service.settings import CommandConfig, Ros2Config, ZenohConfig
 
 pytestmark = pytest.mark.zenoh
 
@@ -53,31 +53,31 @@ class Declared:
         return getattr(self._session, name)
 
 
-def declared(ros2: Ros2Settings) -> Declared:
+def declared(ros2: Ros2Config) -> Declared:
     """What a service with default settings declares."""
-    programme = Programme(
+    programme = EndpointConfig(
         "kinect",
-        Frames("odom", "base_link", "map"),
+        FrameIds("odom", "base_link", "map"),
         zenoh.CongestionControl.DROP,
-        Questions("kinect", Memory()),
-        commands_for(CommandSettings(), Inbox()),
+        Queryables("kinect", LatestMessages()),
+        make_command_endpoint(CommandConfig(), CommandQueue()),
         ros2,
     )
     with open_session(ZenohConfig(listen=())) as session:
         spy = Declared(session)
-        Station(spy, programme).close()  # type: ignore[arg-type]
+        SessionEndpoints(spy, programme).close()  # type: ignore[arg-type]
     return spy
 
 
 def test_the_keys_of_a_service_are_those_that_others_know() -> None:
-    found = declared(Ros2Settings())
+    found = declared(Ros2Config())
     assert found.publishers == PUBLISHED
     assert found.queryables == ANSWERED | COMMANDS
     assert found.tokens == TOKENS
 
 
 def test_ros2_finds_its_topics_under_both_of_its_keys() -> None:
-    found = declared(Ros2Settings(enabled=True))
+    found = declared(Ros2Config(enabled=True))
     keys = found.publishers - PUBLISHED
     for topic, type_name in ROS2_TYPES.items():
         assert topic in keys

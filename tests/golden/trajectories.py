@@ -24,16 +24,16 @@ from typing import Any
 import llvmlite.binding
 import numpy as np
 
-from drivers.camera import Pace, PinholeCamera, RgbdCamera
-from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.camera import PinholeCamera, PlaybackMode, RgbdCamera
+from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.camera import TumCamera
-from vo_service.app import run_loop
-from vo_service.config import Config, OdometrySettings
-from vo_service.feed import PlainFeed
-from vo_service.interrupts import Stop
+from vo_service.app import run_replay
+from vo_service.config import Config, OdometryConfig
+from vo_service.feed import SinglePassSource
+from vo_service.interrupts import StopSignal
 from vo_service.methods import METHODS
-from vo_service.types import PoseUpdate, Status
+from vo_service.types import OdometryUpdate, Status
 
 FILE = Path(__file__).with_name("trajectories.json")
 FRAMES = 60
@@ -49,16 +49,16 @@ CASES = tuple(f"{method}-{source}" for method, source in product(METHODS, SOURCE
 
 
 @dataclass
-class Digest:
+class PoseDigest:
     """Takes the first poses, as an output of the service, and then asks for the end."""
 
-    stop: Stop
+    stop: StopSignal
     warning = ""
     bits: "hashlib._Hash" = field(default_factory=hashlib.sha256)
     states: dict[str, int] = field(default_factory=dict)
     path_m: list[list[float]] = field(default_factory=list)
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         numbers = (
             update.T_world_camera,
             update.T_odom_base,
@@ -76,7 +76,7 @@ class Digest:
         if update.seq == FRAMES - 1:
             self.stop.request()
 
-    def status(self, status: Status) -> None:
+    def on_status(self, status: Status) -> None:
         """A status has times in it, which differ."""
 
     def close(self) -> None:
@@ -87,26 +87,26 @@ class Digest:
         return {"sha256": self.bits.hexdigest(), "states": self.states, "path_m": self.path_m}
 
 
-def trajectory(case: str, rendered: Path | None = None) -> dict[str, Any]:
+def compute_digest(case: str, rendered: Path | None = None) -> dict[str, Any]:
     """Run a method over its input. A recording is found through KINECT_VO_DATA.
 
     `rendered` is a folder with frames of the virtual Kinect; without it they are rendered here.
     """
     method, source = case.split("-", 1)
-    config = replace(Config(), odometry=OdometrySettings(method=method))
-    digest = Digest(Stop())
+    config = replace(Config(), odometry=OdometryConfig(method=method))
+    digest = PoseDigest(StopSignal())
     with _camera(source, rendered) as camera:
-        run_loop(config, camera, PlainFeed(camera), [digest], digest.stop)
+        run_replay(config, camera, SinglePassSource(camera), [digest], digest.stop)
     return digest.result
 
 
 def _camera(source: str, rendered: Path | None) -> RgbdCamera:
     if source == "virtual":
-        return SyntheticCamera(VIRTUAL, preparation=Preparation(rendered))
-    return TumCamera(Path(os.environ["KINECT_VO_DATA"]) / source, None, Pace.LOCKSTEP)
+        return SyntheticCamera(VIRTUAL, render_options=RenderOptions(rendered))
+    return TumCamera(Path(os.environ["KINECT_VO_DATA"]) / source, None, PlaybackMode.LOCKSTEP)
 
 
-def made_with() -> dict[str, str]:
+def environment_info() -> dict[str, str]:
     """What the bits of a result depend on, beside the code."""
     libraries = ("numpy", "opencv-python-headless", "numba", "scipy")
     return {
@@ -122,6 +122,6 @@ def _processor_features() -> str:
 
 
 if __name__ == "__main__":
-    results = {case: trajectory(case) for case in CASES}
-    content = {"made_with": made_with(), "trajectories": results}
+    results = {case: compute_digest(case) for case in CASES}
+    content = {"made_with": environment_info(), "trajectories": results}
     FILE.write_text(json.dumps(content, indent=1) + "\n")

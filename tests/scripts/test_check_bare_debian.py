@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.stand_ins.needed import missing
+from tests.stand_ins.needed import skip_or_fail
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -77,7 +77,7 @@ def test_a_checkout_that_is_no_clone_is_refused(starts: Starts, tmp_path: Path) 
 
 def need_root() -> None:
     if os.geteuid() != 0:
-        missing("needs root, to mount")
+        skip_or_fail("needs root, to mount")
 
 
 @pytest.mark.parametrize("arguments", [["all"], ["--help"], ["demo", "test"], ["demo test"]])

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from scripts.check_lock import TARGETS, Table, Target
-from scripts.locked_wheels import main, requirements
+from scripts.locked_wheels import format_requirements, main
 
 DEBIAN_X86 = Target("x86_64", "3.11.2")
 BOARD = Target("aarch64", "3.13.0")
@@ -27,7 +27,7 @@ def project(*needs: str, **more: Any) -> Table:
 def test_every_wheel_that_fits_is_listed_with_its_hash() -> None:
     tags = ("cp311-cp311-manylinux_2_28_x86_64", "cp311-cp311-manylinux_2_28_aarch64")
     lock = [project("a"), package("a", "py3-none-any", *tags)]
-    (line,) = requirements(lock, DEBIAN_X86, ())
+    (line,) = format_requirements(lock, DEBIAN_X86, ())
     assert line == f"a==1 --hash=sha256:py3-none-any --hash=sha256:{tags[0]}"
 
 
@@ -36,8 +36,8 @@ def test_extras_are_listed_where_asked_for_and_tools_for_development_never() -> 
     groups: Table = {"dev": [{"name": "c"}]}
     root = project("a", **{"optional-dependencies": optional, "dev-dependencies": groups})
     lock = [root, *(package(name, "py3-none-any") for name in "abc")]
-    assert [line[0] for line in requirements(lock, BOARD, ())] == ["a"]
-    assert [line[0] for line in requirements(lock, BOARD, ["rerun"])] == ["a", "b"]
+    assert [line[0] for line in format_requirements(lock, BOARD, ())] == ["a"]
+    assert [line[0] for line in format_requirements(lock, BOARD, ["rerun"])] == ["a", "b"]
 
 
 @pytest.mark.parametrize("target", TARGETS, ids=str)

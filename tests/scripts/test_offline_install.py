@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.stand_ins.needed import missing
+from tests.stand_ins.needed import skip_or_fail
 
 pytestmark = pytest.mark.subprocess
 
@@ -64,7 +64,7 @@ def uv_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The uv of this checkout as a wheel."""
     uv = shutil.which(SCRIPTS.parent / ".tools/bin/uv") or shutil.which("uv")
     if uv is None:
-        missing("needs uv: scripts/setup.sh installs it")
+        skip_or_fail("needs uv: scripts/setup.sh installs it")
     file = tmp_path_factory.mktemp("uv") / "uv-1-py3-none-any.whl"
     with zipfile.ZipFile(file, "w") as wheel:
         wheel.write(uv, "uv-1.data/scripts/uv")

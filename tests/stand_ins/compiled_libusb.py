@@ -28,7 +28,7 @@ def libusb_folder() -> Path:
     """
     folder = cache_folder().resolve() / "played-kinect" / _fingerprint()
     if not (folder / SONAME).exists():
-        _compile_into(folder)
+        _compile(folder)
     return folder
 
 
@@ -47,7 +47,7 @@ def compiler() -> str:
     return found
 
 
-def _compile_into(folder: Path) -> None:
+def _compile(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     # Whoever looks for the library at this moment finds all of it or nothing, and for good.
     with tempfile.TemporaryDirectory(dir=folder) as draft:

@@ -4,7 +4,7 @@ import struct
 from collections.abc import Iterable
 from pathlib import Path
 
-from tests.stand_ins.wire_film import COLUMNS, ROWS, ColourBgr, DepthMm
+from tests.stand_ins.wire_film import COLUMNS, ROWS, ColorBgr, DepthMm
 
 TICKS_PER_S = 60_000_000
 INDEX = "INDEX.txt"
@@ -15,7 +15,7 @@ _TILT_STATE = "<hhhbxi"
 
 def write_fakenect_dump(
     folder: Path,
-    frames: Iterable[tuple[ColourBgr, DepthMm]],
+    frames: Iterable[tuple[ColorBgr, DepthMm]],
     rate_hz: float = 30.0,
     start_ticks: int = 0,
     colour_offset_s: float = 0.0,
@@ -35,8 +35,8 @@ def write_fakenect_dump(
         colour_s = depth_s + colour_offset_s
         files = {
             _name("a", depth_s, start_ticks, "dump"): struct.pack(_TILT_STATE, *acceleration, 0, 0),
-            _name("d", depth_s, start_ticks, "pgm"): _picture("P5", 65535, depth.astype("<u2")),
-            _name("r", colour_s, start_ticks, "ppm"): _picture("P6", 255, bgr[:, :, ::-1]),
+            _name("d", depth_s, start_ticks, "pgm"): _pnm_bytes("P5", 65535, depth.astype("<u2")),
+            _name("r", colour_s, start_ticks, "ppm"): _pnm_bytes("P6", 255, bgr[:, :, ::-1]),
         }
         for name, data in files.items():
             (folder / name).write_bytes(data)
@@ -54,6 +54,6 @@ def _host_time(name: str) -> float:
     return float(name.split("-")[1])
 
 
-def _picture(magic: str, most: int, image: ColourBgr | DepthMm) -> bytes:
+def _pnm_bytes(magic: str, max_value: int, image: ColorBgr | DepthMm) -> bytes:
     """One line of header, as fakenect wants it, and the pixels; depth not in PGM's byte order."""
-    return f"{magic} {COLUMNS} {ROWS} {most}\n".encode() + image.tobytes()
+    return f"{magic} {COLUMNS} {ROWS} {max_value}\n".encode() + image.tobytes()

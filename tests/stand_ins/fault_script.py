@@ -6,23 +6,23 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from drivers.errors import InputError
-from tests.stand_ins.played_kinect import PlayedKinect, Stream
+from tests.stand_ins.played_kinect import KinectSimulator, KinectStream
 
-DEFAULT_LOSS = 100
+DEFAULT_LOSS_INTERVAL = 100
 
-_ACTIONS: dict[str, Callable[[PlayedKinect, bool, int], None]] = {
+_ACTIONS: dict[str, Callable[[KinectSimulator, bool, int], None]] = {
     "unplug": lambda kinect, on, _: kinect.unplug() if on else kinect.plug(),
     "stall": lambda kinect, on, _: kinect.stall(on),
-    "stall-depth": lambda kinect, on, _: kinect.stall(on, Stream.DEPTH),
-    "stall-colour": lambda kinect, on, _: kinect.stall(on, Stream.COLOUR),
-    "lose": lambda kinect, on, every: _lose(kinect, every if on else 0),
+    "stall-depth": lambda kinect, on, _: kinect.stall(on, KinectStream.DEPTH),
+    "stall-colour": lambda kinect, on, _: kinect.stall(on, KinectStream.COLOR),
+    "lose": lambda kinect, on, every: _lose_packets(kinect, every if on else 0),
     "freeze": lambda kinect, on, _: kinect.freeze_control(on),
-    "busy": lambda kinect, on, _: kinect.busy(on),
-    "forbid": lambda kinect, on, _: kinect.forbid(on),
-    "starve": lambda kinect, on, _: kinect.starve(on),
-    "slow-bus": lambda kinect, on, _: kinect.slow_bus(on),
-    "kernel-driver": lambda kinect, on, _: kinect.kernel_driver(on),
-    "no-firmware": lambda kinect, on, _: kinect.firmware(not on),
+    "busy": lambda kinect, on, _: kinect.set_busy(on),
+    "forbid": lambda kinect, on, _: kinect.deny_access(on),
+    "starve": lambda kinect, on, _: kinect.remove_bandwidth(on),
+    "slow-bus": lambda kinect, on, _: kinect.set_full_speed_bus(on),
+    "kernel-driver": lambda kinect, on, _: kinect.attach_kernel_driver(on),
+    "no-firmware": lambda kinect, on, _: kinect.set_firmware_loaded(not on),
 }
 FAULT_NAMES = tuple(_ACTIONS)
 _TIMED = re.compile(
@@ -32,8 +32,8 @@ _TIMED = re.compile(
 _TYPED = re.compile(r"(?P<name>[a-z-]+)(=(?P<number>\d+))?(\s+(?P<switch>on|off))?")
 
 
-def _lose(kinect: PlayedKinect, every: int) -> None:
-    for stream in Stream:
+def _lose_packets(kinect: KinectSimulator, every: int) -> None:
+    for stream in KinectStream:
         kinect.lose_packets(stream, every)
 
 
@@ -46,7 +46,7 @@ class TimedFault:
     start_s: float
     length_s: float | None
 
-    def switch(self, kinect: PlayedKinect, on: bool) -> None:
+    def switch(self, kinect: KinectSimulator, on: bool) -> None:
         """Let it happen, or end it."""
         _ACTIONS[self.name](kinect, on, self.number)
 
@@ -60,21 +60,21 @@ def parse_fault(text: str) -> TimedFault:
             f"{', '.join(FAULT_NAMES)}"
         )
     length_s = float(found["length"]) if found["length"] else None
-    number = int(found["number"] or DEFAULT_LOSS)
+    number = int(found["number"] or DEFAULT_LOSS_INTERVAL)
     return TimedFault(found["name"], number, float(found["start"] or 0.0), length_s)
 
 
-def obey(kinect: PlayedKinect, line: str) -> None:
+def run_command(kinect: KinectSimulator, line: str) -> None:
     """Do what was typed: ``unplug``, ``unplug off``, ``plug``, ``lose=50``. Raises InputError."""
     typed = line.strip().replace("_", "-")
     found = _TYPED.fullmatch("unplug off" if typed == "plug" else typed)
     if found is None or found["name"] not in _ACTIONS:
         raise InputError(f"{typed!r}: type one of: plug, {', '.join(FAULT_NAMES)}; ' off' ends one")
-    number = int(found["number"] or DEFAULT_LOSS)
+    number = int(found["number"] or DEFAULT_LOSS_INTERVAL)
     _ACTIONS[found["name"]](kinect, found["switch"] != "off", number)
 
 
-def schedule(kinect: PlayedKinect, faults: Iterable[TimedFault]) -> list[threading.Timer]:
+def schedule_faults(kinect: KinectSimulator, faults: Iterable[TimedFault]) -> list[threading.Timer]:
     """Start the clock for all of them; faults from second 0 are there when this returns."""
     timers = []
     for fault in faults:

@@ -13,15 +13,15 @@ from drivers.errors import UserFacingError
 from drivers.openni2.library import SONAME as LIBOPENNI2
 from tests.stand_ins.compiled_libusb import SONAME, libusb_folder
 from tests.stand_ins.freenect_probe import SONAME as LIBFREENECT
-from tests.stand_ins.needed import missing, need_fakenect, need_library
-from tests.stand_ins.played_kinect import PlayedKinect
-from tests.stand_ins.wire_film import WireFilm, wire_film
+from tests.stand_ins.needed import require_fakenect, require_library, skip_or_fail
+from tests.stand_ins.played_kinect import KinectSimulator
+from tests.stand_ins.wire_film import UsbFrames, write_usb_frames
 
-FILM_FRAMES = 8
-PlayKinect = Callable[..., PlayedKinect]
+FRAME_COUNT = 8
+SimulateKinect = Callable[..., KinectSimulator]
 
 
-def pattern(seq: int) -> tuple[np.ndarray[Any, np.dtype[np.uint8]], Any]:
+def pattern_frame(seq: int) -> tuple[np.ndarray[Any, np.dtype[np.uint8]], Any]:
     """Frame `seq` of the film of most tests: BGR and millimetres, no two frames alike.
 
     Colour is smooth, so that it survives Bayer's mosaic but for a few grey levels; depth is a slope
@@ -51,45 +51,47 @@ def played_libusb() -> Path:
     try:
         return libusb_folder()
     except UserFacingError as error:
-        missing(str(error))
+        skip_or_fail(str(error))
 
 
 @pytest.fixture(scope="session")
 def real_libfreenect(played_libusb: Path) -> None:
     """For tests of libfreenect on the stand-in; skips where it is not installed."""
-    need_library(LIBFREENECT, "libfreenect0.5")
+    require_library(LIBFREENECT, "libfreenect0.5")
 
 
 @pytest.fixture(scope="session")
 def real_openni2() -> None:
     """For tests of libOpenNI2; skips where it is not installed."""
-    need_library(LIBOPENNI2, "libopenni2-0")
+    require_library(LIBOPENNI2, "libopenni2-0")
 
 
 @pytest.fixture(scope="session")
 def fakenect() -> Path:
     """The file of libfreenect's fakenect; skips where it is not installed."""
-    return need_fakenect()
+    return require_fakenect()
 
 
 @pytest.fixture(scope="session")
-def kinect_film(tmp_path_factory: pytest.TempPathFactory) -> WireFilm:
+def kinect_film(tmp_path_factory: pytest.TempPathFactory) -> UsbFrames:
     """A quarter of a second of `pattern`, to be looped."""
-    frames = (pattern(seq) for seq in range(FILM_FRAMES))
-    return wire_film(tmp_path_factory.mktemp("films"), frames)
+    frames = (pattern_frame(seq) for seq in range(FRAME_COUNT))
+    return write_usb_frames(tmp_path_factory.mktemp("films"), frames)
 
 
 @pytest.fixture
-def play_kinect(tmp_path: Path, played_libusb: Path, kinect_film: WireFilm) -> Iterator[PlayKinect]:
+def play_kinect(
+    tmp_path: Path, played_libusb: Path, kinect_film: UsbFrames
+) -> Iterator[SimulateKinect]:
     """A function that plugs in a Kinect until the test ends, with options as PlayedKinect has.
 
     It is patient: a test does not fail because the machine is busy.
     """
     with ExitStack() as stack:
 
-        def play(film: WireFilm = kinect_film, **options: Any) -> PlayedKinect:
-            kinect = stack.enter_context(PlayedKinect(tmp_path, film, **options))
-            kinect.patient = True
+        def play(film: UsbFrames = kinect_film, **options: Any) -> KinectSimulator:
+            kinect = stack.enter_context(KinectSimulator(tmp_path, film, **options))
+            kinect.waits_for_reader = True
             return kinect
 
         yield play

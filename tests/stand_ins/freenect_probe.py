@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.stand_ins.played_kinect import PlayedKinect
+from tests.stand_ins.played_kinect import KinectSimulator
 
 SONAME = "libfreenect.so.0.5"
 CAMERA, MOTOR_AND_CAMERA = 2, 3
@@ -63,7 +63,7 @@ _LOG = ctypes.CFUNCTYPE(None, c_void_p, c_int, c_char_p)
 
 
 @dataclass
-class Seen:
+class StreamCapture:
     """What came of one stream."""
 
     stamps: list[int] = field(default_factory=list)
@@ -84,7 +84,7 @@ class FreenectProbe:
         self.lib.freenect_set_tilt_degs.argtypes = [c_void_p, ctypes.c_double]
         self.lib.freenect_get_tilt_state.restype = POINTER(TiltState)
         self.log: list[str] = []
-        self.depth, self.video = Seen(), Seen()
+        self.depth, self.video = StreamCapture(), StreamCapture()
         self.on_depth: Callable[[], object] = bool  # called within libfreenect's callback
         self._context, self.device = c_void_p(), c_void_p()
         self._keep: list[Any] = []  # what C calls must not be collected
@@ -125,11 +125,15 @@ class FreenectProbe:
         video_mode = lib.freenect_find_video_mode(1, video)
         lib.freenect_set_depth_mode(device, depth_mode)
         lib.freenect_set_video_mode(device, video_mode)
-        lib.freenect_set_depth_callback(device, self._taker(self.depth, depth_mode, np.uint16))
-        lib.freenect_set_video_callback(device, self._taker(self.video, video_mode, np.uint8))
+        lib.freenect_set_depth_callback(
+            device, self._make_callback(self.depth, depth_mode, np.uint16)
+        )
+        lib.freenect_set_video_callback(
+            device, self._make_callback(self.video, video_mode, np.uint8)
+        )
         return lib.freenect_start_depth(device), lib.freenect_start_video(device)
 
-    def _taker(self, seen: Seen, mode: _Mode, kind: type[np.generic]) -> Any:
+    def _make_callback(self, seen: StreamCapture, mode: _Mode, kind: type[np.generic]) -> Any:
         shape = (mode.height, mode.width, -1)
 
         def take(_: int, data: int, stamp: int) -> None:
@@ -149,7 +153,7 @@ class FreenectProbe:
         result: int = self.lib.freenect_process_events_timeout(self._context, ctypes.byref(wait))
         return result
 
-    def watch(self, frames: int, limit_s: float = 5.0) -> int:
+    def capture(self, frames: int, limit_s: float = 5.0) -> int:
         """Until so many frames of both streams have come, something fails, or time is up."""
         deadline_s = time.monotonic() + limit_s
         result = 0
@@ -185,13 +189,13 @@ class FreenectProbe:
         self.close()
 
 
-def watch_kinect(kinect: PlayedKinect, frames: int, depth: int = DEPTH_RAW) -> FreenectProbe:
+def capture_kinect(kinect: KinectSimulator, frames: int, depth: int = DEPTH_RAW) -> FreenectProbe:
     """Look at it in this process until so many frames have come; closed, but all is remembered."""
-    kinect.load()
+    kinect.activate()
     with FreenectProbe() as probe:
         assert probe.opened == 0, probe.log
         assert probe.start(depth) == (0, 0)
-        probe.watch(frames)
+        probe.capture(frames)
     assert min(len(probe.depth.stamps), len(probe.video.stamps)) >= frames, probe.log
     return probe
 
@@ -202,7 +206,7 @@ def main() -> None:
         print("opened", probe.opened, flush=True)
         if probe.opened == 0:
             probe.start()
-            probe.watch(sys.maxsize, float(sys.argv[1]))
+            probe.capture(sys.maxsize, float(sys.argv[1]))
         print("frames", len(probe.depth.stamps), len(probe.video.stamps), flush=True)
 
 

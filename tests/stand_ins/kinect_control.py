@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 MAGIC = 0x4B494E31
-SERIAL_ROOM = 32
-PATH_ROOM = 1024
+SERIAL_BYTES = 32
+PATH_BYTES = 1024
 LOCKS_OPEN_HANDLES = 1 << 20
 OPEN_HANDLE_SLOTS = 64
 REGISTER_VIDEO = 0x05
@@ -31,16 +31,16 @@ class StreamControl(ctypes.Structure):
     )
 
 
-class Control(ctypes.Structure):
+class KinectControl(ctypes.Structure):
     """The whole Kinect."""
 
     _fields_ = (
         ("magic", c_uint32),
         ("size", c_uint32),
         ("model", c_uint32),
-        ("camera_serial", c_char * SERIAL_ROOM),
-        ("audio_serial", c_char * SERIAL_ROOM),
-        ("film", c_char * PATH_ROOM),
+        ("camera_serial", c_char * SERIAL_BYTES),
+        ("audio_serial", c_char * SERIAL_BYTES),
+        ("film", c_char * PATH_BYTES),
         ("registration", c_int32 * 29),
         ("padding", c_uint16 * 3),
         ("const_shift", c_uint16),
@@ -75,18 +75,18 @@ class Control(ctypes.Structure):
     )
 
 
-def create_control(file: Path) -> Control:
+def create_control(file: Path) -> KinectControl:
     """A new control file, mapped; what is written to it is seen at once by whoever plays it."""
     with file.open("w+b") as opened:
-        opened.truncate(ctypes.sizeof(Control))
-        mapped = mmap.mmap(opened.fileno(), ctypes.sizeof(Control))
-    control = Control.from_buffer(mapped)
+        opened.truncate(ctypes.sizeof(KinectControl))
+        mapped = mmap.mmap(opened.fileno(), ctypes.sizeof(KinectControl))
+    control = KinectControl.from_buffer(mapped)
     control.magic = MAGIC
-    control.size = ctypes.sizeof(Control)
+    control.size = ctypes.sizeof(KinectControl)
     return control
 
 
-class Whole:
+class ControlField:
     """An attribute that is a field of `self._control`."""
 
     def __init__(self, field: str) -> None:
@@ -99,7 +99,7 @@ class Whole:
         setattr(owner._control, self._field, value)
 
 
-class Seconds:
+class SecondsField:
     """An attribute in seconds that is a field of `self._control` in nanoseconds."""
 
     def __init__(self, field: str) -> None:

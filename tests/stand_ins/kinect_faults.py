@@ -11,21 +11,21 @@ from tests.stand_ins.kinect_control import (
     OPEN_HANDLE_SLOTS,
     REGISTER_DEPTH,
     REGISTER_VIDEO,
-    Control,
+    KinectControl,
 )
 
 # struct flock: type, whence, start, length, process; with the C compiler's gaps.
 _FLOCK = "hhqqi4x"
 
 
-class Stream(IntEnum):
+class KinectStream(IntEnum):
     """What the camera sends."""
 
     DEPTH = 0
-    COLOUR = 1
+    COLOR = 1
 
 
-class Led(IntEnum):
+class KinectLed(IntEnum):
     """The light, in the numbers of the 1414 whatever the model."""
 
     OFF = 0
@@ -36,10 +36,10 @@ class Led(IntEnum):
     BLINK_RED_YELLOW = 6
 
 
-class Faults:
+class KinectFaultControls:
     """Commands that take effect at once, in whatever process the Kinect is used."""
 
-    _control: Control
+    _control: KinectControl
 
     def unplug(self) -> None:
         """Pull the cable: whatever is open is dead from now on."""
@@ -51,57 +51,57 @@ class Faults:
         for number in range(len(control.registers)):
             control.registers[number] = 0
             control.cmos[number] = 0
-        control.led = Led.BLINK_GREEN
+        control.led = KinectLed.BLINK_GREEN
         control.clock_began_frame = -1
         control.generation += 1
         control.plugged = 1
 
-    def lose_packets(self, stream: Stream, every: int) -> None:
+    def lose_packets(self, stream: KinectStream, every: int) -> None:
         """Lose every n-th packet of a stream; 0 = none."""
         self._control.streams[stream].lose_every = every
 
-    def lose_burst(self, stream: Stream, packets: int) -> None:
+    def lose_burst(self, stream: KinectStream, packets: int) -> None:
         """Lose the next so many packets of a stream."""
         self._control.streams[stream].lose_next = packets
 
-    def stall(self, on: bool = True, *streams: Stream) -> None:
+    def stall(self, on: bool = True, *streams: KinectStream) -> None:
         """Send nothing any more, on one stream or on both (none named)."""
-        for stream in streams or tuple(Stream):
+        for stream in streams or tuple(KinectStream):
             self._control.streams[stream].stalled = on
 
     def freeze_control(self, on: bool = True) -> None:
         """Answer commands with no bytes: libfreenect asks again for ever."""
         self._control.frozen = on
 
-    def busy(self, on: bool = True) -> None:
+    def set_busy(self, on: bool = True) -> None:
         """Another program holds the camera: it opens, but cannot be claimed."""
         self._control.busy = on
 
-    def forbid(self, on: bool = True) -> None:
+    def deny_access(self, on: bool = True) -> None:
         """No permission to open any of its devices."""
         self._control.forbidden = on
 
-    def starve(self, on: bool = True) -> None:
+    def remove_bandwidth(self, on: bool = True) -> None:
         """No bandwidth on the bus: streams cannot be started, and running ones die."""
         self._control.starved = on
 
-    def slow_bus(self, on: bool = True) -> None:
+    def set_full_speed_bus(self, on: bool = True) -> None:
         """On a full-speed port (12 Mbit/s), where no stream fits."""
         self._control.slow_bus = on
 
-    def kernel_driver(self, on: bool = True) -> None:
+    def attach_kernel_driver(self, on: bool = True) -> None:
         """The kernel's gspca_kinect has taken the camera."""
         self._control.kernel_driver = on
 
-    def firmware(self, on: bool = True) -> None:
+    def set_firmware_loaded(self, on: bool = True) -> None:
         """Whether the audio device of a 1473 or K4W has its firmware, and so moves the motor."""
         self._control.firmware = on
 
 
-class Readings:
+class KinectReadings:
     """What the Kinect tells, as seen on its side of the cable."""
 
-    _control: Control
+    _control: KinectControl
     control_file: Path
 
     @property
@@ -117,9 +117,9 @@ class Readings:
         return bool(time.monotonic() < control.tilt_began_ns / 1e9 + needed_s)
 
     @property
-    def led(self) -> Led:
+    def led(self) -> KinectLed:
         """The light."""
-        return Led(self._control.led)
+        return KinectLed(self._control.led)
 
     @property
     def frames_sent(self) -> tuple[int, int]:

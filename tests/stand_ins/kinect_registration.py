@@ -8,51 +8,51 @@ from dataclasses import dataclass
 
 from tests.stand_ins.depth_scale import (
     NOMINAL,
-    DepthScale,
-    expected_mm,
-    quantised_mm,
-    raw_of_mm,
+    RawDepthScale,
+    mm_to_raw,
+    quantize_mm,
+    raw_to_mm,
 )
 
 __all__ = [
     "FACTORY",
     "IDENTITY",
-    "Registration",
-    "expected_mm",
-    "quantised_mm",
-    "raw_of_mm",
+    "RegistrationTable",
+    "mm_to_raw",
+    "quantize_mm",
+    "raw_to_mm",
 ]
 
 # What libfreenect always does between the camera's own numbers and a pixel: it adds one pixel and
 # 3/8, and takes the two cameras to be 2.4 cm apart, whatever the Kinect says.
-_ADDED_PX = 1.0
-_ADDED_COLUMNS_PX = 0.375
-_CAMERAS_APART_CM = 2.4
-_TOLD_CM = 2.3
+_EXTRA_SHIFT_PX = 1.0
+_EXTRA_COLUMNS_PX = 0.375
+_BASELINE_CM = 2.4
+_REPORTED_BASELINE_CM = 2.3
 
 # Fixed point: the first values in 1/256 pixel, the slopes in 1/32768 pixel a pixel.
-_PER_PIXEL = 256
-_PER_SLOPE = 32768
+_UNITS_PER_PIXEL = 256
+_UNITS_PER_SLOPE = 32768
 # Where they stand among the 29 numbers of the map's polynomial.
 _X_START, _Y_START, _X_SLOPE, _Y_SLOPE, _NUMBERS = 5, 10, 17, 20, 29
 
 # Kinect v1, colour and depth camera (nominal): focal length and centre of 640x480 images.
-_COLOUR_FOCAL_PX = 525.0
-_CENTRE_PX = (319.5, 239.5)
+_COLOR_FOCAL_PX = 525.0
+_CENTER_PX = (319.5, 239.5)
 
 
 @dataclass(frozen=True)
-class Registration:
+class RegistrationTable:
     """`polynomial` maps depth pixels to colour pixels; `magnification` see IDENTITY."""
 
     polynomial: tuple[int, ...]
     magnification: float = 1.0
 
-    def zero_plane(self, scale: DepthScale) -> tuple[float, float, float, float]:
+    def zero_plane(self, scale: RawDepthScale) -> tuple[float, float, float, float]:
         """As the camera sends it: emitter, colour camera, reference plane, pixel; cm."""
         return (
             scale.emitter_cm * self.magnification,
-            _TOLD_CM,
+            _REPORTED_BASELINE_CM,
             scale.reference_cm,
             scale.pixel_cm * self.magnification,
         )
@@ -60,23 +60,23 @@ class Registration:
 
 def _polynomial(shift_px: tuple[float, float], slope: float) -> tuple[int, ...]:
     numbers = [0] * _NUMBERS
-    numbers[_X_START] = round(shift_px[0] * _PER_PIXEL)
-    numbers[_Y_START] = round(shift_px[1] * _PER_PIXEL)
-    numbers[_X_SLOPE] = numbers[_Y_SLOPE] = round(slope * _PER_SLOPE)
+    numbers[_X_START] = round(shift_px[0] * _UNITS_PER_PIXEL)
+    numbers[_Y_START] = round(shift_px[1] * _UNITS_PER_PIXEL)
+    numbers[_X_SLOPE] = numbers[_Y_SLOPE] = round(slope * _UNITS_PER_SLOPE)
     return tuple(numbers)
 
 
-def _factory() -> Registration:
+def _make_factory_table() -> RegistrationTable:
     """A Kinect as made: colour camera 2.4 cm beside the depth camera, with a wider view."""
-    slope = _COLOUR_FOCAL_PX / NOMINAL.focal_px - 1.0
+    slope = _COLOR_FOCAL_PX / NOMINAL.focal_px - 1.0
     # libfreenect shifts columns by this much at infinity, and by nothing at the reference distance.
-    at_infinity_px = _CAMERAS_APART_CM / (2.0 * NOMINAL.pixel_cm)
-    x = -slope * _CENTRE_PX[0] - at_infinity_px - _ADDED_PX - _ADDED_COLUMNS_PX + 0.5
-    y = -slope * _CENTRE_PX[1] - _ADDED_PX + 0.5
-    return Registration(_polynomial((x, y), slope))
+    at_infinity_px = _BASELINE_CM / (2.0 * NOMINAL.pixel_cm)
+    x = -slope * _CENTER_PX[0] - at_infinity_px - _EXTRA_SHIFT_PX - _EXTRA_COLUMNS_PX + 0.5
+    y = -slope * _CENTER_PX[1] - _EXTRA_SHIFT_PX + 0.5
+    return RegistrationTable(_polynomial((x, y), slope))
 
 
-def _identity() -> Registration:
+def _make_identity_table() -> RegistrationTable:
     """Registering moves nothing, for depth that is registered already.
 
     libfreenect's shift by distance cannot be switched off, but it goes with 1 / pixel size, while
@@ -84,8 +84,8 @@ def _identity() -> Registration:
     millimetres as they are, bit for bit, and make the shift a millionth. No real lens has such
     numbers: give a camera file instead of believing them.
     """
-    return Registration(_polynomial((-_ADDED_PX, -_ADDED_PX), 0.0), float(1 << 20))
+    return RegistrationTable(_polynomial((-_EXTRA_SHIFT_PX, -_EXTRA_SHIFT_PX), 0.0), float(1 << 20))
 
 
-FACTORY = _factory()
-IDENTITY = _identity()
+FACTORY = _make_factory_table()
+IDENTITY = _make_identity_table()

@@ -13,32 +13,32 @@ ALL_INSTALLED = "KINECT_VO_ALL_INSTALLED"
 FAKENECT = "fakenect/libfreenect.so.0.5"
 
 
-def missing(reason: str) -> NoReturn:
+def skip_or_fail(reason: str) -> NoReturn:
     """Skip the test; fail it where everything is said to be installed."""
     if os.environ.get(ALL_INSTALLED):
         pytest.fail(f"{ALL_INSTALLED} is set, but: {reason}")
     pytest.skip(reason)
 
 
-def need_library(name: str, package: str) -> None:
+def require_library(name: str, package: str) -> None:
     """The test needs a library that is loaded by its name."""
     try:
         ctypes.CDLL(name)
     except OSError as error:
-        missing(f"needs {name}: apt install {package} ({error})")
+        skip_or_fail(f"needs {name}: apt install {package} ({error})")
 
 
-def need_fakenect() -> Path:
+def require_fakenect() -> Path:
     """The test needs fakenect: its file."""
     found = sorted(Path("/usr/lib").glob(f"**/{FAKENECT}"))
     if not found:
-        missing("needs fakenect: apt install libfreenect0.5")
+        skip_or_fail("needs fakenect: apt install libfreenect0.5")
     return found[0]
 
 
-def need_program(name: str, package: str) -> str:
+def require_program(name: str, package: str) -> str:
     """The test needs a program: where it is."""
     found = shutil.which(name)
     if found is None:
-        missing(f"needs {name}: apt install {package}")
+        skip_or_fail(f"needs {name}: apt install {package}")
     return found

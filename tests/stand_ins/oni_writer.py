@@ -25,7 +25,7 @@ RECORD_MAGIC = 0x0052494E
 DEPTH_1_MM, DEPTH_100_UM, RGB888 = 100, 101, 200
 
 
-class Record(IntEnum):
+class OniRecordType(IntEnum):
     """What a record holds."""
 
     INT_PROPERTY = 0x03
@@ -39,18 +39,18 @@ class Record(IntEnum):
     SEEK_TABLE = 0x0E
 
 
-class Sensor(IntEnum):
+class OniSensor(IntEnum):
     """Which stream an image belongs to; the value is the node's type in the file."""
 
     DEPTH = 2
-    COLOUR = 3
+    COLOR = 3
 
 
 @dataclass(frozen=True)
 class OniImage:
     """One image: (height, width) uint16 depth, or (height, width, 3) uint8 BGR colour."""
 
-    sensor: Sensor
+    sensor: OniSensor
     stamp_us: int
     pixels: NDArray[np.uint16] | NDArray[np.uint8]
 
@@ -73,13 +73,13 @@ class OniSettings:
     finished: bool = True
 
 
-def images_of(frames: Iterable[RgbdFrame]) -> Iterator[OniImage]:
+def frames_to_oni_images(frames: Iterable[RgbdFrame]) -> Iterator[OniImage]:
     """The images of each frame, depth first, as a sensor's own recorder writes them."""
     for frame in frames:
         stamp_us = round(frame.stamp_s * 1e6)
         depth_us = stamp_us + round(frame.skew_s * 1e6)
-        yield OniImage(Sensor.DEPTH, depth_us, frame.depth_raw)
-        yield OniImage(Sensor.COLOUR, stamp_us, frame.colour_bgr)
+        yield OniImage(OniSensor.DEPTH, depth_us, frame.depth_raw)
+        yield OniImage(OniSensor.COLOR, stamp_us, frame.color_bgr)
 
 
 def write_oni(path: Path, images: Iterable[OniImage], settings: OniSettings | None = None) -> None:
@@ -88,30 +88,32 @@ def write_oni(path: Path, images: Iterable[OniImage], settings: OniSettings | No
     Images are taken one at a time, so a long recording needs no memory.
     """
     with path.open("wb") as file:
-        _Writer(file, settings or OniSettings()).write(iter(images))
+        _OniWriter(file, settings or OniSettings()).write(iter(images))
 
 
 @dataclass
-class _Node:
+class _OniNode:
     number: int
-    sensor: Sensor
+    sensor: OniSensor
     added_at: int
     last_at: int = 0
     index: list[tuple[int, int]] = field(default_factory=list)  # stamp, position
 
 
-class _Writer:
+class _OniWriter:
     def __init__(self, file: BinaryIO, settings: OniSettings) -> None:
         self._file, self._settings = file, settings
-        self._nodes: dict[Sensor, _Node] = {}
+        self._nodes: dict[OniSensor, _OniNode] = {}
 
     def write(self, images: Iterator[OniImage]) -> None:
         self._header()
-        first, images = _peek(images)
+        first, images = _first_of_each_sensor(images)
         for image in first:
             self._declare(image)
         for node in self._nodes.values():
-            self._record(Record.DATA_BEGIN, node.number, struct.pack("<IQ", 0xFFFFFFFF, 2**64 - 1))
+            self._record(
+                OniRecordType.DATA_BEGIN, node.number, struct.pack("<IQ", 0xFFFFFFFF, 2**64 - 1)
+            )
         for image in images:
             self._image(image)
         if self._settings.finished:
@@ -124,24 +126,24 @@ class _Writer:
         self._file.write(MAGIC + struct.pack("<BBHIQI", *VERSION, last_us, len(self._nodes)))
 
     def _declare(self, image: OniImage) -> None:
-        node = _Node(len(self._nodes) + 1, image.sensor, self._file.tell())
+        node = _OniNode(len(self._nodes) + 1, image.sensor, self._file.tell())
         self._nodes[image.sensor] = node
-        self._added(node)
+        self._add_node(node)
         height, width = image.pixels.shape[:2]
         for name, number in self._int_properties(image).items():
-            self._property(Record.INT_PROPERTY, node, name, struct.pack("<Q", number))
+            self._property(OniRecordType.INT_PROPERTY, node, name, struct.pack("<Q", number))
         mode = struct.pack("<3I", width, height, self._settings.fps)
-        self._property(Record.GENERAL_PROPERTY, node, "xnSupportedMapOutputModes", mode)
-        self._property(Record.GENERAL_PROPERTY, node, "xnMapOutputMode", mode)
+        self._property(OniRecordType.GENERAL_PROPERTY, node, "xnSupportedMapOutputModes", mode)
+        self._property(OniRecordType.GENERAL_PROPERTY, node, "xnMapOutputMode", mode)
         fov = struct.pack("<2d", *self._settings.fov_rad)
-        self._property(Record.GENERAL_PROPERTY, node, "xnFOV", fov)
+        self._property(OniRecordType.GENERAL_PROPERTY, node, "xnFOV", fov)
         if self._settings.cropping:
             whole = struct.pack("<I4H", 0, 0, 0, width, height)
-            self._property(Record.GENERAL_PROPERTY, node, "xnCropping", whole)
-        self._record(Record.STATE_READY, node.number)
+            self._property(OniRecordType.GENERAL_PROPERTY, node, "xnCropping", whole)
+        self._record(OniRecordType.STATE_READY, node.number)
 
     def _int_properties(self, image: OniImage) -> dict[str, int]:
-        is_depth = image.sensor is Sensor.DEPTH
+        is_depth = image.sensor is OniSensor.DEPTH
         numbers = {
             "oniRequiredFrameSize": image.pixels.nbytes,
             "xnIsGenerating": 1,
@@ -152,58 +154,63 @@ class _Writer:
         }
         return {**numbers, "xnDeviceMaxDepth": 10000} if is_depth else numbers
 
-    def _added(self, node: _Node, seek_table_at: int = 0) -> None:
+    def _add_node(self, node: _OniNode, seek_table_at: int = 0) -> None:
         stamps = [stamp for stamp, _ in node.index] or [0]
-        name = _string(f"{node.sensor.name.title()}1")
+        name = _encode_string(f"{node.sensor.name.title()}1")
         kind = struct.pack("<I4sI", node.sensor, b"NONE", len(node.index))
         span = struct.pack("<3Q", stamps[0], max(stamps), seek_table_at)
-        self._record(Record.NODE_ADDED, node.number, name + kind + span)
+        self._record(OniRecordType.NODE_ADDED, node.number, name + kind + span)
 
-    def _property(self, kind: Record, node: _Node, name: str, data: bytes) -> None:
-        self._record(kind, node.number, _string(name) + struct.pack("<I", len(data)) + data)
+    def _property(self, kind: OniRecordType, node: _OniNode, name: str, data: bytes) -> None:
+        self._record(kind, node.number, _encode_string(name) + struct.pack("<I", len(data)) + data)
 
     def _image(self, image: OniImage) -> None:
         node = self._nodes[image.sensor]
         before, node.last_at = node.last_at, self._file.tell()
         node.index.append((image.stamp_us, node.last_at))
         fields = struct.pack("<QI", image.stamp_us, len(node.index))
-        is_colour = image.sensor is Sensor.COLOUR
+        is_colour = image.sensor is OniSensor.COLOR
         pixels = image.pixels[..., ::-1] if is_colour else image.pixels
-        self._record(Record.IMAGE, node.number, fields, pixels.tobytes(), before)
+        self._record(OniRecordType.IMAGE, node.number, fields, pixels.tobytes(), before)
 
     def _finish(self) -> None:
         tables = {}
         for node in self._nodes.values():
-            self._record(Record.NODE_REMOVED, node.number)
+            self._record(OniRecordType.NODE_REMOVED, node.number)
             tables[node.number] = self._file.tell()
             entries = [struct.pack("<QIQ", 0, 0, 0)]
             entries += [struct.pack("<QIQ", stamp, 1, at) for stamp, at in node.index]
-            self._record(Record.SEEK_TABLE, node.number, payload=b"".join(entries))
-        self._record(Record.END, 0)
+            self._record(OniRecordType.SEEK_TABLE, node.number, payload=b"".join(entries))
+        self._record(OniRecordType.END, 0)
         self._file.seek(0)
         self._header()
         for node in self._nodes.values():
             self._file.seek(node.added_at)
-            self._added(node, tables[node.number])
+            self._add_node(node, tables[node.number])
 
     def _record(
-        self, kind: Record, node: int, fields: bytes = b"", payload: bytes = b"", undo: int = 0
+        self,
+        kind: OniRecordType,
+        node: int,
+        fields: bytes = b"",
+        payload: bytes = b"",
+        undo: int = 0,
     ) -> None:
         size = 28 + len(fields)
         head = struct.pack("<5IQ", RECORD_MAGIC, kind, node, size, len(payload), undo)
         self._file.write(head + fields + payload)
 
 
-def _string(text: str) -> bytes:
+def _encode_string(text: str) -> bytes:
     data = text.encode() + b"\0"
     return struct.pack("<I", len(data)) + data
 
 
-def _peek(images: Iterator[OniImage]) -> tuple[list[OniImage], Iterator[OniImage]]:
+def _first_of_each_sensor(images: Iterator[OniImage]) -> tuple[list[OniImage], Iterator[OniImage]]:
     """The first image of each sensor, and all images."""
     seen: list[OniImage] = []
-    first: dict[Sensor, OniImage] = {}
-    while len(first) < len(Sensor) and (image := next(images, None)) is not None:
+    first: dict[OniSensor, OniImage] = {}
+    while len(first) < len(OniSensor) and (image := next(images, None)) is not None:
         seen.append(image)
         first.setdefault(image.sensor, image)
     return list(first.values()), chain(seen, images)

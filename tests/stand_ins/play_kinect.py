@@ -12,19 +12,23 @@ from pathlib import Path
 from typing import NoReturn
 
 from drivers.errors import InputError, UserFacingError
-from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
-from tests.stand_ins.fault_script import FAULT_NAMES, obey, parse_fault, schedule
-from tests.stand_ins.film_sources import camera_frames, fitted_film, folder_frames
-from tests.stand_ins.played_kinect import FACTORY, IDENTITY, Loop, Model, PlayedKinect
-from tests.stand_ins.wire_film import ColourBgr, DepthMm, WireFilm
+from tests.stand_ins.fault_script import FAULT_NAMES, parse_fault, run_command, schedule_faults
+from tests.stand_ins.film_sources import camera_frames, folder_frames, write_fitted_usb_frames
+from tests.stand_ins.played_kinect import FACTORY, IDENTITY, KinectModel, KinectSimulator, LoopMode
+from tests.stand_ins.wire_film import ColorBgr, DepthMm, UsbFrames
 from vo_service.folders import cache_folder
-from vo_service.terminal import Terminal, wipe
+from vo_service.terminal import Terminal, clear_line
 
-MODELS = {"1414": Model.K1414, "1473": Model.K1473, "k4w": Model.K4W}
+MODELS = {"1414": KinectModel.K1414, "1473": KinectModel.K1473, "k4w": KinectModel.K4W}
 REGISTRATIONS = {"identity": IDENTITY, "factory": FACTORY}
-LOOPS = {"once": Loop.ONCE, "around": Loop.AROUND, "there-and-back": Loop.THERE_AND_BACK}
-SYNTHETIC_S = 10.0
+LOOPS = {
+    "once": LoopMode.ONCE,
+    "around": LoopMode.REPEAT,
+    "there-and-back": LoopMode.THERE_AND_BACK,
+}
+SYNTHETIC_DURATION_S = 10.0
 EPILOG = f"""\
 examples:
   python -m tests.stand_ins.play_kinect -- kinect-vo run --camera freenect
@@ -50,18 +54,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     130 and 143, as a shell tells them, if stopped by Ctrl-C or SIGTERM before the command began.
     """
     args = _parser().parse_args(argv)
-    signal.signal(signal.SIGTERM, _end)
+    signal.signal(signal.SIGTERM, _exit_on_signal)
     try:
-        return _play(args)
+        return _run_with_kinect(args)
     except KeyboardInterrupt:
-        wipe(sys.stderr)
+        clear_line(sys.stderr)
         return 128 + signal.SIGINT
     except UserFacingError as error:
         print(f"play_kinect: error: {error}", file=sys.stderr)
         return error.exit_code
 
 
-def _end(number: int, frame: object) -> NoReturn:
+def _exit_on_signal(number: int, frame: object) -> NoReturn:
     """Leave by way of all that has to be cleaned up."""
     sys.exit(128 + number)
 
@@ -96,54 +100,54 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _play(args: argparse.Namespace) -> int:
+def _run_with_kinect(args: argparse.Namespace) -> int:
     command = args.command[1:] if args.command[:1] == ["--"] else args.command
     if not command:
         raise InputError("no command to run; write -- and the command at the end")
     faults = [parse_fault(text) for text in args.fault]
     with tempfile.TemporaryDirectory(prefix="played-kinect-") as name:
-        film = _film(Path(name), args)
+        film = _write_frames(Path(name), args)
         registration = REGISTRATIONS[args.registration]
         model = MODELS[args.model]
-        with PlayedKinect(Path(name), film, model, args.serial, registration) as kinect:
-            _set_up(kinect, args)
-            timers = schedule(kinect, faults)
-            code = _run(command, kinect)
+        with KinectSimulator(Path(name), film, model, args.serial, registration) as kinect:
+            _configure_kinect(kinect, args)
+            timers = schedule_faults(kinect, faults)
+            code = _run_command(command, kinect)
             for timer in timers:
                 timer.cancel()
     return code
 
 
-def _film(folder: Path, args: argparse.Namespace) -> WireFilm:
+def _write_frames(folder: Path, args: argparse.Namespace) -> UsbFrames:
     if args.folder is not None:
-        frames = folder_frames(args.folder, most=args.frames)
+        frames = folder_frames(args.folder, max_frames=args.frames)
     else:
         frames = _synthetic_frames(args.frames)
     with Terminal().busy("writing the film"):
-        return fitted_film(folder, frames)
+        return write_fitted_usb_frames(folder, frames)
 
 
-def _synthetic_frames(most: int | None) -> Iterator[tuple[ColourBgr, DepthMm]]:
-    config = SyntheticConfig(duration_s=SYNTHETIC_S, loop=True)
+def _synthetic_frames(max_frames: int | None) -> Iterator[tuple[ColorBgr, DepthMm]]:
+    config = SyntheticConfig(duration_s=SYNTHETIC_DURATION_S, loop=True)
     count = round(config.duration_s * config.rate_hz)
-    preparation = Preparation(cache_folder() / "films")
+    preparation = RenderOptions(cache_folder() / "films")
     return camera_frames(
-        SyntheticCamera(config, preparation=preparation), min(most or count, count)
+        SyntheticCamera(config, render_options=preparation), min(max_frames or count, count)
     )
 
 
-def _set_up(kinect: PlayedKinect, args: argparse.Namespace) -> None:
+def _configure_kinect(kinect: KinectSimulator, args: argparse.Namespace) -> None:
     synthetic = args.folder is None
     # The virtual room's motion ends where it began; a recording must be walked back.
-    kinect.loop = Loop.AROUND if synthetic else Loop.THERE_AND_BACK
-    kinect.patient = args.patient
+    kinect.loop = LoopMode.REPEAT if synthetic else LoopMode.THERE_AND_BACK
+    kinect.waits_for_reader = args.patient
     if args.loop is not None:
         kinect.loop = LOOPS[args.loop]
     if synthetic:
-        kinect.colour_offset_s = -SyntheticConfig().timing.skew_s
+        kinect.color_offset_s = -SyntheticConfig().timing.skew_s
 
 
-def _run(command: Sequence[str], kinect: PlayedKinect) -> int:
+def _run_command(command: Sequence[str], kinect: KinectSimulator) -> int:
     try:
         child = subprocess.Popen(
             command, env=os.environ | kinect.environment, stdin=subprocess.DEVNULL
@@ -153,15 +157,15 @@ def _run(command: Sequence[str], kinect: PlayedKinect) -> int:
     # Ctrl-C reaches the command by itself; it decides how to end, and we with it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: child.send_signal(number))
-    threading.Thread(target=_obey_lines, args=(kinect,), daemon=True).start()
+    threading.Thread(target=_run_fault_commands, args=(kinect,), daemon=True).start()
     code = child.wait()
     return 128 - code if code < 0 else code  # as a shell tells a signal
 
 
-def _obey_lines(kinect: PlayedKinect) -> None:
+def _run_fault_commands(kinect: KinectSimulator) -> None:
     for line in sys.stdin:
         try:
-            obey(kinect, line)
+            run_command(kinect, line)
         except InputError as error:
             print(f"play_kinect: {error}", file=sys.stderr)
 

@@ -23,7 +23,7 @@ Readings          tilt_deg, tilt_moving, led, frames_sent, packets_lost, streami
 The film begins with frame 0 when the first stream is switched on, and goes on from there as the
 world does, unplugged or not; `rewind` lets it begin anew. What comes back of a frame:
 `quantised_mm(depth_mm, film.scale)` (depth_scale.py), and colour through libfreenect's demosaic of
-`bayer(bgr)` (wire_film.py). `fitted_film` (film_sources.py) gives the Kinect the constants of the
+`bayer(bgr)` (wire_film.py). `write_fitted_usb_frames` (film_sources.py) gives the Kinect the constants of the
 one that made a recording, so that its depth comes back within a millimetre.
 """
 
@@ -37,23 +37,28 @@ from typing import Self
 
 from tests.stand_ins.compiled_libusb import SONAME, libusb_folder
 from tests.stand_ins.depth_scale import CONST_SHIFT
-from tests.stand_ins.kinect_control import Seconds, Whole, create_control
-from tests.stand_ins.kinect_faults import Faults, Led, Readings, Stream
-from tests.stand_ins.kinect_registration import FACTORY, IDENTITY, Registration
-from tests.stand_ins.wire_film import WireFilm, wire_film
+from tests.stand_ins.kinect_control import ControlField, SecondsField, create_control
+from tests.stand_ins.kinect_faults import (
+    KinectFaultControls,
+    KinectLed,
+    KinectReadings,
+    KinectStream,
+)
+from tests.stand_ins.kinect_registration import FACTORY, IDENTITY, RegistrationTable
+from tests.stand_ins.wire_film import UsbFrames, write_usb_frames
 
 __all__ = [
     "COUNTS_PER_G",
     "FACTORY",
     "IDENTITY",
-    "Led",
-    "Loop",
-    "Model",
-    "PlayedKinect",
-    "Stream",
-    "WireFilm",
-    "environment_of",
-    "wire_film",
+    "KinectLed",
+    "KinectModel",
+    "KinectSimulator",
+    "KinectStream",
+    "LoopMode",
+    "UsbFrames",
+    "simulator_environment",
+    "write_usb_frames",
 ]
 
 CONTROL_VARIABLE = "PLAYED_KINECT"
@@ -61,7 +66,7 @@ COUNTS_PER_G = 819
 NO_CAMERA_SERIAL = "0000000000000000"  # what the later models' cameras say
 
 
-class Model(IntEnum):
+class KinectModel(IntEnum):
     """Which Kinect for the first version of the sensor."""
 
     K1414 = 0  # a motor device of its own
@@ -69,15 +74,15 @@ class Model(IntEnum):
     K4W = 2  # Kinect for Windows, 1517
 
 
-class Loop(IntEnum):
+class LoopMode(IntEnum):
     """What follows the end of the film."""
 
     ONCE = 0  # nothing: the camera falls silent
-    AROUND = 1  # its beginning
+    REPEAT = 1  # its beginning
     THERE_AND_BACK = 2  # the way back to the beginning: motion without a jump
 
 
-class PlayedKinect(Faults, Readings):
+class KinectSimulator(KinectFaultControls, KinectReadings):
     """One Kinect, plugged in from the beginning. Use as a context manager.
 
     rate             frames a second: a divisor of 60 million, at most 30
@@ -91,21 +96,21 @@ class PlayedKinect(Faults, Readings):
                      a real bus, is lost after 32 ms
     """
 
-    rate = Whole("rate")
-    loop = Whole("loop")
-    start_ticks = Whole("start_ticks")
-    start_delay_s = Seconds("start_delay_ns")
-    clock_error_ppm = Whole("clock_error_ppm")
-    tilt_deg_per_s = Whole("tilt_deg_per_s")
-    patient = Whole("patient")
+    rate = ControlField("rate")
+    loop = ControlField("loop")
+    start_ticks = ControlField("start_ticks")
+    start_delay_s = SecondsField("start_delay_ns")
+    clock_error_ppm = ControlField("clock_error_ppm")
+    tilt_deg_per_s = ControlField("tilt_deg_per_s")
+    waits_for_reader = ControlField("patient")
 
     def __init__(
         self,
         folder: Path,
-        film: WireFilm,
-        model: Model = Model.K1414,
+        frames: UsbFrames,
+        model: KinectModel = KinectModel.K1414,
         serial: str = "A00123456789012A",
-        registration: Registration = FACTORY,
+        registration: RegistrationTable = FACTORY,
     ) -> None:
         """Make the control file in `folder`. Raises UserFacingError without a C compiler."""
         self._libusb = libusb_folder()
@@ -114,19 +119,19 @@ class PlayedKinect(Faults, Readings):
         self._outer_environment: dict[str, str | None] = {}
         self.model = model
         self.serial = serial
-        self.film = film
-        self._describe(registration)
+        self.film = frames
+        self._write_description(registration)
         self.rate = 30
-        self.loop = Loop.AROUND
+        self.loop = LoopMode.REPEAT
         self.start_delay_s = 0.1
         self.tilt_deg_per_s = 30
-        self.firmware(True)
+        self.set_firmware_loaded(True)
         self.set_accelerometer(0, COUNTS_PER_G, 0)
         self.plug()
 
-    def _describe(self, registration: Registration) -> None:
+    def _write_description(self, registration: RegistrationTable) -> None:
         control = self._control
-        camera_serial = self.serial if self.model == Model.K1414 else NO_CAMERA_SERIAL
+        camera_serial = self.serial if self.model == KinectModel.K1414 else NO_CAMERA_SERIAL
         control.model = self.model
         control.camera_serial = camera_serial.encode()
         control.audio_serial = self.serial.encode()
@@ -138,9 +143,9 @@ class PlayedKinect(Faults, Readings):
     @property
     def environment(self) -> dict[str, str]:
         """Variables for another process, beside those it has."""
-        return environment_of(self)
+        return simulator_environment(self)
 
-    def load(self) -> None:
+    def activate(self) -> None:
         """Let this very process and those it starts see it, and no other USB device.
 
         Raises RuntimeError if the system's libusb is loaded already: it cannot be replaced then.
@@ -155,14 +160,14 @@ class PlayedKinect(Faults, Readings):
             os.environ[name] = value
 
     @property
-    def colour_offset_s(self) -> float:
+    def color_offset_s(self) -> float:
         """How much later than depth a colour frame begins; negative: earlier."""
-        offset_ns: int = self._control.streams[Stream.COLOUR].offset_ns
+        offset_ns: int = self._control.streams[KinectStream.COLOR].offset_ns
         return offset_ns / 1e9
 
-    @colour_offset_s.setter
-    def colour_offset_s(self, offset_s: float) -> None:
-        self._control.streams[Stream.COLOUR].offset_ns = round(offset_s * 1e9)
+    @color_offset_s.setter
+    def color_offset_s(self, offset_s: float) -> None:
+        self._control.streams[KinectStream.COLOR].offset_ns = round(offset_s * 1e9)
 
     def set_accelerometer(self, x: int, y: int, z: int) -> None:
         """Counts as on the wire, 819 a g. Level and at rest: 0, 819, 0."""
@@ -195,7 +200,7 @@ class PlayedKinect(Faults, Readings):
         self.close()
 
 
-def environment_of(*kinects: PlayedKinect) -> dict[str, str]:
+def simulator_environment(*kinects: KinectSimulator) -> dict[str, str]:
     """Variables for a process that sees these Kinects, each on a bus of its own."""
     files = ":".join(str(kinect.control_file) for kinect in kinects)
     return {"LD_LIBRARY_PATH": str(libusb_folder()), CONTROL_VARIABLE: files}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.stand_ins.fakenect_dump import write_fakenect_dump
-from tests.stand_ins.fixtures import pattern
+from tests.stand_ins.fixtures import pattern_frame
 
 pytestmark = pytest.mark.subprocess
 
@@ -33,7 +33,7 @@ print(json.dumps(stamps + [[state.x, state.y, state.z]]), flush=True)
 
 
 def test_frames_stamps_and_gravity_come_back_as_they_were(fakenect: Path, tmp_path: Path) -> None:
-    frames = [pattern(seq) for seq in range(FRAMES)]
+    frames = [pattern_frame(seq) for seq in range(FRAMES)]
     start_ticks = 2**32 - 4_000_000
     count = write_fakenect_dump(
         tmp_path / "dump", frames, start_ticks=start_ticks, acceleration=(1, -819, 7)

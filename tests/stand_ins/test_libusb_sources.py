@@ -8,8 +8,8 @@ import pytest
 import usb.core
 
 from tests.stand_ins.compiled_libusb import SOURCES, compiler
-from tests.stand_ins.fixtures import PlayKinect
-from tests.stand_ins.kinect_control import Control, StreamControl
+from tests.stand_ins.fixtures import SimulateKinect
+from tests.stand_ins.kinect_control import KinectControl, StreamControl
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("played_libusb")]
 
@@ -30,7 +30,7 @@ def test_no_warnings(tmp_path: Path) -> None:
 
 
 def test_every_field_of_the_control_file_is_where_python_writes_it(tmp_path: Path) -> None:
-    structures = {"control": Control, "stream_control": StreamControl}
+    structures = {"control": KinectControl, "stream_control": StreamControl}
     places = [(c, field[0]) for c, python in structures.items() for field in python._fields_]
     prints = "".join(f'printf("%zu\\n", offsetof(struct {c}, {name}));' for c, name in places)
     code = f"#include <stddef.h>\n#include <stdio.h>\n#include <control.h>\nint main(){{{prints}}}"
@@ -40,27 +40,27 @@ def test_every_field_of_the_control_file_is_where_python_writes_it(tmp_path: Pat
 
 
 def test_a_control_file_of_another_version_is_refused(
-    play_kinect: PlayKinect, capfd: pytest.CaptureFixture[str]
+    play_kinect: SimulateKinect, capfd: pytest.CaptureFixture[str]
 ) -> None:
     kinect = play_kinect()
     with kinect.control_file.open("r+b") as opened:
-        opened.seek(Control.size.offset)
+        opened.seek(KinectControl.size.offset)
         opened.write(bytes(ctypes.c_uint32(7)))
-    kinect.load()
+    kinect.activate()
     assert usb.core.find(idVendor=0x045E) is None
     assert "not a control file of this version" in capfd.readouterr().err
 
 
 def test_without_a_kinect_the_bus_has_its_root_hub_alone(
-    play_kinect: PlayKinect, monkeypatch: pytest.MonkeyPatch
+    play_kinect: SimulateKinect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    play_kinect().load()
+    play_kinect().activate()
     monkeypatch.setenv("PLAYED_KINECT", "")
     assert [device.idVendor for device in usb.core.find(find_all=True)] == [0x1D6B]
 
 
-def test_a_kinect_hangs_on_a_hub_of_its_own(play_kinect: PlayKinect) -> None:
-    play_kinect().load()
+def test_a_kinect_hangs_on_a_hub_of_its_own(play_kinect: SimulateKinect) -> None:
+    play_kinect().activate()
     camera = usb.core.find(idProduct=0x02AE)
     assert camera.port_numbers == (1, 2)
     assert camera.parent.parent.idVendor == 0x1D6B

@@ -7,11 +7,17 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from tests.stand_ins.fault_script import FAULT_NAMES, TimedFault, obey, parse_fault, schedule
+from tests.stand_ins.fault_script import (
+    FAULT_NAMES,
+    TimedFault,
+    parse_fault,
+    run_command,
+    schedule_faults,
+)
 from tests.stand_ins.film_sources import folder_frames
-from tests.stand_ins.fixtures import PlayKinect, pattern
+from tests.stand_ins.fixtures import SimulateKinect, pattern_frame
 from tests.stand_ins.play_kinect import main
-from tests.stand_ins.played_kinect import PlayedKinect
+from tests.stand_ins.played_kinect import KinectSimulator
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
 ROOT = Path(__file__).parents[2]
@@ -27,7 +33,7 @@ def folder(tmp_path: Path) -> Path:
     for part in ("rgb", "depth"):
         (folder / part).mkdir(parents=True)
     for seq in range(2):
-        bgr, depth_mm = pattern(seq)
+        bgr, depth_mm = pattern_frame(seq)
         cv2.imwrite(str(folder / f"rgb/{seq}.png"), bgr)
         cv2.imwrite(str(folder / f"depth/{seq}.png"), depth_mm * 5)
     lines = "".join(f"{seq}.0 rgb/{seq}.png {seq}.0 depth/{seq}.png\n" for seq in range(2))
@@ -87,8 +93,8 @@ def test_a_mistake_is_one_line(
 
 def test_depth_of_a_folder_becomes_millimetres(folder: Path) -> None:
     for seq, (bgr, depth_mm) in enumerate(folder_frames(folder)):
-        assert (bgr == pattern(seq)[0]).all()
-        assert (depth_mm == pattern(seq)[1]).all()
+        assert (bgr == pattern_frame(seq)[0]).all()
+        assert (depth_mm == pattern_frame(seq)[1]).all()
 
 
 def test_a_fault_has_a_name_a_number_and_times() -> None:
@@ -104,35 +110,35 @@ def test_a_fault_that_makes_no_sense_is_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize("name", FAULT_NAMES)
-def test_every_fault_can_be_switched_on_and_off(play_kinect: PlayKinect, name: str) -> None:
-    kinect: PlayedKinect = play_kinect()
+def test_every_fault_can_be_switched_on_and_off(play_kinect: SimulateKinect, name: str) -> None:
+    kinect: KinectSimulator = play_kinect()
     fresh = switches(kinect)
-    obey(kinect, f"{name}\n")
+    run_command(kinect, f"{name}\n")
     assert switches(kinect) != fresh
-    obey(kinect, f"{name} off\n")
+    run_command(kinect, f"{name} off\n")
     assert switches(kinect) == fresh
 
 
-def switches(kinect: PlayedKinect) -> tuple[int, ...]:
+def switches(kinect: KinectSimulator) -> tuple[int, ...]:
     control = kinect._control
     names = ("plugged", "frozen", "busy", "forbidden", "starved", "slow_bus", "firmware")
     streams = [(stream.stalled, stream.lose_every) for stream in control.streams]
     return (*(getattr(control, name) for name in names), control.kernel_driver, *sum(streams, ()))
 
 
-def test_scheduled_faults_come_and_go(play_kinect: PlayKinect) -> None:
+def test_scheduled_faults_come_and_go(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     before = switches(kinect)
-    timers = schedule(kinect, [parse_fault("busy+0.05"), parse_fault("unplug@0.02+0.02")])
+    timers = schedule_faults(kinect, [parse_fault("busy+0.05"), parse_fault("unplug@0.02+0.02")])
     assert switches(kinect) != before
     for timer in timers:
         timer.join(timeout=100)
     assert switches(kinect) == before
 
 
-def test_typed_nonsense_is_refused(play_kinect: PlayKinect) -> None:
+def test_typed_nonsense_is_refused(play_kinect: SimulateKinect) -> None:
     with pytest.raises(InputError, match="type one of: plug"):
-        obey(play_kinect(), "jump\n")
+        run_command(play_kinect(), "jump\n")
 
 
 def test_ctrl_c_while_the_film_is_written_is_no_traceback(

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 import usb.core
 
-from tests.stand_ins.fixtures import PlayKinect
+from tests.stand_ins.fixtures import SimulateKinect
 from tests.stand_ins.freenect_probe import MOTOR_AND_CAMERA, FreenectProbe
-from tests.stand_ins.played_kinect import Model, PlayedKinect, Stream
+from tests.stand_ins.played_kinect import KinectModel, KinectSimulator, KinectStream
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
@@ -20,12 +20,12 @@ ROOT = Path(__file__).parents[2]
 AUTO_EXPOSURE = 1 << 14
 
 
-def running_probe(kinect: PlayedKinect) -> FreenectProbe:
-    kinect.load()
+def running_probe(kinect: KinectSimulator) -> FreenectProbe:
+    kinect.activate()
     probe = FreenectProbe()
     assert probe.opened == 0
     probe.start()
-    probe.watch(3)
+    probe.capture(3)
     return probe
 
 
@@ -33,11 +33,11 @@ def logged(probe: FreenectProbe, text: str) -> bool:
     return any(text in line for line in probe.log)
 
 
-def test_unplugging_ends_it_and_plugging_in_begins_anew(play_kinect: PlayKinect) -> None:
+def test_unplugging_ends_it_and_plugging_in_begins_anew(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     with running_probe(kinect) as probe:
         kinect.unplug()
-        assert probe.watch(10_000) == -1
+        assert probe.capture(10_000) == -1
         assert logged(probe, "marked dead")
     with FreenectProbe() as absent:
         assert (absent.device_count, absent.opened) == (0, -1)
@@ -47,18 +47,18 @@ def test_unplugging_ends_it_and_plugging_in_begins_anew(play_kinect: PlayKinect)
     assert kinect.open_handles == 0
 
 
-def test_what_was_open_before_the_plug_was_pulled_stays_dead(play_kinect: PlayKinect) -> None:
+def test_what_was_open_before_the_plug_was_pulled_stays_dead(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     with running_probe(kinect) as probe:
         kinect.unplug()
         kinect.plug()
-        assert probe.watch(10_000) == -1
+        assert probe.capture(10_000) == -1
 
 
-def test_a_stalled_camera_falls_silent_and_comes_back(play_kinect: PlayKinect) -> None:
+def test_a_stalled_camera_falls_silent_and_comes_back(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     with running_probe(kinect) as probe:
-        kinect.stall(True, Stream.COLOUR)
+        kinect.stall(True, KinectStream.COLOR)
         probe.process()
         seen, depth_seen = len(probe.video.stamps), len(probe.depth.stamps)
         wait_until(lambda: probe.process() == 0 and len(probe.depth.stamps) > depth_seen + 5)
@@ -67,67 +67,69 @@ def test_a_stalled_camera_falls_silent_and_comes_back(play_kinect: PlayKinect) -
         wait_until(lambda: probe.process() == 0 and len(probe.video.stamps) > seen + 3)
 
 
-def test_one_lost_packet_leaves_the_frame_with_stale_pixels(play_kinect: PlayKinect) -> None:
+def test_one_lost_packet_leaves_the_frame_with_stale_pixels(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     with running_probe(kinect) as probe:
-        kinect.lose_packets(Stream.DEPTH, every=100)
-        probe.watch(10)
+        kinect.lose_packets(KinectStream.DEPTH, every=100)
+        probe.capture(10)
     assert logged(probe, "[Stream 70] Lost 1 packets")
     assert not logged(probe, "[Stream 80] Lost")
-    assert kinect.packets_lost[Stream.DEPTH] > 0
-    assert kinect.packets_lost[Stream.COLOUR] == 0
+    assert kinect.packets_lost[KinectStream.DEPTH] > 0
+    assert kinect.packets_lost[KinectStream.COLOR] == 0
 
 
-def test_a_burst_of_lost_packets_costs_the_frame(play_kinect: PlayKinect) -> None:
+def test_a_burst_of_lost_packets_costs_the_frame(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     with running_probe(kinect) as probe:
-        kinect.lose_burst(Stream.COLOUR, 40)
-        probe.watch(8)
+        kinect.lose_burst(KinectStream.COLOR, 40)
+        probe.capture(8)
     assert logged(probe, "[Stream 80] Lost too many packets")
-    assert kinect.packets_lost[Stream.COLOUR] == 40
+    assert kinect.packets_lost[KinectStream.COLOR] == 40
     stamps = probe.video.stamps
     assert stamps[-1] - stamps[0] > 2_000_000 * (len(stamps) - 1)
 
 
-def test_a_busy_camera_opens_but_cannot_be_claimed(play_kinect: PlayKinect) -> None:
+def test_a_busy_camera_opens_but_cannot_be_claimed(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
-    kinect.busy()
-    kinect.load()
+    kinect.set_busy()
+    kinect.activate()
     with FreenectProbe() as probe:
         assert probe.device_count == 1
         assert probe.opened < 0
         assert logged(probe, "Failed to claim camera interface")
 
 
-def test_a_forbidden_camera_is_counted_but_not_listed(play_kinect: PlayKinect) -> None:
+def test_a_forbidden_camera_is_counted_but_not_listed(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
-    kinect.forbid()
-    kinect.load()
+    kinect.deny_access()
+    kinect.activate()
     with FreenectProbe() as probe:
         assert probe.device_count == 1
         assert probe.opened < 0
         assert probe.serials() == []
 
 
-@pytest.mark.parametrize("fault", [PlayedKinect.starve, PlayedKinect.slow_bus])
+@pytest.mark.parametrize(
+    "fault", [KinectSimulator.remove_bandwidth, KinectSimulator.set_full_speed_bus]
+)
 def test_without_bandwidth_the_streams_start_and_nothing_comes(
-    play_kinect: PlayKinect, fault: Callable[[PlayedKinect], None]
+    play_kinect: SimulateKinect, fault: Callable[[KinectSimulator], None]
 ) -> None:
     kinect = play_kinect()
     fault(kinect)
-    kinect.load()
+    kinect.activate()
     with FreenectProbe() as probe:
         assert probe.start() == (0, 0)
-        probe.watch(1, limit_s=0.3)
+        probe.capture(1, limit_s=0.3)
         assert logged(probe, "Failed to submit isochronous transfer")
     assert probe.depth.stamps == probe.video.stamps == []
 
 
 @pytest.mark.subprocess
-def test_a_kernel_driver_is_taken_off_and_put_back(play_kinect: PlayKinect) -> None:
+def test_a_kernel_driver_is_taken_off_and_put_back(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
-    kinect.kernel_driver()
-    kinect.load()
+    kinect.attach_kernel_driver()
+    kinect.activate()
     camera = usb.core.find(idProduct=0x02AE)
     assert camera.is_kernel_driver_active(0)
     with FreenectProbe() as probe:
@@ -136,53 +138,55 @@ def test_a_kernel_driver_is_taken_off_and_put_back(play_kinect: PlayKinect) -> N
     assert camera.is_kernel_driver_active(0)
 
 
-def test_a_late_first_frame(play_kinect: PlayKinect) -> None:
+def test_a_late_first_frame(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     kinect.start_delay_s = 60.0
-    kinect.load()
+    kinect.activate()
     with FreenectProbe() as probe:
         probe.start()
-        assert probe.watch(1, limit_s=0.3) == 0
+        assert probe.capture(1, limit_s=0.3) == 0
     assert probe.depth.stamps == []
 
 
-def test_closing_without_stopping_is_noticed(play_kinect: PlayKinect) -> None:
+def test_closing_without_stopping_is_noticed(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     camera = running_probe(kinect)
     camera.lib.freenect_close_device(camera.device)
     assert kinect.abandoned_transfers > 0
 
 
-def test_a_full_speed_bus_says_so(play_kinect: PlayKinect) -> None:
+def test_a_full_speed_bus_says_so(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
-    kinect.load()
+    kinect.activate()
     assert usb.core.find(idProduct=0x02AE).speed == 3
-    kinect.slow_bus()
+    kinect.set_full_speed_bus()
     assert usb.core.find(idProduct=0x02AE).speed == 2
 
 
-def test_a_callback_may_not_talk_to_the_camera(play_kinect: PlayKinect) -> None:
-    play_kinect().load()
+def test_a_callback_may_not_talk_to_the_camera(play_kinect: SimulateKinect) -> None:
+    play_kinect().activate()
     answers = []
     with FreenectProbe() as probe:
         probe.on_depth = lambda: answers.append(
             probe.lib.freenect_set_flag(probe.device, AUTO_EXPOSURE, 1)
         )
         probe.start()
-        probe.watch(2)
+        probe.capture(2)
         assert probe.lib.freenect_set_flag(probe.device, AUTO_EXPOSURE, 1) >= 0
     assert answers
     assert max(answers) < 0
 
 
-def start_probe(kinect: PlayedKinect, seconds: float) -> "subprocess.Popen[str]":
+def start_probe(kinect: KinectSimulator, seconds: float) -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "tests.stand_ins.freenect_probe", str(seconds)]
     environment = os.environ | kinect.environment
     return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
 
 
 @pytest.mark.subprocess
-def test_replies_without_bytes_let_opening_hang_until_they_come(play_kinect: PlayKinect) -> None:
+def test_replies_without_bytes_let_opening_hang_until_they_come(
+    play_kinect: SimulateKinect,
+) -> None:
     kinect = play_kinect()
     kinect.freeze_control()
     with start_probe(kinect, seconds=0) as probe:
@@ -194,12 +198,12 @@ def test_replies_without_bytes_let_opening_hang_until_they_come(play_kinect: Pla
 
 
 @pytest.mark.subprocess
-def test_a_killed_program_holds_nothing(play_kinect: PlayKinect) -> None:
+def test_a_killed_program_holds_nothing(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     with start_probe(kinect, seconds=60) as probe:
         wait_until(lambda: min(kinect.frames_sent) > 0)
         assert kinect.open_handles == 1
-        kinect.load()
+        kinect.activate()
         with FreenectProbe() as second:
             assert second.opened < 0
             assert logged(second, "Failed to claim camera interface")
@@ -211,10 +215,10 @@ def test_a_killed_program_holds_nothing(play_kinect: PlayKinect) -> None:
 
 
 def test_without_firmware_the_motor_is_silent_and_the_camera_works(
-    play_kinect: PlayKinect,
+    play_kinect: SimulateKinect,
 ) -> None:
-    kinect = play_kinect(model=Model.K1473)
-    kinect.firmware(False)
+    kinect = play_kinect(model=KinectModel.K1473)
+    kinect.set_firmware_loaded(False)
     with running_probe(kinect) as probe:
         assert len(probe.depth.stamps) >= 3
     with FreenectProbe(subdevices=MOTOR_AND_CAMERA) as probe:

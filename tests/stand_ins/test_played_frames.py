@@ -6,51 +6,59 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.stand_ins.depth_scale import NOMINAL, DepthScale, expected_mm, quantised_mm, raw_of_mm
-from tests.stand_ins.fixtures import FILM_FRAMES, PlayKinect, pattern
+from tests.stand_ins.depth_scale import NOMINAL, RawDepthScale, mm_to_raw, quantize_mm, raw_to_mm
+from tests.stand_ins.fixtures import FRAME_COUNT, SimulateKinect, pattern_frame
 from tests.stand_ins.freenect_probe import (
     DEPTH_MM,
     DEPTH_REGISTERED,
     VIDEO_INFRARED_8,
     FreenectProbe,
-    watch_kinect,
+    capture_kinect,
 )
-from tests.stand_ins.kinect_registration import Registration
-from tests.stand_ins.played_kinect import FACTORY, IDENTITY, Model, Stream, environment_of
-from tests.stand_ins.wire_film import wire_film
+from tests.stand_ins.kinect_registration import RegistrationTable
+from tests.stand_ins.played_kinect import (
+    FACTORY,
+    IDENTITY,
+    KinectModel,
+    KinectStream,
+    simulator_environment,
+)
+from tests.stand_ins.wire_film import write_usb_frames
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
 TICKS_A_FRAME = 2_000_000
 
 
 def film_frame(stamp: int) -> int:
-    return stamp // TICKS_A_FRAME % FILM_FRAMES
+    return stamp // TICKS_A_FRAME % FRAME_COUNT
 
 
-def test_raw_depth_comes_bit_for_bit(play_kinect: PlayKinect) -> None:
-    probe = watch_kinect(play_kinect(), frames=10)
+def test_raw_depth_comes_bit_for_bit(play_kinect: SimulateKinect) -> None:
+    probe = capture_kinect(play_kinect(), frames=10)
     for stamp, image in zip(probe.depth.stamps, probe.depth.images, strict=True):
-        assert np.array_equal(image, raw_of_mm(pattern(film_frame(stamp))[1]))
+        assert np.array_equal(image, mm_to_raw(pattern_frame(film_frame(stamp))[1]))
 
 
-def test_colour_survives_the_mosaic(play_kinect: PlayKinect) -> None:
-    probe = watch_kinect(play_kinect(), frames=3)
+def test_colour_survives_the_mosaic(play_kinect: SimulateKinect) -> None:
+    probe = capture_kinect(play_kinect(), frames=3)
     for stamp, rgb in zip(probe.video.stamps, probe.video.images, strict=True):
-        error = rgb[2:-2, 2:-2, ::-1].astype(int) - pattern(film_frame(stamp))[0][2:-2, 2:-2]
+        error = rgb[2:-2, 2:-2, ::-1].astype(int) - pattern_frame(film_frame(stamp))[0][2:-2, 2:-2]
         assert np.percentile(abs(error), 98) <= 1
 
 
-def test_millimetres_are_what_the_table_says(play_kinect: PlayKinect) -> None:
-    probe = watch_kinect(play_kinect(), frames=2, depth=DEPTH_MM)
-    expected = quantised_mm(pattern(film_frame(probe.depth.stamps[0]))[1])
+def test_millimetres_are_what_the_table_says(play_kinect: SimulateKinect) -> None:
+    probe = capture_kinect(play_kinect(), frames=2, depth=DEPTH_MM)
+    expected = quantize_mm(pattern_frame(film_frame(probe.depth.stamps[0]))[1])
     assert np.array_equal(probe.depth.images[0], expected)
 
 
-@pytest.mark.parametrize("model", Model)
-def test_registered_depth_stays_where_it_is(play_kinect: PlayKinect, model: Model) -> None:
+@pytest.mark.parametrize("model", KinectModel)
+def test_registered_depth_stays_where_it_is(
+    play_kinect: SimulateKinect, model: KinectModel
+) -> None:
     kinect = play_kinect(model=model, registration=IDENTITY)
-    probe = watch_kinect(kinect, frames=2, depth=DEPTH_REGISTERED)
-    expected = quantised_mm(pattern(film_frame(probe.depth.stamps[0]))[1])
+    probe = capture_kinect(kinect, frames=2, depth=DEPTH_REGISTERED)
+    expected = quantize_mm(pattern_frame(film_frame(probe.depth.stamps[0]))[1])
     assert np.array_equal(probe.depth.images[0], expected)
 
 
@@ -65,15 +73,20 @@ class _Registration(ctypes.Structure):
 
 
 @pytest.mark.parametrize("registration", [FACTORY, IDENTITY], ids=["factory", "identity"])
-@pytest.mark.parametrize("scale", [NOMINAL, DepthScale(7.5128, 119.79)], ids=["nominal", "own"])
+@pytest.mark.parametrize("scale", [NOMINAL, RawDepthScale(7.5128, 119.79)], ids=["nominal", "own"])
 def test_the_table_of_millimetres_is_libfreenects_own(
-    play_kinect: PlayKinect, tmp_path: Path, registration: Registration, scale: DepthScale
+    play_kinect: SimulateKinect,
+    tmp_path: Path,
+    registration: RegistrationTable,
+    scale: RawDepthScale,
 ) -> None:
-    play_kinect(wire_film(tmp_path, [pattern(0)], scale=scale), registration=registration).load()
+    play_kinect(
+        write_usb_frames(tmp_path, [pattern_frame(0)], scale=scale), registration=registration
+    ).activate()
     with FreenectProbe() as probe:
         probe.start(DEPTH_MM)
         table = _table_of(probe)
-    ours = expected_mm(np.arange(2048, dtype=np.uint16), scale)
+    ours = raw_to_mm(np.arange(2048, dtype=np.uint16), scale)
     usable = ours > 0
     assert np.array_equal(ours[usable], table[usable])
     assert usable.sum() > 1000
@@ -89,58 +102,58 @@ def _table_of(probe: FreenectProbe) -> np.ndarray[tuple[int], np.dtype[np.uint16
 
 
 def test_a_factory_kinect_moves_a_wall_by_its_parallax(
-    play_kinect: PlayKinect, tmp_path: Path
+    play_kinect: SimulateKinect, tmp_path: Path
 ) -> None:
     """A post 1.5 m away stands where the colour camera sees it."""
     column, depth_mm, behind_mm = 200, 1500, 4000
     depth = np.full((480, 640), behind_mm, np.uint16)
     depth[:, column - 8 : column + 9] = depth_mm
-    film = wire_film(tmp_path, [(np.zeros((480, 640, 3), np.uint8), depth)])
-    probe = watch_kinect(play_kinect(film), frames=1, depth=DEPTH_REGISTERED)
+    film = write_usb_frames(tmp_path, [(np.zeros((480, 640, 3), np.uint8), depth)])
+    probe = capture_kinect(play_kinect(film), frames=1, depth=DEPTH_REGISTERED)
     near = np.flatnonzero(abs(probe.depth.images[0][240].astype(int) - depth_mm) < 20)
     ray = (column - 319.5) / NOMINAL.focal_px
     expected = 319.5 + 525.0 * (ray - 24.0 * NOMINAL.focal_px / 525.0 / depth_mm)
     assert near.mean() == pytest.approx(expected, abs=1.0)
 
 
-def test_infrared_comes_in_place_of_colour(play_kinect: PlayKinect, tmp_path: Path) -> None:
+def test_infrared_comes_in_place_of_colour(play_kinect: SimulateKinect, tmp_path: Path) -> None:
     infrared = (np.mgrid[0:488, 0:640][1] + 100).astype(np.uint16)
-    kinect = play_kinect(wire_film(tmp_path, [pattern(0)], [infrared]))
-    kinect.load()
+    kinect = play_kinect(write_usb_frames(tmp_path, [pattern_frame(0)], [infrared]))
+    kinect.activate()
     with FreenectProbe() as probe:
         probe.start(video=VIDEO_INFRARED_8)
-        probe.watch(1)
+        probe.capture(1)
     assert np.array_equal(probe.video.images[0], (infrared >> 2).astype(np.uint8))
 
 
 def test_two_kinects_are_told_apart_by_their_serials(
-    play_kinect: PlayKinect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    play_kinect: SimulateKinect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    other_film = wire_film(tmp_path, [pattern(5)])
+    other_film = write_usb_frames(tmp_path, [pattern_frame(5)])
     first, second = play_kinect(serial="A1"), play_kinect(other_film, serial="B2")
-    first.load()
-    monkeypatch.setenv("PLAYED_KINECT", environment_of(first, second)["PLAYED_KINECT"])
+    first.activate()
+    monkeypatch.setenv("PLAYED_KINECT", simulator_environment(first, second)["PLAYED_KINECT"])
     with FreenectProbe(serial="B2") as probe:
         assert probe.serials() == ["A1", "B2"]
         probe.start()
-        probe.watch(1)
-    assert np.array_equal(probe.depth.images[0], raw_of_mm(pattern(5)[1]))
+        probe.capture(1)
+    assert np.array_equal(probe.depth.images[0], mm_to_raw(pattern_frame(5)[1]))
     assert first.frames_sent == (0, 0)
 
 
-def test_the_later_models_are_known_by_their_audio_device(play_kinect: PlayKinect) -> None:
-    play_kinect(model=Model.K1473, serial="C3").load()
+def test_the_later_models_are_known_by_their_audio_device(play_kinect: SimulateKinect) -> None:
+    play_kinect(model=KinectModel.K1473, serial="C3").activate()
     with FreenectProbe(serial="C3") as probe:
         assert probe.opened == 0
         assert probe.serials() == ["C3"]
 
 
-def test_stopping_leaves_nothing_behind(play_kinect: PlayKinect) -> None:
+def test_stopping_leaves_nothing_behind(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
-    watch_kinect(kinect, frames=1)
+    capture_kinect(kinect, frames=1)
     assert kinect.streaming == (False, False)
     assert kinect.open_handles == 0
     assert kinect.submitted_transfers == (0, 0)
     assert kinect.abandoned_transfers == 0
     assert min(kinect.frames_sent) >= 1
-    assert kinect.packets_lost[Stream.DEPTH] == 0
+    assert kinect.packets_lost[KinectStream.DEPTH] == 0

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 import usb.core
 
-from tests.stand_ins.fixtures import PlayKinect
+from tests.stand_ins.fixtures import SimulateKinect
 from tests.stand_ins.freenect_probe import MOTOR_AND_CAMERA, FreenectProbe
-from tests.stand_ins.played_kinect import Led, Model, PlayedKinect
+from tests.stand_ins.played_kinect import KinectLed, KinectModel, KinectSimulator
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
@@ -17,14 +17,14 @@ MOTOR, AUDIO = 0x02B0, 0x02AD
 TIMEOUT_MS = 500
 
 
-def device(kinect: PlayedKinect, product: int) -> Any:
-    kinect.load()
+def device(kinect: KinectSimulator, product: int) -> Any:
+    kinect.activate()
     found = usb.core.find(idVendor=0x045E, idProduct=product)
     assert found is not None
     return found
 
 
-def settle(kinect: PlayedKinect) -> None:
+def settle(kinect: KinectSimulator) -> None:
     wait_until(lambda: not kinect.tilt_moving)
 
 
@@ -32,32 +32,34 @@ def motor_state(motor: Any) -> tuple[int, ...]:
     return struct.unpack(">xxhhhbB", motor.ctrl_transfer(0xC0, 0x32, 0, 0, 10, TIMEOUT_MS))
 
 
-@pytest.mark.parametrize("model", [Model.K1414, Model.K1473])
-def test_libfreenect_tilts_lights_and_reads(play_kinect: PlayKinect, model: Model) -> None:
+@pytest.mark.parametrize("model", [KinectModel.K1414, KinectModel.K1473])
+def test_libfreenect_tilts_lights_and_reads(
+    play_kinect: SimulateKinect, model: KinectModel
+) -> None:
     kinect = play_kinect(model=model)
     kinect.tilt_deg_per_s = 1000
     kinect.set_accelerometer(-12, 800, 30)
-    kinect.load()
+    kinect.activate()
     with FreenectProbe(subdevices=MOTOR_AND_CAMERA) as probe:
-        assert probe.lib.freenect_set_led(probe.device, Led.RED) >= 0
+        assert probe.lib.freenect_set_led(probe.device, KinectLed.RED) >= 0
         assert probe.lib.freenect_set_tilt_degs(probe.device, -7.0) >= 0
         settle(kinect)
         assert probe.lib.freenect_update_tilt_state(probe.device) >= 0
         state = probe.lib.freenect_get_tilt_state(probe.device).contents
-    assert (kinect.led, kinect.tilt_deg) == (Led.RED, -7)
+    assert (kinect.led, kinect.tilt_deg) == (KinectLed.RED, -7)
     assert (state.x, state.y, state.z, state.half_degrees) == (-12, 800, 30, -14)
 
 
-def test_the_motor_of_a_1414_is_a_device_of_its_own(play_kinect: PlayKinect) -> None:
+def test_the_motor_of_a_1414_is_a_device_of_its_own(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     motor = device(kinect, MOTOR)
     assert motor.ctrl_transfer(0xC0, 0x10, 0, 0, 1, TIMEOUT_MS)[0] == 0x22
-    motor.ctrl_transfer(0x40, 0x06, Led.YELLOW, 0, None, TIMEOUT_MS)
-    assert kinect.led == Led.YELLOW
+    motor.ctrl_transfer(0x40, 0x06, KinectLed.YELLOW, 0, None, TIMEOUT_MS)
+    assert kinect.led == KinectLed.YELLOW
     assert motor_state(motor) == (0, 819, 0, 0, 0)
 
 
-def test_the_motor_takes_its_time_and_stops_at_its_limit(play_kinect: PlayKinect) -> None:
+def test_the_motor_takes_its_time_and_stops_at_its_limit(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     kinect.tilt_deg_per_s = 1
     motor = device(kinect, MOTOR)
@@ -67,14 +69,14 @@ def test_the_motor_takes_its_time_and_stops_at_its_limit(play_kinect: PlayKinect
     assert motor_state(motor)[3:] == (62, 1)
 
 
-def test_two_programs_may_use_camera_and_motor_at_once(play_kinect: PlayKinect) -> None:
+def test_two_programs_may_use_camera_and_motor_at_once(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     motor = device(kinect, MOTOR)
     with FreenectProbe() as probe:
         probe.start()
-        probe.watch(2)
+        probe.capture(2)
         assert motor_state(motor)[1] == 819
-        assert probe.watch(4) == 0
+        assert probe.capture(4) == 0
 
 
 def command(audio: Any, tag: int, reply_bytes: int, number: int, argument: int = 0) -> bytes:
@@ -82,8 +84,8 @@ def command(audio: Any, tag: int, reply_bytes: int, number: int, argument: int =
     return bytes(audio.read(0x81, 512, TIMEOUT_MS))
 
 
-def test_the_audio_device_of_a_1473_moves_the_motor(play_kinect: PlayKinect) -> None:
-    kinect = play_kinect(model=Model.K1473)
+def test_the_audio_device_of_a_1473_moves_the_motor(play_kinect: SimulateKinect) -> None:
+    kinect = play_kinect(model=KinectModel.K1473)
     kinect.tilt_deg_per_s = 1000
     audio = device(kinect, AUDIO)
     assert command(audio, 7, 0, 0x803B, -9) == struct.pack("<3I", 0x0A6FE000, 7, 0)
@@ -92,12 +94,12 @@ def test_the_audio_device_of_a_1473_moves_the_motor(play_kinect: PlayKinect) -> 
     state = command(audio, 9, 0x68, 0x8032)
     assert struct.unpack_from("<4i", state, 16) == (0, 819, 0, -9)
     assert len(audio.read(0x81, 512, TIMEOUT_MS)) == 12
-    assert (kinect.led, kinect.tilt_deg) == (Led.BLINK_GREEN, -9)
+    assert (kinect.led, kinect.tilt_deg) == (KinectLed.BLINK_GREEN, -9)
 
 
-def test_without_firmware_it_has_one_interface_and_no_answer(play_kinect: PlayKinect) -> None:
-    kinect = play_kinect(model=Model.K1473)
-    kinect.firmware(False)
+def test_without_firmware_it_has_one_interface_and_no_answer(play_kinect: SimulateKinect) -> None:
+    kinect = play_kinect(model=KinectModel.K1473)
+    kinect.set_firmware_loaded(False)
     audio = device(kinect, AUDIO)
     assert audio[0].bNumInterfaces == 1
     with pytest.raises(usb.core.USBTimeoutError):
@@ -105,28 +107,28 @@ def test_without_firmware_it_has_one_interface_and_no_answer(play_kinect: PlayKi
 
 
 def test_libfreenect_brings_the_firmware_where_the_user_has_it(
-    play_kinect: PlayKinect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    play_kinect: SimulateKinect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("audios.bin").write_bytes(bytes(20_000))
-    kinect = play_kinect(model=Model.K1473)
-    kinect.firmware(False)
-    kinect.load()
+    kinect = play_kinect(model=KinectModel.K1473)
+    kinect.set_firmware_loaded(False)
+    kinect.activate()
     with FreenectProbe(subdevices=MOTOR_AND_CAMERA) as probe:
         assert probe.opened == 0, probe.log
-        assert probe.lib.freenect_set_led(probe.device, Led.GREEN) >= 0
-    assert kinect.led == Led.GREEN
+        assert probe.lib.freenect_set_led(probe.device, KinectLed.GREEN) >= 0
+    assert kinect.led == KinectLed.GREEN
     assert device(kinect, AUDIO)[0].bNumInterfaces == 2
 
 
-def test_a_kinect_for_windows_has_numbers_of_its_own(play_kinect: PlayKinect) -> None:
-    kinect = play_kinect(model=Model.K4W)
+def test_a_kinect_for_windows_has_numbers_of_its_own(play_kinect: SimulateKinect) -> None:
+    kinect = play_kinect(model=KinectModel.K4W)
     assert device(kinect, 0x02BF).bcdDevice != 0x010B
     assert device(kinect, 0x02BE).serial_number == kinect.serial
     assert usb.core.find(idProduct=MOTOR) is None
 
 
-def test_unplugged_it_is_gone_for_pyusb_too(play_kinect: PlayKinect) -> None:
+def test_unplugged_it_is_gone_for_pyusb_too(play_kinect: SimulateKinect) -> None:
     kinect = play_kinect()
     motor = device(kinect, MOTOR)
     motor_state(motor)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.stand_ins.depth_scale import NOMINAL, DepthScale, raw_of_mm
+from tests.stand_ins.depth_scale import NOMINAL, RawDepthScale, mm_to_raw
 
 ROWS, COLUMNS = 480, 640
 INFRARED_ROWS = 488
@@ -16,30 +16,30 @@ DEPTH_BITS, INFRARED_BITS = 11, 10
 _MAGIC = 0x4D4C464B
 _HEADER_BYTES = 64
 
-ColourBgr = NDArray[np.uint8]
+ColorBgr = NDArray[np.uint8]
 DepthMm = NDArray[np.uint16]
 
 
 @dataclass(frozen=True)
-class WireFilm:
+class UsbFrames:
     """A file of frames, ready to be played."""
 
     file: Path
     count: int
-    scale: DepthScale
+    scale: RawDepthScale
 
 
-def wire_film(
+def write_usb_frames(
     folder: Path,
-    frames: Iterable[tuple[ColourBgr, DepthMm]],
+    frames: Iterable[tuple[ColorBgr, DepthMm]],
     infrared: Sequence[NDArray[np.uint16]] = (),
-    scale: DepthScale = NOMINAL,
-) -> WireFilm:
+    scale: RawDepthScale = NOMINAL,
+) -> UsbFrames:
     """Write frames to a new file in `folder`.
 
     Colour is (480, 640, 3) uint8 BGR, depth (480, 640) uint16 millimetres with 0 for no reading,
     infrared (488, 640) uint16 below 1024: none at all, or one for each frame. `scale` is that of
-    the Kinect that shall play it; `fitted_scale` finds the one that recorded the frames.
+    the Kinect that shall play it; `fit_scale` finds the one that recorded the frames.
     """
     file = folder / f"film-{len(list(folder.glob('film-*')))}.bin"
     infrared_bytes = INFRARED_ROWS * COLUMNS * INFRARED_BITS // 8 if len(infrared) else 0
@@ -49,18 +49,18 @@ def wire_film(
         for count, (bgr, depth_mm) in enumerate(frames, start=1):
             _check_shape(depth_mm, (ROWS, COLUMNS))
             _check_shape(bgr, (ROWS, COLUMNS, 3))
-            opened.write(pack_bits(raw_of_mm(depth_mm, scale), DEPTH_BITS).tobytes())
-            opened.write(bayer(bgr).tobytes())
+            opened.write(pack_bits(mm_to_raw(depth_mm, scale), DEPTH_BITS).tobytes())
+            opened.write(to_bayer(bgr).tobytes())
             if infrared_bytes:
                 _check_shape(infrared[count - 1], (INFRARED_ROWS, COLUMNS))
                 opened.write(pack_bits(infrared[count - 1], INFRARED_BITS).tobytes())
         sizes = (ROWS * COLUMNS * DEPTH_BITS // 8, ROWS * COLUMNS, infrared_bytes)
         opened.seek(0)
         opened.write(struct.pack("<5I", _MAGIC, count, *sizes))
-    return WireFilm(file, count, scale)
+    return UsbFrames(file, count, scale)
 
 
-def bayer(bgr: ColourBgr) -> NDArray[np.uint8]:
+def to_bayer(bgr: ColorBgr) -> NDArray[np.uint8]:
     """What a sensor behind the Kinect's colour filters sees: green red / blue green."""
     mosaic = np.ascontiguousarray(bgr[:, :, 1])
     mosaic[0::2, 1::2] = bgr[0::2, 1::2, 2]

@@ -19,7 +19,7 @@ class RouterProcess:
 
     def __init__(self, endpoint: str) -> None:
         self.endpoint = endpoint
-        self._process = self._started()
+        self._process = self._start_process()
 
     def kill(self) -> None:
         """As `kill -9` does."""
@@ -28,9 +28,9 @@ class RouterProcess:
 
     def start(self) -> None:
         """Once it has been killed."""
-        self._process = self._started()
+        self._process = self._start_process()
 
-    def _started(self) -> "subprocess.Popen[bytes]":
+    def _start_process(self) -> "subprocess.Popen[bytes]":
         command = [sys.executable, "-m", "tests.stand_ins.zenoh_router", self.endpoint]
         return subprocess.Popen(command, stdin=subprocess.PIPE)
 

@@ -10,12 +10,12 @@ import pytest
 
 from drivers.isolation import process
 from tests import preloaded
-from tests.made_once import made_once
-from tests.vo_service.played_service import KINECT_VO, START_LIMIT_S
-from tests.waiting import PATIENCE_S
+from tests.made_once import make_once
+from tests.vo_service.played_service import KINECT_VO, START_TIMEOUT_S
+from tests.waiting import DEFAULT_TIMEOUT_S
 from vo_service.background import keeper
 from vo_service.commands import run
-from vo_service.runs.running import PROGRAM
+from vo_service.runs.running import RUN_WORKER
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -26,9 +26,9 @@ def patience() -> Iterator[None]:
     service in this very process would be ended by force, and pytest with it.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(keeper, "ENDING_S", PATIENCE_S)
-        patch.setattr(keeper, "REAPED_S", PATIENCE_S)
-        patch.setattr(run, "LONGEST_ENDING_S", PATIENCE_S)
+        patch.setattr(keeper, "ENDING_S", DEFAULT_TIMEOUT_S)
+        patch.setattr(keeper, "REAPED_S", DEFAULT_TIMEOUT_S)
+        patch.setattr(run, "LONGEST_ENDING_S", DEFAULT_TIMEOUT_S)
         yield
 
 
@@ -38,7 +38,7 @@ def preloaded_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     real = process.start_module
 
     def start_module(module: str, *args: Any, **kwargs: Any) -> "subprocess.Popen[bytes]":
-        start = preloaded.start_module if module == PROGRAM.module else real
+        start = preloaded.start_module if module == RUN_WORKER.module else real
         return start(module, *args, **kwargs)
 
     monkeypatch.setattr(process, "start_module", start_module)
@@ -50,6 +50,6 @@ def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     def warm_up(folder: Path) -> None:
         environment = os.environ | {"CACHE_DIRECTORY": str(folder)}
-        subprocess.run([KINECT_VO, "warm-up"], env=environment, check=True, timeout=START_LIMIT_S)
+        subprocess.run([KINECT_VO, "warm-up"], env=environment, check=True, timeout=START_TIMEOUT_S)
 
-    return made_once(tmp_path_factory, "films", warm_up)
+    return make_once(tmp_path_factory, "films", warm_up)

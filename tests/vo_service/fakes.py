@@ -10,47 +10,49 @@ import numpy as np
 from drivers.camera import (
     CameraCounters,
     CameraState,
+    CameraStatus,
     Clock,
-    Condition,
     EndOfStream,
-    NoFrameYet,
+    FrameTimeout,
     PinholeCamera,
     RgbdCamera,
     RgbdFrame,
 )
 from drivers.geometry import Array
-from vo_service.types import Estimate, Level, PoseUpdate, Status, TrackingState
+from vo_service.types import Estimate, LevelSource, OdometryUpdate, Status, TrackingState
 
 CAMERA = PinholeCamera(8, 6, 8.0, 8.0, 3.5, 2.5)
 STEP_COVARIANCE = np.diag([1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 6e-6])
 
 
-def frame(seq: int, stamp_s: float | None = None) -> RgbdFrame:
+def make_frame(seq: int, stamp_s: float | None = None) -> RgbdFrame:
     """An empty picture; 30 a second unless a stamp is given."""
     return RgbdFrame(
         seq=seq,
         stamp_s=100.0 + seq / 30 if stamp_s is None else stamp_s,
-        arrival_s=0.0,
-        colour_bgr=np.zeros((6, 8, 3), np.uint8),
+        receive_time_s=0.0,
+        color_bgr=np.zeros((6, 8, 3), np.uint8),
         depth_raw=np.zeros((6, 8), np.uint16),
         depth_factor=1000.0,
         camera=CAMERA,
     )
 
 
-def good(T_world_camera: Array, T_reference_camera: Array | None = None) -> Estimate:
+def good_estimate(T_world_camera: Array, T_reference_camera: Array | None = None) -> Estimate:
     """An estimate that found its motion."""
     step = np.eye(4) if T_reference_camera is None else T_reference_camera
     return Estimate(True, "", T_world_camera, step, STEP_COVARIANCE, 500, 200, 150)
 
 
-def bad(T_world_camera: Array | None = None, reason: str = "3 of 9 matches agree") -> Estimate:
+def failed_estimate(
+    T_world_camera: Array | None = None, reason: str = "3 of 9 matches agree"
+) -> Estimate:
     """An estimate that holds the last good pose."""
     T = np.eye(4) if T_world_camera is None else T_world_camera
     return Estimate(False, reason, T, np.eye(4), np.zeros((6, 6)), 20, 9, 3)
 
 
-def a_status(**changes: Any) -> Status:
+def make_status(**changes: Any) -> Status:
     """A service that tracks, but for what is named."""
     status = Status(
         state=TrackingState.TRACKING,
@@ -59,7 +61,7 @@ def a_status(**changes: Any) -> Status:
         camera="scripted",
         camera_state=CameraState.STREAMING,
         intrinsics="",
-        level=Level.ASSUMED,
+        level=LevelSource.ASSUMED,
         method="surf",
         fps=29.9,
         latency_p50_ms=11.0,
@@ -99,14 +101,14 @@ class FakeClock:
 
 
 @dataclass(frozen=True)
-class After:
+class Delay:
     """Something that takes a while: the clock moves on before it happens."""
 
     seconds: float
-    event: RgbdFrame | Exception | Condition
+    event: RgbdFrame | Exception | CameraStatus
 
 
-Event = RgbdFrame | Exception | Condition | After
+Event = RgbdFrame | Exception | CameraStatus | Delay
 
 
 class ScriptedCamera(RgbdCamera):
@@ -125,7 +127,7 @@ class ScriptedCamera(RgbdCamera):
         self._events: list[Event] = []
         self._clock = clock or FakeClock()
         self._counters = CameraCounters()
-        self._condition = Condition(CameraState.STREAMING)
+        self._status = CameraStatus(CameraState.STREAMING)
 
     def open(self) -> None:
         """Begin the next part."""
@@ -139,15 +141,15 @@ class ScriptedCamera(RgbdCamera):
     def read(self, timeout_s: float) -> RgbdFrame:
         """The next event of this part."""
         event = self._events.pop(0) if self._events else EndOfStream()
-        if isinstance(event, After):
+        if isinstance(event, Delay):
             self._clock.now_s += event.seconds
             event = event.event
         if isinstance(event, Exception):
             raise event
-        if isinstance(event, Condition):
-            self._condition = event
-            raise NoFrameYet
-        self._condition = Condition(CameraState.STREAMING)
+        if isinstance(event, CameraStatus):
+            self._status = event
+            raise FrameTimeout
+        self._status = CameraStatus(CameraState.STREAMING)
         self._counters = replace(self._counters, delivered=self._counters.delivered + 1)
         return event
 
@@ -161,12 +163,12 @@ class ScriptedCamera(RgbdCamera):
         return self._counters
 
     @property
-    def condition(self) -> Condition:
+    def status(self) -> CameraStatus:
         """As the script says."""
-        return self._condition
+        return self._status
 
 
-class PatientStop(threading.Event):
+class InstantStop(threading.Event):
     """A stop that nobody waits for: set after so many waits, it remembers how long each was."""
 
     def __init__(self, waits: int) -> None:
@@ -192,24 +194,24 @@ class ScriptedOdometry:
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """The next one."""
         self.frames.append(frame)
-        return self._estimates.pop(0) if self._estimates else good(np.eye(4))
+        return self._estimates.pop(0) if self._estimates else good_estimate(np.eye(4))
 
 
-class Collector:
+class CollectingOutput:
     """An output that keeps everything it is told, in order."""
 
     warning = ""
 
     def __init__(self) -> None:
-        self.poses: list[PoseUpdate] = []
+        self.poses: list[OdometryUpdate] = []
         self.statuses: list[Status] = []
         self.closed = 0
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Keep it."""
         self.poses.append(update)
 
-    def status(self, status: Status) -> None:
+    def on_status(self, status: Status) -> None:
         """Keep it."""
         self.statuses.append(status)
 

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, RgbdCamera, RgbdFrame
-from drivers.synthetic.faults import Fault, FaultKind, FaultySource, Images
+from drivers.synthetic.faults import Fault, FaultInjector, FaultKind, RenderedImages
 from tests.vo_service.corner_film import corner_pose
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+from tests.vo_service.odometry.synthetic_views import render_corner
 
 # Good frames before each fault, and after it.
-GOOD = 15
-VIEWS = 12
-BACK_S, AHEAD_S = -5.0, 3600.0
+GOOD_FRAMES = 15
+VIEW_COUNT = 12
+JUMP_BACK_S, JUMP_AHEAD_S = -5.0, 3600.0
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class FrameFault:
     kind: FaultKind
     count: int
     state: str
-    words: str = ""
+    status_text: str = ""
     seconds: float = 0.0
-    left_out: int = 0
+    dropped_frames: int = 0
     new_epoch: bool = False
 
 
@@ -45,50 +45,49 @@ FRAME_FAULTS = (
     FrameFault("noise", FaultKind.NOISE, 8, "lost", "the keyframe's"),
     FrameFault("frozen", FaultKind.FROZEN, 8, "tracking"),
     FrameFault("torn", FaultKind.TORN, 8, "tracking"),
-    FrameFault("same stamp again", FaultKind.STAMP_REPEAT, 8, "", left_out=8),
-    FrameFault("back in time for a moment", FaultKind.STAMP_JUMP, 8, "", "", BACK_S, left_out=8),
+    FrameFault("same stamp again", FaultKind.STAMP_REPEAT, 8, "", dropped_frames=8),
+    FrameFault("back in time for a moment", FaultKind.STAMP_JUMP, 8, "", "", JUMP_BACK_S, dropped_frames=8),
     FrameFault(
-        "back in time for good", FaultKind.STAMP_JUMP, 20, "tracking", "", BACK_S,
-        left_out=14, new_epoch=True,
+        "back in time for good", FaultKind.STAMP_JUMP, 20, "tracking", "", JUMP_BACK_S,
+        dropped_frames=14, new_epoch=True,
     ),
     FrameFault(
-        "an hour ahead for a moment", FaultKind.STAMP_JUMP, 8, "tracking", "", AHEAD_S,
-        left_out=14, new_epoch=True,
+        "an hour ahead for a moment", FaultKind.STAMP_JUMP, 8, "tracking", "", JUMP_AHEAD_S,
+        dropped_frames=14, new_epoch=True,
     ),
 )  # fmt: skip
 
 
-def span_of(fault: FrameFault) -> range:
+def frame_span(fault: FrameFault) -> range:
     """The film's frames that belong to a fault: good ones, those that suffer, good ones."""
     first = 0
     for each in FRAME_FAULTS:
-        length = GOOD + each.count + GOOD
+        length = GOOD_FRAMES + each.count + GOOD_FRAMES
         if each is fault:
             return range(first, first + length)
         first += length
     raise ValueError(f"{fault.name} is not in the table")
 
 
-def frames_suffering(fault: FrameFault) -> range:
+def faulty_frames(fault: FrameFault) -> range:
     """Those of the span that suffer."""
-    first = span_of(fault).start + GOOD
+    first = frame_span(fault).start + GOOD_FRAMES
     return range(first, first + fault.count)
 
 
-class FaultyFilm(RgbdCamera):
+class FaultyCamera(RgbdCamera):
     """Past a corner and back, round and round, through faults of the table; then it ends."""
 
     name = "film"
     clock = Clock.RECORDED
 
     def __init__(self, faults: Sequence[FrameFault] = FRAME_FAULTS) -> None:
-        self._views = [view_of_a_corner(corner_pose(seq), seq) for seq in range(VIEWS)]
+        self._views = [render_corner(corner_pose(seq), seq) for seq in range(VIEW_COUNT)]
         struck = tuple(
-            Fault(each.kind, frames_suffering(each).start, each.count, each.seconds)
-            for each in faults
+            Fault(each.kind, faulty_frames(each).start, each.count, each.seconds) for each in faults
         )
-        self._source = FaultySource(self._images, struck, seed=1)
-        self._count = max((span_of(each).stop for each in faults), default=2 * GOOD)
+        self._source = FaultInjector(self._images, struck, seed=1)
+        self._count = max((frame_span(each).stop for each in faults), default=2 * GOOD_FRAMES)
         self._next = 0
 
     def open(self) -> None:
@@ -100,14 +99,14 @@ class FaultyFilm(RgbdCamera):
         if self._next >= self._count:
             raise EndOfStream
         seq, self._next = self._next, self._next + 1
-        images, (stamped_as, off_s) = self._source.images(seq), self._source.stamped_as(seq)
+        images, (stamped_as, off_s) = self._source.read_images(seq), self._source.stamp_source(seq)
         view = self._views[0]
         return RgbdFrame(
             seq=seq,
             stamp_s=1000.0 + stamped_as / 30.0 + off_s,
-            arrival_s=0.0,
-            colour_bgr=images.colour,
-            depth_raw=images.depth,
+            receive_time_s=0.0,
+            color_bgr=images.color_bgr,
+            depth_raw=images.depth_raw,
             depth_factor=view.depth_factor,
             camera=view.camera,
         )
@@ -120,12 +119,12 @@ class FaultyFilm(RgbdCamera):
         """All of them are delivered."""
         return CameraCounters(delivered=self._next)
 
-    def _images(self, seq: int) -> Images:
-        view = self._views[view_at(seq)]
-        return Images(view.colour_bgr, view.depth_raw)
+    def _images(self, seq: int) -> RenderedImages:
+        view = self._views[view_index(seq)]
+        return RenderedImages(view.color_bgr, view.depth_raw)
 
 
-def view_at(seq: int) -> int:
+def view_index(seq: int) -> int:
     """Which view the film shows as frame `seq`: there and back."""
-    place = seq % (2 * VIEWS - 2)
-    return min(place, 2 * VIEWS - 2 - place)
+    place = seq % (2 * VIEW_COUNT - 2)
+    return min(place, 2 * VIEW_COUNT - 2 - place)

@@ -3,24 +3,24 @@
 from collections.abc import Sequence
 from itertools import pairwise
 
-from tests.vo_service.subscriber import HeardPose, HeardStatus, Subscriber
+from tests.vo_service.subscriber import RecordingSubscriber, SubscribedPose, SubscribedStatus
 
 # So many statuses in a row that say all is well, and not one more frame: a silent stop.
-SILENT_STATUSES = 4
+MAX_SILENT_STATUSES = 4
 
 
-def check_heard(heard: Subscriber, log: str = "") -> None:
+def check_received(received: RecordingSubscriber, log: str = "") -> None:
     """No number that is none, no order turned round, no silence without a reason, no traceback.
 
     `heard` is of one life of one service, `log` all that it has said.
     """
-    assert not heard.unreadable
-    check_in_order(heard.poses)
-    check_no_silent_stop(heard.statuses)
+    assert not received.unreadable
+    check_ordering(received.poses)
+    check_not_silent(received.statuses)
     assert "Traceback" not in log, log
 
 
-def check_in_order(poses: Sequence[HeardPose]) -> None:
+def check_ordering(poses: Sequence[SubscribedPose]) -> None:
     """Finite; numbers rise; stamps rise, but for a new epoch that says why they do not."""
     assert all(pose.is_finite for pose in poses)
     for before, after in pairwise(poses):
@@ -30,7 +30,7 @@ def check_in_order(poses: Sequence[HeardPose]) -> None:
         assert not went_back or (after.epoch > before.epoch and after.reason == "clock_step")
 
 
-def check_no_silent_stop(statuses: Sequence[HeardStatus]) -> None:
+def check_not_silent(statuses: Sequence[SubscribedStatus]) -> None:
     """Who says that all is well goes on."""
     silent = 0
     for before, after in pairwise(statuses):
@@ -39,4 +39,4 @@ def check_no_silent_stop(statuses: Sequence[HeardStatus]) -> None:
         ]
         is_well = after.content["state"] == "tracking" and not after.content["reason"]
         silent = silent + 1 if is_well and counts[0] == counts[1] else 0
-        assert silent < SILENT_STATUSES, f"a silent stop: {after.content}"
+        assert silent < MAX_SILENT_STATUSES, f"a silent stop: {after.content}"

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.belongings import child_running
+from tests.belongings import find_child_running
 from tests.stand_ins.zenoh_router import RouterProcess
-from tests.vo_service.live_stage import LiveStage
-from tests.vo_service.service_faults import Passed
+from tests.vo_service.live_stage import ServiceRunner
+from tests.vo_service.service_faults import FaultTiming
 from tests.waiting import wait_until
 
 RECORDER = "vo_service.recorder.child"
@@ -23,115 +23,119 @@ NO_LIMIT = resource.RLIM_INFINITY
 
 
 @dataclass(frozen=True)
-class Around:
+class ServiceEnvironment:
     """A service that streams, and what it depends on."""
 
-    stage: LiveStage
+    runner: ServiceRunner
     router: RouterProcess
 
 
-Action = Callable[[Around], None]
+Action = Callable[[ServiceEnvironment], None]
 
 
 @dataclass(frozen=True)
-class LiveFault:
+class EnvironmentFault:
     """One fault; `words` are in a warning of the status while it lasts."""
 
     name: str
     begin: Action
-    words: str
+    status_text: str
     end: Action
 
 
-def pass_through(fault: LiveFault, around: Around) -> Passed:
+def run_fault(fault: EnvironmentFault, environment: ServiceEnvironment) -> FaultTiming:
     """Let it begin, wait until it is said, let it end, wait until no more is said of it."""
-    service = around.stage.service
+    service = environment.runner.service
     begin_s = time.monotonic()
-    fault.begin(around)
-    service.until(lambda status: any(fault.words in each for each in status["warnings"]))
+    fault.begin(environment)
+    service.wait_for_status(
+        lambda status: any(fault.status_text in each for each in status["warnings"])
+    )
     told_s = time.monotonic()
-    fault.end(around)
-    service.until(lambda status: not any(fault.words in each for each in status["warnings"]))
-    return Passed(told_s - begin_s, time.monotonic() - told_s)
+    fault.end(environment)
+    service.wait_for_status(
+        lambda status: not any(fault.status_text in each for each in status["warnings"])
+    )
+    return FaultTiming(told_s - begin_s, time.monotonic() - told_s)
 
 
-def by_itself(around: Around) -> None:
+def do_nothing(around: ServiceEnvironment) -> None:
     """Nothing needs to be done."""
 
 
-def reload_with(text: Callable[[LiveStage], str]) -> Action:
+def make_reload_action(text: Callable[[ServiceRunner], str]) -> Action:
     """Write the configuration and ask the service to read it."""
 
-    def act(around: Around) -> None:
-        around.stage.config.write_text(text(around.stage))
-        around.stage.service.process.send_signal(signal.SIGHUP)
+    def act(around: ServiceEnvironment) -> None:
+        around.runner.config.write_text(text(around.runner))
+        around.runner.service.process.send_signal(signal.SIGHUP)
 
     return act
 
 
-def kill_recorder(around: Around) -> None:
+def kill_recorder(around: ServiceEnvironment) -> None:
     """As the kernel does when memory is short."""
-    os.kill(recorder_of(around), signal.SIGKILL)
+    os.kill(recorder_pid(around), signal.SIGKILL)
 
 
-def kill_mapper(around: Around) -> None:
+def kill_mapper(around: ServiceEnvironment) -> None:
     """As the kernel does when memory is short."""
-    os.kill(child_running(around.stage.service.process.pid, MAPPER), signal.SIGKILL)
+    os.kill(find_child_running(around.runner.service.process.pid, MAPPER), signal.SIGKILL)
 
 
-def fill_disk(around: Around) -> None:
+def fill_disk(around: ServiceEnvironment) -> None:
     """While it records: from now on no file of the recorder can grow."""
     folder = start_recording(around)
     wait_until(lambda: any((folder / "rgb").glob("*")), "a recorded image")
-    resource.prlimit(recorder_of(around), resource.RLIMIT_FSIZE, (0, NO_LIMIT))
+    resource.prlimit(recorder_pid(around), resource.RLIMIT_FSIZE, (0, NO_LIMIT))
 
 
-def free_disk(around: Around) -> None:
+def free_disk(around: ServiceEnvironment) -> None:
     """Files can grow again; the next recording shows it."""
-    resource.prlimit(recorder_of(around), resource.RLIMIT_FSIZE, (NO_LIMIT, NO_LIMIT))
+    resource.prlimit(recorder_pid(around), resource.RLIMIT_FSIZE, (NO_LIMIT, NO_LIMIT))
     start_recording(around)
-    around.stage.ask("stop-recording")
+    around.runner.send_command("stop-recording")
 
 
-def start_recording(around: Around) -> Path:
+def start_recording(around: ServiceEnvironment) -> Path:
     """Into a new folder, as soon as the recorder is there."""
-    recordings = around.stage.state_folder / "recordings"
+    recordings = around.runner.state_folder / "recordings"
     name = f"room-{len(list(recordings.glob('*')))}"
-    wait_until(lambda: around.stage.is_obeyed("start-recording", name=name), "the recorder")
+    wait_until(lambda: around.runner.is_accepted("start-recording", name=name), "the recorder")
     return recordings / name
 
 
-def recorder_of(around: Around) -> int:
+def recorder_pid(around: ServiceEnvironment) -> int:
     """Process number of the flight recorder."""
-    return child_running(around.stage.service.process.pid, RECORDER)
+    return find_child_running(around.runner.service.process.pid, RECORDER)
 
 
-LIVE_FAULTS = (
-    LiveFault(
+ENVIRONMENT_FAULTS = (
+    EnvironmentFault(
         "router gone",
         lambda around: around.router.kill(),
         "zenoh: no connection to",
         lambda around: around.router.start(),
     ),
-    LiveFault(
+    EnvironmentFault(
         "configuration broken on reload",
-        reload_with(lambda stage: f"{stage.good_config}\nspeed = "),
+        make_reload_action(lambda stage: f"{stage.good_config}\nspeed = "),
         "the configuration is not the one in the file",
-        reload_with(lambda stage: stage.good_config),
+        make_reload_action(lambda stage: stage.good_config),
     ),
-    LiveFault(
+    EnvironmentFault(
         "recorder killed",
         kill_recorder,
         "recorder: its process ended and is started again",
-        by_itself,
+        do_nothing,
     ),
-    LiveFault(
+    EnvironmentFault(
         "map's process killed",
         kill_mapper,
         "map: its process ended and is started again; the map begins anew",
-        by_itself,
+        do_nothing,
     ),
-    LiveFault(
+    EnvironmentFault(
         "disk full while recording",
         fill_disk,
         "recorder: ",

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from tests.ports import free_port
-from tests.preloaded import Preloaded
-from tests.vo_service.heard_check import check_heard
-from tests.vo_service.played_service import PATIENT_KINECT_VO, PlayedService
-from tests.vo_service.subscriber import Subscriber
-from tests.waiting import PATIENCE_S
+from tests.preloaded import ForkedProcess
+from tests.vo_service.heard_check import check_received
+from tests.vo_service.played_service import KINECT_VO_WITH_LONG_TIMEOUT, ServiceProcess
+from tests.vo_service.subscriber import RecordingSubscriber
+from tests.waiting import DEFAULT_TIMEOUT_S
 from vo_service.outputs.zenoh_session import open_session
 from vo_service.settings import ZenohConfig
 
@@ -33,7 +33,7 @@ colour = { distortion = [0.0, 0.0, 0.0, 0.0, 0.0], exposure_s = 0.0, smooth_edge
 """
 
 
-class LiveStage:
+class ServiceRunner:
     """Starts services, one after another, and keeps what is heard of each."""
 
     def __init__(self, folder: Path, films: Path, more_config: str) -> None:
@@ -46,15 +46,15 @@ class LiveStage:
             "STATE_DIRECTORY": str(folder / "state"),
             "CACHE_DIRECTORY": str(films),
         }
-        self._lives: list[PlayedService] = []
+        self._lives: list[ServiceProcess] = []
         listen = f'[zenoh]\nlisten = ["tcp/127.0.0.1:{self.port}"]\n'
         self.good_config = f"schema = 1\n{listen}{more_config}"
         self.config.write_text(self.good_config)
         connect = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{self.port}",))
         self.session = open_session(connect)
-        self._heard = Subscriber()
-        self.session.declare_subscriber("kinect/odom", lambda s: self._heard.take_pose(s))
-        self.session.declare_subscriber("kinect/status", lambda s: self._heard.take_status(s))
+        self._heard = RecordingSubscriber()
+        self.session.declare_subscriber("kinect/odom", lambda s: self._heard.on_pose(s))
+        self.session.declare_subscriber("kinect/status", lambda s: self._heard.on_status(s))
 
     @property
     def state_folder(self) -> Path:
@@ -67,46 +67,46 @@ class LiveStage:
         return bool(self._lives)
 
     @property
-    def service(self) -> PlayedService:
+    def service(self) -> ServiceProcess:
         """The one that was started last."""
         return self._lives[-1]
 
     def start(
-        self, *options: str, popen: "type[subprocess.Popen[bytes]]" = Preloaded
-    ) -> PlayedService:
+        self, *options: str, popen: "type[subprocess.Popen[bytes]]" = ForkedProcess
+    ) -> ServiceProcess:
         """Start the service, by `popen`; the one before must be dead."""
         assert not self.has_started or self.service.process.poll() is not None
-        self._heard = Subscriber()
+        self._heard = RecordingSubscriber()
         log = self._folder / f"log-{len(self._lives)}.txt"
-        command = [*PATIENT_KINECT_VO, "run", "--config", str(self.config), *options]
+        command = [*KINECT_VO_WITH_LONG_TIMEOUT, "run", "--config", str(self.config), *options]
         with log.open("wb") as said:
             process = popen(
                 command, env=self._environment, stdout=said, stderr=said, start_new_session=True
             )
-        self._lives.append(PlayedService(process, self._heard, log, self.port))
+        self._lives.append(ServiceProcess(process, self._heard, log, self.port))
         return self.service
 
-    def ask(self, command: str, **arguments: object) -> Mapping[str, Any]:
+    def send_command(self, command: str, **arguments: object) -> Mapping[str, Any]:
         """Send a command; its answer. Fails if it is refused."""
-        reply = self._reply(command, arguments)
+        reply = self._query(command, arguments)
         assert reply.ok is not None, reply.err.payload.to_string()
         answer: Mapping[str, Any] = json.loads(reply.ok.payload.to_bytes())
         return answer
 
-    def is_obeyed(self, command: str, **arguments: object) -> bool:
+    def is_accepted(self, command: str, **arguments: object) -> bool:
         """Send a command that may be refused for now."""
-        return self._reply(command, arguments).ok is not None
+        return self._query(command, arguments).ok is not None
 
-    def _reply(self, command: str, arguments: Mapping[str, object]) -> Any:
+    def _query(self, command: str, arguments: Mapping[str, object]) -> Any:
         key, payload = f"kinect/command/{command}", json.dumps(arguments).encode()
-        replies: Any = self.session.get(key, payload=payload, timeout=PATIENCE_S)
+        replies: Any = self.session.get(key, payload=payload, timeout=DEFAULT_TIMEOUT_S)
         (reply,) = replies
         return reply
 
     def check(self) -> None:
-        """See `check_heard`: every life of the service."""
+        """See `check_received`: every life of the service."""
         for life in self._lives:
-            check_heard(life.heard, life.log)
+            check_received(life.heard, life.log)
 
     def close(self) -> None:
         """Kill what still runs."""
@@ -117,10 +117,10 @@ class LiveStage:
 
 
 @contextmanager
-def live_stage(folder: Path, films: Path, more_config: str = CAMERA) -> Iterator[LiveStage]:
+def service_runner(folder: Path, films: Path, more_config: str = CAMERA) -> Iterator[ServiceRunner]:
     """A stage without a service yet; whatever was started on it is killed at the end."""
     folder.mkdir(parents=True, exist_ok=True)
-    stage = LiveStage(folder, films, more_config)
+    stage = ServiceRunner(folder, films, more_config)
     try:
         yield stage
     finally:

@@ -4,56 +4,58 @@ import threading
 from collections.abc import Sequence
 
 from tests.vo_service.fakes import (
-    Collector,
+    CollectingOutput,
     Event,
     FakeClock,
     ScriptedCamera,
     ScriptedOdometry,
 )
 from vo_service.control.control import Control
-from vo_service.control.inbox import Inbox
-from vo_service.feed import Feed, PlainFeed
-from vo_service.pose_tracker import PoseTracker
+from vo_service.control.inbox import CommandQueue
+from vo_service.feed import FrameSource, SinglePassSource
+from vo_service.pose_tracker import OdomFrame
 from vo_service.service import Service
-from vo_service.stage_clock import StageClock
-from vo_service.stamps import RecordedClock, StampClock
-from vo_service.types import Command, Estimate, Loops, NoLoops, Output
+from vo_service.stage_clock import CpuStageTimer
+from vo_service.stamps import PublishClock, RecordedClock
+from vo_service.types import Command, Estimate, LoopClosure, NullLoopClosure, Output
 
 
 def make_service(
-    feed: Feed,
+    feed: FrameSource,
     outputs: Sequence[Output],
     estimates: Sequence[Estimate] = (),
-    stamps: StampClock | None = None,
+    stamps: PublishClock | None = None,
     camera: ScriptedCamera | None = None,
-    inbox: Inbox[Command] | None = None,
+    inbox: CommandQueue[Command] | None = None,
     odometry: ScriptedOdometry | None = None,
-    loops: Loops | None = None,
+    loops: LoopClosure | None = None,
     method: str = "surf",
 ) -> Service:
-    camera, tracker = camera or ScriptedCamera(), PoseTracker()
+    camera, tracker = camera or ScriptedCamera(), OdomFrame()
     return Service(
-        feed=feed,
+        frame_source=feed,
         odometry=odometry or ScriptedOdometry(*estimates),
-        stages=StageClock(),
-        tracker=tracker,
+        stage_timer=CpuStageTimer(),
+        odom_frame=tracker,
         clock=stamps or RecordedClock(),
         outputs=outputs,
         camera=camera,
         method=method,
         control=Control(tracker, camera, inbox),
-        loops=loops or NoLoops(),
+        loop_closure=loops or NullLoopClosure(),
     )
 
 
-def play(
+def run_loop(
     events: Sequence[Event],
     estimates: Sequence[Estimate] = (),
     clock: FakeClock | None = None,
-    stamps: StampClock | None = None,
-) -> Collector:
+    stamps: PublishClock | None = None,
+) -> CollectingOutput:
     """Run the loop over one pass of a camera."""
-    camera, collector = ScriptedCamera(events, clock=clock), Collector()
+    camera, collector = ScriptedCamera(events, clock=clock), CollectingOutput()
     with camera:
-        make_service(PlainFeed(camera), [collector], estimates, stamps).run(threading.Event())
+        make_service(SinglePassSource(camera), [collector], estimates, stamps).run(
+            threading.Event()
+        )
     return collector

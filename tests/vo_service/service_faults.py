@@ -9,19 +9,19 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from tests.stand_ins.played_kinect import PlayedKinect, Stream
-from tests.vo_service.played_service import PlayedService
+from tests.stand_ins.played_kinect import KinectSimulator, KinectStream
+from tests.vo_service.played_service import ServiceProcess
 from tests.waiting import wait_until
 
-GONE = "no Kinect on the USB"
-TOLD_S, BACK_S = 2.0, 3.0
-HUNG_S, BACK_AFTER_KILL_S = 5.0, 5.0
+NO_KINECT_REASON = "no Kinect on the USB"
+MAX_REPORT_S, MAX_RECOVERY_S = 2.0, 3.0
+MAX_HANG_REPORT_S, MAX_RECOVERY_AFTER_KILL_S = 5.0, 5.0
 
-Action = Callable[[PlayedKinect, PlayedService], None]
+Action = Callable[[KinectSimulator, ServiceProcess], None]
 
 
 @dataclass(frozen=True)
-class ServiceFault:
+class SensorFault:
     """One fault.
 
     words   in the status's reason while it lasts
@@ -31,49 +31,49 @@ class ServiceFault:
 
     name: str
     begin: Action
-    words: str
+    status_text: str
     end: Action
-    told_s: float = TOLD_S
-    back_s: float = BACK_S
+    max_report_s: float = MAX_REPORT_S
+    max_recovery_s: float = MAX_RECOVERY_S
 
 
 @dataclass(frozen=True)
-class Passed:
+class FaultTiming:
     """How a fault went: seconds until it was said, and from its end until there were poses."""
 
-    told_s: float
-    back_s: float
+    report_s: float
+    recovery_s: float
 
 
-def pass_through(
-    fault: ServiceFault,
-    kinect: PlayedKinect,
-    service: PlayedService,
+def run_fault(
+    fault: SensorFault,
+    kinect: KinectSimulator,
+    service: ServiceProcess,
     while_it_lasts: Callable[[], object] = lambda: None,
-) -> Passed:
+) -> FaultTiming:
     """Let it begin while the Kinect streams, wait until it is said, let it end, wait for poses."""
-    service.until_streaming(time.monotonic())
+    service.wait_until_streaming(time.monotonic())
     before_s = time.monotonic()
     fault.begin(kinect, service)
     begin_s = time.monotonic()
-    told_s = service.until_said(fault.words, before_s)
+    told_s = service.wait_for_reason(fault.status_text, before_s)
     # What ends by itself (a driver that died is started again) began to end when it began.
-    if fault.end is by_itself:
-        return Passed(told_s - begin_s, service.until_streaming(told_s) - begin_s)
+    if fault.end is do_nothing:
+        return FaultTiming(told_s - begin_s, service.wait_until_streaming(told_s) - begin_s)
     while_it_lasts()
     end_s = time.monotonic()
     fault.end(kinect, service)
-    return Passed(told_s - begin_s, service.until_streaming(end_s) - end_s)
+    return FaultTiming(told_s - begin_s, service.wait_until_streaming(end_s) - end_s)
 
 
-def by_itself(kinect: PlayedKinect, service: PlayedService) -> None:
+def do_nothing(kinect: KinectSimulator, service: ServiceProcess) -> None:
     """Nothing needs to be done."""
 
 
-def _replug_with(fault: Callable[[PlayedKinect, bool], None]) -> Action:
+def _make_replug_action(fault: Callable[[KinectSimulator, bool], None]) -> Action:
     """What is there when it is plugged in: a running stream would not notice."""
 
-    def begin(kinect: PlayedKinect, service: PlayedService) -> None:
+    def begin(kinect: KinectSimulator, service: ServiceProcess) -> None:
         kinect.unplug()
         fault(kinect, True)
         kinect.plug()
@@ -81,80 +81,80 @@ def _replug_with(fault: Callable[[PlayedKinect, bool], None]) -> Action:
     return begin
 
 
-def _hang(kinect: PlayedKinect, service: PlayedService) -> None:
+def _freeze_control(kinect: KinectSimulator, service: ServiceProcess) -> None:
     """Plugged in, it answers nothing; returns once it has been opened."""
     kinect.unplug()
-    service.until_said(GONE, time.monotonic())
+    service.wait_for_reason(NO_KINECT_REASON, time.monotonic())
     kinect.freeze_control(True)
     kinect.plug()
     wait_until(lambda: kinect.open_handles > 0, "the Kinect to be opened")
 
 
-def _lose(every: int) -> Action:
-    def begin(kinect: PlayedKinect, service: PlayedService) -> None:
-        for stream in Stream:
+def _make_packet_loss(every: int) -> Action:
+    def begin(kinect: KinectSimulator, service: ServiceProcess) -> None:
+        for stream in KinectStream:
             kinect.lose_packets(stream, every)
 
     return begin
 
 
-FAULTS = (
-    ServiceFault(
+SENSOR_FAULTS = (
+    SensorFault(
         "unplug",
         lambda kinect, _: kinect.unplug(),
-        GONE,
+        NO_KINECT_REASON,
         lambda kinect, _: kinect.plug(),
     ),
-    ServiceFault(
+    SensorFault(
         "stall",
         lambda kinect, _: kinect.stall(True),
         "image for 1 s",
         lambda kinect, _: kinect.stall(False),
     ),
-    ServiceFault(
+    SensorFault(
         "busy",
-        _replug_with(PlayedKinect.busy),
+        _make_replug_action(KinectSimulator.set_busy),
         "held by another program or the kernel (Failed to claim camera interface",
-        lambda kinect, _: kinect.busy(False),
+        lambda kinect, _: kinect.set_busy(False),
     ),
-    ServiceFault(
+    SensorFault(
         "no permission",
-        _replug_with(PlayedKinect.forbid),
+        _make_replug_action(KinectSimulator.deny_access),
         "this user may not open it",
-        lambda kinect, _: kinect.forbid(False),
+        lambda kinect, _: kinect.deny_access(False),
     ),
-    ServiceFault(
+    SensorFault(
         "no bandwidth",
-        lambda kinect, _: kinect.starve(True),
+        lambda kinect, _: kinect.remove_bandwidth(True),
         "no USB bandwidth",
-        lambda kinect, _: kinect.starve(False),
+        lambda kinect, _: kinect.remove_bandwidth(False),
     ),
-    ServiceFault(
+    SensorFault(
         "all frames torn",
-        _lose(every=20),
+        _make_packet_loss(every=20),
         "losing USB packets",
-        _lose(every=0),
+        _make_packet_loss(every=0),
     ),
-    ServiceFault(
+    SensorFault(
         "hang while opening",
-        _hang,
+        _freeze_control,
         "hung while opening the camera",
         lambda kinect, _: kinect.freeze_control(False),
-        told_s=HUNG_S,
-        back_s=BACK_AFTER_KILL_S,
+        max_report_s=MAX_HANG_REPORT_S,
+        max_recovery_s=MAX_RECOVERY_AFTER_KILL_S,
     ),
-    ServiceFault(
+    SensorFault(
         "driver killed",
-        lambda _, service: os.kill(service.driver, signal.SIGKILL),
+        lambda _, service: os.kill(service.driver_pid, signal.SIGKILL),
         "the driver crashed (signal 9",
-        by_itself,
-        back_s=BACK_AFTER_KILL_S,
+        do_nothing,
+        max_recovery_s=MAX_RECOVERY_AFTER_KILL_S,
     ),
-    ServiceFault(
+    SensorFault(
         "driver stopped",
-        lambda _, service: os.kill(service.driver, signal.SIGSTOP),
+        lambda _, service: os.kill(service.driver_pid, signal.SIGSTOP),
         "hung while reading frames",
-        by_itself,
-        back_s=BACK_AFTER_KILL_S,
+        do_nothing,
+        max_recovery_s=MAX_RECOVERY_AFTER_KILL_S,
     ),
 )

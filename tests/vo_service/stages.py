@@ -8,24 +8,24 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.camera import EndOfStream, Pace, RgbdCamera, RgbdFrame
+from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.tum.camera import TumCamera
-from tests.preloaded import Preloaded
-from tests.vo_service.live_stage import CAMERA, LiveStage
-from tests.vo_service.played_service import START_LIMIT_S
+from tests.preloaded import ForkedProcess
+from tests.vo_service.live_stage import CAMERA, ServiceRunner
+from tests.vo_service.played_service import START_TIMEOUT_S
 from tests.waiting import wait_until
 
 # From this frame on.
-FAULT = '[[synthetic.faults]]\nkind = "{}"\nfirst = 5\ncount = {}\nseconds = {}\n'
-FOR_EVER = 1_000_000
+FAULT_CONFIG = '[[synthetic.faults]]\nkind = "{}"\nfirst = 5\ncount = {}\nseconds = {}\n'
+MANY_FRAMES = 1_000_000
 
 
-def nothing_more(stage: LiveStage) -> None:
+def check_nothing(stage: ServiceRunner) -> None:
     """There is nothing left to see."""
 
 
 @dataclass(frozen=True)
-class Stage:
+class LifecycleStage:
     """A name, what the camera does, and how to get there once the service has been started.
 
     goes_on  whether statuses are heard from then on
@@ -35,66 +35,66 @@ class Stage:
 
     name: str
     config: str
-    reach: Callable[[LiveStage], None]
-    goes_on: bool = True
-    check: Callable[[LiveStage], None] = nothing_more
-    popen: "type[subprocess.Popen[bytes]]" = Preloaded
+    reach: Callable[[ServiceRunner], None]
+    keeps_running: bool = True
+    check: Callable[[ServiceRunner], None] = check_nothing
+    popen: "type[subprocess.Popen[bytes]]" = ForkedProcess
 
 
-def starting(stage: LiveStage) -> None:
+def reach_starting(stage: ServiceRunner) -> None:
     """It heeds signals, but does not publish yet."""
     process = stage.service.process.pid
-    wait_until(lambda: signal.SIGTERM in caught_by(process), "the service to heed signals")
+    wait_until(lambda: signal.SIGTERM in handled_signals(process), "the service to heed signals")
     assert not stage.service.heard.statuses
 
 
-def waiting(stage: LiveStage) -> None:
+def reach_waiting_for_camera(stage: ServiceRunner) -> None:
     """The camera was there and has gone."""
-    stage.service.until_said("unplugged", 0.0, START_LIMIT_S)
+    stage.service.wait_for_reason("unplugged", 0.0, START_TIMEOUT_S)
 
 
-def streaming(stage: LiveStage) -> None:
+def reach_streaming(stage: ServiceRunner) -> None:
     """Poses come."""
-    stage.service.until_streaming(time.monotonic(), START_LIMIT_S)
+    stage.service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
 
 
-def lost(stage: LiveStage) -> None:
+def reach_lost(stage: ServiceRunner) -> None:
     """Poses come, and say that they are worth nothing."""
-    streaming(stage)
-    stage.service.until(lambda status: status["state"] == "lost")
+    reach_streaming(stage)
+    stage.service.wait_for_status(lambda status: status["state"] == "lost")
 
 
-def recording(stage: LiveStage) -> None:
+def reach_recording(stage: ServiceRunner) -> None:
     """Frames go to the disk."""
-    streaming(stage)
-    wait_until(lambda: stage.is_obeyed("start-recording", name="room"), "the recorder")
+    reach_streaming(stage)
+    wait_until(lambda: stage.is_accepted("start-recording", name="room"), "the recorder")
     folder = stage.state_folder / "recordings" / "room" / "rgb"
     wait_until(lambda: any(folder.glob("*")), "a recorded image")
 
 
-def recording_is_whole(stage: LiveStage) -> None:
+def check_recording_complete(stage: ServiceRunner) -> None:
     """Every image of the list can be read again."""
     folder = stage.state_folder / "recordings" / "room"
-    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
-        seqs = [frame.seq for frame in frames_of(camera)]
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        seqs = [frame.seq for frame in read_frames(camera)]
     assert len(seqs) == len(list((folder / "rgb").glob("*"))) > 0
     assert camera.counters.skipped == 0
 
 
-def frames_of(camera: RgbdCamera) -> Iterator[RgbdFrame]:
+def read_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
     """All of a recording."""
     with suppress(EndOfStream):
         while True:
             yield camera.read(1.0)
 
 
-def closing(stage: LiveStage) -> None:
+def reach_closing(stage: ServiceRunner) -> None:
     """It has been asked to end a moment ago."""
-    streaming(stage)
+    reach_streaming(stage)
     stage.service.process.send_signal(signal.SIGTERM)
 
 
-def caught_by(process: int) -> set[int]:
+def handled_signals(process: int) -> set[int]:
     """Numbers of the signals that a process has a handler for."""
     for line in Path(f"/proc/{process}/status").read_text().splitlines():
         name, _, value = line.partition(":")
@@ -105,10 +105,14 @@ def caught_by(process: int) -> set[int]:
 
 
 STAGES = (
-    Stage("start-up", CAMERA, starting, goes_on=False, popen=subprocess.Popen),
-    Stage("waiting for a camera", CAMERA + FAULT.format("unplugged", 1, 3600.0), waiting),
-    Stage("streaming", CAMERA, streaming),
-    Stage("lost", CAMERA + FAULT.format("covered", FOR_EVER, 0.0), lost),
-    Stage("recording", CAMERA, recording, check=recording_is_whole),
-    Stage("closing", CAMERA, closing, goes_on=False),
+    LifecycleStage("start-up", CAMERA, reach_starting, keeps_running=False, popen=subprocess.Popen),
+    LifecycleStage(
+        "waiting for a camera",
+        CAMERA + FAULT_CONFIG.format("unplugged", 1, 3600.0),
+        reach_waiting_for_camera,
+    ),
+    LifecycleStage("streaming", CAMERA, reach_streaming),
+    LifecycleStage("lost", CAMERA + FAULT_CONFIG.format("covered", MANY_FRAMES, 0.0), reach_lost),
+    LifecycleStage("recording", CAMERA, reach_recording, check=check_recording_complete),
+    LifecycleStage("closing", CAMERA, reach_closing, keeps_running=False),
 )

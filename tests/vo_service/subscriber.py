@@ -15,14 +15,14 @@ import zenoh
 from drivers.geometry import Array
 from vo_service.outputs.cdr import OdometryMessage, decode_odometry
 
-Status = Mapping[str, Any]
+StatusContent = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class HeardPose:
+class SubscribedPose:
     """A pose, when it was heard (CLOCK_MONOTONIC), and whether all its numbers are finite."""
 
-    heard_s: float
+    receive_time_s: float
     stamp_s: float
     seq: int
     epoch: int
@@ -33,39 +33,39 @@ class HeardPose:
 
 
 @dataclass(frozen=True)
-class HeardStatus:
+class SubscribedStatus:
     """A status, and when it was heard."""
 
-    heard_s: float
-    content: Status
+    receive_time_s: float
+    content: StatusContent
 
-    def says(self, words: str) -> bool:
+    def has_camera_reason(self, text: str) -> bool:
         """Whether it gives this as the reason for having no camera."""
-        return self.content["state"] == "no_camera" and words in self.content["reason"]
+        return self.content["state"] == "no_camera" and text in self.content["reason"]
 
-    def warns(self, words: str) -> bool:
+    def has_warning(self, text: str) -> bool:
         """Whether one of its warnings has these words."""
-        return any(words in warning for warning in self.content["warnings"])
+        return any(text in warning for warning in self.content["warnings"])
 
 
-class Subscriber:
+class RecordingSubscriber:
     """Keeps all poses and statuses of one publisher, in the order in which they came."""
 
     def __init__(self) -> None:
-        self.poses: list[HeardPose] = []
-        self.statuses: list[HeardStatus] = []
+        self.poses: list[SubscribedPose] = []
+        self.statuses: list[SubscribedStatus] = []
         self.unreadable: list[str] = []
         self._news = threading.Condition()
 
-    def take_pose(self, sample: zenoh.Sample) -> None:
+    def on_pose(self, sample: zenoh.Sample) -> None:
         """From Zenoh, which would only print what is raised."""
-        with self._noting_what_cannot_be_read(sample):
-            self._take_pose(sample)
+        with self._record_unreadable(sample):
+            self._add_pose(sample)
 
-    def take_status(self, sample: zenoh.Sample) -> None:
+    def on_status(self, sample: zenoh.Sample) -> None:
         """From Zenoh."""
-        with self._noting_what_cannot_be_read(sample):
-            self._take_status(sample)
+        with self._record_unreadable(sample):
+            self._add_status(sample)
 
     def wait_for(self, holds: Callable[[], bool], limit_s: float) -> bool:
         """Until something holds of what was heard; False if it does not in time."""
@@ -73,20 +73,20 @@ class Subscriber:
             return self._news.wait_for(holds, limit_s)
 
     @contextmanager
-    def _noting_what_cannot_be_read(self, sample: zenoh.Sample) -> Iterator[None]:
+    def _record_unreadable(self, sample: zenoh.Sample) -> Iterator[None]:
         try:
             yield
         except Exception as error:
             self.unreadable.append(f"{sample.key_expr}: {error!r}")
 
-    def _take_pose(self, sample: zenoh.Sample) -> None:
+    def _add_pose(self, sample: zenoh.Sample) -> None:
         heard_s = time.monotonic()
         message = decode_odometry(sample.payload.to_bytes())
         attachment = sample.attachment
         assert attachment is not None
-        about = strict_json(attachment.to_bytes())
-        pose = HeardPose(
-            heard_s=heard_s,
+        about = parse_strict_json(attachment.to_bytes())
+        pose = SubscribedPose(
+            receive_time_s=heard_s,
             stamp_s=message.stamp_s,
             seq=about["seq"],
             epoch=about["epoch"],
@@ -99,19 +99,19 @@ class Subscriber:
             self.poses.append(pose)
             self._news.notify_all()
 
-    def _take_status(self, sample: zenoh.Sample) -> None:
-        content = strict_json(sample.payload.to_bytes())
+    def _add_status(self, sample: zenoh.Sample) -> None:
+        content = parse_strict_json(sample.payload.to_bytes())
         with self._news:
-            self.statuses.append(HeardStatus(time.monotonic(), content))
+            self.statuses.append(SubscribedStatus(time.monotonic(), content))
             self._news.notify_all()
 
 
-def strict_json(payload: bytes) -> Any:
+def parse_strict_json(payload: bytes) -> Any:
     """As the standard has it, where NaN and Infinity are no numbers."""
-    return json.loads(payload, parse_constant=_refuse)
+    return json.loads(payload, parse_constant=_reject_constant)
 
 
-def _refuse(constant: str) -> NoReturn:
+def _reject_constant(constant: str) -> NoReturn:
     raise ValueError(f"{constant} is no JSON")
 
 

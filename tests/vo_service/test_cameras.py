@@ -5,19 +5,19 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import Clock, Pace
+from drivers.camera import Clock, PlaybackMode
 from drivers.errors import InputError
-from drivers.isolation.camera import IsolatedCamera
-from drivers.sensor_settings import SensorSettings
+from drivers.isolation.camera import SubprocessCamera
+from drivers.sensor_settings import SensorConfig
 from drivers.synthetic.config import SyntheticConfig
-from vo_service.cameras import BACKENDS, USAGES, CameraRequest, make_camera
+from vo_service.cameras import CAMERA_FACTORIES, CAMERA_USAGES, CameraRequest, make_camera
 
 LIGHT = CameraRequest(
     source="synthetic",
-    file=None,
-    pace=Pace.REALTIME,
-    sensor=SensorSettings(),
-    synthetic=SyntheticConfig.light(),
+    camera_file=None,
+    playback_mode=PlaybackMode.REALTIME,
+    sensor=SensorConfig(),
+    synthetic=SyntheticConfig.fast(),
 )
 
 
@@ -59,7 +59,7 @@ def test_a_source_that_is_none_says_what_to_write(source: str, said: str) -> Non
 
 def test_a_virtual_kinect_takes_no_camera_file() -> None:
     with pytest.raises(InputError, match=r"camera\.toml: the virtual Kinect knows its own"):
-        make_camera(replace(LIGHT, file=Path("camera.toml")))
+        make_camera(replace(LIGHT, camera_file=Path("camera.toml")))
 
 
 @pytest.mark.parametrize(
@@ -76,9 +76,9 @@ def test_a_virtual_kinect_takes_no_camera_file() -> None:
 )
 def test_what_runs_on_a_native_library_has_a_process_of_its_own(source: str, clock: Clock) -> None:
     camera = make_camera(replace(LIGHT, source=source))
-    assert isinstance(camera, IsolatedCamera)
+    assert isinstance(camera, SubprocessCamera)
     assert (camera.name, camera.clock) == (source, clock)
 
 
 def test_every_backend_says_how_it_is_written() -> None:
-    assert set(USAGES) == set(BACKENDS)
+    assert set(CAMERA_USAGES) == set(CAMERA_FACTORIES)

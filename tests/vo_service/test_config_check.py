@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from tests.belongings import open_files
+from tests.belongings import count_open_files
 from tests.ports import is_listening
-from tests.vo_service.security.tls_network import FILES, HOST, make_keys, new_network
+from tests.vo_service.security.tls_network import HOST, ZENOH_FILES, make_keys, make_network
 from vo_service.config_check import check_config
 
 pytestmark = pytest.mark.zenoh
@@ -71,11 +71,11 @@ def test_what_anyone_may_connect_to_is_warned_of(tmp_path: Path) -> None:
 
 
 @pytest.mark.subprocess
-@pytest.mark.parametrize("name", sorted(file.name for file in FILES.iterdir()))
+@pytest.mark.parametrize("name", sorted(file.name for file in ZENOH_FILES.iterdir()))
 def test_the_ready_made_files_are_right_beside_their_keys(
     tmp_path: Path, keys: Path, name: str
 ) -> None:
-    file = new_network(keys, tmp_path).file(name, f"ours/{HOST}")
+    file = make_network(keys, tmp_path).file(name, f"ours/{HOST}")
     assert check_config(config(tmp_path, f'[zenoh]\nconfig_file = "{file}"')) == []
 
 
@@ -94,8 +94,8 @@ def test_the_ready_made_files_are_right_beside_their_keys(
 def test_a_mistake_in_the_zenoh_file_is_found(
     tmp_path: Path, keys: Path, change: Callable[[str], str], words: str
 ) -> None:
-    network = new_network(keys, tmp_path)
-    file = network.file("robot-tls.json5", network.server)
+    network = make_network(keys, tmp_path)
+    file = network.file("robot-tls.json5", network.server_identity)
     other = (tmp_path / "ours/reader/tls.key").read_bytes()
     file.with_name("other.key").write_bytes(other)
     file.write_text(change(file.read_text()))
@@ -106,11 +106,11 @@ def test_a_mistake_in_the_zenoh_file_is_found(
 
 
 def test_nothing_is_opened(tmp_path: Path, keys: Path) -> None:
-    network = new_network(keys, tmp_path)
-    file = network.file("robot-tls.json5", network.server)
+    network = make_network(keys, tmp_path)
+    file = network.file("robot-tls.json5", network.server_identity)
     configuration = config(tmp_path, f'[zenoh]\nconfig_file = "{file}"')
     check_config(configuration)  # Zenoh's threads, which it starts once, have files of their own
-    before = open_files()
+    before = count_open_files()
     check_config(configuration)
-    assert open_files() <= before
+    assert count_open_files() <= before
     assert not is_listening(network.tls_port)

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from tests.vo_service.commands.command_line import call
+from tests.vo_service.commands.command_line import run_in_process
 from vo_service.config import Config, read_config
-from vo_service.config_reference import COMMAND, reference
-from vo_service.reload import LIVE_KEYS
+from vo_service.config_reference import REFERENCE_COMMAND, render_reference
+from vo_service.reload import RELOADABLE_KEYS
 
 PAGE = Path(__file__).parents[2] / "docs" / "configuration.md"
 
@@ -19,7 +19,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "configuration.md"
 def rows() -> dict[str, list[str]]:
     """The cells of every key, by its whole name."""
     found, table = {}, ""
-    for line in reference().splitlines():
+    for line in render_reference().splitlines():
         heading = re.fullmatch(r"## `\[{1,2}([\w.]+)\]{1,2}`", line)
         table = heading[1] if heading else table
         if line.startswith("| `"):
@@ -40,7 +40,9 @@ def keys(kind: Any, path: str = "") -> set[str]:
 
 
 def test_the_page_is_what_the_code_says() -> None:
-    assert PAGE.read_text() == reference(), f"run: {COMMAND} > docs/configuration.md"
+    assert PAGE.read_text() == render_reference(), (
+        f"run: {REFERENCE_COMMAND} > docs/configuration.md"
+    )
 
 
 def test_every_key_is_there() -> None:
@@ -65,7 +67,7 @@ def test_the_defaults_are_read_as_they_are_written(tmp_path: Path) -> None:
 
 
 def test_what_is_read_again_at_once_is_marked() -> None:
-    assert {key for key, cells in rows().items() if cells[5] == "at once"} == set(LIVE_KEYS)
+    assert {key for key, cells in rows().items() if cells[5] == "at once"} == set(RELOADABLE_KEYS)
 
 
 def test_types_and_ranges_are_in_words() -> None:
@@ -76,5 +78,5 @@ def test_types_and_ranges_are_in_words() -> None:
 
 
 def test_the_command_prints_the_page(capfd: pytest.CaptureFixture[str]) -> None:
-    ended = call(capfd, "config", "reference")
-    assert (ended.code, ended.out) == (0, reference())
+    ended = run_in_process(capfd, "config", "reference")
+    assert (ended.code, ended.out) == (0, render_reference())

@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from tests.vo_service.frame_faults import FRAME_FAULTS, FrameFault
-from tests.vo_service.live_faults import LIVE_FAULTS, LiveFault
-from tests.vo_service.service_faults import FAULTS, ServiceFault
+from tests.vo_service.live_faults import ENVIRONMENT_FAULTS, EnvironmentFault
+from tests.vo_service.service_faults import SENSOR_FAULTS, SensorFault
 from tests.vo_service.stages import STAGES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
-Fault = ServiceFault | FrameFault | LiveFault
-ALL: tuple[Fault, ...] = (*FAULTS, *FRAME_FAULTS, *LIVE_FAULTS)
+Fault = SensorFault | FrameFault | EnvironmentFault
+ALL: tuple[Fault, ...] = (*SENSOR_FAULTS, *FRAME_FAULTS, *ENVIRONMENT_FAULTS)
 
 
 def row_of(name: str) -> str:
@@ -23,14 +23,14 @@ def row_of(name: str) -> str:
 
 @pytest.mark.parametrize("fault", ALL, ids=lambda fault: fault.name.replace(" ", "-"))
 def test_a_user_finds_the_words_that_are_said(fault: Fault) -> None:
-    words = fault.words.split(" (")[0].strip()
+    words = fault.status_text.split(" (")[0].strip()
     assert words in row_of(fault.name)
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
-def test_a_user_finds_the_limits_that_the_benchmark_checks(fault: ServiceFault) -> None:
+@pytest.mark.parametrize("fault", SENSOR_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
+def test_a_user_finds_the_limits_that_the_benchmark_checks(fault: SensorFault) -> None:
     told_s, back_s = (float(cell) for cell in row_of(fault.name).split("|")[3:5])
-    assert (told_s, back_s) == (fault.told_s, fault.back_s)
+    assert (told_s, back_s) == (fault.max_report_s, fault.max_recovery_s)
 
 
 @pytest.mark.parametrize("fault", FRAME_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))

@@ -4,33 +4,33 @@ import threading
 
 import pytest
 
-from drivers.camera import CameraState, Condition, NoFrameYet
+from drivers.camera import CameraState, CameraStatus, FrameTimeout
 from drivers.errors import CameraLostError, CameraNotFoundError, InputError
-from tests.vo_service.fakes import After, Event, FakeClock, PatientStop, ScriptedCamera, frame
+from tests.vo_service.fakes import Delay, Event, FakeClock, InstantStop, ScriptedCamera, make_frame
 from vo_service import feed
-from vo_service.feed import TICK_S, PersistentFeed, PlainFeed, SteadyFeed
+from vo_service.feed import TICK_S, PacedSource, ReconnectingSource, SinglePassSource
 
 LOST = CameraLostError("unplugged; plug it in again")
 MISSING = CameraNotFoundError("no Kinect found; plug one in")
 
 
-def seqs(stop: threading.Event, source: PlainFeed | PersistentFeed) -> list[int | None]:
+def seqs(stop: threading.Event, source: SinglePassSource | ReconnectingSource) -> list[int | None]:
     return [None if each is None else each.seq for each in source.frames(stop)]
 
 
 def test_one_pass_gives_every_frame_and_ends() -> None:
-    camera = ScriptedCamera([frame(1), frame(2), frame(3)])
+    camera = ScriptedCamera([make_frame(1), make_frame(2), make_frame(3)])
     camera.open()
-    plain = PlainFeed(camera)
+    plain = SinglePassSource(camera)
     assert seqs(threading.Event(), plain) == [1, 2, 3]
     assert (plain.reason, plain.counters.delivered) == ("", 3)
 
 
 def test_one_pass_lets_a_lost_camera_reach_the_caller() -> None:
-    camera = ScriptedCamera([frame(1), LOST])
+    camera = ScriptedCamera([make_frame(1), LOST])
     camera.open()
     with pytest.raises(CameraLostError, match="unplugged"):
-        seqs(threading.Event(), PlainFeed(camera))
+        seqs(threading.Event(), SinglePassSource(camera))
 
 
 class ClockStop(threading.Event):
@@ -50,22 +50,23 @@ def test_a_steady_pass_is_no_faster_than_the_recording_and_never_hurries_to_make
 ) -> None:
     clock = FakeClock(now_s=50.0)
     monkeypatch.setattr(feed, "time", clock)
-    late = After(1.0, frame(2, stamp_s=7.2))
+    late = Delay(1.0, make_frame(2, stamp_s=7.2))
     camera = ScriptedCamera(
-        [frame(0, 7.0), frame(1, 7.1), late, frame(3, 7.3), frame(4, 7.4)], clock=clock
+        [make_frame(0, 7.0), make_frame(1, 7.1), late, make_frame(3, 7.3), make_frame(4, 7.4)],
+        clock=clock,
     )
     camera.open()
-    taken_s = [clock.now_s for _ in SteadyFeed(camera).frames(ClockStop(clock))]
+    taken_s = [clock.now_s for _ in PacedSource(camera).frames(ClockStop(clock))]
     assert taken_s == pytest.approx([50.0, 50.1, 51.1, 51.2, 51.3])
 
 
 def test_a_short_pause_is_no_reason_and_a_quiet_second_is(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = FakeClock()
     monkeypatch.setattr(feed, "time", clock)
-    pauses = [After(0.4, NoFrameYet()) for _ in range(3)]
-    camera = ScriptedCamera([frame(1), *pauses, After(0.1, frame(2))], clock=clock)
+    pauses = [Delay(0.4, FrameTimeout()) for _ in range(3)]
+    camera = ScriptedCamera([make_frame(1), *pauses, Delay(0.1, make_frame(2))], clock=clock)
     camera.open()
-    plain = PlainFeed(camera)
+    plain = SinglePassSource(camera)
     reasons = [plain.reason for _ in plain.frames(threading.Event())]
     assert reasons == ["", "", "", "the camera is there but sends no frames", ""]
 
@@ -75,39 +76,39 @@ def test_a_camera_that_says_why_frames_are_missing_is_quoted_once_none_comes(
 ) -> None:
     clock = FakeClock()
     monkeypatch.setattr(feed, "time", clock)
-    torn = Condition(CameraState.STREAMING, "losing USB packets: 30 of 30 frames torn")
-    camera = ScriptedCamera([frame(1), *(After(0.4, torn) for _ in range(3))], clock=clock)
+    torn = CameraStatus(CameraState.STREAMING, "losing USB packets: 30 of 30 frames torn")
+    camera = ScriptedCamera([make_frame(1), *(Delay(0.4, torn) for _ in range(3))], clock=clock)
     camera.open()
-    plain = PlainFeed(camera)
+    plain = SinglePassSource(camera)
     assert [plain.reason for _ in plain.frames(threading.Event())] == ["", "", "", torn.reason]
 
 
 def test_the_reason_is_the_cameras_condition_at_every_tick_until_a_frame_comes() -> None:
-    opening, starting = Condition(CameraState.OPENING), Condition(CameraState.STARTING)
-    missing = Condition(CameraState.ABSENT, "no Kinect found; plug one in")
-    lost = Condition(CameraState.LOST, "unplugged")
-    part: list[Event] = [opening, missing, starting, frame(1), lost, frame(2)]
-    source = PersistentFeed(ScriptedCamera(part))
-    reasons = [source.reason for _ in source.frames(PatientStop(1))]
+    opening, starting = CameraStatus(CameraState.OPENING), CameraStatus(CameraState.STARTING)
+    missing = CameraStatus(CameraState.ABSENT, "no Kinect found; plug one in")
+    lost = CameraStatus(CameraState.LOST, "unplugged")
+    part: list[Event] = [opening, missing, starting, make_frame(1), lost, make_frame(2)]
+    source = ReconnectingSource(ScriptedCamera(part))
+    reasons = [source.reason for _ in source.frames(InstantStop(1))]
     told = ["opening", "absent: no Kinect found; plug one in", "starting", "", "lost: unplugged"]
     assert reasons == [*told, "", "the recording has ended"]
 
 
 def test_a_lost_camera_is_opened_again() -> None:
-    camera = ScriptedCamera([frame(1), LOST], [frame(7)])
-    assert seqs(PatientStop(2), PersistentFeed(camera)) == [1, None, 7, None]
+    camera = ScriptedCamera([make_frame(1), LOST], [make_frame(7)])
+    assert seqs(InstantStop(2), ReconnectingSource(camera)) == [1, None, 7, None]
     assert camera.opened == 2
 
 
 def test_the_reason_is_what_the_camera_said_and_goes_when_frames_come() -> None:
-    source = PersistentFeed(ScriptedCamera(MISSING, [frame(1), LOST]))
-    reasons = [source.reason, *(source.reason for _ in source.frames(PatientStop(2)))]
+    source = ReconnectingSource(ScriptedCamera(MISSING, [make_frame(1), LOST]))
+    reasons = [source.reason, *(source.reason for _ in source.frames(InstantStop(2)))]
     assert reasons == ["camera not opened yet", str(MISSING), "", str(LOST)]
 
 
 def openings(camera: ScriptedCamera, ticks: int) -> list[int]:
     """How often the camera had been opened, at each turn of the loop."""
-    return [camera.opened for _ in PersistentFeed(camera).frames(PatientStop(ticks))]
+    return [camera.opened for _ in ReconnectingSource(camera).frames(InstantStop(ticks))]
 
 
 def test_retries_wait_longer_and_longer_up_to_a_limit() -> None:
@@ -116,32 +117,34 @@ def test_retries_wait_longer_and_longer_up_to_a_limit() -> None:
 
 
 def test_a_camera_that_delivered_is_opened_again_quickly() -> None:
-    camera = ScriptedCamera(MISSING, MISSING, [frame(1), LOST], MISSING)
+    camera = ScriptedCamera(MISSING, MISSING, [make_frame(1), LOST], MISSING)
     assert openings(camera, ticks=6) == [1] + [2] * 2 + [3] * 2 + [4] * 2
 
 
 def test_while_it_waits_the_loop_gets_its_turns() -> None:
-    stop = PatientStop(20)
-    seqs(stop, PersistentFeed(ScriptedCamera(*[MISSING] * 9)))
+    stop = InstantStop(20)
+    seqs(stop, ReconnectingSource(ScriptedCamera(*[MISSING] * 9)))
     assert stop.waited_s == [TICK_S] * 20
 
 
 def test_counts_add_up_over_all_openings() -> None:
-    camera = ScriptedCamera([frame(1), frame(2), LOST], MISSING, [frame(7), LOST], [frame(9)])
-    source = PersistentFeed(camera)
-    seqs(PatientStop(5), source)
+    camera = ScriptedCamera(
+        [make_frame(1), make_frame(2), LOST], MISSING, [make_frame(7), LOST], [make_frame(9)]
+    )
+    source = ReconnectingSource(camera)
+    seqs(InstantStop(5), source)
     assert source.counters.delivered == 4
 
 
 def test_a_camera_that_goes_is_closed_before_it_is_opened_again() -> None:
-    camera = ScriptedCamera(MISSING, [frame(1), LOST], [frame(2)])
-    seqs(PatientStop(3), PersistentFeed(camera))
+    camera = ScriptedCamera(MISSING, [make_frame(1), LOST], [make_frame(2)])
+    seqs(InstantStop(3), ReconnectingSource(camera))
     assert camera.closed == camera.opened == 3
 
 
 def test_after_its_end_a_recording_has_no_frames_but_the_loop_goes_on() -> None:
-    source = PersistentFeed(ScriptedCamera([frame(1)]))
-    stop = PatientStop(4)
+    source = ReconnectingSource(ScriptedCamera([make_frame(1)]))
+    stop = InstantStop(4)
     assert seqs(stop, source) == [1, None, None, None, None]
     assert source.reason == "the recording has ended"
     assert stop.waited_s == [TICK_S] * 4
@@ -150,14 +153,16 @@ def test_after_its_end_a_recording_has_no_frames_but_the_loop_goes_on() -> None:
 def test_what_the_user_named_wrong_reaches_the_caller_and_the_camera_is_closed() -> None:
     camera = ScriptedCamera(InputError("DESK: no such folder"))
     with pytest.raises(InputError, match="no such folder"):
-        seqs(PatientStop(3), PersistentFeed(camera))
+        seqs(InstantStop(3), ReconnectingSource(camera))
     assert camera.closed == 1
 
 
-@pytest.mark.parametrize("kind", [PlainFeed, PersistentFeed])
-def test_a_stop_ends_it_at_the_next_frame(kind: type[PlainFeed] | type[PersistentFeed]) -> None:
-    camera = ScriptedCamera([frame(1), frame(2), frame(3)])
-    camera.open() if kind is PlainFeed else None
+@pytest.mark.parametrize("kind", [SinglePassSource, ReconnectingSource])
+def test_a_stop_ends_it_at_the_next_frame(
+    kind: type[SinglePassSource] | type[ReconnectingSource],
+) -> None:
+    camera = ScriptedCamera([make_frame(1), make_frame(2), make_frame(3)])
+    camera.open() if kind is SinglePassSource else None
     stop = threading.Event()
     taken = []
     for each in kind(camera).frames(stop):
@@ -167,10 +172,10 @@ def test_a_stop_ends_it_at_the_next_frame(kind: type[PlainFeed] | type[Persisten
 
 
 def test_a_stop_ends_it_within_a_tick_while_the_camera_is_silent() -> None:
-    camera = ScriptedCamera([NoFrameYet()] * 10)
+    camera = ScriptedCamera([FrameTimeout()] * 10)
     stop = threading.Event()
     given = 0
-    for _ in PersistentFeed(camera).frames(stop):
+    for _ in ReconnectingSource(camera).frames(stop):
         given += 1
         stop.set()
     assert (given, camera.closed) == (1, 1)

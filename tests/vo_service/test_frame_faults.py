@@ -10,27 +10,27 @@ import pytest
 from drivers.geometry import R_BODY_OPTICAL, Array
 from tests.ports import free_port
 from tests.vo_service.corner_film import corner_pose
-from tests.vo_service.fakes import Collector
+from tests.vo_service.fakes import CollectingOutput
 from tests.vo_service.frame_faults import (
     FRAME_FAULTS,
-    GOOD,
-    FaultyFilm,
+    GOOD_FRAMES,
+    FaultyCamera,
     FrameFault,
-    frames_suffering,
-    span_of,
-    view_at,
+    faulty_frames,
+    frame_span,
+    view_index,
 )
-from tests.vo_service.heard_check import check_heard
-from tests.vo_service.subscriber import HeardPose, Subscriber
+from tests.vo_service.heard_check import check_received
+from tests.vo_service.subscriber import RecordingSubscriber, SubscribedPose
 from vo_service import app as session
 from vo_service.config import Config
-from vo_service.feed import PlainFeed
-from vo_service.interrupts import Stop
-from vo_service.outputs.zenoh_output import LOCKSTEP, ZenohOutput
+from vo_service.feed import SinglePassSource
+from vo_service.interrupts import StopSignal
+from vo_service.outputs.zenoh_output import LOCKSTEP_QOS, ZenohOutput
 from vo_service.outputs.zenoh_session import open_session
 from vo_service.settings import ZenohConfig
 from vo_service.stamps import LiveClock
-from vo_service.types import PoseUpdate
+from vo_service.types import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 
@@ -40,18 +40,18 @@ HOUR_S = 3600.0
 
 
 @dataclass
-class Shown:
+class ReceivedSequence:
     """What a subscriber heard of a film, and which frame each pose is of."""
 
-    heard: Subscriber = field(default_factory=Subscriber)
+    heard: RecordingSubscriber = field(default_factory=RecordingSubscriber)
     frame_of_pose: dict[int, int] = field(default_factory=dict)
 
-    def poses(self, frames: range) -> list[HeardPose]:
+    def poses(self, frames: range) -> list[SubscribedPose]:
         """Of some frames of the film."""
         return [pose for pose in self.heard.poses if self.frame_of_pose[pose.seq] in frames]
 
 
-class ClockSetter(Collector):
+class ClockSetter(CollectingOutput):
     """Sets the wall clock after some poses, while it keeps them all."""
 
     def __init__(self, steps_s: Mapping[int, float]) -> None:
@@ -59,9 +59,9 @@ class ClockSetter(Collector):
         self._steps_s = steps_s
         self._off_s = 0.0
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Keep it."""
-        super().pose(update)
+        super().on_update(update)
         self._off_s += self._steps_s.get(update.seq, 0.0)
 
     def now_s(self) -> float:
@@ -69,16 +69,18 @@ class ClockSetter(Collector):
         return time.time() + self._off_s
 
 
-def shown(film: FaultyFilm, collector: Collector) -> Shown:
+def shown(film: FaultyCamera, collector: CollectingOutput) -> ReceivedSequence:
     """The film through the loop and over Zenoh, every frame of it."""
-    result = Shown()
+    result = ReceivedSequence()
     at = f"tcp/127.0.0.1:{free_port()}"
-    output = ZenohOutput(ZenohConfig(listen=(at,)), LOCKSTEP)
+    output = ZenohOutput(ZenohConfig(listen=(at,)), LOCKSTEP_QOS)
     with open_session(ZenohConfig(listen=(), connect=(at,))) as ours:
-        ours.declare_subscriber("kinect/status", result.heard.take_status)
-        ours.declare_subscriber("kinect/odom", result.heard.take_pose)
+        ours.declare_subscriber("kinect/status", result.heard.on_status)
+        ours.declare_subscriber("kinect/odom", result.heard.on_pose)
         assert output.wait_for_subscriber(10)
-        session.run_loop(Config(), film, PlainFeed(film), [output, collector], Stop())
+        session.run_replay(
+            Config(), film, SinglePassSource(film), [output, collector], StopSignal()
+        )
         output.close()
         last = collector.poses[-1].seq
         assert result.heard.wait_for(lambda: result.heard.poses[-1].seq == last, 10)
@@ -87,46 +89,48 @@ def shown(film: FaultyFilm, collector: Collector) -> Shown:
 
 
 @pytest.fixture(scope="module")
-def film() -> Shown:
+def film() -> ReceivedSequence:
     """Every fault, one after another."""
-    return shown(FaultyFilm(), Collector())
+    return shown(FaultyCamera(), CollectingOutput())
 
 
 @pytest.mark.parametrize("fault", FRAME_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
 def test_a_subscriber_is_told_of_it_and_the_pose_is_right_again(
-    fault: FrameFault, film: Shown
+    fault: FrameFault, film: ReceivedSequence
 ) -> None:
-    span, suffering = film.poses(span_of(fault)), film.poses(frames_suffering(fault))
+    span, suffering = film.poses(frame_span(fault)), film.poses(faulty_frames(fault))
     assert {pose.state for pose in suffering} == ({fault.state} if fault.state else set())
-    assert all(fault.words in pose.reason for pose in suffering), {p.reason for p in suffering}
-    assert len(span_of(fault)) - len(span) == fault.left_out
+    assert all(fault.status_text in pose.reason for pose in suffering), {
+        p.reason for p in suffering
+    }
+    assert len(frame_span(fault)) - len(span) == fault.dropped_frames
     restarts = [pose.reason for pose in span if pose.reason == "clock_step"]
     assert len(restarts) == span[-1].epoch - span[0].epoch == fault.new_epoch
     assert span[-1].state == "tracking"
-    assert np.linalg.norm(span[-1].position_m - true_position_m(span_of(fault)[-1])) < DRIFT_M
+    assert np.linalg.norm(span[-1].position_m - true_position_m(frame_span(fault)[-1])) < DRIFT_M
 
 
 @pytest.mark.parametrize("step_s", [HOUR_S, -HOUR_S])
 def test_a_clock_that_is_set_begins_an_epoch_in_the_next_pose_and_moves_nothing_else(
     step_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    setter = ClockSetter({GOOD: step_s})
+    setter = ClockSetter({GOOD_FRAMES: step_s})
     clock = LiveClock(realtime_s=setter.now_s)
     monkeypatch.setattr(session, "stamp_clock", lambda *_: clock)
-    film = shown(FaultyFilm(faults=()), setter)
-    before, after = film.heard.poses[GOOD : GOOD + 2]
+    film = shown(FaultyCamera(faults=()), setter)
+    before, after = film.heard.poses[GOOD_FRAMES : GOOD_FRAMES + 2]
     assert (after.epoch, after.reason) == (before.epoch + 1, "clock_step")
     assert after.stamp_s - before.stamp_s == pytest.approx(step_s + 1 / 30, abs=0.02)
-    assert np.linalg.norm(after.position_m - true_position_m(GOOD + 1)) < DRIFT_M
+    assert np.linalg.norm(after.position_m - true_position_m(GOOD_FRAMES + 1)) < DRIFT_M
     assert len({pose.epoch for pose in film.heard.poses}) == 2
-    check_heard(film.heard)
+    check_received(film.heard)
 
 
-def test_nothing_heard_is_wrong_in_itself(film: Shown) -> None:
-    check_heard(film.heard)
+def test_nothing_heard_is_wrong_in_itself(film: ReceivedSequence) -> None:
+    check_received(film.heard)
 
 
 def true_position_m(frame: int) -> Array:
     """Where the film's camera is, in `odom`."""
-    position: Array = R_BODY_OPTICAL @ corner_pose(view_at(frame))[:3, 3]
+    position: Array = R_BODY_OPTICAL @ corner_pose(view_index(frame))[:3, 3]
     return position

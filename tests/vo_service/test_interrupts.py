@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from vo_service.interrupts import ended_by_force, hangups, stop_on_signals
+from vo_service.interrupts import force_exit_after, reload_on_sighup, stop_on_signals
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
@@ -45,7 +45,7 @@ def test_a_check_raises_once_a_stop_was_asked_for() -> None:
 
 
 def test_a_hangup_is_an_event_for_whoever_heeds_it() -> None:
-    with hangups() as hangup:
+    with reload_on_sighup() as hangup:
         os.kill(os.getpid(), signal.SIGHUP)
         assert hangup.is_set()
 
@@ -74,7 +74,7 @@ def test_what_does_not_end_is_ended_by_force() -> None:
 
 
 def test_what_ends_in_time_ends_as_it_will() -> None:
-    with stop_on_signals() as stop, ended_by_force(stop, 0.01):
+    with stop_on_signals() as stop, force_exit_after(stop, 0.01):
         pass
     assert stop.exit_code == 0
 

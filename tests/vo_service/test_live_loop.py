@@ -8,8 +8,8 @@ import pytest
 
 from drivers.errors import UserFacingError
 from vo_service import live_loop
-from vo_service.interrupts import Hangup, Stop, hangups, stop_on_signals
-from vo_service.live_loop import run_live
+from vo_service.interrupts import ReloadSignal, StopSignal, reload_on_sighup, stop_on_signals
+from vo_service.live_loop import run_on_loop_thread
 
 
 def nothing() -> None:
@@ -25,13 +25,13 @@ def test_a_signal_ends_the_loop() -> None:
         assert stop.wait(100)
 
     with stop_on_signals() as stop:
-        run_live(work, stop, Hangup(), nothing)
+        run_on_loop_thread(work, stop, ReloadSignal(), nothing)
     assert names == ["odometry"]
     assert stop.exit_code == 143
 
 
 def test_a_loop_that_ends_by_itself_is_not_waited_for() -> None:
-    run_live(lambda stop: None, Stop(), Hangup(), nothing)
+    run_on_loop_thread(lambda stop: None, StopSignal(), ReloadSignal(), nothing)
 
 
 def test_what_the_loop_raises_is_raised_here() -> None:
@@ -39,7 +39,7 @@ def test_what_the_loop_raises_is_raised_here() -> None:
         raise UserFacingError("no such camera")
 
     with pytest.raises(UserFacingError, match="no such camera"):
-        run_live(work, Stop(), Hangup(), nothing)
+        run_on_loop_thread(work, StopSignal(), ReloadSignal(), nothing)
 
 
 def test_each_hangup_reads_the_configuration_again_while_the_loop_goes_on() -> None:
@@ -51,20 +51,20 @@ def test_each_hangup_reads_the_configuration_again_while_the_loop_goes_on() -> N
             assert readings.acquire(timeout=100)
             assert not stop.is_set()
 
-    with hangups() as hangup:
-        run_live(work, Stop(), hangup, readings.release)
+    with reload_on_sighup() as hangup:
+        run_on_loop_thread(work, StopSignal(), hangup, readings.release)
 
 
 def test_a_loop_that_hangs_is_left_behind(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(live_loop, "LAST_FRAME_S", 0.05)
-    release, stop = threading.Event(), Stop()
+    release, stop = threading.Event(), StopSignal()
 
     def work(_: threading.Event) -> None:
         release.wait(100)
 
     stop.event.set()
-    run_live(work, stop, Hangup(), nothing)
+    run_on_loop_thread(work, stop, ReloadSignal(), nothing)
     assert "the odometry did not come to an end within" in caplog.text
     release.set()

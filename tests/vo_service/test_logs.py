@@ -11,12 +11,12 @@ import pytest
 
 from tests.vo_service.fakes import FakeClock
 from vo_service.logs import (
-    LINES_REMEMBERED,
-    MOST_IN_PERIOD,
-    PERIOD_S,
-    RepeatLimit,
+    MAX_REPEATS,
+    MAX_TRACKED_LINES,
+    REPEAT_PERIOD_S,
+    RepeatedLineFilter,
     log_to_stderr,
-    set_level,
+    set_log_level,
 )
 
 logger = logging.getLogger("test")
@@ -77,9 +77,9 @@ def test_a_child_that_only_inherits_the_variable_writes_for_a_person() -> None:
 def test_the_level_decides_what_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     with log_to_stderr():
         logger.info("hidden")
-        set_level("info")
+        set_log_level("info")
         logger.info("shown")
-        set_level("error")
+        set_log_level("error")
         logger.warning("hidden again")
     assert capsys.readouterr().err == "kinect-vo: info: shown\n"
 
@@ -92,31 +92,31 @@ def test_the_same_line_again_and_again_is_shown_a_few_times(
             logger.warning("the same")
         logger.warning("another")
     lines = capsys.readouterr().err.splitlines()
-    assert lines[:-2] == ["kinect-vo: warning: the same"] * (MOST_IN_PERIOD - 1)
+    assert lines[:-2] == ["kinect-vo: warning: the same"] * (MAX_REPEATS - 1)
     assert lines[-2].endswith("the same (again: not shown any more for 60 s)")
     assert lines[-1] == "kinect-vo: warning: another"
 
 
 def test_after_a_while_it_is_shown_again_and_tells_what_was_hidden() -> None:
     clock = FakeClock()
-    limit = RepeatLimit(clock)
-    for _ in range(MOST_IN_PERIOD + 7):
-        limit.judge("the same")
-    clock.now_s += PERIOD_S
-    assert limit.judge("the same") == " (and 7 times that were not shown)"
-    assert limit.judge("the same") == ""
+    limit = RepeatedLineFilter(clock)
+    for _ in range(MAX_REPEATS + 7):
+        limit.suffix_or_none("the same")
+    clock.now_s += REPEAT_PERIOD_S
+    assert limit.suffix_or_none("the same") == " (and 7 times that were not shown)"
+    assert limit.suffix_or_none("the same") == ""
 
 
 def test_a_line_that_comes_now_and_then_is_always_shown() -> None:
     clock = FakeClock()
-    limit = RepeatLimit(clock)
+    limit = RepeatedLineFilter(clock)
     for _ in range(50):
-        clock.now_s += PERIOD_S
-        assert limit.judge("now and then") == ""
+        clock.now_s += REPEAT_PERIOD_S
+        assert limit.suffix_or_none("now and then") == ""
 
 
 def test_endlessly_many_lines_are_not_all_remembered() -> None:
-    limit = RepeatLimit()
-    for number in range(10 * LINES_REMEMBERED):
-        assert limit.judge(f"line {number}") == ""
-    assert len(limit._seen) == LINES_REMEMBERED
+    limit = RepeatedLineFilter()
+    for number in range(10 * MAX_TRACKED_LINES):
+        assert limit.suffix_or_none(f"line {number}") == ""
+    assert len(limit._counts) == MAX_TRACKED_LINES

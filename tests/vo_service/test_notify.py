@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.fakes import a_status
-from vo_service.notify import Notifier, SystemdOutput
+from tests.vo_service.fakes import make_status
+from vo_service.notify import SystemdNotifier, SystemdOutput
 from vo_service.types import TrackingState
 
-STATUS = a_status()
+STATUS = make_status()
 
 
-class Systemd:
+class NotifySocket:
     """Hears what is sent to NOTIFY_SOCKET."""
 
     def __init__(self, address: str) -> None:
@@ -38,36 +38,36 @@ class Systemd:
 
 
 @pytest.fixture
-def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd]:
+def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[NotifySocket]:
     """One that listens at a path."""
     address = str(tmp_path / "notify")
     monkeypatch.setenv("NOTIFY_SOCKET", address)
-    listener = Systemd(address)
+    listener = NotifySocket(address)
     yield listener
     listener.socket.close()
 
 
-def test_the_first_status_says_ready_and_each_feeds_the_watchdog(systemd: Systemd) -> None:
+def test_the_first_status_says_ready_and_each_feeds_the_watchdog(systemd: NotifySocket) -> None:
     output = SystemdOutput()
-    output.status(STATUS)
-    output.status(STATUS)
+    output.on_status(STATUS)
+    output.on_status(STATUS)
     assert systemd.hear() == ["READY=1", "WATCHDOG=1", "STATUS=tracking; 30 poses/s"]
     assert systemd.hear() == ["WATCHDOG=1", "STATUS=tracking; 30 poses/s"]
     output.close()
 
 
-def test_the_line_has_reason_and_warnings(systemd: Systemd) -> None:
+def test_the_line_has_reason_and_warnings(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     state, reason = TrackingState.NO_CAMERA, "freenect: no Kinect\nis plugged in"
-    output.status(replace(STATUS, state=state, reason=reason, fps=0.0, warnings=("disk full",)))
+    output.on_status(replace(STATUS, state=state, reason=reason, fps=0.0, warnings=("disk full",)))
     expected = "STATUS=no_camera: freenect: no Kinect is plugged in; 0 poses/s; disk full"
     assert systemd.hear()[-1] == expected
     output.close()
 
 
-def test_a_line_stays_one_line_of_bounded_length(systemd: Systemd) -> None:
+def test_a_line_stays_one_line_of_bounded_length(systemd: NotifySocket) -> None:
     output = SystemdOutput()
-    output.status(replace(STATUS, paused=True, warnings=("words\r\nand words",) * 1000))
+    output.on_status(replace(STATUS, paused=True, warnings=("words\r\nand words",) * 1000))
     lines = systemd.hear()
     assert len(lines) == 3
     assert "; paused; " in lines[-1]
@@ -75,15 +75,15 @@ def test_a_line_stays_one_line_of_bounded_length(systemd: Systemd) -> None:
     output.close()
 
 
-def test_no_pose_feeds_the_watchdog(systemd: Systemd) -> None:
+def test_no_pose_feeds_the_watchdog(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     assert systemd.hears_no_more()
     output.close()
 
 
-def test_a_reload_begins_and_ends(systemd: Systemd) -> None:
+def test_a_reload_begins_and_ends(systemd: NotifySocket) -> None:
     output = SystemdOutput()
-    with output.reloading():
+    with output.notify_reloading():
         begin = systemd.hear()
     assert begin[0] == "RELOADING=1"
     assert begin[1].removeprefix("MONOTONIC_USEC=").isdigit()
@@ -91,11 +91,11 @@ def test_a_reload_begins_and_ends(systemd: Systemd) -> None:
     output.close()
 
 
-def test_the_end_is_told_once_and_closing_twice_is_safe(systemd: Systemd) -> None:
+def test_the_end_is_told_once_and_closing_twice_is_safe(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     output.close()
     output.close()
-    output.status(STATUS)
+    output.on_status(STATUS)
     assert systemd.hear() == ["STOPPING=1", "STATUS=stopping"]
     assert systemd.hears_no_more()
 
@@ -103,8 +103,8 @@ def test_the_end_is_told_once_and_closing_twice_is_safe(systemd: Systemd) -> Non
 def test_an_abstract_address_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
     name = f"kinect-vo-test-{threading.get_native_id()}"
     monkeypatch.setenv("NOTIFY_SOCKET", f"@{name}")
-    listener = Systemd(f"\0{name}")
-    notifier = Notifier()
+    listener = NotifySocket(f"\0{name}")
+    notifier = SystemdNotifier()
     assert notifier.send("READY=1")
     assert listener.hear() == ["READY=1"]
     notifier.close()
@@ -114,18 +114,18 @@ def test_an_abstract_address_is_reached(monkeypatch: pytest.MonkeyPatch) -> None
 def test_without_systemd_nothing_happens(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
     output = SystemdOutput()
-    output.status(STATUS)
-    with output.reloading():
+    output.on_status(STATUS)
+    with output.notify_reloading():
         pass
     output.close()
 
 
-def test_a_systemd_that_is_gone_or_does_not_read_costs_nothing(systemd: Systemd) -> None:
+def test_a_systemd_that_is_gone_or_does_not_read_costs_nothing(systemd: NotifySocket) -> None:
     output = SystemdOutput()
     for _ in range(2000):  # more than a socket's buffer holds: a blocking one would stop here
-        output.status(STATUS)
+        output.on_status(STATUS)
     systemd.socket.close()
-    output.status(STATUS)
+    output.on_status(STATUS)
     output.close()
 
 
@@ -135,9 +135,9 @@ def test_ready_is_said_again_until_it_went_out(
     address = str(tmp_path / "late")
     monkeypatch.setenv("NOTIFY_SOCKET", address)
     output = SystemdOutput()
-    output.status(STATUS)
-    listener = Systemd(address)
-    output.status(STATUS)
+    output.on_status(STATUS)
+    listener = NotifySocket(address)
+    output.on_status(STATUS)
     assert listener.hear()[0] == "READY=1"
     output.close()
     listener.socket.close()

@@ -6,13 +6,13 @@ from hypothesis import strategies as st
 
 from drivers.geometry import (
     Array,
-    carried,
     inverse,
     rigid_transform,
-    rotation_from_vector,
-    rotation_vector,
+    so3_exp,
+    so3_log,
+    transport_covariance,
 )
-from vo_service.pose_covariance import PoseCovariance, diagonal
+from vo_service.pose_covariance import CovarianceAccumulator, diagonal_covariance
 from vo_service.types import Estimate
 
 SIGMAS = np.array([0.01, 0.02, 0.015, 0.01, 0.005, 0.02])
@@ -20,7 +20,7 @@ STEP = np.diag(SIGMAS**2)
 
 
 def moved(k: float) -> Array:
-    return rigid_transform(rotation_from_vector([0.1 * k, -0.05 * k, 0.2 * k]), [0.2 * k, 0.1, k])
+    return rigid_transform(so3_exp([0.1 * k, -0.05 * k, 0.2 * k]), [0.2 * k, 0.1, k])
 
 
 def motion(T_reference_camera: Array, is_next_reference: bool = True) -> Estimate:
@@ -30,56 +30,56 @@ def motion(T_reference_camera: Array, is_next_reference: bool = True) -> Estimat
 
 
 def test_the_first_pose_is_as_sure_as_any_pose_is() -> None:
-    covariance = PoseCovariance()
+    covariance = CovarianceAccumulator()
     assert 0.0 < covariance.pose.trace() < 1e-6
     np.testing.assert_array_equal(covariance.step, np.zeros((6, 6)))
 
 
 def test_from_frame_to_frame_each_motion_adds_its_own() -> None:
-    covariance, T = PoseCovariance(), moved(0.3)
+    covariance, T = CovarianceAccumulator(), moved(0.3)
     expected = covariance.pose
     for _ in range(5):
         covariance.add(motion(T), T)
-        expected = carried(expected, T) + STEP
+        expected = transport_covariance(expected, T) + STEP
         np.testing.assert_allclose(covariance.pose, expected)
         np.testing.assert_allclose(covariance.step, STEP)
 
 
 def test_against_one_reference_nothing_is_added_up() -> None:
-    covariance, first = PoseCovariance(), PoseCovariance().pose
+    covariance, first = CovarianceAccumulator(), CovarianceAccumulator().pose
     last = np.eye(4)
     for k in range(1, 20):
         T = moved(0.01 * k)
         covariance.add(motion(T, is_next_reference=False), inverse(last) @ T)
-        np.testing.assert_allclose(covariance.pose, carried(first, T) + STEP)
+        np.testing.assert_allclose(covariance.pose, transport_covariance(first, T) + STEP)
         last = T
 
 
 def test_a_step_between_frames_of_one_reference_has_the_errors_of_both_but_not_its_own() -> None:
-    covariance, T, further = PoseCovariance(), moved(0.1), moved(0.2)
+    covariance, T, further = CovarianceAccumulator(), moved(0.1), moved(0.2)
     covariance.add(motion(T, is_next_reference=False), T)
     step = inverse(T) @ further
     covariance.add(motion(further, is_next_reference=True), step)
-    np.testing.assert_allclose(covariance.step, 0.5 * (carried(STEP, step) + STEP))
+    np.testing.assert_allclose(covariance.step, 0.5 * (transport_covariance(STEP, step) + STEP))
     # The last frame is the reference itself now.
     covariance.add(motion(T), T)
     np.testing.assert_allclose(covariance.step, STEP)
 
 
 def test_the_next_reference_is_as_unsure_as_it_was_as_a_pose() -> None:
-    covariance, T = PoseCovariance(), moved(0.4)
+    covariance, T = CovarianceAccumulator(), moved(0.4)
     covariance.add(motion(T, is_next_reference=True), T)
     before = covariance.pose
     covariance.add(motion(T, is_next_reference=False), T)
-    np.testing.assert_allclose(covariance.pose, carried(before, T) + STEP)
+    np.testing.assert_allclose(covariance.pose, transport_covariance(before, T) + STEP)
 
 
 def test_a_new_beginning_forgets_all() -> None:
-    covariance, T = PoseCovariance(), moved(0.4)
+    covariance, T = CovarianceAccumulator(), moved(0.4)
     for is_next_reference in (True, False):
         covariance.add(motion(T, is_next_reference), T)
-    covariance.begin()
-    np.testing.assert_array_equal(covariance.pose, PoseCovariance().pose)
+    covariance.reset()
+    np.testing.assert_array_equal(covariance.pose, CovarianceAccumulator().pose)
     np.testing.assert_array_equal(covariance.step, np.zeros((6, 6)))
     covariance.add(motion(T), T)
     np.testing.assert_allclose(covariance.step, STEP)
@@ -90,7 +90,7 @@ def test_a_new_beginning_forgets_all() -> None:
 def test_it_is_always_symmetric_and_a_step_never_surer_than_half_its_last_motion(
     motions: list[tuple[float, bool]],
 ) -> None:
-    covariance = PoseCovariance()
+    covariance = CovarianceAccumulator()
     for k, is_next_reference in motions:
         covariance.add(motion(moved(k), is_next_reference), moved(k))
         for each, least in ((covariance.pose, STEP), (covariance.step, 0.5 * STEP)):
@@ -101,14 +101,14 @@ def test_it_is_always_symmetric_and_a_step_never_surer_than_half_its_last_motion
 def test_poses_scatter_as_they_say() -> None:
     """Motions that are off by what they say, many times: two keyframes, three frames on each."""
     random, errors = np.random.default_rng(3), []
-    reference, covariance = moved(0.3), PoseCovariance()
+    reference, covariance = moved(0.3), CovarianceAccumulator()
     for is_next_reference in (False, False, True, False, False, False):
         covariance.add(motion(reference, is_next_reference), np.eye(4))
     for _ in range(2000):
         T = shaken(reference, random) @ shaken(reference, random)
         off = inverse(reference @ reference) @ T
-        errors.append(np.concatenate([off[:3, 3], rotation_vector(off[:3, :3])]))
-    expected = carried(STEP, reference) + STEP
+        errors.append(np.concatenate([off[:3, 3], so3_log(off[:3, :3])]))
+    expected = transport_covariance(STEP, reference) + STEP
     # But for what no pose is surer than.
     np.testing.assert_allclose(covariance.pose, expected, atol=1e-6)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
@@ -117,7 +117,7 @@ def test_poses_scatter_as_they_say() -> None:
 
 def test_steps_scatter_as_they_say() -> None:
     """Two frames, each off by errors of its own and by those of the keyframe, in equal parts."""
-    random, errors, covariance = np.random.default_rng(3), [], PoseCovariance()
+    random, errors, covariance = np.random.default_rng(3), [], CovarianceAccumulator()
     for _ in range(2):
         covariance.add(motion(np.eye(4), is_next_reference=False), np.eye(4))
     for _ in range(2000):
@@ -132,8 +132,8 @@ def test_steps_scatter_as_they_say() -> None:
 def shaken(T: Array, random: np.random.Generator) -> Array:
     """T, off by a small motion in the camera's axes."""
     off = random.normal(size=6) * SIGMAS
-    return T @ rigid_transform(rotation_from_vector(off[3:]), off[:3])
+    return T @ rigid_transform(so3_exp(off[3:]), off[:3])
 
 
 def test_a_diagonal_is_alike_in_all_directions() -> None:
-    np.testing.assert_allclose(diagonal(0.1, 0.2), np.diag([0.01] * 3 + [0.04] * 3))
+    np.testing.assert_allclose(diagonal_covariance(0.1, 0.2), np.diag([0.01] * 3 + [0.04] * 3))

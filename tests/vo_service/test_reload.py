@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from drivers.errors import InputError
 from drivers.sensor_settings import Led
 from vo_service.config import Config, read_config
-from vo_service.reload import LIVE_KEYS, Reloader, changes_between
+from vo_service.reload import RELOADABLE_KEYS, ConfigReloader, diff_configs
 
 RED_LIGHT = replace(Config(), sensor=replace(Config().sensor, led=Led.RED))
 OTHER_PREFIX = replace(Config(), zenoh=replace(Config().zenoh, prefix="other"))
@@ -26,20 +26,20 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_what_can_change_at_once_does() -> None:
-    changes = changes_between(Config(), RED_LIGHT)
-    assert (changes.live, changes.pending) == (("sensor.led",), ())
+    changes = diff_configs(Config(), RED_LIGHT)
+    assert (changes.reloaded_keys, changes.pending_keys) == (("sensor.led",), ())
     assert changes.config.sensor.led is Led.RED
 
 
 def test_what_cannot_change_keeps_its_value_and_is_named() -> None:
-    changes = changes_between(Config(), OTHER_PREFIX)
-    assert (changes.live, changes.pending) == ((), ("zenoh.prefix",))
+    changes = diff_configs(Config(), OTHER_PREFIX)
+    assert (changes.reloaded_keys, changes.pending_keys) == ((), ("zenoh.prefix",))
     assert changes.config == Config()
 
 
 def test_the_same_configuration_changes_nothing() -> None:
-    changes = changes_between(RED_LIGHT, RED_LIGHT)
-    assert (changes.config, changes.live, changes.pending) == (RED_LIGHT, (), ())
+    changes = diff_configs(RED_LIGHT, RED_LIGHT)
+    assert (changes.config, changes.reloaded_keys, changes.pending_keys) == (RED_LIGHT, (), ())
 
 
 def test_every_key_that_may_change_is_a_key_of_the_configuration() -> None:
@@ -49,7 +49,7 @@ def test_every_key_that_may_change_is_a_key_of_the_configuration() -> None:
         if is_dataclass(getattr(Config(), table.name))
         for key in fields(getattr(Config(), table.name))
     }
-    assert keys >= set(LIVE_KEYS)
+    assert keys >= set(RELOADABLE_KEYS)
 
 
 @given(st.integers(50, 5000), st.integers(50, 5000), st.text("abc", min_size=1))
@@ -60,25 +60,25 @@ def test_every_difference_is_either_made_or_named(before: int, after: int, prefi
         odometry=replace(Config().odometry, feature_count=after),
         zenoh=replace(Config().zenoh, prefix=prefix),
     )
-    changes = changes_between(running, wanted)
+    changes = diff_configs(running, wanted)
     assert changes.config.odometry.feature_count == after
-    assert changes_between(changes.config, wanted).live == ()
-    assert changes.pending == ("zenoh.prefix",)
+    assert diff_configs(changes.config, wanted).reloaded_keys == ()
+    assert changes.pending_keys == ("zenoh.prefix",)
 
 
 def test_a_change_of_the_file_is_read(tmp_path: Path) -> None:
     file = written(tmp_path, "")
-    reloader = Reloader(read_config(file), partial(read_config, file))
+    reloader = ConfigReloader(read_config(file), partial(read_config, file))
     written(tmp_path, '[log]\nlevel = "info"\n[sensor]\nled = "off"\n')
-    assert set(reloader.reload().live) == {"log.level", "sensor.led"}
+    assert set(reloader.reload().reloaded_keys) == {"log.level", "sensor.led"}
     assert reloader.config.log.level == "info"
-    assert reloader.reload().live == ()
+    assert reloader.reload().reloaded_keys == ()
 
 
 def test_a_key_that_waits_is_named_in_one_line_at_every_reload(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    reloader = Reloader(Config(), lambda: OTHER_PREFIX)
+    reloader = ConfigReloader(Config(), lambda: OTHER_PREFIX)
     for _ in range(2):
         reloader.reload()
     line = "zenoh.prefix changed: takes effect at the next start"
@@ -89,19 +89,19 @@ def test_a_broken_file_changes_nothing_and_is_told_until_it_is_mended(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = written(tmp_path, "")
-    reloader = Reloader(RED_LIGHT, partial(read_config, file))
+    reloader = ConfigReloader(RED_LIGHT, partial(read_config, file))
     written(tmp_path, "[sensor]\nled = 7\n")
     changes = reloader.reload()
-    assert (changes.config, changes.live, changes.pending) == (RED_LIGHT, (), ())
+    assert (changes.config, changes.reloaded_keys, changes.pending_keys) == (RED_LIGHT, (), ())
     assert "kinect.toml:3: key `sensor.led`" in reloader.warning
     assert [record.levelno for record in caplog.records] == [logging.ERROR]
     written(tmp_path, '[sensor]\nled = "red"\n')
-    assert reloader.reload().live == ()
+    assert reloader.reload().reloaded_keys == ()
     assert reloader.warning == ""
 
 
 def test_a_file_that_is_gone_is_a_broken_file() -> None:
-    reloader = Reloader(RED_LIGHT, partial(read_config, Path("/nowhere/kinect.toml")))
+    reloader = ConfigReloader(RED_LIGHT, partial(read_config, Path("/nowhere/kinect.toml")))
     assert reloader.reload().config == RED_LIGHT
     assert "/nowhere/kinect.toml" in reloader.warning
 
@@ -110,5 +110,5 @@ def test_a_wrong_command_line_is_no_reason_to_stop() -> None:
     def refuse() -> Config:
         raise InputError("the prefix is none")
 
-    reloader = Reloader(Config(), refuse)
+    reloader = ConfigReloader(Config(), refuse)
     assert reloader.reload().config == Config()

@@ -11,12 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.stand_ins.played_kinect import Model, PlayedKinect, Stream
-from tests.stand_ins.wire_film import WireFilm
-from tests.vo_service.corner_film import FRAMES, corner_film, corner_kinect, corner_pose
-from tests.vo_service.played_service import WITHOUT_MAP, PlayedService, running_service
-from tests.vo_service.service_faults import FAULTS, GONE, ServiceFault, pass_through
-from tests.vo_service.subscriber import HeardPose
+from tests.stand_ins.played_kinect import KinectModel, KinectSimulator, KinectStream
+from tests.stand_ins.wire_film import UsbFrames
+from tests.vo_service.corner_film import (
+    FRAMES,
+    corner_pose,
+    make_corner_kinect,
+    write_corner_frames,
+)
+from tests.vo_service.played_service import NO_MAP_CONFIG, ServiceProcess, running_service
+from tests.vo_service.service_faults import NO_KINECT_REASON, SENSOR_FAULTS, SensorFault, run_fault
+from tests.vo_service.subscriber import SubscribedPose
 
 pytestmark = pytest.mark.usefixtures("real_libfreenect")
 
@@ -28,80 +33,80 @@ WRAP_S = 2**32 / TICKS_PER_S
 
 
 @pytest.fixture(scope="module")
-def film(tmp_path_factory: pytest.TempPathFactory) -> WireFilm:
+def film(tmp_path_factory: pytest.TempPathFactory) -> UsbFrames:
     """The film that every Kinect here plays."""
-    return corner_film(tmp_path_factory.mktemp("corner"))
+    return write_corner_frames(tmp_path_factory.mktemp("corner"))
 
 
 @pytest.fixture(scope="module")
 def kinect(
-    film: WireFilm, played_libusb: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[PlayedKinect]:
+    film: UsbFrames, played_libusb: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[KinectSimulator]:
     """A 1414, plugged in."""
-    with corner_kinect(tmp_path_factory.mktemp("kinect"), film) as kinect:
-        kinect.patient = True  # a machine that is busy is no fault of the service
+    with make_corner_kinect(tmp_path_factory.mktemp("kinect"), film) as kinect:
+        kinect.waits_for_reader = True  # a machine that is busy is no fault of the service
         yield kinect
 
 
 @pytest.fixture(scope="module")
 def service(
-    kinect: PlayedKinect, real_libfreenect: None, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[PlayedService]:
+    kinect: KinectSimulator, real_libfreenect: None, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ServiceProcess]:
     """The service on it; it must live to the end, and then end in order."""
     folder = tmp_path_factory.mktemp("service")
-    with running_service(folder, kinect.environment, more_config=WITHOUT_MAP) as service:
-        service.until_streaming(time.monotonic())
+    with running_service(folder, kinect.environment, more_config=NO_MAP_CONFIG) as service:
+        service.wait_until_streaming(time.monotonic())
         yield service
-        assert service.end() == 0
+        assert service.stop() == 0
     assert (kinect.open_handles, kinect.streaming) == (0, (False, False))
 
 
 @pytest.fixture(scope="module")
 def late_1473(
-    film: WireFilm, real_libfreenect: None, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[PlayedService]:
+    film: UsbFrames, real_libfreenect: None, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ServiceProcess]:
     """A service that was started before its Kinect was plugged in: a 1473 without firmware."""
     folder = tmp_path_factory.mktemp("late")
-    with corner_kinect(folder, film, Model.K1473) as kinect:
-        kinect.patient = True
-        kinect.firmware(False)
+    with make_corner_kinect(folder, film, KinectModel.K1473) as kinect:
+        kinect.waits_for_reader = True
+        kinect.set_firmware_loaded(False)
         kinect.unplug()
-        with running_service(folder, kinect.environment, more_config=WITHOUT_MAP) as service:
-            service.until_said(GONE, 0.0)
+        with running_service(folder, kinect.environment, more_config=NO_MAP_CONFIG) as service:
+            service.wait_for_reason(NO_KINECT_REASON, 0.0)
             kinect.plug()
-            service.until_streaming(time.monotonic())
+            service.wait_until_streaming(time.monotonic())
             yield service
             kinect.unplug()
-            service.until_said(GONE, time.monotonic())
-            assert service.end() == 0
+            service.wait_for_reason(NO_KINECT_REASON, time.monotonic())
+            assert service.stop() == 0
 
 
 @pytest.mark.subprocess
 @pytest.mark.zenoh
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
+@pytest.mark.parametrize("fault", SENSOR_FAULTS, ids=lambda fault: fault.name.replace(" ", "-"))
 def test_a_fault_is_named_lived_through_and_leaves_nothing_behind(
-    fault: ServiceFault, kinect: PlayedKinect, service: PlayedService
+    fault: SensorFault, kinect: KinectSimulator, service: ServiceProcess
 ) -> None:
-    service.until_streaming(time.monotonic())
-    before, so_far = service.belongings(), len(service.heard.poses)
-    pass_through(fault, kinect, service)
+    service.wait_until_streaming(time.monotonic())
+    before, so_far = service.resources_in_use(), len(service.heard.poses)
+    run_fault(fault, kinect, service)
     check_poses(service.heard.poses[max(0, so_far - 1) :])
-    service.until(lambda _: service.belongings() <= before)
+    service.wait_for_status(lambda _: service.resources_in_use() <= before)
 
 
 def test_frames_that_lost_packets_are_counted_and_not_used(
-    kinect: PlayedKinect, service: PlayedService
+    kinect: KinectSimulator, service: ServiceProcess
 ) -> None:
-    service.until_streaming(time.monotonic())
+    service.wait_until_streaming(time.monotonic())
     before, so_far = service.status, len(service.heard.poses)
-    for stream, every in ((Stream.DEPTH, 601), (Stream.COLOUR, 407)):
+    for stream, every in ((KinectStream.DEPTH, 601), (KinectStream.COLOR, 407)):
         kinect.lose_packets(stream, every)
-    service.until(
+    service.wait_for_status(
         lambda status: (
             status["skipped"] >= before["skipped"] + 10 and len(service.heard.poses) > so_far + 5
         )
     )
-    for stream in Stream:
+    for stream in KinectStream:
         kinect.lose_packets(stream, 0)
     assert service.status["lost_packets"] >= before["lost_packets"] + 10
     poses = service.heard.poses[so_far:]
@@ -110,35 +115,37 @@ def test_frames_that_lost_packets_are_counted_and_not_used(
 
 
 def test_a_kinect_that_sends_fewer_frames_is_followed_at_its_own_pace(
-    kinect: PlayedKinect, service: PlayedService
+    kinect: KinectSimulator, service: ServiceProcess
 ) -> None:
-    service.until_streaming(time.monotonic())
+    service.wait_until_streaming(time.monotonic())
     so_far = len(service.heard.poses)
     plugged_in_again_at(10, kinect, service)
-    service.until(lambda status: status["state"] == "tracking" and 1.0 < status["fps"] < 12.0)
+    service.wait_for_status(
+        lambda status: status["state"] == "tracking" and 1.0 < status["fps"] < 12.0
+    )
     plugged_in_again_at(30, kinect, service)
     check_poses(service.heard.poses[so_far:])
 
 
-def plugged_in_again_at(rate: int, kinect: PlayedKinect, service: PlayedService) -> None:
+def plugged_in_again_at(rate: int, kinect: KinectSimulator, service: ServiceProcess) -> None:
     """The rate can only be set before it streams."""
     kinect.unplug()
-    service.until_said(GONE, time.monotonic())
+    service.wait_for_reason(NO_KINECT_REASON, time.monotonic())
     kinect.rate = rate
     kinect.plug()
-    service.until_streaming(time.monotonic())
+    service.wait_until_streaming(time.monotonic())
 
 
 def test_the_wrap_of_the_kinects_clock_is_not_seen(
-    kinect: PlayedKinect, service: PlayedService
+    kinect: KinectSimulator, service: ServiceProcess
 ) -> None:
-    service.until_streaming(time.monotonic())
+    service.wait_until_streaming(time.monotonic())
     kinect.unplug()
-    service.until_said(GONE, time.monotonic())
+    service.wait_for_reason(NO_KINECT_REASON, time.monotonic())
     kinect.start_ticks = 2**32 - TICKS_PER_S // 2
     so_far = len(service.heard.poses)
     kinect.plug()
-    service.until(lambda _: len(service.heard.poses) >= so_far + 40)
+    service.wait_for_status(lambda _: len(service.heard.poses) >= so_far + 40)
     kinect.start_ticks = 0
     poses = service.heard.poses[so_far:]
     assert poses[-1].stamp_s - poses[0].stamp_s > 1.0
@@ -148,22 +155,22 @@ def test_the_wrap_of_the_kinects_clock_is_not_seen(
 
 @pytest.mark.subprocess
 @pytest.mark.zenoh
-def test_a_service_that_is_there_before_its_kinect_waits_for_it(late_1473: PlayedService) -> None:
-    first_pose_s = late_1473.heard.poses[0].heard_s
-    waited = [status for status in late_1473.heard.statuses if status.heard_s < first_pose_s]
-    assert any(status.says(GONE) for status in waited)
+def test_a_service_that_is_there_before_its_kinect_waits_for_it(late_1473: ServiceProcess) -> None:
+    first_pose_s = late_1473.heard.poses[0].receive_time_s
+    waited = [status for status in late_1473.heard.statuses if status.receive_time_s < first_pose_s]
+    assert any(status.has_camera_reason(NO_KINECT_REASON) for status in waited)
     check_poses(late_1473.heard.poses)
 
 
 def test_a_1473_without_firmware_streams_and_its_status_says_what_it_cannot_do(
-    late_1473: PlayedService,
+    late_1473: ServiceProcess,
 ) -> None:
-    late_1473.until(lambda status: status["state"] == "tracking")
+    late_1473.wait_for_status(lambda status: status["state"] == "tracking")
     assert late_1473.status["level"] == "assumed"
     assert "firmware" in late_1473.log
 
 
-def check_poses(poses: list[HeardPose]) -> None:
+def check_poses(poses: list[SubscribedPose]) -> None:
     """Finite, in order, with stamps that rise, and no step that the film does not have."""
     assert all(pose.is_finite for pose in poses)
     for before, after in pairwise(poses):

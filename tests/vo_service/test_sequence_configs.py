@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.synthetic.config import Motion, SyntheticConfig
-from drivers.tum.folder import open_folder
-from tests.vo_service.commands.command_line import call
+from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.tum.folder import open_tum_folder
+from tests.vo_service.commands.command_line import run_in_process
 from vo_service.config import read_config
 
 FOLDER = Path(__file__).parents[2] / "config" / "sequences"
-MOTIONS = [Motion.HAND_HELD, Motion.FLOOR, Motion.ORBIT]
+MOTIONS = [MotionKind.HAND_HELD, MotionKind.FLOOR, MotionKind.ORBIT]
 PAGE = FOLDER.parents[1] / "docs" / "download.md"
 TINY = """
 [synthetic.camera]
@@ -25,7 +25,7 @@ cy = 23.5
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_each_is_a_whole_kinect_with_its_motion(motion: Motion) -> None:
+def test_each_is_a_whole_kinect_with_its_motion(motion: MotionKind) -> None:
     config = read_config(FOLDER / f"{motion}.toml")
     assert config.camera.source == "synthetic"
     assert config.synthetic == SyntheticConfig(motion=motion, duration_s=20.0)
@@ -52,17 +52,19 @@ def test_what_goes_wrong_does_so_in_the_middle(name: str, begin_s: float, end_s:
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_each_is_recorded_with_its_camera_and_the_exact_ground_truth(
-    motion: Motion, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    motion: MotionKind, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
     text = (FOLDER / f"{motion}.toml").read_text().replace("20.0", "20.0\ntexel_m = 0.05")
     (tmp_path / "tiny.toml").write_text(text + TINY)
     folder = tmp_path / f"synthetic-{motion}"
-    outcome = call(capfd, "record", "--config", tmp_path / "tiny.toml", "--seconds", "0.2", folder)
+    outcome = run_in_process(
+        capfd, "record", "--config", tmp_path / "tiny.toml", "--seconds", "0.2", folder
+    )
     assert (outcome.code, outcome.out) == (0, f"6 frames in {folder}\n")
-    recorded = open_folder(folder, None)
-    assert (len(recorded.frames.pairs), recorded.camera_file.width) == (6, 64)
+    recorded = open_tum_folder(folder, None)
+    assert (len(recorded.frames.pairs), recorded.calibration.width) == (6, 64)
     assert recorded.ground_truth is not None
-    stamps_s = [pair.colour.stamp_s for pair in recorded.frames.pairs]
+    stamps_s = [pair.color.stamp_s for pair in recorded.frames.pairs]
     np.testing.assert_array_equal(recorded.ground_truth.stamps_s, stamps_s)

@@ -8,25 +8,25 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from drivers.camera import CameraState, Condition, NoFrameYet
+from drivers.camera import CameraState, CameraStatus, FrameTimeout
 from drivers.errors import CameraLostError
 from tests.vo_service.fakes import (
-    After,
-    Collector,
+    CollectingOutput,
+    Delay,
     Event,
     FakeClock,
-    PatientStop,
+    InstantStop,
     ScriptedCamera,
     ScriptedOdometry,
-    bad,
-    frame,
-    good,
+    failed_estimate,
+    good_estimate,
+    make_frame,
 )
-from tests.vo_service.looping import make_service, play
-from tests.vo_service.made_up_map import ScriptedLoops, a_map
+from tests.vo_service.looping import make_service, run_loop
+from tests.vo_service.made_up_map import FixedLoopClosure, make_map
 from vo_service import service as service_module
-from vo_service.feed import PersistentFeed, PlainFeed
-from vo_service.odometry.keyframe.budget import BUDGET_MS
+from vo_service.feed import ReconnectingSource, SinglePassSource
+from vo_service.odometry.keyframe.budget import STAGE_BUDGET_MS
 from vo_service.stamps import LiveClock, RecordedClock
 from vo_service.types import Estimate, TrackingState
 
@@ -40,70 +40,84 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
 
 
 def test_every_frame_goes_to_every_output_in_order() -> None:
-    camera, outputs = ScriptedCamera([frame(k) for k in range(5)]), [Collector(), Collector()]
+    camera, outputs = (
+        ScriptedCamera([make_frame(k) for k in range(5)]),
+        [CollectingOutput(), CollectingOutput()],
+    )
     with camera:
-        make_service(PlainFeed(camera), outputs).run(threading.Event())
+        make_service(SinglePassSource(camera), outputs).run(threading.Event())
     for output in outputs:
         assert [pose.frame.seq for pose in output.poses] == [0, 1, 2, 3, 4]
         assert [pose.seq for pose in output.poses] == [0, 1, 2, 3, 4]
 
 
 def test_outputs_are_left_open_for_whoever_opened_them() -> None:
-    assert play([frame(0)]).closed == 0
+    assert run_loop([make_frame(0)]).closed == 0
 
 
 def test_a_pose_carries_the_frames_stamp_with_the_known_bias_corrected() -> None:
-    collector = play([frame(0, 50.0)], stamps=RecordedClock(-0.25))
+    collector = run_loop([make_frame(0, 50.0)], stamps=RecordedClock(-0.25))
     assert collector.poses[0].stamp_s == 49.75
     assert collector.poses[0].frame.stamp_s == 50.0
 
 
 def test_the_latency_runs_from_the_frames_arrival(clock: FakeClock) -> None:
     clock.now_s = 0.125  # frames of the script arrive at 0
-    assert play([frame(0)]).poses[0].latency_s == 0.125
+    assert run_loop([make_frame(0)]).poses[0].latency_s == 0.125
 
 
 def test_the_first_status_goes_out_before_the_first_frame() -> None:
-    first = play([frame(0)]).statuses[0]
+    first = run_loop([make_frame(0)]).statuses[0]
     assert (first.state, first.reason) == (TrackingState.NO_CAMERA, "no frame yet")
     assert (first.camera, first.method, first.frames) == ("scripted", "surf", 0)
 
 
 def test_the_status_goes_out_twice_a_second(clock: FakeClock) -> None:
-    frames = [After(1 / 32, frame(k)) for k in range(97)]
-    collector = play(frames, clock=clock)
+    frames = [Delay(1 / 32, make_frame(k)) for k in range(97)]
+    collector = run_loop(frames, clock=clock)
     # Before the first frame, at the first (a change), then twice in each of three seconds.
     assert len(collector.statuses) == 2 + 6
     assert [status.frames for status in collector.statuses[1:4]] == [1, 17, 33]
 
 
 def test_a_change_of_state_goes_out_at_once(clock: FakeClock) -> None:
-    estimates = [good(np.eye(4)), good(np.eye(4)), bad(reason="lens covered"), good(np.eye(4))]
-    collector = play([frame(k) for k in range(4)], estimates, clock)
+    estimates = [
+        good_estimate(np.eye(4)),
+        good_estimate(np.eye(4)),
+        failed_estimate(reason="lens covered"),
+        good_estimate(np.eye(4)),
+    ]
+    collector = run_loop([make_frame(k) for k in range(4)], estimates, clock)
     told = [(status.state.value, status.reason) for status in collector.statuses]
     assert told[1:] == [("tracking", ""), ("lost", "lens covered"), ("tracking", "")]
 
 
 def test_the_status_counts_failures_and_shows_the_last_frames_matches(clock: FakeClock) -> None:
-    collector = play([frame(0), frame(1)], [good(np.eye(4)), bad()], clock)
+    collector = run_loop(
+        [make_frame(0), make_frame(1)], [good_estimate(np.eye(4)), failed_estimate()], clock
+    )
     last = collector.statuses[-1]
     assert (last.frames, last.failed) == (2, 1)
     assert (last.features, last.matches, last.inliers) == (20, 9, 3)
 
 
-@pytest.mark.parametrize(("method", "budget_ms"), [("keyframe", BUDGET_MS), ("surf", {})])
+@pytest.mark.parametrize(("method", "budget_ms"), [("keyframe", STAGE_BUDGET_MS), ("surf", {})])
 def test_the_status_says_what_stages_may_cost(method: str, budget_ms: Mapping[str, float]) -> None:
-    camera, collector = ScriptedCamera([frame(0)]), Collector()
+    camera, collector = ScriptedCamera([make_frame(0)]), CollectingOutput()
     with camera:
-        make_service(PlainFeed(camera), [collector], method=method).run(threading.Event())
+        make_service(SinglePassSource(camera), [collector], method=method).run(threading.Event())
     assert collector.statuses[-1].stage_budget_ms == budget_ms
 
 
 def test_every_pose_carries_the_map_and_the_status_says_what_there_is_of_it() -> None:
-    camera, collector, the_map = ScriptedCamera([frame(0)]), Collector(), a_map(is_located=False)
+    camera, collector, the_map = (
+        ScriptedCamera([make_frame(0)]),
+        CollectingOutput(),
+        make_map(is_located=False),
+    )
     with camera:
-        loops = ScriptedLoops(the_map)
-        make_service(PlainFeed(camera), [collector], loops=loops).run(threading.Event())
+        loops = FixedLoopClosure(the_map)
+        make_service(SinglePassSource(camera), [collector], loops=loops).run(threading.Event())
     last = collector.statuses[-1]
     assert collector.poses[0].map is the_map
     assert (last.places, last.loops, last.is_located) == (4, 1, False)
@@ -111,25 +125,25 @@ def test_every_pose_carries_the_map_and_the_status_says_what_there_is_of_it() ->
 
 def test_a_map_that_does_not_know_of_the_epoch_yet_does_not_say_where_odom_lies() -> None:
     for epoch in (0, 1):
-        camera, collector = ScriptedCamera([frame(0)]), Collector()
+        camera, collector = ScriptedCamera([make_frame(0)]), CollectingOutput()
         with camera:
-            loops = ScriptedLoops(a_map(epoch=epoch))
-            make_service(PlainFeed(camera), [collector], loops=loops).run(threading.Event())
-        assert collector.poses[0].is_located == (epoch == 0)
+            loops = FixedLoopClosure(make_map(epoch=epoch))
+            make_service(SinglePassSource(camera), [collector], loops=loops).run(threading.Event())
+        assert collector.poses[0].is_localized == (epoch == 0)
         assert collector.statuses[-1].is_located == (epoch == 0)
 
 
 def test_where_there_is_no_map_the_status_says_so() -> None:
-    last = play([frame(0)]).statuses[-1]
+    last = run_loop([make_frame(0)]).statuses[-1]
     assert (last.places, last.loops, last.is_located) == (0, 0, True)
 
 
 def test_while_the_camera_is_away_the_status_says_so_and_goes_on(clock: FakeClock) -> None:
     camera = ScriptedCamera(
-        [frame(0), CameraLostError("unplugged")], CameraLostError("not found"), [frame(9)]
+        [make_frame(0), CameraLostError("unplugged")], CameraLostError("not found"), [make_frame(9)]
     )
-    collector = Collector()
-    make_service(PersistentFeed(camera), [collector]).run(PatientStop(4))
+    collector = CollectingOutput()
+    make_service(ReconnectingSource(camera), [collector]).run(InstantStop(4))
     told = [(status.state.value, status.reason) for status in collector.statuses]
     assert told == [
         ("no_camera", "camera not opened yet"),
@@ -142,8 +156,8 @@ def test_while_the_camera_is_away_the_status_says_so_and_goes_on(clock: FakeCloc
 
 
 def test_a_silent_camera_still_gets_two_statuses_a_second(clock: FakeClock) -> None:
-    silence = [After(0.25, NoFrameYet()) for _ in range(12)]
-    collector = play([frame(0), *silence], clock=clock)
+    silence = [Delay(0.25, FrameTimeout()) for _ in range(12)]
+    collector = run_loop([make_frame(0), *silence], clock=clock)
     assert len(collector.statuses) == 2 + 6
 
 
@@ -151,8 +165,8 @@ def test_frames_whose_stamp_does_not_rise_are_left_out_and_counted_as_skipped(
     clock: FakeClock,
 ) -> None:
     stamps_s = [1.0, 2.0, 2.0, 1.5, 3.0]
-    events = [After(1.0, frame(k, stamp_s)) for k, stamp_s in enumerate(stamps_s)]
-    collector = play(events, clock=clock)
+    events = [Delay(1.0, make_frame(k, stamp_s)) for k, stamp_s in enumerate(stamps_s)]
+    collector = run_loop(events, clock=clock)
     assert [pose.stamp_s for pose in collector.poses] == [1.0, 2.0, 3.0]
     assert [pose.epoch for pose in collector.poses] == [0, 0, 0]
     assert [status.skipped for status in collector.statuses] == [0, 0, 0, 1, 2, 2]
@@ -168,8 +182,8 @@ def test_a_step_of_the_wall_clock_begins_an_epoch() -> None:
             ahead_s[0] = 1400.0 if len(self.frames) == 1 else ahead_s[0]
             return super().estimate(given)  # type: ignore[arg-type]
 
-    camera, collector = ScriptedCamera([frame(k) for k in range(4)]), Collector()
-    service = make_service(PlainFeed(camera), [collector], (), stamps, odometry=Stepping())
+    camera, collector = ScriptedCamera([make_frame(k) for k in range(4)]), CollectingOutput()
+    service = make_service(SinglePassSource(camera), [collector], (), stamps, odometry=Stepping())
     with camera:
         service.run(threading.Event())
     assert [pose.epoch for pose in collector.poses] == [0, 0, 1, 1]
@@ -180,7 +194,7 @@ def test_a_step_of_the_wall_clock_begins_an_epoch() -> None:
 
 def test_a_camera_whose_own_clock_began_anew_begins_an_epoch() -> None:
     stamps_s = [1000.0, *(k / 30 for k in range(16))]
-    collector = play([frame(k, stamp_s) for k, stamp_s in enumerate(stamps_s)])
+    collector = run_loop([make_frame(k, stamp_s) for k, stamp_s in enumerate(stamps_s)])
     assert [pose.epoch for pose in collector.poses] == [0, 1, 1]
     assert collector.poses[1].reason == "clock_step"
 
@@ -188,29 +202,31 @@ def test_a_camera_whose_own_clock_began_anew_begins_an_epoch() -> None:
 def test_a_stop_ends_the_loop_with_the_frame_at_hand() -> None:
     stop = threading.Event()
 
-    class Stopping(Collector):
-        def pose(self, update: object) -> None:
-            super().pose(update)  # type: ignore[arg-type]
+    class Stopping(CollectingOutput):
+        def on_update(self, update: object) -> None:
+            super().on_update(update)  # type: ignore[arg-type]
             stop.set()
 
-    camera, output = ScriptedCamera([frame(k) for k in range(5)]), Stopping()
+    camera, output = ScriptedCamera([make_frame(k) for k in range(5)]), Stopping()
     with camera:
-        make_service(PlainFeed(camera), [output]).run(stop)
+        make_service(SinglePassSource(camera), [output]).run(stop)
     assert len(output.poses) == 1
 
 
 EVENTS = st.one_of(
-    st.floats(0.0, 10.0).map(lambda stamp_s: frame(0, stamp_s)), st.builds(NoFrameYet)
+    st.floats(0.0, 10.0).map(lambda stamp_s: make_frame(0, stamp_s)), st.builds(FrameTimeout)
 )
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(EVENTS, max_size=30), st.lists(st.booleans(), max_size=30))
-@example([frame(0, 0.0), frame(1, 3e-307)], [True, True])
+@example([make_frame(0, 0.0), make_frame(1, 3e-307)], [True, True])
 def test_whatever_comes_every_number_is_finite_and_every_silence_has_a_reason(
     events: list[Event], outcomes: list[bool]
 ) -> None:
-    collector = play(events, [good(np.eye(4)) if ok else bad() for ok in outcomes])
+    collector = run_loop(
+        events, [good_estimate(np.eye(4)) if ok else failed_estimate() for ok in outcomes]
+    )
     for pose in collector.poses:
         for numbers in (pose.pose_covariance, pose.twist, pose.twist_covariance, pose.T_odom_base):
             assert np.all(np.isfinite(numbers))
@@ -219,7 +235,7 @@ def test_whatever_comes_every_number_is_finite_and_every_silence_has_a_reason(
 
 
 def test_the_status_tells_of_the_camera_and_its_intrinsics() -> None:
-    collector = play([frame(0)])
+    collector = run_loop([make_frame(0)])
     status = collector.statuses[-1]
     assert (status.camera, status.camera_state) == ("scripted", CameraState.STREAMING)
     assert (status.intrinsics, status.method) == ("", "surf")
@@ -229,30 +245,34 @@ class LosingCamera(ScriptedCamera):
     """Has something to say of its frames while it sends them."""
 
     @property
-    def condition(self) -> Condition:
+    def status(self) -> CameraStatus:
         """A complaint."""
-        return Condition(CameraState.STREAMING, "losing USB packets: 16 of 30 frames torn")
+        return CameraStatus(CameraState.STREAMING, "losing USB packets: 16 of 30 frames torn")
 
 
 def test_a_camera_that_loses_packets_is_told_of_while_tracking() -> None:
-    camera, collector = LosingCamera([frame(0), frame(1)]), Collector()
+    camera, collector = LosingCamera([make_frame(0), make_frame(1)]), CollectingOutput()
     with camera:
-        make_service(PlainFeed(camera), [collector], camera=camera).run(threading.Event())
+        make_service(SinglePassSource(camera), [collector], camera=camera).run(threading.Event())
     status = collector.statuses[-1]
-    assert (status.state, status.reason) == (TrackingState.TRACKING, camera.condition.reason)
+    assert (status.state, status.reason) == (TrackingState.TRACKING, camera.status.reason)
 
 
 def test_what_outputs_complain_of_is_in_the_status() -> None:
-    camera, troubled = ScriptedCamera([frame(0)]), Collector()
+    camera, troubled = ScriptedCamera([make_frame(0)]), CollectingOutput()
     troubled.warning = "the disk is full"
     with camera:
-        make_service(PlainFeed(camera), [Collector(), troubled]).run(threading.Event())
+        make_service(SinglePassSource(camera), [CollectingOutput(), troubled]).run(
+            threading.Event()
+        )
     assert troubled.statuses[-1].warnings == ("the disk is full",)
 
 
 def test_other_counts_are_no_other_reason(clock: FakeClock) -> None:
     reasons = [f"{count} of 9 matches agree" for count in range(5)]
-    collector = play(
-        [frame(k) for k in range(5)], [bad(reason=reason) for reason in reasons], clock
+    collector = run_loop(
+        [make_frame(k) for k in range(5)],
+        [failed_estimate(reason=reason) for reason in reasons],
+        clock,
     )
     assert [status.reason for status in collector.statuses] == ["no frame yet", reasons[0]]

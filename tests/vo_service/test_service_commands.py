@@ -6,17 +6,17 @@ from collections.abc import Mapping
 import pytest
 
 from tests.vo_service.fakes import (
-    After,
-    Collector,
+    CollectingOutput,
+    Delay,
     FakeClock,
     ScriptedCamera,
-    frame,
+    make_frame,
 )
 from tests.vo_service.looping import make_service
 from vo_service import service as service_module
-from vo_service.control.inbox import Inbox
-from vo_service.feed import PlainFeed
-from vo_service.types import Command, Pause, PoseUpdate, Reset, Resume
+from vo_service.control.inbox import CommandQueue
+from vo_service.feed import SinglePassSource
+from vo_service.types import Command, OdometryUpdate, PauseCommand, ResetCommand, ResumeCommand
 
 
 @pytest.fixture
@@ -27,36 +27,36 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     return clock
 
 
-class Commander(Collector):
+class Commander(CollectingOutput):
     """Sends a command after each pose of a script."""
 
-    def __init__(self, inbox: Inbox[Command], script: Mapping[int, Command]) -> None:
+    def __init__(self, inbox: CommandQueue[Command], script: Mapping[int, Command]) -> None:
         super().__init__()
         self._inbox, self._script = inbox, script
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Keep it, then say what is due."""
-        super().pose(update)
+        super().on_update(update)
         if update.frame.seq in self._script:
             self._inbox.submit(self._script[update.frame.seq])
 
 
 def test_a_reset_counts_from_the_next_frame_on() -> None:
-    inbox: Inbox[Command] = Inbox()
-    collector = Commander(inbox, {1: Reset()})
-    camera = ScriptedCamera([frame(k) for k in range(4)])
+    inbox: CommandQueue[Command] = CommandQueue()
+    collector = Commander(inbox, {1: ResetCommand()})
+    camera = ScriptedCamera([make_frame(k) for k in range(4)])
     with camera:
-        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
+        make_service(SinglePassSource(camera), [collector], inbox=inbox).run(threading.Event())
     assert [pose.epoch for pose in collector.poses] == [0, 0, 1, 1]
     assert [pose.reason for pose in collector.poses] == ["", "", "reset", ""]
 
 
 def test_a_pause_is_no_silence_without_a_reason(clock: FakeClock) -> None:
-    inbox: Inbox[Command] = Inbox()
-    collector = Commander(inbox, {1: Pause()})
-    camera = ScriptedCamera([After(0.2, frame(k)) for k in range(20)], clock=clock)
+    inbox: CommandQueue[Command] = CommandQueue()
+    collector = Commander(inbox, {1: PauseCommand()})
+    camera = ScriptedCamera([Delay(0.2, make_frame(k)) for k in range(20)], clock=clock)
     with camera:
-        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
+        make_service(SinglePassSource(camera), [collector], inbox=inbox).run(threading.Event())
     assert [pose.frame.seq for pose in collector.poses] == [0, 1]
     paused = [status for status in collector.statuses if status.paused]
     assert {(status.state.value, status.reason) for status in paused} == {("lost", "paused")}
@@ -64,11 +64,11 @@ def test_a_pause_is_no_silence_without_a_reason(clock: FakeClock) -> None:
 
 
 def test_after_a_pause_the_poses_go_on() -> None:
-    inbox: Inbox[Command] = Inbox()
-    inbox.submit(Pause())
-    inbox.submit(Resume())
-    camera, collector = ScriptedCamera([frame(k) for k in range(3)]), Collector()
+    inbox: CommandQueue[Command] = CommandQueue()
+    inbox.submit(PauseCommand())
+    inbox.submit(ResumeCommand())
+    camera, collector = ScriptedCamera([make_frame(k) for k in range(3)]), CollectingOutput()
     with camera:
-        make_service(PlainFeed(camera), [collector], inbox=inbox).run(threading.Event())
+        make_service(SinglePassSource(camera), [collector], inbox=inbox).run(threading.Event())
     assert len(collector.poses) == 3
     assert not collector.statuses[-1].paused

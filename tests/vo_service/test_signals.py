@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.live_stage import live_stage
-from tests.vo_service.played_service import ENDING_S, WITHOUT_MAP
-from tests.vo_service.stages import STAGES, Stage
+from tests.vo_service.live_stage import service_runner
+from tests.vo_service.played_service import NO_MAP_CONFIG, STOP_TIMEOUT_S
+from tests.vo_service.stages import STAGES, LifecycleStage
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
@@ -20,17 +20,17 @@ CASES = tuple(zip(STAGES, cycle((signal.SIGTERM, signal.SIGINT)), strict=False))
     ("stage", "number"), CASES, ids=[f"{s.name.replace(' ', '-')}-{n.name}" for s, n in CASES]
 )
 def test_a_hangup_changes_nothing_and_a_signal_to_end_is_obeyed_in_order(
-    stage: Stage, number: signal.Signals, films: Path, tmp_path: Path
+    stage: LifecycleStage, number: signal.Signals, films: Path, tmp_path: Path
 ) -> None:
-    with live_stage(tmp_path / "stage", films, stage.config + WITHOUT_MAP) as live:
+    with service_runner(tmp_path / "stage", films, stage.config + NO_MAP_CONFIG) as live:
         service = live.start(popen=stage.popen)
         stage.reach(live)
         service.process.send_signal(signal.SIGHUP)
-        if stage.goes_on:
+        if stage.keeps_running:
             heard = len(service.heard.statuses)
-            service.until(lambda _: len(service.heard.statuses) > heard + 1)
+            service.wait_for_status(lambda _: len(service.heard.statuses) > heard + 1)
         service.process.send_signal(number)
-        assert service.process.wait(ENDING_S) == 0
+        assert service.process.wait(STOP_TIMEOUT_S) == 0
         assert "ended by force" not in service.log
         live.check()
         stage.check(live)

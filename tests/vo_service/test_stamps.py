@@ -8,7 +8,13 @@ from hypothesis import strategies as st
 
 from drivers.camera import Clock
 from tests.vo_service.fakes import FakeClock
-from vo_service.stamps import STALE_FRAMES, LiveClock, RecordedClock, StampGuard, stamp_clock
+from vo_service.stamps import (
+    MAX_STALE_FRAMES,
+    LiveClock,
+    RecordedClock,
+    TimestampFilter,
+    make_publish_clock,
+)
 
 UNIX_S = 1_700_000_000.0
 
@@ -83,18 +89,18 @@ def test_the_known_bias_is_added_on_either_clock(monotonic: FakeClock, wall: Wal
 
 
 def test_a_recording_keeps_its_stamps_and_never_steps() -> None:
-    clock = stamp_clock(Clock.RECORDED, 0.0)
+    clock = make_publish_clock(Clock.RECORDED, 0.0)
     assert clock.published_s(1305031102.175304) == 1305031102.175304
     assert not clock.has_stepped()
 
 
 def test_a_camera_on_the_hosts_clock_gets_the_live_one() -> None:
-    assert isinstance(stamp_clock(Clock.MONOTONIC, 0.0), LiveClock)
+    assert isinstance(make_publish_clock(Clock.MONOTONIC, 0.0), LiveClock)
 
 
 def test_repeated_and_backward_stamps_are_left_out() -> None:
-    guard = StampGuard()
-    assert [guard.check(stamp_s).use for stamp_s in (1.0, 1.0, 0.5, 2.0)] == [
+    guard = TimestampFilter()
+    assert [guard.check(stamp_s).is_accepted for stamp_s in (1.0, 1.0, 0.5, 2.0)] == [
         True,
         False,
         False,
@@ -103,27 +109,27 @@ def test_repeated_and_backward_stamps_are_left_out() -> None:
 
 
 def test_a_camera_with_a_new_clock_is_believed_after_15_frames() -> None:
-    guard = StampGuard()
+    guard = TimestampFilter()
     guard.check(1000.0)
-    verdicts = [guard.check(k / 30) for k in range(STALE_FRAMES + 1)]
-    assert [v.use for v in verdicts] == [False] * 14 + [True, True]
-    assert [v.restarted for v in verdicts] == [False] * 14 + [True, False]
+    verdicts = [guard.check(k / 30) for k in range(MAX_STALE_FRAMES + 1)]
+    assert [v.is_accepted for v in verdicts] == [False] * 14 + [True, True]
+    assert [v.is_restart for v in verdicts] == [False] * 14 + [True, False]
 
 
 def test_a_glitch_does_not_count_towards_a_new_clock() -> None:
-    guard = StampGuard()
+    guard = TimestampFilter()
     for k in range(100):
-        assert guard.check(1000.0 + k).use
-        assert not guard.check(1.0).use
+        assert guard.check(1000.0 + k).is_accepted
+        assert not guard.check(1.0).is_accepted
 
 
 @given(st.lists(st.floats(-1e3, 1e3) | st.sampled_from([0.0, 1.0, 2.0]), max_size=60))
 def test_what_is_let_through_rises_unless_it_says_that_it_began_anew(stamps_s: list[float]) -> None:
-    guard = StampGuard()
+    guard = TimestampFilter()
     last_s = -math.inf
     for stamp_s in stamps_s:
         verdict = guard.check(stamp_s)
-        if verdict.use:
-            assert stamp_s > last_s or verdict.restarted
+        if verdict.is_accepted:
+            assert stamp_s > last_s or verdict.is_restart
             last_s = stamp_s
-        assert verdict.use or not verdict.restarted
+        assert verdict.is_accepted or not verdict.is_restart

@@ -8,21 +8,29 @@ import pytest
 
 from drivers.camera import CameraCounters
 from drivers.geometry import rigid_transform
-from drivers.trajectory import StampedPoses
-from tests.vo_service.fakes import FakeClock, ScriptedCamera, bad, frame, good
+from drivers.trajectory import Trajectory
+from tests.vo_service.fakes import (
+    FakeClock,
+    ScriptedCamera,
+    failed_estimate,
+    good_estimate,
+    make_frame,
+)
 from tests.vo_service.looping import make_service
-from vo_service.feed import PlainFeed
-from vo_service.statistics import Statistics
-from vo_service.summary import Summary, WithLoops, evaluated
+from vo_service.feed import SinglePassSource
+from vo_service.statistics import ServiceStatistics
+from vo_service.summary import LoopClosureSummary, RunSummary, evaluate_if_possible
 
 STAMPS_S = np.arange(40) / 30
 PATH = np.array([rigid_transform(np.eye(3), [0.01 * k, 0.0, 0.02 * k]) for k in range(40)])
-TRUTH = StampedPoses(STAMPS_S, PATH)
-WITHOUT = Summary(Statistics(FakeClock()), CameraCounters(), None)
+TRUTH = Trajectory(STAMPS_S, PATH)
+WITHOUT = RunSummary(ServiceStatistics(FakeClock()), CameraCounters(), None)
 
 
-def of(trajectory: StampedPoses, truth: StampedPoses | None = TRUTH) -> Summary:
-    return Summary.of(Statistics(FakeClock()), CameraCounters(), trajectory, truth, STAMPS_S)
+def of(trajectory: Trajectory, truth: Trajectory | None = TRUTH) -> RunSummary:
+    return RunSummary.from_run(
+        ServiceStatistics(FakeClock()), CameraCounters(), trajectory, truth, STAMPS_S
+    )
 
 
 def test_the_names_that_others_script_against_are_there() -> None:
@@ -47,14 +55,14 @@ def test_a_perfect_trajectory_has_no_error() -> None:
 
 
 def test_failed_frames_lower_the_coverage() -> None:
-    half = StampedPoses(STAMPS_S[:20], PATH[:20])
+    half = Trajectory(STAMPS_S[:20], PATH[:20])
     assert of(half).as_json()["coverage"] == 0.5
 
 
 def test_without_a_pose_or_a_truth_there_is_nothing_to_evaluate(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    nothing = StampedPoses(np.empty(0), np.empty((0, 4, 4)))
+    nothing = Trajectory(np.empty(0), np.empty((0, 4, 4)))
     assert of(nothing).evaluation is None
     assert of(TRUTH, truth=None).evaluation is None
     assert caplog.records == []
@@ -63,17 +71,19 @@ def test_without_a_pose_or_a_truth_there_is_nothing_to_evaluate(
 def test_a_truth_of_another_time_is_reported_and_leaves_the_other_figures(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    elsewhere = StampedPoses(STAMPS_S + 1e6, PATH)
+    elsewhere = Trajectory(STAMPS_S + 1e6, PATH)
     assert of(TRUTH, elsewhere).as_json()["ate_rmse_m"] is None
     assert [record.levelname for record in caplog.records] == ["WARNING"]
 
 
 def test_skipped_counts_unreadable_and_stale_frames_failed_the_lost_ones() -> None:
-    camera = ScriptedCamera([frame(0, 1.0), frame(1, 1.0), frame(2, 2.0)])
+    camera = ScriptedCamera([make_frame(0, 1.0), make_frame(1, 1.0), make_frame(2, 2.0)])
     with camera:
-        service = make_service(PlainFeed(camera), [], [good(np.eye(4)), bad()])
+        service = make_service(
+            SinglePassSource(camera), [], [good_estimate(np.eye(4)), failed_estimate()]
+        )
         service.run(threading.Event())
-    figures = Summary(service.statistics, CameraCounters(skipped=3, dropped=5), None).as_json()
+    figures = RunSummary(service.statistics, CameraCounters(skipped=3, dropped=5), None).as_json()
     counts = [figures[key] for key in ("frames", "failed", "skipped", "dropped")]
     assert counts == [2, 1, 1 + 3, 5]
 
@@ -84,13 +94,15 @@ def test_the_table_has_a_line_a_figure() -> None:
 
 
 LOOPS_KEYS = ("places", "loops", "corrected_ate_rmse_m", "corrected_mean_global_error_m")
-DRIFTING = StampedPoses(STAMPS_S, PATH @ PATH)
+DRIFTING = Trajectory(STAMPS_S, PATH @ PATH)
 
 
 def test_with_loops_there_are_keys_more_and_the_others_stay() -> None:
-    with_loops = WithLoops(12, 5, evaluated(TRUTH, TRUTH, STAMPS_S))
+    with_loops = LoopClosureSummary(12, 5, evaluate_if_possible(TRUTH, TRUTH, STAMPS_S))
     plain, summary = (
-        Summary.of(Statistics(FakeClock()), CameraCounters(), DRIFTING, TRUTH, STAMPS_S, loops)
+        RunSummary.from_run(
+            ServiceStatistics(FakeClock()), CameraCounters(), DRIFTING, TRUTH, STAMPS_S, loops
+        )
         for loops in (None, with_loops)
     )
     figures = summary.as_json()
@@ -108,6 +120,6 @@ def test_with_loops_there_are_keys_more_and_the_others_stay() -> None:
 
 
 def test_without_truth_loops_are_counted_and_their_errors_null() -> None:
-    with_loops = WithLoops(12, 5, None)
+    with_loops = LoopClosureSummary(12, 5, None)
     assert list(with_loops.as_json().values()) == [12, 5, None, None]
     assert [label for label, _ in with_loops.rows()] == ["places, loops"]

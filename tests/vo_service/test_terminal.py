@@ -11,10 +11,10 @@ from tests.vo_service.fakes import FakeClock
 from vo_service import announcements
 from vo_service import terminal as terminal_module
 from vo_service.logs import log_to_stderr
-from vo_service.terminal import Terminal, wipe
+from vo_service.terminal import Terminal, clear_line
 
 
-class Screen(io.StringIO):
+class CapturedTerminal(io.StringIO):
     """A terminal that keeps what was drawn."""
 
     def isatty(self) -> bool:
@@ -41,18 +41,18 @@ def test_what_is_said_is_a_line_of_the_log_where_there_is_no_terminal(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with log_to_stderr():
-        Terminal().say("pictures: http://127.0.0.1:9090")
+        Terminal().write_line("pictures: http://127.0.0.1:9090")
     assert capsys.readouterr().err == "kinect-vo: info: pictures: http://127.0.0.1:9090\n"
 
 
 def test_what_is_said_is_a_plain_line_on_a_terminal() -> None:
-    screen = Screen()
-    Terminal(screen).say("pictures: http://127.0.0.1:9090")
+    screen = CapturedTerminal()
+    Terminal(screen).write_line("pictures: http://127.0.0.1:9090")
     assert screen.getvalue() == "pictures: http://127.0.0.1:9090\n"
 
 
 def test_a_line_is_drawn_over_the_one_before_and_taken_away() -> None:
-    screen = Screen()
+    screen = CapturedTerminal()
     terminal = Terminal(screen)
     terminal.show("one")
     terminal.show("two")
@@ -61,7 +61,7 @@ def test_a_line_is_drawn_over_the_one_before_and_taken_away() -> None:
 
 
 def test_what_was_never_drawn_is_not_taken_away() -> None:
-    screen = Screen()
+    screen = CapturedTerminal()
     terminal = Terminal(screen)
     terminal.clear()
     terminal.show("one")
@@ -71,7 +71,7 @@ def test_what_was_never_drawn_is_not_taken_away() -> None:
 
 
 def test_progress_is_drawn_ten_times_a_second_and_at_the_end(clock: FakeClock) -> None:
-    screen = Screen()
+    screen = CapturedTerminal()
     terminal = Terminal(screen)
     for done in range(1, 64):
         clock.now_s += 1 / 32
@@ -83,7 +83,7 @@ def test_progress_is_drawn_ten_times_a_second_and_at_the_end(clock: FakeClock) -
 
 
 def test_progress_without_a_total_only_counts(clock: FakeClock) -> None:
-    screen = Screen()
+    screen = CapturedTerminal()
     Terminal(screen).progress("frame", 7, None)
     assert screen.getvalue() == "\r\x1b[Kframe 7"
 
@@ -100,15 +100,15 @@ def test_it_draws_on_a_real_terminal() -> None:
 
 
 def test_the_line_is_wiped_on_a_terminal_alone() -> None:
-    screen, log = Screen(), io.StringIO()
-    wipe(screen)
-    wipe(log)
+    screen, log = CapturedTerminal(), io.StringIO()
+    clear_line(screen)
+    clear_line(log)
     assert (screen.getvalue(), log.getvalue()) == ("\r\x1b[K", "")
 
 
 def test_a_log_tells_of_nothing_that_is_quick(capsys: pytest.CaptureFixture[str]) -> None:
     with log_to_stderr(), Terminal().busy("loading") as busy:
-        busy.counted("frame")(1, 2)
+        busy.progress_callback("frame")(1, 2)
     assert capsys.readouterr().err == ""
 
 

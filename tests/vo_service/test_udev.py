@@ -9,9 +9,9 @@ import pytest
 
 from drivers.errors import UserFacingError
 from drivers.kinect_usb.ids import SUPPORTED_IDS, UsbId
-from tests.stand_ins.needed import need_program
+from tests.stand_ins.needed import require_program
 from vo_service import udev
-from vo_service.udev import MODPROBE_FILE, RULES_FILE, install, rules_text, uninstall
+from vo_service.udev import MODPROBE_FILE, RULES_FILE, format_rules, install, uninstall
 
 # A tree of its own for udevadm: /sys has one camera, the rules are ours and one of Debian's kind.
 # $1 holds our rules file and the other's, $2 $3 are the ids of the camera.
@@ -35,8 +35,8 @@ SUBSYSTEM=="usb", ATTR{idVendor}=="1d27", MODE:="0666", GROUP:="video"
 
 def judgement(folder: Path, vendor: int, product: int) -> list[str]:
     """What udevadm says of a device: the modes that rules gave it, and `uaccess` if it has that."""
-    need_program("udevadm", "udev")
-    need_program("unshare", "util-linux")
+    require_program("udevadm", "udev")
+    require_program("unshare", "util-linux")
     if subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False).returncode:
         pytest.skip("this system lets nobody have a mount namespace of his own")
     command = [
@@ -60,7 +60,7 @@ def test_every_sensor_has_its_rule(line: UsbId) -> None:
     vendor, _, product = line.text.partition(":")
     rule = f'ATTR{{idVendor}}=="{vendor}", '
     rule += "" if product == "*" else f'ATTR{{idProduct}}=="{product}", '
-    assert f'{rule}MODE:="0660", GROUP:="plugdev", TAG+="uaccess"\n' in rules_text()
+    assert f'{rule}MODE:="0660", GROUP:="plugdev", TAG+="uaccess"\n' in format_rules()
 
 
 @pytest.mark.subprocess
@@ -69,7 +69,7 @@ def test_our_rules_win_over_those_that_open_the_camera_to_everybody(
     tmp_path: Path, vendor: int, product: int
 ) -> None:
     (tmp_path / "60-libopenni2-0.rules").write_text(OPEN_TO_ALL)
-    (tmp_path / RULES_FILE.name).write_text(rules_text())
+    (tmp_path / RULES_FILE.name).write_text(format_rules())
     said = judgement(tmp_path, vendor, product)
     assert said[-2:] == ["0660", "uaccess"]
     assert "0666" not in said
@@ -83,7 +83,7 @@ def test_without_our_rules_the_camera_is_open_to_everybody(tmp_path: Path) -> No
 
 @pytest.mark.subprocess
 def test_other_devices_are_left_alone(tmp_path: Path) -> None:
-    (tmp_path / RULES_FILE.name).write_text(rules_text())
+    (tmp_path / RULES_FILE.name).write_text(format_rules())
     assert "0660" not in judgement(tmp_path, 0x046D, 0x0825)
 
 
@@ -106,7 +106,7 @@ def test_an_old_file_is_replaced(tmp_path: Path) -> None:
     install(tmp_path)
     (tmp_path / RULES_FILE).write_text("# an older version\n")
     assert install(tmp_path) == [tmp_path / RULES_FILE]
-    assert (tmp_path / RULES_FILE).read_text() == rules_text()
+    assert (tmp_path / RULES_FILE).read_text() == format_rules()
     assert [path.name for path in (tmp_path / RULES_FILE).parent.iterdir()] == [RULES_FILE.name]
 
 

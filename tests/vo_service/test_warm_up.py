@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
-from tests.vo_service.odometry.walk import elsewhere
-from vo_service.methods import METHODS, FeatureSettings
+from tests.vo_service.odometry.synthetic_views import render_corner
+from tests.vo_service.odometry.walk import render_elsewhere
+from vo_service.methods import METHODS, FeatureConfig
 from vo_service.odometry import guided_matching, matching, ransac
-from vo_service.odometry.stopwatch import NullStopwatch
+from vo_service.odometry.stopwatch import NullStageTimer
 from vo_service.odometry.surf import hessian, maxima, orientation
 from vo_service.warm_up import warm_up
 
@@ -26,10 +26,10 @@ def test_a_warm_method_compiles_nothing_more_for_a_real_frame() -> None:
         if hasattr(each, "signatures") and hasattr(each, "py_func")
     ]
     before = [list(kernel.signatures) for kernel in kernels]
-    odometry = METHODS["surf"](FeatureSettings(), NullStopwatch())
+    odometry = METHODS["surf"](FeatureConfig(), NullStageTimer())
     for seq in range(2):
-        odometry.estimate(view_of_a_corner(np.eye(4), seq))
-    lost = odometry.estimate(elsewhere(2))
+        odometry.estimate(render_corner(np.eye(4), seq))
+    lost = odometry.estimate(render_elsewhere(2))
     assert not lost.ok
     assert kernels
     assert [list(kernel.signatures) for kernel in kernels] == before

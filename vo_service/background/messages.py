@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class End:
+class Shutdown:
     """To the process, last: the service ends in order."""
 
 
 @dataclass(frozen=True)
-class SignOfLife:
+class Heartbeat:
     """From the process, every second: it takes orders. What it says beside is up to it."""

@@ -5,7 +5,7 @@ import logging
 logger = logging.getLogger(__name__)
 
 
-class Trouble:
+class FaultReporter:
     """What went wrong with one kind of thing, until that goes well; the same is said only once."""
 
     def __init__(self, name: str) -> None:
@@ -13,7 +13,7 @@ class Trouble:
         self.text = ""
         self._name = name
 
-    def note(self, text: str) -> None:
+    def set(self, text: str) -> None:
         """Remember it, "" for none."""
         if text and text != self.text:
             logger.error("%s: %s", self._name, text)

@@ -4,53 +4,53 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from drivers.errors import InputError
-from vo_service.bench.peers.catalogue import PEERS, Package
-from vo_service.bench.peers.recipe import PeerRecipe
-from vo_service.config import OdometrySettings
-from vo_service.methods import METHODS, FeatureSettings
-from vo_service.runs.method_recipe import MethodRecipe
-from vo_service.runs.recipe import Recipe
+from vo_service.bench.peers.catalogue import BASELINES, BaselinePackage
+from vo_service.bench.peers.recipe import BaselineFactory
+from vo_service.config import OdometryConfig
+from vo_service.methods import METHODS, FeatureConfig
+from vo_service.runs.method_recipe import ConfiguredMethodFactory
+from vo_service.runs.recipe import MethodFactory
 
-NAMES = (*METHODS, *PEERS)
+METHOD_NAMES = (*METHODS, *BASELINES)
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class UnavailableMethods:
     """Methods that cannot take part, as their package is not installed."""
 
-    package: Package
+    package: BaselinePackage
     methods: Sequence[str]
 
     def __str__(self) -> str:
         what = ", ".join(self.methods)
-        return f"left out: {what}; to have it too: {self.package.how_to_install}"
+        return f"left out: {what}; to have it too: {self.package.install_command}"
 
     def as_json(self) -> dict[str, object]:
         """For report.json."""
-        return {"methods": list(self.methods), "install": self.package.how_to_install}
+        return {"methods": list(self.methods), "install": self.package.install_command}
 
 
-def find_left_out(names: Sequence[str]) -> list[LeftOut]:
+def find_unavailable_methods(names: Sequence[str]) -> list[UnavailableMethods]:
     """One entry a package that is missing."""
-    missing: dict[Package, list[str]] = {}
+    missing: dict[BaselinePackage, list[str]] = {}
     for name in names:
-        if name in PEERS and not PEERS[name].package.is_installed:
-            missing.setdefault(PEERS[name].package, []).append(name)
-    return [LeftOut(package, methods) for package, methods in missing.items()]
+        if name in BASELINES and not BASELINES[name].package.is_installed:
+            missing.setdefault(BASELINES[name].package, []).append(name)
+    return [UnavailableMethods(package, methods) for package, methods in missing.items()]
 
 
-def recipes_of(
-    names: Sequence[str], left_out: Sequence[LeftOut], odometry: OdometrySettings
-) -> Mapping[str, Recipe]:
+def make_method_factories(
+    names: Sequence[str], unavailable: Sequence[UnavailableMethods], odometry: OdometryConfig
+) -> Mapping[str, MethodFactory]:
     """How each is made, in the order of the names. Raises InputError if none can take part."""
-    absent = {name for each in left_out for name in each.methods}
+    absent = {name for each in unavailable for name in each.methods}
     present = [name for name in names if name not in absent]
     if not present:
-        raise InputError("; ".join(map(str, left_out)))
-    return {name: _recipe(name, odometry) for name in present}
+        raise InputError("; ".join(map(str, unavailable)))
+    return {name: _make_method_factory(name, odometry) for name in present}
 
 
-def _recipe(name: str, odometry: OdometrySettings) -> Recipe:
+def _make_method_factory(name: str, odometry: OdometryConfig) -> MethodFactory:
     if name in METHODS:
-        return MethodRecipe(replace(odometry, method=name))
-    return PeerRecipe(name, FeatureSettings(odometry.feature_count, odometry.upright))
+        return ConfiguredMethodFactory(replace(odometry, method=name))
+    return BaselineFactory(name, FeatureConfig(odometry.feature_count, odometry.upright))

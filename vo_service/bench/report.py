@@ -8,21 +8,21 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from vo_service.bench.contestants import LeftOut
-from vo_service.bench.metrics import figures, ratios
-from vo_service.bench.peers.catalogue import PEERS
-from vo_service.bench.tables import Ranking, bench_table
-from vo_service.config import OdometrySettings
-from vo_service.runs.effective_config import effective_config
+from vo_service.bench.contestants import UnavailableMethods
+from vo_service.bench.metrics import metric_ratios, metric_values
+from vo_service.bench.peers.catalogue import BASELINES
+from vo_service.bench.tables import RelativeResults, bench_table
+from vo_service.config import OdometryConfig
+from vo_service.runs.effective_config import format_effective_config
 from vo_service.runs.keeping import write_file
-from vo_service.runs.listening import NOBODY, ListenerRecipe
-from vo_service.runs.versions import versions
+from vo_service.runs.listening import NULL_OBSERVER, ObserverFactory
+from vo_service.runs.versions import collect_versions
 
-DATA, TABLE, CONFIG = "report.json", "bench.csv", "config.toml"
+DATA_FILE, TABLE_FILE, CONFIG_FILE = "report.json", "bench.csv", "config.toml"
 
 
 @dataclass(frozen=True)
-class SetUp:
+class BenchMetadata:
     """The choices of a bench.
 
     methods      those that take part, in order
@@ -35,66 +35,70 @@ class SetUp:
     """
 
     methods: Sequence[str]
-    left_out: Sequence[LeftOut]
-    against: str
-    every: Sequence[int]
-    frames: int | None
-    odometry: OdometrySettings
+    unavailable: Sequence[UnavailableMethods]
+    reference_method: str
+    frame_steps: Sequence[int]
+    max_frames: int | None
+    odometry: OdometryConfig
     camera_file: Path | None
     time_limit_s: float
-    listener: ListenerRecipe = NOBODY
+    observer_factory: ObserverFactory = NULL_OBSERVER
     created: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     def as_json(self) -> dict[str, Any]:
         """For report.json."""
-        packages = {PEERS[name].package for name in self.methods if name in PEERS}
+        packages = {BASELINES[name].package for name in self.methods if name in BASELINES}
         peers = {package.pip_names[0]: package.version for package in packages}
         return {
             "created": self.created.isoformat(timespec="seconds"),
             "methods": list(self.methods),
-            "left_out": [each.as_json() for each in self.left_out],
-            "against": self.against,
-            "every": list(self.every),
-            "first_frames": self.frames,
+            "left_out": [each.as_json() for each in self.unavailable],
+            "against": self.reference_method,
+            "every": list(self.frame_steps),
+            "first_frames": self.max_frames,
             "odometry": asdict(self.odometry),
             "camera_file": None if self.camera_file is None else str(self.camera_file),
             "time_limit_s": self.time_limit_s,
-            **self.listener.settings,
-            "versions": {**versions(), **dict(sorted(peers.items()))},
+            **self.observer_factory.settings,
+            "versions": {**collect_versions(), **dict(sorted(peers.items()))},
             "processors": os.cpu_count(),
         }
 
 
-def content_of(set_up: SetUp, rankings: Sequence[Ranking]) -> dict[str, Any]:
+def report_content(metadata: BenchMetadata, results: Sequence[RelativeResults]) -> dict[str, Any]:
     """All of it, for report.json."""
-    return {"schema": 1, **set_up.as_json(), "results": [_as_json(each) for each in rankings]}
+    return {"schema": 1, **metadata.as_json(), "results": [_as_json(each) for each in results]}
 
 
-def _as_json(ranking: Ranking) -> dict[str, Any]:
+def _as_json(results: RelativeResults) -> dict[str, Any]:
     """One recording at one rate: as in the comparison's report, and the figures of the bench."""
-    told = ranking.result.as_json()
-    recording = ranking.result.recording
+    told = results.results.as_json()
+    recording = results.results.recording
     methods = {
         method: {
             **told["methods"][method],
-            **figures(judged),
-            "ratios": ratios(judged, ranking.other),
+            **metric_values(judged),
+            "ratios": metric_ratios(judged, results.reference_evaluation),
         }
-        for method, judged in ranking.result.judged.items()
+        for method, judged in results.results.evaluations.items()
     }
     name = recording.folder.resolve().name
-    return {**told, "name": name, "every": recording.excerpt.every, "methods": methods}
+    return {**told, "name": name, "every": recording.frame_selection.step, "methods": methods}
 
 
-def write_report(folder: Path, set_up: SetUp, rankings: Sequence[Ranking]) -> None:
+def write_bench_report(
+    folder: Path, metadata: BenchMetadata, results: Sequence[RelativeResults]
+) -> None:
     """Write the files, report.json last. Raises InputError or UserFacingError as `write_file`."""
     notes = (
-        f"Methods: {', '.join(set_up.methods)}; `method` below counts where one is to be run.",
-        f"--every {' '.join(map(str, set_up.every))}"
-        + ("" if set_up.frames is None else f" --frames {set_up.frames}"),
+        f"Methods: {', '.join(metadata.methods)}; `method` below counts where one is to be run.",
+        f"--every {' '.join(map(str, metadata.frame_steps))}"
+        + ("" if metadata.max_frames is None else f" --frames {metadata.max_frames}"),
     )
-    config = effective_config(set_up.odometry, set_up.camera_file, set_up.listener.tables, *notes)
-    write_file(folder / CONFIG, config.encode())
-    write_file(folder / TABLE, bench_table(rankings).as_csv().encode())
-    text = json.dumps(content_of(set_up, rankings), indent=2)
-    write_file(folder / DATA, f"{text}\n".encode())
+    config = format_effective_config(
+        metadata.odometry, metadata.camera_file, metadata.observer_factory.config_tables, *notes
+    )
+    write_file(folder / CONFIG_FILE, config.encode())
+    write_file(folder / TABLE_FILE, bench_table(results).as_csv().encode())
+    text = json.dumps(report_content(metadata, results), indent=2)
+    write_file(folder / DATA_FILE, f"{text}\n".encode())

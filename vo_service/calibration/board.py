@@ -16,7 +16,7 @@ GreyImage = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
-class Corners:
+class BoardCorners:
     """Corners of squares that were found in one image.
 
     pixels    (N, 2) columns and rows; the centre of the first pixel is (0, 0)
@@ -27,11 +27,11 @@ class Corners:
     points_m: Array
 
 
-NO_CORNERS = Corners(np.empty((0, 2)), np.empty((0, 3)))
+NO_CORNERS = BoardCorners(np.empty((0, 2)), np.empty((0, 3)))
 
 
 @dataclass(frozen=True)
-class Layout:
+class BoardLayout:
     """Squares of a board: `columns` by `rows`, each of side `square_m`."""
 
     columns: int
@@ -56,7 +56,7 @@ class Layout:
         return self.square_m * np.column_stack([x.ravel(), y.ravel(), flat.ravel()])
 
     @property
-    def inside_m(self) -> Array:
+    def inner_rectangle_m(self) -> Array:
         """(4, 3) a rectangle half a square within the pattern: surely on the board."""
         low, right = 0.5 * self.square_m, self.width_m - 0.5 * self.square_m
         bottom = self.height_m - 0.5 * self.square_m
@@ -67,7 +67,7 @@ class Board(Protocol):
     """What a calibration can look for."""
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> BoardLayout:
         """Its squares."""
         ...
 
@@ -76,11 +76,11 @@ class Board(Protocol):
         """For people: "chessboard of 9x6 inner corners"."""
         ...
 
-    def find(self, grey: GreyImage) -> Corners:
+    def find_corners(self, grey: GreyImage) -> BoardCorners:
         """Its corners to a fraction of a pixel; NO_CORNERS where it is not seen well enough."""
         ...
 
-    def seen_instead(self, grey: GreyImage) -> str:
+    def suggest_other_board(self, grey: GreyImage) -> str:
         """The option for a similar board that the image shows; "" if there is none."""
         ...
 

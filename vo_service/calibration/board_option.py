@@ -4,15 +4,15 @@ import re
 from dataclasses import dataclass
 
 from drivers.errors import InputError
-from vo_service.calibration.board import Board, Layout
+from vo_service.calibration.board import Board, BoardLayout
 from vo_service.calibration.charuco import DICTIONARIES, Charuco
 from vo_service.calibration.chessboard import Chessboard
 
 USAGE = "chessboard:9x6 (inner corners) or charuco:8x6 (squares)"
-_FORM = re.compile(r"(chessboard|charuco):(\d{1,3})x(\d{1,3})")
-FEWEST, MOST = 3, 100
+_BOARD_PATTERN = re.compile(r"(chessboard|charuco):(\d{1,3})x(\d{1,3})")
+MIN_SQUARES, MAX_SQUARES = 3, 100
 # The marker's part of a square where nothing is said, as printed by --print-board.
-MARKER_PART = 0.7
+DEFAULT_MARKER_RATIO = 0.7
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class BoardOptions:
     dictionary: str
 
 
-def board_of(options: BoardOptions) -> Board:
+def make_board(options: BoardOptions) -> Board:
     """The board that was described. Raises InputError naming the option that is wrong."""
-    form = _FORM.fullmatch(options.board)
+    form = _BOARD_PATTERN.fullmatch(options.board)
     if form is None:
         raise InputError(f"--board {options.board}: is no board; write {USAGE}")
     if options.square_m is None:
@@ -36,15 +36,15 @@ def board_of(options: BoardOptions) -> Board:
             "metres, such as --square 0.025"
         )
     kind, columns, rows = form[1], int(form[2]), int(form[3])
-    if not (FEWEST <= columns <= MOST and FEWEST <= rows <= MOST):
-        raise InputError(f"--board {options.board}: give {FEWEST} to {MOST} each way")
+    if not (MIN_SQUARES <= columns <= MAX_SQUARES and MIN_SQUARES <= rows <= MAX_SQUARES):
+        raise InputError(f"--board {options.board}: give {MIN_SQUARES} to {MAX_SQUARES} each way")
     if kind == "chessboard":
-        return Chessboard(Layout(columns + 1, rows + 1, options.square_m))
-    return _charuco(Layout(columns, rows, options.square_m), options)
+        return Chessboard(BoardLayout(columns + 1, rows + 1, options.square_m))
+    return _make_charuco(BoardLayout(columns, rows, options.square_m), options)
 
 
-def _charuco(layout: Layout, options: BoardOptions) -> Charuco:
-    marker_m = options.marker_m or MARKER_PART * layout.square_m
+def _make_charuco(layout: BoardLayout, options: BoardOptions) -> Charuco:
+    marker_m = options.marker_m or DEFAULT_MARKER_RATIO * layout.square_m
     if marker_m >= layout.square_m:
         raise InputError(
             f"--marker {marker_m:g}: a marker is smaller than its square ({layout.square_m:g} m)"

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from drivers.geometry import Array
-from vo_service.calibration.board import NO_CORNERS, Corners, GreyImage, Layout
-from vo_service.calibration.chessboard import REFINED
+from vo_service.calibration.board import NO_CORNERS, BoardCorners, BoardLayout, GreyImage
+from vo_service.calibration.chessboard import SUBPIXEL_CRITERIA
 
 # Fewer corners tell little, and may all lie in two rows.
-FEWEST_CORNERS = 12
+MIN_CORNERS = 12
 # Refinement must not see the markers, which begin an eighth of a square away.
-HALF_WINDOW = 0.12
-SMALLEST_HALF_WINDOW_PX = 2
-SMALLEST_SQUARE_PX = 14.0
+HALF_WINDOW_RATIO = 0.12
+MIN_HALF_WINDOW_PX = 2
+MIN_SQUARE_PX = 14.0
 DICTIONARIES = sorted(
     name.removeprefix("DICT_") for name in vars(aruco) if name.startswith("DICT_")
 )
@@ -31,7 +31,7 @@ class Charuco:
     Raises InputError if the dictionary has too few markers.
     """
 
-    layout: Layout
+    layout: BoardLayout
     marker_m: float
     dictionary: str
 
@@ -50,30 +50,32 @@ class Charuco:
         size = f"{self.layout.columns}x{self.layout.rows}"
         return f"ChArUco board of {size} squares, dictionary {self.dictionary}"
 
-    def find(self, grey: GreyImage) -> Corners:
+    def find_corners(self, grey: GreyImage) -> BoardCorners:
         """The inner corners beside markers that were read."""
         for detector in self._detectors:
             pixels, ids, _, _ = detector.detectBoard(grey)
-            if ids is not None and len(ids) >= FEWEST_CORNERS:
+            if ids is not None and len(ids) >= MIN_CORNERS:
                 points_m = self.layout.inner_corners_m[np.ravel(ids)]
-                return self._refined(grey, np.asarray(pixels, np.float32), points_m)
+                return self._refine_corners(grey, np.asarray(pixels, np.float32), points_m)
         return NO_CORNERS
 
-    def _refined(self, grey: GreyImage, pixels: NDArray[np.float32], points_m: Array) -> Corners:
+    def _refine_corners(
+        self, grey: GreyImage, pixels: NDArray[np.float32], points_m: Array
+    ) -> BoardCorners:
         """To a tenth of a pixel; NO_CORNERS where they are too close together for that."""
         square_px = _square_px(pixels.reshape(-1, 2), points_m, self.layout.square_m)
-        if square_px < SMALLEST_SQUARE_PX:
+        if square_px < MIN_SQUARE_PX:
             return NO_CORNERS
-        half = max(SMALLEST_HALF_WINDOW_PX, round(HALF_WINDOW * square_px))
-        refined = cv2.cornerSubPix(grey, pixels, (half, half), (-1, -1), REFINED)
-        return Corners(refined.reshape(-1, 2).astype(np.float64), points_m)
+        half = max(MIN_HALF_WINDOW_PX, round(HALF_WINDOW_RATIO * square_px))
+        refined = cv2.cornerSubPix(grey, pixels, (half, half), (-1, -1), SUBPIXEL_CRITERIA)
+        return BoardCorners(refined.reshape(-1, 2).astype(np.float64), points_m)
 
-    def seen_instead(self, grey: GreyImage) -> str:
+    def suggest_other_board(self, grey: GreyImage) -> str:
         """A chessboard would not tell; another dictionary's markers do."""
         for name in DICTIONARIES:
             detector = aruco.ArucoDetector(_dictionary(name))
             _, ids, _ = detector.detectMarkers(grey)
-            if name != self.dictionary and ids is not None and len(ids) >= FEWEST_CORNERS:
+            if name != self.dictionary and ids is not None and len(ids) >= MIN_CORNERS:
                 return f"{self._option} --dictionary {name}"
         return ""
 
@@ -127,12 +129,12 @@ def _square_px(pixels: NDArray[np.float32], points_m: Array, square_m: float) ->
     if H.shape != (3, 3):  # none, for corners in a line
         return 0.0
     sides = [np.array([square_m, 0.0]), np.array([0.0, square_m])]
-    here = _projected(H, points_m[:, :2])
-    ends = [_projected(H, points_m[:, :2] + side) for side in sides]
+    here = _project(H, points_m[:, :2])
+    ends = [_project(H, points_m[:, :2] + side) for side in sides]
     return float(min(np.linalg.norm(end - here, axis=1).min() for end in ends))
 
 
-def _projected(H: Array, points: Array) -> Array:
+def _project(H: Array, points: Array) -> Array:
     scaled = np.column_stack([points, np.ones(len(points))]) @ H.T
     pixels: Array = scaled[:, :2] / scaled[:, 2:]
     return pixels

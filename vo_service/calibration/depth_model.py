@@ -6,20 +6,20 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
+from drivers.geometry import Array, rigid_transform, so3_exp
 from vo_service.calibration.snapshot import Lens
 
-NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "rx", "ry", "rz", "tx", "ty", "tz", "scale")
+PARAMETER_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "rx", "ry", "rz", "tx", "ty", "tz", "scale")
 DISTORTION = slice(4, 6)
-TURN = slice(6, 9)
-SHIFT = slice(9, 12)
-SCALE = 12
+ROTATION = slice(6, 9)
+TRANSLATION = slice(9, 12)
+SCALE_INDEX = 12
 # Kinect and Xtion: infrared focal length over the image's width, and the colour camera 25 mm to
 # the right of the infrared one.
-USUAL_FOCAL = 575.8 / 640.0
-USUAL_SHIFT_M = (-0.025, 0.0, 0.0)
+DEFAULT_FOCAL_RATIO = 575.8 / 640.0
+DEFAULT_TRANSLATION_M = (-0.025, 0.0, 0.0)
 # Brown's model has no inverse in closed form; for a mild lens this is far below a pixel.
-INVERSION_STEPS = 20
+UNDISTORT_ITERATIONS = 20
 
 
 @dataclass(frozen=True)
@@ -29,31 +29,33 @@ class DepthModel:
     vector: Array
 
     @classmethod
-    def usual(cls, size: tuple[int, int], scale: float) -> Self:
+    def default(cls, size: tuple[int, int], scale: float) -> Self:
         """What a Kinect's depth camera is like, for an image of (width, height)."""
         width, height = size
-        focal_px = USUAL_FOCAL * width
+        focal_px = DEFAULT_FOCAL_RATIO * width
         middle = ((width - 1) / 2, (height - 1) / 2)
         no_distortion_no_turn = [0.0] * 5
         return cls(
-            np.array([focal_px, focal_px, *middle, *no_distortion_no_turn, *USUAL_SHIFT_M, scale])
+            np.array(
+                [focal_px, focal_px, *middle, *no_distortion_no_turn, *DEFAULT_TRANSLATION_M, scale]
+            )
         )
 
-    def changed(self, free: NDArray[np.int64], values: Array) -> "DepthModel":
+    def with_parameters(self, indices: NDArray[np.int64], values: Array) -> "DepthModel":
         """The same but for the parameters numbered `free`."""
         vector = self.vector.copy()
-        vector[free] = values
+        vector[indices] = values
         return DepthModel(vector)
 
     @property
     def T_color_depth(self) -> Array:
         """4x4; maps depth camera coordinates to the colour camera."""
-        return rigid_transform(rotation_from_vector(self.vector[TURN]), self.vector[SHIFT])
+        return rigid_transform(so3_exp(self.vector[ROTATION]), self.vector[TRANSLATION])
 
     @property
     def scale(self) -> float:
         """True distance per distance read."""
-        return float(self.vector[SCALE])
+        return float(self.vector[SCALE_INDEX])
 
     @property
     def lens(self) -> Lens:
@@ -74,7 +76,7 @@ class DepthModel:
         k1, k2 = self.vector[DISTORTION]
         seen_x, seen_y = ((pixels - self.vector[2:4]) / self.vector[0:2]).T
         x, y = seen_x, seen_y
-        for _ in range(INVERSION_STEPS if k1 or k2 else 0):
+        for _ in range(UNDISTORT_ITERATIONS if k1 or k2 else 0):
             r2 = x * x + y * y
             bend = 1.0 + r2 * (k1 + r2 * k2)
             x, y = seen_x / bend, seen_y / bend

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import Array, inverse
-from vo_service.calibration.board import Layout
+from vo_service.calibration.board import BoardLayout
 from vo_service.calibration.depth_model import DepthModel
-from vo_service.calibration.snapshot import View
+from vo_service.calibration.snapshot import BoardView
 
-MOST_A_VIEW = 150
-FEWEST_A_VIEW = 40
+MAX_READINGS_PER_VIEW = 150
+MIN_READINGS_PER_VIEW = 40
 
 
 @dataclass(frozen=True)
-class BoardPixels:
+class BoardReadings:
     """Readings on boards, one row each; planes are n . x = offset in the colour camera.
 
     shape       (height, width) of the depth images
@@ -30,7 +30,7 @@ class BoardPixels:
     """
 
     shape: tuple[int, int]
-    view: NDArray[np.int64]
+    view_number: NDArray[np.int64]
     pixels: Array
     readings_m: Array
     normals: Array
@@ -43,13 +43,13 @@ class BoardPixels:
         return residuals
 
 
-def board_pixels(
-    views: Sequence[View],
+def collect_board_readings(
+    views: Sequence[BoardView],
     T_camera_board: Array,
-    layout: Layout,
+    layout: BoardLayout,
     model: DepthModel,
     depth_factor: float,
-) -> BoardPixels:
+) -> BoardReadings:
     """Collect them, with the board outlined in each depth image as `model` has it.
 
     T_camera_board (V, 4, 4) is where the colour camera saw the boards. Views with too few readings
@@ -57,8 +57,8 @@ def board_pixels(
     """
     rows: list[Array] = []
     for number, (view, T) in enumerate(zip(views, T_camera_board, strict=True)):
-        column_row = _sampled(view.depth_raw, model, T, layout)
-        if len(column_row) < FEWEST_A_VIEW:
+        column_row = _sample_pixels(view.depth_raw, model, T, layout)
+        if len(column_row) < MIN_READINGS_PER_VIEW:
             continue
         readings_m = view.depth_raw[column_row[:, 1], column_row[:, 0]] / depth_factor
         normal = T[:3, 2]
@@ -66,7 +66,7 @@ def board_pixels(
         which = np.full(len(column_row), number)
         rows.append(np.column_stack([which, column_row, readings_m, plane]))
     table = np.concatenate(rows) if rows else np.empty((0, 8))
-    return BoardPixels(
+    return BoardReadings(
         views[0].depth_raw.shape,
         table[:, 0].astype(np.int64),
         table[:, 1:3],
@@ -76,15 +76,15 @@ def board_pixels(
     )
 
 
-def _sampled(
-    depth_raw: NDArray[np.uint16], model: DepthModel, T_camera_board: Array, layout: Layout
+def _sample_pixels(
+    depth_raw: NDArray[np.uint16], model: DepthModel, T_camera_board: Array, layout: BoardLayout
 ) -> NDArray[np.int64]:
     """(N, 2) columns and rows of readings on the board, thinned to an even grid."""
     T_depth_board = inverse(model.T_color_depth) @ T_camera_board
-    corners_px = model.lens.pixels(T_depth_board, layout.inside_m)
+    corners_px = model.lens.project(T_depth_board, layout.inner_rectangle_m)
     on_board = np.zeros(depth_raw.shape, np.uint8)
     cv2.fillConvexPoly(on_board, np.rint(corners_px).astype(np.int32), 1)
     on_board[depth_raw == 0] = 0
-    step = max(1, math.ceil(math.sqrt(cv2.countNonZero(on_board) / MOST_A_VIEW)))
+    step = max(1, math.ceil(math.sqrt(cv2.countNonZero(on_board) / MAX_READINGS_PER_VIEW)))
     rows, columns = np.nonzero(on_board[::step, ::step])
     return step * np.column_stack([columns, rows])

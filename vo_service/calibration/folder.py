@@ -5,24 +5,24 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.camera_file import FILE_NAME, camera_of_folder
+from drivers.camera_file import CAMERA_FILE_NAME, find_calibration
 from drivers.errors import InputError
-from drivers.tum.decode import UnreadableFrameError, load_colour, load_depth
-from drivers.tum.folder import paired_frames
+from drivers.tum.decode import UnreadableFrameError, load_color, load_depth
+from drivers.tum.folder import read_frame_pairs
 from drivers.tum.lists import read_image_list
 from vo_service.calibration.snapshot import NO_DEPTH, Snapshot
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
-MILLIMETRES = 1000.0
+MILLIMETER_DEPTH_FACTOR = 1000.0
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class ImageFiles:
+class SnapshotFiles:
     """One snapshot's files; `depth` is None where it is not wanted."""
 
     stamp_s: float
-    colour: Path
+    color: Path
     depth: Path | None
 
 
@@ -35,7 +35,7 @@ class DepthUnits:
     depth_offset_s: float = 0.0
 
 
-def image_files(folder: Path, with_depth: bool) -> list[ImageFiles]:
+def list_snapshot_files(folder: Path, with_depth: bool) -> list[SnapshotFiles]:
     """What a folder holds, in order of time; photographs without a list are a second apart.
 
     Raises InputError if there is nothing, or a list is wrong.
@@ -43,18 +43,18 @@ def image_files(folder: Path, with_depth: bool) -> list[ImageFiles]:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; check the path")
     if (folder / "associations.txt").exists() or with_depth:
-        pairs = paired_frames(folder).pairs
+        pairs = read_frame_pairs(folder).pairs
         return [
-            ImageFiles(p.colour.stamp_s, p.colour.file, p.depth.file if with_depth else None)
+            SnapshotFiles(p.color.stamp_s, p.color.file, p.depth.file if with_depth else None)
             for p in pairs
         ]
     if (folder / "rgb.txt").exists():
         listed = read_image_list(folder / "rgb.txt")
-        return [ImageFiles(image.stamp_s, image.file, None) for image in listed]
-    return [ImageFiles(float(n), file, None) for n, file in enumerate(_photographs(folder))]
+        return [SnapshotFiles(image.stamp_s, image.file, None) for image in listed]
+    return [SnapshotFiles(float(n), file, None) for n, file in enumerate(_list_photographs(folder))]
 
 
-def _photographs(folder: Path) -> list[Path]:
+def _list_photographs(folder: Path) -> list[Path]:
     for place in (folder, folder / "rgb"):
         found = [file for file in place.glob("*") if file.suffix.lower() in SUFFIXES]
         if found:
@@ -65,7 +65,7 @@ def _photographs(folder: Path) -> list[Path]:
     )
 
 
-def snapshots(files: list[ImageFiles]) -> Iterator[Snapshot | None]:
+def read_snapshots(files: list[SnapshotFiles]) -> Iterator[Snapshot | None]:
     """One a file; None where an image cannot be read, which the log then names.
 
     Raises InputError if images differ in size: they are not of one camera.
@@ -74,7 +74,7 @@ def snapshots(files: list[ImageFiles]) -> Iterator[Snapshot | None]:
     for each in files:
         try:
             depth = NO_DEPTH if each.depth is None else load_depth(each.depth)
-            found = Snapshot(str(each.colour), each.stamp_s, load_colour(each.colour), depth)
+            found = Snapshot(str(each.color), each.stamp_s, load_color(each.color), depth)
         except UnreadableFrameError as error:
             _log.warning("an image is left out: %s", error)
             yield None
@@ -87,26 +87,26 @@ def snapshots(files: list[ImageFiles]) -> Iterator[Snapshot | None]:
 def _check_size(found: Snapshot, first: Snapshot) -> None:
     if found.size != first.size or found.depth_raw.shape != first.depth_raw.shape:
         raise InputError(
-            f"{found.name}: is {_size(found)}, but {first.name} is {_size(first)}; calibrate from "
+            f"{found.name}: is {_format_size(found)}, but {first.name} is {_format_size(first)}; calibrate from "
             "images of one camera at one size"
         )
 
 
-def _size(snapshot: Snapshot) -> str:
+def _format_size(snapshot: Snapshot) -> str:
     colour = "{}x{}".format(*snapshot.size)
     height, width = snapshot.depth_raw.shape
     return f"{colour} (depth {width}x{height})" if width else colour
 
 
-def depth_units(folder: Path, given: Path | None) -> DepthUnits:
+def read_depth_units(folder: Path, given: Path | None) -> DepthUnits:
     """From the camera file `given` or the folder's own; else millimetres, as a sensor gives them.
 
     Raises InputError if there is such a file and it is wrong.
     """
     try:
-        camera = camera_of_folder(folder, given)
+        camera = find_calibration(folder, given)
     except InputError:
-        if given is not None or (folder / FILE_NAME).exists():
+        if given is not None or (folder / CAMERA_FILE_NAME).exists():
             raise
-        return DepthUnits(MILLIMETRES)
+        return DepthUnits(MILLIMETER_DEPTH_FACTOR)
     return DepthUnits(camera.depth_factor, camera.readout_s, camera.depth_offset_s)

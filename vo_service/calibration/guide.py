@@ -2,38 +2,38 @@
 
 from collections.abc import Sequence
 
-from vo_service.calibration.guidance import Lack, lacks
-from vo_service.calibration.picking import Verdict, ViewPicker
+from vo_service.calibration.guidance import CoverageGap, find_coverage_gaps
+from vo_service.calibration.picking import ViewDecision, ViewSelector
 
 
-class Guide:
+class CoverageGuide:
     """Knows when the views are enough, and what to do until then."""
 
-    def __init__(self, picker: ViewPicker, wanted: int, with_depth: bool) -> None:
-        self._picker = picker
-        self._wanted = wanted
+    def __init__(self, selector: ViewSelector, view_count: int, with_depth: bool) -> None:
+        self._picker = selector
+        self._wanted = view_count
         self._with_depth = with_depth
 
     @property
-    def lacks(self) -> list[Lack]:
+    def gaps(self) -> list[CoverageGap]:
         """What the views taken so far still lack."""
-        return lacks(self._picker.views, self._picker.stances, self._with_depth)
+        return find_coverage_gaps(self._picker.views, self._picker.board_poses, self._with_depth)
 
     @property
-    def is_done(self) -> bool:
+    def is_complete(self) -> bool:
         """Views enough, and nothing lacking."""
-        return len(self._picker.views) >= self._wanted and not self.lacks
+        return len(self._picker.views) >= self._wanted and not self.gaps
 
-    def text(self, verdict: Verdict) -> str:
+    def instruction(self, decision: ViewDecision) -> str:
         """One line, after a snapshot was judged: "12 of 25 views; show it at the top right"."""
         count = len(self._picker.views)
         views = f"{count} of {self._wanted} views" if count < self._wanted else f"{count} views"
-        now = "" if verdict is Verdict.TAKEN else f" [{verdict}]"
-        if self.is_done:
+        now = "" if decision is ViewDecision.ACCEPTED else f" [{decision}]"
+        if self.is_complete:
             return f"{views}: enough"
-        return f"{views}; {_next(self.lacks)}{now}"
+        return f"{views}; {_next_remedy(self.gaps)}{now}"
 
 
-def _next(lacking: Sequence[Lack]) -> str:
+def _next_remedy(gaps: Sequence[CoverageGap]) -> str:
     """What to do now."""
-    return lacking[0].remedy if lacking else "go on, each time a little different"
+    return gaps[0].remedy if gaps else "go on, each time a little different"

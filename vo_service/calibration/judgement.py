@@ -7,27 +7,27 @@ import numpy as np
 
 from drivers.errors import UserFacingError
 from drivers.geometry import Array
-from vo_service.calibration.colour_camera import ColourCalibration
-from vo_service.calibration.depth_camera import DepthCalibration
-from vo_service.calibration.depth_model import SHIFT, TURN
-from vo_service.calibration.guidance import Lack
+from vo_service.calibration.colour_camera import ColorCalibrationResult
+from vo_service.calibration.depth_camera import DepthCalibrationResult
+from vo_service.calibration.depth_model import ROTATION, TRANSLATION
+from vo_service.calibration.guidance import CoverageGap
 
 # Largest standard deviations that are saved; what is above half of one is told.
-FOCAL_PERCENT = 0.5
-CENTRE_PX = 2.0
-TURN_DEG = 0.3
-SHIFT_MM = 5.0
-SCALE_PERCENT = 0.5
+MAX_FOCAL_SIGMA_PERCENT = 0.5
+MAX_CENTER_SIGMA_PX = 2.0
+MAX_ROTATION_SIGMA_DEG = 0.3
+MAX_TRANSLATION_SIGMA_MM = 5.0
+MAX_SCALE_SIGMA_PERCENT = 0.5
 # Corners of a flat board that is still are found to a tenth of a pixel.
-LARGE_ERROR_PX = 0.7
-FEW_VIEWS = 15
+MAX_GOOD_RMS_PX = 0.7
+MIN_GOOD_VIEWS = 15
 # Two cameras are at least so far apart, or the depth is registered already.
-NEAREST_CAMERAS_M = 0.008
-SAME_FOCAL = 0.01
+MIN_CAMERA_DISTANCE_M = 0.008
+MAX_SAME_FOCAL_RATIO = 0.01
 
 
 @dataclass(frozen=True)
-class Certainty:
+class ParameterUncertainty:
     """One figure's standard deviation and the largest that is good enough."""
 
     name: str
@@ -39,57 +39,63 @@ class Certainty:
         return f"{self.name} ±{self.sigma:.2g} {self.unit} (at most {self.limit:g})"
 
 
-def check_colour(colour: ColourCalibration, lacks: Iterable[Lack]) -> list[str]:
+def validate_color(color: ColorCalibrationResult, gaps: Iterable[CoverageGap]) -> list[str]:
     """Warnings. Raises UserFacingError if the views do not determine the camera."""
-    warnings = _judged("colour", _lens(colour.lens.fx, colour.lens.fy, colour.sigma), lacks)
-    if len(colour.views) < FEW_VIEWS:
-        warnings.append(f"only {len(colour.views)} views: 25 make a calibration that lasts")
-    if colour.rms_px > LARGE_ERROR_PX:
+    warnings = _check_uncertainties(
+        "colour", _lens_uncertainties(color.lens.fx, color.lens.fy, color.sigma), gaps
+    )
+    if len(color.views) < MIN_GOOD_VIEWS:
+        warnings.append(f"only {len(color.views)} views: 25 make a calibration that lasts")
+    if color.rms_px > MAX_GOOD_RMS_PX:
         warnings.append(
-            f"corners are {colour.rms_px:.2f} px off: put the board on something flat and stiff, "
+            f"corners are {color.rms_px:.2f} px off: put the board on something flat and stiff, "
             "hold it still, and see that --board and --square are right"
         )
     return warnings
 
 
-def check_depth(
-    depth: DepthCalibration, colour: ColourCalibration, lacks: Iterable[Lack]
+def validate_depth(
+    depth: DepthCalibrationResult, color: ColorCalibrationResult, gaps: Iterable[CoverageGap]
 ) -> list[str]:
     """Warnings. Raises UserFacingError if the result is not to be used."""
     model = depth.model
-    gap_m = float(np.linalg.norm(model.vector[SHIFT]))
-    same_lens = abs(model.lens.fx / colour.lens.fx - 1.0) < SAME_FOCAL
-    if gap_m < NEAREST_CAMERAS_M and same_lens:
+    gap_m = float(np.linalg.norm(model.vector[TRANSLATION]))
+    same_lens = abs(model.lens.fx / color.lens.fx - 1.0) < MAX_SAME_FOCAL_RATIO
+    if gap_m < MIN_CAMERA_DISTANCE_M and same_lens:
         raise UserFacingError(
             f"this depth is registered to colour already (its camera would be {1e3 * gap_m:.0f} mm "
             "from the colour camera); leave out --depth, or record with --depth --keep"
         )
-    return _judged("depth", _depth_figures(depth), lacks)
+    return _check_uncertainties("depth", _depth_uncertainties(depth), gaps)
 
 
-def _lens(fx: float, fy: float, sigma: Array) -> list[Certainty]:
+def _lens_uncertainties(fx: float, fy: float, sigma: Array) -> list[ParameterUncertainty]:
     return [
-        Certainty("focal length", 100 * max(sigma[0] / fx, sigma[1] / fy), FOCAL_PERCENT, "%"),
-        Certainty("principal point", float(max(sigma[2:4])), CENTRE_PX, "px"),
+        ParameterUncertainty(
+            "focal length", 100 * max(sigma[0] / fx, sigma[1] / fy), MAX_FOCAL_SIGMA_PERCENT, "%"
+        ),
+        ParameterUncertainty("principal point", float(max(sigma[2:4])), MAX_CENTER_SIGMA_PX, "px"),
     ]
 
 
-def _depth_figures(depth: DepthCalibration) -> list[Certainty]:
+def _depth_uncertainties(depth: DepthCalibrationResult) -> list[ParameterUncertainty]:
     sigma, lens = depth.sigma, depth.model.lens
-    turn_deg = float(np.degrees(np.linalg.norm(sigma[TURN])))
-    shift_mm = 1e3 * float(np.linalg.norm(sigma[SHIFT]))
+    turn_deg = float(np.degrees(np.linalg.norm(sigma[ROTATION])))
+    shift_mm = 1e3 * float(np.linalg.norm(sigma[TRANSLATION]))
     return [
-        *_lens(lens.fx, lens.fy, sigma),
-        Certainty("angle between the cameras", turn_deg, TURN_DEG, "deg"),
-        Certainty("offset of the cameras", shift_mm, SHIFT_MM, "mm"),
-        Certainty("scale", 100 * float(sigma[-1]), SCALE_PERCENT, "%"),
+        *_lens_uncertainties(lens.fx, lens.fy, sigma),
+        ParameterUncertainty("angle between the cameras", turn_deg, MAX_ROTATION_SIGMA_DEG, "deg"),
+        ParameterUncertainty("offset of the cameras", shift_mm, MAX_TRANSLATION_SIGMA_MM, "mm"),
+        ParameterUncertainty("scale", 100 * float(sigma[-1]), MAX_SCALE_SIGMA_PERCENT, "%"),
     ]
 
 
-def _judged(camera: str, figures: list[Certainty], lacks: Iterable[Lack]) -> list[str]:
+def _check_uncertainties(
+    camera: str, uncertainties: list[ParameterUncertainty], gaps: Iterable[CoverageGap]
+) -> list[str]:
     """Warnings about what is not certain. Raises UserFacingError if it is too little."""
-    remedies = [lack.remedy for lack in lacks] or ["take more views, each different"]
-    bad = [str(figure) for figure in figures if not figure.sigma <= figure.limit]
+    remedies = [lack.remedy for lack in gaps] or ["take more views, each different"]
+    bad = [str(figure) for figure in uncertainties if not figure.sigma <= figure.limit]
     if bad:
         raise UserFacingError(
             f"nothing is saved: the views do not determine the {camera} camera: {', '.join(bad)}; "
@@ -97,6 +103,6 @@ def _judged(camera: str, figures: list[Certainty], lacks: Iterable[Lack]) -> lis
         )
     return [
         f"the {camera} camera's {figure.name} is known to ±{figure.sigma:.2g} {figure.unit} only"
-        for figure in figures
+        for figure in uncertainties
         if figure.sigma > figure.limit / 2
     ]

@@ -7,11 +7,13 @@ import numpy as np
 from drivers.geometry import Array
 
 Residuals = Callable[[Array], Array]
-STEP = 1e-6
+RELATIVE_STEP = 1e-6
 DAMPING = 1e-9
 
 
-def minimise(residuals: Residuals, start: Array, weights: Array, steps: int = 10) -> Array:
+def minimize_gauss_newton(
+    residuals: Residuals, start: Array, weights: Array, steps: int = 10
+) -> Array:
     """Gauss-Newton: the parameters (P,) that make the weighted residuals (N,) small.
 
     Every parameter must matter to some residual; how well each is told is not looked at.
@@ -21,7 +23,7 @@ def minimise(residuals: Residuals, start: Array, weights: Array, steps: int = 10
         J = jacobian(residuals, x) * weights[:, None]
         change = _solve(J.T @ J, J.T @ (residuals(x) * weights))
         x -= change
-        if np.all(np.abs(change) < STEP * np.maximum(1.0, np.abs(x))):
+        if np.all(np.abs(change) < RELATIVE_STEP * np.maximum(1.0, np.abs(x))):
             break
     return x
 
@@ -31,7 +33,7 @@ def jacobian(residuals: Residuals, x: Array) -> Array:
     columns = []
     for index, value in enumerate(x):
         step = np.zeros_like(x)
-        step[index] = STEP * max(1.0, abs(value))
+        step[index] = RELATIVE_STEP * max(1.0, abs(value))
         columns.append((residuals(x + step) - residuals(x - step)) / (2 * step[index]))
     return np.column_stack(columns)
 

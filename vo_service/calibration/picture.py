@@ -11,11 +11,11 @@ import numpy as np
 
 from drivers.errors import InputError
 from drivers.geometry import Array
-from vo_service.calibration.colour_camera import ColourCalibration
-from vo_service.calibration.depth_camera import DepthCalibration
-from vo_service.calibration.guidance import ZONE_CORNERS, ZONE_EDGES, zone_corners
-from vo_service.calibration.picking import outline
-from vo_service.calibration.result import Calibration
+from vo_service.calibration.colour_camera import ColorCalibrationResult
+from vo_service.calibration.depth_camera import DepthCalibrationResult
+from vo_service.calibration.guidance import MIN_ZONE_CORNERS, ZONE_EDGES, count_zone_corners
+from vo_service.calibration.picking import convex_outline
+from vo_service.calibration.result import CalibrationResult
 from vo_service.calibration.saving import save
 
 if TYPE_CHECKING:  # drawn with rarely, and slow to import
@@ -24,31 +24,31 @@ if TYPE_CHECKING:  # drawn with rarely, and slow to import
 
 FORMATS = (".png", ".svg")
 # Length of an arrow whose corner is off by the usual error, in parts of the image's width.
-ARROW = 0.025
+ARROW_LENGTH_RATIO = 0.025
 # Colours of depth residuals end at so many usual ones.
-RESIDUAL_RANGE = 2.5
+MAX_RESIDUAL_SIGMAS = 2.5
 
 
-def check_picture(path: Path) -> None:
+def check_plot_format(path: Path) -> None:
     """Raise InputError for a suffix that is no format."""
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: a picture is {' or '.join(FORMATS)}: name it so")
 
 
-def write_picture(path: Path, calibration: Calibration) -> None:
+def write_plot(path: Path, calibration: CalibrationResult) -> None:
     """Draw it. Raises InputError for a suffix that is no format, UserFacingError from the disk."""
-    check_picture(path)
+    check_plot_format(path)
     image = io.BytesIO()
-    draw(calibration).savefig(image, format=path.suffix.lower().removeprefix("."), dpi=110)
+    draw_plot(calibration).savefig(image, format=path.suffix.lower().removeprefix("."), dpi=110)
     save(path, image.getvalue())
 
 
-def draw(calibration: Calibration) -> "Figure":
+def draw_plot(calibration: CalibrationResult) -> "Figure":
     """The picture as a matplotlib figure, drawn without pyplot: no global state, no window."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    colour, rows = calibration.colour, 1 + len(calibration.depth)
+    colour, rows = calibration.color, 1 + len(calibration.depth)
     figure = Figure(figsize=(13, 5.2 * rows), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(f"{len(colour.views)} views of a {calibration.board.name}")
@@ -62,37 +62,37 @@ def draw(calibration: Calibration) -> "Figure":
     return figure
 
 
-def _draw_corners(plot: "Axes", colour: ColourCalibration) -> None:
+def _draw_corners(plot: "Axes", color: ColorCalibrationResult) -> None:
     """Outlines of the boards, corners, and arrows from where they should be."""
-    _frame(plot, colour.size)
-    _draw_zones(plot, colour)
-    for view in colour.views:
-        plot.fill(*outline(view.corners.pixels).T, facecolor="tab:blue", alpha=0.05)
-    pixels = np.concatenate([view.corners.pixels for view in colour.views])
-    residuals = np.concatenate(colour.residuals_px)
-    enlarged = _one_digit(ARROW * colour.size[0] / max(colour.rms_px, 1e-3))
+    _set_image_axes(plot, color.size)
+    _draw_zones(plot, color)
+    for view in color.views:
+        plot.fill(*convex_outline(view.corners.pixels).T, facecolor="tab:blue", alpha=0.05)
+    pixels = np.concatenate([view.corners.pixels for view in color.views])
+    residuals = np.concatenate(color.residuals_px)
+    enlarged = _round_to_one_digit(ARROW_LENGTH_RATIO * color.size[0] / max(color.rms_px, 1e-3))
     columns, rows = pixels.T
     plot.scatter(columns, rows, s=3, color="tab:blue", linewidths=0)
     plot.quiver(
         *pixels.T, *residuals.T, angles="xy", scale_units="xy", scale=1 / enlarged,
         width=0.0013, color="tab:red", alpha=0.8,
     )  # fmt: skip
-    plot.set_title(f"corners, and {colour.rms_px:.2f} px of error enlarged {enlarged:.0f} times")
+    plot.set_title(f"corners, and {color.rms_px:.2f} px of error enlarged {enlarged:.0f} times")
 
 
-def _one_digit(value: float) -> float:
+def _round_to_one_digit(value: float) -> float:
     """As a caption would have it: 300 for 329."""
     return float(f"{value:.1g}")
 
 
-def _draw_zones(plot: "Axes", colour: ColourCalibration) -> None:
+def _draw_zones(plot: "Axes", color: ColorCalibrationResult) -> None:
     """Grey out the zones that hardly a corner was seen in, and rule the others off."""
     from matplotlib.patches import Rectangle
 
     edges = np.array([0.0, *ZONE_EDGES, 1.0])
-    columns, rows = (edges * length - 0.5 for length in colour.size)
-    for (row, column), count in np.ndenumerate(zone_corners(colour.views)):
-        is_empty = count < ZONE_CORNERS
+    columns, rows = (edges * length - 0.5 for length in color.size)
+    for (row, column), count in np.ndenumerate(count_zone_corners(color.views)):
+        is_empty = count < MIN_ZONE_CORNERS
         corner = (float(columns[column]), float(rows[row]))
         width, height = columns[column + 1] - corner[0], rows[row + 1] - corner[1]
         face = "0.8" if is_empty else "none"
@@ -102,12 +102,12 @@ def _draw_zones(plot: "Axes", colour: ColourCalibration) -> None:
             plot.text(*middle, "hardly seen", ha="center", va="center", color="0.35")
 
 
-def _draw_readings(figure: "Figure", plot: "Axes", depth: DepthCalibration) -> None:
+def _draw_readings(figure: "Figure", plot: "Axes", depth: DepthCalibrationResult) -> None:
     """Used depth readings, coloured by how far they are from their board."""
     height, width = depth.pixels.shape
-    _frame(plot, (width, height))
+    _set_image_axes(plot, (width, height))
     pixels, residuals_mm = depth.pixels.pixels[depth.is_used], 1e3 * depth.residuals_m
-    limit = RESIDUAL_RANGE * 1e3 * depth.rms_m
+    limit = MAX_RESIDUAL_SIGMAS * 1e3 * depth.rms_m
     columns, rows = pixels.T
     dots = plot.scatter(
         columns,
@@ -118,7 +118,7 @@ def _draw_readings(figure: "Figure", plot: "Axes", depth: DepthCalibration) -> N
     plot.set_title(f"depth readings on the boards, {1e3 * depth.rms_m:.1f} mm of error")
 
 
-def _frame(plot: "Axes", size: tuple[int, int]) -> None:
+def _set_image_axes(plot: "Axes", size: tuple[int, int]) -> None:
     """The image's edge, row 0 at the top."""
     width, height = size
     plot.set_anchor("W")
@@ -137,9 +137,9 @@ def _draw_bars(plot: "Axes", errors: Array, title: str, unit: str) -> None:
     plot.grid(axis="y", alpha=0.3)
 
 
-def _view_rms_mm(depth: DepthCalibration, count: int) -> Array:
+def _view_rms_mm(depth: DepthCalibrationResult, count: int) -> Array:
     """(count,) of each view's used readings; 0 where there are none."""
-    numbers = depth.pixels.view[depth.is_used]
+    numbers = depth.pixels.view_number[depth.is_used]
     squares = np.bincount(numbers, (1e3 * depth.residuals_m[depth.is_used]) ** 2, count)
     readings = np.bincount(numbers, minlength=count)
     rms: Array = np.sqrt(squares / np.maximum(readings, 1))

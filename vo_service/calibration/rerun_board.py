@@ -5,12 +5,17 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from vo_service.calibration.picking import outline
-from vo_service.calibration.watching import Sight
+from vo_service.calibration.picking import convex_outline
+from vo_service.calibration.watching import BoardPreviewFrame
 
-IMAGE, CORNERS, TAKEN, ADVICE = "image", "image/corners", "image/taken", "advice"
-CORNER_COLOUR = (255, 150, 40)
-TAKEN_COLOUR = (40, 220, 130)
+IMAGE_PATH, CORNERS_PATH, VIEWS_PATH, ADVICE_PATH = (
+    "image",
+    "image/corners",
+    "image/taken",
+    "advice",
+)
+CORNER_COLOR = (255, 150, 40)
+VIEW_COLOR = (40, 220, 130)
 TIMELINE = "snapshot"
 JPEG_QUALITY = 80
 
@@ -27,8 +32,10 @@ class BoardScene:
         """The advice above the image."""
         return rrb.Blueprint(
             rrb.Vertical(
-                rrb.TextDocumentView(name="What to do", origin=ADVICE),
-                rrb.Spatial2DView(name="What the camera sees; views taken in green", origin=IMAGE),
+                rrb.TextDocumentView(name="What to do", origin=ADVICE_PATH),
+                rrb.Spatial2DView(
+                    name="What the camera sees; views taken in green", origin=IMAGE_PATH
+                ),
                 row_shares=[1, 8],
             ),
             rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
@@ -37,21 +44,21 @@ class BoardScene:
             auto_views=False,
         )
 
-    def log(self, sight: Sight) -> None:
+    def log(self, item: BoardPreviewFrame) -> None:
         """The image, the corners in it, the outlines of the views taken, and the advice."""
         stream = self._stream
         stream.set_time(TIMELINE, sequence=self._seq)
         self._seq += 1
         quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-        jpeg = cv2.imencode(".jpg", sight.snapshot.colour_bgr, quality)[1].tobytes()
-        stream.log(IMAGE, rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
+        jpeg = cv2.imencode(".jpg", item.snapshot.colour_bgr, quality)[1].tobytes()
+        stream.log(IMAGE_PATH, rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
         # Rerun's pixels have their centres at one half.
         points = rr.Points2D(
-            sight.corners.pixels + 0.5, colors=CORNER_COLOUR, radii=rr.Radius.ui_points(3.0)
+            item.corners.pixels + 0.5, colors=CORNER_COLOR, radii=rr.Radius.ui_points(3.0)
         )
-        stream.log(CORNERS, points)
-        hulls = [outline(view.corners.pixels) for view in sight.views]
+        stream.log(CORNERS_PATH, points)
+        hulls = [convex_outline(view.corners.pixels) for view in item.views]
         closed = [np.vstack([hull, hull[:1]]) for hull in hulls]
-        lines = rr.LineStrips2D(closed, colors=TAKEN_COLOUR, radii=rr.Radius.ui_points(1.0))
-        stream.log(TAKEN, lines)
-        stream.log(ADVICE, rr.TextDocument(f"# {sight.advice}", media_type="text/markdown"))
+        lines = rr.LineStrips2D(closed, colors=VIEW_COLOR, radii=rr.Radius.ui_points(1.0))
+        stream.log(VIEWS_PATH, lines)
+        stream.log(ADVICE_PATH, rr.TextDocument(f"# {item.advice}", media_type="text/markdown"))

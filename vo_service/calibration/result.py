@@ -6,39 +6,39 @@ from typing import Any
 
 import numpy as np
 
-from drivers.camera_file import CameraFile, DepthTable, RigidPose
-from drivers.geometry import Array, rotation_vector
+from drivers.camera_file import CameraCalibration, DepthCameraCalibration, RigidTransform
+from drivers.geometry import Array, so3_log
 from vo_service.calibration.board import Board
-from vo_service.calibration.colour_camera import ColourCalibration
-from vo_service.calibration.depth_camera import DepthCalibration
-from vo_service.calibration.depth_model import SCALE, SHIFT, TURN
+from vo_service.calibration.colour_camera import ColorCalibrationResult
+from vo_service.calibration.depth_camera import DepthCalibrationResult
+from vo_service.calibration.depth_model import ROTATION, SCALE_INDEX, TRANSLATION
 from vo_service.calibration.folder import DepthUnits
 from vo_service.calibration.snapshot import Lens
 
-COLUMN = "{:<26}{:>24}{:>24}"
+ROW_FORMAT = "{:<26}{:>24}{:>24}"
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3")
 # Far below any standard deviation, and easier to read than sixteen digits.
-PIXEL_DIGITS, COEFFICIENT_DIGITS, METRE_DIGITS, TURN_DIGITS = 4, 7, 6, 9
+PIXEL_DIGITS, COEFFICIENT_DIGITS, METRE_DIGITS, QUATERNION_DIGITS = 4, 7, 6, 9
 
 
 @dataclass(frozen=True)
-class Calibration:
+class CalibrationResult:
     """What was found; `depth` is empty where it was not asked for."""
 
     board: Board
     units: DepthUnits
-    colour: ColourCalibration
-    depth: Sequence[DepthCalibration]
+    color: ColorCalibrationResult
+    depth: Sequence[DepthCalibrationResult]
     warnings: list[str]
 
     @property
-    def camera_file(self) -> CameraFile:
+    def camera_calibration(self) -> CameraCalibration:
         """Rounded to what can be read."""
-        lens, (width, height) = self.colour.lens, self.colour.size
+        lens, (width, height) = self.color.lens, self.color.size
         fx, fy, cx, cy = (round(v, PIXEL_DIGITS) for v in (lens.fx, lens.fy, lens.cx, lens.cy))
         k1, k2, p1, p2, k3 = (round(k, COEFFICIENT_DIGITS) for k in lens.distortion)
-        tables = [_rounded(depth.table) for depth in self.depth]
-        return CameraFile(
+        tables = [_round_depth_calibration(depth.calibration) for depth in self.depth]
+        return CameraCalibration(
             width,
             height,
             fx,
@@ -54,80 +54,85 @@ class Calibration:
 
     def as_table(self) -> str:
         """For people."""
-        colour = self.colour
+        colour = self.color
         width, height = colour.size
         count = f"{len(colour.views)} views of a {self.board.name}"
         rows = [f"{count}, {width}x{height}", ""]
-        rows.append(COLUMN.format("", "colour camera", "depth camera" if self.depth else ""))
-        figures = [_column(colour.lens, colour.sigma)]
-        figures += [_column(d.model.lens, d.sigma[:6]) for d in self.depth]
+        rows.append(ROW_FORMAT.format("", "colour camera", "depth camera" if self.depth else ""))
+        figures = [_format_column(colour.lens, colour.sigma)]
+        figures += [_format_column(d.model.lens, d.sigma[:6]) for d in self.depth]
         for number, name in enumerate(("fx", "fy", "cx", "cy", *COEFFICIENTS)):
             unit = " (px)" if number < 4 else ""
             cells = [column[number] for column in figures]
-            rows.append(COLUMN.format(name + unit, *cells, *[""] * (2 - len(cells))))
+            rows.append(ROW_FORMAT.format(name + unit, *cells, *[""] * (2 - len(cells))))
         errors = [f"{colour.rms_px:.3f} px", *(f"{1e3 * d.rms_m:.2f} mm" for d in self.depth)]
-        rows.append(COLUMN.format("error (rms)", *errors, *[""] * (2 - len(errors))))
-        rows += [line for depth in self.depth for line in _pose_lines(depth)]
+        rows.append(ROW_FORMAT.format("error (rms)", *errors, *[""] * (2 - len(errors))))
+        rows += [line for depth in self.depth for line in _format_pose(depth)]
         return "\n".join(row.rstrip() for row in rows)
 
     def as_json(self) -> dict[str, Any]:
         """For programs; keys stay."""
-        colour = self.colour
+        colour = self.color
         return {
             "board": self.board.name,
             "image": list(colour.size),
             "views": len(colour.views),
             "rejected": colour.rejected,
             "warnings": self.warnings,
-            "colour": _lens_json(colour.lens, colour.sigma) | {"rms_px": float(colour.rms_px)},
-            "depth": _depth_json(self.depth[0]) if self.depth else None,
+            "colour": _lens_as_json(colour.lens, colour.sigma) | {"rms_px": float(colour.rms_px)},
+            "depth": _depth_as_json(self.depth[0]) if self.depth else None,
         }
 
 
-def _rounded(table: DepthTable) -> DepthTable:
-    x, y, z = (round(v, METRE_DIGITS) for v in table.T_color_depth.translation_m)
-    qx, qy, qz, qw = (round(q, TURN_DIGITS) for q in table.T_color_depth.quaternion_xyzw)
-    k1, k2, p1, p2, k3 = (round(k, COEFFICIENT_DIGITS) for k in table.distortion)
-    fx, fy, cx, cy = (round(v, PIXEL_DIGITS) for v in (table.fx, table.fy, table.cx, table.cy))
-    return DepthTable(
+def _round_depth_calibration(calibration: DepthCameraCalibration) -> DepthCameraCalibration:
+    x, y, z = (round(v, METRE_DIGITS) for v in calibration.T_color_depth.translation_m)
+    qx, qy, qz, qw = (
+        round(q, QUATERNION_DIGITS) for q in calibration.T_color_depth.quaternion_xyzw
+    )
+    k1, k2, p1, p2, k3 = (round(k, COEFFICIENT_DIGITS) for k in calibration.distortion)
+    fx, fy, cx, cy = (
+        round(v, PIXEL_DIGITS)
+        for v in (calibration.fx, calibration.fy, calibration.cx, calibration.cy)
+    )
+    return DepthCameraCalibration(
         fx=fx,
         fy=fy,
         cx=cx,
         cy=cy,
-        T_color_depth=RigidPose((x, y, z), (qx, qy, qz, qw)),
+        T_color_depth=RigidTransform((x, y, z), (qx, qy, qz, qw)),
         distortion=(k1, k2, p1, p2, k3),
-        width=table.width,
-        height=table.height,
-        scale=round(table.scale, METRE_DIGITS),
+        width=calibration.width,
+        height=calibration.height,
+        scale=round(calibration.scale, METRE_DIGITS),
     )
 
 
-def _column(lens: Lens, sigma: Array) -> list[str]:
+def _format_column(lens: Lens, sigma: Array) -> list[str]:
     """Nine cells; a coefficient that the views do not tell is "-"."""
     sigmas = np.append(sigma, np.zeros(9 - len(sigma)))
     cells = zip(lens.vector, sigmas, [2] * 4 + [4] * 5, strict=True)
     return [f"{v:.{d}f} ± {s:.{d}f}" if s else "-" for v, s, d in cells]
 
 
-def _pose_lines(depth: DepthCalibration) -> list[str]:
+def _format_pose(depth: DepthCalibrationResult) -> list[str]:
     vector, sigma = depth.model.vector, depth.sigma
-    shift = _axes(1e3 * vector[SHIFT], 1e3 * sigma[SHIFT])
-    turn = _axes(np.degrees(vector[TURN]), np.degrees(sigma[TURN]))
+    shift = _format_axes(1e3 * vector[TRANSLATION], 1e3 * sigma[TRANSLATION])
+    turn = _format_axes(np.degrees(vector[ROTATION]), np.degrees(sigma[ROTATION]))
     return [
         "",
         "from the depth camera to the colour camera (T_color_depth)",
         f"  shift (mm)  {shift}",
         f"  turn (deg)  {turn}",
-        f"true distance per distance read (scale)  {depth.model.scale:.4f} ± {sigma[SCALE]:.4f}",
+        f"true distance per distance read (scale)  {depth.model.scale:.4f} ± {sigma[SCALE_INDEX]:.4f}",
     ]
 
 
-def _axes(values: Array, sigma: Array) -> str:
+def _format_axes(values: Array, sigma: Array) -> str:
     cells = zip("xyz", values, sigma, strict=True)
     return "   ".join(f"{axis} {value:7.2f} ± {s:.2f}" for axis, value, s in cells)
 
 
-def _lens_json(lens: Lens, sigma: Array) -> dict[str, Any]:
+def _lens_as_json(lens: Lens, sigma: Array) -> dict[str, Any]:
     return {
         "fx": lens.fx,
         "fy": lens.fy,
@@ -138,15 +143,15 @@ def _lens_json(lens: Lens, sigma: Array) -> dict[str, Any]:
     }
 
 
-def _depth_json(depth: DepthCalibration) -> dict[str, Any]:
+def _depth_as_json(depth: DepthCalibrationResult) -> dict[str, Any]:
     model, sigma = depth.model, depth.sigma
-    return _lens_json(model.lens, sigma[:6]) | {
+    return _lens_as_json(model.lens, sigma[:6]) | {
         "views": depth.view_count,
         "rms_mm": 1e3 * depth.rms_m,
         "scale": model.scale,
-        "scale_sigma": float(sigma[SCALE]),
-        "translation_m": model.vector[SHIFT].tolist(),
-        "translation_sigma_m": sigma[SHIFT].tolist(),
-        "rotation_vector_rad": rotation_vector(model.T_color_depth[:3, :3]).tolist(),
-        "rotation_sigma_rad": sigma[TURN].tolist(),
+        "scale_sigma": float(sigma[SCALE_INDEX]),
+        "translation_m": model.vector[TRANSLATION].tolist(),
+        "translation_sigma_m": sigma[TRANSLATION].tolist(),
+        "rotation_vector_rad": so3_log(model.T_color_depth[:3, :3]).tolist(),
+        "rotation_sigma_rad": sigma[ROTATION].tolist(),
     }

@@ -3,10 +3,10 @@
 import os
 from pathlib import Path
 
-from drivers.camera_file import CameraFile, camera_file_text
+from drivers.camera_file import CameraCalibration, format_calibration
 from drivers.errors import InputError, UserFacingError
-from drivers.full_disk import is_full
-from drivers.tum.whole_files import write_whole
+from drivers.full_disk import is_disk_full
+from drivers.tum.whole_files import atomic_write
 
 
 def check_writable(path: Path) -> None:
@@ -19,12 +19,12 @@ def check_writable(path: Path) -> None:
         raise InputError(f"{path}: cannot be written; name a folder that you may write to")
 
 
-def save_camera_file(path: Path, camera: CameraFile, heading: str) -> Path | None:
-    """Write it; as `save_keeping`."""
-    return save_keeping(path, f"# {heading}\n{camera_file_text(camera)}".encode())
+def save_camera_file(path: Path, camera: CameraCalibration, heading: str) -> Path | None:
+    """Write it; as `save_with_backup`."""
+    return save_with_backup(path, f"# {heading}\n{format_calibration(camera)}".encode())
 
 
-def save_keeping(path: Path, data: bytes) -> Path | None:
+def save_with_backup(path: Path, data: bytes) -> Path | None:
     """Write a file; one that was there is kept beside it, and its new name returned.
 
     Raises UserFacingError if the disk refuses; the old file is then still in place.
@@ -34,21 +34,21 @@ def save_keeping(path: Path, data: bytes) -> Path | None:
     try:
         if path.exists():
             kept = path.with_name(f"{path.name}.bak")
-            write_whole(kept, path.read_bytes())
-        write_whole(path, data)
+            atomic_write(kept, path.read_bytes())
+        atomic_write(path, data)
     except OSError as error:
-        raise _refused(path, error) from error
+        raise _write_error(path, error) from error
     return kept
 
 
 def save(path: Path, data: bytes) -> None:
     """Write a file. Raises UserFacingError if the disk refuses."""
     try:
-        write_whole(path, data)
+        atomic_write(path, data)
     except OSError as error:
-        raise _refused(path, error) from error
+        raise _write_error(path, error) from error
 
 
-def _refused(path: Path, error: OSError) -> UserFacingError:
-    cause = "the disk is full" if is_full(error) else error.strerror
+def _write_error(path: Path, error: OSError) -> UserFacingError:
+    cause = "the disk is full" if is_disk_full(error) else error.strerror
     return UserFacingError(f"{path}: cannot be written: {cause}; mend that and calibrate again")

@@ -26,7 +26,7 @@ RULER_MM = 100.0
 TEXT_POINTS = 7.0
 
 
-def paper(board: Board) -> tuple[str, tuple[float, float]]:
+def choose_paper(board: Board) -> tuple[str, tuple[float, float]]:
     """Name and (width, height) in mm of the smallest sheet that takes the board."""
     wide_mm = 1e3 * board.layout.width_m + 2 * SIDE_MM
     high_mm = 1e3 * board.layout.height_m + TOP_MM + BOTTOM_MM
@@ -47,7 +47,7 @@ def print_board(board: Board, path: Path) -> str:
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: a board to print is {', '.join(FORMATS)}: name it so")
     check_writable(path)
-    name, size_mm = paper(board)
+    name, size_mm = choose_paper(board)
     image = io.BytesIO()
     _draw(board, size_mm).savefig(
         image, format=path.suffix.lower().removeprefix("."), dpi=DOTS_PER_INCH
@@ -78,7 +78,7 @@ def _draw(board: Board, size_mm: tuple[float, float]) -> "Figure":
     outline = Outline(np.concatenate(cells), codes * len(cells))
     page.add_patch(PathPatch(outline, facecolor="black", linewidth=0, snap=False))
     _draw_ruler(page, width_mm, height_mm - 13.0)
-    _write(page, board, width_mm, height_mm - 8.0)
+    _write_caption(page, board, width_mm, height_mm - 8.0)
     return figure
 
 
@@ -103,7 +103,7 @@ def _ruler_lines(left_mm: float, y_mm: float) -> Iterator[tuple[Array, Array]]:
         yield np.array([x_mm, y_mm - reach_mm]), np.array([x_mm, y_mm + reach_mm])
 
 
-def _write(page: "Axes", board: Board, width_mm: float, y_mm: float) -> None:
+def _write_caption(page: "Axes", board: Board, width_mm: float, y_mm: float) -> None:
     name = f"{board.name[0].upper()}{board.name[1:]}"
     text = (
         f"{name}, squares of {1e3 * board.layout.square_m:g} mm. Print at 100 %, without "

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera_file import Distortion
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
-from vo_service.calibration.board import Corners, GreyImage
+from drivers.geometry import Array, rigid_transform, so3_exp
+from vo_service.calibration.board import BoardCorners, GreyImage
 
 NO_DEPTH: NDArray[np.uint16] = np.zeros((0, 0), np.uint16)
 
@@ -41,18 +41,18 @@ class Snapshot:
 
 
 @dataclass(frozen=True)
-class View:
+class BoardView:
     """A snapshot that shows the board; of its colour image only the size is kept."""
 
     name: str
     size: tuple[int, int]
-    corners: Corners
+    corners: BoardCorners
     depth_raw: NDArray[np.uint16]
 
 
-def view_of(snapshot: Snapshot, corners: Corners) -> View:
+def make_view(snapshot: Snapshot, corners: BoardCorners) -> BoardView:
     """The snapshot without its colours."""
-    return View(snapshot.name, snapshot.size, corners, snapshot.depth_raw)
+    return BoardView(snapshot.name, snapshot.size, corners, snapshot.depth_raw)
 
 
 @dataclass(frozen=True)
@@ -75,15 +75,15 @@ class Lens:
         """(9,) fx fy cx cy k1 k2 p1 p2 k3."""
         return np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion])
 
-    def pixels(self, T_camera_points: Array, points_m: Array) -> Array:
+    def project(self, T_camera_board: Array, points_m: Array) -> Array:
         """(N, 2) where points (N, 3), moved by a 4x4 transform, are in the image."""
-        turn = cv2.Rodrigues(T_camera_points[:3, :3])[0]
-        shift = T_camera_points[:3, 3]
+        turn = cv2.Rodrigues(T_camera_board[:3, :3])[0]
+        shift = T_camera_board[:3, 3]
         pixels, _ = cv2.projectPoints(points_m, turn, shift, self.K, np.array(self.distortion))
         return np.asarray(pixels, np.float64).reshape(-1, 2)
 
 
-def board_pose(lens: Lens, corners: Corners) -> Array:
+def solve_board_pose(lens: Lens, corners: BoardCorners) -> Array:
     """4x4 T_camera_board of a planar board."""
     _, turn, shift = cv2.solvePnP(
         corners.points_m,
@@ -92,4 +92,4 @@ def board_pose(lens: Lens, corners: Corners) -> Array:
         np.array(lens.distortion),
         flags=cv2.SOLVEPNP_IPPE,
     )
-    return rigid_transform(rotation_from_vector(turn.ravel()), shift.ravel())
+    return rigid_transform(so3_exp(turn.ravel()), shift.ravel())

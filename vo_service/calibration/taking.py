@@ -7,63 +7,69 @@ from drivers.errors import InputError
 from vo_service.calibration.board import Board
 from vo_service.calibration.folder import (
     DepthUnits,
-    ImageFiles,
-    depth_units,
-    image_files,
-    snapshots,
+    SnapshotFiles,
+    list_snapshot_files,
+    read_depth_units,
+    read_snapshots,
 )
-from vo_service.calibration.guidance import Lack, lacks
-from vo_service.calibration.picking import ViewPicker
-from vo_service.calibration.snapshot import View
+from vo_service.calibration.guidance import CoverageGap, find_coverage_gaps
+from vo_service.calibration.picking import ViewSelector
+from vo_service.calibration.snapshot import BoardView
 from vo_service.terminal import Terminal
 
 # So many images of a folder are searched for another board when none shows the one asked for.
-LOOKED_THROUGH = 12
-WHAT_TO_CHECK = (
+MAX_SEARCHED_IMAGES = 12
+BOARD_NOT_FOUND_HINT = (
     "see that --board counts its inner corners (chessboard) or squares (charuco), that the whole "
     "chessboard with its white edge is in the image, sharp, and not mirrored or too bright"
 )
 
 
 @dataclass(frozen=True)
-class Taken:
+class CollectedViews:
     """Views, what depth values mean in them, and what no view shows."""
 
-    views: list[View]
+    views: list[BoardView]
     units: DepthUnits
-    lacks: list[Lack]
+    gaps: list[CoverageGap]
 
 
-def taken_from_folder(
+def collect_from_folder(
     board: Board, folder: Path, camera_file: Path | None, with_depth: bool, terminal: Terminal
-) -> Taken:
+) -> CollectedViews:
     """Every view in the folder in which the board is still and stands differently.
 
     Raises InputError if the folder is no use or shows no such board.
     """
-    files = image_files(folder, with_depth)
-    units = depth_units(folder, camera_file)
-    picker = ViewPicker(board)
-    for number, found in enumerate(snapshots(files), 1):
+    files = list_snapshot_files(folder, with_depth)
+    units = read_depth_units(folder, camera_file)
+    picker = ViewSelector(board)
+    for number, found in enumerate(read_snapshots(files), 1):
         if found is not None:
-            picker.offer(found)
+            picker.process(found)
         views = f"{len(picker.views)} views; image"
         terminal.progress(views, number, len(files))
     terminal.clear()
-    if not picker.showing:
-        raise InputError(f"{folder}: {_no_board(board, files)}")
-    return Taken(picker.views, units, lacks(picker.views, picker.stances, with_depth))
+    if not picker.board_count:
+        raise InputError(f"{folder}: {_no_board_message(board, files)}")
+    return CollectedViews(
+        picker.views, units, find_coverage_gaps(picker.views, picker.board_poses, with_depth)
+    )
 
 
-def _no_board(board: Board, files: list[ImageFiles]) -> str:
+def _no_board_message(board: Board, files: list[SnapshotFiles]) -> str:
     """What to say of images without the board: perhaps they show another one."""
     count = len(files)
-    spread = files[:: max(1, count // LOOKED_THROUGH)]
-    seen = [board.seen_instead(found.grey) for found in snapshots(spread) if found is not None]
+    spread = files[:: max(1, count // MAX_SEARCHED_IMAGES)]
+    seen = [
+        board.suggest_other_board(found.grey)
+        for found in read_snapshots(spread)
+        if found is not None
+    ]
     others = [option for option in seen if option]
     if others:
         return (
             f"none of the {count} images shows a {board.name}, but some show another one: give "
             f"--board {max(set(others), key=others.count)}"
         )
-    return f"none of the {count} images shows a {board.name}; {WHAT_TO_CHECK}"
+    return f"none of the {count} images shows a {board.name}; {BOARD_NOT_FOUND_HINT}"

@@ -11,20 +11,24 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
-from vo_service.odometry.keyframe.known_motion import Moment, brightness_spreads, moment
-from vo_service.odometry.keyframe.twists import logarithm
-from vo_service.odometry.keyframe_odometry import KeyframeOdometry
+from vo_service.odometry.keyframe.known_motion import (
+    PosedFrame,
+    brightness_sigmas,
+    make_posed_frame,
+)
+from vo_service.odometry.keyframe.twists import se3_log
+from vo_service.odometry.keyframe_odometry import DirectOdometry
 
 # A velocity is that of a curve through so many poses on either side.
-NEIGHBOURS = 2
+NEIGHBORS = 2
 # Every so often a frame is one that others are laid on: so many before and after it.
-STRIDE, REACH = 8, 6
+REFERENCE_STRIDE, REFERENCE_REACH = 8, 6
 # Fewer frames that are laid on others say too little of a piece.
-FEWEST_FITS = 12
+MIN_ALIGNMENTS = 12
 
 
 @dataclass(frozen=True)
-class Timing:
+class SensorTiming:
     """When rows are taken.
 
     readout_s       from the first row to the last, of both images
@@ -35,7 +39,9 @@ class Timing:
     depth_offset_s: float
 
 
-def costs(piece: Sequence[RgbdFrame], known: Timing, timings: Sequence[Timing]) -> Array:
+def timing_costs(
+    frames: Sequence[RgbdFrame], assumed: SensorTiming, candidates: Sequence[SensorTiming]
+) -> Array:
     """(N,) mean logarithm of the brightness' spread, for each of the timings.
 
     piece  frames whose skew is the difference of their stamps
@@ -43,19 +49,19 @@ def costs(piece: Sequence[RgbdFrame], known: Timing, timings: Sequence[Timing]) 
 
     NaN where the camera cannot be followed.
     """
-    moments = follow(piece, known)
-    spreads = [_spreads(moments, timing) for timing in timings]
-    if min(map(len, spreads)) < FEWEST_FITS:
-        return np.full(len(timings), np.nan)
+    moments = track_motion(frames, assumed)
+    spreads = [_brightness_spreads(moments, timing) for timing in candidates]
+    if min(map(len, spreads)) < MIN_ALIGNMENTS:
+        return np.full(len(candidates), np.nan)
     means: Array = np.log(spreads).mean(axis=1)
     return means
 
 
-def follow(piece: Sequence[RgbdFrame], timing: Timing) -> dict[int, Moment]:
+def track_motion(frames: Sequence[RgbdFrame], timing: SensorTiming) -> dict[int, PosedFrame]:
     """Where the camera was and how fast, by the frame's place in the piece; not where lost."""
-    odometry = KeyframeOdometry()
+    odometry = DirectOdometry()
     poses: dict[int, Array] = {}
-    for n, frame in enumerate(piece):
+    for n, frame in enumerate(frames):
         estimate = odometry.estimate(
             replace(
                 frame,
@@ -63,38 +69,42 @@ def follow(piece: Sequence[RgbdFrame], timing: Timing) -> dict[int, Moment]:
                 skew_s=frame.skew_s + timing.depth_offset_s,
             )
         )
-        if estimate.restarted:
+        if estimate.is_reset:
             poses.clear()
         if estimate.ok:
             poses[n] = estimate.T_world_camera
     moments = {}
     for n in poses:
-        around = range(n - NEIGHBOURS, n + NEIGHBOURS + 1)
+        around = range(n - NEIGHBORS, n + NEIGHBORS + 1)
         if all(m in poses for m in around):
-            stamps_s = np.array([piece[m].stamp_s for m in around])
-            velocity = velocity_between([poses[m] for m in around], stamps_s)
-            moments[n] = moment(piece[n], poses[n], velocity)
+            stamps_s = np.array([frames[m].stamp_s for m in around])
+            velocity = fit_velocity([poses[m] for m in around], stamps_s)
+            moments[n] = make_posed_frame(frames[n], poses[n], velocity)
     return moments
 
 
-def velocity_between(T_world_camera: Sequence[Array], stamps_s: Array) -> Array:
+def fit_velocity(T_world_camera: Sequence[Array], stamps_s: Array) -> Array:
     """(6,) twist of the camera in its own axes at the middle of an odd number of poses.
 
     It is the slope of the polynomial through their twists as seen from the middle one.
     """
     middle = len(stamps_s) // 2
     T_middle_world = inverse(T_world_camera[middle])
-    twists = np.array([logarithm(T_middle_world @ T) for T in T_world_camera])
+    twists = np.array([se3_log(T_middle_world @ T) for T in T_world_camera])
     powers = np.vander(stamps_s - stamps_s[middle], increasing=True)
     slopes: Array = np.linalg.solve(powers, twists)[1]
     return slopes
 
 
-def _spreads(moments: dict[int, Moment], timing: Timing) -> list[float]:
-    timed = {n: m.timed(timing.readout_s, timing.depth_offset_s) for n, m in moments.items()}
+def _brightness_spreads(moments: dict[int, PosedFrame], timing: SensorTiming) -> list[float]:
+    timed = {n: m.with_timing(timing.readout_s, timing.depth_offset_s) for n, m in moments.items()}
     spreads: list[float] = []
-    for n in range(NEIGHBOURS + STRIDE // 2, max(timed, default=0) + 1, STRIDE):
+    for n in range(NEIGHBORS + REFERENCE_STRIDE // 2, max(timed, default=0) + 1, REFERENCE_STRIDE):
         if n in timed:
-            near = [timed[m] for m in range(n - REACH, n + REACH + 1) if m != n and m in timed]
-            spreads += brightness_spreads(timed[n], near)
+            near = [
+                timed[m]
+                for m in range(n - REFERENCE_REACH, n + REFERENCE_REACH + 1)
+                if m != n and m in timed
+            ]
+            spreads += brightness_sigmas(timed[n], near)
     return spreads

@@ -13,68 +13,68 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 
 # Frames of a piece, and how many pieces are kept.
-PIECE_FRAMES = 32
-PIECES = 8
+SEGMENT_FRAMES = 32
+MAX_SEGMENTS = 8
 # A longer time without a frame ends a piece.
-LONGEST_GAP_S = 0.11
+MAX_GAP_S = 0.11
 # Images are shrunk to this before their shift is measured.
-SMALL_PX = (80, 60)
+THUMBNAIL_SIZE_PX = (80, 60)
 
 
 @dataclass(frozen=True)
-class Piece:
+class MotionSegment:
     """Frames that follow one another.
 
     shake_rad_s  standard deviation of the speed at which the image moves
     """
 
     frames: tuple[RgbdFrame, ...]
-    shake_rad_s: float
+    speed_sigma_rad_s: float
 
 
-class BriskestPieces:
+class FastestSegments:
     """Takes a film frame by frame and keeps its briskest pieces."""
 
     def __init__(self) -> None:
-        self.kept: list[Piece] = []
-        self.seen = 0
+        self.segments: list[MotionSegment] = []
+        self.frame_count = 0
         self._frames: list[RgbdFrame] = []
         self._speeds_rad_s: list[Array] = []
-        self._small = np.zeros(SMALL_PX[::-1], np.float32)
-        self._window = cv2.createHanningWindow(SMALL_PX, cv2.CV_32F)
+        self._thumbnail = np.zeros(THUMBNAIL_SIZE_PX[::-1], np.float32)
+        self._window = cv2.createHanningWindow(THUMBNAIL_SIZE_PX, cv2.CV_32F)
 
     @property
-    def shake_rad_s(self) -> float:
+    def speed_sigma_rad_s(self) -> float:
         """Of the briskest piece so far."""
-        return self.kept[0].shake_rad_s if self.kept else 0.0
+        return self.segments[0].speed_sigma_rad_s if self.segments else 0.0
 
-    def offer(self, frame: RgbdFrame) -> None:
+    def process(self, frame: RgbdFrame) -> None:
         """Look at the next frame."""
-        self.seen += 1
-        small = _shrunk(frame)
+        self.frame_count += 1
+        small = _make_thumbnail(frame)
         duration_s = frame.stamp_s - self._frames[-1].stamp_s if self._frames else 0.0
-        if not 0.0 < duration_s <= LONGEST_GAP_S:
-            self._begin()
+        if not 0.0 < duration_s <= MAX_GAP_S:
+            self._start_segment()
         if self._frames:
-            shift, _ = cv2.phaseCorrelate(self._small, small, self._window)
-            scale = np.array([frame.camera.width, frame.camera.height]) / SMALL_PX
+            shift, _ = cv2.phaseCorrelate(self._thumbnail, small, self._window)
+            scale = np.array([frame.camera.width, frame.camera.height]) / THUMBNAIL_SIZE_PX
             self._speeds_rad_s.append(scale * shift / (frame.camera.fx * duration_s))
         self._frames.append(frame)
-        self._small = small
-        if len(self._frames) == PIECE_FRAMES:
-            self._keep()
-            self._begin()
+        self._thumbnail = small
+        if len(self._frames) == SEGMENT_FRAMES:
+            self._finish_segment()
+            self._start_segment()
 
-    def _keep(self) -> None:
+    def _finish_segment(self) -> None:
         shake_rad_s = float(np.sqrt(np.var(self._speeds_rad_s, axis=0).sum()))
-        pieces = [*self.kept, Piece(tuple(self._frames), shake_rad_s)]
-        self.kept = sorted(pieces, key=lambda piece: -piece.shake_rad_s)[:PIECES]
+        pieces = [*self.segments, MotionSegment(tuple(self._frames), shake_rad_s)]
+        self.segments = sorted(pieces, key=lambda piece: -piece.speed_sigma_rad_s)[:MAX_SEGMENTS]
 
-    def _begin(self) -> None:
+    def _start_segment(self) -> None:
         self._frames, self._speeds_rad_s = [], []
 
 
-def _shrunk(frame: RgbdFrame) -> Array:
-    small = cv2.resize(frame.colour_bgr, SMALL_PX, interpolation=cv2.INTER_AREA)
+def _make_thumbnail(frame: RgbdFrame) -> Array:
+    small = cv2.resize(frame.color_bgr, THUMBNAIL_SIZE_PX, interpolation=cv2.INTER_AREA)
     grey: Array = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY).astype(np.float32)
     return grey

@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass
 
-from vo_service.calibration.board import Corners
-from vo_service.calibration.snapshot import Snapshot, View
+from vo_service.calibration.board import BoardCorners
+from vo_service.calibration.snapshot import BoardView, Snapshot
 
 
 @dataclass(frozen=True)
-class Sight:
+class BoardPreviewFrame:
     """One snapshot with the corners found in it, the views taken so far, and what to do next."""
 
     snapshot: Snapshot
-    corners: Corners
-    views: tuple[View, ...]
+    corners: BoardCorners
+    views: tuple[BoardView, ...]
     advice: str

@@ -11,17 +11,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import InputError, UserFacingError
-from vo_service.certificates.openssl import new_authority, new_key, sign
+from vo_service.certificates.openssl import (
+    create_authority_certificate,
+    create_key,
+    sign_certificate,
+)
 
 AUTHORITY_DAYS = 3650
 _AUTHORITY_NAME = "kinect-vo test network"
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,62}")
-_CLIENT = "basicConstraints=critical,CA:FALSE\nextendedKeyUsage=clientAuth\n"
-_SERVER = "basicConstraints=critical,CA:FALSE\nextendedKeyUsage=serverAuth\nsubjectAltName={}\n"
+_CLIENT_EXTENSIONS = "basicConstraints=critical,CA:FALSE\nextendedKeyUsage=clientAuth\n"
+_SERVER_EXTENSIONS = (
+    "basicConstraints=critical,CA:FALSE\nextendedKeyUsage=serverAuth\nsubjectAltName={}\n"
+)
 
 
 @dataclass(frozen=True)
-class Authority:
+class CertificateAuthority:
     """FOLDER with ca.pem and ca.key, and a folder with ca.pem, tls.pem, tls.key for each name.
 
     The folders are private (0700), the files too (0600). Everything raises InputError for a name
@@ -30,7 +36,7 @@ class Authority:
 
     folder: Path
 
-    def check_new(self, names: Sequence[str]) -> None:
+    def check_names_free(self, names: Sequence[str]) -> None:
         """Raise InputError unless all these names can be given a certificate."""
         for count, name in enumerate(names):
             folder = self.folder / check_name(name)
@@ -40,34 +46,34 @@ class Authority:
                     "name, or move that folder away"
                 )
 
-    def certify_server(self, hosts: Sequence[str], days: int) -> Path:
+    def issue_server_certificate(self, hosts: Sequence[str], days: int) -> Path:
         """A certificate for a computer that goes by these names and addresses.
 
         Its folder is named after the first.
         """
         names = ",".join(_alternative_name(host) for host in hosts)
-        return self._certify(hosts[0], _SERVER.format(names), days)
+        return self._issue(hosts[0], _SERVER_EXTENSIONS.format(names), days)
 
-    def certify_client(self, name: str, days: int) -> Path:
+    def issue_client_certificate(self, name: str, days: int) -> Path:
         """A certificate for a program that connects; `name` is its common name."""
-        return self._certify(name, _CLIENT, days)
+        return self._issue(name, _CLIENT_EXTENSIONS, days)
 
-    def _certify(self, name: str, extensions: str, days: int) -> Path:
-        self.check_new([name])
+    def _issue(self, name: str, extensions: str, days: int) -> Path:
+        self.check_names_free([name])
         folder = self.folder / name
         with _private_files(self.folder):
-            self._prepare()
+            self._ensure_authority()
             making = Path(tempfile.mkdtemp(prefix=".making-", dir=self.folder))
             try:
-                new_key(making / "tls.key")
-                sign(making, self.folder, name, extensions, days)
+                create_key(making / "tls.key")
+                sign_certificate(making, self.folder, name, extensions, days)
                 shutil.copyfile(self.folder / "ca.pem", making / "ca.pem")
                 making.rename(folder)
             finally:
                 shutil.rmtree(making, ignore_errors=True)
         return folder
 
-    def _prepare(self) -> None:
+    def _ensure_authority(self) -> None:
         """Make the authority itself, unless it is there."""
         key, certificate = self.folder / "ca.key", self.folder / "ca.pem"
         if key.exists() and certificate.exists():
@@ -78,8 +84,8 @@ class Authority:
             )
         self.folder.mkdir(parents=True, exist_ok=True)
         self.folder.chmod(0o700)
-        new_key(key)
-        new_authority(key, certificate, _AUTHORITY_NAME, AUTHORITY_DAYS)
+        create_key(key)
+        create_authority_certificate(key, certificate, _AUTHORITY_NAME, AUTHORITY_DAYS)
 
 
 def check_name(name: str) -> str:

@@ -8,49 +8,49 @@ from pathlib import Path
 from drivers.errors import UserFacingError
 
 # Zenoh reads elliptic-curve keys in PKCS#8, which is what `genpkey` writes.
-_NEW_KEY = ("genpkey", "-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-256")
+_NEW_KEY_ARGUMENTS = ("genpkey", "-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-256")
 
 
-def new_key(file: Path) -> None:
+def create_key(file: Path) -> None:
     """Write a new private key. The caller's umask decides who may read it."""
-    _openssl(*_NEW_KEY, "-out", str(file))
+    _run_openssl(*_NEW_KEY_ARGUMENTS, "-out", str(file))
 
 
-def new_authority(key: Path, certificate: Path, name: str, days: int) -> None:
+def create_authority_certificate(key: Path, certificate: Path, name: str, days: int) -> None:
     """Write a certificate by which `key` may sign others', but no further authorities."""
-    _openssl(
+    _run_openssl(
         *("req", "-x509", "-new", "-key", str(key), "-out", str(certificate)),
-        *("-subj", f"/CN={name}", "-days", str(days), "-set_serial", _serial()),
+        *("-subj", f"/CN={name}", "-days", str(days), "-set_serial", _random_serial()),
         *("-addext", "basicConstraints=critical,CA:TRUE,pathlen:0"),
         *("-addext", "keyUsage=critical,keyCertSign,cRLSign"),
     )
 
 
-def sign(folder: Path, authority: Path, name: str, extensions: str, days: int) -> None:
+def sign_certificate(folder: Path, authority: Path, name: str, extensions: str, days: int) -> None:
     """Have ca.key in `authority` certify tls.key in `folder`; writes tls.pem beside it.
 
     `extensions` is a section of an openssl configuration, one ``key=value`` a line.
     """
     request, about = folder / "request", folder / "extensions"
     about.write_text(extensions)
-    _openssl(
+    _run_openssl(
         *("req", "-new", "-key", str(folder / "tls.key"), "-out", str(request)),
         *("-subj", f"/CN={name}"),
     )
-    _openssl(
+    _run_openssl(
         *("x509", "-req", "-in", str(request), "-out", str(folder / "tls.pem")),
         *("-CA", str(authority / "ca.pem"), "-CAkey", str(authority / "ca.key")),
-        *("-days", str(days), "-set_serial", _serial(), "-extfile", str(about)),
+        *("-days", str(days), "-set_serial", _random_serial(), "-extfile", str(about)),
     )
     request.unlink()
     about.unlink()
 
 
-def _serial() -> str:
+def _random_serial() -> str:
     return f"0x{secrets.token_hex(16)}"
 
 
-def _openssl(*arguments: str) -> None:
+def _run_openssl(*arguments: str) -> None:
     """Raises UserFacingError with what it said."""
     program = shutil.which("openssl")
     if program is None:

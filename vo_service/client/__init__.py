@@ -11,7 +11,12 @@ Needs zenoh and numpy alone. `docs/messages.md` says what is behind it.
 
 from drivers.errors import InputError
 from vo_service.client.client import PoseClient
-from vo_service.client.errors import CommandRefused, NoAnswer, NoPose, Why
+from vo_service.client.errors import (
+    CommandRefused,
+    PoseUnavailable,
+    PoseUnavailableReason,
+    ServiceUnavailable,
+)
 from vo_service.client.map_odom import MapOdom
 from vo_service.client.pose import Pose
 
@@ -19,9 +24,9 @@ __all__ = [
     "CommandRefused",
     "InputError",
     "MapOdom",
-    "NoAnswer",
-    "NoPose",
     "Pose",
     "PoseClient",
-    "Why",
+    "PoseUnavailable",
+    "PoseUnavailableReason",
+    "ServiceUnavailable",
 ]

@@ -11,7 +11,7 @@ from drivers.errors import InputError
 from drivers.geometry import Array, is_rigid, quaternion_from_rotation
 
 # As far from a rotation as a matrix of 32-bit numbers may come to be.
-TOLERANCE = 1e-3
+RIGID_TOLERANCE = 1e-3
 
 
 def check_max_age(max_age_s: float) -> None:
@@ -32,7 +32,7 @@ def check_command_name(name: str) -> None:
         raise InputError(f"{name!r}: no name of a command; see kinect-vo command --help")
 
 
-def arguments_payload(key: str, arguments: Mapping[str, object]) -> bytes | None:
+def encode_arguments(key: str, arguments: Mapping[str, object]) -> bytes | None:
     """Arguments as JSON; nothing where there are none. Raises InputError."""
     if not arguments:
         return None
@@ -48,7 +48,7 @@ def reset_arguments(T_odom_base: Array) -> Mapping[str, object]:
         T = np.asarray(T_odom_base, dtype=np.float64)
     except (TypeError, ValueError):
         T = np.empty(0)
-    if not is_rigid(T, TOLERANCE):
+    if not is_rigid(T, RIGID_TOLERANCE):
         raise InputError(
             "T_odom_base: give a 4x4 matrix of finite numbers, a rotation and a position in metres"
         )

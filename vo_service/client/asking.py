@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import zenoh
 
-from vo_service.client.errors import CommandRefused, NoAnswer
-from vo_service.client.reading import check_fields, read_json
+from vo_service.client.errors import CommandRefused, ServiceUnavailable
+from vo_service.client.reading import check_fields, parse_json
 
 # What Zenoh itself answers where a service is there but says nothing, as when it hangs.
-_TIME_IS_UP = b"Timeout"
+_ZENOH_TIMEOUT = b"Timeout"
 
 
-def ask(
+def query(
     sessions: Sequence[zenoh.Session], key: str, timeout_s: float, payload: bytes | None = None
 ) -> zenoh.Sample:
     """The answer to a question; `sessions` is the one that is open, or none.
@@ -19,30 +19,30 @@ def ask(
     Raises CommandRefused with what the service said, NoAnswer if nobody says anything in time.
     """
     for session in sessions:
-        for reply in _replies(session, key, timeout_s, payload):
+        for reply in _send_query(session, key, timeout_s, payload):
             if reply.ok is not None:
                 return reply.ok
-            if reply.err is not None and reply.err.payload.to_bytes() != _TIME_IS_UP:
-                raise _refusal(key, reply.err)
-    raise NoAnswer(
+            if reply.err is not None and reply.err.payload.to_bytes() != _ZENOH_TIMEOUT:
+                raise _error_from_reply(key, reply.err)
+    raise ServiceUnavailable(
         f"{key}: no answer within {timeout_s:g} s: no service is there, it is flooded with "
         "questions or stuck, or it may not answer us"
     )
 
 
-def _replies(
+def _send_query(
     session: zenoh.Session, key: str, timeout_s: float, payload: bytes | None
 ) -> zenoh.Handler[zenoh.Reply]:
     try:
         return session.get(key, payload=payload, timeout=timeout_s)
     except zenoh.ZError as error:  # closed by another thread
-        raise NoAnswer(f"{key}: cannot be asked: {error}") from error
+        raise ServiceUnavailable(f"{key}: cannot be asked: {error}") from error
 
 
-def _refusal(key: str, error: zenoh.ReplyError) -> Exception:
+def _error_from_reply(key: str, error: zenoh.ReplyError) -> Exception:
     try:
-        content = read_json(error.payload)
+        content = parse_json(error.payload)
         check_fields("a refusal", content, {"error": str, "message": str})
     except ValueError as unreadable:
-        return NoAnswer(f"{key}: the answer cannot be read: {unreadable}")
+        return ServiceUnavailable(f"{key}: the answer cannot be read: {unreadable}")
     return CommandRefused(content["error"], content["message"])

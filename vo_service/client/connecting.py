@@ -7,7 +7,7 @@ from collections.abc import Callable
 import zenoh
 
 from drivers.errors import UserFacingError
-from vo_service.outputs.zenoh_session import ZenohNotNowError, open_session
+from vo_service.outputs.zenoh_session import ZenohUnavailableError, open_session
 from vo_service.settings import ZenohConfig
 
 logger = logging.getLogger(__name__)
@@ -15,7 +15,7 @@ logger = logging.getLogger(__name__)
 RETRY_S = 1.0
 
 
-class Connecting:
+class BackgroundConnection:
     """Opens a session; where nobody is there to open it with, tries again in the background.
 
     A Zenoh peer opens alone and meets the others later. A Zenoh client, which readers of a network
@@ -28,10 +28,12 @@ class Connecting:
         self._on_open = on_open
         self._closed = threading.Event()
         self._sessions: list[zenoh.Session] = []
-        self._thread = threading.Thread(target=self._keep_trying, name="connecting", daemon=True)
+        self._thread = threading.Thread(
+            target=self._retry_until_open, name="connecting", daemon=True
+        )
         try:
             self._open()
-        except ZenohNotNowError:
+        except ZenohUnavailableError:
             self._thread.start()
 
     @property
@@ -47,13 +49,13 @@ class Connecting:
         for session in self._sessions:
             session.close()  # type: ignore[no-untyped-call]
 
-    def _keep_trying(self) -> None:
+    def _retry_until_open(self) -> None:
         """Also past what was in order at the start, such as a key that is being replaced."""
         told = ""
         while not self._sessions and not self._closed.wait(RETRY_S):
             try:
                 self._open()
-            except ZenohNotNowError:
+            except ZenohUnavailableError:
                 told = ""
             except UserFacingError as error:
                 if str(error) != told:

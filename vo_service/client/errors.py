@@ -5,7 +5,7 @@ from enum import StrEnum
 from vo_service.client.pose import Pose
 
 
-class Why(StrEnum):
+class PoseUnavailableReason(StrEnum):
     """Why there is no pose that can be used."""
 
     NO_PUBLISHER = "no-publisher"  # no kinect-vo with this prefix is there
@@ -16,15 +16,15 @@ class Why(StrEnum):
     UNREADABLE = "unreadable"  # another version of the messages
 
 
-class NoPose(Exception):  # noqa: N818 (an answer, where nothing need be wrong)
+class PoseUnavailable(Exception):  # noqa: N818 (an answer, where nothing need be wrong)
     """There is no pose that can be used; the text says why, `why` says it to programs.
 
     last    the last pose that came, however old; None before the first
     """
 
-    def __init__(self, why: Why, message: str, last: Pose | None) -> None:
+    def __init__(self, reason: PoseUnavailableReason, message: str, last: Pose | None) -> None:
         super().__init__(message)
-        self.why = why
+        self.reason = reason
         self.last = last
 
 
@@ -39,7 +39,7 @@ class CommandRefused(Exception):  # noqa: N818 (named after what happened)
         self.code = code
 
 
-class NoAnswer(Exception):  # noqa: N818
+class ServiceUnavailable(Exception):  # noqa: N818
     """Nobody answered: no service is there, its commands are off, or it may not answer us.
 
     Also what a client says to every question once it is closed.

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import zenoh
 
 from drivers.geometry import Array
-from vo_service.client.reading import check_fields, read_json
+from vo_service.client.reading import check_fields, parse_json
 from vo_service.outputs.cdr_transform import decode_transform
 
-_ATTACHMENT = {"seq": int, "epoch": int, "is_located": bool, "places": int, "loops": int}
+_ATTACHMENT_FIELDS = {"seq": int, "epoch": int, "is_located": bool, "places": int, "loops": int}
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class MapOdom:
     """How `odom` lies in the map: what the places that were known again say.
 
     It jumps where the map is corrected, so that poses in `odom` need not. A pose in the map is
-    ``T_map_odom @ pose.T_odom_base``, if `is_located` and both are of the same epoch.
+    ``T_map_odom @ pose.T_odom_base``, if `is_localized` and both are of the same epoch.
 
     stamp_s       instant of the newest pose when it was published, Unix seconds
     frame_id, child_frame_id  names of the map's frame and of `odom`
@@ -39,29 +39,29 @@ class MapOdom:
     is_located: bool
     places: int
     loops: int
-    heard_s: float
+    receive_time_s: float
 
     @property
     def age_s(self) -> float:
         """Seconds since it came. The clocks of two computers need not agree for this."""
-        return time.monotonic() - self.heard_s
+        return time.monotonic() - self.receive_time_s
 
 
-def read_map_odom(sample: zenoh.Sample) -> MapOdom:
+def parse_map_odom(sample: zenoh.Sample) -> MapOdom:
     """What a sample of ``map_odom`` says.
 
     Raises ValueError if it is none, or of a version that this client does not know.
     """
     if sample.attachment is None:
         raise ValueError("a place in the map came without its attachment")
-    about = read_json(sample.attachment)
-    check_fields("a place in the map", about, _ATTACHMENT)
+    about = parse_json(sample.attachment)
+    check_fields("a place in the map", about, _ATTACHMENT_FIELDS)
     message = decode_transform(sample.payload.to_bytes())
     return MapOdom(
         stamp_s=message.stamp_s,
         frame_id=message.frame_id,
         child_frame_id=message.child_frame_id,
         T_map_odom=message.T_frame_child,
-        **{name: about[name] for name in _ATTACHMENT},
-        heard_s=time.monotonic(),
+        **{name: about[name] for name in _ATTACHMENT_FIELDS},
+        receive_time_s=time.monotonic(),
     )

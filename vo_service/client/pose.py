@@ -9,20 +9,20 @@ from typing import Any
 import zenoh
 
 from drivers.geometry import Array, quaternion_from_rotation
-from vo_service.client.reading import check_fields, read_json
+from vo_service.client.reading import check_fields, parse_json
 from vo_service.outputs.cdr import OdometryMessage, decode_odometry
 
 LOST = "lost"
-_ATTACHMENT = {"seq": int, "state": str, "epoch": int, "reason": str}
+_ATTACHMENT_FIELDS = {"seq": int, "state": str, "epoch": int, "reason": str}
 
 
 @dataclass(frozen=True)
-class Heard:
+class ReceivedPose:
     """A pose when it came: the message, its attachment, CLOCK_MONOTONIC, and of which run."""
 
     message: OdometryMessage
-    about: Mapping[str, Any]
-    heard_s: float
+    attachment: Mapping[str, Any]
+    receive_time_s: float
     run: int
 
 
@@ -58,7 +58,7 @@ class Pose:
     epoch: int
     is_continuous: bool
     missed: int
-    heard_s: float
+    receive_time_s: float
 
     @property
     def position_m(self) -> Array:
@@ -74,7 +74,7 @@ class Pose:
     @property
     def age_s(self) -> float:
         """Seconds since it came. The clocks of two computers need not agree for this."""
-        return time.monotonic() - self.heard_s
+        return time.monotonic() - self.receive_time_s
 
     @property
     def is_lost(self) -> bool:
@@ -86,24 +86,24 @@ class PoseReader:
     """Turns what was heard into poses for one reader, who may skip some."""
 
     def __init__(self) -> None:
-        self._last: Heard | None = None
+        self._last: ReceivedPose | None = None
 
-    def read(self, heard: Heard) -> Pose:
+    def read(self, received: ReceivedPose) -> Pose:
         """The pose, with what lies between it and the one that this reader got before."""
-        last, self._last = self._last, heard
-        return make_pose(heard, _is_continuous(last, heard), _missed(last, heard))
+        last, self._last = self._last, received
+        return make_pose(received, _is_continuous(last, received), _missed_count(last, received))
 
 
-class ReaderOfEachThread(threading.local):
+class ThreadLocalReader(threading.local):
     """A `PoseReader` for every thread that asks for one: what one has read is not news to it."""
 
     def __init__(self) -> None:
         self.reader = PoseReader()
 
 
-def make_pose(heard: Heard, is_continuous: bool, missed: int) -> Pose:
+def make_pose(received: ReceivedPose, is_continuous: bool, missed: int) -> Pose:
     """Message and attachment as one."""
-    message, about = heard.message, heard.about
+    message, about = received.message, received.attachment
     return Pose(
         stamp_s=message.stamp_s,
         frame_id=message.frame_id,
@@ -118,31 +118,35 @@ def make_pose(heard: Heard, is_continuous: bool, missed: int) -> Pose:
         epoch=about["epoch"],
         is_continuous=is_continuous,
         missed=missed,
-        heard_s=heard.heard_s,
+        receive_time_s=received.receive_time_s,
     )
 
 
-def read_sample(sample: zenoh.Sample, run: int) -> Heard:
+def parse_pose_sample(sample: zenoh.Sample, run: int) -> ReceivedPose:
     """What a sample of ``odom`` or ``latest`` says.
 
     Raises ValueError if it is not a pose, or of a version that this client does not know.
     """
     if sample.attachment is None:
         raise ValueError("a pose came without its attachment")
-    about = read_json(sample.attachment)
-    check_fields("a pose", about, _ATTACHMENT)
-    return Heard(decode_odometry(sample.payload.to_bytes()), about, time.monotonic(), run)
+    about = parse_json(sample.attachment)
+    check_fields("a pose", about, _ATTACHMENT_FIELDS)
+    return ReceivedPose(decode_odometry(sample.payload.to_bytes()), about, time.monotonic(), run)
 
 
-def _is_continuous(last: Heard | None, heard: Heard) -> bool:
-    if last is None or last.run != heard.run or heard.about["seq"] < last.about["seq"]:
+def _is_continuous(last: ReceivedPose | None, received: ReceivedPose) -> bool:
+    if (
+        last is None
+        or last.run != received.run
+        or received.attachment["seq"] < last.attachment["seq"]
+    ):
         return False
-    return bool(last.about["epoch"] == heard.about["epoch"])
+    return bool(last.attachment["epoch"] == received.attachment["epoch"])
 
 
-def _missed(last: Heard | None, heard: Heard) -> int:
+def _missed_count(last: ReceivedPose | None, received: ReceivedPose) -> int:
     """Numbers begin anew with each run of the service."""
-    if last is None or last.run != heard.run:
+    if last is None or last.run != received.run:
         return 0
-    between: int = heard.about["seq"] - last.about["seq"] - 1
+    between: int = received.attachment["seq"] - last.attachment["seq"] - 1
     return max(0, between)

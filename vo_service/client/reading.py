@@ -7,35 +7,35 @@ from typing import Any
 import zenoh
 
 # The only version of the messages that this client can read.
-MESSAGE_SCHEMA = 1
+SUPPORTED_SCHEMA = 1
 
-Message = Mapping[str, Any]
+JsonObject = Mapping[str, Any]
 
 
-def read_json(payload: zenoh.ZBytes) -> Message:
+def parse_json(payload: zenoh.ZBytes) -> JsonObject:
     """One of the service's JSON messages. Raises ValueError."""
     try:
         content = json.loads(payload.to_bytes())
     except RecursionError as error:
         raise ValueError("a message is nested too deeply") from error
     found = content.get("schema") if isinstance(content, dict) else None
-    if found != MESSAGE_SCHEMA:
+    if found != SUPPORTED_SCHEMA:
         raise ValueError(
-            f"a message of version {found}, only {MESSAGE_SCHEMA} is known here; use the client "
+            f"a message of version {found}, only {SUPPORTED_SCHEMA} is known here; use the client "
             "that came with that service"
         )
-    known: Message = content
+    known: JsonObject = content
     return known
 
 
-def read_status(payload: zenoh.ZBytes) -> Message:
+def parse_status(payload: zenoh.ZBytes) -> JsonObject:
     """A status. Raises ValueError."""
-    status = read_json(payload)
+    status = parse_json(payload)
     check_fields("a status", status, {"state": str, "reason": str, "paused": bool})
     return status
 
 
-def check_fields(what: str, message: Message, kinds: Mapping[str, type]) -> None:
+def check_fields(what: str, message: JsonObject, kinds: Mapping[str, type]) -> None:
     """Raise ValueError unless the message has these fields, of just these types."""
     missing = kinds.keys() - message.keys()
     if missing:

@@ -10,16 +10,21 @@ from itertools import groupby
 from pathlib import Path
 
 from drivers.errors import InputError
-from vo_service.bench.contestants import NAMES, LeftOut, find_left_out, recipes_of
-from vo_service.bench.report import SetUp, content_of, write_report
-from vo_service.bench.tables import Ranking
-from vo_service.commands.options import add_runs_options, config_of, count
-from vo_service.folders import make_output_folder
-from vo_service.interrupts import Stop, stop_on_signals
-from vo_service.runs.campaign import Plan, run_all
-from vo_service.runs.excerpt import Excerpt
-from vo_service.runs.listening import NOBODY, LoopsRecipe
-from vo_service.runs.results import collect
+from vo_service.bench.contestants import (
+    METHOD_NAMES,
+    UnavailableMethods,
+    find_unavailable_methods,
+    make_method_factories,
+)
+from vo_service.bench.report import BenchMetadata, report_content, write_bench_report
+from vo_service.bench.tables import RelativeResults
+from vo_service.commands.options import add_benchmark_options, load_config, parse_count
+from vo_service.folders import create_output_folder
+from vo_service.interrupts import StopSignal, stop_on_signals
+from vo_service.runs.campaign import BatchPlan, run_batch
+from vo_service.runs.excerpt import FrameSelection
+from vo_service.runs.listening import NULL_OBSERVER, LoopClosureObserverFactory
+from vo_service.runs.results import collect_results
 from vo_service.runs.run import RunState
 from vo_service.runs.sequence import open_recordings
 from vo_service.terminal import Terminal
@@ -27,7 +32,7 @@ from vo_service.terminal import Terminal
 NAME = "bench"
 HELP = "our methods and other people's on recordings: accuracy, gross errors, time, memory"
 EPILOG = f"""\
-{textwrap.fill("methods: " + ", ".join(NAMES), 98, break_on_hyphens=False)}
+{textwrap.fill("methods: " + ", ".join(METHOD_NAMES), 98, break_on_hyphens=False)}
 
 examples:
   kinect-vo bench recordings/desk recordings/kitchen
@@ -54,104 +59,114 @@ wrong; 130 or 143 stopped, with a report of what was done until then.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     parser.add_argument(
-        "--methods", metavar="METHOD", nargs="+", choices=NAMES, default=list(NAMES),
+        "--methods", metavar="METHOD", nargs="+", choices=METHOD_NAMES, default=list(METHOD_NAMES),
         help="which, in this order (default: all)",
     )  # fmt: skip
     parser.add_argument(
-        "--every", metavar="N", nargs="+", type=count, default=[1],
+        "--every", metavar="N", nargs="+", type=parse_count, default=[1],
         help="use one frame in N only; several for several rates (default: 1, every frame)",
     )  # fmt: skip
     parser.add_argument(
-        "--frames", metavar="N", type=count, help="the first N frames of each recording alone"
+        "--frames", metavar="N", type=parse_count, help="the first N frames of each recording alone"
     )
     parser.add_argument(
-        "--against", metavar="METHOD", choices=NAMES,
+        "--against", metavar="METHOD", choices=METHOD_NAMES,
         help="the method whose figures the others are divided by (default: the first)",
     )  # fmt: skip
     parser.add_argument(
         "--output", metavar="FOLDER", type=Path, help="where a report goes, and runs are kept"
     )
-    add_runs_options(parser)
+    add_benchmark_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run, tell each recording's results as soon as they are there, and report."""
-    config = config_of(args)
+    config = load_config(args)
     names = list(dict.fromkeys(args.methods))
-    left_out = find_left_out(names)
-    recipes = recipes_of(names, left_out, config.odometry)
-    set_up = SetUp(
+    left_out = find_unavailable_methods(names)
+    recipes = make_method_factories(names, left_out, config.odometry)
+    set_up = BenchMetadata(
         methods=list(recipes),
-        left_out=left_out,
-        against=_against(args.against, list(recipes), left_out),
-        every=list(dict.fromkeys(args.every)),
-        frames=args.frames,
+        unavailable=left_out,
+        reference_method=_choose_reference_method(args.against, list(recipes), left_out),
+        frame_steps=list(dict.fromkeys(args.every)),
+        max_frames=args.frames,
         odometry=config.odometry,
         camera_file=args.camera or config.camera.file,
         time_limit_s=args.time_limit,
-        listener=LoopsRecipe(config.map) if args.loops else NOBODY,
+        observer_factory=LoopClosureObserverFactory(config.map) if args.loops else NULL_OBSERVER,
     )
     recordings = [
-        whole.only(Excerpt(every, args.frames))
+        whole.select(FrameSelection(every, args.frames))
         for whole in open_recordings(args.folders, set_up.camera_file)
-        for every in set_up.every
+        for every in set_up.frame_steps
     ]
-    with _folder(args.output) as folder, stop_on_signals() as stop:
+    with _open_report_folder(args.output) as folder, stop_on_signals() as stop:
         runs = folder / "runs"
-        plan = Plan(recordings, recipes, runs, args.time_limit, args.again, set_up.listener)
+        plan = BatchPlan(
+            recordings, recipes, runs, args.time_limit, args.again, set_up.observer_factory
+        )
         rankings = []
-        for ranking in _rankings(plan, set_up.against, stop):
+        for ranking in _run_methods(plan, set_up.reference_method, stop):
             rankings.append(ranking)
             if not args.json:
-                _print(ranking)
-        write_report(folder, set_up, rankings)
-    _print_end(args, set_up, rankings)
-    all_done = all(judged.is_done for each in rankings for judged in each.result.judged.values())
+                _print_tables(ranking)
+        write_bench_report(folder, set_up, rankings)
+    _print_summary(args, set_up, rankings)
+    all_done = all(
+        judged.is_done for each in rankings for judged in each.results.evaluations.values()
+    )
     return stop.exit_code or (0 if all_done else 1)
 
 
-def _against(asked: str | None, methods: Sequence[str], left_out: Sequence[LeftOut]) -> str:
+def _choose_reference_method(
+    requested: str | None, methods: Sequence[str], unavailable: Sequence[UnavailableMethods]
+) -> str:
     """The method that the others are divided by. Raises InputError if it does not take part."""
-    if asked is None or asked in methods:
-        return asked or methods[0]
-    missing = next((str(each) for each in left_out if asked in each.methods), "")
+    if requested is None or requested in methods:
+        return requested or methods[0]
+    missing = next((str(each) for each in unavailable if requested in each.methods), "")
     why = missing or f"it is not among --methods; name one of {', '.join(methods)}"
-    raise InputError(f"--against {asked}: {why}")
+    raise InputError(f"--against {requested}: {why}")
 
 
 @contextmanager
-def _folder(output: Path | None) -> Iterator[Path]:
+def _open_report_folder(output: Path | None) -> Iterator[Path]:
     """The folder of the report; without --output one that goes with the command."""
     if output is not None:
-        make_output_folder(output)
+        create_output_folder(output)
         yield output
         return
     with tempfile.TemporaryDirectory(prefix="kinect-vo-bench-") as folder:
         yield Path(folder)
 
 
-def _rankings(plan: Plan, against: str, stop: Stop) -> Iterator[Ranking]:
+def _run_methods(
+    plan: BatchPlan, reference_method: str, stop: StopSignal
+) -> Iterator[RelativeResults]:
     """The results, recording by recording."""
-    entries = run_all(plan, Terminal(), stop.event)
+    entries = run_batch(plan, Terminal(), stop.event)
     for _, group in groupby(entries, key=lambda entry: entry.recording.name):
-        (result,) = collect(group)
-        yield Ranking(result, against)
+        (result,) = collect_results(group)
+        yield RelativeResults(result, reference_method)
 
 
-def _print(ranking: Ranking) -> None:
+def _print_tables(results: RelativeResults) -> None:
     """The two tables, unless the bench was stopped before them."""
-    states = {judged.outcome.state for judged in ranking.result.judged.values()}
+    states = {judged.outcome.state for judged in results.results.evaluations.values()}
     if states == {RunState.NOT_RUN}:
         return
-    print(ranking.error_table().as_text())
-    print(f"{ranking.cost_table().as_text()}\n", flush=True)
+    print(results.error_table().as_text())
+    print(f"{results.cost_table().as_text()}\n", flush=True)
 
 
-def _print_end(args: argparse.Namespace, set_up: SetUp, rankings: Sequence[Ranking]) -> None:
+def _print_summary(
+    args: argparse.Namespace, metadata: BenchMetadata, results: Sequence[RelativeResults]
+) -> None:
     if args.json:
-        print(json.dumps(content_of(set_up, rankings)))
+        print(json.dumps(report_content(metadata, results)))
         return
-    for each in set_up.left_out:
+    for each in metadata.unavailable:
         print(each)
     if args.output is not None:
         print(f"report: {args.output}")

@@ -8,15 +8,15 @@ from pathlib import Path
 
 from drivers.errors import InputError
 from vo_service.calibration.board import Board
-from vo_service.calibration.board_option import USAGE, BoardOptions, board_of
-from vo_service.calibration.picture import check_picture, write_picture
-from vo_service.calibration.result import Calibration
+from vo_service.calibration.board_option import USAGE, BoardOptions, make_board
+from vo_service.calibration.picture import check_plot_format, write_plot
+from vo_service.calibration.result import CalibrationResult
 from vo_service.calibration.saving import check_writable, save_camera_file
 from vo_service.calibration.sheet import print_board
-from vo_service.calibration.solving import solve
-from vo_service.calibration.taking import Taken, taken_from_folder
-from vo_service.calibration.taking_live import LiveRequest, taken_live
-from vo_service.cameras import USAGES
+from vo_service.calibration.solving import solve_calibration
+from vo_service.calibration.taking import CollectedViews, collect_from_folder
+from vo_service.calibration.taking_live import LiveCollectionRequest, collect_live
+from vo_service.cameras import CAMERA_USAGES
 from vo_service.config import Config, read_config
 from vo_service.interrupts import stop_on_signals
 from vo_service.terminal import Terminal
@@ -54,7 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     parser.add_argument(
-        "--camera", metavar="SOURCE", help=f"see the board live: {', '.join(USAGES.values())}"
+        "--camera",
+        metavar="SOURCE",
+        help=f"see the board live: {', '.join(CAMERA_USAGES.values())}",
     )
     parser.add_argument(
         "--depth", action="store_true",
@@ -101,10 +103,13 @@ def _add_board_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"{USAGE}; default: chessboard:9x6",
     )  # fmt: skip
     parser.add_argument(
-        "--square", metavar="M", type=length_m, help="side of a printed square, in metres, measured"
+        "--square",
+        metavar="M",
+        type=parse_length_m,
+        help="side of a printed square, in metres, measured",
     )
     parser.add_argument(
-        "--marker", metavar="M", type=length_m,
+        "--marker", metavar="M", type=parse_length_m,
         help="ChArUco: side of a marker, in metres (default: 0.7 of a square)",
     )  # fmt: skip
     parser.add_argument(
@@ -117,7 +122,7 @@ def _add_board_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def length_m(text: str) -> float:
+def parse_length_m(text: str) -> float:
     """Parse the side of a square."""
     try:
         value = float(text)
@@ -134,26 +139,26 @@ def run(args: argparse.Namespace) -> int:
     """Calibrate and save. Raises InputError or UserFacingError, each with one line."""
     if args.timing:
         # Loads the kernels of an odometry, which boards do without.
-        from vo_service.commands.calibrate_timing import run_timing
+        from vo_service.commands.calibrate_timing import calibrate_timing
 
-        return run_timing(args)
-    board = board_of(BoardOptions(args.board, args.square, args.marker, args.dictionary))
+        return calibrate_timing(args)
+    board = make_board(BoardOptions(args.board, args.square, args.marker, args.dictionary))
     if args.print_board is not None:
         paper = print_board(board, args.print_board)
         print(f"{args.print_board}: {board.name}, to print on {paper} at 100 %")
         return 0
     config = read_config(args.config)
     output: Path = args.output or config.camera.file or DEFAULT_OUTPUT
-    _check(args, output)
+    _check_arguments(args, output)
     terminal = Terminal()
-    taken = _take(args, config, board, terminal)
-    calibration = solve(board, taken, args.depth, terminal)
+    taken = _collect_views(args, config, board, terminal)
+    calibration = solve_calibration(board, taken, args.depth, terminal)
     terminal.clear()
-    _tell(args, calibration, output)
+    _save_and_print(args, calibration, output)
     return 0
 
 
-def _check(args: argparse.Namespace, output: Path) -> None:
+def _check_arguments(args: argparse.Namespace, output: Path) -> None:
     """Whatever would only fail after the work."""
     if (args.folder is None) == (args.camera is None):
         raise InputError("name a FOLDER of images, or a camera to see the board live: --camera")
@@ -165,30 +170,34 @@ def _check(args: argparse.Namespace, output: Path) -> None:
         raise InputError(f"--views {args.views}: give 1 or more; 25 are good")
     check_writable(output)
     if args.picture is not None:
-        check_picture(args.picture)
+        check_plot_format(args.picture)
         check_writable(args.picture)
 
 
-def _take(args: argparse.Namespace, config: Config, board: Board, terminal: Terminal) -> Taken:
+def _collect_views(
+    args: argparse.Namespace, config: Config, board: Board, terminal: Terminal
+) -> CollectedViews:
     if args.folder is not None:
-        return taken_from_folder(board, args.folder, args.camera_file, args.depth, terminal)
+        return collect_from_folder(board, args.folder, args.camera_file, args.depth, terminal)
     targets = () if args.rerun is None else (args.rerun,)
-    request = LiveRequest(args.camera, config.sensor, args.depth, args.views, args.keep, targets)
+    request = LiveCollectionRequest(
+        args.camera, config.sensor, args.depth, args.views, args.keep, targets
+    )
     with stop_on_signals() as stop:
-        return taken_live(board, request, terminal, stop.event)
+        return collect_live(board, request, terminal, stop.event)
 
 
-def _tell(args: argparse.Namespace, calibration: Calibration, output: Path) -> None:
+def _save_and_print(args: argparse.Namespace, calibration: CalibrationResult, output: Path) -> None:
     for warning in calibration.warnings:
         _log.warning("%s", warning)
-    camera = calibration.camera_file
+    camera = calibration.camera_calibration
     heading = (
-        f"kinect-vo calibrate, {date.today()}: {len(calibration.colour.views)} views of a "
-        f"{calibration.board.name}, corners {calibration.colour.rms_px:.3f} px off (rms)"
+        f"kinect-vo calibrate, {date.today()}: {len(calibration.color.views)} views of a "
+        f"{calibration.board.name}, corners {calibration.color.rms_px:.3f} px off (rms)"
     )
     kept = save_camera_file(output, camera, heading)
     if args.picture is not None:
-        write_picture(args.picture, calibration)
+        write_plot(args.picture, calibration)
     if args.json:
         files = {"camera_file": str(output), "kept": None if kept is None else str(kept)}
         print(json.dumps(files | calibration.as_json()))

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from drivers.errors import InputError
-from vo_service.certificates.authority import AUTHORITY_DAYS, Authority
+from vo_service.certificates.authority import AUTHORITY_DAYS, CertificateAuthority
 
 NAME = "certificates"
 HELP = "make keys and certificates for a test network"
@@ -47,26 +47,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help=f"{text}; may be given several times",
         )  # fmt: skip
     parser.add_argument(
-        "--days", metavar="N", type=_days, default=365,
+        "--days", metavar="N", type=_parse_days, default=365,
         help="how long the certificates are valid (default: %(default)s)",
     )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
     """Make what was asked for, and say where each goes."""
-    clients = [(name, role) for role in _WHERE for name in getattr(args, role)]
+    clients = [(name, role) for role in _DESTINATIONS for name in getattr(args, role)]
     names = [*args.host[:1], *(name for name, _ in clients)]
     if not names:
         raise InputError("nothing to make: give --host, --robot, --reader or --operator")
-    authority = Authority(args.folder)
-    authority.check_new(names)
+    authority = CertificateAuthority(args.folder)
+    authority.check_names_free(names)
     made = []
     if args.host:
-        folder = authority.certify_server(args.host, args.days)
+        folder = authority.issue_server_certificate(args.host, args.days)
         made.append(f"{folder}: beside robot-tls.json5 or fleet-router.json5 on {args.host[0]}")
     for name, role in clients:
-        folder = authority.certify_client(name, args.days)
-        made.append(f"{folder}: {_WHERE[role].format(name)}")
+        folder = authority.issue_client_certificate(name, args.days)
+        made.append(f"{folder}: {_DESTINATIONS[role].format(name)}")
     print("\n".join(made))
     print(
         f"Copy ca.pem, tls.pem and tls.key of each to its place, tls.key readable by nobody else.\n"
@@ -76,14 +76,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-_WHERE = {
+_DESTINATIONS = {
     "robot": 'beside fleet-robot.json5 on the robot with prefix = "{}"',
     "reader": "beside reader-tls.json5 where {} runs; a name among `readers` in the configuration",
     "operator": "beside operator-tls.json5 where {} runs; a name among `readers` and `operators`",
 }
 
 
-def _days(text: str) -> int:
+def _parse_days(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= AUTHORITY_DAYS:
         raise argparse.ArgumentTypeError(
             f"{text} is not a number of days: give 1 to {AUTHORITY_DAYS}"

@@ -4,10 +4,10 @@ import argparse
 import json
 
 from drivers.errors import InputError, UserFacingError
-from vo_service.client import CommandRefused, NoAnswer, PoseClient
-from vo_service.client.client import ANSWER_S
+from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
+from vo_service.client.client import REPLY_TIMEOUT_S
 from vo_service.commands.connection import add_connection_options
-from vo_service.commands.options import seconds
+from vo_service.commands.options import parse_seconds
 
 NAME = "command"
 HELP = "ask a running kinect-vo to reset, pause, tilt, record or save"
@@ -26,7 +26,7 @@ A value is JSON, or else text. The answer is one JSON object on standard output.
 refuses or cannot do is told in one line.
 """
 # Of these the sender is the cause.
-_WRONG = ("bad-request", "unknown-command")
+_CALLER_ERRORS = ("bad-request", "unknown-command")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,13 +36,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "arguments",
         metavar="KEY=VALUE",
         nargs="*",
-        type=_argument,
+        type=_parse_argument,
         default=(),
         help="its arguments",
     )
     add_connection_options(parser)
     parser.add_argument(
-        "--timeout", metavar="SECONDS", type=seconds, default=ANSWER_S,
+        "--timeout", metavar="SECONDS", type=parse_seconds, default=REPLY_TIMEOUT_S,
         help="how long to wait for the answer (default: %(default)g)",
     )  # fmt: skip
 
@@ -57,9 +57,9 @@ def run(args: argparse.Namespace) -> int:
         try:
             answer = client.command(args.name, dict(args.arguments), args.timeout)
         except CommandRefused as refused:
-            kind = InputError if refused.code in _WRONG else UserFacingError
+            kind = InputError if refused.code in _CALLER_ERRORS else UserFacingError
             raise kind(f"{args.name}: {refused} ({refused.code})") from refused
-        except NoAnswer as nobody:
+        except ServiceUnavailable as nobody:
             raise UserFacingError(
                 f"{args.name}: {nobody}; is kinect-vo run there, with the same --prefix?"
             ) from nobody
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _argument(text: str) -> tuple[str, object]:
+def _parse_argument(text: str) -> tuple[str, object]:
     key, equals, value = text.partition("=")
     if not key or not equals:
         raise argparse.ArgumentTypeError(f"{text} is not KEY=VALUE, such as tilt_deg=10")

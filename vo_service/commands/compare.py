@@ -7,20 +7,20 @@ from dataclasses import replace
 from pathlib import Path
 
 from drivers.errors import InputError
-from vo_service.commands.options import add_runs_options, config_of
-from vo_service.comparison.files import Report, write_report
-from vo_service.comparison.set_up import SetUp
-from vo_service.comparison.tables import error_table, loops_table, time_table
+from vo_service.commands.options import add_benchmark_options, load_config
+from vo_service.comparison.files import ComparisonReport, write_comparison_report
+from vo_service.comparison.set_up import ComparisonMetadata
+from vo_service.comparison.tables import error_table, loop_closure_table, time_table
 from vo_service.config import Config
-from vo_service.folders import make_output_folder
+from vo_service.folders import create_output_folder
 from vo_service.interrupts import stop_on_signals
 from vo_service.methods import METHODS
-from vo_service.runs.campaign import Plan, run_all
-from vo_service.runs.listening import NOBODY, LoopsRecipe
-from vo_service.runs.method_recipe import MethodRecipe, TrueScaleSfmRecipe
-from vo_service.runs.recipe import Recipe, SfmScale
-from vo_service.runs.results import SequenceResults, collect
-from vo_service.runs.sequence import Recording, open_recordings
+from vo_service.runs.campaign import BatchPlan, run_batch
+from vo_service.runs.listening import NULL_OBSERVER, LoopClosureObserverFactory
+from vo_service.runs.method_recipe import ConfiguredMethodFactory, TrueScaleSfmFactory
+from vo_service.runs.recipe import MethodFactory, SfmScale
+from vo_service.runs.results import SequenceResults, collect_results
+from vo_service.runs.sequence import BenchmarkRecording, open_recordings
 from vo_service.terminal import Terminal
 
 NAME = "compare"
@@ -62,57 +62,61 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--sfm-scale", choices=[str(scale) for scale in SfmScale], default=SfmScale.FIRST_DEPTH,
         help="where sfm, which has no scale of its own, gets its first one (default: %(default)s)",
     )  # fmt: skip
-    add_runs_options(parser)
+    add_benchmark_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run, report, and say in short what came out."""
-    config = config_of(args)
+    config = load_config(args)
     methods = list(dict.fromkeys(args.methods))
     camera_file = args.camera or config.camera.file
     scale = SfmScale(args.sfm_scale)
-    listener = LoopsRecipe(config.map) if args.loops else NOBODY
-    set_up = SetUp(methods, config, scale, camera_file, args.time_limit, listener)
+    listener = LoopClosureObserverFactory(config.map) if args.loops else NULL_OBSERVER
+    set_up = ComparisonMetadata(methods, config, scale, camera_file, args.time_limit, listener)
     recordings = open_recordings(args.folders, camera_file)
-    recipes = recipes_of(config, methods, scale)
-    _check_truth(recordings, recipes)
+    recipes = make_method_factories(config, methods, scale)
+    _check_ground_truth(recordings, recipes)
     runs = args.output / "runs"
-    plan = Plan(recordings, recipes, runs, args.time_limit, args.again, listener)
-    make_output_folder(args.output)
+    plan = BatchPlan(recordings, recipes, runs, args.time_limit, args.again, listener)
+    create_output_folder(args.output)
     terminal = Terminal()
     with stop_on_signals() as stop:
-        results = collect(run_all(plan, terminal, stop.event))
-        report = write_report(args.output, results, set_up, terminal)
+        results = collect_results(run_batch(plan, terminal, stop.event))
+        report = write_comparison_report(args.output, results, set_up, terminal)
     _print(report, results, args.json)
-    all_done = all(judged.is_done for result in results for judged in result.judged.values())
+    all_done = all(judged.is_done for result in results for judged in result.evaluations.values())
     return stop.exit_code or (0 if all_done else 1)
 
 
-def recipes_of(config: Config, methods: Sequence[str], scale: SfmScale) -> Mapping[str, Recipe]:
+def make_method_factories(
+    config: Config, methods: Sequence[str], scale: SfmScale
+) -> Mapping[str, MethodFactory]:
     """How each method is made, with the settings of the configuration."""
-    kinds = {"sfm": TrueScaleSfmRecipe} if scale is SfmScale.GROUND_TRUTH else {}
+    kinds = {"sfm": TrueScaleSfmFactory} if scale is SfmScale.GROUND_TRUTH else {}
     return {
-        method: kinds.get(method, MethodRecipe)(replace(config.odometry, method=method))
+        method: kinds.get(method, ConfiguredMethodFactory)(replace(config.odometry, method=method))
         for method in methods
     }
 
 
-def _check_truth(recordings: Sequence[Recording], recipes: Mapping[str, Recipe]) -> None:
+def _check_ground_truth(
+    recordings: Sequence[BenchmarkRecording], factories: Mapping[str, MethodFactory]
+) -> None:
     """Raise InputError if a method is to use a truth that there is not."""
     missing = next((each for each in recordings if each.truth is None), None)
-    if missing is not None and any(recipe.uses_truth for recipe in recipes.values()):
+    if missing is not None and any(recipe.uses_truth for recipe in factories.values()):
         raise InputError(
             f"{missing.folder}: has no groundtruth.txt, which --sfm-scale ground-truth needs; "
             "leave the option out, or the folder"
         )
 
 
-def _print(report: Report, results: Sequence[SequenceResults], as_json: bool) -> None:
+def _print(report: ComparisonReport, results: Sequence[SequenceResults], as_json: bool) -> None:
     if as_json:
         print(json.dumps(report.content))
         return
     print(error_table(results).as_text())
     print(f"\n{time_table(results).as_text()}")
-    if results[0].has_loops:
-        print(f"\n{loops_table(results).as_text()}")
+    if results[0].has_loop_closure:
+        print(f"\n{loop_closure_table(results).as_text()}")
     print(f"\nreport: {report.page}")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from vo_service.config_check import check_config
-from vo_service.config_reference import reference
+from vo_service.config_reference import render_reference
 
 logger = logging.getLogger(__name__)
 
@@ -28,9 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
     check = actions.add_parser("check", help="read a file and what it names, and say what is wrong")
     check.add_argument("file", metavar="FILE", type=Path, help="configuration file (TOML)")
-    check.set_defaults(action=_check)
+    check.set_defaults(action=_check_file)
     listing = actions.add_parser("reference", help="print every key with its meaning (Markdown)")
-    listing.set_defaults(action=_reference)
+    listing.set_defaults(action=_print_reference)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -39,13 +39,13 @@ def run(args: argparse.Namespace) -> int:
     return action(args)
 
 
-def _check(args: argparse.Namespace) -> int:
+def _check_file(args: argparse.Namespace) -> int:
     for warning in check_config(args.file):
         logger.warning("%s", warning)
     print(f"{args.file}: no mistakes")
     return 0
 
 
-def _reference(args: argparse.Namespace) -> int:
-    print(reference(), end="")
+def _print_reference(args: argparse.Namespace) -> int:
+    print(render_reference(), end="")
     return 0

@@ -6,29 +6,29 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from drivers.camera import Pace
+from drivers.camera import PlaybackMode
 from drivers.synthetic.config import SyntheticConfig
-from drivers.trajectory import StampedPoses, pose_line
-from drivers.tum.whole_files import write_whole
-from vo_service.app import OutputRequest, opened_outputs, run_loop
+from drivers.trajectory import Trajectory, format_pose_line
+from drivers.tum.whole_files import atomic_write
+from vo_service.app import OutputsConfig, open_outputs, run_replay
 from vo_service.cameras import CameraRequest, make_camera
 from vo_service.commands.kernels import prepare_kernels
 from vo_service.commands.options import (
     add_config_options,
     add_publish_option,
-    config_of,
-    say,
-    seconds,
+    load_config,
+    parse_seconds,
+    print_message,
 )
-from vo_service.evaluation.association import FEWEST_MATCHES
-from vo_service.evaluation.picture import write_picture
-from vo_service.feed import SteadyFeed
-from vo_service.folders import make_output_folder
+from vo_service.evaluation.association import MIN_MATCHES
+from vo_service.evaluation.picture import write_plot
+from vo_service.feed import PacedSource
+from vo_service.folders import create_output_folder
 from vo_service.interrupts import stop_on_signals
 from vo_service.outputs.progress_output import ProgressOutput
-from vo_service.outputs.trajectory_memory import TrajectoryMemory
-from vo_service.outputs.zenoh_opening import OpenOnFreePort
-from vo_service.summary import Summary
+from vo_service.outputs.trajectory_memory import TrajectoryRecorder
+from vo_service.outputs.zenoh_opening import ConnectOnFreePort
+from vo_service.summary import RunSummary
 from vo_service.terminal import Terminal
 
 NAME = "demo"
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     add_config_options(parser)
     parser.add_argument(
-        "--seconds", type=seconds, default=20.0, help="how long (default: %(default)s)"
+        "--seconds", type=parse_seconds, default=20.0, help="how long (default: %(default)s)"
     )
     parser.add_argument(
         "--output", metavar="FOLDER", type=Path, default=Path("output/demo"),
@@ -65,60 +65,60 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Play, then say how it went."""
-    config = config_of(args)
-    make_output_folder(args.output)
+    config = load_config(args)
+    create_output_folder(args.output)
     terminal = Terminal()
     camera = make_camera(
         CameraRequest(
             source="synthetic",
-            file=None,
-            pace=Pace.LOCKSTEP,
+            camera_file=None,
+            playback_mode=PlaybackMode.LOCKSTEP,
             sensor=config.sensor,
             synthetic=replace(SyntheticConfig(), duration_s=args.seconds),
         )
     )
-    memory = TrajectoryMemory()
+    memory = TrajectoryRecorder()
     with camera:  # its room is prepared meanwhile
         with stop_on_signals() as stop:
             prepare_kernels(config, terminal, stop)
-        request = OutputRequest(
-            pace=Pace.REALTIME,
+        request = OutputsConfig(
+            playback_mode=PlaybackMode.REALTIME,
             zenoh=None if args.no_publish else config.zenoh,
-            way_to_open=OpenOnFreePort,
-            rerun=replace(config.rerun, targets=_rerun_targets(args)),
+            connect_policy=ConnectOnFreePort,
+            rerun=replace(config.rerun, targets=_choose_rerun_targets(args)),
             trajectory=args.output / "trajectory.txt",
             ground_truth=lambda: camera.ground_truth,
-            tell=say,
+            log_line=print_message,
         )
-        with opened_outputs(request) as opened, stop_on_signals() as stop:
+        with open_outputs(request) as opened, stop_on_signals() as stop:
             progress = ProgressOutput(terminal, "demo", camera.frame_count)
             outputs = [*opened.outputs, memory, progress]
-            ending = run_loop(config, camera, SteadyFeed(camera), outputs, stop)
+            ending = run_replay(config, camera, PacedSource(camera), outputs, stop)
         terminal.clear()
         truth = camera.ground_truth
         if truth is None:  # stopped before the first frame
             return ending.exit_code
-        summary = Summary.of(
+        summary = RunSummary.from_run(
             ending.statistics, camera.counters, memory.trajectory, truth, truth.stamps_s
         )
-    _leave_results(args.output, memory, truth)
-    say(f"results: {args.output}" + (" (cut short)" if ending.exit_code else ""))
+    _write_results(args.output, memory, truth)
+    print_message(f"results: {args.output}" + (" (cut short)" if ending.exit_code else ""))
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
     return ending.exit_code
 
 
-def _rerun_targets(args: argparse.Namespace) -> tuple[str, ...]:
+def _choose_rerun_targets(args: argparse.Namespace) -> tuple[str, ...]:
     if find_spec("rerun") is None:
-        say("pictures: none, Rerun is not installed (pip install 'kinect-vo[rerun]')")
+        print_message("pictures: none, Rerun is not installed (pip install 'kinect-vo[rerun]')")
         return ()
     recording = args.output / "demo.rrd"
     return (str(recording),) if args.no_serve else ("serve", str(recording))
 
 
-def _leave_results(folder: Path, memory: TrajectoryMemory, truth: StampedPoses) -> None:
+def _write_results(folder: Path, recorder: TrajectoryRecorder, truth: Trajectory) -> None:
     """Write the truth, under stamps as the trajectory's file has them, and the picture of both."""
-    lines = map(pose_line, truth.stamps_s + memory.published_after_s, truth.T_world_camera)
-    write_whole(folder / "groundtruth.txt", "".join(lines).encode())
-    trajectory = memory.trajectory
-    if len(trajectory) >= FEWEST_MATCHES:
-        write_picture(folder / "trajectory.png", trajectory, truth, "kinect-vo demo")
+    lines = map(format_pose_line, truth.stamps_s + recorder.publish_offset_s, truth.T_world_camera)
+    atomic_write(folder / "groundtruth.txt", "".join(lines).encode())
+    trajectory = recorder.trajectory
+    if len(trajectory) >= MIN_MATCHES:
+        write_plot(folder / "trajectory.png", trajectory, truth, "kinect-vo demo")

@@ -4,8 +4,8 @@ import argparse
 import json
 from collections.abc import Sequence
 
-from vo_service.doctor.openable import Openable, look_with_openni2, openable
-from vo_service.doctor.usb_facts import sensors_on_usb
+from vo_service.doctor.openable import ListedDevice, list_available_devices, query_openni2
+from vo_service.doctor.usb_facts import probe_usb
 
 NAME = "devices"
 HELP = "list the sensors that are plugged in, with the --camera of each"
@@ -16,7 +16,7 @@ examples:
 
 A sensor that is known but cannot be driven, such as a Kinect v2, is listed as not supported.
 """
-NOTHING = """\
+NO_SENSOR_MESSAGE = """\
 no sensor on the USB: plug one in, with its own power supply where it has one;
 `kinect-vo doctor` says more. Without a sensor: --camera synthetic"""
 
@@ -28,23 +28,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List them. Raises UserFacingError if the USB cannot be looked at."""
-    found = openable(sensors_on_usb(), look_with_openni2())
+    found = list_available_devices(probe_usb(), query_openni2())
     if args.json:
         print(json.dumps({"schema": 1, "devices": [device.as_json() for device in found]}))
     else:
-        print("\n".join(_lines(found)) or NOTHING)
+        print("\n".join(_format_lines(found)) or NO_SENSOR_MESSAGE)
     return 0
 
 
-def _lines(found: Sequence[Openable]) -> list[str]:
+def _format_lines(found: Sequence[ListedDevice]) -> list[str]:
     """Two aligned columns: what to type, and what it is."""
     cameras = [f"--camera {device.camera}" if device.camera else "-" for device in found]
     width = max((len(camera) for camera in cameras), default=0)
     return [
-        f"{camera.ljust(width)}  {_told(device)}"
+        f"{camera.ljust(width)}  {_describe(device)}"
         for camera, device in zip(cameras, found, strict=True)
     ]
 
 
-def _told(device: Openable) -> str:
-    return ", ".join(word for word in (device.name, device.where, device.trouble) if word)
+def _describe(device: ListedDevice) -> str:
+    return ", ".join(word for word in (device.name, device.where, device.error) if word)

@@ -8,20 +8,20 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from drivers.camera import Pace, RgbdCamera, RgbdFrame
+from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame
 from vo_service.cameras import CameraRequest, make_camera
-from vo_service.commands.options import add_camera_options, say, seconds
+from vo_service.commands.options import add_camera_options, parse_seconds, print_message
 from vo_service.config import read_config
-from vo_service.doctor.case_notes import fill
-from vo_service.doctor.checks import checks_for, wanted_by
-from vo_service.doctor.context import Context, Machine
-from vo_service.doctor.finding import Verdict
+from vo_service.doctor.case_notes import add_report_contents
+from vo_service.doctor.checks import checks_for, requested_sensor_for
+from vo_service.doctor.context import CheckContext, SystemPaths
+from vo_service.doctor.finding import CheckVerdict
 from vo_service.doctor.logs import quiet_console
-from vo_service.doctor.printer import NoPrinter, Printer
-from vo_service.doctor.report import report_to
-from vo_service.doctor.runner import as_json, results
-from vo_service.doctor.usb_facts import sensors_on_usb
-from vo_service.doctor.watch import watch
+from vo_service.doctor.printer import FindingPrinter, NullFindingPrinter
+from vo_service.doctor.report import open_bug_report
+from vo_service.doctor.runner import diagnosis_as_json, run_checks
+from vo_service.doctor.usb_facts import probe_usb
+from vo_service.doctor.watch import probe_stream
 from vo_service.terminal import Terminal
 
 NAME = "doctor"
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     add_camera_options(parser)
     parser.add_argument(
-        "--seconds", type=seconds, metavar="S", default=DEFAULT_SECONDS,
+        "--seconds", type=parse_seconds, metavar="S", default=DEFAULT_SECONDS,
         help=f"how long to watch the frames (default: {DEFAULT_SECONDS:g})",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
@@ -62,74 +62,82 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Check and print. Raises InputError for what the user gave."""
-    patient = _patient(args)
+    patient = _make_checked_camera(args)
     with nullcontext() if args.verbose else quiet_console():
-        diagnosis = _diagnosis(args, patient) if args.report is None else _report(args, patient)
+        diagnosis = (
+            _run_checks(args, patient)
+            if args.report is None
+            else _run_checks_with_report(args, patient)
+        )
     if args.json:
         print(json.dumps(diagnosis))
-    return 1 if diagnosis["verdict"] == Verdict.FAIL else 0
+    return 1 if diagnosis["verdict"] == CheckVerdict.FAIL else 0
 
 
 @dataclass(frozen=True)
-class _Patient:
+class _CheckedCamera:
     """The camera to be checked, and where to show what goes on."""
 
     source: str
     camera: RgbdCamera
     terminal: Terminal
 
-    def busy(self, doing: str) -> AbstractContextManager[object]:
+    def show_busy(self, check_name: str) -> AbstractContextManager[object]:
         """Show it, and count the seconds."""
-        return self.terminal.busy(f"kinect-vo doctor: {doing.replace('-', ' ')}")
+        return self.terminal.busy(f"kinect-vo doctor: {check_name.replace('-', ' ')}")
 
 
-def _patient(args: argparse.Namespace) -> _Patient:
+def _make_checked_camera(args: argparse.Namespace) -> _CheckedCamera:
     config = read_config(args.config)
     source: str = args.camera or (config.camera.source if args.config else "freenect")
     terminal = Terminal()
     request = CameraRequest(
         source=source,
-        file=args.camera_file or config.camera.file,
-        pace=Pace.REALTIME,
+        camera_file=args.camera_file or config.camera.file,
+        playback_mode=PlaybackMode.REALTIME,
         sensor=config.sensor,
         synthetic=config.synthetic,
     )
-    return _Patient(source, make_camera(request), terminal)
+    return _CheckedCamera(source, make_camera(request), terminal)
 
 
-def _diagnosis(args: argparse.Namespace, patient: _Patient) -> dict[str, object]:
+def _run_checks(args: argparse.Namespace, checked: _CheckedCamera) -> dict[str, object]:
     """Run the checks and print each as it ends, unless JSON is wanted; all of them as JSON."""
-    context = Context(
-        Machine(),
-        wanted_by(patient.source),
-        sensors_on_usb,
-        partial(watch, patient.camera, args.seconds, _forget),
+    context = CheckContext(
+        SystemPaths(),
+        requested_sensor_for(checked.source),
+        probe_usb,
+        partial(probe_stream, checked.camera, args.seconds, _discard_frame),
     )
-    checks = checks_for(patient.source)
-    printer = NoPrinter() if args.json else Printer(sys.stdout, [check.name for check in checks])
-    printer.heading(f"kinect-vo doctor: {patient.source}")
+    checks = checks_for(checked.source)
+    printer = (
+        NullFindingPrinter()
+        if args.json
+        else FindingPrinter(sys.stdout, [check.name for check in checks])
+    )
+    printer.print_heading(f"kinect-vo doctor: {checked.source}")
     found = []
-    for result in results(checks, context, patient.busy):
+    for result in run_checks(checks, context, checked.show_busy):
         found.append(result)
-        printer.result(result)
-    printer.conclusion(found)
-    return as_json(patient.source, found)
+        printer.print_result(result)
+    printer.print_conclusion(found)
+    return diagnosis_as_json(checked.source, found)
 
 
-def _report(args: argparse.Namespace, patient: _Patient) -> dict[str, object]:
+def _run_checks_with_report(args: argparse.Namespace, checked: _CheckedCamera) -> dict[str, object]:
     """The same, and all that belongs to it in a file."""
-    with report_to(args.report) as report:
-        diagnosis = _diagnosis(args, patient)
+    with open_bug_report(args.report) as report:
+        diagnosis = _run_checks(args, checked)
         report.add_json("doctor.json", diagnosis)
         for file in (args.config, args.camera_file):
             if file is not None:
                 report.add_copy(file)
-        with patient.busy("recording what the camera sees"):
-            pictures = fill(report, patient.camera)
+        with checked.show_busy("recording what the camera sees"):
+            pictures = add_report_contents(report, checked.camera)
         size = report.pack()
-    say(f"{args.report}: {size / 1e6:.1f} MB, {pictures}")
+    print_message(f"{args.report}: {size / 1e6:.1f} MB, {pictures}")
     return diagnosis
 
 
-def _forget(frame: RgbdFrame) -> None:
+def _discard_frame(frame: RgbdFrame) -> None:
     """Keep no frame."""

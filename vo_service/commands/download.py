@@ -6,11 +6,15 @@ import urllib.parse
 from pathlib import Path
 
 from drivers.errors import InputError
-from vo_service.commands.options import say
-from vo_service.download.catalogue import HOST, SEQUENCES, BenchmarkSequence, find
-from vo_service.download.meter import Meter
-from vo_service.download.sequence_download import Order, download, place_of
-from vo_service.interrupts import Interrupted, interrupted_at_once
+from vo_service.commands.options import print_message
+from vo_service.download.catalogue import BENCHMARK_URL, SEQUENCES, BenchmarkSequence, find_sequence
+from vo_service.download.meter import DownloadProgress
+from vo_service.download.sequence_download import (
+    DownloadRequest,
+    download_sequence,
+    sequence_folder,
+)
+from vo_service.interrupts import InterruptedBySignal, raise_on_signals
 from vo_service.terminal import Terminal
 
 NAME = "download"
@@ -26,10 +30,10 @@ Each sequence is checked, unpacked and then put into its own folder below FOLDER
 path is printed on standard output. A sequence that is there already is left as it is. What was
 interrupted or cut off goes on where it was when the same command is given again.
 
-Nothing is contacted but {HOST.split("/")[2]}, or the mirror, and that only by this command. The
+Nothing is contacted but {BENCHMARK_URL.split("/")[2]}, or the mirror, and that only by this command. The
 benchmark's terms: CC BY 4.0; cite Sturm et al., IROS 2012.
 """
-_DIGEST = re.compile(r"[0-9a-fA-F]{64}")
+_SHA256_PATTERN = re.compile(r"[0-9a-fA-F]{64}")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,12 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where the sequences' folders go (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--mirror", metavar="URL", type=_address, default=HOST,
+        "--mirror", metavar="URL", type=_parse_url, default=BENCHMARK_URL,
         help="another host with the same files, below URL/freiburg1/ and so on "
         "(default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--sha256", metavar="HEX", type=_digest,
+        "--sha256", metavar="HEX", type=_parse_sha256,
         help="refuse the archive unless it has this digest (for one NAME)",
     )  # fmt: skip
 
@@ -54,49 +58,51 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Download one after the other. Raises UserFacingError at the first that cannot be had."""
     if args.list:
-        print(_table())
+        print(_format_sequence_table())
         return 0
-    wanted = [find(name) for name in args.names]
+    wanted = [find_sequence(name) for name in args.names]
     if not wanted:
         raise InputError("which sequence? `kinect-vo download --list` shows them all")
     if args.sha256 and len(wanted) > 1:
         raise InputError("--sha256 is of one archive: download the sequences one by one")
-    order = Order(args.output, args.mirror, args.sha256 or "")
+    order = DownloadRequest(args.output, args.mirror, args.sha256 or "")
     terminal = Terminal()
     try:
-        with interrupted_at_once():
+        with raise_on_signals():
             for sequence in wanted:
-                _download(sequence, order, terminal)
-    except Interrupted as interruption:
+                _download_sequence(sequence, order, terminal)
+    except InterruptedBySignal as interruption:
         terminal.clear()
-        say("interrupted; what has come is kept: give the same command again to go on")
+        print_message("interrupted; what has come is kept: give the same command again to go on")
         return interruption.exit_code
     return 0
 
 
-def _download(sequence: BenchmarkSequence, order: Order, terminal: Terminal) -> None:
-    place = place_of(sequence, order)
+def _download_sequence(
+    sequence: BenchmarkSequence, request: DownloadRequest, terminal: Terminal
+) -> None:
+    place = sequence_folder(sequence, request)
     if place.exists():
-        terminal.say(f"{sequence.name}: there already; to have it anew, remove {place}")
+        terminal.write_line(f"{sequence.name}: there already; to have it anew, remove {place}")
     else:
-        download(sequence, order, Meter(terminal, sequence.name))
+        download_sequence(sequence, request, DownloadProgress(terminal, sequence.name))
     terminal.clear()
     print(place, flush=True)
 
 
-def _table() -> str:
+def _format_sequence_table() -> str:
     """All names, aligned, with what is known of them."""
     width = max(len(sequence.name) for sequence in SEQUENCES)
     lines = [f"{'name'.ljust(width)}  length     about  ground truth"]
     for sequence in SEQUENCES:
         length = f"{sequence.seconds} s" if sequence.seconds else "-"
         size = f"{sequence.megabytes / 1e3:.2f} GB" if sequence.megabytes else "-"
-        truth = "yes" if sequence.has_truth else "no"
+        truth = "yes" if sequence.has_ground_truth else "no"
         lines.append(f"{sequence.name.ljust(width)}  {length:>6}  {size:>8}  {truth}")
     return "\n".join(lines)
 
 
-def _address(text: str) -> str:
+def _parse_url(text: str) -> str:
     """Parse the address of a mirror."""
     parts = urllib.parse.urlsplit(text)
     if parts.scheme not in ("http", "https") or not parts.netloc:
@@ -104,8 +110,8 @@ def _address(text: str) -> str:
     return text
 
 
-def _digest(text: str) -> str:
+def _parse_sha256(text: str) -> str:
     """Parse a SHA-256 digest."""
-    if not _DIGEST.fullmatch(text):
+    if not _SHA256_PATTERN.fullmatch(text):
         raise argparse.ArgumentTypeError(f"{text} is no SHA-256 digest: give its 64 digits")
     return text

@@ -9,9 +9,9 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.geometry import Array
 from drivers.trajectory import read_trajectory
-from drivers.tum.folder import paired_frames
+from drivers.tum.folder import read_frame_pairs
 from vo_service.evaluation import Evaluation, evaluate
-from vo_service.evaluation.picture import write_picture
+from vo_service.evaluation.picture import write_plot
 
 NAME = "evaluate"
 HELP = "compare a trajectory with its ground truth: ATE, RPE, coverage"
@@ -32,7 +32,7 @@ a pose at the stamp of every pose counts as one a frame; any other leaves the co
 What cannot be computed is "-" in the table and null in JSON.
 """
 # What `replay` prints under the same keys, and two files of poses cannot tell.
-KNOWN_TO_REPLAY_ALONE = ("failed", "skipped", "stage_ms", "cpu_ms_per_frame")
+REPLAY_ONLY_KEYS = ("failed", "skipped", "stage_ms", "cpu_ms_per_frame")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,19 +55,19 @@ def run(args: argparse.Namespace) -> int:
     if truth_file.is_dir():
         truth_file = truth_file / "groundtruth.txt"
     trajectory, truth = read_trajectory(args.trajectory), read_trajectory(truth_file)
-    frames_s = listed_frames_s(truth_file.parent)
+    frames_s = read_listed_frame_stamps_s(truth_file.parent)
     try:
         evaluation = evaluate(trajectory, truth, frames_s)
     except InputError as error:
         raise InputError(f"{args.trajectory} against {truth_file}: {error}") from error
     if args.picture is not None:
         title = f"{args.trajectory.name}: ATE RMSE {1e3 * evaluation.ate_rmse_m:.2f} mm"
-        write_picture(args.picture, trajectory, truth, title)
+        write_plot(args.picture, trajectory, truth, title)
     print(_as_json(evaluation, frames_s) if args.json else evaluation.as_table())
     return 0
 
 
-def listed_frames_s(folder: Path) -> Array | None:
+def read_listed_frame_stamps_s(folder: Path) -> Array | None:
     """Stamps of the frames that a recording lists; None if the folder is not a recording.
 
     Raises InputError if it is one and its lists cannot be read.
@@ -75,9 +75,9 @@ def listed_frames_s(folder: Path) -> Array | None:
     lists = [["associations.txt"], ["rgb.txt", "depth.txt"]]
     if not any(all((folder / name).is_file() for name in names) for names in lists):
         return None
-    return np.array([pair.colour.stamp_s for pair in paired_frames(folder).pairs])
+    return np.array([pair.color.stamp_s for pair in read_frame_pairs(folder).pairs])
 
 
 def _as_json(evaluation: Evaluation, frames_s: Array | None) -> str:
     frames = {"frames": None if frames_s is None else len(frames_s)}
-    return json.dumps(frames | dict.fromkeys(KNOWN_TO_REPLAY_ALONE) | evaluation.as_json())
+    return json.dumps(frames | dict.fromkeys(REPLAY_ONLY_KEYS) | evaluation.as_json())

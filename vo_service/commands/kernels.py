@@ -12,30 +12,30 @@ from drivers.errors import UserFacingError
 from drivers.jit import interruptible
 from vo_service.config import Config
 from vo_service.folders import cache_folder, kernel_folder
-from vo_service.interrupts import Stop
+from vo_service.interrupts import StopSignal
 from vo_service.terminal import Terminal
 from vo_service.warm_up import warm_up
 
 T = TypeVar("T")
 
 
-def prepare_kernels(config: Config, terminal: Terminal, stop: Stop) -> float:
+def prepare_kernels(config: Config, terminal: Terminal, stop: StopSignal) -> float:
     """Compile or load the method's kernels, as `prepared` does; returns the seconds it took."""
-    return prepared(partial(warm_up, config.odometry.method), terminal, stop)
+    return run_warm_up(partial(warm_up, config.odometry.method), terminal, stop)
 
 
-def prepare_loops(terminal: Terminal, stop: Stop) -> float:
+def prepare_loop_closure(terminal: Terminal, stop: StopSignal) -> float:
     """The same for what knows places again."""
-    from vo_service.mapping.loops.warm_up import warm_up_loops
+    from vo_service.mapping.loops.warm_up import warm_up_loop_closure
 
-    taken_s = prepared(warm_up_loops, terminal, stop)
+    taken_s = run_warm_up(warm_up_loop_closure, terminal, stop)
     with suppress(OSError):  # it is done again next time
         _loops_mark().touch()
     return taken_s
 
 
 def loops_are_prepared() -> bool:
-    """Whether `prepare_loops` has been done before, with this source.
+    """Whether `prepare_loop_closure` has been done before, with this source.
 
     The service needs it no more then: it is its map's process that loads the kernels.
     """
@@ -46,7 +46,9 @@ def _loops_mark() -> Path:
     return kernel_folder() / "loops-are-prepared"
 
 
-def prepared(work: Callable[[Callable[[str], None]], T], terminal: Terminal, stop: Stop) -> T:
+def run_warm_up(
+    warm_up_function: Callable[[Callable[[str], None]], T], terminal: Terminal, stop: StopSignal
+) -> T:
     """Do what compiles or loads kernels, with progress: `work` gets whom to tell its stages.
 
     Raises KeyboardInterrupt, between two kernels, when asked to stop; UserFacingError if what was
@@ -57,7 +59,7 @@ def prepared(work: Callable[[Callable[[str], None]], T], terminal: Terminal, sto
     label = "preparing the numeric kernels (longer the first time)"
     with interruptible(stop.check), terminal.busy(label) as busy:
         try:
-            result = work(busy.detail)
+            result = warm_up_function(busy.set_detail)
         except OSError as error:
             raise UserFacingError(
                 f"{cache_folder()}: the compiled kernels cannot be kept: {error.strerror}; free "

@@ -12,9 +12,14 @@ from typing import Any
 
 import zenoh
 
-from vo_service.client.connecting import Connecting
+from vo_service.client.connecting import BackgroundConnection
 from vo_service.commands.connection import add_connection_options
-from vo_service.commands.pose_printers import JsonPrinter, Printer, TextPrinter, say
+from vo_service.commands.pose_printers import (
+    JsonPosePrinter,
+    PosePrinter,
+    TextPosePrinter,
+    print_notice,
+)
 from vo_service.outputs.cdr import decode_odometry
 from vo_service.outputs.cdr_transform import decode_transform
 from vo_service.settings import ZenohConfig, check_prefix
@@ -34,21 +39,21 @@ one that has not started yet. Ctrl-C ends.
 """
 
 # How long a publisher that is already there may take to say so.
-_FIRST_WAIT_S = 1.0
+_STARTUP_WAIT_S = 1.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     add_connection_options(parser)
     parser.add_argument(
-        "--count", type=_count, metavar="N", default=math.inf, help="stop after N poses"
+        "--count", type=_parse_count, metavar="N", default=math.inf, help="stop after N poses"
     )
     parser.add_argument(
         "--json", action="store_true", help="one JSON object a line, changes of status and map too"
     )
 
 
-def _count(text: str) -> int:
+def _parse_count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a number of poses: give 1 or more")
     return int(text)
@@ -57,35 +62,35 @@ def _count(text: str) -> int:
 def run(args: argparse.Namespace) -> int:
     """Print until `--count` poses have come, Ctrl-C, or nobody reads what is printed."""
     prefix = check_prefix(args.prefix)
-    printer: Printer = JsonPrinter() if args.json else TextPrinter()
+    printer: PosePrinter = JsonPosePrinter() if args.json else TextPosePrinter()
     where = args.config_file or args.connect
-    listener = _Listener(f"{prefix} at {where}", printer, args.count)
+    listener = _PosePrintingSubscriber(f"{prefix} at {where}", printer, args.count)
     plan = ZenohConfig(listen=(), connect=(args.connect,), config_file=args.config_file)
     try:
-        with closing(Connecting(plan, partial(listener.subscribe, prefix))):
+        with closing(BackgroundConnection(plan, partial(listener.subscribe, prefix))):
             listener.run()
     except KeyboardInterrupt:
         pass
     except BrokenPipeError:
-        _ignore_what_is_still_buffered()
+        _discard_buffered_output()
     return 0
 
 
-class _Listener:
+class _PosePrintingSubscriber:
     """Takes samples from Zenoh's threads and prints them on the caller's."""
 
-    def __init__(self, publisher: str, printer: Printer, count: float) -> None:
+    def __init__(self, publisher: str, printer: PosePrinter, count: float) -> None:
         self._publisher = publisher
         self._printer = printer
         self._remaining = count
-        self._status: tuple[str, str] = ("", "")
+        self._last_status: tuple[str, str] = ("", "")
         self._samples: SimpleQueue[zenoh.Sample] = SimpleQueue()
-        self._map: tuple[bytes, dict[str, Any]] = (b"", {})
+        self._last_map_odom: tuple[bytes, dict[str, Any]] = (b"", {})
         self._handlers = {
-            "alive": self._alive,
+            "alive": self._on_liveliness,
             "status": self._on_status,
-            "map_odom": self._map_odom,
-            "odom": self._odom,
+            "map_odom": self._on_map_odom,
+            "odom": self._on_odom,
         }
 
     def subscribe(self, prefix: str, session: zenoh.Session) -> None:
@@ -102,9 +107,9 @@ class _Listener:
     def run(self) -> None:
         """Print until enough poses have come."""
         try:
-            self._handle(self._samples.get(timeout=_FIRST_WAIT_S))
+            self._handle(self._samples.get(timeout=_STARTUP_WAIT_S))
         except Empty:
-            say(f"waiting for {self._publisher} (Ctrl-C ends)")
+            print_notice(f"waiting for {self._publisher} (Ctrl-C ends)")
         while self._remaining > 0:
             self._handle(self._samples.get())
 
@@ -113,41 +118,43 @@ class _Listener:
         try:
             self._handlers[key.rsplit("/", 1)[-1]](sample)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            say(f"{key}: passed over a message that cannot be read: {error}")
+            print_notice(f"{key}: passed over a message that cannot be read: {error}")
 
-    def _alive(self, sample: zenoh.Sample) -> None:
+    def _on_liveliness(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
-            say(f"listening to {self._publisher}")
+            print_notice(f"listening to {self._publisher}")
         else:
-            say(f"{self._publisher} has gone; waiting for it to come back (Ctrl-C ends)")
+            print_notice(f"{self._publisher} has gone; waiting for it to come back (Ctrl-C ends)")
 
     def _on_status(self, sample: zenoh.Sample) -> None:
         content = json.loads(sample.payload.to_bytes())
         status = (str(content["state"]), str(content["reason"]))
-        if status != self._status:
-            self._status = status
-            self._printer.status(content)
+        if status != self._last_status:
+            self._last_status = status
+            self._printer.print_status(content)
 
-    def _map_odom(self, sample: zenoh.Sample) -> None:
+    def _on_map_odom(self, sample: zenoh.Sample) -> None:
         """Repeated twice a second, with newer stamps: only another one is shown."""
         message = decode_transform(sample.payload.to_bytes())
-        about = _attached(sample)
+        about = _decode_attachment(sample)
         found = (message.T_frame_child.tobytes(), about | {"seq": 0})
-        if found != self._map:
-            self._map = found
-            self._printer.map_odom(message, about)
+        if found != self._last_map_odom:
+            self._last_map_odom = found
+            self._printer.print_map_odom(message, about)
 
-    def _odom(self, sample: zenoh.Sample) -> None:
-        self._printer.pose(decode_odometry(sample.payload.to_bytes()), _attached(sample))
+    def _on_odom(self, sample: zenoh.Sample) -> None:
+        self._printer.print_pose(
+            decode_odometry(sample.payload.to_bytes()), _decode_attachment(sample)
+        )
         self._remaining -= 1
 
 
-def _attached(sample: zenoh.Sample) -> dict[str, Any]:
+def _decode_attachment(sample: zenoh.Sample) -> dict[str, Any]:
     """The attachment's JSON, or nothing."""
     content: dict[str, Any] = json.loads(sample.attachment.to_bytes()) if sample.attachment else {}
     return content
 
 
-def _ignore_what_is_still_buffered() -> None:
+def _discard_buffered_output() -> None:
     """Whoever read our output has gone (``| head``): Python's flush at exit must not complain."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 
 from drivers.errors import InputError, UserFacingError
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses, pose_line
-from drivers.tum.whole_files import write_whole
-from vo_service.commands.kernels import prepare_loops
+from drivers.trajectory import Trajectory, format_pose_line
+from drivers.tum.whole_files import atomic_write
+from vo_service.commands.kernels import prepare_loop_closure
 from vo_service.config import Config
-from vo_service.interrupts import Stop
-from vo_service.summary import WithLoops, evaluated
+from vo_service.interrupts import StopSignal
+from vo_service.summary import LoopClosureSummary, evaluate_if_possible
 from vo_service.terminal import Terminal
 
 if TYPE_CHECKING:  # its libraries are slow to load
-    from vo_service.mapping.loops.inline import InlineLoops
+    from vo_service.mapping.loops.inline import SynchronousLoopClosure
 
 
-def add_loops_options(parser: argparse.ArgumentParser) -> None:
+def add_loop_closure_options(parser: argparse.ArgumentParser) -> None:
     """Declare both."""
     parser.add_argument(
         "--loops", action="store_true", help="know places again, and correct the way by them"
@@ -30,39 +30,51 @@ def add_loops_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def loops_of(
-    args: argparse.Namespace, config: Config, terminal: Terminal, stop: Stop
-) -> "InlineLoops | None":
-    """Loops, if they are asked for, and all that they need. Raises as `prepare_loops`."""
+def make_requested_loop_closure(
+    args: argparse.Namespace, config: Config, terminal: Terminal, stop: StopSignal
+) -> "SynchronousLoopClosure | None":
+    """Loops, if they are asked for, and all that they need. Raises as `prepare_loop_closure`."""
     if args.trajectory_corrected is None and not args.loops:
         return None
-    return prepared_loops(config, terminal, stop)
+    return make_loop_closure(config, terminal, stop)
 
 
-def prepared_loops(config: Config, terminal: Terminal, stop: Stop) -> "InlineLoops":
-    """Loops that know no place yet. Raises as `prepare_loops`."""
-    prepare_loops(terminal, stop)
-    from vo_service.mapping.loops.opening import open_inline_loops
+def make_loop_closure(
+    config: Config, terminal: Terminal, stop: StopSignal
+) -> "SynchronousLoopClosure":
+    """Loops that know no place yet. Raises as `prepare_loop_closure`."""
+    prepare_loop_closure(terminal, stop)
+    from vo_service.mapping.loops.opening import create_synchronous_loop_closure
 
-    return open_inline_loops(config.map)
+    return create_synchronous_loop_closure(config.map)
 
 
-def write_corrected(path: Path, trajectory: StampedPoses, published_after_s: float) -> None:
+def write_optimized_trajectory(
+    path: Path, trajectory: Trajectory, published_after_s: float
+) -> None:
     """Write a trajectory whole, under published stamps. Raises UserFacingError."""
-    lines = map(pose_line, trajectory.stamps_s + published_after_s, trajectory.T_world_camera)
+    lines = map(
+        format_pose_line, trajectory.stamps_s + published_after_s, trajectory.T_world_camera
+    )
     try:
-        write_whole(path, "".join(lines).encode())
+        atomic_write(path, "".join(lines).encode())
     except OSError as error:
         raise UserFacingError(f"{path}: the trajectory is not written: {error.strerror}") from error
 
 
-def gained(loops: "InlineLoops", truth: StampedPoses | None, frames_s: Array) -> WithLoops:
+def summarize_loop_closure(
+    loop_closure: "SynchronousLoopClosure", truth: Trajectory | None, frames_s: Array
+) -> LoopClosureSummary:
     """For the summary: what the loops have changed."""
-    closer = loops.closer
-    return WithLoops(len(closer.places), closer.loops, evaluated(loops.trajectory, truth, frames_s))
+    closer = loop_closure.loop_closer
+    return LoopClosureSummary(
+        len(closer.database),
+        closer.loop_count,
+        evaluate_if_possible(loop_closure.trajectory, truth, frames_s),
+    )
 
 
-def check_corrected(args: argparse.Namespace) -> None:
+def check_optimized_trajectory_path(args: argparse.Namespace) -> None:
     """Raise InputError for what would only be found out in the end: it could not be written."""
     path: Path | None = args.trajectory_corrected
     if path is None:

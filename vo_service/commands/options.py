@@ -6,11 +6,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.camera import Pace
-from vo_service.cameras import USAGES
+from drivers.camera import PlaybackMode
+from vo_service.cameras import CAMERA_USAGES
 from vo_service.config import Config, read_config
 from vo_service.methods import METHODS
-from vo_service.settings import LogLevel, LogSettings
+from vo_service.settings import LogConfig, LogLevel
 
 
 def add_config_options(parser: argparse.ArgumentParser) -> None:
@@ -24,8 +24,8 @@ def add_config_options(parser: argparse.ArgumentParser) -> None:
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
     """--camera and --camera-file."""
     parser.add_argument(
-        "--camera", metavar="SOURCE", type=_source,
-        help=f"the camera (default: the config's): {', '.join(USAGES.values())}",
+        "--camera", metavar="SOURCE", type=_parse_source,
+        help=f"the camera (default: the config's): {', '.join(CAMERA_USAGES.values())}",
     )  # fmt: skip
     parser.add_argument(
         "--camera-file", metavar="FILE", type=Path,
@@ -61,7 +61,7 @@ def add_prefix_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_runs_options(parser: argparse.ArgumentParser) -> None:
+def add_benchmark_options(parser: argparse.ArgumentParser) -> None:
     """FOLDER..., --config, --camera, --time-limit, --again, --json: of methods that are tried."""
     parser.add_argument(
         "folders", metavar="FOLDER", nargs="+", type=Path, help="recordings in TUM format"
@@ -71,7 +71,7 @@ def add_runs_options(parser: argparse.ArgumentParser) -> None:
         "--camera", metavar="FILE", type=Path, help="camera file (TOML) for all folders"
     )
     parser.add_argument(
-        "--time-limit", metavar="SECONDS", type=seconds, default=3600.0,
+        "--time-limit", metavar="SECONDS", type=parse_seconds, default=3600.0,
         help="a run that takes longer is ended, and a row says so (default: %(default)g)",
     )  # fmt: skip
     parser.add_argument(
@@ -83,14 +83,14 @@ def add_runs_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print report.json, nothing else")
 
 
-def config_of(args: argparse.Namespace) -> Config:
+def load_config(args: argparse.Namespace) -> Config:
     """The configuration file with the command line's changes. Raises InputError."""
     config = read_config(args.config)
     if getattr(args, "method", None):
         config = replace(config, odometry=replace(config.odometry, method=args.method))
     if getattr(args, "rerun", None):
         config = replace(config, rerun=replace(config.rerun, targets=tuple(args.rerun)))
-    if getattr(args, "pace", None) is Pace.LOCKSTEP:  # the same results on a slow machine
+    if getattr(args, "pace", None) is PlaybackMode.LOCKSTEP:  # the same results on a slow machine
         config = replace(
             config,
             load=replace(config.load, adapt=False),
@@ -98,35 +98,37 @@ def config_of(args: argparse.Namespace) -> Config:
             map=replace(config.map, loops=False),
         )
     if args.verbose:
-        config = replace(config, log=LogSettings(LogLevel.INFO))
+        config = replace(config, log=LogConfig(LogLevel.INFO))
     if getattr(args, "prefix", None):
         config = replace(config, zenoh=replace(config.zenoh, prefix=args.prefix))
     return config
 
 
-def _source(text: str) -> str:
+def _parse_source(text: str) -> str:
     """Parse a camera; "", of a variable that is not set, would otherwise mean the config's."""
     if not text:
-        raise argparse.ArgumentTypeError(f"is empty: give one of {', '.join(USAGES.values())}")
+        raise argparse.ArgumentTypeError(
+            f"is empty: give one of {', '.join(CAMERA_USAGES.values())}"
+        )
     return text
 
 
-def pace(text: str) -> Pace:
+def parse_playback_mode(text: str) -> PlaybackMode:
     """Parse a pace."""
     try:
-        return Pace(text)
+        return PlaybackMode(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(
-            f"{text} is not a pace: give {' or '.join(Pace)}"
+            f"{text} is not a pace: give {' or '.join(PlaybackMode)}"
         ) from error
 
 
-def say(text: str) -> None:
+def print_message(text: str) -> None:
     """Tell the person at the terminal something that is no result."""
     print(text, file=sys.stderr, flush=True)
 
 
-def seconds(text: str) -> float:
+def parse_seconds(text: str) -> float:
     """Parse a positive number of seconds."""
     try:
         value = float(text)
@@ -137,7 +139,7 @@ def seconds(text: str) -> float:
     return value
 
 
-def count(text: str) -> int:
+def parse_count(text: str) -> int:
     """Parse a whole number, 1 or more."""
     if not (text.isascii() and text.isdigit() and int(text[:9]) > 0):
         raise argparse.ArgumentTypeError(f"{text} is not a count: give a whole number, 1 or more")

@@ -8,60 +8,64 @@ from vo_service.outputs.cdr import OdometryMessage
 from vo_service.outputs.cdr_transform import TransformMessage
 
 
-def say(text: str) -> None:
+def print_notice(text: str) -> None:
     """Tell a person something that is not a pose."""
     print(f"listen: {text}", file=sys.stderr, flush=True)
 
 
-class Printer(Protocol):
+class PosePrinter(Protocol):
     """How a pose and a change of status or map look on stdout."""
 
-    def pose(self, message: OdometryMessage, about: dict[str, Any]) -> None:
+    def print_pose(self, message: OdometryMessage, attachment: dict[str, Any]) -> None:
         """Print one pose; `about` is the sample's attachment."""
 
-    def status(self, content: dict[str, Any]) -> None:
+    def print_status(self, content: dict[str, Any]) -> None:
         """Print a status whose state or reason has changed."""
 
-    def map_odom(self, message: TransformMessage, about: dict[str, Any]) -> None:
+    def print_map_odom(self, message: TransformMessage, attachment: dict[str, Any]) -> None:
         """Print how `odom` lies in the map, which has changed; `about` is the attachment."""
 
 
-class TextPrinter:
+class TextPosePrinter:
     """One line a pose, in a trajectory file's order; changes of status and map go to stderr."""
 
     def __init__(self) -> None:
-        self._map: tuple[bool, int] = (True, 0)
+        self._last_map: tuple[bool, int] = (True, 0)
 
-    def pose(self, message: OdometryMessage, about: dict[str, Any]) -> None:
+    def print_pose(self, message: OdometryMessage, attachment: dict[str, Any]) -> None:
         """Print stamp, position, quaternion, state."""
         position = " ".join(f"{v:.4f}" for v in message.position_m)
         quaternion = " ".join(f"{v:.5f}" for v in message.quaternion_xyzw)
-        state = about.get("state", "-")
+        state = attachment.get("state", "-")
         print(f"{message.stamp_s:.6f} {position} {quaternion} {state}", flush=True)
 
-    def status(self, content: dict[str, Any]) -> None:
+    def print_status(self, content: dict[str, Any]) -> None:
         """Print state and reason to stderr."""
         reason = f": {content['reason']}" if content["reason"] else ""
-        say(f"status {content['state']}{reason}")
+        print_notice(f"status {content['state']}{reason}")
 
-    def map_odom(self, message: TransformMessage, about: dict[str, Any]) -> None:
+    def print_map_odom(self, message: TransformMessage, attachment: dict[str, Any]) -> None:
         """Print to stderr what corrects it; a place more is no news."""
-        the_map = (bool(about["is_located"]), int(about["loops"]))
-        if the_map == self._map:
+        the_map = (bool(attachment["is_located"]), int(attachment["loops"]))
+        if the_map == self._last_map:
             return
-        self._map = is_located, loops = the_map
+        self._last_map = is_located, loops = the_map
         if not is_located:
-            say(f"map of places: {about['places']}; where odom lies in it is not known")
+            print_notice(
+                f"map of places: {attachment['places']}; where odom lies in it is not known"
+            )
             return
         position = " ".join(f"{v:.4f}" for v in message.translation_m)
         quaternion = " ".join(f"{v:.5f}" for v in message.quaternion_xyzw)
-        say(f"map of places: {about['places']}, loops: {loops}; odom at {position} {quaternion}")
+        print_notice(
+            f"map of places: {attachment['places']}, loops: {loops}; odom at {position} {quaternion}"
+        )
 
 
-class JsonPrinter:
+class JsonPosePrinter:
     """One object a line; `kind` is pose, status or map_odom."""
 
-    def pose(self, message: OdometryMessage, about: dict[str, Any]) -> None:
+    def print_pose(self, message: OdometryMessage, attachment: dict[str, Any]) -> None:
         """Print the pose with what the attachment says."""
         self._print(
             kind="pose",
@@ -70,14 +74,18 @@ class JsonPrinter:
             child_frame_id=message.child_frame_id,
             position_m=message.position_m.tolist(),
             quaternion_xyzw=message.quaternion_xyzw.tolist(),
-            **{key: about[key] for key in ("seq", "state", "epoch", "reason") if key in about},
+            **{
+                key: attachment[key]
+                for key in ("seq", "state", "epoch", "reason")
+                if key in attachment
+            },
         )
 
-    def status(self, content: dict[str, Any]) -> None:
+    def print_status(self, content: dict[str, Any]) -> None:
         """Print the whole status."""
         self._print(kind="status", **content)
 
-    def map_odom(self, message: TransformMessage, about: dict[str, Any]) -> None:
+    def print_map_odom(self, message: TransformMessage, attachment: dict[str, Any]) -> None:
         """Print the transform with what the attachment says."""
         self._print(
             kind="map_odom",
@@ -86,7 +94,7 @@ class JsonPrinter:
             child_frame_id=message.child_frame_id,
             position_m=message.translation_m.tolist(),
             quaternion_xyzw=message.quaternion_xyzw.tolist(),
-            **{key: about[key] for key in ("seq", "epoch", "is_located", "places", "loops")},
+            **{key: attachment[key] for key in ("seq", "epoch", "is_located", "places", "loops")},
         )
 
     def _print(self, **content: Any) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from vo_service.commands.options import add_config_options
-from vo_service.mapping.fusion_settings import FusionSettings
+from vo_service.mapping.fusion_settings import TsdfConfig
 
 NAME = "reconstruct"
 HELP = "make a coloured surface of what a recording shows"
@@ -23,13 +23,13 @@ OUTPUT gets map.ply (a mesh with colours and normals, in the trajectory's world)
 perspective.png, view.png and reconstruction.json, and trajectory.txt where the odometry ran.
 Ctrl-C ends the fusion and writes what there is by then; a second one writes nothing more.
 """
-FINEST_M, COARSEST_M = 0.002, 0.5
-LEAST_MB = 20
+MIN_VOXEL_M, MAX_VOXEL_M = 0.002, 0.5
+MIN_MEMORY_MB = 20
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    usual = FusionSettings()
+    usual = TsdfConfig()
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="the recording, in TUM format")
     parser.add_argument(
         "trajectory", metavar="TRAJECTORY", type=Path, nargs="?",
@@ -46,15 +46,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where to leave the results (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--voxel-m", metavar="M", type=_between(FINEST_M, COARSEST_M), default=usual.voxel_m,
+        "--voxel-m", metavar="M", type=_length_parser(MIN_VOXEL_M, MAX_VOXEL_M), default=usual.voxel_m,
         help="the finest detail, in metres (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--memory-mb", metavar="MB", type=_whole(LEAST_MB), default=usual.memory_mb,
+        "--memory-mb", metavar="MB", type=_megabytes_parser(MIN_MEMORY_MB), default=usual.memory_mb,
         help="most memory of the map; what comes later is left out (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--max-depth-m", metavar="M", type=_between(0.1, 20.0), default=usual.max_depth_m,
+        "--max-depth-m", metavar="M", type=_length_parser(0.1, 20.0), default=usual.max_depth_m,
         help="surfaces farther from the camera are left out (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
 
 
-def _between(low: float, high: float) -> Callable[[str], float]:
+def _length_parser(min_m: float, max_m: float) -> Callable[[str], float]:
     """A parser of lengths in metres."""
 
     def metres(text: str) -> float:
@@ -73,20 +73,20 @@ def _between(low: float, high: float) -> Callable[[str], float]:
             value = float(text)
         except ValueError:
             value = 0.0
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is not a length: give {low:g} to {high:g}")
+        if not min_m <= value <= max_m:
+            raise argparse.ArgumentTypeError(f"{text} is not a length: give {min_m:g} to {max_m:g}")
         return value
 
     return metres
 
 
-def _whole(low: int) -> Callable[[str], int]:
+def _megabytes_parser(min_mb: int) -> Callable[[str], int]:
     """A parser of whole numbers."""
 
     def megabytes(text: str) -> int:
-        if not (text.isascii() and text.isdigit() and len(text) < 8 and int(text) >= low):
+        if not (text.isascii() and text.isdigit() and len(text) < 8 and int(text) >= min_mb):
             raise argparse.ArgumentTypeError(
-                f"{text} is not a size: give {low} or more, a whole number"
+                f"{text} is not a size: give {min_mb} or more, a whole number"
             )
         return int(text)
 
@@ -95,6 +95,8 @@ def _whole(low: int) -> Callable[[str], int]:
 
 def run(args: argparse.Namespace) -> int:
     """Find the poses, fuse, and leave the results. Raises InputError or UserFacingError."""
-    from vo_service.commands.reconstructing import reconstruct  # with kernels: slow to import
+    from vo_service.commands.reconstructing import (
+        run_reconstruction,  # with kernels: slow to import
+    )
 
-    return reconstruct(args)
+    return run_reconstruction(args)

@@ -6,34 +6,34 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.camera import Pace
+from drivers.camera import PlaybackMode
 from drivers.errors import InputError
 from drivers.tum.camera import TumCamera
-from drivers.tum.folder import paired_frames
-from vo_service.app import OutputRequest, opened_outputs, run_loop
+from drivers.tum.folder import read_frame_pairs
+from vo_service.app import OutputsConfig, open_outputs, run_replay
 from vo_service.commands.kernels import prepare_kernels
 from vo_service.commands.loops_option import (
-    add_loops_options,
-    check_corrected,
-    gained,
-    loops_of,
-    write_corrected,
+    add_loop_closure_options,
+    check_optimized_trajectory_path,
+    make_requested_loop_closure,
+    summarize_loop_closure,
+    write_optimized_trajectory,
 )
 from vo_service.commands.options import (
     add_config_options,
     add_output_options,
-    config_of,
-    pace,
-    seconds,
+    load_config,
+    parse_playback_mode,
+    parse_seconds,
 )
-from vo_service.feed import PlainFeed
+from vo_service.feed import SinglePassSource
 from vo_service.interrupts import stop_on_signals
 from vo_service.outputs.progress_output import ProgressOutput
-from vo_service.outputs.trajectory_memory import TrajectoryMemory
-from vo_service.outputs.zenoh_opening import OpenAtOnce, OpenOnFreePort
-from vo_service.summary import Summary
+from vo_service.outputs.trajectory_memory import TrajectoryRecorder
+from vo_service.outputs.zenoh_opening import ConnectOnce, ConnectOnFreePort
+from vo_service.summary import RunSummary
 from vo_service.terminal import Terminal
-from vo_service.types import NoLoops, Output
+from vo_service.types import NullLoopClosure, Output
 
 NAME = "replay"
 HELP = "run the odometry over a recorded folder in TUM format"
@@ -68,14 +68,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="the recording")
     add_config_options(parser)
     parser.add_argument(
-        "--pace", type=pace, metavar="PACE", default=Pace.LOCKSTEP,
+        "--pace", type=parse_playback_mode, metavar="PACE", default=PlaybackMode.LOCKSTEP,
         help="lockstep (default) or realtime",
     )  # fmt: skip
     parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")
     add_output_options(parser)
-    add_loops_options(parser)
+    add_loop_closure_options(parser)
     parser.add_argument(
-        "--wait-for-subscriber", metavar="SECONDS", type=seconds, default=0.0,
+        "--wait-for-subscriber", metavar="SECONDS", type=parse_seconds, default=0.0,
         help="begin when someone subscribes to the poses, or after SECONDS",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
@@ -83,47 +83,49 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay and print the summary."""
-    config = config_of(args)
-    _spare_the_recording(args)
-    check_corrected(args)
+    config = load_config(args)
+    _check_not_overwriting_recording(args)
+    check_optimized_trajectory_path(args)
     terminal = Terminal()
-    memory = TrajectoryMemory()
+    memory = TrajectoryRecorder()
     with TumCamera(args.folder, args.camera or config.camera.file, args.pace) as camera:
         with stop_on_signals() as stop:
             prepare_kernels(config, terminal, stop)
-            loops = loops_of(args, config, terminal, stop)
-        request = OutputRequest(
-            pace=args.pace,
+            loops = make_requested_loop_closure(args, config, terminal, stop)
+        request = OutputsConfig(
+            playback_mode=args.pace,
             zenoh=None if args.no_publish else config.zenoh,
             # Who is waited for comes to the port that was agreed on.
-            way_to_open=OpenAtOnce if args.wait_for_subscriber else OpenOnFreePort,
+            connect_policy=ConnectOnce if args.wait_for_subscriber else ConnectOnFreePort,
             wait_for_subscriber_s=args.wait_for_subscriber,
             rerun=config.rerun,
             trajectory=args.trajectory,
             ground_truth=lambda: camera.ground_truth,
-            tell=terminal.say,
+            log_line=terminal.write_line,
         )
         progress = ProgressOutput(terminal, "replay", camera.frame_count)
         own: list[Output] = [memory, *([loops] if loops else []), progress]
-        with opened_outputs(request) as opened, stop_on_signals() as stop:
+        with open_outputs(request) as opened, stop_on_signals() as stop:
             outputs = [*opened.outputs, *own]
-            feed = PlainFeed(camera)
-            ending = run_loop(config, camera, feed, outputs, stop, loops or NoLoops())
+            feed = SinglePassSource(camera)
+            ending = run_replay(config, camera, feed, outputs, stop, loops or NullLoopClosure())
         for output in own:
             output.close()
         truth = camera.ground_truth
-        frames_s = np.array([pair.colour.stamp_s for pair in paired_frames(args.folder).pairs])
-        with_loops = gained(loops, truth, frames_s) if loops else None
-        summary = Summary.of(
+        frames_s = np.array([pair.color.stamp_s for pair in read_frame_pairs(args.folder).pairs])
+        with_loops = summarize_loop_closure(loops, truth, frames_s) if loops else None
+        summary = RunSummary.from_run(
             ending.statistics, camera.counters, memory.trajectory, truth, frames_s, with_loops
         )
     if loops and args.trajectory_corrected:
-        write_corrected(args.trajectory_corrected, loops.trajectory, memory.published_after_s)
+        write_optimized_trajectory(
+            args.trajectory_corrected, loops.trajectory, memory.publish_offset_s
+        )
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
     return ending.exit_code
 
 
-def _spare_the_recording(args: argparse.Namespace) -> None:
+def _check_not_overwriting_recording(args: argparse.Namespace) -> None:
     """Raise InputError if a trajectory would be written over one of the recording's files."""
     for path in (args.trajectory, args.trajectory_corrected):
         if path is not None and path.exists():

@@ -4,12 +4,12 @@ import argparse
 from pathlib import Path
 
 from drivers.errors import InputError
-from vo_service.commands.options import say
+from vo_service.commands.options import print_message
 from vo_service.interrupts import stop_on_signals
-from vo_service.outputs.zenoh_endpoints import endpoints_in
-from vo_service.outputs.zenoh_log import zenoh_log_as_ours
-from vo_service.outputs.zenoh_session import open_session, session_settings
-from vo_service.outputs.zenoh_visitors import log_visitors
+from vo_service.outputs.zenoh_endpoints import configured_endpoints
+from vo_service.outputs.zenoh_log import capture_zenoh_log
+from vo_service.outputs.zenoh_session import build_zenoh_config, open_session
+from vo_service.outputs.zenoh_visitors import log_link_events
 from vo_service.settings import ZenohConfig
 
 NAME = "router"
@@ -23,7 +23,7 @@ FILE is a Zenoh configuration, such as config/zenoh/fleet-router.json5. Zenoh's 
 takes the same file: zenohd -c fleet-router.json5, in the folder that holds the file and its keys.
 """
 
-_LOOK_S = 0.2
+_POLL_PERIOD_S = 0.2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,14 +34,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Route until stopped. Raises InputError for a file that is wrong or not a router's."""
     config = ZenohConfig(config_file=args.file, listen=())
-    settings = session_settings(config)
+    settings = build_zenoh_config(config)
     if settings.get_json("mode") != '"router"':
         raise InputError(f'{args.file}: this is no router\'s file; write mode: "router" in it')
-    with stop_on_signals() as stop, zenoh_log_as_ours(), open_session(config) as session:
-        log_visitors(session)
-        say(f"router: listening at {', '.join(endpoints_in(settings, 'listen'))} (Ctrl-C ends)")
+    with stop_on_signals() as stop, capture_zenoh_log(), open_session(config) as session:
+        log_link_events(session)
+        print_message(
+            f"router: listening at {', '.join(configured_endpoints(settings, 'listen'))} (Ctrl-C ends)"
+        )
         # Not for ever at once: the kernel may hand the signal to one of Zenoh's threads, and then
         # nothing wakes this one to act on it.
-        while not stop.event.wait(_LOOK_S):
+        while not stop.event.wait(_POLL_PERIOD_S):
             pass
     return 0

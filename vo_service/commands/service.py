@@ -5,10 +5,10 @@ import os
 from pathlib import Path
 
 from drivers.errors import UserFacingError
-from vo_service.installation.installer import Installer, Remover
-from vo_service.installation.system_files import sudo_command
-from vo_service.installation.systemd import Offline, Systemd
-from vo_service.installation.unit import DROP_IN, UNITS, Unit, text_of
+from vo_service.installation.installer import Installer, Uninstaller
+from vo_service.installation.system_files import format_sudo_command
+from vo_service.installation.systemd import OfflineSystemd, Systemd
+from vo_service.installation.unit import DROP_IN, UNITS, ServiceUnit, read_service_file
 
 NAME = "service"
 HELP = "install this program as a systemd service, or take it away"
@@ -58,18 +58,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Do it. Raises UserFacingError naming the sudo command where this user may not."""
     if args.action == "show":
-        print(text_of(args.file), end="")
+        print(read_service_file(args.file), end="")
         return 0
     root: Path = args.root.absolute()
     before = os.umask(0o022)  # what is installed is for every user to read
     try:
-        _expect_root(root, args)
-        systemd = Systemd() if root == Path("/") else Offline(root)
+        _require_root(root, args)
+        systemd = Systemd() if root == Path("/") else OfflineSystemd(root)
         if args.action == "install":
-            unit, installer = Unit(args.name), Installer(root, systemd, print_line)
+            unit, installer = ServiceUnit(args.name), Installer(root, systemd, print_line)
             installer.install(unit, enable=args.enable, network_tls=args.network_tls)
         else:
-            Remover(root, systemd, print_line).uninstall(purge=args.purge)
+            Uninstaller(root, systemd, print_line).uninstall(purge=args.purge)
     finally:
         os.umask(before)
     return 0
@@ -80,9 +80,9 @@ def print_line(text: str) -> None:
     print(text, flush=True)
 
 
-def _expect_root(root: Path, args: argparse.Namespace) -> None:
+def _require_root(root: Path, args: argparse.Namespace) -> None:
     if root == Path("/") and os.geteuid() != 0:
         given = [f"--{key.replace('_', '-')}" for key, value in vars(args).items() if value is True]
         name = ["--name", args.name] if getattr(args, "name", "") else []
-        command = sudo_command("service", args.action, *name, *given)
+        command = format_sudo_command("service", args.action, *name, *given)
         raise UserFacingError(f"only root may change the services of this computer; run: {command}")

@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
-from vo_service.commands.options import say
-from vo_service.udev import apply_now, install, system_files, uninstall
+from vo_service.commands.options import print_message
+from vo_service.udev import apply_rules, install, list_system_files, uninstall
 
 NAME = "udev"
 HELP = "install, show or remove the rules that let a sensor be opened without root"
@@ -40,23 +40,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Do it. Raises UserFacingError naming the sudo command where this user may not."""
     if args.action == "show":
-        print("\n".join(f"# /{file.path}\n{file.text}" for file in system_files()), end="")
+        print("\n".join(f"# /{file.path}\n{file.text}" for file in list_system_files()), end="")
         return 0
     root: Path = args.root or Path("/")
     changed = (install if args.action == "install" else uninstall)(root)
     verb = "written" if args.action == "install" else "removed"
-    for file in system_files():
+    for file in list_system_files():
         path = root / file.path
         rest = "was there already" if args.action == "install" else "was not there"
         print(f"{path}: {verb if path in changed else rest}")
     if args.root is None:
-        _apply()
+        _apply_rules()
     return 0
 
 
-def _apply() -> None:
-    complaint = apply_now()
+def _apply_rules() -> None:
+    complaint = apply_rules()
     if complaint:
-        say(f"kinect-vo: warning: {complaint}; restart the computer to apply the change")
+        print_message(f"kinect-vo: warning: {complaint}; restart the computer to apply the change")
     else:
         print("Now unplug the sensor, with its power, and plug it in again.")

@@ -4,10 +4,10 @@ import argparse
 import time
 from collections.abc import Callable
 
-from vo_service.commands.kernels import prepare_kernels, prepare_loops, prepared
-from vo_service.commands.options import add_config_options, config_of
+from vo_service.commands.kernels import prepare_kernels, prepare_loop_closure, run_warm_up
+from vo_service.commands.options import add_config_options, load_config
 from vo_service.interrupts import stop_on_signals
-from vo_service.mapping.warm_up import warm_up_mapping
+from vo_service.mapping.warm_up import warm_up_reconstruction
 from vo_service.terminal import Terminal
 
 NAME = "warm-up"
@@ -29,33 +29,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compile, or find that all is there."""
-    config = config_of(args)
+    config = load_config(args)
     terminal = Terminal()
     with stop_on_signals() as stop:
         taken_s = prepare_kernels(config, terminal, stop)
         if config.map.enabled:
-            taken_s += prepared(warm_up_mapping, terminal, stop)
-            taken_s += prepare_loops(terminal, stop)
+            taken_s += run_warm_up(warm_up_reconstruction, terminal, stop)
+            taken_s += prepare_loop_closure(terminal, stop)
         if config.recorder.enabled or config.map.enabled:
-            taken_s += prepared(_warm_up_packing, terminal, stop)
+            taken_s += run_warm_up(_warm_up_depth_packing, terminal, stop)
         if config.camera.source == "synthetic":
-            taken_s += prepared(_warm_up_renderer, terminal, stop)
+            taken_s += run_warm_up(_warm_up_renderer, terminal, stop)
     maps = " and of maps" if config.map.enabled else ""
     print(f"the kernels of {config.odometry.method}{maps} are ready ({taken_s:.1f} s)")
     return 0
 
 
-def _warm_up_packing(tell: Callable[[str], None]) -> float:
-    from vo_service.recorder.depth_packing import compile_packing
+def _warm_up_depth_packing(on_progress: Callable[[str], None]) -> float:
+    from vo_service.recorder.depth_packing import compile_kernels
 
     begin_s = time.monotonic()
-    tell("packing of depth")
-    compile_packing()
+    on_progress("packing of depth")
+    compile_kernels()
     return time.monotonic() - begin_s
 
 
-def _warm_up_renderer(tell: Callable[[str], None]) -> float:
+def _warm_up_renderer(on_progress: Callable[[str], None]) -> float:
     from drivers.synthetic.warm_up import warm_up_renderer
 
-    tell("virtual Kinect")
+    on_progress("virtual Kinect")
     return warm_up_renderer()

@@ -1,32 +1,36 @@
 """What a recording shows, in a sentence or two."""
 
-from vo_service.comparison.paper import about
-from vo_service.comparison.tables import WHOLE
-from vo_service.runs.judging import Judgement
-from vo_service.runs.results import MOST_FRAMES, SequenceResults
+from vo_service.comparison.paper import describe_method
+from vo_service.comparison.tables import MIN_FULL_COVERAGE
+from vo_service.runs.judging import RunEvaluation
+from vo_service.runs.results import MIN_RANKED_COVERAGE, SequenceResults
 
 
-def finding(result: SequenceResults) -> str:
+def summarize_sequence(result: SequenceResults) -> str:
     """Which method was nearest to the truth, and which did not come through."""
-    sentences = [_order(result), *_partial(result), *_without_result(result)]
+    sentences = [
+        _ranking_sentence(result),
+        *_partial_coverage_sentences(result),
+        *_failed_run_sentences(result),
+    ]
     return " ".join(sentences)
 
 
-def without_pauses(result: SequenceResults) -> str:
+def describe_rpe_without_gaps(result: SequenceResults) -> str:
     """The error of a step where the recording does not pause; "" where it is not known."""
     known = [
-        f"{1e3 * judged.rpe_frame_without_gaps_m:.1f} mm for {about(method).name}"
-        for method, judged in result.judged.items()
+        f"{1e3 * judged.rpe_frame_without_gaps_m:.1f} mm for {describe_method(method).name}"
+        for method, judged in result.evaluations.items()
         if judged.rpe_frame_without_gaps_m is not None
     ]
     return f" Without the pauses, the RPE of one frame is {', '.join(known)}." if known else ""
 
 
-def _order(result: SequenceResults) -> str:
+def _ranking_sentence(result: SequenceResults) -> str:
     known = sorted(
-        (_error_m(judged), about(method).name)
-        for method, judged in result.judged.items()
-        if judged.evaluation is not None and (judged.coverage or 0.0) >= MOST_FRAMES
+        (_error_m(judged), describe_method(method).name)
+        for method, judged in result.evaluations.items()
+        if judged.evaluation is not None and (judged.coverage or 0.0) >= MIN_RANKED_COVERAGE
     )
     if result.recording.truth is None:
         return "without ground truth, errors cannot be told."
@@ -39,23 +43,23 @@ def _order(result: SequenceResults) -> str:
     return f"{best} has the smallest mean global error, {1e3 * least_m:.2f} mm; {rest}."
 
 
-def _error_m(judged: Judgement) -> float:
-    assert judged.evaluation is not None
-    return judged.evaluation.mean_global_error_m
+def _error_m(evaluation: RunEvaluation) -> float:
+    assert evaluation.evaluation is not None
+    return evaluation.evaluation.mean_global_error_m
 
 
-def _partial(result: SequenceResults) -> list[str]:
+def _partial_coverage_sentences(result: SequenceResults) -> list[str]:
     """Methods that lost more than a few frames: their errors are taken over the others."""
     return [
-        f"{about(method).name} placed {100 * judged.coverage:.0f} % of the frames only."
-        for method, judged in result.judged.items()
-        if judged.coverage is not None and judged.coverage < WHOLE
+        f"{describe_method(method).name} placed {100 * judged.coverage:.0f} % of the frames only."
+        for method, judged in result.evaluations.items()
+        if judged.coverage is not None and judged.coverage < MIN_FULL_COVERAGE
     ]
 
 
-def _without_result(result: SequenceResults) -> list[str]:
+def _failed_run_sentences(result: SequenceResults) -> list[str]:
     return [
-        f"{about(method).name} has no result ({judged.outcome.state})."
-        for method, judged in result.judged.items()
+        f"{describe_method(method).name} has no result ({judged.outcome.state})."
+        for method, judged in result.evaluations.items()
         if not judged.is_done
     ]

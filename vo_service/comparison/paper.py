@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 @dataclass(frozen=True)
-class PaperFigures:
+class PublishedResult:
     """What the paper reports of one method on one sequence."""
 
     mean_global_error_m: float
@@ -19,60 +19,60 @@ class PaperFigures:
 
 
 @dataclass(frozen=True)
-class About:
+class MethodDescription:
     """A method for readers: its name, and what it is."""
 
     name: str
-    text: str
+    description: str
 
 
-PAPER: Mapping[str, Mapping[str, PaperFigures]] = {
+PUBLISHED_RESULTS: Mapping[str, Mapping[str, PublishedResult]] = {
     "floor": {
-        "surf": PaperFigures(0.05, 458),
-        "icp": PaperFigures(0.12, 621),
-        "sfm": PaperFigures(0.51, 950),
+        "surf": PublishedResult(0.05, 458),
+        "icp": PublishedResult(0.12, 621),
+        "sfm": PublishedResult(0.51, 950),
     },
     "teddy": {
-        "surf": PaperFigures(0.13, 953),
-        "icp": PaperFigures(0.74, 1155),
-        "sfm": PaperFigures(0.22, 1430),
+        "surf": PublishedResult(0.13, 953),
+        "icp": PublishedResult(0.74, 1155),
+        "sfm": PublishedResult(0.22, 1430),
     },
 }
-ABOUT = {
-    "surf": About(
+METHOD_DESCRIPTIONS = {
+    "surf": MethodDescription(
         "SURF (proposed)",
         "colour and depth: SURF features of one frame are matched with those of the frame before; "
         "RANSAC keeps the matches that agree on one motion, and singular value decomposition fits "
         "it. The method that the paper proposes.",
     ),
-    "icp": About(
+    "icp": MethodDescription(
         "ICP",
         "depth alone: the surface that a frame sees is laid onto that of an earlier one (iterative "
         "closest point). It needs shapes: where it sees little but one plane, it gives no pose.",
     ),
-    "sfm": About(
+    "sfm": MethodDescription(
         "SfM",
         "colour alone: features are followed from frame to frame, and motion and points are found "
         "from them together (structure from motion). Colour alone has no scale: the first "
         "is given from outside, and it may drift from there.",
     ),
-    "keyframe": About(
+    "keyframe": MethodDescription(
         "Keyframes",
         "colour and depth: brightness and depth of every frame are laid on those of a keyframe, "
         "which stays as long as most of it is in view; each row of the sensor counts at its own "
         "time. Not of the paper: what the service uses unless told otherwise.",
     ),
 }
-_WHOLE_SEQUENCE = re.compile(r"(?<![a-z0-9])(?:freiburg|fr)1[_/-](floor|teddy)$", re.IGNORECASE)
+_SEQUENCE_PATTERN = re.compile(r"(?<![a-z0-9])(?:freiburg|fr)1[_/-](floor|teddy)$", re.IGNORECASE)
 
 
-def paper_figures(folder: Path) -> Mapping[str, PaperFigures]:
+def find_published_results(folder: Path) -> Mapping[str, PublishedResult]:
     """By method; empty unless the folder is named as one of the paper's two sequences."""
     name = "/".join(folder.resolve().parts[-2:])
-    found = _WHOLE_SEQUENCE.search(name)
-    return PAPER[found[1].lower()] if found else {}
+    found = _SEQUENCE_PATTERN.search(name)
+    return PUBLISHED_RESULTS[found[1].lower()] if found else {}
 
 
-def about(method: str) -> About:
+def describe_method(method: str) -> MethodDescription:
     """Also of a method that this page does not know."""
-    return ABOUT.get(method, About(method.upper(), "see docs/method.md."))
+    return METHOD_DESCRIPTIONS.get(method, MethodDescription(method.upper(), "see docs/method.md."))

@@ -6,11 +6,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.geometry import Array, inverse
-from drivers.trajectory import StampedPoses
-from vo_service.comparison.figures import NamedFigure, colour_of, new_figure
-from vo_service.comparison.paper import about
+from drivers.trajectory import Trajectory
+from vo_service.comparison.figures import NamedFigure, method_color, new_figure
+from vo_service.comparison.paper import describe_method
 from vo_service.evaluation.metrics import first_pose_alignment
-from vo_service.evaluation.picture import TRUTH, draw_path, label_axes, poses_during
+from vo_service.evaluation.picture import (
+    GROUND_TRUTH_STYLE,
+    crop_trajectory,
+    draw_trajectory,
+    label_axes,
+)
 from vo_service.runs.results import SequenceResults
 
 if TYPE_CHECKING:
@@ -19,58 +24,60 @@ if TYPE_CHECKING:
 
 # The picture shows at most this many times the extent of the truth: else one method that flies
 # off would make all the others a dot.
-EXTENTS_SHOWN = 2.0
+MAX_SHOWN_EXTENTS = 2.0
 
 CAPTION = (
     "The way of the camera (as the paper's Figure 10), seen from above and from the right: "
     "{grey}the methods' estimates in colour, all joined at the first frame. Where a line stops "
     "and begins again, frames in between were lost."
 )
-GREY = "the truth in grey, "
+GROUND_TRUTH_CAPTION = "the truth in grey, "
 
 
-def path_figures(result: SequenceResults) -> Iterator[NamedFigure]:
+def make_trajectory_figures(result: SequenceResults) -> Iterator[NamedFigure]:
     """One, if any method has two poses."""
-    paths = dict(_paths(result))
+    paths = dict(_aligned_trajectories(result))
     if paths:
-        truth = _truth(result)
-        caption = CAPTION.format(grey="" if truth is None else GREY)
+        truth = _cropped_ground_truth(result)
+        caption = CAPTION.format(grey="" if truth is None else GROUND_TRUTH_CAPTION)
         yield NamedFigure("trajectory", caption, _draw(result, paths, truth))
 
 
-def _paths(result: SequenceResults) -> Iterator[tuple[str, StampedPoses]]:
+def _aligned_trajectories(result: SequenceResults) -> Iterator[tuple[str, Trajectory]]:
     """Trajectories in the axes of the first true camera, where there is one; else their own."""
-    for method, judged in result.judged.items():
+    for method, judged in result.evaluations.items():
         poses = judged.outcome.run.trajectory
         if len(poses) < 2:
             continue
         T_first_world = np.eye(4)
         if judged.matched is not None:
-            T_first_truth = inverse(_first_truth(result))
+            T_first_truth = inverse(_first_ground_truth_pose(result))
             T_first_world = T_first_truth @ first_pose_alignment(judged.matched)
-        yield method, StampedPoses(poses.stamps_s, T_first_world @ poses.T_world_camera)
+        yield method, Trajectory(poses.stamps_s, T_first_world @ poses.T_world_camera)
 
 
-def _truth(result: SequenceResults) -> StampedPoses | None:
+def _cropped_ground_truth(result: SequenceResults) -> Trajectory | None:
     """The truth while the recording lasts, in the axes of its first camera."""
-    if not any(judged.matched is not None for judged in result.judged.values()):
+    if not any(judged.matched is not None for judged in result.evaluations.values()):
         return None
     assert result.recording.truth is not None
-    first_s, last_s = result.recording.frames_s[[0, -1]]
-    during = poses_during(result.recording.truth, first_s, last_s)
-    return StampedPoses(during.stamps_s, inverse(_first_truth(result)) @ during.T_world_camera)
+    first_s, last_s = result.recording.frame_stamps_s[[0, -1]]
+    during = crop_trajectory(result.recording.truth, first_s, last_s)
+    return Trajectory(
+        during.stamps_s, inverse(_first_ground_truth_pose(result)) @ during.T_world_camera
+    )
 
 
-def _first_truth(result: SequenceResults) -> Array:
+def _first_ground_truth_pose(result: SequenceResults) -> Array:
     """T_truth_camera of the earliest pose that any method has."""
-    matched = [j.matched for j in result.judged.values() if j.matched is not None]
+    matched = [j.matched for j in result.evaluations.values() if j.matched is not None]
     first = min(matched, key=lambda poses: float(poses.stamps_s[0]))
     T_truth_camera: Array = first.T_truth_camera[0]
     return T_truth_camera
 
 
 def _draw(
-    result: SequenceResults, paths: Mapping[str, StampedPoses], truth: StampedPoses | None
+    result: SequenceResults, paths: Mapping[str, Trajectory], truth: Trajectory | None
 ) -> "Figure":
     figure = new_figure(10, 5)
     plots = figure.subplot_mosaic("AB")
@@ -79,38 +86,38 @@ def _draw(
     for plot in plots.values():
         plot.set_aspect("equal", adjustable="datalim")
     if truth is not None:
-        draw_path(plots, truth, np.eye(4), TRUTH)
-    shown_m = None if truth is None else _shown(truth)
+        draw_trajectory(plots, truth, np.eye(4), GROUND_TRUTH_STYLE)
+    shown_m = None if truth is None else _shown_bounds_m(truth)
     for method, poses in paths.items():
         leaves = "" if shown_m is None or _is_within(poses, shown_m) else " (leaves the picture)"
         style: dict[str, Any] = {
-            "color": colour_of(method, list(result.judged)),
+            "color": method_color(method, list(result.evaluations)),
             "linewidth": 1.3,
-            "label": about(method).name + leaves,
+            "label": describe_method(method).name + leaves,
         }
-        draw_path(plots, poses, np.eye(4), style)
+        draw_trajectory(plots, poses, np.eye(4), style)
     if shown_m is not None and not all(_is_within(poses, shown_m) for poses in paths.values()):
-        _limit(plots, shown_m)
+        _limit_axes(plots, shown_m)
     handles, labels = plots["A"].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
     return figure
 
 
-def _shown(truth: StampedPoses) -> Array:
+def _shown_bounds_m(truth: Trajectory) -> Array:
     """(2, 3) least and most of x, y, z to show."""
     positions_m = truth.T_world_camera[:, :3, 3]
     low_m, high_m = positions_m.min(axis=0), positions_m.max(axis=0)
     middle_m = (low_m + high_m) / 2
-    reach_m = EXTENTS_SHOWN / 2 * max(float(np.max(high_m - low_m)), 0.1)
+    reach_m = MAX_SHOWN_EXTENTS / 2 * max(float(np.max(high_m - low_m)), 0.1)
     return np.array([middle_m - reach_m, middle_m + reach_m])
 
 
-def _is_within(poses: StampedPoses, shown_m: Array) -> bool:
+def _is_within(poses: Trajectory, shown_m: Array) -> bool:
     positions_m = poses.T_world_camera[:, :3, 3]
     return bool(np.all((positions_m >= shown_m[0]) & (positions_m <= shown_m[1])))
 
 
-def _limit(plots: "dict[str, Axes]", shown_m: Array) -> None:
+def _limit_axes(plots: "dict[str, Axes]", shown_m: Array) -> None:
     (right, down, forward) = shown_m.T
     plots["A"].set(xlim=right, ylim=forward)
     plots["B"].set(xlim=forward, ylim=(-down[1], -down[0]))

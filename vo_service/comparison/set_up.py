@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from vo_service.config import Config
-from vo_service.runs.effective_config import effective_config
-from vo_service.runs.listening import NOBODY, ListenerRecipe
+from vo_service.runs.effective_config import format_effective_config
+from vo_service.runs.listening import NULL_OBSERVER, ObserverFactory
 from vo_service.runs.recipe import SfmScale
-from vo_service.runs.versions import versions
+from vo_service.runs.versions import collect_versions
 
 
 @dataclass(frozen=True)
-class SetUp:
+class ComparisonMetadata:
     """The choices of a comparison.
 
     camera_file  given for all folders; None: each folder's own
@@ -27,16 +27,16 @@ class SetUp:
     sfm_scale: SfmScale
     camera_file: Path | None
     time_limit_s: float
-    listener: ListenerRecipe = NOBODY
+    observer_factory: ObserverFactory = NULL_OBSERVER
     created: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     @property
     def config_text(self) -> str:
         """The effective configuration, as `--config` takes it again."""
-        return effective_config(
+        return format_effective_config(
             self.config.odometry,
             self.camera_file,
-            self.listener.tables,
+            self.observer_factory.config_tables,
             f"Methods: {', '.join(self.methods)}; `method` below counts where one is to be run.",
             f"First scale of sfm: --sfm-scale {self.sfm_scale}",
         )
@@ -50,7 +50,7 @@ class SetUp:
             "sfm_scale": self.sfm_scale,
             "camera_file": None if self.camera_file is None else str(self.camera_file),
             "time_limit_s": self.time_limit_s,
-            **self.listener.settings,
-            "versions": versions(),
+            **self.observer_factory.settings,
+            "versions": collect_versions(),
             "processors": os.cpu_count(),
         }

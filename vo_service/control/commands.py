@@ -15,24 +15,24 @@ from vo_service.types import (
     Command,
     CommandError,
     ErrorCode,
-    Light,
-    LoadMap,
-    Pause,
-    Reset,
-    Resume,
-    SaveIncident,
-    SaveMap,
-    StartRecording,
-    StopRecording,
-    Tilt,
+    LedCommand,
+    LoadMapCommand,
+    PauseCommand,
+    ResetCommand,
+    ResumeCommand,
+    SaveIncidentCommand,
+    SaveMapCommand,
+    StartRecordingCommand,
+    StopRecordingCommand,
+    TiltCommand,
 )
 
-LARGEST_PAYLOAD_BYTES = 4096
+MAX_PAYLOAD_BYTES = 4096
 # No robot is further from where it started.
-FARTHEST_M = 1e6
-LARGEST_TILT_DEG = 31.0
+MAX_POSITION_M = 1e6
+MAX_TILT_DEG = 31.0
 # A quaternion this far from length 1 is a mistake, not rounding.
-LENGTH_TOLERANCE = 1e-2
+QUATERNION_NORM_TOLERANCE = 1e-2
 
 
 def parse_command(name: str, payload: bytes) -> Command:
@@ -42,11 +42,12 @@ def parse_command(name: str, payload: bytes) -> Command:
     """
     if name not in _PARSERS:
         raise CommandError(
-            ErrorCode.UNKNOWN_COMMAND, f"there is no command {name!r}; there are: {_known()}"
+            ErrorCode.UNKNOWN_COMMAND,
+            f"there is no command {name!r}; there are: {_known_commands()}",
         )
-    arguments = _Arguments(name, _json_object(payload))
+    arguments = _Arguments(name, _parse_json_object(payload))
     command = _PARSERS[name](arguments)
-    arguments.expect_no_more()
+    arguments.reject_unknown()
     return command
 
 
@@ -63,92 +64,92 @@ class _Arguments:
         self._known.append(key)
         return key in self._values
 
-    def number(self, key: str, limit: float) -> float:
+    def take_number(self, key: str, limit: float) -> float:
         """A finite number from -limit to limit."""
         value = self._take(key)
         if not _is_number(value) or abs(value) > limit:
-            self.refuse(key, f"must be a number from {-limit:g} to {limit:g}")
+            self.reject(key, f"must be a number from {-limit:g} to {limit:g}")
         return float(value)
 
-    def numbers(self, key: str, count: int, limit: float) -> tuple[float, ...]:
+    def take_numbers(self, key: str, count: int, limit: float) -> tuple[float, ...]:
         """So many finite numbers."""
         values = self._take(key)
         is_right = isinstance(values, list) and len(values) == count
         if not is_right or not all(_is_number(v) and abs(v) <= limit for v in values):
-            self.refuse(key, f"must be a list of {count} numbers from {-limit:g} to {limit:g}")
+            self.reject(key, f"must be a list of {count} numbers from {-limit:g} to {limit:g}")
         return tuple(float(v) for v in values)
 
-    def text(self, key: str, pattern: str, wanted: str) -> str:
+    def take_text(self, key: str, pattern: str, wanted: str) -> str:
         """Text that matches a pattern, described by `wanted`."""
         value = self._take(key)
         if not isinstance(value, str) or not re.fullmatch(pattern, value):
-            self.refuse(key, f"must be {wanted}")
+            self.reject(key, f"must be {wanted}")
         return value
 
-    def expect_no_more(self) -> None:
+    def reject_unknown(self) -> None:
         """Refuse what is not an argument of this command."""
         for key in self._values:
             known = ", ".join(dict.fromkeys(self._known)) or "none"
-            self.refuse(key, f"is not an argument of {self._command}; it takes: {known}")
+            self.reject(key, f"is not an argument of {self._command}; it takes: {known}")
 
-    def refuse(self, key: str, reason: str) -> NoReturn:
+    def reject(self, key: str, reason: str) -> NoReturn:
         """Say what is wrong with an argument."""
         raise CommandError(ErrorCode.BAD_REQUEST, f"argument {key[:40]!r} {reason}")
 
     def _take(self, key: str) -> Any:
         self._known.append(key)
         if key not in self._values:
-            self.refuse(key, "is missing")
+            self.reject(key, "is missing")
         return self._values.pop(key)
 
 
-def _reset(arguments: _Arguments) -> Reset:
+def _parse_reset(arguments: _Arguments) -> ResetCommand:
     if not arguments.has("position_m") and not arguments.has("quaternion_xyzw"):
-        return Reset()
-    position_m = arguments.numbers("position_m", 3, FARTHEST_M)
-    quaternion = arguments.numbers("quaternion_xyzw", 4, 1.0 + LENGTH_TOLERANCE)
-    if abs(float(np.linalg.norm(quaternion)) - 1.0) > LENGTH_TOLERANCE:
-        arguments.refuse("quaternion_xyzw", "must have length 1, as x y z w")
-    return Reset(transform_from_pose(position_m, quaternion))
+        return ResetCommand()
+    position_m = arguments.take_numbers("position_m", 3, MAX_POSITION_M)
+    quaternion = arguments.take_numbers("quaternion_xyzw", 4, 1.0 + QUATERNION_NORM_TOLERANCE)
+    if abs(float(np.linalg.norm(quaternion)) - 1.0) > QUATERNION_NORM_TOLERANCE:
+        arguments.reject("quaternion_xyzw", "must have length 1, as x y z w")
+    return ResetCommand(transform_from_pose(position_m, quaternion))
 
 
-def _tilt(arguments: _Arguments) -> Tilt:
-    return Tilt(arguments.number("tilt_deg", LARGEST_TILT_DEG))
+def _parse_tilt(arguments: _Arguments) -> TiltCommand:
+    return TiltCommand(arguments.take_number("tilt_deg", MAX_TILT_DEG))
 
 
-def _light(arguments: _Arguments) -> Light:
-    return Light(Led(arguments.text("led", "|".join(Led), f"one of {', '.join(Led)}")))
+def _parse_led(arguments: _Arguments) -> LedCommand:
+    return LedCommand(Led(arguments.take_text("led", "|".join(Led), f"one of {', '.join(Led)}")))
 
 
-def _name(arguments: _Arguments) -> str:
+def _parse_name(arguments: _Arguments) -> str:
     wanted = "a plain name: up to 64 letters, digits, '_', '-' or '.', a letter or digit first"
-    return arguments.text("name", NAME_PATTERN, wanted)
+    return arguments.take_text("name", NAME_PATTERN, wanted)
 
 
 _PARSERS: Mapping[str, Callable[[_Arguments], Command]] = {
-    "reset": _reset,
-    "pause": lambda _: Pause(),
-    "resume": lambda _: Resume(),
-    "tilt": _tilt,
-    "led": _light,
-    "start-recording": lambda arguments: StartRecording(_name(arguments)),
-    "stop-recording": lambda _: StopRecording(),
-    "save-incident": lambda _: SaveIncident(),
-    "save-map": lambda arguments: SaveMap(_name(arguments)),
-    "load-map": lambda arguments: LoadMap(_name(arguments)),
+    "reset": _parse_reset,
+    "pause": lambda _: PauseCommand(),
+    "resume": lambda _: ResumeCommand(),
+    "tilt": _parse_tilt,
+    "led": _parse_led,
+    "start-recording": lambda arguments: StartRecordingCommand(_parse_name(arguments)),
+    "stop-recording": lambda _: StopRecordingCommand(),
+    "save-incident": lambda _: SaveIncidentCommand(),
+    "save-map": lambda arguments: SaveMapCommand(_parse_name(arguments)),
+    "load-map": lambda arguments: LoadMapCommand(_parse_name(arguments)),
 }
 COMMAND_NAMES = tuple(_PARSERS)
 
 
-def _known() -> str:
+def _known_commands() -> str:
     return ", ".join(_PARSERS)
 
 
-def _json_object(payload: bytes) -> Mapping[str, Any]:
-    if len(payload) > LARGEST_PAYLOAD_BYTES:
+def _parse_json_object(payload: bytes) -> Mapping[str, Any]:
+    if len(payload) > MAX_PAYLOAD_BYTES:
         raise CommandError(
             ErrorCode.BAD_REQUEST,
-            f"{len(payload)} bytes are too many; the limit is {LARGEST_PAYLOAD_BYTES}",
+            f"{len(payload)} bytes are too many; the limit is {MAX_PAYLOAD_BYTES}",
         )
     try:
         values = json.loads(payload or b"{}")

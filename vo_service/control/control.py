@@ -2,28 +2,28 @@
 
 from drivers.camera import RgbdCamera
 from drivers.errors import CameraError
-from vo_service.control.inbox import Answer, Inbox
-from vo_service.pose_tracker import PoseTracker
+from vo_service.control.inbox import CommandQueue, CommandResult
+from vo_service.pose_tracker import OdomFrame
 from vo_service.types import (
     Command,
     CommandError,
     ErrorCode,
-    Light,
-    LoadMap,
+    LedCommand,
+    LoadMapCommand,
     Mapper,
     MapState,
-    NoMapper,
-    NoRecorder,
-    Pause,
-    Reconfigure,
+    NullMapper,
+    NullRecorder,
+    PauseCommand,
     Recorder,
-    Reset,
-    Resume,
-    SaveIncident,
-    SaveMap,
-    StartRecording,
-    StopRecording,
-    Tilt,
+    ReloadConfig,
+    ResetCommand,
+    ResumeCommand,
+    SaveIncidentCommand,
+    SaveMapCommand,
+    StartRecordingCommand,
+    StopRecordingCommand,
+    TiltCommand,
 )
 
 
@@ -32,18 +32,18 @@ class Control:
 
     def __init__(
         self,
-        tracker: PoseTracker,
+        odom_frame: OdomFrame,
         camera: RgbdCamera,
-        inbox: Inbox[Command] | None = None,
+        command_queue: CommandQueue[Command] | None = None,
         recorder: Recorder | None = None,
         mapper: Mapper | None = None,
     ) -> None:
         """Without an inbox nobody has anything to say."""
-        self._tracker = tracker
+        self._odom_frame = odom_frame
         self._camera = camera
-        self._inbox = inbox or Inbox()
-        self._recorder = recorder or NoRecorder()
-        self._mapper = mapper or NoMapper()
+        self._command_queue = command_queue or CommandQueue()
+        self._recorder = recorder or NullRecorder()
+        self._mapper = mapper or NullMapper()
         self.is_paused = False
 
     @property
@@ -52,45 +52,45 @@ class Control:
         return self._recorder.recording
 
     @property
-    def map(self) -> MapState:
+    def map_state(self) -> MapState:
         """What there is of a map."""
         return self._mapper.state
 
-    def obey(self) -> None:
+    def process_pending(self) -> None:
         """Carry out what waits, and answer it."""
-        for ticket in self._inbox.take():
+        for ticket in self._command_queue.take_pending():
             try:
-                ticket.done(self._do(ticket.command))
+                ticket.set_result(self._execute(ticket.command))
             except CommandError as error:
-                ticket.failed(error)
+                ticket.set_exception(error)
             except CameraError as error:
-                ticket.failed(CommandError(ErrorCode.NOT_POSSIBLE, str(error)))
+                ticket.set_exception(CommandError(ErrorCode.NOT_POSSIBLE, str(error)))
 
-    def _do(self, command: Command) -> Answer:
+    def _execute(self, command: Command) -> CommandResult:
         match command:
-            case Reset(T_odom_base):
-                self._tracker.reset(T_odom_base)
-                return {"epoch": self._tracker.epoch}
-            case Pause() | Resume():
-                self.is_paused = isinstance(command, Pause)
+            case ResetCommand(T_odom_base):
+                self._odom_frame.reset(T_odom_base)
+                return {"epoch": self._odom_frame.epoch}
+            case PauseCommand() | ResumeCommand():
+                self.is_paused = isinstance(command, PauseCommand)
                 return {"paused": self.is_paused}
-            case Tilt(tilt_deg):
+            case TiltCommand(tilt_deg):
                 self._camera.set_tilt_deg(tilt_deg)
                 return {"tilt_deg": tilt_deg}
-            case Light(led):
+            case LedCommand(led):
                 self._camera.set_led(led)
                 return {"led": led}
-            case StartRecording(name):
+            case StartRecordingCommand(name):
                 return {"folder": self._recorder.start_recording(name)}
-            case StopRecording():
+            case StopRecordingCommand():
                 return {"folder": self._recorder.stop_recording()}
-            case SaveIncident():
+            case SaveIncidentCommand():
                 return {"folder": self._recorder.save("command")}
-            case SaveMap(name):
+            case SaveMapCommand(name):
                 state = self._mapper.save(name)
                 return {"file": state.saving, "keyframes": state.keyframes}
-            case LoadMap(name):
+            case LoadMapCommand(name):
                 return {"file": self._mapper.load(name).loading}
-            case Reconfigure():
+            case ReloadConfig():
                 command.apply()
                 return {}

@@ -6,34 +6,34 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from vo_service.doctor.context import Context
+from vo_service.doctor.context import CheckContext
 from vo_service.doctor.finding import Finding, failed, passed, warned
-from vo_service.doctor.usb_facts import Refusal, UsbPart
-from vo_service.installation.system_files import sudo_command
+from vo_service.doctor.usb_facts import OpenError, UsbPart
+from vo_service.installation.system_files import format_sudo_command
 from vo_service.udev import GROUP, KERNEL_DRIVER, RULES_FILE
 
 # Our own driver is a Python program, by its name like any other.
-DRIVER_PROCESS = "drivers.isolation.child"
+DRIVER_MODULE = "drivers.isolation.child"
 REPLUG = "then unplug the sensor and plug it in again"
 
 
-class Permission:
+class PermissionCheck:
     """Root may open everything; for others it is up to udev."""
 
     name = "permission"
     needs = ("sensor",)
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
-        has_rule = (context.machine.root / RULES_FILE).is_file()
+        has_rule = (context.paths.root / RULES_FILE).is_file()
         rule = "are installed" if has_rule else "are not installed"
         facts = {"udev_rules_installed": has_rule}
-        if context.sensor.refusal is not Refusal.PERMISSION:
+        if context.sensor.open_error is not OpenError.PERMISSION:
             who = "root" if os.geteuid() == 0 else "this user"
             return passed(f"{who} may open it; the udev rules of kinect-vo {rule}", **facts)
         text = f"this user may not open it; the udev rules of kinect-vo {rule}"
         if not has_rule:
-            return failed(text, f"{sudo_command('udev', 'install')}, {REPLUG}", **facts)
+            return failed(text, f"{format_sudo_command('udev', 'install')}, {REPLUG}", **facts)
         return failed(
             text,
             f"unplug the sensor and plug it in again; away from the computer's own screen also "
@@ -49,67 +49,67 @@ def _user() -> str:
         return "USER"
 
 
-class KernelDriver:
+class KernelDriverCheck:
     """libfreenect takes the camera from the kernel's webcam driver, if no program films with it."""
 
     name = "kernel-driver"
     needs = ("permission",)
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
         device = context.kernel_device(context.sensor.camera)
         drivers = [driver for driver in device.drivers if driver != "usbfs"] if device else []
-        if not drivers and not context.sensor.kernel_driver:
+        if not drivers and not context.sensor.has_kernel_driver:
             return passed("none has the camera", drivers=drivers)
         named = ", ".join(drivers) or "a kernel driver"
         nodes = device.video_nodes if device else []
         return warned(
             f"{named} has the camera{''.join(f' as /dev/{node}' for node in nodes)}",
-            f"run {sudo_command('udev', 'install')}, which keeps {KERNEL_DRIVER} away",
+            f"run {format_sudo_command('udev', 'install')}, which keeps {KERNEL_DRIVER} away",
             drivers=drivers,
         )
 
 
-class SoleUse:
+class ExclusiveAccessCheck:
     """Only one program can have the camera."""
 
     name = "sole-use"
     needs = ("permission",)
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
         sensor = context.sensor
         holders = sorted(set(_holders(context)))
         facts = {"processes": holders}
-        if sensor.refusal is Refusal.BUSY or holders:
+        if sensor.open_error is OpenError.BUSY or holders:
             who = ", ".join(holders) or "another program"
-            return failed(f"{who} has the camera", _end_it(holders), **facts)
-        if sensor.refusal is Refusal.NONE:
+            return failed(f"{who} has the camera", _release_fix(holders), **facts)
+        if sensor.open_error is OpenError.NONE:
             return passed("no other program has the camera", **facts)
         return failed(
-            f"it cannot be opened: {sensor.refusal_text}",
+            f"it cannot be opened: {sensor.open_error_text}",
             "unplug the sensor and its power supply, wait ten seconds, plug both in",
             **facts,
         )
 
 
-def _end_it(holders: list[str]) -> str:
+def _release_fix(holders: list[str]) -> str:
     if holders or os.geteuid() == 0:
         return "end that program, then run this again"
-    return f"find it with {sudo_command('doctor')}, end it, then run this again"
+    return f"find it with {format_sudo_command('doctor')}, end it, then run this again"
 
 
-def _holders(context: Context) -> Iterator[str]:
+def _holders(context: CheckContext) -> Iterator[str]:
     """Programs that have a file of the camera open, of those that this user may look into."""
     device = context.kernel_device(context.sensor.camera)
-    files = {_usb_file(context.sensor.camera)}
+    files = {_usb_device_file(context.sensor.camera)}
     files |= {f"/dev/{node}" for node in device.video_nodes} if device else set()
-    for process in context.machine.proc.glob("[0-9]*"):
+    for process in context.paths.proc.glob("[0-9]*"):
         if process.name != str(os.getpid()) and files & set(_open_files(process)):
-            yield f"{_command(process)} (process {process.name})"
+            yield f"{_process_name(process)} (process {process.name})"
 
 
-def _usb_file(part: UsbPart) -> str:
+def _usb_device_file(part: UsbPart) -> str:
     return f"/dev/bus/usb/{part.bus:03d}/{part.address:03d}"
 
 
@@ -122,9 +122,9 @@ def _open_files(process: Path) -> list[str]:
     return found
 
 
-def _command(process: Path) -> str:
+def _process_name(process: Path) -> str:
     try:
-        if DRIVER_PROCESS in (process / "cmdline").read_text().split("\0"):
+        if DRIVER_MODULE in (process / "cmdline").read_text().split("\0"):
             return "a running kinect-vo"
         return (process / "comm").read_text().strip()
     except (OSError, UnicodeDecodeError):

@@ -3,26 +3,26 @@
 from pathlib import Path
 
 from drivers.camera import RgbdCamera
-from drivers.tum.encode import ColourFormat
+from drivers.tum.encode import ColorFormat
 from drivers.tum.writer import TumWriter
-from vo_service.doctor.computer import journals, usb_listing, versions
-from vo_service.doctor.report import Report
-from vo_service.doctor.watch import watch
+from vo_service.doctor.computer import collect_versions, format_usb_listing, read_journals
+from vo_service.doctor.report import BugReport
+from vo_service.doctor.watch import probe_stream
 
-RECORDED_S = 5.0
+RECORDED_DURATION_S = 5.0
 
 
-def fill(report: Report, camera: RgbdCamera) -> str:
+def add_report_contents(report: BugReport, camera: RgbdCamera) -> str:
     """Add it all; what pictures there are, in words. Raises OSError."""
-    report.add_json("versions.json", versions())
-    report.add_text("usb.txt", usb_listing(Path("/")))
-    for name, text in journals().items():
+    report.add_json("versions.json", collect_versions())
+    report.add_text("usb.txt", format_usb_listing(Path("/")))
+    for name, text in read_journals().items():
         report.add_text(name, text)
     # Depth is kept exactly; colour is not, for the sake of a file that can be sent.
-    with TumWriter(report.folder / "frames", colour=ColourFormat.JPEG) as writer:
-        watched = watch(camera, RECORDED_S, writer.write)
-    if watched.trouble:
-        report.add_text("frames/trouble.txt", f"{watched.trouble}\n")
+    with TumWriter(report.folder / "frames", color_format=ColorFormat.JPEG) as writer:
+        watched = probe_stream(camera, RECORDED_DURATION_S, writer.write)
+    if watched.error:
+        report.add_text("frames/trouble.txt", f"{watched.error}\n")
     if not writer.written:
         return "without pictures, as the camera sent none"
     return (

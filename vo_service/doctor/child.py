@@ -17,7 +17,7 @@ from drivers.errors import UserFacingError
 T = TypeVar("T")
 
 
-def in_child(function: Callable[[], T], limit_s: float) -> T:
+def call_in_subprocess(function: Callable[[], T], timeout_s: float) -> T:
     """The result of `function`, a picklable one.
 
     Raises UserFacingError if it raised that, crashed, or was killed after `limit_s`.
@@ -25,10 +25,14 @@ def in_child(function: Callable[[], T], limit_s: float) -> T:
     command = [sys.executable, "-P", "-m", "vo_service.doctor.child"]
     try:
         done = subprocess.run(
-            command, input=pickle.dumps(function), capture_output=True, timeout=limit_s, check=False
+            command,
+            input=pickle.dumps(function),
+            capture_output=True,
+            timeout=timeout_s,
+            check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise UserFacingError(f"no answer within {limit_s:g} s") from error
+        raise UserFacingError(f"no answer within {timeout_s:g} s") from error
     if done.returncode < 0:
         raise UserFacingError(f"crashed with {signal.Signals(-done.returncode).name}")
     if done.returncode > 0 or not done.stdout:

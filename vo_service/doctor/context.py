@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from drivers.kinect_usb.ids import Model
-from vo_service.doctor.sysfs import KernelUsbDevice, usb_devices
+from drivers.kinect_usb.ids import SensorModel
+from vo_service.doctor.sysfs import KernelUsbDevice, list_usb_devices
 from vo_service.doctor.usb_facts import UsbPart, UsbSensor
-from vo_service.doctor.watch import Watched
+from vo_service.doctor.watch import StreamSample
 
 
 @dataclass(frozen=True)
-class Machine:
+class SystemPaths:
     """Where the computer shows itself: / for the real one."""
 
     root: Path = Path("/")
@@ -28,57 +28,59 @@ class Machine:
         return self.root / "proc"
 
 
-class Context:
+class CheckContext:
     """One machine, one camera that was asked for."""
 
     def __init__(
         self,
-        machine: Machine,
-        wanted: "Wanted",
-        look: Callable[[], Sequence[UsbSensor]],
-        watch: Callable[[], Watched],
+        paths: SystemPaths,
+        requested: "RequestedSensor",
+        probe_usb: Callable[[], Sequence[UsbSensor]],
+        probe_stream: Callable[[], StreamSample],
     ) -> None:
         """`look` finds the sensors on the USB, `watch` opens the camera and reads its frames."""
-        self.machine = machine
-        self.wanted = wanted
-        self._look = look
-        self._watch = watch
+        self.paths = paths
+        self.requested = requested
+        self._probe_usb = probe_usb
+        self._probe_stream = probe_stream
 
     @cached_property
     def sensors(self) -> Sequence[UsbSensor]:
         """Every sensor on the USB. Raises UserFacingError if that cannot be found out."""
-        return self._look()
+        return self._probe_usb()
 
     @property
     def sensor(self) -> UsbSensor:
         """The one that was asked for. Only for checks that need `sensor`, which finds it."""
-        return next(sensor for sensor in self.sensors if self.wanted.is_it(sensor))
+        return next(sensor for sensor in self.sensors if self.requested.matches(sensor))
 
     @cached_property
-    def watched(self) -> Watched:
+    def stream(self) -> StreamSample:
         """What the camera delivered. Raises InputError for what the user gave."""
-        return self._watch()
+        return self._probe_stream()
 
     @cached_property
     def kernel_devices(self) -> list[KernelUsbDevice]:
         """Every USB device that the kernel shows."""
-        return usb_devices(self.machine.sys)
+        return list_usb_devices(self.paths.sys)
 
     def kernel_device(self, part: UsbPart) -> KernelUsbDevice | None:
         """The kernel's view of a part of a sensor; None where it shows nothing."""
         place = (str(part.bus), str(part.address))
-        return next((device for device in self.kernel_devices if device.place == place), None)
+        return next(
+            (device for device in self.kernel_devices if device.bus_and_address == place), None
+        )
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RequestedSensor:
     """Which sensor: one of these models, and of this serial number unless that is ""."""
 
-    models: frozenset[Model]
-    how_to_plug: str
+    models: frozenset[SensorModel]
+    connect_fix: str
     serial: str = ""
 
-    def is_it(self, sensor: UsbSensor) -> bool:
+    def matches(self, sensor: UsbSensor) -> bool:
         """Whether a sensor may be the one; one whose number cannot be read may be."""
         return sensor.model in self.models and (
             not self.serial or sensor.serial in ("", self.serial)

@@ -6,10 +6,10 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from vo_service.doctor.context import Context
+    from vo_service.doctor.context import CheckContext
 
 
-class Verdict(StrEnum):
+class CheckVerdict(StrEnum):
     """How a check ended; the values are those of --json."""
 
     PASS = "pass"
@@ -28,7 +28,7 @@ class Finding:
     facts  the same for programs; names carry units, values are numbers, texts or lists of these
     """
 
-    verdict: Verdict
+    verdict: CheckVerdict
     text: str
     fix: str = ""
     facts: Mapping[str, object] = field(default_factory=dict)
@@ -36,27 +36,27 @@ class Finding:
 
 def passed(text: str, **facts: object) -> Finding:
     """All is well."""
-    return Finding(Verdict.PASS, text, facts=facts)
+    return Finding(CheckVerdict.PASS, text, facts=facts)
 
 
 def warned(text: str, fix: str, **facts: object) -> Finding:
     """It works, but."""
-    return Finding(Verdict.WARNING, text, fix, facts)
+    return Finding(CheckVerdict.WARNING, text, fix, facts)
 
 
 def failed(text: str, fix: str, **facts: object) -> Finding:
     """It does not work."""
-    return Finding(Verdict.FAIL, text, fix, facts)
+    return Finding(CheckVerdict.FAIL, text, fix, facts)
 
 
 def unknown(text: str) -> Finding:
     """Nobody tells."""
-    return Finding(Verdict.UNKNOWN, text)
+    return Finding(CheckVerdict.UNKNOWN, text)
 
 
 def skipped(needed: str) -> Finding:
     """Not run, because the check `needed` has failed."""
-    return Finding(Verdict.SKIPPED, f"since {needed.replace('-', ' ')} failed")
+    return Finding(CheckVerdict.SKIPPED, f"since {needed.replace('-', ' ')} failed")
 
 
 class Check(Protocol):
@@ -72,6 +72,6 @@ class Check(Protocol):
         """Names of checks that must not have failed; each comes before this one."""
         ...
 
-    def run(self, context: "Context") -> Finding:
+    def run(self, context: "CheckContext") -> Finding:
         """Answer it. Raises InputError for what the user gave; nothing else."""
         ...

@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from drivers.kinect_usb.audio_motor import INTERFACES_WITH_FIRMWARE
-from drivers.kinect_usb.ids import Model
-from vo_service.doctor.context import Context
+from drivers.kinect_usb.audio_motor import MIN_INTERFACES_WITH_FIRMWARE
+from drivers.kinect_usb.ids import SensorModel
+from vo_service.doctor.context import CheckContext
 from vo_service.doctor.finding import Finding, passed, unknown, warned
 
-FILE_NAME = "audios.bin"
+FIRMWARE_FILE = "audios.bin"
 # Where libfreenect looks, in its order.
-FOLDERS = (
+FIRMWARE_FOLDERS = (
     Path(),
     Path("~/.libfreenect"),
     Path("/usr/local/share/libfreenect"),
@@ -17,25 +17,25 @@ FOLDERS = (
 )
 
 
-class Firmware:
+class FirmwareCheck:
     """Pictures come without it."""
 
     name = "firmware"
     needs = ("sensor",)
 
-    def __init__(self, folders: tuple[Path, ...] = FOLDERS) -> None:
+    def __init__(self, folders: tuple[Path, ...] = FIRMWARE_FOLDERS) -> None:
         self._folders = folders
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
         sensor = context.sensor
-        if sensor.model is Model.K1414:
+        if sensor.model is SensorModel.K1414:
             return passed("this model needs none")
         if sensor.audio_interfaces is None:
             return unknown("not known: the sensor's audio device is not on the USB")
-        if sensor.audio_interfaces >= INTERFACES_WITH_FIRMWARE:
+        if sensor.audio_interfaces >= MIN_INTERFACES_WITH_FIRMWARE:
             return passed("loaded")
-        files = [folder.expanduser() / FILE_NAME for folder in self._folders]
+        files = [folder.expanduser() / FIRMWARE_FILE for folder in self._folders]
         found = [str(file) for file in files if file.is_file()]
         searched = ", ".join(str(folder) for folder in self._folders)
         if found:
@@ -45,8 +45,8 @@ class Firmware:
                 file=found[0],
             )
         return warned(
-            f"not loaded: no {FILE_NAME} in {searched}; tilt, light and accelerometer do not "
+            f"not loaded: no {FIRMWARE_FILE} in {searched}; tilt, light and accelerometer do not "
             "work, pictures do",
-            f"put Microsoft's {FILE_NAME} into {self._folders[-1]}, then plug the sensor in again",
+            f"put Microsoft's {FIRMWARE_FILE} into {self._folders[-1]}, then plug the sensor in again",
             file="",
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 @dataclass(frozen=True)
-class Loaded:
+class LibraryInfo:
     """What became of a library: the file that is in memory, or why there is none."""
 
     name: str
@@ -15,18 +15,20 @@ class Loaded:
     error: str
 
 
-def load(names: Sequence[str]) -> list[Loaded]:
+def load_libraries(names: Sequence[str]) -> list[LibraryInfo]:
     """Load libraries into this process, in order, as the drivers do."""
-    return [_load(name) for name in names]
+    return [_load_library(name) for name in names]
 
 
-def _load(name: str) -> Loaded:
+def _load_library(name: str) -> LibraryInfo:
     try:
         ctypes.CDLL(name)
     except OSError as error:
-        return Loaded(name, "", str(error))
+        return LibraryInfo(name, "", str(error))
     # Not the file that a search would find: the one that the loader took.
     stem = name.partition(".so")[0] + ".so"
     lines = Path("/proc/self/maps").read_text().splitlines()
     files = [line.split(maxsplit=5)[5] for line in lines if "/" in line]
-    return Loaded(name, next((file for file in files if Path(file).name.startswith(stem)), ""), "")
+    return LibraryInfo(
+        name, next((file for file in files if Path(file).name.startswith(stem)), ""), ""
+    )

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-OWN_LOGS = ("drivers", "vo_service", "kinect-vo")
+OWN_LOGGERS = ("drivers", "vo_service", "kinect-vo")
 
 
 @contextmanager
@@ -22,7 +22,7 @@ def quiet_console() -> Iterator[None]:
 
 
 @contextmanager
-def detailed_log(file: Path) -> Iterator[None]:
+def log_details_to(file: Path) -> Iterator[None]:
     """Everything goes to a file; what goes elsewhere stays as it is. Raises OSError."""
     root = logging.getLogger()
     before = root.level
@@ -46,4 +46,4 @@ def detailed_log(file: Path) -> Iterator[None]:
 
 
 def _is_ours(logger: str) -> bool:
-    return logger.partition(".")[0] in OWN_LOGS
+    return logger.partition(".")[0] in OWN_LOGGERS

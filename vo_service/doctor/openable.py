@@ -4,23 +4,23 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from drivers.errors import UserFacingError
-from drivers.openni2.device import FoundDevice
+from drivers.openni2.device import DetectedDevice
 from drivers.openni2.finding import list_devices
-from vo_service.doctor.checks import KINECTS, PRIMESENSES
-from vo_service.doctor.child import in_child
-from vo_service.doctor.usb_facts import Refusal, UsbSensor
+from vo_service.doctor.checks import KINECT_MODELS, PRIMESENSE_MODELS
+from vo_service.doctor.child import call_in_subprocess
+from vo_service.doctor.usb_facts import OpenError, UsbSensor
 
-LIMIT_S = 15.0
-_TROUBLES = {
-    Refusal.NONE: "",
-    Refusal.PERMISSION: "this user may not open it",
-    Refusal.BUSY: "another program has it",
-    Refusal.GONE: "it has just been unplugged",
+OPENNI2_TIMEOUT_S = 15.0
+_OPEN_ERROR_TEXTS = {
+    OpenError.NONE: "",
+    OpenError.PERMISSION: "this user may not open it",
+    OpenError.BUSY: "another program has it",
+    OpenError.GONE: "it has just been unplugged",
 }
 
 
 @dataclass(frozen=True)
-class Openable:
+class ListedDevice:
     """One sensor.
 
     camera   what to give to --camera; "" for a sensor that is not supported
@@ -31,65 +31,67 @@ class Openable:
     name: str
     where: str
     serial: str
-    trouble: str
+    error: str
 
     def as_json(self) -> dict[str, str]:
         """The keys stay."""
         return asdict(self)
 
 
-def openable(sensors: Sequence[UsbSensor], openni2: "OpenNI2Devices") -> list[Openable]:
+def list_available_devices(
+    sensors: Sequence[UsbSensor], openni2: "OpenNI2Listing"
+) -> list[ListedDevice]:
     """Every sensor there is, those that OpenNI2 drives as it names them."""
-    kinects = [sensor for sensor in sensors if sensor.model in KINECTS]
+    kinects = [sensor for sensor in sensors if sensor.model in KINECT_MODELS]
     unsupported = [sensor for sensor in sensors if not sensor.is_supported]
-    seen_by_usb = [sensor for sensor in sensors if sensor.model in PRIMESENSES]
+    seen_by_usb = [sensor for sensor in sensors if sensor.model in PRIMESENSE_MODELS]
     return [
-        *(_kinect(sensor) for sensor in kinects),
-        *(_primesense(device) for device in openni2.devices),
-        *(_unseen(sensor, openni2) for sensor in seen_by_usb[len(openni2.devices) :]),
-        *(_unsupported(sensor) for sensor in unsupported),
+        *(_list_kinect(sensor) for sensor in kinects),
+        *(_list_primesense(device) for device in openni2.devices),
+        *(_list_without_driver(sensor, openni2) for sensor in seen_by_usb[len(openni2.devices) :]),
+        *(_list_unsupported(sensor) for sensor in unsupported),
     ]
 
 
 @dataclass(frozen=True)
-class OpenNI2Devices:
+class OpenNI2Listing:
     """What libOpenNI2 sees, and why it sees nothing where it does not work."""
 
-    devices: tuple[FoundDevice, ...] = ()
-    trouble: str = ""
+    devices: tuple[DetectedDevice, ...] = ()
+    error: str = ""
 
 
-def look_with_openni2() -> OpenNI2Devices:
+def query_openni2() -> OpenNI2Listing:
     """Ask libOpenNI2, in a child."""
     try:
-        return OpenNI2Devices(in_child(_ask_openni2, LIMIT_S))
+        return OpenNI2Listing(call_in_subprocess(_list_openni2_devices, OPENNI2_TIMEOUT_S))
     except UserFacingError as error:
-        return OpenNI2Devices((), str(error))
+        return OpenNI2Listing((), str(error))
 
 
-def _ask_openni2() -> tuple[FoundDevice, ...]:
+def _list_openni2_devices() -> tuple[DetectedDevice, ...]:
     return tuple(list_devices())
 
 
-def _kinect(sensor: UsbSensor) -> Openable:
+def _list_kinect(sensor: UsbSensor) -> ListedDevice:
     has_serial = bool(sensor.serial.strip("0"))
-    return Openable(
+    return ListedDevice(
         camera=f"freenect:{sensor.serial}" if has_serial else "freenect",
         name=sensor.model,
         where=sensor.where,
         serial=sensor.serial if has_serial else "",
-        trouble=_TROUBLES.get(sensor.refusal, sensor.refusal_text),
+        error=_OPEN_ERROR_TEXTS.get(sensor.open_error, sensor.open_error_text),
     )
 
 
-def _primesense(device: FoundDevice) -> Openable:
-    return Openable(f"openni2:{device.uri}", f"{device.vendor} {device.name}", "", "", "")
+def _list_primesense(device: DetectedDevice) -> ListedDevice:
+    return ListedDevice(f"openni2:{device.uri}", f"{device.vendor} {device.name}", "", "", "")
 
 
-def _unseen(sensor: UsbSensor, openni2: OpenNI2Devices) -> Openable:
-    trouble = openni2.trouble or "libOpenNI2 does not see it"
-    return Openable("openni2", sensor.model, sensor.where, sensor.serial, trouble)
+def _list_without_driver(sensor: UsbSensor, openni2: OpenNI2Listing) -> ListedDevice:
+    trouble = openni2.error or "libOpenNI2 does not see it"
+    return ListedDevice("openni2", sensor.model, sensor.where, sensor.serial, trouble)
 
 
-def _unsupported(sensor: UsbSensor) -> Openable:
-    return Openable("", sensor.model, sensor.where, "", "not supported")
+def _list_unsupported(sensor: UsbSensor) -> ListedDevice:
+    return ListedDevice("", sensor.model, sensor.where, "", "not supported")

@@ -6,44 +6,44 @@ import textwrap
 from collections.abc import Sequence
 from typing import TextIO
 
-from vo_service.doctor.finding import Verdict
-from vo_service.doctor.runner import Result
+from vo_service.doctor.finding import CheckVerdict
+from vo_service.doctor.runner import CheckResult
 
 SYMBOLS = {
-    Verdict.PASS: "✓",
-    Verdict.WARNING: "!",
-    Verdict.FAIL: "✗",
-    Verdict.UNKNOWN: "?",
-    Verdict.SKIPPED: "-",
+    CheckVerdict.PASS: "✓",
+    CheckVerdict.WARNING: "!",
+    CheckVerdict.FAIL: "✗",
+    CheckVerdict.UNKNOWN: "?",
+    CheckVerdict.SKIPPED: "-",
 }
-PLAIN_SYMBOLS = SYMBOLS | {Verdict.PASS: "+", Verdict.FAIL: "x"}
+PLAIN_SYMBOLS = SYMBOLS | {CheckVerdict.PASS: "+", CheckVerdict.FAIL: "x"}
 GREEN, YELLOW, RED, FAINT, BOLD = "32", "33", "31", "2", "1"
-COLOURS = {
-    Verdict.PASS: GREEN,
-    Verdict.WARNING: YELLOW,
-    Verdict.FAIL: RED,
-    Verdict.UNKNOWN: FAINT,
-    Verdict.SKIPPED: FAINT,
+COLORS = {
+    CheckVerdict.PASS: GREEN,
+    CheckVerdict.WARNING: YELLOW,
+    CheckVerdict.FAIL: RED,
+    CheckVerdict.UNKNOWN: FAINT,
+    CheckVerdict.SKIPPED: FAINT,
 }
-NARROWEST, WIDEST = 50, 100
-FIX = "fix: "
+MIN_WIDTH, MAX_WIDTH = 50, 100
+FIX_PREFIX = "fix: "
 NOT_CHECKED = "not checked"
 
 
-class NoPrinter:
+class NullFindingPrinter:
     """For programs, which read JSON."""
 
-    def heading(self, text: str) -> None:
+    def print_heading(self, text: str) -> None:
         """See `Printer`."""
 
-    def result(self, result: Result) -> None:
+    def print_result(self, result: CheckResult) -> None:
         """See `Printer`."""
 
-    def conclusion(self, found: Sequence[Result]) -> None:
+    def print_conclusion(self, results: Sequence[CheckResult]) -> None:
         """See `Printer`."""
 
 
-class Printer:
+class FindingPrinter:
     """Writes to one stream; what is too long for a line goes on below, indented."""
 
     def __init__(self, stream: TextIO, names: Sequence[str]) -> None:
@@ -51,38 +51,38 @@ class Printer:
         self._stream = stream
         encoding = (stream.encoding or "").lower().replace("-", "")
         self._symbols = SYMBOLS if encoding.startswith("utf") else PLAIN_SYMBOLS
-        self._has_colour = stream.isatty() and not os.environ.get("NO_COLOR")
+        self._has_color = stream.isatty() and not os.environ.get("NO_COLOR")
         self._name_width = max(len(name) for name in (*names, NOT_CHECKED))
-        self._skipped: list[Result] = []
+        self._skipped: list[CheckResult] = []
         # A log is read in a window of any width: its lines are left whole.
         columns = shutil.get_terminal_size().columns
-        self._width = min(max(columns, NARROWEST), WIDEST) if stream.isatty() else 0
+        self._width = min(max(columns, MIN_WIDTH), MAX_WIDTH) if stream.isatty() else 0
 
-    def heading(self, text: str) -> None:
+    def print_heading(self, text: str) -> None:
         """A line of its own, before the checks."""
         self._write(f"{self._paint(text, BOLD)}\n")
 
-    def result(self, result: Result) -> None:
+    def print_result(self, result: CheckResult) -> None:
         """One check; those that were skipped one after another share a line."""
         if self._skipped and result.finding != self._skipped[0].finding:
-            self._skipped_together()
-        if result.finding.verdict is Verdict.SKIPPED:
+            self._print_skipped()
+        if result.finding.verdict is CheckVerdict.SKIPPED:
             self._skipped.append(result)
             return
-        self._line(result.finding.verdict, result.name.replace("-", " "), result.finding.text)
+        self._print_line(result.finding.verdict, result.name.replace("-", " "), result.finding.text)
         if result.finding.fix:
-            fix, *rest = self._wrapped(result.finding.fix, len(FIX))
-            self._below(self._paint(FIX, COLOURS[result.finding.verdict]) + fix)
+            fix, *rest = self._wrap(result.finding.fix, len(FIX_PREFIX))
+            self._print_indented(self._paint(FIX_PREFIX, COLORS[result.finding.verdict]) + fix)
             for line in rest:
-                self._below(" " * len(FIX) + line)
+                self._print_indented(" " * len(FIX_PREFIX) + line)
 
-    def conclusion(self, found: Sequence[Result]) -> None:
+    def print_conclusion(self, results: Sequence[CheckResult]) -> None:
         """What it all comes to."""
         if self._skipped:
-            self._skipped_together()
-        by_verdict = {kind: _names(found, kind) for kind in Verdict}
-        failures, warnings = by_verdict[Verdict.FAIL], by_verdict[Verdict.WARNING]
-        skipped = by_verdict[Verdict.SKIPPED]
+            self._print_skipped()
+        by_verdict = {kind: _names(results, kind) for kind in CheckVerdict}
+        failures, warnings = by_verdict[CheckVerdict.FAIL], by_verdict[CheckVerdict.WARNING]
+        skipped = by_verdict[CheckVerdict.SKIPPED]
         if failures:
             rest = f", {len(skipped)} not checked" if skipped else ""
             text = f"{len(failures)} failed ({', '.join(failures)}){rest}: mend that, run it again"
@@ -93,31 +93,31 @@ class Printer:
         else:
             self._write(f"\n{self._paint('all is well', GREEN)}")
 
-    def _skipped_together(self) -> None:
+    def _print_skipped(self) -> None:
         names = ", ".join(result.name.replace("-", " ") for result in self._skipped)
         text = f"{names} ({self._skipped[0].finding.text})"
         self._skipped = []
-        self._line(Verdict.SKIPPED, NOT_CHECKED, text)
+        self._print_line(CheckVerdict.SKIPPED, NOT_CHECKED, text)
 
-    def _line(self, verdict: Verdict, name: str, text: str) -> None:
-        symbol = self._paint(self._symbols[verdict], COLOURS[verdict])
-        faint = FAINT if verdict in (Verdict.SKIPPED, Verdict.UNKNOWN) else ""
-        first, *rest = (self._paint(line, faint) for line in self._wrapped(text))
+    def _print_line(self, verdict: CheckVerdict, name: str, text: str) -> None:
+        symbol = self._paint(self._symbols[verdict], COLORS[verdict])
+        faint = FAINT if verdict in (CheckVerdict.SKIPPED, CheckVerdict.UNKNOWN) else ""
+        first, *rest = (self._paint(line, faint) for line in self._wrap(text))
         self._write(f"  {symbol} {name.ljust(self._name_width)}  {first}")
         for line in rest:
-            self._below(line)
+            self._print_indented(line)
 
-    def _wrapped(self, text: str, indent: int = 0) -> list[str]:
+    def _wrap(self, text: str, indent: int = 0) -> list[str]:
         if not self._width:
             return [text]
         width = self._width - self._name_width - 6 - indent
         return textwrap.wrap(text, width, break_on_hyphens=False, break_long_words=False) or [""]
 
-    def _below(self, line: str) -> None:
+    def _print_indented(self, line: str) -> None:
         self._write(f"{' ' * (self._name_width + 6)}{line}")
 
-    def _paint(self, text: str, colour: str) -> str:
-        return f"\x1b[{colour}m{text}\x1b[0m" if self._has_colour and colour else text
+    def _paint(self, text: str, color: str) -> str:
+        return f"\x1b[{color}m{text}\x1b[0m" if self._has_color and color else text
 
     def _write(self, line: str) -> None:
         encoding = self._stream.encoding or "ascii"
@@ -126,5 +126,7 @@ class Printer:
         self._stream.flush()
 
 
-def _names(found: Sequence[Result], kind: Verdict) -> list[str]:
-    return [result.name.replace("-", " ") for result in found if result.finding.verdict is kind]
+def _names(results: Sequence[CheckResult], verdict: CheckVerdict) -> list[str]:
+    return [
+        result.name.replace("-", " ") for result in results if result.finding.verdict is verdict
+    ]

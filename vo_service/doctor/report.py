@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from drivers.errors import InputError, UserFacingError
-from vo_service.doctor.logs import detailed_log
+from vo_service.doctor.logs import log_details_to
 
 SUFFIX = ".tar.gz"
 LOG_FILE = "log.txt"
 
 
-class Report:
-    """A folder that becomes one packed file beside it; use through `report_to`."""
+class BugReport:
+    """A folder that becomes one packed file beside it; use through `open_bug_report`."""
 
     def __init__(self, file: Path, folder: Path) -> None:
         self._file = file
@@ -49,7 +49,7 @@ class Report:
 
 
 @contextmanager
-def report_to(file: Path) -> Iterator[Report]:
+def open_bug_report(file: Path) -> Iterator[BugReport]:
     """A report whose log holds all that happens in the block, in detail.
 
     Raises InputError if there can be no such file, UserFacingError if the disk refuses later.
@@ -64,8 +64,8 @@ def report_to(file: Path) -> Iterator[Report]:
         raise InputError(f"{file}: cannot be written there: {error.strerror}") from error
     with temporary as folder:
         try:
-            with detailed_log(Path(folder) / LOG_FILE):
-                yield Report(file, Path(folder))
+            with log_details_to(Path(folder) / LOG_FILE):
+                yield BugReport(file, Path(folder))
         except OSError as error:
             raise UserFacingError(
                 f"{file}: {error.strerror}; nothing was left behind; see to the disk and try again"

@@ -5,15 +5,15 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
-from vo_service.doctor.context import Context
-from vo_service.doctor.finding import Check, Finding, Verdict, skipped, unknown
+from vo_service.doctor.context import CheckContext
+from vo_service.doctor.finding import Check, CheckVerdict, Finding, skipped, unknown
 
 _log = logging.getLogger(__name__)
-Busy = Callable[[str], AbstractContextManager[object]]
+ShowBusy = Callable[[str], AbstractContextManager[object]]
 
 
 @dataclass(frozen=True)
-class Result:
+class CheckResult:
     """One check and what it found."""
 
     name: str
@@ -31,7 +31,9 @@ class Result:
         }
 
 
-def results(checks: Sequence[Check], context: Context, busy: Busy) -> Iterator[Result]:
+def run_checks(
+    checks: Sequence[Check], context: CheckContext, show_busy: ShowBusy
+) -> Iterator[CheckResult]:
     """Every check's result as soon as there is one.
 
     `busy` shows what is being checked. Raises InputError for what the user gave.
@@ -42,32 +44,32 @@ def results(checks: Sequence[Check], context: Context, busy: Busy) -> Iterator[R
         if needed:
             finding = skipped(needed)
         else:
-            with busy(check.name):
-                finding = _run(check, context)
-        if finding.verdict in (Verdict.FAIL, Verdict.SKIPPED):
+            with show_busy(check.name):
+                finding = _run_check(check, context)
+        if finding.verdict in (CheckVerdict.FAIL, CheckVerdict.SKIPPED):
             blocked_by[check.name] = needed or check.name
         _log.debug("%s: %s: %s", check.name, finding.verdict, finding.text)
-        yield Result(check.name, finding)
+        yield CheckResult(check.name, finding)
 
 
-def _run(check: Check, context: Context) -> Finding:
+def _run_check(check: Check, context: CheckContext) -> Finding:
     try:
         return check.run(context)
     except OSError as error:  # a file of the system that this user may not read, or that went away
         return unknown(f"not known: {error}")
 
 
-def verdict(found: Sequence[Result]) -> Verdict:
+def overall_verdict(results: Sequence[CheckResult]) -> CheckVerdict:
     """Fail if any check failed."""
-    has_failed = any(result.finding.verdict is Verdict.FAIL for result in found)
-    return Verdict.FAIL if has_failed else Verdict.PASS
+    has_failed = any(result.finding.verdict is CheckVerdict.FAIL for result in results)
+    return CheckVerdict.FAIL if has_failed else CheckVerdict.PASS
 
 
-def as_json(source: str, found: Sequence[Result]) -> dict[str, object]:
+def diagnosis_as_json(source: str, results: Sequence[CheckResult]) -> dict[str, object]:
     """The whole diagnosis; the keys stay."""
     return {
         "schema": 1,
         "camera": source,
-        "verdict": verdict(found),
-        "checks": [result.as_json() for result in found],
+        "verdict": overall_verdict(results),
+        "checks": [result.as_json() for result in results],
     }

@@ -1,18 +1,18 @@
 """Whether frames come, often enough, and whole."""
 
-from vo_service.doctor.context import Context
+from vo_service.doctor.context import CheckContext
 from vo_service.doctor.finding import Finding, failed, passed, unknown, warned
-from vo_service.doctor.watch import Watched
+from vo_service.doctor.watch import StreamSample
 
-REPLUG = "check its cable and power supply: unplug both, wait ten seconds, plug them in again"
-OWN_CONTROLLER = "give the sensor a USB controller of its own, no hub, and a shorter cable"
-LOOK = "run it with --verbose, which says more; see that the computer is not too busy"
-SLOWEST_SHARE = 0.9
-TOLERATED_LOSS = 0.01
-FRAMES_FOR_A_RATE = 10
+REPLUG_FIX = "check its cable and power supply: unplug both, wait ten seconds, plug them in again"
+OWN_CONTROLLER_FIX = "give the sensor a USB controller of its own, no hub, and a shorter cable"
+VERBOSE_FIX = "run it with --verbose, which says more; see that the computer is not too busy"
+MIN_RATE_FRACTION = 0.9
+MAX_LOSS_FRACTION = 0.01
+MIN_FRAMES_FOR_RATE = 10
 
 
-class FirstFrames:
+class FirstFramesCheck:
     """The camera is opened here, and read for the checks that follow."""
 
     name = "first-frames"
@@ -20,11 +20,11 @@ class FirstFrames:
     def __init__(self, *needs: str) -> None:
         self.needs = needs
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
-        watched = context.watched
+        watched = context.stream
         if watched.first_frame_s is None or watched.size is None:
-            return _no_frame(watched)
+            return _no_frame_finding(watched)
         width, height = watched.size
         source = watched.intrinsics_source
         return passed(
@@ -35,26 +35,26 @@ class FirstFrames:
         )
 
 
-def _no_frame(watched: Watched) -> Finding:
-    lost, torn = watched.counters.lost_packets, watched.counters.skipped
+def _no_frame_finding(stream: StreamSample) -> Finding:
+    lost, torn = stream.counters.lost_packets, stream.counters.skipped
     if lost and torn:
         return failed(
             f"all {torn} frames lost packets ({lost}) and were thrown away",
-            OWN_CONTROLLER,
+            OWN_CONTROLLER_FIX,
             lost_packets=lost,
             skipped_frames=torn,
         )
-    return failed(*_text_and_advice(watched.trouble or "the recording has no frame"))
+    return failed(*_split_error(stream.error or "the recording has no frame"))
 
 
-def _text_and_advice(trouble: str) -> tuple[str, str]:
+def _split_error(error: str) -> tuple[str, str]:
     """An error's two halves; what the driver does about it by itself is no advice."""
-    text, _, advice = trouble.rpartition("; ")
+    text, _, advice = error.rpartition("; ")
     has_advice = text and not advice.startswith("it is opened again")
-    return (text, advice) if has_advice else (text or advice, REPLUG)
+    return (text, advice) if has_advice else (text or advice, REPLUG_FIX)
 
 
-class FrameRate:
+class FrameRateCheck:
     """Frames to the end, as many as the sensor makes."""
 
     name = "frame-rate"
@@ -64,19 +64,19 @@ class FrameRate:
         """`nominal_hz` is what the sensor makes; 0 for a source that may have any rate."""
         self._nominal_hz = nominal_hz
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
-        watched = context.watched
+        watched = context.stream
         samples = watched.samples
         facts = {"frames": len(samples), "dropped": watched.counters.dropped}
-        if watched.trouble:
-            text, advice = _text_and_advice(watched.trouble)
+        if watched.error:
+            text, advice = _split_error(watched.error)
             return failed(f"stopped after {len(samples)} frames: {text}", advice, **facts)
-        if len(samples) < FRAMES_FOR_A_RATE:
+        if len(samples) < MIN_FRAMES_FOR_RATE:
             return unknown(f"{len(samples)} frames are too few to tell")
-        rate_hz = (len(samples) - 1) / (samples[-1].arrival_s - samples[0].arrival_s)
+        rate_hz = (len(samples) - 1) / (samples[-1].receive_time_s - samples[0].receive_time_s)
         text = f"{rate_hz:.1f} frames a second over {len(samples)} frames"
-        if rate_hz < SLOWEST_SHARE * self._nominal_hz:
+        if rate_hz < MIN_RATE_FRACTION * self._nominal_hz:
             return failed(
                 f"{text}, of {self._nominal_hz:g}",
                 "give it more light or set auto_exposure = false; see that the computer is not "
@@ -87,26 +87,28 @@ class FrameRate:
         return passed(text, rate_hz=round(rate_hz, 2), **facts)
 
 
-class LostPackets:
+class LostPacketsCheck:
     """A frame that lost packets is thrown away whole."""
 
     name = "lost-packets"
     needs = ("first-frames",)
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
-        counters, frames = context.watched.counters, len(context.watched.samples)
+        counters, frames = context.stream.counters, len(context.stream.samples)
         facts = {"lost_packets": counters.lost_packets, "skipped_frames": counters.skipped}
         share = counters.skipped / (counters.skipped + frames)
-        is_much = share > TOLERATED_LOSS
+        is_much = share > MAX_LOSS_FRACTION
         if counters.lost_packets == 0 and not is_much:
             return passed(f"none in {frames} frames", **facts)
         if counters.lost_packets == 0:
-            return warned(f"none, yet {counters.skipped} frames were of no use", LOOK, **facts)
+            return warned(
+                f"none, yet {counters.skipped} frames were of no use", VERBOSE_FIX, **facts
+            )
         finding = failed if is_much else warned
         return finding(
             f"{counters.lost_packets} packets lost, {counters.skipped} frames thrown away "
             f"({share:.1%})",
-            OWN_CONTROLLER,
+            OWN_CONTROLLER_FIX,
             **facts,
         )

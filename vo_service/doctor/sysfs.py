@@ -22,7 +22,7 @@ class KernelUsbDevice:
             return ""
 
     @property
-    def place(self) -> tuple[str, str]:
+    def bus_and_address(self) -> tuple[str, str]:
         """Bus and address, as the attributes hold them."""
         return self.attribute("busnum"), self.attribute("devnum")
 
@@ -52,7 +52,7 @@ class KernelUsbDevice:
     @property
     def interface_classes(self) -> set[str]:
         """Two hexadecimal digits each: 01 audio, 03 input, 08 storage, 0e video."""
-        return {_text(folder / "bInterfaceClass") for folder in self.interfaces}
+        return {_read_text(folder / "bInterfaceClass") for folder in self.interfaces}
 
     @property
     def drivers(self) -> list[str]:
@@ -66,7 +66,7 @@ class KernelUsbDevice:
         return sorted(path.name for path in self.path.glob("*/video4linux/video*"))
 
 
-def usb_devices(sys: Path) -> list[KernelUsbDevice]:
+def list_usb_devices(sys: Path) -> list[KernelUsbDevice]:
     """Every device, hubs too; none where the kernel has no USB or does not show it."""
     try:
         links = sorted((sys / "bus/usb/devices").iterdir())
@@ -75,7 +75,7 @@ def usb_devices(sys: Path) -> list[KernelUsbDevice]:
     return [KernelUsbDevice(link.resolve()) for link in links if (link / "idVendor").exists()]
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         return path.read_text().strip()
     except OSError:

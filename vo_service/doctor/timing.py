@@ -6,48 +6,48 @@ from statistics import median
 import numpy as np
 
 from drivers.gravity import is_gravity
-from vo_service.doctor.context import Context
+from vo_service.doctor.context import CheckContext
 from vo_service.doctor.finding import Finding, failed, passed, unknown, warned
-from vo_service.doctor.stream import FRAMES_FOR_A_RATE
+from vo_service.doctor.stream import MIN_FRAMES_FOR_RATE
 
 # Colour and depth of 30 frames a second that belong together are at most half a frame apart.
-LARGEST_SKEW_S = 0.017
-CLOCK_TOLERANCE = 0.01
+MAX_SKEW_S = 0.017
+MAX_CLOCK_RATE_ERROR = 0.01
 
 
-class Skew:
+class SkewCheck:
     """Colour and depth have shutters of their own."""
 
     name = "skew"
     needs = ("first-frames",)
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
-        skews_s = [abs(sample.skew_s) for sample in context.watched.samples]
+        skews_s = [abs(sample.skew_s) for sample in context.stream.samples]
         typical_s, largest_s = median(skews_s), max(skews_s)
         facts = {"median_ms": round(typical_s * 1e3, 3), "largest_ms": round(largest_s * 1e3, 3)}
         text = f"depth and colour {typical_s * 1e3:.1f} ms apart, at most {largest_s * 1e3:.1f} ms"
-        if typical_s > LARGEST_SKEW_S:
+        if typical_s > MAX_SKEW_S:
             return warned(
-                f"{text}; half a frame is {LARGEST_SKEW_S * 1e3:.0f} ms",
+                f"{text}; half a frame is {MAX_SKEW_S * 1e3:.0f} ms",
                 "move the camera slowly, or plug it in again: the offset is another each time",
                 **facts,
             )
         return passed(text, **facts)
 
 
-class ClockRate:
+class ClockRateCheck:
     """The device's stamps against this computer's clock."""
 
     name = "clock"
     needs = ("first-frames",)
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
-        samples = context.watched.samples
-        if len(samples) < FRAMES_FOR_A_RATE:
+        samples = context.stream.samples
+        if len(samples) < MIN_FRAMES_FOR_RATE:
             return unknown(f"{len(samples)} frames are too few to tell")
-        arrivals_s = np.array([sample.arrival_s for sample in samples])
+        arrivals_s = np.array([sample.receive_time_s for sample in samples])
         device_s = [
             sample.device_stamp_s for sample in samples if sample.device_stamp_s is not None
         ]
@@ -57,7 +57,7 @@ class ClockRate:
             np.polyfit(arrivals_s - arrivals_s[0], np.subtract(stamps_s, stamps_s[0]), 1)[0]
         )
         text = f"{whose} clock runs at {rate:.4f} of this computer's"
-        if abs(rate - 1.0) > CLOCK_TOLERANCE:
+        if abs(rate - 1.0) > MAX_CLOCK_RATE_ERROR:
             return failed(
                 text,
                 "its stamps cannot be trusted: plug the sensor in again, and report it if it stays",
@@ -66,7 +66,7 @@ class ClockRate:
         return passed(text, rate=round(rate, 6))
 
 
-class Gravity:
+class GravityCheck:
     """The accelerometer, where there is one."""
 
     name = "gravity"
@@ -76,9 +76,9 @@ class Gravity:
         """`is_expected` is True for a sensor that has an accelerometer."""
         self._is_expected = is_expected
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
-        vector = context.watched.samples[-1].gravity_m_s2
+        vector = context.stream.samples[-1].gravity_m_s2
         if vector is None and self._is_expected:
             return warned(
                 "no reading: odom starts level with the camera instead",
@@ -89,8 +89,10 @@ class Gravity:
         right, down, forward = vector
         length = math.hypot(*vector)
         leaning = [
-            *_leaning(forward, down, ("looks {}° down", "looks {}° up")),
-            *_leaning(right, down, ("is rolled {}° to the right", "is rolled {}° to the left")),
+            *_describe_tilt(forward, down, ("looks {}° down", "looks {}° up")),
+            *_describe_tilt(
+                right, down, ("is rolled {}° to the right", "is rolled {}° to the left")
+            ),
         ]
         text = f"{length:.2f} m/s²; the camera {' and '.join(leaning) or 'is level'}"
         facts = {"gravity_m_s2": list(vector)}
@@ -99,8 +101,8 @@ class Gravity:
         return passed(text, **facts)
 
 
-def _leaning(sideways: float, down: float, words: tuple[str, str]) -> list[str]:
+def _describe_tilt(sideways: float, down: float, templates: tuple[str, str]) -> list[str]:
     """The angle in words, positive or negative; nothing for less than half a degree."""
     angle_deg = round(math.degrees(math.atan2(sideways, down)))
-    positive, negative = words
+    positive, negative = templates
     return [(positive if angle_deg > 0 else negative).format(abs(angle_deg))] if angle_deg else []

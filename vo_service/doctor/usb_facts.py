@@ -7,15 +7,15 @@ from enum import StrEnum
 import usb.core
 import usb.util
 
-from drivers.kinect_usb.devices import Part, Sensor, find_sensors
-from drivers.kinect_usb.ids import Model, Role
-from vo_service.doctor.child import in_child
+from drivers.kinect_usb.devices import ConnectedSensor, UsbDevice, find_connected_sensors
+from drivers.kinect_usb.ids import SensorModel, UsbRole
+from vo_service.doctor.child import call_in_subprocess
 
 VIDEO_INTERFACE = 0
-LIMIT_S = 15.0
+USB_TIMEOUT_S = 15.0
 
 
-class Refusal(StrEnum):
+class OpenError(StrEnum):
     """Why the camera cannot be had now."""
 
     NONE = "none"
@@ -25,12 +25,12 @@ class Refusal(StrEnum):
     OTHER = "other"
 
 
-_REFUSALS = {
-    errno.EACCES: Refusal.PERMISSION,
-    errno.EPERM: Refusal.PERMISSION,
-    errno.EBUSY: Refusal.BUSY,
-    errno.ENODEV: Refusal.GONE,
-    errno.ENOENT: Refusal.GONE,
+_OPEN_ERRORS = {
+    errno.EACCES: OpenError.PERMISSION,
+    errno.EPERM: OpenError.PERMISSION,
+    errno.EBUSY: OpenError.BUSY,
+    errno.ENODEV: OpenError.GONE,
+    errno.ENOENT: OpenError.GONE,
 }
 
 
@@ -39,7 +39,7 @@ class UsbPart:
     """One USB device of a sensor."""
 
     id_text: str  # "045e:02ae"
-    role: Role
+    role: UsbRole
     bus: int
     address: int
 
@@ -55,71 +55,71 @@ class UsbSensor:
     audio_interfaces  2 or more once the audio device has its firmware; None without that device
     """
 
-    model: Model
+    model: SensorModel
     is_supported: bool
     camera: UsbPart
     others: tuple[UsbPart, ...]
     where: str
     serial: str = ""
     speed_mbit_s: float | None = None
-    refusal: Refusal = Refusal.NONE
-    refusal_text: str = ""
-    kernel_driver: bool | None = None
+    open_error: OpenError = OpenError.NONE
+    open_error_text: str = ""
+    has_kernel_driver: bool | None = None
     audio_interfaces: int | None = None
 
 
-def sensors_on_usb() -> tuple[UsbSensor, ...]:
+def probe_usb() -> tuple[UsbSensor, ...]:
     """Every sensor on the bus, found out in a child, as libusb may hang or crash.
 
     Raises UserFacingError if libusb is missing or does not work.
     """
-    return in_child(look_at_usb, LIMIT_S)
+    return call_in_subprocess(probe_usb_in_process, USB_TIMEOUT_S)
 
 
-def look_at_usb() -> tuple[UsbSensor, ...]:
+def probe_usb_in_process() -> tuple[UsbSensor, ...]:
     """The same, in this very process."""
-    return tuple(_facts(sensor) for sensor in find_sensors())
+    return tuple(_probe_sensor(sensor) for sensor in find_connected_sensors())
 
 
-def _facts(sensor: Sensor) -> UsbSensor:
-    kernel_driver, refusal, text = _try(sensor.camera) if sensor.is_supported else _NOT_TRIED
+def _probe_sensor(sensor: ConnectedSensor) -> UsbSensor:
+    kernel_driver, refusal, text = _try_open(sensor.camera) if sensor.is_supported else _NOT_TRIED
     return UsbSensor(
         model=sensor.model,
         is_supported=sensor.is_supported,
-        camera=_part(sensor.camera),
-        others=tuple(_part(part) for part in sensor.others),
-        where=sensor.camera.where,
-        serial=sensor.read_serial() if refusal is not Refusal.PERMISSION else "",
+        camera=_make_part(sensor.camera),
+        others=tuple(_make_part(part) for part in sensor.other_devices),
+        where=sensor.camera.location,
+        serial=sensor.read_serial() if refusal is not OpenError.PERMISSION else "",
         speed_mbit_s=sensor.camera.speed_mbit_s,
-        refusal=refusal,
-        refusal_text=text,
-        kernel_driver=kernel_driver,
+        open_error=refusal,
+        open_error_text=text,
+        has_kernel_driver=kernel_driver,
         audio_interfaces=_audio_interfaces(sensor),
     )
 
 
-_NOT_TRIED = (None, Refusal.NONE, "")
+_NOT_TRIED = (None, OpenError.NONE, "")
 
 
-def _part(part: Part) -> UsbPart:
+def _make_part(part: UsbDevice) -> UsbPart:
     product = int(part.handle.idProduct)
     return UsbPart(f"{part.id.vendor:04x}:{product:04x}", part.id.role, part.bus, part.address)
 
 
-def _try(camera: Part) -> tuple[bool | None, Refusal, str]:
+def _try_open(camera: UsbDevice) -> tuple[bool | None, OpenError, str]:
     """Open and claim the camera for a moment. A kernel driver is let be: the stream detaches it."""
     device = camera.handle
     try:
         if _has_kernel_driver(device):
-            return True, Refusal.NONE, ""
+            return True, OpenError.NONE, ""
         usb.util.claim_interface(device, VIDEO_INTERFACE)
         usb.util.release_interface(device, VIDEO_INTERFACE)
     except usb.core.USBError as error:
-        refusal = _REFUSALS.get(error.errno or 0, Refusal.OTHER)
+        refusal = _OPEN_ERRORS.get(error.errno or 0, OpenError.OTHER)
         return None, refusal, error.strerror or str(error)
     finally:
         usb.util.dispose_resources(device)
-    return False, Refusal.NONE, ""
+    return False, OpenError.NONE, ""
 
 
 def _has_kernel_driver(device: usb.core.Device) -> bool:
@@ -129,8 +129,8 @@ def _has_kernel_driver(device: usb.core.Device) -> bool:
         return False
 
 
-def _audio_interfaces(sensor: Sensor) -> int | None:
-    audio = next((part for part in sensor.others if part.id.role is Role.AUDIO), None)
+def _audio_interfaces(sensor: ConnectedSensor) -> int | None:
+    audio = next((part for part in sensor.other_devices if part.id.role is UsbRole.AUDIO), None)
     if audio is None:
         return None
     try:

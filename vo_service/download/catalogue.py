@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 from drivers.errors import InputError
 
-HOST = "https://cvg.cit.tum.de/rgbd/dataset"
-VALIDATION = "_validation"
+BENCHMARK_URL = "https://cvg.cit.tum.de/rgbd/dataset"
+VALIDATION_SUFFIX = "_validation"
 
 # Name, seconds, archive in megabytes.
-_WITH_TRUTH = """
+_WITH_GROUND_TRUTH = """
 fr1/360 29 430
 fr1/desk 23 344
 fr1/desk2 25 349
@@ -65,7 +65,7 @@ fr3/walking_static 25 420
 fr3/walking_xyz 29 480
 """
 # Those that have a twin without ground truth, for the benchmark's own evaluation online.
-_WITH_TWIN = {
+_WITH_VALIDATION = {
     "1": "360 desk desk2 plant room rpy xyz",
     "2": "360_hemisphere 360_kidnap desk desk_with_person pioneer_360 rpy xyz",
     "3": "cabinet large_cabinet long_office_household nostructure_notexture_far "
@@ -75,7 +75,7 @@ _WITH_TWIN = {
     "structure_texture_near walking_halfsphere walking_rpy walking_static walking_xyz",
 }
 # fr1/xyz, freiburg1_xyz, rgbd_dataset_freiburg1_xyz and rgbd_dataset_freiburg1_xyz.tgz are one.
-_SPELLING = re.compile(r"(?:rgbd_dataset_)?(?:fr|freiburg)([123])[/_](\w+?)(?:\.tgz)?/?")
+_NAME_PATTERN = re.compile(r"(?:rgbd_dataset_)?(?:fr|freiburg)([123])[/_](\w+?)(?:\.tgz)?/?")
 
 
 @dataclass(frozen=True)
@@ -98,33 +98,33 @@ class BenchmarkSequence:
         return f"rgbd_dataset_freiburg{self.camera}_{self.title}"
 
     @property
-    def has_truth(self) -> bool:
+    def has_ground_truth(self) -> bool:
         """Whether a ground truth comes with it."""
-        return not self.title.endswith(VALIDATION)
+        return not self.title.endswith(VALIDATION_SUFFIX)
 
     def url(self, source: str) -> str:
         """Where its archive is below `source`, which is laid out as the benchmark's own host."""
         return f"{source.rstrip('/')}/freiburg{self.camera}/{self.folder}.tgz"
 
 
-def _sequence(line: str) -> BenchmarkSequence:
+def _parse_sequence(line: str) -> BenchmarkSequence:
     name, seconds, megabytes = line.split()
     return BenchmarkSequence(name[2], name[4:], int(seconds), int(megabytes))
 
 
 SEQUENCES = (
-    *(_sequence(line) for line in _WITH_TRUTH.split("\n") if line),
+    *(_parse_sequence(line) for line in _WITH_GROUND_TRUTH.split("\n") if line),
     *(
-        BenchmarkSequence(camera, title + VALIDATION, None, None)
-        for camera, titles in _WITH_TWIN.items()
+        BenchmarkSequence(camera, title + VALIDATION_SUFFIX, None, None)
+        for camera, titles in _WITH_VALIDATION.items()
         for title in titles.split()
     ),
 )
 
 
-def find(name: str) -> BenchmarkSequence:
+def find_sequence(name: str) -> BenchmarkSequence:
     """The sequence of that name, in any usual spelling. Raises InputError with names near it."""
-    spelling = _SPELLING.fullmatch(name.lower())
+    spelling = _NAME_PATTERN.fullmatch(name.lower())
     wanted = f"fr{spelling[1]}/{spelling[2]}" if spelling else name.lower()
     by_name = {sequence.name: sequence for sequence in SEQUENCES}
     if wanted in by_name:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from vo_service.terminal import REDRAW_S, Terminal
 
 
-class Meter:
+class DownloadProgress:
     """Draws one line for each sequence, at most ten times a second."""
 
     def __init__(
@@ -16,7 +16,7 @@ class Meter:
         self._begin_s, self._begin_bytes = clock(), -1
         self._drawn_s = 0.0
 
-    def transfer(self, done: int, total: int | None) -> None:
+    def show_transfer(self, done: int, total: int | None) -> None:
         """So many bytes have come, of so many where that is known."""
         if self._begin_bytes < 0:  # what was there before does not count as speed
             self._begin_s, self._begin_bytes = self._clock(), done
@@ -27,10 +27,10 @@ class Meter:
             text = f"{done / 1e6:.0f} of {total / 1e6:.0f} MB ({done / total:.0%})"
         text += f", {rate / 1e6:.1f} MB/s"
         if total and rate > 0:
-            text += f", {_duration((total - done) / rate)} left"
+            text += f", {_format_duration((total - done) / rate)} left"
         self._draw(text)
 
-    def unpacking(self, done: int, total: int | None) -> None:
+    def show_unpacking(self, done: int, total: int | None) -> None:
         """So many bytes of the archive have been unpacked."""
         self._draw(f"unpacking ({done / total:.0%})" if total else "unpacking")
 
@@ -41,6 +41,6 @@ class Meter:
             self._terminal.show(f"{self._name}: {text}")
 
 
-def _duration(seconds: float) -> str:
+def _format_duration(seconds: float) -> str:
     minutes = round(seconds) // 60
     return f"{minutes} min" if minutes else f"{seconds:.0f} s"

@@ -9,13 +9,13 @@ from types import TracebackType
 from typing import Self
 
 from drivers.errors import UserFacingError
-from drivers.full_disk import free_bytes, is_full
-from drivers.tum.whole_files import write_whole
+from drivers.full_disk import free_disk_bytes, is_disk_full
+from drivers.tum.whole_files import atomic_write
 
 
 def disk_error(folder: Path, error: OSError) -> UserFacingError:
     """What a failure to write below `folder` means for a person."""
-    if is_full(error):
+    if is_disk_full(error):
         return UserFacingError(
             f"{folder}: the disk is full; free some space and give the same command again: "
             "what has come is kept"
@@ -34,7 +34,7 @@ class PartialFile:
     def __init__(self, path: Path) -> None:
         """Open or create it. Raises UserFacingError if it cannot be, or another process has it."""
         self.path = path
-        self._note = path.with_name(f"{path.name}.json")
+        self._metadata_path = path.with_name(f"{path.name}.json")
         try:
             self._file = path.open("ab", buffering=0)
         except OSError as error:
@@ -52,19 +52,19 @@ class PartialFile:
         """Bytes that are there."""
         return os.fstat(self._file.fileno()).st_size
 
-    def mark(self, url: str) -> str:
+    def validator(self, url: str) -> str:
         """The version of `url` that this is the beginning of; empty if it is of none."""
         with suppress(OSError, ValueError, KeyError, TypeError):
-            note = json.loads(self._note.read_text())
+            note = json.loads(self._metadata_path.read_text())
             if note["url"] == url and self.size:
                 return str(note["mark"])
         return ""
 
-    def begin(self, url: str, mark: str) -> None:
+    def restart(self, url: str, validator: str) -> None:
         """Start again from nothing. Raises UserFacingError."""
         try:
             self._file.truncate(0)
-            write_whole(self._note, json.dumps({"url": url, "mark": mark}).encode())
+            atomic_write(self._metadata_path, json.dumps({"url": url, "mark": validator}).encode())
         except OSError as error:
             raise disk_error(self.path.parent, error) from error
 
@@ -77,9 +77,9 @@ class PartialFile:
         except OSError as error:
             raise disk_error(self.path.parent, error) from error
 
-    def need(self, size: int) -> None:
+    def require_free_space(self, size: int) -> None:
         """Raise UserFacingError unless the disk has room for so many bytes more."""
-        free = free_bytes(self.path.parent)
+        free = free_disk_bytes(self.path.parent)
         if free < size:
             raise UserFacingError(
                 f"{self.path.parent}: {size / 1e9:.2f} GB are needed and {free / 1e9:.2f} GB are "
@@ -89,7 +89,7 @@ class PartialFile:
     def discard(self) -> None:
         """Remove it, and the note."""
         self.path.unlink(missing_ok=True)
-        self._note.unlink(missing_ok=True)
+        self._metadata_path.unlink(missing_ok=True)
 
     def __enter__(self) -> Self:
         return self

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import InputError, UserFacingError
-from drivers.tum.folder import open_folder
-from vo_service.download.catalogue import HOST, BenchmarkSequence
-from vo_service.download.meter import Meter
+from drivers.tum.folder import open_tum_folder
+from vo_service.download.catalogue import BENCHMARK_URL, BenchmarkSequence
+from vo_service.download.meter import DownloadProgress
 from vo_service.download.partial_file import PartialFile, disk_error
-from vo_service.download.transfer import fetch_patiently
+from vo_service.download.transfer import fetch_with_retries
 from vo_service.download.unpacking import DamagedArchiveError, UnsafeArchiveError, unpack
-from vo_service.folders import make_output_folder
+from vo_service.folders import create_output_folder
 
 
 @dataclass(frozen=True)
-class Order:
+class DownloadRequest:
     """What is wanted.
 
     output  the folder that the sequences' own folders go into
@@ -25,33 +25,35 @@ class Order:
     """
 
     output: Path
-    source: str = HOST
+    source: str = BENCHMARK_URL
     sha256: str = ""
 
 
-def place_of(sequence: BenchmarkSequence, order: Order) -> Path:
+def sequence_folder(sequence: BenchmarkSequence, request: DownloadRequest) -> Path:
     """The folder that the sequence has, or will have."""
-    return order.output / sequence.folder
+    return request.output / sequence.folder
 
 
-def download(sequence: BenchmarkSequence, order: Order, meter: Meter) -> Path:
+def download_sequence(
+    sequence: BenchmarkSequence, request: DownloadRequest, progress: DownloadProgress
+) -> Path:
     """The sequence's folder, which appears under its name only when whole.
 
     One that is there already is left as it is. Whenever this is ended, what has come is kept for
     the next time, unless it has proved to be of no use. Raises UserFacingError.
     """
-    place = place_of(sequence, order)
-    make_output_folder(order.output)
-    with PartialFile(order.output / f".{sequence.folder}.tgz.part") as part:
+    place = sequence_folder(sequence, request)
+    create_output_folder(request.output)
+    with PartialFile(request.output / f".{sequence.folder}.tgz.part") as part:
         if not place.exists():
-            url = sequence.url(order.source)
-            fetch_patiently(url, part, meter.transfer)
+            url = sequence.url(request.source)
+            fetch_with_retries(url, part, progress.show_transfer)
             try:
-                _check_digest(part.path, order.sha256)
-                _unpack_into(place, part.path, meter)
+                _check_digest(part.path, request.sha256)
+                _unpack_into(place, part.path, progress)
             except (DamagedArchiveError, UnsafeArchiveError) as error:
                 part.discard()
-                raise _useless(url, error) from error
+                raise _unusable_archive_error(url, error) from error
         part.discard()
     return place
 
@@ -65,23 +67,23 @@ def _check_digest(archive: Path, sha256: str) -> None:
         raise DamagedArchiveError(f"its SHA-256 is {found}")
 
 
-def _unpack_into(place: Path, archive: Path, meter: Meter) -> None:
+def _unpack_into(folder: Path, archive: Path, progress: DownloadProgress) -> None:
     """Unpack, see that it can be replayed, and only then give it its name."""
-    beside = place.with_name(f".{place.name}.unpacking")
+    beside = folder.with_name(f".{folder.name}.unpacking")
     shutil.rmtree(beside, ignore_errors=True)  # of one that was killed
     try:
-        unpack(archive, beside, meter.unpacking)
+        unpack(archive, beside, progress.show_unpacking)
         # Its camera is known by its name, whatever the archive calls it.
-        recording = _recording_in(beside).rename(beside / place.name)
-        _check(recording)
-        recording.rename(place)
+        recording = _find_recording(beside).rename(beside / folder.name)
+        _check_recording(recording)
+        recording.rename(folder)
     except OSError as error:
-        raise disk_error(place.parent, error) from error
+        raise disk_error(folder.parent, error) from error
     finally:
         shutil.rmtree(beside, ignore_errors=True)
 
 
-def _recording_in(folder: Path) -> Path:
+def _find_recording(folder: Path) -> Path:
     """The one recording that was unpacked. Raises UnsafeArchiveError if there is none, or more."""
     found = [lists.parent for lists in sorted(folder.glob("*/rgb.txt"))]
     if len(found) != 1:
@@ -89,15 +91,15 @@ def _recording_in(folder: Path) -> Path:
     return found[0]
 
 
-def _check(recording: Path) -> None:
+def _check_recording(recording: Path) -> None:
     try:
-        open_folder(recording, None)
+        open_tum_folder(recording, None)
     except InputError as error:
         told = str(error).replace(str(recording), recording.name)
         raise UnsafeArchiveError(f"nothing that can be replayed ({told})") from error
 
 
-def _useless(url: str, error: UserFacingError) -> UserFacingError:
+def _unusable_archive_error(url: str, error: UserFacingError) -> UserFacingError:
     if isinstance(error, DamagedArchiveError):
         return UserFacingError(
             f"{url}: the archive is damaged ({error}) and has been removed; give the same command "

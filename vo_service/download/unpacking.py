@@ -14,18 +14,18 @@ from typing import IO
 from drivers.errors import UserFacingError
 from vo_service.download.partial_file import disk_error
 
-CHUNK = 1 << 16
+CHUNK_BYTES = 1 << 16
 # Images hardly shrink; these bounds are for archives that are meant to fill the disk.
-MOST_MEMBERS = 50_000
-MOST_GROWTH = 5
-LEAST_BOUND = 64 << 20
-LONGEST_NAME = 255
+MAX_MEMBERS = 50_000
+MAX_EXPANSION_RATIO = 5
+MIN_SIZE_LIMIT_BYTES = 64 << 20
+MAX_NAME_BYTES = 255
 # What tarfile, gzip and zlib raise for what is not whole or makes no sense.
-DAMAGE = (
+DAMAGE_ERRORS = (
     EOFError, zlib.error, tarfile.TarError, gzip.BadGzipFile,
     ValueError, LookupError, ArithmeticError, RecursionError,
 )  # fmt: skip
-Progress = Callable[[int, int | None], None]  # bytes of the archive read, bytes in all
+UnpackProgress = Callable[[int, int | None], None]  # bytes of the archive read, bytes in all
 
 
 class DamagedArchiveError(UserFacingError):
@@ -57,22 +57,22 @@ class _CheckedHeader(tarfile.TarInfo):
 class _BoundedGzip(gzip.GzipFile):
     """A stream with an end. `last` is what was read last: zeros mark the end of an archive."""
 
-    def __init__(self, file: IO[bytes], most_bytes: int) -> None:
+    def __init__(self, file: IO[bytes], max_bytes: int) -> None:
         super().__init__(fileobj=file, mode="rb")
-        self._most_bytes = most_bytes
-        self.last = b""
+        self._max_bytes = max_bytes
+        self.last_read = b""
 
     def read(self, size: int | None = -1) -> bytes:
-        """At most `CHUNK` at once: what tarfile reads in one piece, it keeps in memory."""
-        if size is None or not 0 <= size <= CHUNK:
+        """At most `CHUNK_BYTES` at once: what tarfile reads in one piece, it keeps in memory."""
+        if size is None or not 0 <= size <= CHUNK_BYTES:
             raise UnsafeArchiveError(f"a header of {size} bytes")
-        self.last = super().read(size)
-        if self.tell() > self._most_bytes:
-            raise UnsafeArchiveError(f"more than {self._most_bytes / 1e6:.0f} MB once unpacked")
-        return self.last
+        self.last_read = super().read(size)
+        if self.tell() > self._max_bytes:
+            raise UnsafeArchiveError(f"more than {self._max_bytes / 1e6:.0f} MB once unpacked")
+        return self.last_read
 
 
-def unpack(archive: Path, folder: Path, progress: Progress) -> None:
+def unpack(archive: Path, folder: Path, on_progress: UnpackProgress) -> None:
     """Unpack a .tgz into a new `folder`.
 
     Raises DamagedArchiveError, UnsafeArchiveError or UserFacingError (such as: the disk is full);
@@ -82,9 +82,9 @@ def unpack(archive: Path, folder: Path, progress: Progress) -> None:
     try:
         folder.mkdir()
         with archive.open("rb") as file:
-            stream = _BoundedGzip(file, max(LEAST_BOUND, MOST_GROWTH * size))
-            _unpack_all(stream, folder, lambda: progress(file.tell(), size))
-    except DAMAGE as error:
+            stream = _BoundedGzip(file, max(MIN_SIZE_LIMIT_BYTES, MAX_EXPANSION_RATIO * size))
+            _unpack_all(stream, folder, lambda: on_progress(file.tell(), size))
+    except DAMAGE_ERRORS as error:
         raise DamagedArchiveError(str(error) or type(error).__name__) from error
     except (FileExistsError, NotADirectoryError, IsADirectoryError) as error:
         raise UnsafeArchiveError(f"{Path(error.filename).name!r} twice") from error
@@ -95,13 +95,13 @@ def unpack(archive: Path, folder: Path, progress: Progress) -> None:
 def _unpack_all(stream: _BoundedGzip, folder: Path, tick: Callable[[], None]) -> None:
     with tarfile.open(fileobj=stream, mode="r:", tarinfo=_CheckedHeader) as tar:
         for count, member in enumerate(tar):
-            if count == MOST_MEMBERS:
-                raise UnsafeArchiveError(f"more than {MOST_MEMBERS} files")
+            if count == MAX_MEMBERS:
+                raise UnsafeArchiveError(f"more than {MAX_MEMBERS} files")
             _unpack_one(tar, member, folder, tick)
     # A header that makes no sense ends tarfile's loop as the end itself does; then reading on to
     # the end of the stream also has its checksum compared.
-    while not any(stream.last):
-        if not stream.read(CHUNK):
+    while not any(stream.last_read):
+        if not stream.read(CHUNK_BYTES):
             return
     raise DamagedArchiveError("a header cannot be read")
 
@@ -119,7 +119,7 @@ def _unpack_one(
     source = tar.extractfile(member)
     assert source is not None  # it is a file
     with source, path.open("xb") as target:
-        while data := source.read(CHUNK):
+        while data := source.read(CHUNK_BYTES):
             target.write(data)
             tick()
 
@@ -129,6 +129,6 @@ def safe_path(name: str) -> PurePosixPath:
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts:
         raise UnsafeArchiveError(f"{name!r}, which lies outside its folder")
-    if any(len(part.encode(errors="surrogateescape")) > LONGEST_NAME for part in path.parts):
+    if any(len(part.encode(errors="surrogateescape")) > MAX_NAME_BYTES for part in path.parts):
         raise UnsafeArchiveError(f"{name[:40]!r}..., whose name is too long")
     return path

@@ -6,11 +6,11 @@ import numpy as np
 
 from drivers.errors import InputError
 from drivers.geometry import Array
-from drivers.trajectory import WITHIN_S, StampedPoses, has_partner, nearest
+from drivers.trajectory import MAX_STAMP_DIFFERENCE_S, Trajectory, has_match, nearest_indices
 
 # Closer than this, two stamps are one stamp written with different rounding.
-SAME_STAMP_S = 0.001
-FEWEST_MATCHES = 3
+STAMP_ROUNDING_S = 0.001
+MIN_MATCHES = 3
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class MatchedPoses:
     T_truth_camera: Array
 
 
-def associate(trajectory: StampedPoses, truth: StampedPoses) -> MatchedPoses:
+def associate(trajectory: Trajectory, truth: Trajectory) -> MatchedPoses:
     """Pair each pose of the shorter list with the nearest of the other, at most 20 ms apart.
 
     The trajectory counts as the shorter one where both are as long. This is the rule of evo's
@@ -36,13 +36,13 @@ def associate(trajectory: StampedPoses, truth: StampedPoses) -> MatchedPoses:
     Raises InputError if fewer than 3 poses find a partner.
     """
     if len(trajectory) <= len(truth):
-        mine = np.flatnonzero(has_partner(trajectory.stamps_s, truth.stamps_s))
-        theirs = nearest(truth.stamps_s, trajectory.stamps_s[mine])
+        mine = np.flatnonzero(has_match(trajectory.stamps_s, truth.stamps_s))
+        theirs = nearest_indices(truth.stamps_s, trajectory.stamps_s[mine])
     else:
-        theirs = np.flatnonzero(has_partner(truth.stamps_s, trajectory.stamps_s))
-        mine = nearest(trajectory.stamps_s, truth.stamps_s[theirs])
-    if len(mine) < FEWEST_MATCHES:
-        raise InputError(_too_few(len(mine), trajectory, truth))
+        theirs = np.flatnonzero(has_match(truth.stamps_s, trajectory.stamps_s))
+        mine = nearest_indices(trajectory.stamps_s, truth.stamps_s[theirs])
+    if len(mine) < MIN_MATCHES:
+        raise InputError(_too_few_matches_message(len(mine), trajectory, truth))
     return MatchedPoses(
         trajectory.stamps_s[mine], trajectory.T_world_camera[mine], truth.T_world_camera[theirs]
     )
@@ -58,21 +58,21 @@ def coverage(poses_s: Array, truth_s: Array, frames_s: Array | None) -> float | 
     Returns None where it cannot be told.
     """
     if frames_s is None:
-        one_a_frame = bool(np.all(has_partner(poses_s, truth_s, SAME_STAMP_S)))
+        one_a_frame = bool(np.all(has_match(poses_s, truth_s, STAMP_ROUNDING_S)))
         frames_s = truth_s if one_a_frame else np.empty(0)
-    frames = np.count_nonzero(has_partner(frames_s, truth_s))
-    poses = np.count_nonzero(has_partner(poses_s, truth_s))
+    frames = np.count_nonzero(has_match(frames_s, truth_s))
+    poses = np.count_nonzero(has_match(poses_s, truth_s))
     return min(1.0, float(poses / frames)) if frames else None
 
 
-def _too_few(matches: int, trajectory: StampedPoses, truth: StampedPoses) -> str:
-    mine, theirs = map(_span, (trajectory, truth))
+def _too_few_matches_message(matches: int, trajectory: Trajectory, truth: Trajectory) -> str:
+    mine, theirs = map(_format_span, (trajectory, truth))
     return (
-        f"{matches} of {len(trajectory)} poses have ground truth within {1000 * WITHIN_S:.0f} ms, "
-        f"{FEWEST_MATCHES} are needed (trajectory {mine}, truth {theirs}): "
+        f"{matches} of {len(trajectory)} poses have ground truth within {1000 * MAX_STAMP_DIFFERENCE_S:.0f} ms, "
+        f"{MIN_MATCHES} are needed (trajectory {mine}, truth {theirs}): "
         "give the truth of the same recording, on the same clock"
     )
 
 
-def _span(poses: StampedPoses) -> str:
+def _format_span(poses: Trajectory) -> str:
     return f"{poses.stamps_s[0]:.3f}..{poses.stamps_s[-1]:.3f} s" if len(poses) else "empty"

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.geometry import Array, inverse, rotation_vector
+from drivers.geometry import Array, inverse, so3_log
 
-FREEDOMS = 6
+DEGREES_OF_FREEDOM = 6
 # 95 % of chi squared of six degrees of freedom lie below this.
-WITHIN_95 = 12.592
+CHI2_95_PERCENT = 12.592
 
 
 @dataclass(frozen=True)
-class Consistency:
+class NeesStatistics:
     """Of many motions and their covariances.
 
     count    how many
@@ -27,28 +27,28 @@ class Consistency:
     """
 
     count: int
-    mean: float
-    within: float
+    mean_per_dof: float
+    fraction_within_95: float
 
 
-def motion_error(T_true: Array, T_told: Array) -> Array:
+def motion_error(T_true: Array, T_estimated: Array) -> Array:
     """(6,) how far a 4x4 motion is off, in the axes of its end: translation m, rotation rad."""
-    off = inverse(T_true) @ T_told
-    return np.concatenate([off[:3, 3], rotation_vector(off[:3, :3])])
+    off = inverse(T_true) @ T_estimated
+    return np.concatenate([off[:3, 3], so3_log(off[:3, :3])])
 
 
-def normalised_square(error: Array, covariance: Array) -> float:
+def nees(error: Array, covariance: Array) -> float:
     """Of an error (6,) and its covariance (6, 6): x^T C^-1 x."""
     return float(error @ np.linalg.solve(covariance, error))
 
 
-def consistency(normalised_squares: Sequence[float]) -> Consistency | None:
+def summarize_nees(nees_values: Sequence[float]) -> NeesStatistics | None:
     """The figures of many; None of none."""
-    if not normalised_squares:
+    if not nees_values:
         return None
-    squares = np.array(normalised_squares)
-    return Consistency(
+    squares = np.array(nees_values)
+    return NeesStatistics(
         count=len(squares),
-        mean=float(squares.mean()) / FREEDOMS,
-        within=float(np.mean(squares <= WITHIN_95)),
+        mean_per_dof=float(squares.mean()) / DEGREES_OF_FREEDOM,
+        fraction_within_95=float(np.mean(squares <= CHI2_95_PERCENT)),
     )

@@ -11,8 +11,8 @@ from vo_service.evaluation.association import MatchedPoses
 from vo_service.evaluation.metrics import PosePairs, relative_errors
 
 # A step is grossly wrong if it is off by more than one of these.
-GROSS_M = 0.05
-GROSS_DEG = 3.0
+GROSS_ERROR_M = 0.05
+GROSS_ERROR_DEG = 3.0
 
 
 def tracked_steps(matched: MatchedPoses, stamps_s: Array, epochs: NDArray[np.int64]) -> PosePairs:
@@ -29,8 +29,8 @@ def tracked_steps(matched: MatchedPoses, stamps_s: Array, epochs: NDArray[np.int
     return PosePairs(earlier, earlier + 1)
 
 
-def gross_errors(matched: MatchedPoses, steps: PosePairs) -> int:
+def count_gross_errors(matched: MatchedPoses, steps: PosePairs) -> int:
     """How many steps are off by more than 5 cm or 3 degrees."""
     errors = relative_errors(matched, steps)
-    is_gross = (errors.translation_m > GROSS_M) | (errors.rotation_deg > GROSS_DEG)
+    is_gross = (errors.translation_m > GROSS_ERROR_M) | (errors.rotation_deg > GROSS_ERROR_DEG)
     return int(np.count_nonzero(is_gross))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import Array, inverse, rotation_angle_rad, transform_points
-from drivers.trajectory import nearest
+from drivers.trajectory import nearest_indices
 from vo_service.evaluation.association import MatchedPoses
 from vo_service.odometry.rigid_motion import fit_rigid_motion
 
@@ -18,7 +18,7 @@ Indices = NDArray[np.intp]
 
 # A pose counts as one second later if it is so to a tenth: recordings of a low frame rate have
 # none that is exact.
-SECOND_TOLERANCE_S = 0.1
+ONE_SECOND_TOLERANCE_S = 0.1
 # How far the last pose may fall short of a full second: rounding of stamps.
 END_TOLERANCE_S = 0.001
 
@@ -75,16 +75,16 @@ def pairs_one_second_apart(matched: MatchedPoses) -> PosePairs:
     the last pose; here one that is a full second long is kept).
     """
     wanted_s = matched.stamps_s + 1.0
-    found = nearest(matched.stamps_s, wanted_s)
-    is_second = np.abs(matched.stamps_s[found] - wanted_s) <= SECOND_TOLERANCE_S
+    found = nearest_indices(matched.stamps_s, wanted_s)
+    is_second = np.abs(matched.stamps_s[found] - wanted_s) <= ONE_SECOND_TOLERANCE_S
     earlier = np.flatnonzero(is_second & (wanted_s <= matched.stamps_s[-1] + END_TOLERANCE_S))
     return PosePairs(earlier, found[earlier])
 
 
 def relative_errors(matched: MatchedPoses, pairs: PosePairs) -> RelativeErrors:
     """E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j) of each pair, Q the truth and P the trajectory (eq. 1)."""
-    true_motion = _motions(matched.T_truth_camera, pairs)
-    motion = _motions(matched.T_world_camera, pairs)
+    true_motion = _relative_poses(matched.T_truth_camera, pairs)
+    motion = _relative_poses(matched.T_world_camera, pairs)
     E = np.linalg.solve(true_motion, motion)
     angles_rad = np.array([rotation_angle_rad(T[:3, :3]) for T in E])
     return RelativeErrors(np.linalg.norm(E[:, :3, 3], axis=1), np.degrees(angles_rad))
@@ -95,7 +95,7 @@ def rms(errors: Array) -> float | None:
     return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else None
 
 
-def _motions(T_world_camera: Array, pairs: PosePairs) -> Array:
+def _relative_poses(T_world_camera: Array, pairs: PosePairs) -> Array:
     """(K, 4, 4) T_earlier_later of each pair."""
     earlier, later = T_world_camera[pairs.earlier], T_world_camera[pairs.later]
     return np.asarray(np.linalg.solve(earlier, later), np.float64)

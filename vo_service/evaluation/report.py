@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from vo_service.evaluation.association import associate, coverage
 from vo_service.evaluation.metrics import (
     best_alignment,
@@ -16,7 +16,7 @@ from vo_service.evaluation.metrics import (
     relative_errors,
     rms,
 )
-from vo_service.text_table import aligned, millimetres
+from vo_service.text_table import format_columns, format_mm
 
 
 @dataclass(frozen=True)
@@ -50,25 +50,28 @@ class Evaluation:
     def rows(self) -> list[tuple[str, str]]:
         """Label and value of each line of the table; "-" for what could not be computed."""
         return [
-            ("ATE, RMSE", millimetres(self.ate_rmse_m)),
-            ("ATE, mean", millimetres(self.ate_mean_m)),
-            ("ATE, median", millimetres(self.ate_median_m)),
-            ("ATE, largest", millimetres(self.ate_max_m)),
-            ("mean global error", millimetres(self.mean_global_error_m)),
-            ("RPE, one frame", f"{millimetres(self.rpe_frame_m)}  {_degrees(self.rpe_frame_deg)}"),
-            ("RPE, one second", f"{millimetres(self.rpe_1s_m)}  {_degrees(self.rpe_1s_deg)}"),
-            ("coverage", _percent(self.coverage)),
+            ("ATE, RMSE", format_mm(self.ate_rmse_m)),
+            ("ATE, mean", format_mm(self.ate_mean_m)),
+            ("ATE, median", format_mm(self.ate_median_m)),
+            ("ATE, largest", format_mm(self.ate_max_m)),
+            ("mean global error", format_mm(self.mean_global_error_m)),
+            (
+                "RPE, one frame",
+                f"{format_mm(self.rpe_frame_m)}  {_format_degrees(self.rpe_frame_deg)}",
+            ),
+            ("RPE, one second", f"{format_mm(self.rpe_1s_m)}  {_format_degrees(self.rpe_1s_deg)}"),
+            ("coverage", _format_percent(self.coverage)),
             ("poses", f"{self.poses:9d}"),
             ("matched", f"{self.matched:9d}"),
         ]
 
     def as_table(self) -> str:
         """Aligned text for a terminal, without a newline at its end."""
-        return aligned(self.rows())
+        return format_columns(self.rows())
 
 
 def evaluate(
-    trajectory: StampedPoses, truth: StampedPoses, frame_stamps_s: Array | None = None
+    trajectory: Trajectory, truth: Trajectory, frame_stamps_s: Array | None = None
 ) -> Evaluation:
     """Compare a trajectory with the ground truth, each in a world of its own.
 
@@ -98,9 +101,9 @@ def evaluate(
     )
 
 
-def _degrees(value: float | None) -> str:
+def _format_degrees(value: float | None) -> str:
     return f"{'-':>8}" if value is None else f"{value:8.3f} deg"
 
 
-def _percent(value: float | None) -> str:
+def _format_percent(value: float | None) -> str:
     return f"{'-':>9}" if value is None else f"{100 * value:9.1f} %"

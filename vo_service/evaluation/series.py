@@ -23,8 +23,8 @@ class ErrorSeries:
     """
 
     stamps_s: Array
-    global_m: Array
-    steps: RelativeErrors
+    global_error_m: Array
+    step_errors: RelativeErrors
 
 
 def error_series(matched: MatchedPoses) -> ErrorSeries:

@@ -3,10 +3,10 @@
 import shutil
 import subprocess
 
-PATIENCE_S = 20.0
+COMMAND_TIMEOUT_S = 20.0
 
 
-def call(*command: str, timeout_s: float = PATIENCE_S) -> str:
+def run_command(*command: str, timeout_s: float = COMMAND_TIMEOUT_S) -> str:
     """Run a system command; "" or what went wrong."""
     told = " ".join(command)
     if shutil.which(command[0]) is None:

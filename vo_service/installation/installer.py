@@ -7,56 +7,58 @@ from pathlib import Path
 from drivers.errors import UserFacingError
 from vo_service import udev
 from vo_service.config import read_config
-from vo_service.installation.program import FOLDER, install_program, remove_program
+from vo_service.installation.program import PROGRAM_FOLDER, install_program, remove_program
 from vo_service.installation.system_files import remove_file, write_file
-from vo_service.installation.systemd import Offline, Systemd
+from vo_service.installation.systemd import OfflineSystemd, Systemd
 from vo_service.installation.unit import (
-    COMMAND,
+    COMMAND_LINK,
     CONFIG_FOLDER,
     DROP_IN,
     UNIT_FOLDER,
-    Unit,
+    ServiceUnit,
     link_command,
-    text_of,
-    unit_files,
+    list_unit_files,
+    read_service_file,
     unlink_command,
 )
 
-Tell = Callable[[str], None]
+PrintLine = Callable[[str], None]
 
 # With DynamicUser a folder lies below `private`, and a link to it where one would look.
-KEPT = ("var/lib/private", "var/lib", "var/cache/private", "var/cache")
+DATA_FOLDERS = ("var/lib/private", "var/lib", "var/cache/private", "var/cache")
 
 
 class Installer:
     """Installs into the file system below `root`; may be used again at any time."""
 
-    def __init__(self, root: Path, systemd: Systemd | Offline, tell: Tell) -> None:
-        self._root, self._systemd, self._tell = root, systemd, tell
+    def __init__(
+        self, root: Path, systemd: Systemd | OfflineSystemd, print_line: PrintLine
+    ) -> None:
+        self._root, self._systemd, self._print_line = root, systemd, print_line
 
-    def install(self, unit: Unit, *, enable: bool, network_tls: bool) -> None:
+    def install(self, unit: ServiceUnit, *, enable: bool, network_tls: bool) -> None:
         """Install everything for `unit`, and start it if asked to.
 
         Raises UserFacingError, before anything is changed where that can be known; OSError.
         """
-        self._check(unit)
-        changed = self._program()
-        for file in unit_files():
-            changed |= self._file(file.path, file.text)
+        self._check_preconditions(unit)
+        changed = self._install_program()
+        for file in list_unit_files():
+            changed |= self._write_file(file.path, file.text)
         if network_tls:
-            changed |= self._file(unit.drop_in, text_of(DROP_IN))
-        self._config(unit)
-        self._told(COMMAND, link_command(self._root))
-        for file in udev.system_files():
-            changed |= self._file(file.path, file.text)
+            changed |= self._write_file(unit.drop_in, read_service_file(DROP_IN))
+        self._write_config(unit)
+        self._report_written(COMMAND_LINK, link_command(self._root))
+        for file in udev.list_system_files():
+            changed |= self._write_file(file.path, file.text)
         if changed:
-            self._systemd.installed()
+            self._systemd.reload_and_restart()
         if enable:
-            self._systemd.enable(unit, self._tell)
+            self._systemd.enable(unit, self._print_line)
         else:
-            self._tell(f"start it with: systemctl enable --now {unit.unit}")
+            self._print_line(f"start it with: systemctl enable --now {unit.unit_name}")
 
-    def _check(self, unit: Unit) -> None:
+    def _check_preconditions(self, unit: ServiceUnit) -> None:
         """Raise UserFacingError for what would keep the service from starting."""
         config = self._root / unit.config
         if config.exists():
@@ -70,33 +72,35 @@ class Installer:
                 f"with: groupadd --system {udev.GROUP}"
             )
 
-    def _program(self) -> bool:
+    def _install_program(self) -> bool:
         def tell(step: str) -> None:
-            self._tell(f"{self._root / FOLDER}: {step} ...")
+            self._print_line(f"{self._root / PROGRAM_FOLDER}: {step} ...")
 
-        return self._told(FOLDER, install_program(self._root, tell))
+        return self._report_written(PROGRAM_FOLDER, install_program(self._root, tell))
 
-    def _file(self, path: Path, text: str) -> bool:
-        return self._told(path, write_file(self._root / path, text))
+    def _write_file(self, path: Path, text: str) -> bool:
+        return self._report_written(path, write_file(self._root / path, text))
 
-    def _config(self, unit: Unit) -> None:
+    def _write_config(self, unit: ServiceUnit) -> None:
         """What an owner has written is never touched."""
         path = self._root / unit.config
         if path.exists():
-            self._tell(f"{path}: kept as it is")
+            self._print_line(f"{path}: kept as it is")
         else:
-            self._file(unit.config, text_of("kinect.toml"))
+            self._write_file(unit.config, read_service_file("kinect.toml"))
 
-    def _told(self, path: Path, is_new: bool) -> bool:
-        self._tell(f"{self._root / path}: {'written' if is_new else 'was there already'}")
+    def _report_written(self, path: Path, is_new: bool) -> bool:
+        self._print_line(f"{self._root / path}: {'written' if is_new else 'was there already'}")
         return is_new
 
 
-class Remover:
+class Uninstaller:
     """Takes away what `Installer` wrote below `root`."""
 
-    def __init__(self, root: Path, systemd: Systemd | Offline, tell: Tell) -> None:
-        self._root, self._systemd, self._tell = root, systemd, tell
+    def __init__(
+        self, root: Path, systemd: Systemd | OfflineSystemd, print_line: PrintLine
+    ) -> None:
+        self._root, self._systemd, self._print_line = root, systemd, print_line
 
     def uninstall(self, *, purge: bool) -> None:
         """Stop it and remove it; with `purge` also the configuration and all that it has written.
@@ -105,25 +109,27 @@ class Remover:
         """
         self._systemd.disable_all(self._root)
         drop_ins = sorted((self._root / UNIT_FOLDER).glob(f"kinect-vo*.service.d/{DROP_IN}"))
-        for path in [*self._below(file.path for file in unit_files()), *drop_ins]:
-            self._told(path, remove_file(path))
+        for path in [*self._below_root(file.path for file in list_unit_files()), *drop_ins]:
+            self._report_removed(path, remove_file(path))
         for folder in {path.parent for path in drop_ins}:
             if not any(folder.iterdir()):
                 folder.rmdir()
-        for path in self._below(file.path for file in udev.system_files()):
-            self._told(path, remove_file(path))
-        self._told(self._root / COMMAND, unlink_command(self._root))
-        self._systemd.removed()
+        for path in self._below_root(file.path for file in udev.list_system_files()):
+            self._report_removed(path, remove_file(path))
+        self._report_removed(self._root / COMMAND_LINK, unlink_command(self._root))
+        self._systemd.reload_after_removal()
         if purge:
-            self._purge()
+            self._delete_data()
         elif (self._root / CONFIG_FOLDER).exists():
-            self._tell(f"{self._root / CONFIG_FOLDER}: kept, with what is in /var; see --purge")
-        self._told(self._root / FOLDER, remove_program(self._root))
+            self._print_line(
+                f"{self._root / CONFIG_FOLDER}: kept, with what is in /var; see --purge"
+            )
+        self._report_removed(self._root / PROGRAM_FOLDER, remove_program(self._root))
 
-    def _purge(self) -> None:
+    def _delete_data(self) -> None:
         written = [
             path
-            for folder in KEPT
+            for folder in DATA_FOLDERS
             for pattern in ("kinect-vo", "kinect-vo-*")
             for path in sorted((self._root / folder).glob(pattern))
         ]
@@ -134,10 +140,10 @@ class Remover:
                 shutil.rmtree(path)
             else:
                 continue
-            self._told(path, True)
+            self._report_removed(path, True)
 
-    def _below(self, paths: Iterable[Path]) -> list[Path]:
+    def _below_root(self, paths: Iterable[Path]) -> list[Path]:
         return [self._root / path for path in paths]
 
-    def _told(self, path: Path, is_gone: bool) -> None:
-        self._tell(f"{path}: {'removed' if is_gone else 'was not there'}")
+    def _report_removed(self, path: Path, is_removed: bool) -> None:
+        self._print_line(f"{path}: {'removed' if is_removed else 'was not there'}")

@@ -14,16 +14,20 @@ from collections.abc import Callable
 from pathlib import Path
 
 from drivers.errors import UserFacingError
-from vo_service.installation.distributions import PROGRAM, files_of, runtime_distributions
+from vo_service.installation.distributions import (
+    DISTRIBUTION_NAME,
+    list_files,
+    runtime_distributions,
+)
 
-FOLDER = Path("opt/kinect-vo")
-SCRIPT = FOLDER / "bin" / "kinect-vo"
-MARK = "installed.txt"
+PROGRAM_FOLDER = Path("opt/kinect-vo")
+SCRIPT_PATH = PROGRAM_FOLDER / "bin" / "kinect-vo"
+DIGEST_FILE = "installed.txt"
 # Hidden from the service, or its own there: see the unit.
-HIDDEN = tuple(Path(name) for name in ("/home", "/root", "/run/user", "/tmp", "/var/tmp"))
-CHECK_LIMIT_S = 120.0
+HIDDEN_FOLDERS = tuple(Path(name) for name in ("/home", "/root", "/run/user", "/tmp", "/var/tmp"))
+CHECK_TIMEOUT_S = 120.0
 
-_SCRIPT = """\
+_SCRIPT_TEMPLATE = """\
 #!/{python}
 from vo_service.cli import main
 
@@ -31,36 +35,36 @@ main()
 """
 
 
-def install_program(root: Path, tell: Callable[[str], None]) -> bool:
+def install_program(root: Path, on_progress: Callable[[str], None]) -> bool:
     """Copy what runs now to `root`/opt/kinect-vo; False if that is what is there.
 
     The old one stays until the new one is complete and has run once. `tell` hears of the steps.
     Raises UserFacingError where the service could not run it; OSError.
     """
-    target = root / FOLDER
+    target = root / PROGRAM_FOLDER
     if Path(sys.prefix).resolve() == target.resolve():
         return False
     python = _check_python()
-    files = [pair for package in runtime_distributions() for pair in files_of(package)]
-    mark = _mark(files)
-    if (target / MARK).is_file() and (target / MARK).read_text() == mark:
+    files = [pair for package in runtime_distributions() for pair in list_files(package)]
+    mark = _files_digest(files)
+    if (target / DIGEST_FILE).is_file() and (target / DIGEST_FILE).read_text() == mark:
         return False
     new = target.with_name(f".{target.name}.new")
     shutil.rmtree(new, ignore_errors=True)
     try:
-        _fill(new, python, files, tell)
-        (new / MARK).write_text(mark)
+        _create_environment(new, python, files, on_progress)
+        (new / DIGEST_FILE).write_text(mark)
         _check_that_it_runs(new)
     except BaseException:
         shutil.rmtree(new, ignore_errors=True)
         raise
-    _swap(new, target)
+    _replace_folder(new, target)
     return True
 
 
 def remove_program(root: Path) -> bool:
     """Remove it; False if it was not there. Raises OSError."""
-    target = root / FOLDER
+    target = root / PROGRAM_FOLDER
     if not target.exists():
         return False
     shutil.rmtree(target)
@@ -70,7 +74,7 @@ def remove_program(root: Path) -> bool:
 def _check_python() -> Path:
     """The Python below the environment that runs now. Raises UserFacingError."""
     python = Path(os.path.realpath(sys.executable))
-    hidden = [folder for folder in HIDDEN if python.is_relative_to(folder)]
+    hidden = [folder for folder in HIDDEN_FOLDERS if python.is_relative_to(folder)]
     closed = [folder for folder in python.parents if not folder.stat().st_mode & 0o001]
     if hidden or closed:
         raise UserFacingError(
@@ -80,17 +84,17 @@ def _check_python() -> Path:
     return python
 
 
-def _mark(files: list[tuple[Path, Path]]) -> str:
+def _files_digest(files: list[tuple[Path, Path]]) -> str:
     """What was copied, in one line: other files or another Python give another."""
     digest = hashlib.sha256(sys.version.encode())
     for source, place in files:
         state = source.stat()
         digest.update(f"{place} {state.st_size} {state.st_mtime_ns}\n".encode())
-    return f"{PROGRAM} {digest.hexdigest()}\n"
+    return f"{DISTRIBUTION_NAME} {digest.hexdigest()}\n"
 
 
-def _fill(
-    folder: Path, python: Path, files: list[tuple[Path, Path]], tell: Callable[[str], None]
+def _create_environment(
+    folder: Path, python: Path, files: list[tuple[Path, Path]], on_progress: Callable[[str], None]
 ) -> None:
     """A virtual environment (PEP 405) with these files."""
     binaries = folder / "bin"
@@ -102,34 +106,34 @@ def _fill(
         f"home = {python.parent}\ninclude-system-site-packages = false\nversion = {version}\n"
     )
     packages = folder / "lib" / f"python{version}" / "site-packages"
-    tell("copying")
+    on_progress("copying")
     for source, place in files:
-        _copy(source, packages / place)
-    script = binaries / SCRIPT.name
-    script.write_text(_SCRIPT.format(python=FOLDER / "bin" / "python3"))
+        _copy_file(source, packages / place)
+    script = binaries / SCRIPT_PATH.name
+    script.write_text(_SCRIPT_TEMPLATE.format(python=PROGRAM_FOLDER / "bin" / "python3"))
     script.chmod(0o755)
     # The service may not write there, so it could never keep what Python compiles.
-    tell("compiling")
-    at = str(Path("/") / FOLDER / packages.relative_to(folder))
+    on_progress("compiling")
+    at = str(Path("/") / PROGRAM_FOLDER / packages.relative_to(folder))
     compileall.compile_dir(packages, quiet=2, stripdir=str(packages), prependdir=at, workers=0)
 
 
-def _copy(source: Path, place: Path) -> None:
-    place.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, place)
+def _copy_file(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
     state = source.stat()
-    os.utime(place, ns=(state.st_atime_ns, state.st_mtime_ns))
-    place.chmod(0o755 if state.st_mode & 0o100 else 0o644)
+    os.utime(target, ns=(state.st_atime_ns, state.st_mtime_ns))
+    target.chmod(0o755 if state.st_mode & 0o100 else 0o644)
 
 
 def _check_that_it_runs(folder: Path) -> None:
     """Raises UserFacingError unless the copy can load all that the service needs."""
-    command = [str(folder / "bin" / "python3"), "-I", str(folder / "bin" / SCRIPT.name)]
+    command = [str(folder / "bin" / "python3"), "-I", str(folder / "bin" / SCRIPT_PATH.name)]
     done = subprocess.run(
         [*command, "run", "--help"],
         capture_output=True,
         text=True,
-        timeout=CHECK_LIMIT_S,
+        timeout=CHECK_TIMEOUT_S,
         check=False,
     )
     if done.returncode != 0:
@@ -140,7 +144,7 @@ def _check_that_it_runs(folder: Path) -> None:
         )
 
 
-def _swap(new: Path, target: Path) -> None:
+def _replace_folder(new: Path, target: Path) -> None:
     """Put the new one in the place of the old one."""
     old = target.with_name(f".{target.name}.old")
     shutil.rmtree(old, ignore_errors=True)

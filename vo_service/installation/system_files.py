@@ -41,17 +41,17 @@ def remove_file(path: Path) -> bool:
     return True
 
 
-def refused(path: Path, error: OSError, root: Path, *command: str) -> UserFacingError:
+def write_error(path: Path, error: OSError, root: Path, *command: str) -> UserFacingError:
     """What to tell a user of a file that could not be changed by a kinect-vo command."""
     if isinstance(error, PermissionError) and os.geteuid() != 0:
         tree = [] if root == Path("/") else ["--root", str(root)]
         return UserFacingError(
-            f"{path}: only root may change this; run: {sudo_command(*command, *tree)}"
+            f"{path}: only root may change this; run: {format_sudo_command(*command, *tree)}"
         )
     return UserFacingError(f"{path}: {error.strerror}; see to that and run it again")
 
 
-def sudo_command(*arguments: str) -> str:
+def format_sudo_command(*arguments: str) -> str:
     """What a user types to run a kinect-vo command as root, whose PATH may be another."""
     script = Path(sys.executable).with_name("kinect-vo")
     return " ".join(["sudo", str(script) if script.exists() else "kinect-vo", *arguments])

@@ -4,82 +4,84 @@ from collections.abc import Callable
 from pathlib import Path
 
 from drivers.errors import UserFacingError
-from vo_service.installation.calls import call
-from vo_service.installation.unit import Unit
+from vo_service.installation.calls import run_command
+from vo_service.installation.unit import ServiceUnit
 
 # `systemctl enable --now` returns when the service is ready: the first time, kernels are compiled.
-START_LIMIT_S = 1300.0
-STOP_LIMIT_S = 60.0
+START_TIMEOUT_S = 1300.0
+STOP_TIMEOUT_S = 60.0
 # A pattern: a plain name of a unit that is not there would be an error.
-OURS = "kinect-vo*.service"
-RUNNING = Path("/run/systemd/system")  # sd_booted(3)
-WANTS = Path("etc/systemd/system/multi-user.target.wants")
+UNIT_PATTERN = "kinect-vo*.service"
+RUNTIME_FOLDER = Path("/run/systemd/system")  # sd_booted(3)
+WANTS_FOLDER = Path("etc/systemd/system/multi-user.target.wants")
 
 
 class Systemd:
     """The systemd that runs here. Everything raises UserFacingError where it fails."""
 
     def __init__(self) -> None:
-        if not RUNNING.is_dir():
+        if not RUNTIME_FOLDER.is_dir():
             raise UserFacingError(
                 "systemd does not run here, so there is nothing to install a service into; for an "
                 "image of another system, give its tree with --root DIR"
             )
 
-    def installed(self) -> None:
+    def reload_and_restart(self) -> None:
         """Units have changed: read them, and let what runs begin anew with the new program."""
-        _demand("systemctl", "daemon-reload")
-        _demand("systemctl", "try-restart", OURS, limit_s=START_LIMIT_S)
+        _run_or_raise("systemctl", "daemon-reload")
+        _run_or_raise("systemctl", "try-restart", UNIT_PATTERN, timeout_s=START_TIMEOUT_S)
 
-    def enable(self, unit: Unit, tell: Callable[[str], None]) -> None:
+    def enable(self, unit: ServiceUnit, print_line: Callable[[str], None]) -> None:
         """Start it now and at every start of the computer; returns when it is ready."""
-        tell(f"{unit.unit}: starting; the first time, kernels are compiled ...")
-        complaint = call("systemctl", "enable", "--now", unit.unit, timeout_s=START_LIMIT_S)
+        print_line(f"{unit.unit_name}: starting; the first time, kernels are compiled ...")
+        complaint = run_command(
+            "systemctl", "enable", "--now", unit.unit_name, timeout_s=START_TIMEOUT_S
+        )
         if complaint:
-            raise UserFacingError(f"{complaint}; see: journalctl -u {unit.unit} -n 20")
-        tell(f"{unit.unit}: enabled and running")
+            raise UserFacingError(f"{complaint}; see: journalctl -u {unit.unit_name} -n 20")
+        print_line(f"{unit.unit_name}: enabled and running")
 
     def disable_all(self, root: Path) -> None:
         """Stop everything, now and for good."""
-        _demand("systemctl", "stop", OURS, limit_s=STOP_LIMIT_S)
-        for unit in enabled_units(root):
-            _demand("systemctl", "disable", unit)
+        _run_or_raise("systemctl", "stop", UNIT_PATTERN, timeout_s=STOP_TIMEOUT_S)
+        for unit in list_enabled_units(root):
+            _run_or_raise("systemctl", "disable", unit)
 
-    def removed(self) -> None:
+    def reload_after_removal(self) -> None:
         """Units have gone."""
-        _demand("systemctl", "daemon-reload")
-        call("systemctl", "reset-failed", OURS)  # fails where nothing had failed
+        _run_or_raise("systemctl", "daemon-reload")
+        run_command("systemctl", "reset-failed", UNIT_PATTERN)  # fails where nothing had failed
 
 
-class Offline:
+class OfflineSystemd:
     """A tree that no systemd runs in: only what is done by files."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
 
-    def installed(self) -> None:
+    def reload_and_restart(self) -> None:
         """Nothing runs."""
 
-    def enable(self, unit: Unit, tell: Callable[[str], None]) -> None:
+    def enable(self, unit: ServiceUnit, print_line: Callable[[str], None]) -> None:
         """Start it at every start of that computer."""
-        _demand("systemctl", f"--root={self._root}", "enable", unit.unit)
-        tell(f"{unit.unit}: enabled")
+        _run_or_raise("systemctl", f"--root={self._root}", "enable", unit.unit_name)
+        print_line(f"{unit.unit_name}: enabled")
 
     def disable_all(self, root: Path) -> None:
         """Start none of it any more."""
-        for unit in enabled_units(root):
-            _demand("systemctl", f"--root={root}", "disable", unit)
+        for unit in list_enabled_units(root):
+            _run_or_raise("systemctl", f"--root={root}", "disable", unit)
 
-    def removed(self) -> None:
+    def reload_after_removal(self) -> None:
         """Nothing runs."""
 
 
-def enabled_units(root: Path) -> list[str]:
+def list_enabled_units(root: Path) -> list[str]:
     """The units of ours that are started with the computer."""
-    return sorted(link.name for link in (root / WANTS).glob(OURS))
+    return sorted(link.name for link in (root / WANTS_FOLDER).glob(UNIT_PATTERN))
 
 
-def _demand(*command: str, limit_s: float = STOP_LIMIT_S) -> None:
-    complaint = call(*command, timeout_s=limit_s)
+def _run_or_raise(*command: str, timeout_s: float = STOP_TIMEOUT_S) -> None:
+    complaint = run_command(*command, timeout_s=timeout_s)
     if complaint:
         raise UserFacingError(f"{complaint}; see to that and run it again")

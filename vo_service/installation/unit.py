@@ -6,19 +6,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import InputError
-from vo_service.installation.program import SCRIPT
+from vo_service.installation.program import SCRIPT_PATH
 from vo_service.installation.system_files import SystemFile
 
-SOURCE = Path(__file__).parents[1] / "service_files"
+SERVICE_FILES = Path(__file__).parents[1] / "service_files"
 UNIT_FOLDER = Path("etc/systemd/system")
 CONFIG_FOLDER = Path("etc/kinect-vo")
-COMMAND = Path("usr/local/bin/kinect-vo")
+COMMAND_LINK = Path("usr/local/bin/kinect-vo")
 UNITS = ("kinect-vo.service", "kinect-vo@.service", "kinect-vo-replay@.service")
 DROP_IN = "network-tls.conf"
 
 
 @dataclass(frozen=True)
-class Unit:
+class ServiceUnit:
     """A service of this computer: ``kinect-vo``, or ``kinect-vo@NAME`` with keys of its own.
 
     Raises InputError for a name that is no single word.
@@ -33,7 +33,7 @@ class Unit:
             )
 
     @property
-    def unit(self) -> str:
+    def unit_name(self) -> str:
         """As systemd calls it."""
         return f"kinect-vo@{self.name}.service" if self.name else "kinect-vo.service"
 
@@ -45,33 +45,33 @@ class Unit:
     @property
     def drop_in(self) -> Path:
         """Where the drop-in that opens the network goes, below the root."""
-        return UNIT_FOLDER / f"{self.unit}.d" / DROP_IN
+        return UNIT_FOLDER / f"{self.unit_name}.d" / DROP_IN
 
 
-def unit_files() -> tuple[SystemFile, ...]:
+def list_unit_files() -> tuple[SystemFile, ...]:
     """The units."""
-    return tuple(SystemFile(UNIT_FOLDER / name, text_of(name)) for name in UNITS)
+    return tuple(SystemFile(UNIT_FOLDER / name, read_service_file(name)) for name in UNITS)
 
 
-def text_of(name: str) -> str:
+def read_service_file(name: str) -> str:
     """One of the files that come with the program."""
-    return (SOURCE / name).read_text(encoding="utf-8")
+    return (SERVICE_FILES / name).read_text(encoding="utf-8")
 
 
 def link_command(root: Path) -> bool:
     """Have ``kinect-vo`` found by everybody; False if it is, or is another's. Raises OSError."""
-    link = root / COMMAND
+    link = root / COMMAND_LINK
     if os.path.lexists(link):
         return False
     link.parent.mkdir(parents=True, exist_ok=True)
-    link.symlink_to(Path("/") / SCRIPT)
+    link.symlink_to(Path("/") / SCRIPT_PATH)
     return True
 
 
 def unlink_command(root: Path) -> bool:
     """Take that away; False if it is not ours. Raises OSError."""
-    link = root / COMMAND
-    if not link.is_symlink() or link.readlink() != Path("/") / SCRIPT:
+    link = root / COMMAND_LINK
+    if not link.is_symlink() or link.readlink() != Path("/") / SCRIPT_PATH:
         return False
     link.unlink()
     return True

@@ -2,44 +2,49 @@
 
 from collections.abc import Sequence
 
-from vo_service.load.governor import FeatureUser, FixedEffort, Governor, LoadGovernor
-from vo_service.load.meter import FrameLoad
-from vo_service.settings import LoadSettings
-from vo_service.types import Odometry, Viewer
+from vo_service.load.governor import (
+    HasFeatureCount,
+    LoadShedder,
+    NullLoadShedder,
+    StepwiseLoadShedder,
+)
+from vo_service.load.meter import FrameCost
+from vo_service.settings import LoadConfig
+from vo_service.types import Odometry, PausableViewer
 
 
-class _NoFeatures:
+class _FixedFeatureCount:
     """Stands in for an odometry that looks for none."""
 
     feature_count = 0
 
 
-class AdjustableGovernor:
+class ReconfigurableLoadShedder:
     """A governor that is made anew whenever its settings change."""
 
-    def __init__(self, viewers: Sequence[Viewer], odometry: Odometry) -> None:
+    def __init__(self, viewers: Sequence[PausableViewer], odometry: Odometry) -> None:
         """An odometry without features can give nothing up."""
         self._viewers = viewers
-        self._odometry = odometry if isinstance(odometry, FeatureUser) else _NoFeatures()
-        self._governor: Governor = FixedEffort()
+        self._odometry = odometry if isinstance(odometry, HasFeatureCount) else _FixedFeatureCount()
+        self._load_shedder: LoadShedder = NullLoadShedder()
 
     @property
     def warning(self) -> str:
         """What is given up."""
-        return self._governor.warning
+        return self._load_shedder.warning
 
-    def configure(self, settings: LoadSettings, feature_count: int) -> None:
+    def configure(self, settings: LoadConfig, feature_count: int) -> None:
         """Begin with all the effort: so many features, and the viewers at work."""
-        self._governor.release()
+        self._load_shedder.restore_all()
         self._odometry.feature_count = feature_count
-        self._governor = FixedEffort()
+        self._load_shedder = NullLoadShedder()
         if settings.adapt:
-            self._governor = LoadGovernor(settings, self._viewers, self._odometry)
+            self._load_shedder = StepwiseLoadShedder(settings, self._viewers, self._odometry)
 
-    def frame(self, load: FrameLoad) -> None:
-        """See `Governor`."""
-        self._governor.frame(load)
+    def add_frame(self, load: FrameCost) -> None:
+        """See `LoadShedder`."""
+        self._load_shedder.add_frame(load)
 
-    def release(self) -> None:
-        """See `Governor`."""
-        self._governor.release()
+    def restore_all(self) -> None:
+        """See `LoadShedder`."""
+        self._load_shedder.restore_all()

@@ -7,20 +7,20 @@ FEATURE_SHARES = (0.7, 0.5)
 
 
 @dataclass(frozen=True)
-class Effort:
+class EffortLevel:
     """What is done of all that could be."""
 
-    viewer_rests: bool
-    features: int
+    is_viewer_paused: bool
+    feature_count: int
 
 
-def efforts(features: int, least: int, has_viewer: bool) -> list[Effort]:
+def effort_levels(feature_count: int, min_features: int, has_viewer: bool) -> list[EffortLevel]:
     """From everything down to the least: the viewer first, then features, never below `least`."""
-    fewer = [round(share * features) for share in FEATURE_SHARES]
+    fewer = [round(share * feature_count) for share in FEATURE_SHARES]
     counts = [
-        features,
-        *(count for count in fewer if count > least),
-        *([least] * (least < features)),
+        feature_count,
+        *(count for count in fewer if count > min_features),
+        *([min_features] * (min_features < feature_count)),
     ]
-    full = [Effort(False, features)] if has_viewer else []
-    return full + [Effort(has_viewer, count) for count in counts]
+    full = [EffortLevel(False, feature_count)] if has_viewer else []
+    return full + [EffortLevel(has_viewer, count) for count in counts]

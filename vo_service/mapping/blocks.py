@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 
 from drivers.jit import kernel
 
-SIDE = 8
-VOXELS = SIDE**3
+BLOCK_SIDE = 8
+VOXELS_PER_BLOCK = BLOCK_SIDE**3
 # What a block takes: its voxels, and where it is.
-BLOCK_BYTES = VOXELS * (4 + 4 + 4 * 2) + 3 * 8
+BLOCK_BYTES = VOXELS_PER_BLOCK * (4 + 4 + 4 * 2) + 3 * 8
 
 # EMPTY is no key: the table is then taken from the system as it is used, like the blocks.
-EMPTY, OUT_OF_REACH = 0, -1
-ABSENT = -1
+EMPTY_KEY, OUT_OF_RANGE = 0, -1
+NO_BLOCK = -1
 # Bits of a coordinate in a key: with blocks of 8 cm, 84 km each way.
-_BITS = 21
-_REACH = 1 << (_BITS - 1)
+_COORDINATE_BITS = 21
+_COORDINATE_LIMIT = 1 << (_COORDINATE_BITS - 1)
 # The golden ratio in 64 bits (Knuth): neighbours in space land far apart in the table.
-_SCATTER = np.uint64(0x9E3779B97F4A7C15)
+_HASH_MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
 
-Coordinates = NDArray[np.int64]
+BlockCoordinates = NDArray[np.int64]
 
 
-class Blocks:
+class VoxelBlockGrid:
     """At most `capacity` blocks. Memory is taken from the system as blocks are used.
 
     count        how many there are
@@ -43,61 +43,69 @@ class Blocks:
         """Raises MemoryError."""
         self.capacity = capacity
         self.count = 0
-        self.refused = 0
-        self.coordinates: Coordinates = np.zeros((capacity, 3), np.int64)
-        self.distance_m: NDArray[np.float32] = np.zeros((capacity, VOXELS), np.float32)
-        self.weight: NDArray[np.float32] = np.zeros((capacity, VOXELS), np.float32)
-        self.colour: NDArray[np.uint16] = np.zeros((capacity, VOXELS, 4), np.uint16)
+        self.rejected = 0
+        self.coordinates: BlockCoordinates = np.zeros((capacity, 3), np.int64)
+        self.distance_m: NDArray[np.float32] = np.zeros((capacity, VOXELS_PER_BLOCK), np.float32)
+        self.weight: NDArray[np.float32] = np.zeros((capacity, VOXELS_PER_BLOCK), np.float32)
+        self.color: NDArray[np.uint16] = np.zeros((capacity, VOXELS_PER_BLOCK, 4), np.uint16)
         # Half of the table stays empty, so that searches are short.
         size = 1 << (2 * capacity - 1).bit_length()
-        self.table: NDArray[np.int64] = np.zeros((size, 2), np.int64)
+        self.hash_table: NDArray[np.int64] = np.zeros((size, 2), np.int64)
 
-    def make_room(self, wanted: Coordinates) -> None:
+    def allocate(self, requested: BlockCoordinates) -> None:
         """See that the blocks at these coordinates (N, 3) exist; those without room are counted."""
-        self.count, refused = _insert(wanted, self.table, self.coordinates, self.count)
-        self.refused += refused
+        self.count, refused = _insert_blocks(
+            requested, self.hash_table, self.coordinates, self.count
+        )
+        self.rejected += refused
 
 
 @kernel
-def key_of(x: int, y: int, z: int) -> int:
+def block_key(x: int, y: int, z: int) -> int:
     """One number for a block's place; OUT_OF_REACH if it is beyond what a key can tell."""
-    if not (abs(x) < _REACH and abs(y) < _REACH and abs(z) < _REACH):
-        return OUT_OF_REACH
-    return ((x + _REACH) << (2 * _BITS)) | ((y + _REACH) << _BITS) | (z + _REACH)
+    if not (
+        abs(x) < _COORDINATE_LIMIT and abs(y) < _COORDINATE_LIMIT and abs(z) < _COORDINATE_LIMIT
+    ):
+        return OUT_OF_RANGE
+    return (
+        ((x + _COORDINATE_LIMIT) << (2 * _COORDINATE_BITS))
+        | ((y + _COORDINATE_LIMIT) << _COORDINATE_BITS)
+        | (z + _COORDINATE_LIMIT)
+    )
 
 
 @kernel
-def find(key: int, table: NDArray[np.int64]) -> int:
+def find_table_slot(key: int, table: NDArray[np.int64]) -> int:
     """Where in the table a key is, or would be put."""
     mask = np.uint64(len(table) - 1)
-    place = (np.uint64(key) * _SCATTER >> np.uint64(32)) & mask
-    while table[place, 0] != key and table[place, 0] != EMPTY:
+    place = (np.uint64(key) * _HASH_MULTIPLIER >> np.uint64(32)) & mask
+    while table[place, 0] != key and table[place, 0] != EMPTY_KEY:
         place = (place + np.uint64(1)) & mask
     return np.int64(place)  # type: ignore[return-value]
 
 
 @kernel
-def slot_of(x: int, y: int, z: int, table: NDArray[np.int64]) -> Any:
+def block_index(x: int, y: int, z: int, table: NDArray[np.int64]) -> Any:
     """Number of the block at these coordinates; ABSENT if there is none."""
-    key = key_of(x, y, z)
-    if key == OUT_OF_REACH:
-        return ABSENT
-    place = find(key, table)
-    return table[place, 1] if table[place, 0] == key else ABSENT
+    key = block_key(x, y, z)
+    if key == OUT_OF_RANGE:
+        return NO_BLOCK
+    place = find_table_slot(key, table)
+    return table[place, 1] if table[place, 0] == key else NO_BLOCK
 
 
 @kernel
-def _insert(
-    wanted: Coordinates, table: NDArray[np.int64], coordinates: Coordinates, count: int
+def _insert_blocks(
+    requested: BlockCoordinates, table: NDArray[np.int64], coordinates: BlockCoordinates, count: int
 ) -> tuple[int, int]:
     """The new count, and how many found no room."""
     refused = 0
-    for n in range(len(wanted)):
-        key = key_of(wanted[n, 0], wanted[n, 1], wanted[n, 2])
-        if key == OUT_OF_REACH:
+    for n in range(len(requested)):
+        key = block_key(requested[n, 0], requested[n, 1], requested[n, 2])
+        if key == OUT_OF_RANGE:
             refused += 1
             continue
-        place = find(key, table)
+        place = find_table_slot(key, table)
         if table[place, 0] == key:
             continue
         if count == len(coordinates):
@@ -106,6 +114,6 @@ def _insert(
         table[place, 0] = key
         table[place, 1] = count
         for axis in range(3):
-            coordinates[count, axis] = wanted[n, axis]
+            coordinates[count, axis] = requested[n, axis]
         count += 1
     return count, refused

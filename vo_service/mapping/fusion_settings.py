@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 # How far around a surface the distance to it is kept. Less, and a surface that was seen twice, by
 # poses some centimetres apart, would not become one.
-LEAST_TRUNCATION_VOXELS, LEAST_TRUNCATION_M = 4.0, 0.06
+MIN_TRUNCATION_VOXELS, MIN_TRUNCATION_M = 4.0, 0.06
 
 
 @dataclass(frozen=True)
-class FusionSettings:
+class TsdfConfig:
     """How fine a map is, and how much it may take.
 
     voxel_m      edge of a voxel: the finest detail
@@ -23,4 +23,4 @@ class FusionSettings:
     @property
     def truncation_m(self) -> float:
         """How far around a surface the distance to it is kept."""
-        return max(LEAST_TRUNCATION_VOXELS * self.voxel_m, LEAST_TRUNCATION_M)
+        return max(MIN_TRUNCATION_VOXELS * self.voxel_m, MIN_TRUNCATION_M)

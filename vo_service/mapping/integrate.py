@@ -13,25 +13,25 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
-from vo_service.mapping.blocks import SIDE, Coordinates
+from vo_service.mapping.blocks import BLOCK_SIDE, BlockCoordinates
 
 # The weight of a colour: a reading of weight 1 is so many parts, and there are at most so many.
-COLOUR_PARTS = 64.0
-MOST_COLOUR_PARTS = 65535
+COLOR_WEIGHT_SCALE = 64.0
+MAX_COLOR_WEIGHT = 65535
 
-Depth = NDArray[np.float32]
-Colour = NDArray[np.uint8]
+DepthImage = NDArray[np.float32]
+ColorImage = NDArray[np.uint8]
 
 
 @kernel
-def touched_blocks(
-    depth_m: Depth,
-    focal_centre: Array,
+def blocks_to_allocate(
+    depth_m: DepthImage,
+    intrinsics: Array,
     T_world_camera: Array,
     block_m: float,
     margin_m: float,
     step_px: int,
-) -> Coordinates:
+) -> BlockCoordinates:
     """(N, 3) blocks within `margin_m` of what the camera sees, some of them more than once.
 
     focal_centre  fx, fy, cx, cy
@@ -48,8 +48,8 @@ def touched_blocks(
             middle_m = float(depth_m[v, u])
             if middle_m <= 0.0:
                 continue
-            x = (u - focal_centre[2]) / focal_centre[0]
-            y = (v - focal_centre[3]) / focal_centre[1]
+            x = (u - intrinsics[2]) / intrinsics[0]
+            y = (v - intrinsics[3]) / intrinsics[1]
             for s in range(steps + 1):
                 z = middle_m + margin_m * (2.0 * s / steps - 1.0)
                 bx = math.floor((T[0, 3] + z * (T[0, 0] * x + T[0, 1] * y + T[0, 2])) / block_m)
@@ -62,7 +62,7 @@ def touched_blocks(
     return found[:n]
 
 
-def sides_of_view(camera: PinholeCamera) -> Array:
+def frustum_normals(camera: PinholeCamera) -> Array:
     """(4, 3) normals, of length 1, of the planes through the camera that bound what it sees."""
     left, right = camera.cx + 0.5, camera.width - 0.5 - camera.cx
     top, bottom = camera.cy + 0.5, camera.height - 0.5 - camera.cy
@@ -80,9 +80,13 @@ def sides_of_view(camera: PinholeCamera) -> Array:
 
 @kernel
 def blocks_in_view(
-    coordinates: Coordinates, sides: Array, T_camera_world: Array, block_m: float, reach_m: float
+    coordinates: BlockCoordinates,
+    frustum: Array,
+    T_camera_world: Array,
+    block_m: float,
+    max_depth_m: float,
 ) -> NDArray[np.int64]:
-    """(N,) numbers of the blocks that may be seen, up to `reach_m` away along the optical axis."""
+    """(N,) numbers of the blocks that may be seen, up to `max_depth_m` away along the optical axis."""
     seen = np.empty(len(coordinates), np.int64)
     n = 0
     radius_m = 0.5 * math.sqrt(3.0) * block_m
@@ -93,11 +97,11 @@ def blocks_in_view(
             p[i] = T[i, 3]
             for j in range(3):
                 p[i] += T[i, j] * (coordinates[b, j] + 0.5) * block_m
-        if p[2] < -radius_m or p[2] > reach_m + radius_m:
+        if p[2] < -radius_m or p[2] > max_depth_m + radius_m:
             continue
         is_inside = True
         for side in range(4):
-            distance_m = sides[side, 0] * p[0] + sides[side, 1] * p[1] + sides[side, 2] * p[2]
+            distance_m = frustum[side, 0] * p[0] + frustum[side, 1] * p[1] + frustum[side, 2] * p[2]
             is_inside = is_inside and distance_m > -radius_m
         if is_inside:
             seen[n] = b
@@ -106,12 +110,12 @@ def blocks_in_view(
 
 
 @kernel
-def integrate(
-    seen: NDArray[np.int64],
-    coordinates: Coordinates,
+def integrate_frame(
+    visible_blocks: NDArray[np.int64],
+    coordinates: BlockCoordinates,
     voxels: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint16]],
-    images: tuple[Depth, Depth, Colour],
-    focal_centre: Array,
+    images: tuple[DepthImage, DepthImage, ColorImage],
+    intrinsics: Array,
     T_camera_world: Array,
     voxel_m: float,
     truncation_m: float,
@@ -125,18 +129,18 @@ def integrate(
     distance_m, weight, colour = voxels
     depth_m, reading_weight, colour_bgr = images
     height, width = depth_m.shape
-    fx, fy, cx, cy = focal_centre[0], focal_centre[1], focal_centre[2], focal_centre[3]
+    fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
     T = T_camera_world
     along = T[:3, 2] * voxel_m  # from one voxel to the next in memory, in the camera's axes
-    for b in seen:
-        for row in range(SIDE * SIDE):
-            wx = (coordinates[b, 0] * SIDE + row // SIDE) * voxel_m
-            wy = (coordinates[b, 1] * SIDE + row % SIDE) * voxel_m
-            wz = coordinates[b, 2] * SIDE * voxel_m
+    for b in visible_blocks:
+        for row in range(BLOCK_SIDE * BLOCK_SIDE):
+            wx = (coordinates[b, 0] * BLOCK_SIDE + row // BLOCK_SIDE) * voxel_m
+            wy = (coordinates[b, 1] * BLOCK_SIDE + row % BLOCK_SIDE) * voxel_m
+            wz = coordinates[b, 2] * BLOCK_SIDE * voxel_m
             x0 = T[0, 0] * wx + T[0, 1] * wy + T[0, 2] * wz + T[0, 3]
             y0 = T[1, 0] * wx + T[1, 1] * wy + T[1, 2] * wz + T[1, 3]
             z0 = T[2, 0] * wx + T[2, 1] * wy + T[2, 2] * wz + T[2, 3]
-            for k in range(SIDE):
+            for k in range(BLOCK_SIDE):
                 z = z0 + k * along[2]
                 if z <= 0.0:
                     continue
@@ -148,7 +152,7 @@ def integrate(
                 in_front_m = depth_m[v, u] - z
                 if w <= 0.0 or in_front_m < -truncation_m:
                     continue
-                voxel = row * SIDE + k
+                voxel = row * BLOCK_SIDE + k
                 before = weight[b, voxel]
                 share = w / (before + w)
                 weight[b, voxel] = before + w
@@ -157,18 +161,18 @@ def integrate(
                 )
                 # What is seen through a voxel is not its colour.
                 if in_front_m < truncation_m:
-                    _mix(colour, b, voxel, colour_bgr, v, u, w)
+                    _blend_color(colour, b, voxel, colour_bgr, v, u, w)
 
 
 @inline_kernel
-def _mix(
-    colour: NDArray[np.uint16], b: int, voxel: int, colour_bgr: Colour, v: int, u: int, w: float
+def _blend_color(
+    color: NDArray[np.uint16], b: int, voxel: int, color_bgr: ColorImage, v: int, u: int, w: float
 ) -> None:
     """Bring a pixel's colour into the mean, whose weight is apart from the distance's."""
-    parts = math.ceil(COLOUR_PARTS * w)
-    total = min(MOST_COLOUR_PARTS, colour[b, voxel, 3] + parts)
-    colour[b, voxel, 3] = total
+    parts = math.ceil(COLOR_WEIGHT_SCALE * w)
+    total = min(MAX_COLOR_WEIGHT, color[b, voxel, 3] + parts)
+    color[b, voxel, 3] = total
     for channel in range(3):
-        old = colour[b, voxel, channel]
-        new = 256.0 * colour_bgr[v, u, 2 - channel]
-        colour[b, voxel, channel] = np.uint16(old + parts / total * (new - old) + 0.5)
+        old = color[b, voxel, channel]
+        new = 256.0 * color_bgr[v, u, 2 - channel]
+        color[b, voxel, channel] = np.uint16(old + parts / total * (new - old) + 0.5)

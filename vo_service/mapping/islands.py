@@ -9,40 +9,40 @@ from vo_service.mapping.mesh import Mesh
 Indices = NDArray[np.int32]
 
 
-def without_islands(mesh: Mesh, least_triangles: int) -> Mesh:
+def remove_small_components(mesh: Mesh, min_triangles: int) -> Mesh:
     """The mesh without the connected parts that have fewer triangles than that."""
     if not len(mesh.triangles):
         return mesh
     part = np.arange(len(mesh.vertices_m), dtype=np.int32)
-    _join_parts(mesh.triangles, part)
+    _label_components(mesh.triangles, part)
     sizes = np.bincount(part[mesh.triangles[:, 0]], minlength=len(part))
-    is_kept = sizes[part] >= least_triangles
+    is_kept = sizes[part] >= min_triangles
     number = np.cumsum(is_kept, dtype=np.int32) - np.int32(1)
     triangles = mesh.triangles[is_kept[mesh.triangles[:, 0]]]
     return Mesh(
         mesh.vertices_m[is_kept],
         mesh.normals[is_kept],
-        mesh.colours_rgb[is_kept],
+        mesh.colors_rgb[is_kept],
         number[triangles],
     )
 
 
 @kernel
-def _join_parts(triangles: Indices, parent: Indices) -> None:
+def _label_components(triangles: Indices, parent: Indices) -> None:
     """Make `parent` (N,), each vertex itself at first, the least that it is connected to."""
     for t in range(len(triangles)):
-        first = _root(triangles[t, 0], parent)
+        first = _find_root(triangles[t, 0], parent)
         for corner in range(1, 3):
-            other = _root(triangles[t, corner], parent)
+            other = _find_root(triangles[t, corner], parent)
             low, high = min(first, other), max(first, other)
             parent[high] = low
             first = low
     for vertex in range(len(parent)):
-        parent[vertex] = _root(vertex, parent)
+        parent[vertex] = _find_root(vertex, parent)
 
 
 @kernel
-def _root(vertex: int, parent: Indices) -> int:
+def _find_root(vertex: int, parent: Indices) -> int:
     """Where the chain of parents ends; the chain is made shorter on the way."""
     while parent[vertex] != vertex:
         parent[vertex] = parent[parent[vertex]]

@@ -20,7 +20,7 @@ class Mesh:
 
     vertices_m: NDArray[np.float32]
     normals: NDArray[np.float32]
-    colours_rgb: NDArray[np.uint8]
+    colors_rgb: NDArray[np.uint8]
     triangles: NDArray[np.int32]
 
     @classmethod

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.tum.whole_files import write_whole
+from drivers.tum.whole_files import atomic_write
 from vo_service.mapping.mesh import Mesh
 
 _VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
@@ -34,9 +34,9 @@ def write_ply(path: Path, mesh: Mesh) -> None:
     vertices = np.empty(len(mesh.vertices_m), _VERTEX)
     vertices["position"] = mesh.vertices_m
     vertices["normal"] = mesh.normals
-    vertices["colour"] = mesh.colours_rgb
+    vertices["colour"] = mesh.colors_rgb
     faces = np.empty(len(mesh.triangles), _FACE)
     faces["count"] = 3
     faces["vertices"] = mesh.triangles
     header = _HEADER.format(vertices=len(vertices), faces=len(faces))
-    write_whole(path, header.encode() + vertices.tobytes() + faces.tobytes())
+    atomic_write(path, header.encode() + vertices.tobytes() + faces.tobytes())

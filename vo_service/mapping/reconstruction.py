@@ -6,21 +6,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drivers.camera import EndOfStream, NoFrameYet, PinholeCamera, RgbdCamera, RgbdFrame
+from drivers.camera import EndOfStream, FrameTimeout, PinholeCamera, RgbdCamera, RgbdFrame
 from drivers.geometry import Array
 from vo_service.mapping.frame_poses import FramePoses
-from vo_service.mapping.fusion import Fusion
+from vo_service.mapping.fusion import TsdfVolume
 from vo_service.mapping.mesh import Mesh
-from vo_service.mapping.upright import UpGuess
-from vo_service.mapping.watching import MapSoFar, MapView, Sight
+from vo_service.mapping.upright import UpDirectionEstimator
+from vo_service.mapping.watching import Preview, PreviewFrame, PreviewMap
 
-TICK_S = 0.25
+READ_TIMEOUT_S = 0.25
 # Whoever watches gets a new surface when the map has grown so much: the sum stays small.
-GROWTH = 1.2
+PREVIEW_GROWTH = 1.2
 
 
 @dataclass
-class Harvest:
+class ReconstructionResult:
     """What became of the frames.
 
     frames         read from the recording
@@ -35,10 +35,10 @@ class Harvest:
     frames: int = 0
     without_pose: int = 0
     without_depth: int = 0
-    full_at: int = 0
+    full_at_frame: int = 0
     camera: PinholeCamera | None = None
     poses: list[Array] = field(default_factory=list)
-    up: UpGuess = field(default_factory=UpGuess)
+    up_direction: UpDirectionEstimator = field(default_factory=UpDirectionEstimator)
 
     @property
     def fused(self) -> int:
@@ -46,22 +46,24 @@ class Harvest:
         return len(self.poses)
 
     @property
-    def path_m(self) -> Array:
+    def trajectory_m(self) -> Array:
         """(fused, 3) where the camera was, in the world."""
         return np.array([T[:3, 3] for T in self.poses]).reshape(-1, 3)
 
 
-class Reconstruction:
+class Reconstructor:
     """Fuses frame after frame, and shows the map as it grows to whoever watches."""
 
-    def __init__(self, fusion: Fusion, poses: FramePoses, views: Sequence[MapView] = ()) -> None:
-        self._fusion = fusion
+    def __init__(
+        self, volume: TsdfVolume, poses: FramePoses, previews: Sequence[Preview] = ()
+    ) -> None:
+        self._volume = volume
         self._poses = poses
-        self._views = views
-        self._so_far = MapSoFar(Mesh.empty(), np.empty((0, 3)))
-        self._last: Sight | None = None
-        self._shown_share = 0.0
-        self.harvest = Harvest()
+        self._previews = previews
+        self._preview_map = PreviewMap(Mesh.empty(), np.empty((0, 3)))
+        self._last_preview_frame: PreviewFrame | None = None
+        self._previewed_fraction = 0.0
+        self.result = ReconstructionResult()
 
     def run(
         self, camera: RgbdCamera, stop: threading.Event, progress: Callable[[int, int], None]
@@ -69,48 +71,54 @@ class Reconstruction:
         """Read an open camera to its end, or until `stop` is set."""
         while not stop.is_set():
             try:
-                frame = camera.read(TICK_S)
-            except NoFrameYet:
+                frame = camera.read(READ_TIMEOUT_S)
+            except FrameTimeout:
                 continue
             except EndOfStream:
                 return
-            self.add(frame)
-            progress(self.harvest.frames, camera.frame_count or 0)
+            self.add_frame(frame)
+            progress(self.result.frames, camera.frame_count or 0)
 
-    def add(self, frame: RgbdFrame) -> None:
+    def add_frame(self, frame: RgbdFrame) -> None:
         """Fuse one frame, if it has a good pose and depth."""
-        harvest = self.harvest
+        harvest = self.result
         harvest.frames += 1
-        T_world_camera = self._poses.at(frame.stamp_s)
+        T_world_camera = self._poses.find(frame.stamp_s)
         if T_world_camera is None:
             harvest.without_pose += 1
             return
-        if not self._fusion.has_depth(frame.depth_m):
+        if not self._volume.has_depth_in_range(frame.depth_m):
             harvest.without_depth += 1
             return
-        self._fusion.add(frame.depth_m, frame.colour_bgr, frame.camera, T_world_camera)
-        if self._fusion.is_full and not harvest.full_at:
-            harvest.full_at = harvest.frames
+        self._volume.integrate(frame.depth_m, frame.color_bgr, frame.camera, T_world_camera)
+        if self._volume.is_full and not harvest.full_at_frame:
+            harvest.full_at_frame = harvest.frames
         harvest.camera = harvest.camera or frame.camera
         harvest.poses.append(T_world_camera)
-        harvest.up.add(T_world_camera, frame.gravity_m_s2)
-        if self._views:
-            self._show_growth(frame, T_world_camera)
+        harvest.up_direction.add(T_world_camera, frame.gravity_m_s2)
+        if self._previews:
+            self._update_previews(frame, T_world_camera)
 
     def finish(self) -> Mesh:
         """The whole surface; whoever watches sees it too."""
-        mesh = self._fusion.mesh()
-        if self._last is not None:
-            self._show(replace(self._last, so_far=MapSoFar(mesh, self.harvest.path_m)))
+        mesh = self._volume.extract_mesh()
+        if self._last_preview_frame is not None:
+            self._show_in_previews(
+                replace(
+                    self._last_preview_frame, preview_map=PreviewMap(mesh, self.result.trajectory_m)
+                )
+            )
         return mesh
 
-    def _show_growth(self, frame: RgbdFrame, T_world_camera: Array) -> None:
-        if self._fusion.share_used >= GROWTH * self._shown_share:
-            self._shown_share = self._fusion.share_used
-            self._so_far = MapSoFar(self._fusion.mesh(), self.harvest.path_m)
-        self._last = Sight(frame.seq, frame.camera, T_world_camera, self._so_far)
-        self._show(self._last)
+    def _update_previews(self, frame: RgbdFrame, T_world_camera: Array) -> None:
+        if self._volume.used_fraction >= PREVIEW_GROWTH * self._previewed_fraction:
+            self._previewed_fraction = self._volume.used_fraction
+            self._preview_map = PreviewMap(self._volume.extract_mesh(), self.result.trajectory_m)
+        self._last_preview_frame = PreviewFrame(
+            frame.seq, frame.camera, T_world_camera, self._preview_map
+        )
+        self._show_in_previews(self._last_preview_frame)
 
-    def _show(self, sight: Sight) -> None:
-        for view in self._views:
-            view.show(sight)
+    def _show_in_previews(self, frame: PreviewFrame) -> None:
+        for view in self._previews:
+            view.show(frame)

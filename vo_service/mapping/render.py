@@ -10,31 +10,31 @@ from drivers.geometry import Array, transform_points
 from drivers.jit import kernel
 from vo_service.mapping.mesh import Mesh
 
-Image = NDArray[np.uint8]
+RgbImage = NDArray[np.uint8]
 
 NEAR_M = 0.05
 BACKGROUND = 228
 # What is seen edge-on is this much darker than what faces the eye.
-SHADE = 0.45
+EDGE_ON_DARKENING = 0.45
 # Pixels are averages of so many by so many.
-SAMPLES = 2
+SUPERSAMPLING = 2
 
 
 @dataclass(frozen=True)
-class Sheet:
-    """An orthographic picture: `T_sheet_world` maps to x right, y down and z away from the eye.
+class OrthographicView:
+    """An orthographic picture: `T_view_world` maps to x right, y down and z away from the eye.
 
     The first pixel's centre is at `corner_m` (x, y); `pixel_m` is the size of a pixel.
     """
 
-    T_sheet_world: Array
+    T_view_world: Array
     corner_m: tuple[float, float]
     pixel_m: float
     width: int
     height: int
 
 
-def draw_perspective(mesh: Mesh, camera: PinholeCamera, T_camera_world: Array) -> Image:
+def render_perspective(mesh: Mesh, camera: PinholeCamera, T_camera_world: Array) -> RgbImage:
     """(H, W, 3) RGB: what a camera there would see. What is seen from behind is left out."""
     seen_m = transform_points(T_camera_world, mesh.vertices_m.astype(np.float64))
     depth_m = np.maximum(seen_m[:, 2], 1e-6)
@@ -48,34 +48,38 @@ def draw_perspective(mesh: Mesh, camera: PinholeCamera, T_camera_world: Array) -
     directions = seen_m / np.maximum(np.linalg.norm(seen_m, axis=1, keepdims=True), 1e-9)
     facing = -np.sum((mesh.normals @ T_camera_world[:3, :3].T) * directions, axis=1)
     pixels[seen_m[:, 2] < NEAR_M] = np.nan
-    return _draw(mesh, pixels, facing, camera.width, camera.height)
+    return _render(mesh, pixels, facing, camera.width, camera.height)
 
 
-def draw_sheet(mesh: Mesh, sheet: Sheet) -> Image:
+def render_orthographic(mesh: Mesh, view: OrthographicView) -> RgbImage:
     """(H, W, 3) RGB, without perspective. What is seen from behind is left out."""
-    seen_m = transform_points(sheet.T_sheet_world, mesh.vertices_m.astype(np.float64))
+    seen_m = transform_points(view.T_view_world, mesh.vertices_m.astype(np.float64))
     pixels = np.column_stack(
-        [(seen_m[:, :2] - np.array(sheet.corner_m)) / sheet.pixel_m, -seen_m[:, 2]]
+        [(seen_m[:, :2] - np.array(view.corner_m)) / view.pixel_m, -seen_m[:, 2]]
     )
-    facing = -mesh.normals @ sheet.T_sheet_world[2, :3]
-    return _draw(mesh, pixels, facing, sheet.width, sheet.height)
+    facing = -mesh.normals @ view.T_view_world[2, :3]
+    return _render(mesh, pixels, facing, view.width, view.height)
 
 
-def _draw(mesh: Mesh, pixels: Array, facing: Array, width: int, height: int) -> Image:
+def _render(mesh: Mesh, pixels: Array, facing: Array, width: int, height: int) -> RgbImage:
     """`pixels` (N, 3) are column, row, and how near: greater is nearer; NaN is not drawn."""
-    light = 1.0 - SHADE * (1.0 - np.clip(facing, 0.0, 1.0))
-    colours = mesh.colours_rgb * light[:, None]
+    light = 1.0 - EDGE_ON_DARKENING * (1.0 - np.clip(facing, 0.0, 1.0))
+    colours = mesh.colors_rgb * light[:, None]
     # The centre of the first pixel is that of SAMPLES x SAMPLES finer ones.
-    pixels = pixels * [SAMPLES, SAMPLES, 1.0] + [(SAMPLES - 1) / 2, (SAMPLES - 1) / 2, 0.0]
-    fine = rasterise(pixels, colours, mesh.triangles, SAMPLES * width, SAMPLES * height)
-    coarse: Array = fine.reshape(height, SAMPLES, width, SAMPLES, 3).mean(axis=(1, 3))
+    pixels = pixels * [SUPERSAMPLING, SUPERSAMPLING, 1.0] + [
+        (SUPERSAMPLING - 1) / 2,
+        (SUPERSAMPLING - 1) / 2,
+        0.0,
+    ]
+    fine = rasterize(pixels, colours, mesh.triangles, SUPERSAMPLING * width, SUPERSAMPLING * height)
+    coarse: Array = fine.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING, 3).mean(axis=(1, 3))
     return np.rint(coarse).astype(np.uint8)
 
 
 @kernel
-def rasterise(
-    pixels: Array, colours: Array, triangles: NDArray[np.int32], width: int, height: int
-) -> Image:
+def rasterize(
+    pixels: Array, colors: Array, triangles: NDArray[np.int32], width: int, height: int
+) -> RgbImage:
     """(H, W, 3): the nearest triangle of each pixel, of those that turn counter-clockwise.
 
     pixels   (N, 3) column, row and nearness of every vertex, all linear in the image
@@ -106,9 +110,9 @@ def rasterise(
                 nearest[v, u] = near
                 for channel in range(3):
                     image[v, u, channel] = np.uint8(
-                        of_a * colours[a, channel]
-                        + of_b * colours[b, channel]
-                        + of_c * colours[c, channel]
+                        of_a * colors[a, channel]
+                        + of_b * colors[b, channel]
+                        + of_c * colors[c, channel]
                         + 0.5
                     )
     return image

@@ -4,20 +4,20 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from vo_service.mapping.mesh import Mesh
-from vo_service.mapping.watching import MapSoFar, Sight
+from vo_service.mapping.watching import PreviewFrame, PreviewMap
 
-WORLD, SURFACE, PATH, CAMERA = "world", "world/surface", "world/path", "world/camera"
-PATH_COLOUR = (255, 150, 40)
+WORLD, SURFACE, TRAJECTORY, CAMERA = "world", "world/surface", "world/path", "world/camera"
+TRAJECTORY_COLOR = (255, 150, 40)
 TIMELINE = "frame"
 FRUSTUM_M = 0.2
 
 
-class MapScene:
+class ReconstructionScene:
     """Logs sights to one recording stream."""
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self._stream = stream
-        self._drawn: MapSoFar | None = None
+        self._logged_map: PreviewMap | None = None
         # Optical axes: x right, y down, z forward.
         stream.log(WORLD, rr.ViewCoordinates.RDF, static=True)
 
@@ -32,10 +32,10 @@ class MapScene:
             auto_views=False,
         )
 
-    def log(self, sight: Sight) -> None:
+    def log(self, frame: PreviewFrame) -> None:
         """The camera; its path and the surface where they are new."""
-        stream, camera, T = self._stream, sight.camera, sight.T_world_camera
-        stream.set_time(TIMELINE, sequence=sight.seq)
+        stream, camera, T = self._stream, frame.camera, frame.T_world_camera
+        stream.set_time(TIMELINE, sequence=frame.seq)
         stream.log(CAMERA, rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]))
         pinhole = rr.Pinhole(
             image_from_camera=camera.K,
@@ -43,16 +43,19 @@ class MapScene:
             image_plane_distance=FRUSTUM_M,
         )
         stream.log(CAMERA, pinhole)
-        if sight.so_far is not self._drawn:
-            self._drawn = sight.so_far
-            stream.log(PATH, rr.LineStrips3D([sight.so_far.path_m], colors=PATH_COLOUR))
-            stream.log(SURFACE, _surface(sight.so_far.mesh))
+        if frame.preview_map is not self._logged_map:
+            self._logged_map = frame.preview_map
+            stream.log(
+                TRAJECTORY,
+                rr.LineStrips3D([frame.preview_map.trajectory_m], colors=TRAJECTORY_COLOR),
+            )
+            stream.log(SURFACE, _rerun_mesh(frame.preview_map.mesh))
 
 
-def _surface(mesh: Mesh) -> rr.Mesh3D:
+def _rerun_mesh(mesh: Mesh) -> rr.Mesh3D:
     return rr.Mesh3D(
         vertex_positions=mesh.vertices_m,
         vertex_normals=mesh.normals,
-        vertex_colors=mesh.colours_rgb,
+        vertex_colors=mesh.colors_rgb,
         triangle_indices=mesh.triangles,
     )

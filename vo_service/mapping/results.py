@@ -12,23 +12,23 @@ import numpy as np
 
 from drivers.camera import PinholeCamera
 from drivers.errors import UserFacingError
-from drivers.full_disk import is_full
+from drivers.full_disk import is_disk_full
 from drivers.geometry import Array
-from drivers.tum.whole_files import write_whole
-from vo_service.mapping.fusion import Fusion
+from drivers.tum.whole_files import atomic_write
+from vo_service.mapping.fusion import TsdfVolume
 from vo_service.mapping.mesh import Mesh
-from vo_service.mapping.pictures import camera_view, far_view, top_view
+from vo_service.mapping.pictures import render_camera_view, render_overview, render_top_view
 from vo_service.mapping.ply import write_ply
-from vo_service.mapping.reconstruction import Harvest
-from vo_service.mapping.upright import levelled, up_of
-from vo_service.text_table import aligned
+from vo_service.mapping.reconstruction import ReconstructionResult
+from vo_service.mapping.upright import estimate_up, level_transform
+from vo_service.text_table import format_columns
 
-MAP, REPORT = "map.ply", "reconstruction.json"
-TOP, FAR, VIEW = "top.png", "perspective.png", "view.png"
+MESH_FILE, REPORT_FILE = "map.ply", "reconstruction.json"
+TOP_VIEW_FILE, OVERVIEW_FILE, CAMERA_VIEW_FILE = "top.png", "perspective.png", "view.png"
 
 
 @dataclass(frozen=True)
-class Results:
+class ReconstructionReport:
     """A map that is done, with one triangle at least.
 
     title         over the view from above
@@ -40,16 +40,16 @@ class Results:
     title: str
     camera: PinholeCamera
     mesh: Mesh
-    harvest: Harvest
-    fusion: Fusion
-    is_cut_short: bool
-    of_places: Mapping[str, int] = field(default_factory=dict)
+    result: ReconstructionResult
+    volume: TsdfVolume
+    is_interrupted: bool
+    loop_closure_counts: Mapping[str, int] = field(default_factory=dict)
 
     @cached_property
     def T_level_world(self) -> Array:
         """4x4: x right and y forward as seen by the first camera, z up."""
-        up = up_of(self.mesh, self.harvest.up.up)
-        return levelled(self.harvest.poses[0], up)
+        up = estimate_up(self.mesh, self.result.up_direction.up)
+        return level_transform(self.result.poses[0], up)
 
     @cached_property
     def size_m(self) -> tuple[float, float, float]:
@@ -58,29 +58,31 @@ class Results:
         right_m, forward_m, up_m = (float(side) for side in np.ptp(level_m, axis=0))
         return right_m, forward_m, up_m
 
-    def save(self, folder: Path, tell: Callable[[str], None]) -> None:
+    def save(self, folder: Path, report_progress: Callable[[str], None]) -> None:
         """Write everything, each file whole, the report last; `tell` gets each file's name before.
 
         Raises UserFacingError if the disk refuses.
         """
-        mesh, poses = self.mesh, self.harvest.poses
-        tell(MAP)
-        with refusals(folder / MAP):
-            write_ply(folder / MAP, mesh)
+        mesh, poses = self.mesh, self.result.poses
+        report_progress(MESH_FILE)
+        with translate_write_errors(folder / MESH_FILE):
+            write_ply(folder / MESH_FILE, mesh)
         pictures: dict[str, Callable[[], bytes]] = {
-            TOP: lambda: top_view(mesh, self.T_level_world, self.harvest.path_m, self.title),
-            FAR: lambda: far_view(mesh, self.T_level_world),
-            VIEW: lambda: camera_view(mesh, self.camera, poses[0]),
-            REPORT: lambda: f"{json.dumps(self.as_json(), indent=2)}\n".encode(),
+            TOP_VIEW_FILE: lambda: render_top_view(
+                mesh, self.T_level_world, self.result.trajectory_m, self.title
+            ),
+            OVERVIEW_FILE: lambda: render_overview(mesh, self.T_level_world),
+            CAMERA_VIEW_FILE: lambda: render_camera_view(mesh, self.camera, poses[0]),
+            REPORT_FILE: lambda: f"{json.dumps(self.as_json(), indent=2)}\n".encode(),
         }
         for name, draw in pictures.items():
-            tell(name)
-            with refusals(folder / name):
-                write_whole(folder / name, draw())
+            report_progress(name)
+            with translate_write_errors(folder / name):
+                atomic_write(folder / name, draw())
 
     def as_json(self) -> dict[str, Any]:
         """One flat object."""
-        harvest, settings = self.harvest, self.fusion.settings
+        harvest, settings = self.result, self.volume.config
         return {
             "frames": harvest.frames,
             "fused": harvest.fused,
@@ -92,17 +94,17 @@ class Results:
             "voxel_m": settings.voxel_m,
             "max_depth_m": settings.max_depth_m,
             "memory_mb": settings.memory_mb,
-            "memory_used": round(self.fusion.share_used, 4),
-            "full_at_frame": harvest.full_at or None,
-            "cut_short": self.is_cut_short,
-            **self.of_places,
+            "memory_used": round(self.volume.used_fraction, 4),
+            "full_at_frame": harvest.full_at_frame or None,
+            "cut_short": self.is_interrupted,
+            **self.loop_closure_counts,
         }
 
     def as_table(self) -> str:
         """Aligned text for a terminal, without a newline at its end."""
-        harvest, settings = self.harvest, self.fusion.settings
+        harvest, settings = self.result, self.volume.config
         right_m, forward_m, up_m = self.size_m
-        used = f"{self.fusion.share_used:.0%} of {settings.memory_mb} MB"
+        used = f"{self.volume.used_fraction:.0%} of {settings.memory_mb} MB"
         rows = [
             ("frames", f"{harvest.frames}"),
             ("in the map", f"{harvest.fused}"),
@@ -110,19 +112,23 @@ class Results:
             ("left out, no depth", f"{harvest.without_depth}"),
             ("size", f"{right_m:.2f} m right, {forward_m:.2f} m forward, {up_m:.2f} m up"),
             ("triangles", f"{len(self.mesh.triangles)}, voxels of {settings.voxel_m:g} m"),
-            ("memory", used + (f", full at frame {harvest.full_at}" if harvest.full_at else "")),
+            (
+                "memory",
+                used
+                + (f", full at frame {harvest.full_at_frame}" if harvest.full_at_frame else ""),
+            ),
         ]
-        rows += [(name, f"{count}") for name, count in self.of_places.items()]
-        return aligned(rows)
+        rows += [(name, f"{count}") for name, count in self.loop_closure_counts.items()]
+        return format_columns(rows)
 
 
 @contextmanager
-def refusals(path: Path) -> Iterator[None]:
+def translate_write_errors(path: Path) -> Iterator[None]:
     """What the disk refuses in the block, as one line."""
     try:
         yield
     except OSError as error:
-        cause = "the disk is full" if is_full(error) else error.strerror
+        cause = "the disk is full" if is_disk_full(error) else error.strerror
         raise UserFacingError(f"{path}: cannot be written: {cause}; mend that and run again") from (
             error
         )

@@ -9,26 +9,26 @@ from vo_service.mapping.mesh import Mesh
 
 
 @dataclass(frozen=True)
-class MapSoFar:
+class PreviewMap:
     """The surface, and where the camera has been: (N, 3) in the world."""
 
     mesh: Mesh
-    path_m: Array
+    trajectory_m: Array
 
 
 @dataclass(frozen=True)
-class Sight:
-    """What there is after the frame `seq`: the same `so_far` as before, or a new one."""
+class PreviewFrame:
+    """What there is after the frame `seq`: the same `preview_map` as before, or a new one."""
 
     seq: int
     camera: PinholeCamera
     T_world_camera: Array
-    so_far: MapSoFar
+    preview_map: PreviewMap
 
 
-class MapView(Protocol):
+class Preview(Protocol):
     """One place where the map is shown."""
 
-    def show(self, item: Sight) -> None:
+    def show(self, item: PreviewFrame) -> None:
         """Show it, soon."""
         ...

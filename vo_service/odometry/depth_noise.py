@@ -9,17 +9,17 @@ from drivers.geometry import Array
 # Standard deviation of 1/z of one reading, in 1/m. The Kinect reports disparity in steps of 1/8
 # pixel, which at a base of 75 mm and a focal length of 580 pixels is 2.9e-3 1/m; the noise is
 # about half a step.
-SIGMA_INVERSE_DEPTH = 1.4e-3
+INVERSE_DEPTH_SIGMA_PER_M = 1.4e-3
 
 # Standard deviation of a feature's position in the image, in pixels.
-SIGMA_PIXEL = 0.3
+FEATURE_SIGMA_PX = 0.3
 
 
 def depth_sigma_m(depth_m: Array) -> Array:
     """Standard deviation along the viewing ray, in metres; depth_m (N,)."""
-    return SIGMA_INVERSE_DEPTH * depth_m * depth_m
+    return INVERSE_DEPTH_SIGMA_PER_M * depth_m * depth_m
 
 
 def lateral_sigma_m(depth_m: Array, focal_px: float) -> Array:
     """Standard deviation across the viewing ray, in metres; depth_m (N,)."""
-    return depth_m * (SIGMA_PIXEL / focal_px)
+    return depth_m * (FEATURE_SIGMA_PX / focal_px)

@@ -19,49 +19,49 @@ from drivers.geometry import Array, skew_matrix
 # A direction is known if the planes say so many times more of it than their noise would. Measured:
 # 5 and less before a floor with a Kinect's noise and steps of depth, 27 and more where the camera
 # was held fast; in between it crept along in one direction.
-KNOWN = 12.0
+MIN_OBSERVABILITY = 12.0
 
 
 @dataclass(frozen=True)
-class Directions:
+class DegeneracyAnalysis:
     """Six directions of motion, (translation m, rotation rad), from the least known one on.
 
     clarity  (6,) rising: how many times more than their noise the planes say of each
     axes     (6, 6), a column for each
     """
 
-    clarity: Array
+    observability: Array
     axes: Array
 
     @property
-    def is_known(self) -> NDArray[np.bool_]:
+    def is_observable(self) -> NDArray[np.bool_]:
         """(6,) along which axes a step may be taken."""
-        return self.clarity >= KNOWN
+        return self.observability >= MIN_OBSERVABILITY
 
     @property
-    def known(self) -> Array:
+    def observable_axes(self) -> Array:
         """(6, K) those axes."""
-        return self.axes[:, self.is_known]
+        return self.axes[:, self.is_observable]
 
     @property
-    def without_noise(self) -> Array:
+    def noise_suppression(self) -> Array:
         """(6, 6), W: of an information J of motions, W^T J W leaves out what is but noise.
 
         Of a direction's information this is one part in its clarity, and no more than all.
         """
-        shares = 1.0 - 1.0 / np.maximum(self.clarity, 1.0)
+        shares = 1.0 - 1.0 / np.maximum(self.observability, 1.0)
         W: Array = (self.axes * np.sqrt(shares)) @ np.linalg.inv(self.axes)
         return W
 
 
-def directions(information: Array, of_noise: Array) -> Directions:
+def analyze_degeneracy(information: Array, noise_information: Array) -> DegeneracyAnalysis:
     """Compare two 6x6 information matrices: of the planes, and of the noise of their normals."""
-    noise, axes = np.linalg.eigh(of_noise)
+    noise, axes = np.linalg.eigh(noise_information)
     if noise[-1] <= 0.0:
-        return Directions(np.zeros(6), np.eye(6))
+        return DegeneracyAnalysis(np.zeros(6), np.eye(6))
     whitening = axes / np.sqrt(np.maximum(noise, 1e-9 * noise[-1]))
     clarity, turned = np.linalg.eigh(whitening.T @ information @ whitening)
-    return Directions(clarity, whitening @ turned)
+    return DegeneracyAnalysis(clarity, whitening @ turned)
 
 
 def point_information(moments: Array) -> Array:

@@ -12,19 +12,19 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from vo_service.odometry.icp.alignment import (
     COARSE_TO_FINE,
-    FINE_ALONE,
-    Alignment,
+    FINE_ONLY,
+    IcpAlignment,
     align,
-    measure,
+    evaluate_alignment,
 )
-from vo_service.odometry.icp.confidence import doubt
-from vo_service.odometry.icp.drawing import draw, draw_planes
+from vo_service.odometry.icp.confidence import rejection_reason
+from vo_service.odometry.icp.drawing import make_tracking_debug, project_planes
 from vo_service.odometry.icp.parameters import IcpParameters
-from vo_service.odometry.icp.pyramid import DepthPyramid, make_pyramid
-from vo_service.odometry.icp.track import Track, is_used_up, track_from
-from vo_service.odometry.motion_model import MotionModel
-from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
-from vo_service.types import Estimate, Evidence
+from vo_service.odometry.icp.pyramid import DepthPyramid, build_depth_pyramid
+from vo_service.odometry.icp.track import IcpTrack, needs_new_reference, start_track
+from vo_service.odometry.motion_model import ConstantVelocityModel
+from vo_service.odometry.stopwatch import NullStageTimer, StageTimer
+from vo_service.types import Estimate, TrackingDebug
 
 
 class IcpOdometry:
@@ -35,36 +35,36 @@ class IcpOdometry:
     """
 
     def __init__(
-        self, parameters: IcpParameters | None = None, stopwatch: Stopwatch | None = None
+        self, parameters: IcpParameters | None = None, timer: StageTimer | None = None
     ) -> None:
         self._parameters = parameters or IcpParameters()
-        self._stopwatch = stopwatch or NullStopwatch()
-        self._model = MotionModel()
-        self._track: Track | None = None
+        self._timer = timer or NullStageTimer()
+        self._model = ConstantVelocityModel()
+        self._track: IcpTrack | None = None
         self._T_world_camera = np.eye(4)
         self._failures = 0
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Where the camera is, from this frame and the reference."""
         # The depth image in three sizes, as 1/z.
-        with self._stopwatch.stage("pyramid"):
-            view = make_pyramid(frame)
+        with self._timer.stage("pyramid"):
+            view = build_depth_pyramid(frame)
         if self._track is None:
-            return self._start(view, restarted=False)
+            return self._start(view, is_reset=False)
         # The reference's planes, laid on this frame's surfaces.
-        with self._stopwatch.stage("align"):
+        with self._timer.stage("align"):
             track = self._track
-            found = align(track.planes, view, self._starts(track, view), FINE_ALONE)
+            found = align(track.planes, view, self._initial_guesses(track, view), FINE_ONLY)
         # Does it fit, and does the shape in view hold the camera in all six directions?
-        if doubt(found):
-            with self._stopwatch.stage("again"):
-                track, found = self._again(track, view, found)
-        if doubt(found):
+        if rejection_reason(found):
+            with self._timer.stage("again"):
+                track, found = self._retry(track, view, found)
+        if rejection_reason(found):
             return self._fail(view, track, found)
         # Concatenation.
         return self._advance(view, track, found)
 
-    def _starts(self, track: Track, view: DepthPyramid) -> Sequence[Array]:
+    def _initial_guesses(self, track: IcpTrack, view: DepthPyramid) -> Sequence[Array]:
         """Where the reference may be: as the motion goes on, or as for the last good frame."""
         prediction = self._model.predict(view.stamp_s)
         if prediction is None:
@@ -72,62 +72,68 @@ class IcpOdometry:
         T_camera_last = inverse(prediction.T_reference_camera)
         return [T_camera_last @ track.T_camera_reference, track.T_camera_reference]
 
-    def _again(self, track: Track, view: DepthPyramid, found: Alignment) -> tuple[Track, Alignment]:
+    def _retry(
+        self, track: IcpTrack, view: DepthPyramid, alignment: IcpAlignment
+    ) -> tuple[IcpTrack, IcpAlignment]:
         """The first of some more tries that is beyond doubt; else the track and what was found."""
-        for another, again in self._tries(track, view):
-            if not doubt(again):
+        for another, again in self._retries(track, view):
+            if not rejection_reason(again):
                 return another, again
-        return track, found
+        return track, alignment
 
-    def _tries(self, track: Track, view: DepthPyramid) -> Iterator[tuple[Track, Alignment]]:
+    def _retries(
+        self, track: IcpTrack, view: DepthPyramid
+    ) -> Iterator[tuple[IcpTrack, IcpAlignment]]:
         """From coarse to fine; then with the last good frame as the reference: it sees more."""
-        yield track, align(track.planes, view, self._starts(track, view), COARSE_TO_FINE)
-        newer = track_from(track.last, self._parameters.planes)
-        starts = self._starts(newer, view)
-        yield newer, align(newer.planes, view, starts, FINE_ALONE)
+        yield track, align(track.planes, view, self._initial_guesses(track, view), COARSE_TO_FINE)
+        newer = start_track(track.last_frame, self._parameters.max_planes)
+        starts = self._initial_guesses(newer, view)
+        yield newer, align(newer.planes, view, starts, FINE_ONLY)
         yield newer, align(newer.planes, view, starts, COARSE_TO_FINE)
 
-    def _start(self, view: DepthPyramid, restarted: bool) -> Estimate:
+    def _start(self, view: DepthPyramid, is_reset: bool) -> Estimate:
         """Make this view the first of a chain, if its shape can be found again."""
-        with self._stopwatch.stage("planes"):
-            track = track_from(view, self._parameters.planes)
-        itself = measure(track.planes, view, np.eye(4))
-        evidence = Evidence(keypoints_px=draw_planes(track.planes, view))
-        if reason := doubt(itself):
-            return self._estimate(f"cannot start: {reason}", evidence)
-        self._model.begin(view.stamp_s)
+        with self._timer.stage("planes"):
+            track = start_track(view, self._parameters.max_planes)
+        itself = evaluate_alignment(track.planes, view, np.eye(4))
+        evidence = TrackingDebug(keypoints_px=project_planes(track.planes, view))
+        if reason := rejection_reason(itself):
+            return self._make_estimate(f"cannot start: {reason}", evidence)
+        self._model.reset(view.stamp_s)
         self._track = track
         self._failures = 0
-        return self._estimate("", evidence, restarted=restarted)
+        return self._make_estimate("", evidence, is_reset=is_reset)
 
-    def _fail(self, view: DepthPyramid, track: Track, found: Alignment) -> Estimate:
+    def _fail(self, view: DepthPyramid, track: IcpTrack, alignment: IcpAlignment) -> Estimate:
         """Hold the pose; after too many failures give the reference up."""
         self._failures += 1
         if self._failures > self._parameters.max_failures:
-            return self._start(view, restarted=True)
-        return self._estimate(doubt(found), draw(track.planes, view, found))
+            return self._start(view, is_reset=True)
+        return self._make_estimate(
+            rejection_reason(alignment), make_tracking_debug(track.planes, view, alignment)
+        )
 
-    def _advance(self, view: DepthPyramid, track: Track, found: Alignment) -> Estimate:
+    def _advance(self, view: DepthPyramid, track: IcpTrack, alignment: IcpAlignment) -> Estimate:
         """Go on from here; where little is left of the reference, this frame is the next one."""
-        evidence = draw(track.planes, view, found)
-        after = track.moved(view, found)
-        T_last_camera, covariance = track.step_to(after)
+        evidence = make_tracking_debug(track.planes, view, alignment)
+        after = track.advance(view, alignment)
+        T_last_camera, covariance = track.relative_motion(after)
         self._T_world_camera = self._T_world_camera @ T_last_camera
         self._model.add(T_last_camera, view.stamp_s)
         self._failures = 0
-        if is_used_up(found):
-            with self._stopwatch.stage("planes"):
-                after = track_from(view, self._parameters.planes)
+        if needs_new_reference(alignment):
+            with self._timer.stage("planes"):
+                after = start_track(view, self._parameters.max_planes)
         self._track = after
-        return self._estimate("", evidence, T_last_camera, covariance)
+        return self._make_estimate("", evidence, T_last_camera, covariance)
 
-    def _estimate(
+    def _make_estimate(
         self,
         reason: str,
-        evidence: Evidence,
+        debug: TrackingDebug,
         T_last_camera: Array | None = None,
         covariance: Array | None = None,
-        restarted: bool = False,
+        is_reset: bool = False,
     ) -> Estimate:
         return Estimate(
             ok=not reason,
@@ -135,9 +141,9 @@ class IcpOdometry:
             T_world_camera=self._T_world_camera.copy(),
             T_reference_camera=np.eye(4) if T_last_camera is None else T_last_camera,
             covariance=np.zeros((6, 6)) if covariance is None else covariance,
-            features=len(evidence.keypoints_px),
-            matches=len(evidence.matches_px),
-            inliers=int(evidence.inlier.sum()),
-            restarted=restarted and not reason,
-            evidence=evidence,
+            features=len(debug.keypoints_px),
+            matches=len(debug.matches_px),
+            inliers=int(debug.inlier.sum()),
+            is_reset=is_reset and not reason,
+            debug=debug,
         )

@@ -11,35 +11,43 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
-from vo_service.odometry.keyframe.alignment import STANDING, align, all_alike
-from vo_service.odometry.keyframe.cells import ALL_STILL
-from vo_service.odometry.keyframe.certainty import Certainty, certainty
-from vo_service.odometry.keyframe.confidence import cover, doubt, lack
-from vo_service.odometry.keyframe.drawing import draw, draw_points
-from vo_service.odometry.keyframe.falloff import Falloff
-from vo_service.odometry.keyframe.first_keyframe import made_anew
-from vo_service.odometry.keyframe.good_frame import GoodFrame
-from vo_service.odometry.keyframe.images import Images, make_images
-from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
-from vo_service.odometry.keyframe.movement import at_rest
-from vo_service.odometry.keyframe.next_keyframe import choose, is_due, settle
-from vo_service.odometry.keyframe.parameters import FEWEST_POINTS, PATIENCE_FRAMES
-from vo_service.odometry.keyframe.plain_view import carried_on
-from vo_service.odometry.keyframe.recovery import Found, Recovery, doubted
-from vo_service.odometry.keyframe.second_look import look_again
-from vo_service.odometry.keyframe.steadiness import steadied
-from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
-from vo_service.odometry.stopwatch import NullStopwatch, Stopwatch
+from vo_service.odometry.keyframe.alignment import STATIC_PRIOR, align, uniform_weights
+from vo_service.odometry.keyframe.cells import ALL_STATIC
+from vo_service.odometry.keyframe.certainty import MotionUncertainty, estimate_uncertainty
+from vo_service.odometry.keyframe.confidence import (
+    degradation_reason,
+    occlusion_reason,
+    rejection_reason,
+)
+from vo_service.odometry.keyframe.drawing import make_tracking_debug, project_keyframe_points
+from vo_service.odometry.keyframe.falloff import VignettingEstimate
+from vo_service.odometry.keyframe.first_keyframe import reinitialize
+from vo_service.odometry.keyframe.good_frame import TrackedFrame
+from vo_service.odometry.keyframe.images import ImagePyramid, build_image_pyramid
+from vo_service.odometry.keyframe.local_map import DirectKeyframe, LocalMap, make_keyframe
+from vo_service.odometry.keyframe.movement import zero_motion
+from vo_service.odometry.keyframe.next_keyframe import needs_keyframe, refine, select
+from vo_service.odometry.keyframe.parameters import FAILURE_LIMITS_FRAMES, MIN_POINTS
+from vo_service.odometry.keyframe.plain_view import fuse_with_prediction
+from vo_service.odometry.keyframe.recovery import (
+    DirectRecovery,
+    TrackingResult,
+    rejection_reason_after,
+)
+from vo_service.odometry.keyframe.second_look import retry_without_half
+from vo_service.odometry.keyframe.steadiness import alpha_beta_filter
+from vo_service.odometry.keyframe.way import IDENTITY_BRIGHTNESS, MotionState
+from vo_service.odometry.stopwatch import NullStageTimer, StageTimer
 from vo_service.odometry.surf import SurfExtractor
-from vo_service.types import Estimate, Evidence
+from vo_service.types import Estimate, TrackingDebug
 
 # After so many frames without a pose, tracking begins anew; after fewer where none has been laid on
 # the first keyframe yet, which a fast turn may have bent.
-MOST_FAILURES_AT_FIRST, MOST_FAILURES = PATIENCE_FRAMES
+MAX_INITIAL_FAILURES, MAX_FAILURES = FAILURE_LIMITS_FRAMES
 
 
 @dataclass(frozen=True)
-class Track:
+class DirectTrack:
     """What is followed: a keyframe, and the way of the camera up to the last good frame.
 
     T_world_reference  4x4 pose of the frame from which on the keyframe has been in use
@@ -48,178 +56,232 @@ class Track:
     clarity            of the keyframe's first view, see `Certainty`; None before that
     """
 
-    keyframe: Keyframe
-    way: Way
+    keyframe: DirectKeyframe
+    motion_state: MotionState
     T_world_reference: Array
     is_first: bool = False
-    last: GoodFrame | None = None
-    clarity: float | None = None
+    last_frame: TrackedFrame | None = None
+    initial_observability: float | None = None
 
-    def clarity_at_first(self, found: Found, sure: Certainty) -> float:
+    def observability_at_start(
+        self, result: TrackingResult, uncertainty: MotionUncertainty
+    ) -> float:
         """Of the first view of the keyframe that was found: this one, if it was not in use."""
-        if self.clarity is None or found.keyframe is not self.keyframe:
-            return sure.clarity
-        return self.clarity
+        if self.initial_observability is None or result.keyframe is not self.keyframe:
+            return uncertainty.observability
+        return self.initial_observability
 
 
-class KeyframeOdometry:
+class DirectOdometry:
     """Frames are laid on a keyframe, which stays as long as most of it is in view.
 
     World is the first good camera. A frame that fails is left out.
     """
 
     def __init__(
-        self, extractor: SurfExtractor | None = None, stopwatch: Stopwatch | None = None
+        self, extractor: SurfExtractor | None = None, timer: StageTimer | None = None
     ) -> None:
-        self._stopwatch = stopwatch or NullStopwatch()
-        self._recovery = Recovery(extractor or SurfExtractor())
+        self._timer = timer or NullStageTimer()
+        self._recovery = DirectRecovery(extractor or SurfExtractor())
         self._map = LocalMap()
-        self._falloff = Falloff()
-        self._track: Track | None = None
+        self._vignetting = VignettingEstimate()
+        self._track: DirectTrack | None = None
         self._T_world_camera = np.eye(4)
         self._failures = 0
 
     @property
-    def falloff(self) -> float:
-        """Of the lens's light towards the corners, as it is known now: see `Falloff`."""
-        return self._falloff.value
+    def vignetting(self) -> float:
+        """Of the lens's light towards the corners, as it is known now: see `VignettingEstimate`."""
+        return self._vignetting.value
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Where the camera is, from this frame and the keyframe."""
         # Brightness in four sizes, and inverse depth.
-        with self._stopwatch.stage("images"):
-            images = make_images(frame, self.falloff)
+        with self._timer.stage("images"):
+            images = build_image_pyramid(frame, self.vignetting)
         if self._track is None:
-            return self._start(frame, images, restarted=False)
+            return self._start(frame, images, is_reset=False)
         # The keyframe's points, laid on this frame from where they are expected.
-        with self._stopwatch.stage("align"):
+        with self._timer.stage("align"):
             found = self._align(images, self._track)
         # Does it fit, and was it expected there? Else features, depth alone.
-        if found.is_better_tried_again or self._track.way.is_long_ago(images.stamp_s):
-            with self._stopwatch.stage("recovery"):
-                found = self._recovery.find(frame, images, found, self._track.way, self._map)
+        if found.needs_recovery or self._track.motion_state.is_stale(images.stamp_s):
+            with self._timer.stage("recovery"):
+                found = self._recovery.recover(
+                    frame, images, found, self._track.motion_state, self._map
+                )
         # The shutter bent a first keyframe, while the velocity was not known: now it is.
-        found = self._with_first_unbent(images, found, self._track)
-        if reason := doubted(found.alignment, self._track.way, images) or cover(found.alignment):
+        found = self._reinitialize_first_keyframe(images, found, self._track)
+        if reason := rejection_reason_after(
+            found.alignment, self._track.motion_state, images
+        ) or occlusion_reason(found.alignment):
             return self._fail(frame, images, self._track, found, reason)
         # Does what is in view hold the camera in all six directions?
-        with self._stopwatch.stage("certainty"):
-            agitation = self._track.way.agitation_with(found.alignment.camera_velocity)
-            sure = certainty(found.keyframe.points, images, found.alignment, found.tie, agitation)
-        if sure.doubt:
-            if not self._track.way.is_held(images.stamp_s):
-                return self._fail(frame, images, self._track, found, sure.doubt)
+        with self._timer.stage("certainty"):
+            agitation = self._track.motion_state.update_velocity_noise(
+                found.alignment.camera_velocity
+            )
+            sure = estimate_uncertainty(
+                found.keyframe.points, images, found.alignment, found.prior, agitation
+            )
+        if sure.rejection_reason:
+            if not self._track.motion_state.is_recently_constrained(images.stamp_s):
+                return self._fail(frame, images, self._track, found, sure.rejection_reason)
             # For a moment, it goes on as it moved.
-            found, sure = carried_on(found, sure, self._track.way, images.stamp_s)
-        elif self._track.way.is_carried_on:
+            found, sure = fuse_with_prediction(
+                found, sure, self._track.motion_state, images.stamp_s
+            )
+        elif self._track.motion_state.is_extrapolated:
             # From there to where it is found is no way that the camera went.
-            found = found.moved(found.T_world_camera, self._track.way.velocity)
+            found = found.with_pose(found.T_world_camera, self._track.motion_state.velocity)
         # A calm camera's pose is that of many frames.
-        found, unrest = steadied(found, sure.covariance, self._track.way, images.stamp_s)
+        found, unrest = alpha_beta_filter(
+            found, sure.covariance, self._track.motion_state, images.stamp_s
+        )
         # When the keyframe goes out of view, the pose is settled with others, and the next begins.
-        good = GoodFrame(frame, images, found, self._track.way, is_held=not sure.doubt)
+        good = TrackedFrame(
+            frame,
+            images,
+            found,
+            self._track.motion_state,
+            is_well_constrained=not sure.rejection_reason,
+        )
         keyframe = found.keyframe
-        if is_due(good, sure.clarity, self._track.clarity_at_first(found, sure)):
-            self._falloff = self._falloff.with_view(keyframe, images, found.alignment)
-            good = good.with_falloff(self.falloff)
-            with self._stopwatch.stage("settle"):
-                settled, good = settle(self._track.last, good, self._map)
-            with self._stopwatch.stage("keyframe"):
-                keyframe = choose(settled, self._map)
+        if needs_keyframe(
+            good, sure.observability, self._track.observability_at_start(found, sure)
+        ):
+            self._vignetting = self._vignetting.update(keyframe, images, found.alignment)
+            good = good.with_vignetting(self.vignetting)
+            with self._timer.stage("settle"):
+                settled, good = refine(self._track.last_frame, good, self._map)
+            with self._timer.stage("keyframe"):
+                keyframe = select(settled, self._map)
         return self._advance(self._track, good, sure, keyframe, unrest)
 
-    def _align(self, images: Images, track: Track) -> Found:
-        keyframe, way = track.keyframe, track.way
-        starts = way.starts(keyframe.T_world_keyframe, images.stamp_s)
-        tie = way.tie(keyframe.T_world_keyframe, images.stamp_s)
-        light = way.light_at(images)
-        found = Found(
-            keyframe, align(keyframe.points, images, starts, tie, light, all_alike()), tie
+    def _align(self, images: ImagePyramid, track: DirectTrack) -> TrackingResult:
+        keyframe, way = track.keyframe, track.motion_state
+        starts = way.initial_guesses(keyframe.T_world_keyframe, images.stamp_s)
+        tie = way.motion_prior(keyframe.T_world_keyframe, images.stamp_s)
+        light = way.predict_affine_brightness(images)
+        found = TrackingResult(
+            keyframe, align(keyframe.points, images, starts, tie, light, uniform_weights()), tie
         )
-        return found if track.is_first else look_again(found, images, way)
+        return found if track.is_first else retry_without_half(found, images, way)
 
-    def _with_first_unbent(self, images: Images, found: Found, track: Track) -> Found:
+    def _reinitialize_first_keyframe(
+        self, images: ImagePyramid, result: TrackingResult, track: DirectTrack
+    ) -> TrackingResult:
         """The same; on the first keyframe of a rolling shutter, made anew by the velocity."""
-        if not track.is_first or images.shutter.is_instant or doubt(found.alignment):
-            return found
-        found = made_anew(found, images, track.way)
-        self._map.begin(found.keyframe)
-        return found
+        if not track.is_first or images.shutter.is_instant or rejection_reason(result.alignment):
+            return result
+        result = reinitialize(result, images, track.motion_state)
+        self._map.reset(result.keyframe)
+        return result
 
-    def _start(self, frame: RgbdFrame, images: Images, restarted: bool) -> Estimate:
+    def _start(self, frame: RgbdFrame, images: ImagePyramid, is_reset: bool) -> Estimate:
         """Make this frame the first keyframe, if it has enough points to be laid on others."""
-        keyframe = make_keyframe(frame, images, self._T_world_camera, at_rest(), ALL_STILL)
-        evidence = Evidence(keypoints_px=draw_points(keyframe))
-        if reason := self._why_no_start(keyframe, images):
-            return self._estimate(False, f"cannot start: {reason}", evidence)
-        self._map.begin(keyframe)
-        way = Way(
+        keyframe = make_keyframe(frame, images, self._T_world_camera, zero_motion(), ALL_STATIC)
+        evidence = TrackingDebug(keypoints_px=project_keyframe_points(keyframe))
+        if reason := self._start_rejection_reason(keyframe, images):
+            return self._make_estimate(False, f"cannot start: {reason}", evidence)
+        self._map.reset(keyframe)
+        way = MotionState(
             self._T_world_camera,
             np.zeros(6),
             images.stamp_s,
-            SAME_LIGHT,
+            IDENTITY_BRIGHTNESS,
             images.mean_brightness,
-            held_s=images.stamp_s,
+            well_constrained_stamp_s=images.stamp_s,
         )
-        self._track = Track(keyframe, way, self._T_world_camera, is_first=True)
+        self._track = DirectTrack(keyframe, way, self._T_world_camera, is_first=True)
         self._failures = 0
-        return self._estimate(True, "", evidence, restarted=restarted)
+        return self._make_estimate(True, "", evidence, is_reset=is_reset)
 
-    def _why_no_start(self, keyframe: Keyframe, images: Images) -> str:
+    def _start_rejection_reason(self, keyframe: DirectKeyframe, images: ImagePyramid) -> str:
         """Why a frame is no good first keyframe: the next ones could not be laid on it."""
-        if len(keyframe.points[0]) < 2 * FEWEST_POINTS:
+        if len(keyframe.points[0]) < 2 * MIN_POINTS:
             return f"only {len(keyframe.points[0])} points with depth"
-        itself = align(keyframe.points, images, [np.eye(4)], STANDING, SAME_LIGHT, all_alike())
+        itself = align(
+            keyframe.points,
+            images,
+            [np.eye(4)],
+            STATIC_PRIOR,
+            IDENTITY_BRIGHTNESS,
+            uniform_weights(),
+        )
         return (
-            doubt(itself) or certainty(keyframe.points, images, itself, STANDING, np.zeros(2)).doubt
+            rejection_reason(itself)
+            or estimate_uncertainty(
+                keyframe.points, images, itself, STATIC_PRIOR, np.zeros(2)
+            ).rejection_reason
         )
 
     def _fail(
-        self, frame: RgbdFrame, images: Images, track: Track, found: Found, reason: str
+        self,
+        frame: RgbdFrame,
+        images: ImagePyramid,
+        track: DirectTrack,
+        result: TrackingResult,
+        reason: str,
     ) -> Estimate:
         """Hold the pose; after too many failures give the keyframes up."""
         self._failures += 1
-        if self._failures > (MOST_FAILURES_AT_FIRST if track.is_first else MOST_FAILURES):
-            return self._start(frame, images, restarted=True)
-        return self._estimate(False, reason, draw(found.keyframe, found.alignment))
+        if self._failures > (MAX_INITIAL_FAILURES if track.is_first else MAX_FAILURES):
+            return self._start(frame, images, is_reset=True)
+        return self._make_estimate(
+            False, reason, make_tracking_debug(result.keyframe, result.alignment)
+        )
 
     def _advance(
-        self, track: Track, good: GoodFrame, sure: Certainty, keyframe: Keyframe, unrest: float
+        self,
+        track: DirectTrack,
+        tracked: TrackedFrame,
+        uncertainty: MotionUncertainty,
+        keyframe: DirectKeyframe,
+        normalized_innovation: float,
     ) -> Estimate:
         """Go on from here, with this keyframe."""
-        images, found = good.images, good.found
+        images, found = tracked.images, tracked.result
         is_next_reference = keyframe is not track.keyframe
-        way = track.way.on(
+        way = track.motion_state.advance(
             found.T_world_camera,
             found.alignment.camera_velocity,
             images,
-            found.alignment.light if keyframe is found.keyframe else SAME_LIGHT,
-            unrest,
-            images.stamp_s if good.is_held else track.way.held_s,
+            found.alignment.affine_brightness
+            if keyframe is found.keyframe
+            else IDENTITY_BRIGHTNESS,
+            normalized_innovation,
+            images.stamp_s
+            if tracked.is_well_constrained
+            else track.motion_state.well_constrained_stamp_s,
         )
         T_reference_camera = inverse(track.T_world_reference) @ found.T_world_camera
         T_world_reference = found.T_world_camera if is_next_reference else track.T_world_reference
         self._T_world_camera = found.T_world_camera
-        clarity = track.clarity_at_first(found, sure) if keyframe is found.keyframe else None
-        self._track = Track(keyframe, way, T_world_reference, last=good, clarity=clarity)
+        clarity = (
+            track.observability_at_start(found, uncertainty) if keyframe is found.keyframe else None
+        )
+        self._track = DirectTrack(
+            keyframe, way, T_world_reference, last_frame=tracked, initial_observability=clarity
+        )
         self._failures = 0
-        return self._estimate(
+        return self._make_estimate(
             True,
-            found.lack or lack(found.alignment),
-            draw(found.keyframe, found.alignment),
+            found.degradation or degradation_reason(found.alignment),
+            make_tracking_debug(found.keyframe, found.alignment),
             T_reference_camera,
-            sure.covariance,
+            uncertainty.covariance,
             is_next_reference=is_next_reference,
         )
 
-    def _estimate(
+    def _make_estimate(
         self,
         ok: bool,
         reason: str,
-        evidence: Evidence,
+        debug: TrackingDebug,
         T_reference_camera: Array | None = None,
         covariance: Array | None = None,
-        restarted: bool = False,
+        is_reset: bool = False,
         is_next_reference: bool = True,
     ) -> Estimate:
         return Estimate(
@@ -228,10 +290,10 @@ class KeyframeOdometry:
             T_world_camera=self._T_world_camera.copy(),
             T_reference_camera=np.eye(4) if T_reference_camera is None else T_reference_camera,
             covariance=np.zeros((6, 6)) if covariance is None else covariance,
-            features=len(evidence.keypoints_px),
-            matches=len(evidence.matches_px),
-            inliers=int(evidence.inlier.sum()),
-            restarted=restarted,
+            features=len(debug.keypoints_px),
+            matches=len(debug.matches_px),
+            inliers=int(debug.inlier.sum()),
+            is_reset=is_reset,
             is_next_reference=is_next_reference,
-            evidence=evidence,
+            debug=debug,
         )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from drivers.jit import kernel
 
 
-class Described(Protocol):
+class HasDescriptors(Protocol):
     """What features are matched by.
 
     sign        (N,) of the Laplacian: +1 dark blob, -1 bright blob
@@ -22,7 +22,9 @@ class Described(Protocol):
     def descriptor(self) -> NDArray[np.float32]: ...
 
 
-def match_features(query: Described, reference: Described, ratio: float) -> NDArray[np.int64]:
+def match_features(
+    query: HasDescriptors, reference: HasDescriptors, ratio: float
+) -> NDArray[np.int64]:
     """Pairs (M, 2) of indices into `query` and `reference`, by index of the query.
 
     A pair is kept if the second nearest descriptor is further by 1/ratio (Lowe 2004, Section 7.1)
@@ -49,15 +51,15 @@ def match_descriptors(
 
     Whole numbers make every dot product exact, so any BLAS and any thread count agree.
     """
-    closeness = _closeness(query, reference)
-    best, second, nearest = best_two(closeness)
+    closeness = _similarity(query, reference)
+    best, second, nearest = find_best_two(closeness)
     queries = np.flatnonzero(best > ratio**2 * second.astype(np.float64))
     references = nearest[queries]
     is_mutual = closeness.argmax(axis=1)[references] == queries
     return np.column_stack([queries[is_mutual], references[is_mutual]]).astype(np.int64)
 
 
-def _closeness(query: NDArray[np.float32], reference: NDArray[np.float32]) -> NDArray[np.float32]:
+def _similarity(query: NDArray[np.float32], reference: NDArray[np.float32]) -> NDArray[np.float32]:
     """(K, N) table of -|q - r|^2 / 2 = q.r - |r|^2 / 2 - |q|^2 / 2, as one matrix product."""
     half = np.float32(0.5)
     one_q, one_r = np.ones(len(query), np.float32), np.ones(len(reference), np.float32)
@@ -70,7 +72,7 @@ def _closeness(query: NDArray[np.float32], reference: NDArray[np.float32]) -> ND
 
 
 @kernel
-def best_two(
+def find_best_two(
     similarity: NDArray[np.float32],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
     """Per column of a (K, N) table: largest value, second largest, and row of the largest.

@@ -5,22 +5,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.geometry import Array, rigid_transform, rotation_from_vector, rotation_vector
+from drivers.geometry import Array, rigid_transform, so3_exp, so3_log
 
 # The velocity is the mean over so many motions: one alone is noisy, many are out of date.
-MOTIONS = 3
+MAX_MOTIONS = 3
 # A longer time between two good frames says little of the velocity at its end, and further
 # ahead than this nothing can be told.
-LONGEST_STEP_S = 0.2
+MAX_STEP_S = 0.2
 # A camera on a robot or in a hand is not faster; what was measured beyond that is cut down to it.
-FASTEST_M_S, FASTEST_RAD_S = 2.0, 4.0
+MAX_SPEED_M_S, MAX_TURN_RATE_RAD_S = 2.0, 4.0
 # How far off the prediction may be, as an angle at the camera: at once, and by an unforeseen
 # acceleration (of a hand: 5 rad/s^2 of turning, and 10 m/s^2 of things 2 m away).
-SPREAD_RAD, ACCELERATION_RAD_S2 = 0.04, 10.0
+MIN_SPREAD_RAD, ACCELERATION_RAD_S2 = 0.04, 10.0
 
 
 @dataclass(frozen=True)
-class Prediction:
+class MotionPrediction:
     """A motion that is expected.
 
     T_reference_camera  4x4
@@ -31,14 +31,14 @@ class Prediction:
     spread_rad: float
 
 
-class MotionModel:
+class ConstantVelocityModel:
     """The velocity over the last good motions, carried on."""
 
     def __init__(self) -> None:
         self._stamp_s = -np.inf
-        self._steps: deque[tuple[Array, float]] = deque(maxlen=MOTIONS)
+        self._steps: deque[tuple[Array, float]] = deque(maxlen=MAX_MOTIONS)
 
-    def begin(self, stamp_s: float) -> None:
+    def reset(self, stamp_s: float) -> None:
         """The first view of a chain: nothing is known of the velocity."""
         self._stamp_s = stamp_s
         self._steps.clear()
@@ -47,21 +47,21 @@ class MotionModel:
         """A good motion since the last good frame. Stamps that repeat or go back begin anew."""
         duration_s = stamp_s - self._stamp_s
         self._stamp_s = stamp_s
-        if 0.0 < duration_s <= LONGEST_STEP_S:
+        if 0.0 < duration_s <= MAX_STEP_S:
             self._steps.append((T_reference_camera, duration_s))
         else:
             self._steps.clear()
 
-    def predict(self, stamp_s: float) -> Prediction | None:
+    def predict(self, stamp_s: float) -> MotionPrediction | None:
         """The motion from the last good frame to a stamp; None where it cannot be told."""
         ahead_s = stamp_s - self._stamp_s
-        if not self._steps or not 0.0 < ahead_s <= LONGEST_STEP_S:
+        if not self._steps or not 0.0 < ahead_s <= MAX_STEP_S:
             return None
         velocity_m_s, velocity_rad_s = self._velocity()
-        R = rotation_from_vector(velocity_rad_s * ahead_s)
-        return Prediction(
+        R = so3_exp(velocity_rad_s * ahead_s)
+        return MotionPrediction(
             T_reference_camera=rigid_transform(R, velocity_m_s * ahead_s),
-            spread_rad=SPREAD_RAD + 0.5 * ACCELERATION_RAD_S2 * ahead_s**2,
+            spread_rad=MIN_SPREAD_RAD + 0.5 * ACCELERATION_RAD_S2 * ahead_s**2,
         )
 
     def _velocity(self) -> tuple[Array, Array]:
@@ -73,11 +73,11 @@ class MotionModel:
             duration_s += step_s
         R, t = T_first_last[:3, :3], T_first_last[:3, 3]
         return (
-            _limited(R.T @ t / duration_s, FASTEST_M_S),
-            _limited(rotation_vector(R) / duration_s, FASTEST_RAD_S),
+            _limit_norm(R.T @ t / duration_s, MAX_SPEED_M_S),
+            _limit_norm(so3_log(R) / duration_s, MAX_TURN_RATE_RAD_S),
         )
 
 
-def _limited(vector: Array, longest: float) -> Array:
+def _limit_norm(vector: Array, max_norm: float) -> Array:
     length = float(np.linalg.norm(vector))
-    return vector if length <= longest else vector * (longest / length)
+    return vector if length <= max_norm else vector * (max_norm / length)

@@ -9,15 +9,15 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.depth_noise import depth_sigma_m, lateral_sigma_m
-from vo_service.odometry.grey_frame import GreyFrame
+from vo_service.odometry.gray_frame import GrayFrame
 from vo_service.odometry.surf import Features
 
 # A surface is fitted over a square of (2 RADIUS + 1)^2 pixels ...
-RADIUS = 4
+PLANE_RADIUS_PX = 4
 # ... whose readings lie within this much of the middle's in 1/z: beyond is another surface,
 MAX_STEP_PER_M = 0.02
 # ... and which covers at least this share of the square.
-MIN_SUPPORT = 0.6
+MIN_PLANE_SUPPORT = 0.6
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class PointPairs:
         return len(self.P_camera)
 
 
-def locate_features(features: Features, frame: RgbdFrame | GreyFrame) -> FeaturePoints:
+def backproject_features(features: Features, frame: RgbdFrame | GrayFrame) -> FeaturePoints:
     """Back-project features through the depth image (pinhole model).
 
     The depth is that of a plane fitted in 1/z around the feature, which averages the sensor's
@@ -97,7 +97,10 @@ def fit_inverse_depth(
     for n in range(len(position_px)):
         x, y = float(position_px[n, 0]), float(position_px[n, 1])
         column, row = int(x + 0.5), int(y + 0.5)
-        if RADIUS <= column < width - RADIUS and RADIUS <= row < height - RADIUS:
+        if (
+            PLANE_RADIUS_PX <= column < width - PLANE_RADIUS_PX
+            and PLANE_RADIUS_PX <= row < height - PLANE_RADIUS_PX
+        ):
             found[n] = _fit_plane(depth_m, column, row, x - column, y - row)
     return found
 
@@ -110,8 +113,8 @@ def _fit_plane(depth_m: NDArray[np.float32], column: int, row: int, dx: float, d
         return 0.0
     w0 = 1.0 / middle
     n = su = sv = suu = suv = svv = sw = suw = svw = 0.0
-    for v in range(-RADIUS, RADIUS + 1):
-        for u in range(-RADIUS, RADIUS + 1):
+    for v in range(-PLANE_RADIUS_PX, PLANE_RADIUS_PX + 1):
+        for u in range(-PLANE_RADIUS_PX, PLANE_RADIUS_PX + 1):
             z = depth_m[row + v, column + u]
             if z <= 0:
                 continue
@@ -130,7 +133,7 @@ def _fit_plane(depth_m: NDArray[np.float32], column: int, row: int, dx: float, d
             sw += w
             suw += u * w
             svw += v * w
-    if n < MIN_SUPPORT * (2 * RADIUS + 1) ** 2:
+    if n < MIN_PLANE_SUPPORT * (2 * PLANE_RADIUS_PX + 1) ** 2:
         return 0.0
     # Normal equations about the centroid, a 2x2 system for the two slopes.
     mu, mv, mw = su / n, sv / n, sw / n

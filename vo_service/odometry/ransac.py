@@ -40,7 +40,7 @@ def find_consensus(pairs: PointPairs, max_hypotheses: int, seed: int) -> Consens
     With fewer than 3 pairs, or no three that fit together, no pair is an inlier.
     """
     gate = inverse_gate(pairs)
-    T, score = best_hypothesis(
+    T, score = find_best_hypothesis(
         np.ascontiguousarray(pairs.P_camera.T),
         np.ascontiguousarray(pairs.P_reference.T),
         np.ascontiguousarray(gate.T),
@@ -50,7 +50,7 @@ def find_consensus(pairs: PointPairs, max_hypotheses: int, seed: int) -> Consens
     if score == 0.0:
         # Pairs that agree with standing still by chance are no consensus.
         return Consensus(T, np.zeros(len(pairs), np.bool_))
-    return Consensus(T, agreeing(T, pairs, gate))
+    return Consensus(T, find_inliers(T, pairs, gate))
 
 
 def inverse_gate(pairs: PointPairs) -> Array:
@@ -63,7 +63,7 @@ def inverse_gate(pairs: PointPairs) -> Array:
     return gate
 
 
-def agreeing(T_reference_camera: Array, pairs: PointPairs, gate: Array) -> NDArray[np.bool_]:
+def find_inliers(T_reference_camera: Array, pairs: PointPairs, gate: Array) -> NDArray[np.bool_]:
     """(N,) bool: which pairs agree with a motion; `gate` from `inverse_gate`."""
     difference = transform_points(T_reference_camera, pairs.P_camera) - pairs.P_reference
     across = (difference[:, 0] ** 2 + difference[:, 1] ** 2) * gate[:, 0] ** 2
@@ -73,7 +73,7 @@ def agreeing(T_reference_camera: Array, pairs: PointPairs, gate: Array) -> NDArr
 
 
 @kernel
-def best_hypothesis(
+def find_best_hypothesis(
     P: Array, Q: Array, inverse_gate: Array, max_hypotheses: int, seed: np.uint32
 ) -> tuple[Array, float]:
     """4x4 motion with the highest score, and the score; P, Q (3, N), inverse_gate (2, N).
@@ -98,11 +98,11 @@ def best_hypothesis(
         j = int(state % np.uint32(n))
         state = _next_random(state)
         k = int(state % np.uint32(n))
-        if i in (j, k) or j == k or not _same_shape(P, Q, inverse_gate, i, j, k):
+        if i in (j, k) or j == k or not _has_same_shape(P, Q, inverse_gate, i, j, k):
             continue
-        if not _motion_of_triangle(P, Q, i, j, k, T):
+        if not _fit_triangles(P, Q, i, j, k, T):
             continue
-        score, inliers = _score(P, Q, inverse_gate, T)
+        score, inliers = _score_hypothesis(P, Q, inverse_gate, T)
         if score > best_score:
             best_score = score
             best[:] = T
@@ -124,7 +124,7 @@ def _next_random(state: np.uint32) -> np.uint32:
 
 
 @inline_kernel
-def _same_shape(P: Array, Q: Array, inverse_gate: Array, i: int, j: int, k: int) -> bool:
+def _has_same_shape(P: Array, Q: Array, inverse_gate: Array, i: int, j: int, k: int) -> bool:
     """A rigid motion keeps the sides of the triangle; sides too short say nothing of rotation."""
     corners = (i, j, k, i)
     for side in range(3):
@@ -141,7 +141,7 @@ def _same_shape(P: Array, Q: Array, inverse_gate: Array, i: int, j: int, k: int)
 
 
 @inline_kernel
-def _score(P: Array, Q: Array, inverse_gate: Array, T: Array) -> tuple[float, int]:
+def _score_hypothesis(P: Array, Q: Array, inverse_gate: Array, T: Array) -> tuple[float, int]:
     score = 0.0
     inliers = 0
     for n in range(P.shape[1]):
@@ -157,7 +157,7 @@ def _score(P: Array, Q: Array, inverse_gate: Array, T: Array) -> tuple[float, in
 
 
 @inline_kernel
-def _motion_of_triangle(P: Array, Q: Array, i: int, j: int, k: int, T: Array) -> bool:
+def _fit_triangles(P: Array, Q: Array, i: int, j: int, k: int, T: Array) -> bool:
     """Motion of three pairs, without an SVD: plane to plane, then the angle within the plane.
 
     Writes the least-squares motion of the triangles into T; False if one is a line.

@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 
 from drivers.geometry import Array
 from vo_service.odometry.points import PointPairs
-from vo_service.odometry.ransac import Consensus, agreeing, inverse_gate
+from vo_service.odometry.ransac import Consensus, find_inliers, inverse_gate
 from vo_service.odometry.rigid_motion import fit_rigid_motion, motion_covariance
 
 # Times that the inliers are chosen anew; after that they hardly change.
-ROUNDS = 3
+ITERATIONS = 3
 
 
 @dataclass(frozen=True)
-class Motion:
+class RigidMotionEstimate:
     """The motion of the camera since the reference frame.
 
     T_reference_camera  4x4
@@ -28,19 +28,19 @@ class Motion:
     covariance: Array
 
 
-def refine_motion(consensus: Consensus, pairs: PointPairs) -> Motion:
+def refine_rigid_motion(consensus: Consensus, pairs: PointPairs) -> RigidMotionEstimate:
     """Least-squares motion of the inliers; fewer than 3 inliers are no motion."""
     w = pair_weights(pairs)
     gate = inverse_gate(pairs)
     T, inlier = consensus.T_reference_camera, consensus.inlier
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         if inlier.sum() < 3:
-            return Motion(np.eye(4), np.zeros(len(pairs), np.bool_), np.zeros((6, 6)))
+            return RigidMotionEstimate(np.eye(4), np.zeros(len(pairs), np.bool_), np.zeros((6, 6)))
         fitted = inlier
         T = fit_rigid_motion(pairs.P_camera[fitted], pairs.P_reference[fitted], w[fitted])
-        inlier = agreeing(T, pairs, gate)
+        inlier = find_inliers(T, pairs, gate)
     covariance = motion_covariance(pairs.P_camera[fitted], w[fitted], _sigma_m(pairs)[fitted])
-    return Motion(T, inlier, covariance)
+    return RigidMotionEstimate(T, inlier, covariance)
 
 
 def pair_weights(pairs: PointPairs) -> Array:

@@ -12,8 +12,8 @@ from drivers.geometry import Array, rigid_transform
 def fit_rigid_motion(P: Array, Q: Array, w: Array) -> Array:
     """4x4 transform T that minimises sum w_i |T p_i - q_i|^2; 3 points or more, not on a line."""
     p_mean, q_mean = weighted_centroid(P, w), weighted_centroid(Q, w)
-    X, Y = centred(P, p_mean), centred(Q, q_mean)
-    S = covariance_matrix(X, Y, w)
+    X, Y = center_points(P, p_mean), center_points(Q, q_mean)
+    S = cross_covariance(X, Y, w)
     R = rotation_from_covariance(S)
     t = translation_between(p_mean, q_mean, R)
     return rigid_transform(R, t)
@@ -25,12 +25,12 @@ def weighted_centroid(P: Array, w: Array) -> Array:
     return centroid
 
 
-def centred(P: Array, centroid: Array) -> Array:
+def center_points(P: Array, centroid: Array) -> Array:
     """Step 2: the centred vectors, x_i = p_i - centroid."""
     return P - centroid
 
 
-def covariance_matrix(X: Array, Y: Array, w: Array) -> Array:
+def cross_covariance(X: Array, Y: Array, w: Array) -> Array:
     """Step 3: the 3x3 covariance matrix S = X W Y^T (with points as columns)."""
     S: Array = (X * w[:, None]).T @ Y
     return S

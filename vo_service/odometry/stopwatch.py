@@ -4,7 +4,7 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
 
-class Stopwatch(Protocol):
+class StageTimer(Protocol):
     """Measures the stages of one frame: ``with stopwatch.stage("surf"): ...``."""
 
     def stage(self, name: str) -> AbstractContextManager[None]:
@@ -12,7 +12,7 @@ class Stopwatch(Protocol):
         ...
 
 
-class NullStopwatch:
+class NullStageTimer:
     """Measures nothing: the odometry alone has no clock."""
 
     def stage(self, name: str) -> AbstractContextManager[None]:

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from vo_service.odometry.points import FeaturePoints
-from vo_service.odometry.refinement import Motion
+from vo_service.odometry.refinement import RigidMotionEstimate
 from vo_service.odometry.surf import Features
-from vo_service.types import Evidence
+from vo_service.types import TrackingDebug
 
 
 @dataclass(frozen=True)
-class View:
+class FeatureView:
     """What is kept of a frame.
 
     features  where they are in the image, and what they look like
@@ -28,14 +28,21 @@ class View:
     stamp_s: float
 
 
-def with_depth(view: View, reference: View, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+def select_pairs_with_depth(
+    view: FeatureView, reference: FeatureView, pairs: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """Those pairs (M, 2) of features, of the view and of its reference, that both have depth."""
     return pairs[view.points.has_depth[pairs[:, 0]] & reference.points.has_depth[pairs[:, 1]]]
 
 
-def draw(view: View, reference: View, matches: NDArray[np.int64], motion: Motion) -> Evidence:
+def make_tracking_debug(
+    view: FeatureView,
+    reference: FeatureView,
+    matches: NDArray[np.int64],
+    motion: RigidMotionEstimate,
+) -> TrackingDebug:
     """What a viewer can draw of matches (M, 2) and the motion found by them."""
-    return Evidence(
+    return TrackingDebug(
         keypoints_px=view.features.position_px,
         matches_px=view.features.position_px[matches[:, 0]],
         reference_matches_px=reference.features.position_px[matches[:, 1]],

@@ -9,13 +9,13 @@ from vo_service.outputs.cdr_layout import (
     CDR_HEADER,
     append_frames,
     append_numbers,
-    body_of,
     read_frames,
     read_numbers,
-    reading,
+    reraise_as_value_error,
+    strip_header,
 )
 
-SCHEMA = "nav_msgs/msg/Odometry"
+ODOMETRY_SCHEMA = "nav_msgs/msg/Odometry"
 
 # position 3, quaternion 4, covariance 36, twist 6, covariance 36
 _NUMBERS = 85
@@ -80,8 +80,8 @@ def decode_odometry(payload: bytes) -> OdometryMessage:
 
     Raises ValueError if the bytes are not a little-endian Odometry message.
     """
-    body = body_of(payload)
-    with reading(SCHEMA):
+    body = strip_header(payload)
+    with reraise_as_value_error(ODOMETRY_SCHEMA):
         stamp_s, frame_id, child_frame_id, offset = read_frames(body)
         numbers = read_numbers(body, offset, _NUMBERS)
     return OdometryMessage(

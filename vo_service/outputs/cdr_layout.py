@@ -21,7 +21,7 @@ _LENGTH = struct.Struct("<I")
 
 def append_length(body: bytes, count: int) -> bytes:
     """Go on with how many items follow."""
-    return _aligned(body, 4) + _LENGTH.pack(count)
+    return _pad_to(body, 4) + _LENGTH.pack(count)
 
 
 def append_frames(body: bytes, stamp_s: float, frame_id: str, child_frame_id: str) -> bytes:
@@ -29,17 +29,17 @@ def append_frames(body: bytes, stamp_s: float, frame_id: str, child_frame_id: st
 
     Raises ValueError if the stamp does not fit.
     """
-    body = _aligned(body, 4) + _STAMP.pack(*split_stamp(stamp_s))
+    body = _pad_to(body, 4) + _STAMP.pack(*split_stamp(stamp_s))
     return _append_string(_append_string(body, frame_id), child_frame_id)
 
 
 def append_numbers(body: bytes, numbers: Array) -> bytes:
     """Go on with 64-bit numbers."""
-    return _aligned(body, 8) + numbers.astype("<f8").tobytes()
+    return _pad_to(body, 8) + numbers.astype("<f8").tobytes()
 
 
 @contextmanager
-def reading(schema: str) -> Iterator[None]:
+def reraise_as_value_error(schema: str) -> Iterator[None]:
     """While a message is taken apart: whatever is wrong with it is a ValueError that names it."""
     try:
         yield
@@ -47,7 +47,7 @@ def reading(schema: str) -> Iterator[None]:
         raise ValueError(f"not a {schema} message: {error}") from error
 
 
-def body_of(payload: bytes) -> bytes:
+def strip_header(payload: bytes) -> bytes:
     """What follows the header. Raises ValueError if that is another."""
     if payload[:4] != CDR_HEADER:
         raise ValueError("not little-endian CDR: the first four bytes are not 00 01 00 00")
@@ -67,7 +67,7 @@ def read_frames(body: bytes) -> tuple[float, str, str, int]:
 
 def read_numbers(body: bytes, offset: int, count: int) -> Array:
     """64-bit numbers after an offset. Raises ValueError if there are fewer."""
-    return np.frombuffer(body, "<f8", count, _align(offset, 8)).astype(np.float64)
+    return np.frombuffer(body, "<f8", count, _aligned_offset(offset, 8)).astype(np.float64)
 
 
 def split_stamp(stamp_s: float) -> tuple[int, int]:
@@ -86,12 +86,12 @@ def split_stamp(stamp_s: float) -> tuple[int, int]:
     return sec, nanosec
 
 
-def _align(offset: int, size: int) -> int:
+def _aligned_offset(offset: int, size: int) -> int:
     return offset + -offset % size
 
 
-def _aligned(body: bytes, size: int) -> bytes:
-    return body.ljust(_align(len(body), size), b"\x00")
+def _pad_to(body: bytes, size: int) -> bytes:
+    return body.ljust(_aligned_offset(len(body), size), b"\x00")
 
 
 def _append_string(body: bytes, text: str) -> bytes:
@@ -100,7 +100,7 @@ def _append_string(body: bytes, text: str) -> bytes:
 
 
 def _read_string(body: bytes, offset: int) -> tuple[str, int]:
-    start = _align(offset, 4) + _LENGTH.size
+    start = _aligned_offset(offset, 4) + _LENGTH.size
     (length,) = _LENGTH.unpack_from(body, start - _LENGTH.size)
     if start + length > len(body):
         raise ValueError("a string is longer than the message")

@@ -11,10 +11,10 @@ from vo_service.outputs.cdr_layout import (
     append_frames,
     append_length,
     append_numbers,
-    body_of,
     read_frames,
     read_numbers,
-    reading,
+    reraise_as_value_error,
+    strip_header,
 )
 
 TRANSFORM_SCHEMA = "geometry_msgs/msg/TransformStamped"
@@ -55,14 +55,14 @@ def encode_transform(message: TransformMessage) -> bytes:
 
     Raises ValueError if a number is not finite or the stamp does not fit.
     """
-    return CDR_HEADER + _append(b"", message)
+    return CDR_HEADER + _append_transform(b"", message)
 
 
 def encode_transforms(messages: Sequence[TransformMessage]) -> bytes:
     """CDR bytes of a ``TFMessage``: several transforms in one. Raises as `encode_transform`."""
     body = append_length(b"", len(messages))
     for message in messages:
-        body = _append(body, message)
+        body = _append_transform(body, message)
     return CDR_HEADER + body
 
 
@@ -71,15 +71,15 @@ def decode_transform(payload: bytes) -> TransformMessage:
 
     Raises ValueError if the bytes are not a little-endian TransformStamped message.
     """
-    body = body_of(payload)
-    with reading(TRANSFORM_SCHEMA):
+    body = strip_header(payload)
+    with reraise_as_value_error(TRANSFORM_SCHEMA):
         stamp_s, frame_id, child_frame_id, offset = read_frames(body)
         numbers = read_numbers(body, offset, _NUMBERS)
         T_frame_child = transform_from_pose(numbers[:3], numbers[3:])
     return TransformMessage(stamp_s, frame_id, child_frame_id, T_frame_child)
 
 
-def _append(body: bytes, message: TransformMessage) -> bytes:
+def _append_transform(body: bytes, message: TransformMessage) -> bytes:
     if not np.all(np.isfinite(message.T_frame_child)):
         raise ValueError(f"transform at {message.stamp_s} s holds a number that is not finite")
     body = append_frames(body, message.stamp_s, message.frame_id, message.child_frame_id)

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from drivers.sensor_settings import Led
-from vo_service.control.commands import FARTHEST_M, LARGEST_TILT_DEG, LENGTH_TOLERANCE
+from vo_service.control.commands import MAX_POSITION_M, MAX_TILT_DEG, QUATERNION_NORM_TOLERANCE
 from vo_service.types import NAME_PATTERN
 
 Schema = dict[str, Any]
 
 
-def _numbers(count: int, limit: float, description: str) -> Schema:
+def _number_array(count: int, limit: float, description: str) -> Schema:
     return {
         "type": "array",
         "items": {"type": "number", "minimum": -limit, "maximum": limit},
@@ -23,8 +23,8 @@ def _numbers(count: int, limit: float, description: str) -> Schema:
 _LED: Schema = {"enum": [str(led) for led in Led], "description": "the sensor's light"}
 _TILT: Schema = {
     "type": "number",
-    "minimum": -LARGEST_TILT_DEG,
-    "maximum": LARGEST_TILT_DEG,
+    "minimum": -MAX_TILT_DEG,
+    "maximum": MAX_TILT_DEG,
     "description": "degrees above the horizon",
 }
 _NAME: Schema = {
@@ -32,14 +32,16 @@ _NAME: Schema = {
     "pattern": f"^(?:{NAME_PATTERN})$",
     "description": "of the folder, or of the map",
 }
-_NOTHING: Schema = {"properties": {}}
+_NO_ARGUMENTS: Schema = {"properties": {}}
 
-ARGUMENTS: Mapping[str, Schema] = {
+ARGUMENT_SCHEMAS: Mapping[str, Schema] = {
     "reset": {
         "properties": {
-            "position_m": _numbers(3, FARTHEST_M, "where the base is to be in odom, x y z"),
-            "quaternion_xyzw": _numbers(
-                4, 1.0 + LENGTH_TOLERANCE, "how the base is to be turned, of length 1"
+            "position_m": _number_array(
+                3, MAX_POSITION_M, "where the base is to be in odom, x y z"
+            ),
+            "quaternion_xyzw": _number_array(
+                4, 1.0 + QUATERNION_NORM_TOLERANCE, "how the base is to be turned, of length 1"
             ),
         },
         "dependentRequired": {
@@ -47,13 +49,13 @@ ARGUMENTS: Mapping[str, Schema] = {
             "quaternion_xyzw": ["position_m"],
         },
     },
-    "pause": _NOTHING,
-    "resume": _NOTHING,
+    "pause": _NO_ARGUMENTS,
+    "resume": _NO_ARGUMENTS,
     "tilt": {"properties": {"tilt_deg": _TILT}, "required": ["tilt_deg"]},
     "led": {"properties": {"led": _LED}, "required": ["led"]},
     "start-recording": {"properties": {"name": _NAME}, "required": ["name"]},
-    "stop-recording": _NOTHING,
-    "save-incident": _NOTHING,
+    "stop-recording": _NO_ARGUMENTS,
+    "save-incident": _NO_ARGUMENTS,
     "save-map": {"properties": {"name": _NAME}, "required": ["name"]},
     "load-map": {"properties": {"name": _NAME}, "required": ["name"]},
 }
@@ -71,7 +73,7 @@ _LOADED: Schema = {
 }
 _KEYFRAMES: Schema = {"type": "integer", "description": "that the map is made of"}
 
-ANSWERS: Mapping[str, Mapping[str, Schema]] = {
+RESULT_SCHEMAS: Mapping[str, Mapping[str, Schema]] = {
     "reset": {"epoch": _EPOCH},
     "pause": {"paused": _PAUSED},
     "resume": {"paused": _PAUSED},

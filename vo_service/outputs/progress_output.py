@@ -1,7 +1,7 @@
 """How far a run is, for the person at the terminal."""
 
 from vo_service.terminal import Terminal
-from vo_service.types import PoseUpdate, Status, TrackingState
+from vo_service.types import OdometryUpdate, Status, TrackingState
 
 
 class ProgressOutput:
@@ -14,12 +14,12 @@ class ProgressOutput:
         self._label = label
         self._total = total
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Count one frame."""
         label = f"{self._label}: {update.state}, {update.estimate.inliers} inliers, frame"
         self._terminal.progress(label, update.frame.seq + 1, self._total)
 
-    def status(self, status: Status) -> None:
+    def on_status(self, status: Status) -> None:
         """Draw why there is no camera; otherwise the next frame tells."""
         if status.state is TrackingState.NO_CAMERA:
             self._terminal.show(f"{self._label}: {status.reason}")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from drivers.errors import InputError
 
 # Enclave and namespace, which we have none of: empty parts are not allowed in a key.
-_NONE = "%"
+_EMPTY_PART = "%"
 _GID_BYTES = 16
 # Sequence number, source time in ns, and the length of the gid that follows, little endian.
 _ATTACHMENT = struct.Struct("<qqB")
@@ -79,9 +79,9 @@ class RosNode:
     name: str
 
     @property
-    def token(self) -> str:
+    def liveliness_token(self) -> str:
         """Key of the liveliness token that makes the node known."""
-        return self._token(0, "NN")
+        return self._liveliness_key(0, "NN")
 
     def publisher_token(self, number: int, topic: RosTopic) -> str:
         """Key of the token that makes a publisher known; `number` tells it from its siblings.
@@ -89,12 +89,12 @@ class RosNode:
         QoS: reliable, volatile, keep last `depth`; what is left empty has ROS's default.
         """
         topic_name = "/" + topic.name
-        parts = (_mangled(topic_name), topic.type.dds_name, topic.type.hash)
-        return "/".join((self._token(number, "MP"), *parts, f"::,{topic.depth}:,:,:,,"))
+        parts = (_mangle(topic_name), topic.type.dds_name, topic.type.hash)
+        return "/".join((self._liveliness_key(number, "MP"), *parts, f"::,{topic.depth}:,:,:,,"))
 
-    def _token(self, number: int, kind: str) -> str:
+    def _liveliness_key(self, number: int, kind: str) -> str:
         where = f"@ros2_lv/{self.domain_id}/{self.zid}/0/{number}"
-        return f"{where}/{kind}/{_NONE}/{_NONE}/{self.name}"
+        return f"{where}/{kind}/{_EMPTY_PART}/{_EMPTY_PART}/{self.name}"
 
 
 def node_name(prefix: str) -> str:
@@ -111,10 +111,10 @@ def publisher_gid(token: str) -> bytes:
     return hashlib.blake2b(token.encode(), digest_size=_GID_BYTES).digest()
 
 
-def attachment(number: int, source_ns: int, gid: bytes) -> bytes:
+def encode_attachment(sequence_number: int, source_ns: int, gid: bytes) -> bytes:
     """What goes with each sample: its number, from 1, and its time in ns since 1970."""
-    return _ATTACHMENT.pack(number, source_ns, _GID_BYTES) + gid
+    return _ATTACHMENT.pack(sequence_number, source_ns, _GID_BYTES) + gid
 
 
-def _mangled(name: str) -> str:
-    return name.replace("/", _NONE)
+def _mangle(name: str) -> str:
+    return name.replace("/", _EMPTY_PART)

@@ -14,22 +14,22 @@ from vo_service.outputs.ros2_names import (
     TF_MESSAGE,
     RosNode,
     RosTopic,
-    attachment,
+    encode_attachment,
     node_name,
     publisher_gid,
 )
-from vo_service.outputs.zenoh_messages import Frames, map_odom
-from vo_service.settings import Ros2Settings
-from vo_service.types import NO_MAP, PoseUpdate, TrackingState
+from vo_service.outputs.zenoh_messages import FrameIds, map_odom_transform
+from vo_service.settings import Ros2Config
+from vo_service.types import NO_MAP, OdometryUpdate, TrackingState
 
 # What rclcpp and tf2_ros ask for.
 ODOMETRY_DEPTH, TF_DEPTH = 10, 100
 
 
-class RosOutput(Protocol):
+class Ros2Output(Protocol):
     """Somewhere that ROS 2 nodes read."""
 
-    def publish(self, update: PoseUpdate, odometry: bytes) -> None:
+    def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
         """Publish one pose; `odometry` is its CDR. Raises ValueError if it is not finite."""
         ...
 
@@ -38,10 +38,10 @@ class RosOutput(Protocol):
         ...
 
 
-class NoRos2:
+class NullRos2Output:
     """Where nobody asked for it."""
 
-    def publish(self, update: PoseUpdate, odometry: bytes) -> None:
+    def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
         """Do nothing."""
 
     def close(self) -> None:
@@ -63,12 +63,12 @@ class Ros2Publisher:
     def __init__(
         self,
         session: zenoh.Session,
-        settings: Ros2Settings,
+        settings: Ros2Config,
         prefix: str,
-        frames: Frames,
+        frame_ids: FrameIds,
         congestion: zenoh.CongestionControl,
     ) -> None:
-        self._frames = frames
+        self._frame_ids = frame_ids
         if settings.topic == f"{prefix}/odom":
             raise InputError(
                 f"ros2.topic = {settings.topic!r}: the poses go out under this key already; "
@@ -76,7 +76,7 @@ class Ros2Publisher:
             )
         odometry = RosTopic(settings.topic, ODOMETRY, ODOMETRY_DEPTH)
         node = RosNode(settings.domain_id, str(session.zid()), node_name(prefix))
-        self._node = session.liveliness().declare_token(node.token)
+        self._node = session.liveliness().declare_token(node.liveliness_token)
         self._odometry = _TopicPublisher(session, node, 1, odometry, congestion)
         self._tf = (
             [_TopicPublisher(session, node, 2, RosTopic("tf", TF_MESSAGE, TF_DEPTH), congestion)]
@@ -84,8 +84,8 @@ class Ros2Publisher:
             else []
         )
 
-    def publish(self, update: PoseUpdate, odometry: bytes) -> None:
-        """See `RosOutput`."""
+    def publish(self, update: OdometryUpdate, odometry: bytes) -> None:
+        """See `Ros2Output`."""
         source_ns = time.time_ns()
         self._odometry.put(odometry, source_ns)
         if update.state is TrackingState.LOST:
@@ -93,24 +93,24 @@ class Ros2Publisher:
         for tf in self._tf:
             tf.put(encode_transforms(list(self._transforms(update))), source_ns)
 
-    def _transforms(self, update: PoseUpdate) -> Iterator[TransformMessage]:
-        frames = self._frames
+    def _transforms(self, update: OdometryUpdate) -> Iterator[TransformMessage]:
+        frames = self._frame_ids
         yield TransformMessage(
             update.stamp_s, frames.frame_id, frames.child_frame_id, update.T_odom_base
         )
-        if _lies_in_a_map(update):
-            yield map_odom(update, frames)
+        if _is_map_odom_known(update):
+            yield map_odom_transform(update, frames)
 
     def close(self) -> None:
-        """See `RosOutput`."""
+        """See `Ros2Output`."""
         for publisher in (self._odometry, *self._tf):
             publisher.close()
         self._node.undeclare()  # type: ignore[no-untyped-call]
 
 
-def _lies_in_a_map(update: PoseUpdate) -> bool:
+def _is_map_odom_known(update: OdometryUpdate) -> bool:
     """Whether `odom` does. What is wrong with a map must not keep the base's own transform back."""
-    is_known = update.map is not NO_MAP and update.is_located
+    is_known = update.map is not NO_MAP and update.is_localized
     return is_known and bool(np.all(np.isfinite(update.map.T_map_odom)))
 
 
@@ -144,7 +144,7 @@ class _TopicPublisher:
         """Publish one sample."""
         self._count += 1
         self._bridge.put(payload)
-        self._rmw.put(payload, attachment=attachment(self._count, source_ns, self._gid))
+        self._rmw.put(payload, attachment=encode_attachment(self._count, source_ns, self._gid))
 
     def close(self) -> None:
         """Take back what was declared."""
@@ -153,14 +153,14 @@ class _TopicPublisher:
             publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
-def ros2_output(
+def make_ros2_output(
     session: zenoh.Session,
-    settings: Ros2Settings,
+    settings: Ros2Config,
     prefix: str,
-    frames: Frames,
+    frame_ids: FrameIds,
     congestion: zenoh.CongestionControl,
-) -> RosOutput:
+) -> Ros2Output:
     """What the settings ask for."""
     if not settings.enabled:
-        return NoRos2()
-    return Ros2Publisher(session, settings, prefix, frames, congestion)
+        return NullRos2Output()
+    return Ros2Publisher(session, settings, prefix, frame_ids, congestion)

@@ -5,10 +5,10 @@ import math
 import time
 
 from drivers.camera import CameraState
-from vo_service.announcements import LONG_S, announce
-from vo_service.types import PoseUpdate, Status, TrackingState
+from vo_service.announcements import SLOW_AFTER_S, announce
+from vo_service.types import OdometryUpdate, Status, TrackingState
 
-COMING = (CameraState.OPENING, CameraState.STARTING)
+CONNECTING_STATES = (CameraState.OPENING, CameraState.STARTING)
 
 logger = logging.getLogger(__name__)
 
@@ -24,31 +24,31 @@ class StateLogOutput:
     warning = ""
 
     def __init__(self) -> None:
-        self._told: tuple[TrackingState, str] | None = None
-        self._in_trouble = self._has_complained = False
-        self._absence = _Absence()
+        self._last_logged: tuple[TrackingState, str] | None = None
+        self._is_faulty = self._has_camera_warning = False
+        self._absence = _CameraAbsence()
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Nothing: the status tells of every change."""
 
-    def status(self, status: Status) -> None:
+    def on_status(self, status: Status) -> None:
         """Log the state if it differs from the one before."""
         is_away = status.state is TrackingState.NO_CAMERA
         is_tracking = status.state is TrackingState.TRACKING
-        is_coming = is_away and status.reason.partition(":")[0] in COMING
-        took = self._absence.note(status, is_away, is_coming)
+        is_coming = is_away and status.reason.partition(":")[0] in CONNECTING_STATES
+        took = self._absence.update(status, is_away, is_coming)
         news = (status.state, status.reason if is_away else "")
-        before, self._told = self._told, news
-        had_complained = self._has_complained and before == news
+        before, self._last_logged = self._last_logged, news
+        had_complained = self._has_camera_warning and before == news
         complains = is_tracking and status.reason != ""
-        self._has_complained = had_complained or complains
-        if before is None or (before == news and self._has_complained == had_complained):
+        self._has_camera_warning = had_complained or complains
+        if before is None or (before == news and self._has_camera_warning == had_complained):
             return
-        was_in_trouble = self._in_trouble
+        was_in_trouble = self._is_faulty
         if not is_coming:
-            self._in_trouble = not is_tracking or complains
-        is_news = (was_in_trouble or self._in_trouble) and not is_coming
-        text = _text(status) + took
+            self._is_faulty = not is_tracking or complains
+        is_news = (was_in_trouble or self._is_faulty) and not is_coming
+        text = _status_text(status) + took
         if is_news:
             logger.warning("%s", text)
         elif took:
@@ -60,27 +60,27 @@ class StateLogOutput:
         """Nothing to release."""
 
 
-class _Absence:
+class _CameraAbsence:
     """How long there has been no camera."""
 
     def __init__(self) -> None:
         self._since_s = math.inf
-        self._is_told = False
+        self._is_announced = False
 
-    def note(self, status: Status, is_away: bool, is_coming: bool) -> str:
+    def update(self, status: Status, is_absent: bool, is_connecting: bool) -> str:
         """Tell of a camera that has been coming for long; when it is there, how long that took."""
         now_s = time.monotonic()
-        is_long = now_s - self._since_s >= LONG_S
-        if not is_away:
+        is_long = now_s - self._since_s >= SLOW_AFTER_S
+        if not is_absent:
             took = f" (no camera for {now_s - self._since_s:.1f} s)" if is_long else ""
-            self._since_s, self._is_told = math.inf, False
+            self._since_s, self._is_announced = math.inf, False
             return took
         self._since_s = min(self._since_s, now_s)
-        if is_long and is_coming and not self._is_told:
-            self._is_told = True
-            announce(f"{_text(status)} ...")
+        if is_long and is_connecting and not self._is_announced:
+            self._is_announced = True
+            announce(f"{_status_text(status)} ...")
         return ""
 
 
-def _text(status: Status) -> str:
+def _status_text(status: Status) -> str:
     return f"{status.state}: {status.reason}" if status.reason else str(status.state)

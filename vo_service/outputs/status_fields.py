@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-STATUS_FIELDS: Mapping[str, str] = {
+STATUS_FIELD_DESCRIPTIONS: Mapping[str, str] = {
     "state": "how far the pose can be trusted",
     "reason": 'why the state is so, in words; "" while all is well',
     "epoch": "changes whenever the pose is not continuous with the one before",

@@ -3,12 +3,12 @@
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-TABLES = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
+PROC_TCP_TABLES = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
 
 PortPair = tuple[int, int]
 
 
-def backlog_bytes(connections: Iterable[PortPair]) -> int:
+def queued_bytes(connections: Iterable[PortPair]) -> int:
     """Bytes on their way over connections given as (our port, their port).
 
     Counts what their kernel has not acknowledged and, where they run on this host, what it holds
@@ -26,7 +26,7 @@ def backlog_bytes(connections: Iterable[PortPair]) -> int:
 
 def _sockets() -> Iterator[tuple[int, int, int, int]]:
     """Local port, remote port, bytes in the send queue, bytes in the receive queue."""
-    for table in TABLES:
+    for table in PROC_TCP_TABLES:
         lines = table.read_text().splitlines()[1:] if table.exists() else []
         for line in lines:
             _, local, remote, _, queues = line.split()[:5]

@@ -3,11 +3,11 @@
 import numpy as np
 
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses
-from vo_service.types import PoseUpdate, Status
+from drivers.trajectory import Trajectory
+from vo_service.types import OdometryUpdate, Status
 
 
-class TrajectoryMemory:
+class TrajectoryRecorder:
     """Remembers the pose of every good frame, under the stamp that the camera gave it."""
 
     warning = ""
@@ -15,26 +15,26 @@ class TrajectoryMemory:
     def __init__(self) -> None:
         self._stamps_s: list[float] = []
         self._poses: list[Array] = []
-        self.published_after_s = 0.0  # published stamp minus the frame's
+        self.publish_offset_s = 0.0  # published stamp minus the frame's
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Remember one pose, if this frame has one of its own."""
         if update.estimate.ok:
             self._stamps_s.append(update.frame.stamp_s)
             self._poses.append(update.T_world_camera)
-            self.published_after_s = update.stamp_s - update.frame.stamp_s
+            self.publish_offset_s = update.stamp_s - update.frame.stamp_s
 
-    def status(self, status: Status) -> None:
+    def on_status(self, status: Status) -> None:
         """Nothing to remember."""
 
     def close(self) -> None:
         """Nothing to release; the trajectory can still be asked for."""
 
     @property
-    def trajectory(self) -> StampedPoses:
+    def trajectory(self) -> Trajectory:
         """Everything so far, by rising stamps: of poses that went back in time, the last."""
         stamps_s = np.array(self._stamps_s)
         poses = np.array(self._poses).reshape(-1, 4, 4)
         _, last = np.unique(stamps_s[::-1], return_index=True)
         chosen = len(stamps_s) - 1 - last
-        return StampedPoses(stamps_s[chosen], poses[chosen])
+        return Trajectory(stamps_s[chosen], poses[chosen])

@@ -6,32 +6,36 @@ import re
 import zenoh
 
 from drivers.errors import InputError
-from vo_service.outputs.zenoh_endpoints import Endpoint, endpoints_in, parse_endpoint
-from vo_service.outputs.zenoh_key_check import ENCRYPTED, check_keys, has_client_certificates
-from vo_service.outputs.zenoh_session import session_settings
+from vo_service.outputs.zenoh_endpoints import Endpoint, configured_endpoints, parse_endpoint
+from vo_service.outputs.zenoh_key_check import (
+    ENCRYPTED_PROTOCOLS,
+    check_tls_keys,
+    requires_client_certificates,
+)
+from vo_service.outputs.zenoh_session import build_zenoh_config
 from vo_service.settings import DEFAULT_ENDPOINT, ZenohConfig
 
-_PLAIN = ("tcp", "udp", "ws")
-_BY_PATH = ("unixsock-stream", "unixpipe", "serial", "vsock")
+_UNENCRYPTED = ("tcp", "udp", "ws")
+_PATH_PROTOCOLS = ("unixsock-stream", "unixpipe", "serial", "vsock")
 
 
-def check_zenoh(config: ZenohConfig) -> str:
+def check_session_config(config: ZenohConfig) -> str:
     """Check the file, its keys, its rules and the endpoints; nothing listens or connects.
 
     Returns what is allowed but dangerous, one clause, or "". Raises InputError for what is wrong.
     """
-    settings = session_settings(config)
+    settings = build_zenoh_config(config)
     where = str(config.config_file or "zenoh")
-    listen, connect = (endpoints_in(settings, key) for key in ("listen", "connect"))
+    listen, connect = (configured_endpoints(settings, key) for key in ("listen", "connect"))
     for endpoint in (*listen, *connect):
         _check_endpoint(endpoint, where)
-    check_keys(settings, where, listen, connect)
+    check_tls_keys(settings, where, listen, connect)
     _check_rules(settings, where)
-    is_safe = ENCRYPTED if has_client_certificates(settings) else ()
+    is_safe = ENCRYPTED_PROTOCOLS if requires_client_certificates(settings) else ()
     exposed = [
         text
         for text, endpoint in zip(listen, map(parse_endpoint, listen), strict=True)
-        if _is_for_the_network(endpoint) and endpoint.protocol not in is_safe
+        if _is_network_endpoint(endpoint) and endpoint.protocol not in is_safe
     ]
     if not exposed:
         return ""
@@ -39,17 +43,17 @@ def check_zenoh(config: ZenohConfig) -> str:
 
 
 def _check_endpoint(text: str, where: str) -> None:
-    if text.partition("/")[0] in _BY_PATH:
+    if text.partition("/")[0] in _PATH_PROTOCOLS:
         return
     endpoint = parse_endpoint(text)
-    if endpoint.protocol not in (*_PLAIN, *ENCRYPTED) or int(endpoint.port) > 65535:
+    if endpoint.protocol not in (*_UNENCRYPTED, *ENCRYPTED_PROTOCOLS) or int(endpoint.port) > 65535:
         raise InputError(
             f"{where}: {json.dumps(text)} is no endpoint; write PROTOCOL/ADDRESS:PORT, such as "
             f"{DEFAULT_ENDPOINT} or tls/robot1.local:7451"
         )
 
 
-def _is_for_the_network(endpoint: Endpoint) -> bool:
+def _is_network_endpoint(endpoint: Endpoint) -> bool:
     if not endpoint.host:
         return False  # a pipe, a socket in the file system
     if endpoint.address is None:

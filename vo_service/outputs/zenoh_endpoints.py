@@ -30,7 +30,7 @@ class Endpoint:
         except ValueError:
             return None
 
-    def is_at(self, locator: "Endpoint") -> bool:
+    def matches(self, locator: "Endpoint") -> bool:
         """Whether a link to this locator, an address, may be the link to this endpoint.
 
         A name is not looked up: that can take seconds. Protocol and port must do.
@@ -51,16 +51,16 @@ def parse_endpoint(text: str) -> Endpoint:
     return Endpoint(found["protocol"], found["host"].strip("[]"), found["port"])
 
 
-def endpoints_in(settings: zenoh.Config, key: str) -> list[str]:
+def configured_endpoints(settings: zenoh.Config, key: str) -> list[str]:
     """The endpoints under `key`: "listen" or "connect"."""
     mode = json.loads(settings.get_json("mode"))
-    return _texts(json.loads(settings.get_json(f"{key}/endpoints")), mode)
+    return _flatten_endpoints(json.loads(settings.get_json(f"{key}/endpoints")), mode)
 
 
-def _texts(endpoints: Any, mode: str) -> list[str]:
+def _flatten_endpoints(endpoints: Any, mode: str) -> list[str]:
     """Zenoh also takes one list for each mode, and groups of endpoints."""
     if isinstance(endpoints, dict):
-        return _texts(endpoints.get(mode, []), mode)
+        return _flatten_endpoints(endpoints.get(mode, []), mode)
     if isinstance(endpoints, str):
         return [endpoints]
-    return [text for part in endpoints or [] for text in _texts(part, mode)]
+    return [text for part in endpoints or [] for text in _flatten_endpoints(part, mode)]

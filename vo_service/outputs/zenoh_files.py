@@ -20,7 +20,7 @@ _FILE_KEYS = (
 )
 
 
-def read_zenoh_file(path: Path) -> zenoh.Config:
+def read_zenoh_config(path: Path) -> zenoh.Config:
     """Read a Zenoh configuration (JSON5). Each file that it names becomes an absolute path.
 
     A relative name is looked for among the credentials that systemd hands to the service
@@ -35,16 +35,16 @@ def read_zenoh_file(path: Path) -> zenoh.Config:
         ) from error
     except zenoh.ZError as error:
         raise InputError(
-            f"{path}{_place_and_reason(str(error))}; compare it with the examples in config/zenoh"
+            f"{path}{_line_and_reason(str(error))}; compare it with the examples in config/zenoh"
         ) from error
     for key in _FILE_KEYS:
         name = json.loads(settings.get_json(key))
         if name:
-            settings.insert_json5(key, json.dumps(str(_found(name, path, key))))
+            settings.insert_json5(key, json.dumps(str(_resolve_file(name, path, key))))
     return settings
 
 
-def _place_and_reason(text: str) -> str:
+def _line_and_reason(text: str) -> str:
     """`:LINE: reason` from Zenoh's words; a mistake of syntax is drawn there over several lines."""
     drawn = re.search(r"--> (\d+):\d+.*= (.*)", text, re.DOTALL)
     if drawn:
@@ -52,7 +52,7 @@ def _place_and_reason(text: str) -> str:
     return f": not a Zenoh configuration: {' '.join(text.split())}"
 
 
-def _found(name: str, config: Path, key: str) -> Path:
+def _resolve_file(name: str, config: Path, key: str) -> Path:
     """The file itself. Raises InputError unless it is there and may be read."""
     folders = [config.parent.absolute()]
     if credentials := os.environ.get("CREDENTIALS_DIRECTORY"):

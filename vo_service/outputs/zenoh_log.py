@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 
 import zenoh
 
-from vo_service.outputs.zenoh_refusals import LOG_FILTER, Refusals, parse_line
+from vo_service.outputs.zenoh_refusals import LOG_FILTER, AccessDeniedParser, parse_line
 from vo_service.settings import ZenohConfig
 
 logger = logging.getLogger(__name__)
@@ -21,53 +21,53 @@ logger = logging.getLogger(__name__)
 _PIPE_BYTES = 1 << 20
 _CHUNK_BYTES = 1 << 16
 _PERIOD_S = 10.0
-_MOST_IN_PERIOD = 5
+_MAX_LINES_IN_PERIOD = 5
 
 
-class FloodGate:
+class LogRateLimit:
     """Tells the first few clauses at once, and counts the rest for a summary every ten seconds."""
 
     def __init__(
-        self, tell: Callable[[str], None], now_s: Callable[[], float] = time.monotonic
+        self, log_line: Callable[[str], None], now_s: Callable[[], float] = time.monotonic
     ) -> None:
-        self._tell = tell
+        self._log_line = log_line
         self._now_s = now_s
         self._since_s = -_PERIOD_S
-        self._told: list[str] = []
-        self._held_back = 0
+        self._logged: list[str] = []
+        self._suppressed = 0
 
     def add(self, clause: str) -> None:
         """Something has happened."""
-        self.look()
-        if clause in self._told or len(self._told) >= _MOST_IN_PERIOD:
-            self._held_back += 1
+        self.poll()
+        if clause in self._logged or len(self._logged) >= _MAX_LINES_IN_PERIOD:
+            self._suppressed += 1
             return
-        if not self._told:
+        if not self._logged:
             self._since_s = self._now_s()
-        self._told.append(clause)
-        self._tell(clause)
+        self._logged.append(clause)
+        self._log_line(clause)
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Give the summary if it is time. To be called now and then."""
-        if self._now_s() - self._since_s >= _PERIOD_S and not self.sum_up():
-            self._told = []
+        if self._now_s() - self._since_s >= _PERIOD_S and not self.log_summary():
+            self._logged = []
 
-    def sum_up(self) -> bool:
+    def log_summary(self) -> bool:
         """Tell how much was held back; False if nothing was."""
-        if not self._held_back:
+        if not self._suppressed:
             return False
-        self._tell(f"and {self._held_back} more such refusals")
-        self._since_s, self._held_back = self._now_s(), 0
+        self._log_line(f"and {self._suppressed} more such refusals")
+        self._since_s, self._suppressed = self._now_s(), 0
         return True
 
 
-def refusals_logged(config: ZenohConfig) -> AbstractContextManager[None]:
-    """`zenoh_log_as_ours` where anybody can be refused: only a file can ask for TLS or rules."""
-    return nullcontext() if config.config_file is None else zenoh_log_as_ours()
+def log_access_denied(config: ZenohConfig) -> AbstractContextManager[None]:
+    """`capture_zenoh_log` where anybody can be refused: only a file can ask for TLS or rules."""
+    return nullcontext() if config.config_file is None else capture_zenoh_log()
 
 
 @contextmanager
-def zenoh_log_as_ours() -> Iterator[None]:
+def capture_zenoh_log() -> Iterator[None]:
     """While the block runs, whom Zenoh refuses is said by our logger, never more than a few a time.
 
     What child processes print goes to standard output as before, and so does what Zenoh logs where
@@ -83,9 +83,9 @@ def zenoh_log_as_ours() -> Iterator[None]:
     python_stdout, sys.stdout = sys.stdout, os.fdopen(own, "w", buffering=1, closefd=False)
     os.dup2(writable, 1)
     os.close(writable)
-    reader = threading.Thread(target=_read, args=(readable, own), name="zenoh-log", daemon=True)
+    reader = threading.Thread(target=_read_log, args=(readable, own), name="zenoh-log", daemon=True)
     reader.start()
-    with _only_for_zenoh("RUST_LOG"):
+    with _hide_variable("RUST_LOG"):
         zenoh.init_log_from_env_or(LOG_FILTER)
     try:
         yield
@@ -97,7 +97,7 @@ def zenoh_log_as_ours() -> Iterator[None]:
 
 
 @contextmanager
-def _only_for_zenoh(name: str) -> Iterator[None]:
+def _hide_variable(name: str) -> Iterator[None]:
     """Hide a variable that is meant for other libraries."""
     value = os.environ.get(name, "")
     if "zenoh" in value or not value:
@@ -110,13 +110,16 @@ def _only_for_zenoh(name: str) -> Iterator[None]:
         os.environ[name] = value
 
 
-def _read(readable: int, own: int) -> None:
+def _read_log(readable: int, own: int) -> None:
     """Until nobody can write any more."""
-    refusals, gate = Refusals(), FloodGate(lambda clause: logger.warning("zenoh: %s", clause))
+    refusals, gate = (
+        AccessDeniedParser(),
+        LogRateLimit(lambda clause: logger.warning("zenoh: %s", clause)),
+    )
     rest = b""
     while True:
         ready, _, _ = select.select([readable], [], [], 1.0)
-        gate.look()
+        gate.poll()
         if not ready:
             continue
         chunk = os.read(readable, _CHUNK_BYTES)
@@ -124,17 +127,17 @@ def _read(readable: int, own: int) -> None:
             break
         *lines, rest = (rest + chunk).split(b"\n")
         for line in lines:
-            _take(line, refusals, gate, own)
+            _handle_line(line, refusals, gate, own)
         rest = rest[:_CHUNK_BYTES]
-    gate.sum_up()
+    gate.log_summary()
     os.close(readable)
     os.close(own)
 
 
-def _take(line: bytes, refusals: Refusals, gate: FloodGate, own: int) -> None:
+def _handle_line(line: bytes, refusals: AccessDeniedParser, gate: LogRateLimit, own: int) -> None:
     parsed = parse_line(line.decode(errors="replace"))
     if parsed is None or "zenoh" in os.environ.get("RUST_LOG", ""):
         with suppress(OSError):  # nobody reads our standard output
             os.write(own, line + b"\n")
-    if parsed is not None and (clause := refusals.clause(parsed)):
+    if parsed is not None and (clause := refusals.describe(parsed)):
         gate.add(clause)

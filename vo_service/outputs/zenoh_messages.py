@@ -4,16 +4,16 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-from vo_service.control.inbox import Answer
+from vo_service.control.inbox import CommandResult
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
 from vo_service.outputs.cdr_transform import TransformMessage, encode_transform
-from vo_service.types import CommandError, PoseUpdate, Status
+from vo_service.types import CommandError, OdometryUpdate, Status
 
 MESSAGE_SCHEMA = 1
 
 
 @dataclass(frozen=True)
-class Frames:
+class FrameIds:
     """ROS names of the pose's frame, of the frame that moves and of the map's."""
 
     frame_id: str
@@ -21,7 +21,7 @@ class Frames:
     map_frame_id: str
 
 
-def pose_payload(update: PoseUpdate, frames: Frames) -> bytes:
+def pose_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
     """The pose as CDR ``nav_msgs/msg/Odometry``.
 
     Raises ValueError if a number is not finite.
@@ -29,8 +29,8 @@ def pose_payload(update: PoseUpdate, frames: Frames) -> bytes:
     return encode_odometry(
         OdometryMessage(
             stamp_s=update.stamp_s,
-            frame_id=frames.frame_id,
-            child_frame_id=frames.child_frame_id,
+            frame_id=frame_ids.frame_id,
+            child_frame_id=frame_ids.child_frame_id,
             T_frame_child=update.T_odom_base,
             pose_covariance=update.pose_covariance,
             twist=update.twist,
@@ -39,7 +39,7 @@ def pose_payload(update: PoseUpdate, frames: Frames) -> bytes:
     )
 
 
-def pose_attachment(update: PoseUpdate) -> bytes:
+def pose_attachment(update: OdometryUpdate) -> bytes:
     """JSON beside the pose: what `Odometry` has no field for."""
     content = {
         "schema": MESSAGE_SCHEMA,
@@ -51,29 +51,29 @@ def pose_attachment(update: PoseUpdate) -> bytes:
     return json.dumps(content).encode()
 
 
-def map_odom(update: PoseUpdate, frames: Frames) -> TransformMessage:
+def map_odom_transform(update: OdometryUpdate, frame_ids: FrameIds) -> TransformMessage:
     """How `odom` lies in the map, as it is known with this pose."""
     T_map_odom = update.map.T_map_odom
-    return TransformMessage(update.stamp_s, frames.map_frame_id, frames.frame_id, T_map_odom)
+    return TransformMessage(update.stamp_s, frame_ids.map_frame_id, frame_ids.frame_id, T_map_odom)
 
 
-def map_odom_payload(update: PoseUpdate, frames: Frames) -> bytes:
+def map_odom_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
     """The same as CDR ``geometry_msgs/msg/TransformStamped``.
 
     Raises ValueError if a number is not finite.
     """
-    return encode_transform(map_odom(update, frames))
+    return encode_transform(map_odom_transform(update, frame_ids))
 
 
-def map_odom_attachment(update: PoseUpdate) -> bytes:
+def map_odom_attachment(update: OdometryUpdate) -> bytes:
     """JSON beside it: how far it can be relied on, and of which `odom` it is."""
     content = {
         "schema": MESSAGE_SCHEMA,
         "seq": update.seq,
         "epoch": update.epoch,
-        "is_located": update.is_located,
-        "places": update.map.places,
-        "loops": update.map.loops,
+        "is_located": update.is_localized,
+        "places": update.map.keyframes,
+        "loops": update.map.loop_closures,
     }
     return json.dumps(content).encode()
 
@@ -84,9 +84,9 @@ def status_payload(status: Status, versions: Mapping[str, str]) -> bytes:
     return json.dumps(content, allow_nan=False).encode()
 
 
-def answer_payload(answer: Answer) -> bytes:
+def result_payload(result: CommandResult) -> bytes:
     """What a command gave, as JSON. Raises ValueError if a number is not finite."""
-    return json.dumps({"schema": MESSAGE_SCHEMA, **answer}, allow_nan=False).encode()
+    return json.dumps({"schema": MESSAGE_SCHEMA, **result}, allow_nan=False).encode()
 
 
 def error_payload(error: CommandError) -> bytes:

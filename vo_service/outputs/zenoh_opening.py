@@ -11,20 +11,28 @@ from typing import Protocol
 import zenoh
 
 from drivers.errors import UserFacingError
-from vo_service.outputs.zenoh_routers import connect_endpoints, is_connected, named_endpoints
-from vo_service.outputs.zenoh_session import ZenohNotNowError, ZenohPortTakenError, open_session
+from vo_service.outputs.zenoh_routers import (
+    connect_endpoints,
+    is_connected_to_any,
+    session_endpoints,
+)
+from vo_service.outputs.zenoh_session import (
+    ZenohPortInUseError,
+    ZenohUnavailableError,
+    open_session,
+)
 from vo_service.settings import DEFAULT_ENDPOINT, ZenohConfig
 
 logger = logging.getLogger(__name__)
 
 RETRY_S = 2.0
 # A router may take this long to take us up before we complain.
-GRACE_S = 3.0
+ROUTER_GRACE_S = 3.0
 # How often a free port is looked for, as somebody else may take it before Zenoh has it.
-ATTEMPTS = 5
+MAX_PORT_ATTEMPTS = 5
 
 
-class Opening(Protocol):
+class ZenohConnection(Protocol):
     """Where the session comes from. All is called from one thread, once it has been made."""
 
     @property
@@ -33,7 +41,7 @@ class Opening(Protocol):
         ...
 
     @property
-    def where(self) -> str:
+    def description(self) -> str:
         """The session's endpoints, and how to listen there: for a person."""
         ...
 
@@ -43,10 +51,10 @@ class Opening(Protocol):
 
 
 # Raises InputError for what is wrong for good.
-WayToOpen = Callable[[ZenohConfig], Opening]
+ConnectPolicy = Callable[[ZenohConfig], ZenohConnection]
 
 
-class OpenAtOnce:
+class ConnectOnce:
     """For a program that somebody watches: what cannot be opened now is an error."""
 
     warning = ""
@@ -54,14 +62,14 @@ class OpenAtOnce:
     def __init__(self, config: ZenohConfig) -> None:
         """Raises InputError or ZenohNotNowError."""
         self._session = open_session(config)
-        self.where = _where(config)
+        self.description = _describe(config)
 
     def sessions(self) -> list[zenoh.Session]:
         """The session, open or (later) closed."""
         return [self._session]
 
 
-class OpenOnFreePort:
+class ConnectOnFreePort:
     """For a replay: a free port of this computer where the default one is taken.
 
     Where the user has set another endpoint, or Zenoh's configuration, a taken port is an error.
@@ -73,12 +81,12 @@ class OpenOnFreePort:
         """Raises InputError or ZenohNotNowError."""
         try:
             self._session = open_session(config)
-            self.where = _where(config)
-        except ZenohPortTakenError:
+            self.description = _describe(config)
+        except ZenohPortInUseError:
             if config.listen != (DEFAULT_ENDPOINT,) or config.config_file is not None:
                 raise
             self._session, endpoint = _open_on_free_port(config)
-            self.where = (
+            self.description = (
                 f"{endpoint}, as {DEFAULT_ENDPOINT} is taken (kinect-vo listen --connect "
                 f"{endpoint})"
             )
@@ -88,44 +96,44 @@ class OpenOnFreePort:
         return [self._session]
 
 
-class KeepTrying:
+class ConnectWithRetry:
     """For a robot: tries again every two seconds, and says what is wrong as long as it is."""
 
     def __init__(self, config: ZenohConfig, now_s: Callable[[], float] = time.monotonic) -> None:
         """Raises InputError where trying again would not help."""
         self._config = config
         self._now_s = now_s
-        self.where = _where(config)
-        self._routers = _RouterWatch(connect_endpoints(config), now_s)
+        self.description = _describe(config)
+        self._routers = _RouterMonitor(connect_endpoints(config), now_s)
         self._opened: list[zenoh.Session] = []
         self._tried_s = now_s()
         self.warning = ""
         try:
             self._opened = [open_session(config)]
-        except ZenohNotNowError as error:
-            self._tell(f"{error.clause}; trying again")
+        except ZenohUnavailableError as error:
+            self._set_warning(f"{error.clause}; trying again")
 
     def sessions(self) -> list[zenoh.Session]:
         """The open session, or none. Looks after what is wrong, so to be called now and then."""
         if not self._opened or self._opened[0].is_closed():
             self._opened = []
-            self._try_again()
+            self._retry()
         for session in self._opened:
-            self._tell(self._routers.complaint(session))
+            self._set_warning(self._routers.warning(session))
         return self._opened
 
-    def _try_again(self) -> None:
+    def _retry(self) -> None:
         if self._now_s() - self._tried_s < RETRY_S:
             return
         try:
             self._opened = [open_session(self._config)]
-        except ZenohNotNowError as error:
-            self._tell(f"{error.clause}; trying again")
+        except ZenohUnavailableError as error:
+            self._set_warning(f"{error.clause}; trying again")
         except UserFacingError as error:  # a file that was there at the start
-            self._tell(f"{error}; trying again")
+            self._set_warning(f"{error}; trying again")
         self._tried_s = self._now_s()
 
-    def _tell(self, problem: str) -> None:
+    def _set_warning(self, problem: str) -> None:
         """Keep the warning, and log it when it changes."""
         warning = f"zenoh: {problem}" if problem else ""
         if warning == self.warning:
@@ -134,15 +142,15 @@ class KeepTrying:
         logger.warning("%s", warning or "zenoh: all is well again")
 
 
-def _where(config: ZenohConfig) -> str:
-    return f"{', '.join(named_endpoints(config))} (kinect-vo listen)"
+def _describe(config: ZenohConfig) -> str:
+    return f"{', '.join(session_endpoints(config))} (kinect-vo listen)"
 
 
 def _open_on_free_port(config: ZenohConfig) -> tuple[zenoh.Session, str]:
     """A session on a port that the kernel names, and its endpoint. Raises ZenohNotNowError."""
-    for _ in range(ATTEMPTS - 1):
+    for _ in range(MAX_PORT_ATTEMPTS - 1):
         endpoint = _free_endpoint()
-        with suppress(ZenohPortTakenError):
+        with suppress(ZenohPortInUseError):
             return open_session(replace(config, listen=(endpoint,))), endpoint
     endpoint = _free_endpoint()
     return open_session(replace(config, listen=(endpoint,))), endpoint
@@ -155,19 +163,19 @@ def _free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-class _RouterWatch:
+class _RouterMonitor:
     """Complains while none of the routers is there."""
 
     def __init__(self, endpoints: Iterable[str], now_s: Callable[[], float]) -> None:
         self._endpoints = tuple(endpoints)
         self._now_s = now_s
-        self._there_s = now_s()
+        self._last_connected_s = now_s()
 
-    def complaint(self, session: zenoh.Session) -> str:
+    def warning(self, session: zenoh.Session) -> str:
         """What to tell; "" while a router is there, or none is wanted."""
-        if not self._endpoints or is_connected(session, self._endpoints):
-            self._there_s = self._now_s()
-        if self._now_s() - self._there_s < GRACE_S:
+        if not self._endpoints or is_connected_to_any(session, self._endpoints):
+            self._last_connected_s = self._now_s()
+        if self._now_s() - self._last_connected_s < ROUTER_GRACE_S:
             return ""
         where = " or ".join(self._endpoints)
         return f"no connection to {where}: it is away or refuses us; trying again"

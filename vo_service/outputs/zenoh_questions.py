@@ -9,27 +9,27 @@ from dataclasses import dataclass
 
 import zenoh
 
-from vo_service.outputs.cdr import SCHEMA
+from vo_service.outputs.cdr import ODOMETRY_SCHEMA
 from vo_service.outputs.cdr_transform import TRANSFORM_SCHEMA
-from vo_service.outputs.zenoh_messages import answer_payload, error_payload
+from vo_service.outputs.zenoh_messages import error_payload, result_payload
 from vo_service.outputs.zenoh_schemas import all_schemas
 from vo_service.token_bucket import TokenBucket
 from vo_service.types import CommandError, ErrorCode
 
 logger = logging.getLogger(__name__)
 
-CDR = zenoh.Encoding.APPLICATION_CDR.with_schema(SCHEMA)
+CDR = zenoh.Encoding.APPLICATION_CDR.with_schema(ODOMETRY_SCHEMA)
 CDR_TRANSFORM = zenoh.Encoding.APPLICATION_CDR.with_schema(TRANSFORM_SCHEMA)
 JSON = zenoh.Encoding.APPLICATION_JSON
 # Zenoh gives up the oldest question that waits when there are more; that costs us no Python.
-MOST_WAITING = 16
+MAX_PENDING_QUERIES = 16
 # Answering must not take the processor away from the poses, whoever asks how often.
-ANSWERS_PER_SECOND = 100.0
+MAX_REPLIES_PER_SECOND = 100.0
 
-Answer = Callable[[zenoh.Query], None]
+QueryHandler = Callable[[zenoh.Query], None]
 
 
-class Memory:
+class LatestMessages:
     """The newest messages, for those who ask. Written by one thread, read by others."""
 
     def __init__(self) -> None:
@@ -38,15 +38,15 @@ class Memory:
         self.status: bytes | None = None
 
 
-def answer_questions(session: zenoh.Session, key: str, answer: Answer) -> threading.Thread:
+def serve_queryable(session: zenoh.Session, key: str, handler: QueryHandler) -> threading.Thread:
     """Answer all questions to a key, one after another, on a thread that ends with the session.
 
     Questions wait in Zenoh, not in Python: a flood of them costs the poses nothing. An asker whose
     question is given up gets no answer.
     """
-    queryable = session.declare_queryable(key, zenoh.handlers.RingChannel(MOST_WAITING))
+    queryable = session.declare_queryable(key, zenoh.handlers.RingChannel(MAX_PENDING_QUERIES))
     thread = threading.Thread(
-        target=_answer_all, args=(queryable, answer), name=f"zenoh-{key}", daemon=True
+        target=_serve, args=(queryable, handler), name=f"zenoh-{key}", daemon=True
     )
     thread.start()
     return thread
@@ -65,71 +65,71 @@ def reply(
     query.drop()  # type: ignore[no-untyped-call]
 
 
-def refuse(query: zenoh.Query, error: CommandError) -> None:
+def reply_error(query: zenoh.Query, error: CommandError) -> None:
     """Answer with an error, and be done with the question."""
     with query, suppress(zenoh.ZError):  # the session has closed
         query.reply_err(error_payload(error), encoding=JSON)
 
 
-def _answer_all(queryable: zenoh.Queryable[zenoh.Handler[zenoh.Query]], answer: Answer) -> None:
-    pace = TokenBucket(ANSWERS_PER_SECOND)
+def _serve(queryable: zenoh.Queryable[zenoh.Handler[zenoh.Query]], handler: QueryHandler) -> None:
+    pace = TokenBucket(MAX_REPLIES_PER_SECOND)
     # Not `queryable.recv`: it would keep the queryable borrowed, and closing would fail.
     questions = queryable.handler
     while True:
-        time.sleep(pace.next_s())
+        time.sleep(pace.seconds_until_next())
         try:
             query = questions.recv()
         except zenoh.ZError:  # the session has closed
             return
-        pace.take()
+        pace.try_acquire()
         try:
-            answer(query)
+            handler(query)
         except Exception as error:  # one question must not end the answers to all others
             logger.error("zenoh: %s cannot be answered: %s", query.key_expr, error)
-            refuse(
+            reply_error(
                 query, CommandError(ErrorCode.FAILED, "an error inside the service; see its log")
             )
 
 
 @dataclass(frozen=True)
-class Questions:
+class Queryables:
     """The keys that any reader may ask: the last pose, the map, the last status, the schemas."""
 
     prefix: str
-    memory: Memory
+    latest: LatestMessages
 
     def declare(self, session: zenoh.Session) -> list[threading.Thread]:
         """Begin to answer; the threads that do."""
         answers = {
-            "latest": self._latest,
-            "map_odom": self._map_odom,
-            "status": self._status,
-            "schema": self._schema,
+            "latest": self._reply_latest,
+            "map_odom": self._reply_map_odom,
+            "status": self._reply_status,
+            "schema": self._reply_schema,
         }
         return [
-            answer_questions(session, f"{self.prefix}/{name}", answer)
+            serve_queryable(session, f"{self.prefix}/{name}", answer)
             for name, answer in answers.items()
         ]
 
-    def _latest(self, query: zenoh.Query) -> None:
-        if self.memory.pose is None:
-            refuse(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no pose yet"))
+    def _reply_latest(self, query: zenoh.Query) -> None:
+        if self.latest.pose is None:
+            reply_error(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no pose yet"))
             return
-        payload, attachment = self.memory.pose
+        payload, attachment = self.latest.pose
         reply(query, f"{self.prefix}/latest", payload, CDR, attachment)
 
-    def _map_odom(self, query: zenoh.Query) -> None:
-        if self.memory.map_odom is None:
-            refuse(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no map yet"))
+    def _reply_map_odom(self, query: zenoh.Query) -> None:
+        if self.latest.map_odom is None:
+            reply_error(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no map yet"))
             return
-        payload, attachment = self.memory.map_odom
+        payload, attachment = self.latest.map_odom
         reply(query, f"{self.prefix}/map_odom", payload, CDR_TRANSFORM, attachment)
 
-    def _status(self, query: zenoh.Query) -> None:
-        if self.memory.status is None:
-            refuse(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no status yet"))
+    def _reply_status(self, query: zenoh.Query) -> None:
+        if self.latest.status is None:
+            reply_error(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no status yet"))
             return
-        reply(query, f"{self.prefix}/status", self.memory.status)
+        reply(query, f"{self.prefix}/status", self.latest.status)
 
-    def _schema(self, query: zenoh.Query) -> None:
-        reply(query, f"{self.prefix}/schema", answer_payload({"schemas": all_schemas()}))
+    def _reply_schema(self, query: zenoh.Query) -> None:
+        reply(query, f"{self.prefix}/schema", result_payload({"schemas": all_schemas()}))

@@ -13,7 +13,7 @@ LOG_FILTER = (
     "off,zenoh_link_tls=warn,zenoh_link_quic=warn,"
     "zenoh::net::routing::interceptor::access_control=trace"
 )
-_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+_ANSI_COLORS = re.compile(r"\x1b\[[0-9;]*m")
 _LINE = re.compile(
     r"\d{4}-\d\d-\d\dT\S+Z +(?P<level>[A-Z]+) (?P<thread>.*?ThreadId\(\d+\)) "
     r"(?P<target>zenoh[\w:]*): (?P<text>.*)"
@@ -24,10 +24,10 @@ _DENIED = re.compile(
     r"(?P<action>[A-Z][\w/ ]*) \(ingress\) on (?P<key>.*)"
 )
 # Before it decides on a key for the first time, Zenoh logs what all its actions would meet with.
-_REHEARSAL = "caching permissions for"
-_REHEARSED = 9
-_LONGEST = 120
-_MOST_SESSIONS = 1000
+_DRY_RUN_MARKER = "caching permissions for"
+_DRY_RUN_LINES = 9
+_MAX_CLAUSE_CHARS = 120
+_MAX_SESSIONS = 1000
 _HANDSHAKE_REASONS = (
     ("peer sent no certificates", "it shows no certificate"),
     ("UnknownIssuer", "its certificate is from an unknown authority"),
@@ -47,7 +47,7 @@ _HANDSHAKE_REASONS = (
 
 
 @dataclass(frozen=True)
-class LogLine:
+class ZenohLogLine:
     """A line of Zenoh's log, taken apart."""
 
     level: str
@@ -56,59 +56,59 @@ class LogLine:
     text: str
 
 
-def parse_line(line: str) -> LogLine | None:
+def parse_line(line: str) -> ZenohLogLine | None:
     """Take a line apart; None if it is not from Zenoh."""
-    found = _LINE.fullmatch(_COLOURS.sub("", line))
-    return LogLine(**found.groupdict()) if found else None
+    found = _LINE.fullmatch(_ANSI_COLORS.sub("", line))
+    return ZenohLogLine(**found.groupdict()) if found else None
 
 
-class Refusals:
+class AccessDeniedParser:
     """Reads the log line by line, and remembers who the sessions are."""
 
     def __init__(self) -> None:
         self._names: dict[str, str] = {}  # by session
-        self._rehearsing: dict[str, int] = {}  # lines to come, by thread
+        self._dry_run_lines_left: dict[str, int] = {}  # lines to come, by thread
 
-    def clause(self, line: LogLine) -> str:
+    def describe(self, line: ZenohLogLine) -> str:
         """Who was refused what, such as "refused a connection: ..."; "" if nobody was."""
         if line.target.startswith("zenoh_link_"):
             return f"refused a connection: {_handshake_reason(line.text)}"
         if not line.target.endswith("::access_control"):
             return ""
-        self._learn(line.text)
-        if self._is_rehearsal(line):
+        self._remember_session_name(line.text)
+        if self._is_dry_run(line):
             return ""
         denied = _DENIED.fullmatch(line.text)
         if denied is None:
             return ""
         name = self._names.get(denied["session"], f"session {denied['session']}")
-        return printable(f"denied {name}: {denied['action'].lower()} on {denied['key']}")
+        return sanitize(f"denied {name}: {denied['action'].lower()} on {denied['key']}")
 
-    def _is_rehearsal(self, line: LogLine) -> bool:
-        if _REHEARSAL in line.text:
-            self._rehearsing[line.thread] = _REHEARSED
+    def _is_dry_run(self, line: ZenohLogLine) -> bool:
+        if _DRY_RUN_MARKER in line.text:
+            self._dry_run_lines_left[line.thread] = _DRY_RUN_LINES
             return True
-        remaining = self._rehearsing.pop(line.thread, 0)
+        remaining = self._dry_run_lines_left.pop(line.thread, 0)
         if remaining > 1:
-            self._rehearsing[line.thread] = remaining - 1
+            self._dry_run_lines_left[line.thread] = remaining - 1
         return remaining > 0
 
-    def _learn(self, text: str) -> None:
+    def _remember_session_name(self, text: str) -> None:
         found = _SUBJECT.match(text)
         if found is None or found["session"] in self._names:
             return
-        if len(self._names) >= _MOST_SESSIONS:
+        if len(self._names) >= _MAX_SESSIONS:
             self._names.clear()
-        self._names[found["session"]] = _name(found["subject"])
+        self._names[found["session"]] = _session_name(found["subject"])
 
 
-def printable(text: str) -> str:
+def sanitize(text: str) -> str:
     """A text that a stranger may have had a hand in, fit for a log."""
     shown = "".join(sign if sign.isprintable() else "?" for sign in text)
-    return shown if len(shown) <= _LONGEST else f"{shown[: _LONGEST - 3]}..."
+    return shown if len(shown) <= _MAX_CLAUSE_CHARS else f"{shown[: _MAX_CLAUSE_CHARS - 3]}..."
 
 
-def _name(subject: str) -> str:
+def _session_name(subject: str) -> str:
     """``Interface(lo)+CertCommonName(reader)+Transport(Tls)+...``, shortened."""
     for form, shown in ((r"CertCommonName\((.*?)\)", '"{}"'), (r"Username\((.*?)\)", "user {}")):
         found = re.search(form, subject)
@@ -122,4 +122,4 @@ def _handshake_reason(text: str) -> str:
     for sign, reason in _HANDSHAKE_REASONS:
         if sign in text:
             return reason
-    return printable(text.partition(". Hint:")[0])
+    return sanitize(text.partition(". Hint:")[0])

@@ -10,22 +10,22 @@ from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from vo_service.control.commands import COMMAND_NAMES
-from vo_service.outputs.command_schemas import ANSWERS, ARGUMENTS
-from vo_service.outputs.status_fields import STATUS_FIELDS
+from vo_service.outputs.command_schemas import ARGUMENT_SCHEMAS, RESULT_SCHEMAS
+from vo_service.outputs.status_fields import STATUS_FIELD_DESCRIPTIONS
 from vo_service.outputs.zenoh_messages import MESSAGE_SCHEMA
 from vo_service.types import ErrorCode, Status, TrackingState
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
+JSON_SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 Schema = dict[str, Any]
 
-_PLAIN: Mapping[Any, Schema] = {
+_PRIMITIVE_SCHEMAS: Mapping[Any, Schema] = {
     bool: {"type": "boolean"},
     int: {"type": "integer"},
     float: {"type": "number"},
     str: {"type": "string"},
     NoneType: {"type": "null"},
 }
-_NUMBERED: Schema = {
+_SCHEMA_FIELD: Schema = {
     "const": MESSAGE_SCHEMA,
     "description": "version of the message; one that a reader does not know must be refused",
 }
@@ -39,7 +39,7 @@ def all_schemas() -> dict[str, Schema]:
         for name in COMMAND_NAMES
         for part, schema in (
             ("arguments", _arguments_schema(name)),
-            ("answer", _answer_schema(name)),
+            ("answer", _result_schema(name)),
         )
     }
     return {
@@ -53,8 +53,8 @@ def all_schemas() -> dict[str, Schema]:
 
 def schema_of(annotation: Any) -> Schema:
     """Schema of a field's type as `json.dumps` writes it. Raises TypeError for an unknown type."""
-    if annotation in _PLAIN:
-        return _PLAIN[annotation]
+    if annotation in _PRIMITIVE_SCHEMAS:
+        return _PRIMITIVE_SCHEMAS[annotation]
     if isinstance(annotation, type) and issubclass(annotation, StrEnum):
         return {"enum": [str(value) for value in annotation]}
     match get_origin(annotation), get_args(annotation):
@@ -66,7 +66,7 @@ def schema_of(annotation: Any) -> Schema:
 
 
 def _odom_attachment_schema() -> Schema:
-    return _message(
+    return _message_schema(
         "Attachment of a pose on PREFIX/odom and PREFIX/latest",
         {
             "seq": {
@@ -76,9 +76,9 @@ def _odom_attachment_schema() -> Schema:
             },
             "state": {
                 "enum": [state for state in TrackingState if state is not TrackingState.NO_CAMERA],
-                "description": STATUS_FIELDS["state"],
+                "description": STATUS_FIELD_DESCRIPTIONS["state"],
             },
-            "epoch": {"type": "integer", "description": STATUS_FIELDS["epoch"]},
+            "epoch": {"type": "integer", "description": STATUS_FIELD_DESCRIPTIONS["epoch"]},
             "reason": {
                 "type": "string",
                 "description": 'why the state is so or the epoch began; "" while all is well',
@@ -88,7 +88,7 @@ def _odom_attachment_schema() -> Schema:
 
 
 def _map_odom_attachment_schema() -> Schema:
-    return _message(
+    return _message_schema(
         "Attachment of how odom lies in the map, on PREFIX/map_odom",
         {
             "seq": {
@@ -100,9 +100,12 @@ def _map_odom_attachment_schema() -> Schema:
                 "type": "integer",
                 "description": "of that pose; for poses of another epoch odom lies elsewhere",
             },
-            "is_located": {"type": "boolean", "description": STATUS_FIELDS["is_located"]},
-            "places": {"type": "integer", "description": STATUS_FIELDS["places"]},
-            "loops": {"type": "integer", "description": STATUS_FIELDS["loops"]},
+            "is_located": {
+                "type": "boolean",
+                "description": STATUS_FIELD_DESCRIPTIONS["is_located"],
+            },
+            "places": {"type": "integer", "description": STATUS_FIELD_DESCRIPTIONS["places"]},
+            "loops": {"type": "integer", "description": STATUS_FIELD_DESCRIPTIONS["loops"]},
         },
     )
 
@@ -110,11 +113,12 @@ def _map_odom_attachment_schema() -> Schema:
 def _status_schema() -> Schema:
     types = get_type_hints(Status)
     fields = {
-        field.name: schema_of(types[field.name]) | {"description": STATUS_FIELDS[field.name]}
+        field.name: schema_of(types[field.name])
+        | {"description": STATUS_FIELD_DESCRIPTIONS[field.name]}
         for field in dataclasses.fields(Status)
     }
-    versions = schema_of(Mapping[str, str]) | {"description": STATUS_FIELDS["versions"]}
-    return _message("How the service is: PREFIX/status", fields | {"versions": versions})
+    versions = schema_of(Mapping[str, str]) | {"description": STATUS_FIELD_DESCRIPTIONS["versions"]}
+    return _message_schema("How the service is: PREFIX/status", fields | {"versions": versions})
 
 
 def _error_schema() -> Schema:
@@ -122,29 +126,29 @@ def _error_schema() -> Schema:
         "error": {"enum": list(ErrorCode), "description": "what went wrong, for programs"},
         "message": _TEXT | {"description": "what went wrong, for people"},
     }
-    return _message("An error reply: why a question or a command has no answer", fields)
+    return _message_schema("An error reply: why a question or a command has no answer", fields)
 
 
-def _answer_schema(name: str) -> Schema:
-    return _message(f"Answer of PREFIX/command/{name}", ANSWERS[name])
+def _result_schema(name: str) -> Schema:
+    return _message_schema(f"Answer of PREFIX/command/{name}", RESULT_SCHEMAS[name])
 
 
 def _arguments_schema(name: str) -> Schema:
     return {
-        "$schema": DIALECT,
+        "$schema": JSON_SCHEMA_DIALECT,
         "title": f"Arguments of PREFIX/command/{name}",
         "type": "object",
-        **ARGUMENTS[name],
+        **ARGUMENT_SCHEMAS[name],
         "additionalProperties": False,
     }
 
 
-def _message(title: str, fields: Mapping[str, Schema]) -> Schema:
+def _message_schema(title: str, fields: Mapping[str, Schema]) -> Schema:
     """Of a message that goes out: all fields are there, later versions may have more."""
     return {
-        "$schema": DIALECT,
+        "$schema": JSON_SCHEMA_DIALECT,
         "title": title,
         "type": "object",
-        "properties": {"schema": _NUMBERED, **fields},
+        "properties": {"schema": _SCHEMA_FIELD, **fields},
         "required": ["schema", *fields],
     }

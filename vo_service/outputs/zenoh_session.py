@@ -6,15 +6,15 @@ import re
 import zenoh
 
 from drivers.errors import InputError, UserFacingError
-from vo_service.outputs.zenoh_files import read_zenoh_file
+from vo_service.outputs.zenoh_files import read_zenoh_config
 from vo_service.settings import DEFAULT_ENDPOINT, ZenohConfig
 
 # Ours are some kilobytes. Zenoh's own limit is a gigabyte.
-LARGEST_MESSAGE_BYTES = 1 << 20
-_CLIENT_OPENING_MS = 2000
+MAX_MESSAGE_BYTES = 1 << 20
+_CLIENT_CONNECT_TIMEOUT_MS = 2000
 
 
-class ZenohNotNowError(UserFacingError):
+class ZenohUnavailableError(UserFacingError):
     """Zenoh cannot listen or connect now; trying again later may help. `clause` says what fails."""
 
     def __init__(self, clause: str, advice: str) -> None:
@@ -22,7 +22,7 @@ class ZenohNotNowError(UserFacingError):
         self.clause = clause
 
 
-class ZenohPortTakenError(ZenohNotNowError):
+class ZenohPortInUseError(ZenohUnavailableError):
     """Somebody else listens on the port."""
 
 
@@ -32,44 +32,44 @@ def open_session(config: ZenohConfig) -> zenoh.Session:
     Returns within a few seconds. Raises InputError for an endpoint or a configuration file that is
     wrong, ZenohNotNowError for what time may mend: ZenohPortTakenError for a port that is taken.
     """
-    settings = session_settings(config)
+    settings = build_zenoh_config(config)
     try:
         return zenoh.open(settings)
     except zenoh.ZError as error:
         endpoints = ", ".join(config.listen + config.connect)
-        for sign, (kind, clause, advice) in _NOT_NOW.items():
+        for sign, (kind, clause, advice) in _TRANSIENT_ERRORS.items():
             if sign in str(error):
-                where = _named_endpoint(str(error)) or endpoints
+                where = _endpoint_in_error(str(error)) or endpoints
                 raise kind(clause.format(where), advice) from error
-        raise InputError(f"zenoh cannot use {endpoints}: {_plain(error)}") from error
+        raise InputError(f"zenoh cannot use {endpoints}: {_format_error(error)}") from error
 
 
 # What time may mend, by Zenoh's own words.
-_NOT_NOW = {
+_TRANSIENT_ERRORS = {
     "Address already in use": (
-        ZenohPortTakenError,
+        ZenohPortInUseError,
         "cannot listen on {}: the port is taken, probably by another kinect-vo",
         "stop that one, set zenoh.listen to a free port, or use --no-publish",
     ),
     "Cannot assign requested address": (
-        ZenohNotNowError,
+        ZenohUnavailableError,
         "cannot listen on {}: this computer does not have that address now",
         "set zenoh.listen to an address that it has",
     ),
     "failed to lookup address": (
-        ZenohNotNowError,
+        ZenohUnavailableError,
         "cannot listen on {}: the name has no address now",
         "set zenoh.listen to an address of this computer",
     ),
     "Unable to connect to any": (
-        ZenohNotNowError,
+        ZenohUnavailableError,
         "cannot connect to {}: nobody answers there",
         "start the router, or mend connect.endpoints in the Zenoh configuration",
     ),
 }
 
 
-def session_settings(config: ZenohConfig) -> zenoh.Config:
+def build_zenoh_config(config: ZenohConfig) -> zenoh.Config:
     """The file's settings, and ours wherever it leaves Zenoh's default.
 
     Zenoh's defaults listen on every interface and let any session in the network connect.
@@ -77,7 +77,7 @@ def session_settings(config: ZenohConfig) -> zenoh.Config:
     Larger messages than any of ours are thrown away as they come in. Raises InputError.
     """
     zenoh_default = zenoh.Config()
-    settings = read_zenoh_file(config.config_file) if config.config_file else zenoh.Config()
+    settings = read_zenoh_config(config.config_file) if config.config_file else zenoh.Config()
     ours: dict[str, object] = {
         "mode": "peer",
         "listen/endpoints": list(config.listen),
@@ -86,20 +86,20 @@ def session_settings(config: ZenohConfig) -> zenoh.Config:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
-        "transport/link/rx/max_message_size": LARGEST_MESSAGE_BYTES,
+        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
         # Zenoh's two are lost now and then where many poses leave at once.
         "transport/link/tx/queue/size/real_time": 16,
     }
     for key, value in ours.items():
         if settings.get_json(key) == zenoh_default.get_json(key):
-            _insert(settings, key, value)
+            _set_value(settings, key, value)
     if settings.get_json("mode") == '"client"':
         # A client waits for its router while it opens; never for ever.
-        settings.insert_json5("connect/timeout_ms", json.dumps(_CLIENT_OPENING_MS))
+        settings.insert_json5("connect/timeout_ms", json.dumps(_CLIENT_CONNECT_TIMEOUT_MS))
     return settings
 
 
-def _insert(settings: zenoh.Config, key: str, value: object) -> None:
+def _set_value(settings: zenoh.Config, key: str, value: object) -> None:
     try:
         settings.insert_json5(key, json.dumps(value))
     except zenoh.ZError as error:
@@ -109,13 +109,13 @@ def _insert(settings: zenoh.Config, key: str, value: object) -> None:
         ) from error
 
 
-def _named_endpoint(text: str) -> str:
+def _endpoint_in_error(text: str) -> str:
     """The endpoint that Zenoh complains of; "" where it names none."""
     found = re.search(r"bound to (\S+):|\((\w+/\S+?)\)", text)
     return (found.group(1) or found.group(2)) if found else ""
 
 
-def _plain(error: zenoh.ZError) -> str:
+def _format_error(error: zenoh.ZError) -> str:
     """Zenoh's message in one line, without the places in its source."""
     text = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
     quoted = re.search(r'msg: "(.*?)", location', text)

@@ -6,43 +6,43 @@ from dataclasses import dataclass
 
 import zenoh
 
-from vo_service.outputs.ros2_publisher import ros2_output
-from vo_service.outputs.tcp_backlog import backlog_bytes
-from vo_service.outputs.zenoh_commands import Commands
-from vo_service.outputs.zenoh_messages import Frames
-from vo_service.outputs.zenoh_questions import CDR, CDR_TRANSFORM, JSON, Questions
-from vo_service.settings import Ros2Settings
-from vo_service.types import PoseUpdate
+from vo_service.outputs.ros2_publisher import make_ros2_output
+from vo_service.outputs.tcp_backlog import queued_bytes
+from vo_service.outputs.zenoh_commands import CommandEndpoint
+from vo_service.outputs.zenoh_messages import FrameIds
+from vo_service.outputs.zenoh_questions import CDR, CDR_TRANSFORM, JSON, Queryables
+from vo_service.settings import Ros2Config
+from vo_service.types import OdometryUpdate
 
-THREAD_END_S = 0.5
+THREAD_JOIN_TIMEOUT_S = 0.5
 
 
 @dataclass(frozen=True)
-class Programme:
+class EndpointConfig:
     """What a station is to offer, and under which names."""
 
     prefix: str
-    frames: Frames
+    frame_ids: FrameIds
     congestion: zenoh.CongestionControl
-    questions: Questions
-    commands: Commands
-    ros2: Ros2Settings
+    queryables: Queryables
+    commands: CommandEndpoint
+    ros2: Ros2Config
 
 
-class Station:
+class SessionEndpoints:
     """Publishers of poses, map and status, the questions and commands, and the token `alive`.
 
     The token comes last: who sees it finds all the rest. Raises InputError for a topic of ROS 2
     that cannot be used.
     """
 
-    def __init__(self, session: zenoh.Session, programme: Programme) -> None:
+    def __init__(self, session: zenoh.Session, config: EndpointConfig) -> None:
         self.session = session
-        prefix = programme.prefix
+        prefix = config.prefix
         self._odom = session.declare_publisher(
             f"{prefix}/odom",
             encoding=CDR,
-            congestion_control=programme.congestion,
+            congestion_control=config.congestion,
             priority=zenoh.Priority.REAL_TIME,
             express=True,
             reliability=zenoh.Reliability.RELIABLE,
@@ -50,29 +50,29 @@ class Station:
         self._map_odom = session.declare_publisher(
             f"{prefix}/map_odom",
             encoding=CDR_TRANSFORM,
-            congestion_control=programme.congestion,
+            congestion_control=config.congestion,
             reliability=zenoh.Reliability.RELIABLE,
         )
         self._status = session.declare_publisher(
-            f"{prefix}/status", encoding=JSON, congestion_control=programme.congestion
+            f"{prefix}/status", encoding=JSON, congestion_control=config.congestion
         )
-        self._ros2 = ros2_output(
-            session, programme.ros2, prefix, programme.frames, programme.congestion
+        self._ros2 = make_ros2_output(
+            session, config.ros2, prefix, config.frame_ids, config.congestion
         )
-        self._threads = programme.questions.declare(session)
-        self._threads += programme.commands.declare(session, prefix)
+        self._threads = config.queryables.declare(session)
+        self._threads += config.commands.declare(session, prefix)
         self._alive = session.liveliness().declare_token(f"{prefix}/alive")
 
-    def pose(self, update: PoseUpdate, payload: bytes, attachment: bytes) -> None:
+    def publish_pose(self, update: OdometryUpdate, payload: bytes, attachment: bytes) -> None:
         """Publish one pose; `payload` is its CDR."""
         self._odom.put(payload, attachment=attachment)
         self._ros2.publish(update, payload)
 
-    def map_odom(self, payload: bytes, attachment: bytes) -> None:
+    def publish_map_odom(self, payload: bytes, attachment: bytes) -> None:
         """Publish how `odom` lies in the map."""
         self._map_odom.put(payload, attachment=attachment)
 
-    def status(self, payload: bytes) -> None:
+    def publish_status(self, payload: bytes) -> None:
         """Publish a status."""
         self._status.put(payload)
 
@@ -86,14 +86,14 @@ class Station:
 
         listener = self._odom.declare_matching_listener(on_change)
         try:
-            return _matching(self._odom) or arrived.wait(timeout_s)
+            return _has_subscriber(self._odom) or arrived.wait(timeout_s)
         finally:
             listener.undeclare()  # type: ignore[no-untyped-call]
 
-    def backlog_bytes(self) -> int:
+    def queued_bytes(self) -> int:
         """How much of what was sent has not been read yet."""
         links = self.session.info.links()
-        return backlog_bytes((_port(link.src), _port(link.dst)) for link in links)
+        return queued_bytes((_port(link.src), _port(link.dst)) for link in links)
 
     def close(self) -> None:
         """Say that we are gone, and close the session."""
@@ -102,10 +102,10 @@ class Station:
                 end()
         # A thread that is still inside Zenoh when Python ends takes the process down with it.
         for thread in self._threads:
-            thread.join(THREAD_END_S)
+            thread.join(THREAD_JOIN_TIMEOUT_S)
 
 
-def _matching(publisher: zenoh.Publisher) -> bool:
+def _has_subscriber(publisher: zenoh.Publisher) -> bool:
     # The stub says bool; it is an object that is always true.
     status: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]
     return status.matching

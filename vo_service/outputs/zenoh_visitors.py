@@ -4,17 +4,17 @@ import logging
 
 import zenoh
 
-from vo_service.outputs.zenoh_refusals import printable
+from vo_service.outputs.zenoh_refusals import sanitize
 
 logger = logging.getLogger(__name__)
 
 
-def log_visitors(session: zenoh.Session) -> None:
+def log_link_events(session: zenoh.Session) -> None:
     """Log each connection and its end at level INFO, with the common name of its certificate."""
-    session.info.declare_link_events_listener(_log, history=True)
+    session.info.declare_link_events_listener(_log_event, history=True)
 
 
-def _log(event: zenoh.LinkEvent) -> None:
+def _log_event(event: zenoh.LinkEvent) -> None:
     link = event.link
     what = "connected" if event.kind == zenoh.SampleKind.PUT else "gone"
-    logger.info("zenoh: %s", printable(f"{link.auth_identifier or 'nameless'}, {link.dst}: {what}"))
+    logger.info("zenoh: %s", sanitize(f"{link.auth_identifier or 'nameless'}, {link.dst}: {what}"))

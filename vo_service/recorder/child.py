@@ -1,6 +1,6 @@
 """The recorder's process: ``python -m vo_service.recorder.child FD``, started by `Keeper`.
 
-It does all encoding and writing, at low priority. When its pipe ends without an `End` the service
+It does all encoding and writing, at low priority. When its pipe ends without an `Shutdown` the service
 has crashed: it then writes out the ring by itself, and ends.
 """
 
@@ -10,55 +10,57 @@ from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
-from drivers.isolation.outbox import Outbox, log_to_service
-from vo_service.background.child import step_back
-from vo_service.background.messages import End
-from vo_service.recorder.desk import Desk
-from vo_service.recorder.messages import IncidentWritten, Job, Word
+from drivers.isolation.outbox import ParentConnection, forward_logs
+from vo_service.background.child import configure_background_process
+from vo_service.background.messages import Shutdown
+from vo_service.recorder.desk import RecorderWorker
+from vo_service.recorder.messages import IncidentResult, RecorderMessage, RecorderWorkerConfig
 
-FACTS_EVERY_S = 1.0
+STATUS_PERIOD_S = 1.0
 
 
 def main(connection: "Connection[Any, Any]") -> None:
-    """Work until the service says `End` or is gone."""
-    step_back()
-    outbox = Outbox(connection)
+    """Work until the service says `Shutdown` or is gone."""
+    configure_background_process()
+    outbox = ParentConnection(connection)
     with suppress(EOFError, OSError):  # gone before it said what to do
-        job: Job = connection.recv()
-        log_to_service(outbox, job.log_level)
-        desk = Desk(job, partial(_tell, outbox))
+        job: RecorderWorkerConfig = connection.recv()
+        forward_logs(outbox, job.log_level)
+        desk = RecorderWorker(job, partial(_send, outbox))
         if _serve(connection, desk, outbox):
             desk.finish()
         else:
-            desk.rescue()
+            desk.dump_after_crash()
 
 
-def _serve(connection: "Connection[Any, Any]", desk: Desk, outbox: Outbox) -> bool:
+def _serve(
+    connection: "Connection[Any, Any]", worker: RecorderWorker, parent: ParentConnection
+) -> bool:
     """Carry out orders until the service ends; whether it did so in order."""
     while True:
-        outbox.tell(desk.facts)
+        parent.send(worker.status)
         try:
-            order = connection.recv() if connection.poll(FACTS_EVERY_S) else None
+            order = connection.recv() if connection.poll(STATUS_PERIOD_S) else None
         except (EOFError, OSError):
             return False
-        if isinstance(order, End):
+        if isinstance(order, Shutdown):
             return True
         if order is not None:
-            desk.take(order)
+            worker.handle(order)
 
 
-def _tell(outbox: Outbox, word: Word) -> None:
+def _send(parent: ParentConnection, message: RecorderMessage) -> None:
     """What became of the last frames is said in the log if the service is gone."""
-    if not outbox.tell(word) and isinstance(word, IncidentWritten):
-        print(_last_words(word), file=sys.stderr, flush=True)
+    if not parent.send(message) and isinstance(message, IncidentResult):
+        print(_crash_message(message), file=sys.stderr, flush=True)
 
 
-def _last_words(word: IncidentWritten) -> str:
-    if word.trouble:
-        return f"kinect-vo: error: recorder: the frames before the crash are lost: {word.trouble}"
+def _crash_message(result: IncidentResult) -> str:
+    if result.error:
+        return f"kinect-vo: error: recorder: the frames before the crash are lost: {result.error}"
     return (
         "kinect-vo: warning: recorder: the service ended without notice; its last "
-        f"{word.frames} frames are in {word.folder}"
+        f"{result.frame_count} frames are in {result.folder}"
     )
 
 

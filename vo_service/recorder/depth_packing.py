@@ -11,10 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.jit import kernel
-from vo_service.recorder.depth_unpacking import LARGEST, LEAP, ZERO_STEP, escapes_begin
+from vo_service.recorder.depth_unpacking import (
+    ESCAPE_CODE,
+    MAX_STEP_CODE,
+    ZERO_STEP_CODE,
+    escapes_offset,
+)
 
 
-def packed_bound(pixels: int) -> int:
+def max_packed_bytes(pixels: int) -> int:
     """Bytes that a depth image of so many pixels takes at most."""
     return 2 * pixels
 
@@ -22,13 +27,13 @@ def packed_bound(pixels: int) -> int:
 def pack_depth(depth_raw: NDArray[np.uint16], out: NDArray[np.uint8]) -> int:
     """Pack an image into the first bytes of `out`; returns how many.
 
-    out  (`packed_bound`,) or more, at an even address. An image that would not shrink is copied.
+    out  (`max_packed_bytes`,) or more, at an even address. An image that would not shrink is copied.
     """
     pixels = depth_raw.size
     values = np.ascontiguousarray(depth_raw).reshape(-1).view()
     values.flags.writeable = False  # as some cameras' are: one kind of array is compiled, not two
-    begin = escapes_begin(pixels)
-    most = max(0, (packed_bound(pixels) - 2 - begin) // 2)  # so the size tells what was done
+    begin = escapes_offset(pixels)
+    most = max(0, (max_packed_bytes(pixels) - 2 - begin) // 2)  # so the size tells what was done
     escapes = out[begin : begin + 2 * most].view(np.uint16)
     count = _pack(values, out[:pixels], escapes)
     if count < 0:
@@ -37,7 +42,7 @@ def pack_depth(depth_raw: NDArray[np.uint16], out: NDArray[np.uint8]) -> int:
     return begin + 2 * count if count else pixels
 
 
-def compile_packing() -> None:
+def compile_kernels() -> None:
     """Compile, or load, before the first frame: that holds Python's lock."""
     pack_depth(np.zeros((2, 2), np.uint16), np.zeros(8, np.uint8))
 
@@ -54,13 +59,13 @@ def _pack(values: NDArray[np.uint16], codes: NDArray[np.uint8], escapes: NDArray
             continue
         step = np.uint16(value - last)  # modulo 65536, so that every difference has 16 bits
         last = value
-        code = np.uint16(step + ZERO_STEP)
-        if code != 0 and code <= LARGEST:
+        code = np.uint16(step + ZERO_STEP_CODE)
+        if code != 0 and code <= MAX_STEP_CODE:
             codes[pixel] = code
         elif count == escapes.size:
             return -1
         else:
-            codes[pixel] = LEAP
+            codes[pixel] = ESCAPE_CODE
             escapes[count] = step
             count += 1
     return count

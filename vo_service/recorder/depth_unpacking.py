@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 # What a pixel's byte means: 0 no reading; 1 to 254 the difference plus 128; 255 see the escapes.
-ZERO_STEP = np.uint16(128)
-LARGEST = np.uint16(254)
-LEAP = np.uint8(255)
+ZERO_STEP_CODE = np.uint16(128)
+MAX_STEP_CODE = np.uint16(254)
+ESCAPE_CODE = np.uint8(255)
 
 
-def escapes_begin(pixels: int) -> int:
+def escapes_offset(pixels: int) -> int:
     """Where the second part begins: at an even offset."""
     return pixels + pixels % 2
 
@@ -20,9 +20,11 @@ def unpack_depth(packed: bytes, height: int, width: int) -> NDArray[np.uint16]:
     if len(packed) == 2 * pixels:
         return np.frombuffer(packed, np.uint16).reshape(height, width)
     codes = np.frombuffer(packed, np.uint8, pixels)
-    steps = codes.astype(np.uint16) - ZERO_STEP
+    steps = codes.astype(np.uint16) - ZERO_STEP_CODE
     if len(packed) > pixels:
-        steps[codes == LEAP] = np.frombuffer(packed, np.uint16, offset=escapes_begin(pixels))
+        steps[codes == ESCAPE_CODE] = np.frombuffer(
+            packed, np.uint16, offset=escapes_offset(pixels)
+        )
     has_reading = codes != 0
     depth = np.zeros(pixels, np.uint16)
     depth[has_reading] = np.cumsum(steps[has_reading], dtype=np.uint16)

@@ -6,120 +6,132 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 
 from drivers.errors import UserFacingError
-from drivers.full_disk import obstacle
-from vo_service.recorder.incident import Incident, last_frames
-from vo_service.recorder.incident_folder import IncidentFolder, incident_name
+from drivers.full_disk import check_writable
+from vo_service.recorder.incident import IncidentWriter, select_last_frames
+from vo_service.recorder.incident_folder import IncidentStore, incident_name
 from vo_service.recorder.messages import (
-    Facts,
-    IncidentWritten,
-    Job,
-    KeepAtMost,
-    Order,
-    SaveIncident,
-    StartRecording,
-    StopRecording,
-    Word,
+    IncidentResult,
+    RecorderMessage,
+    RecorderRequest,
+    RecorderStatus,
+    RecorderWorkerConfig,
+    SaveIncidentRequest,
+    SetDiskQuota,
+    StartRecordingRequest,
+    StopRecordingRequest,
 )
-from vo_service.recorder.recording import Recording
-from vo_service.recorder.shared_ring import Record, RingReader
+from vo_service.recorder.recording import RecordingWriter
+from vo_service.recorder.shared_ring import RecordRingReader, RingRecord
 
 # After a crash systemd waits 10 s (TimeoutStopSec) before it kills: frames first, then the rest.
-FRAMES_AFTER_CRASH_S = 6.5
+CRASH_FRAMES_DEADLINE_S = 6.5
 # Before that, what was being written is brought to an end.
-RECORDING_AFTER_CRASH_S = 1.5
-BEGUN_AFTER_CRASH_S = 3.0
-CRASHED = "the service ended without notice"
+CRASH_RECORDING_TIMEOUT_S = 1.5
+CRASH_INCIDENT_DEADLINE_S = 3.0
+CRASH_REASON = "the service ended without notice"
 
 
-class Desk:
+class RecorderWorker:
     """Writes incidents and recordings out of the rings."""
 
-    def __init__(self, job: Job, tell: Callable[[Word], None]) -> None:
+    def __init__(
+        self, config: RecorderWorkerConfig, send: Callable[[RecorderMessage], None]
+    ) -> None:
         """`tell` takes words from any thread."""
-        self._job, self._tell = job, tell
-        self._frames, self._statuses = RingReader(job.frames), RingReader(job.statuses)
-        self._incidents = IncidentFolder(job.incidents, job.total_bytes)
-        self._saving = threading.Thread()
-        self._saved: Incident | None = None  # the last one
-        self._recording: Recording | None = None  # the last one
+        self._config, self._send = config, send
+        self._frame_ring, self._status_ring = (
+            RecordRingReader(config.frame_ring),
+            RecordRingReader(config.status_ring),
+        )
+        self._incident_store = IncidentStore(config.incidents_folder, config.max_incident_bytes)
+        self._incident_thread = threading.Thread()
+        self._last_incident: IncidentWriter | None = None  # the last one
+        self._last_recording: RecordingWriter | None = None  # the last one
         with suppress(OSError):  # the facts tell what is wrong with the folder
-            self._incidents.clean_up()
+            self._incident_store.clean_up()
 
     @property
-    def facts(self) -> Facts:
+    def status(self) -> RecorderStatus:
         """What is told every second."""
-        recording = self._recording
-        missed = 0 if recording is None or recording.is_over else recording.missed
-        trouble = obstacle(self._job.incidents) or obstacle(self._job.recordings)
+        recording = self._last_recording
+        missed = 0 if recording is None or recording.is_finished else recording.missed_frames
+        trouble = check_writable(self._config.incidents_folder) or check_writable(
+            self._config.recordings_folder
+        )
         names: frozenset[str] = frozenset()
         with suppress(OSError):  # none has been made yet, or it is the trouble
-            names = frozenset(path.name for path in self._job.recordings.iterdir())
-        return Facts(names, missed, trouble)
+            names = frozenset(path.name for path in self._config.recordings_folder.iterdir())
+        return RecorderStatus(names, missed, trouble)
 
-    def take(self, order: Order) -> None:
+    def handle(self, request: RecorderRequest) -> None:
         """Begin what is ordered; how it ends is told."""
-        match order:
-            case SaveIncident(name, reason):
-                self._save(name, reason)
-            case StartRecording(name, first):
-                folder = self._job.recordings / name
-                self._recording = Recording(self._frames, first, folder, self._tell)
-            case StopRecording(end):
+        match request:
+            case SaveIncidentRequest(name, reason):
+                self._save_incident(name, reason)
+            case StartRecordingRequest(name, first):
+                folder = self._config.recordings_folder / name
+                self._last_recording = RecordingWriter(self._frame_ring, first, folder, self._send)
+            case StopRecordingRequest(end):
                 self._stop_recording(end)
-            case KeepAtMost(total_bytes):
-                self._incidents.total_bytes = total_bytes
+            case SetDiskQuota(total_bytes):
+                self._incident_store.max_total_bytes = total_bytes
 
     def finish(self) -> None:
         """The service ends in order: bring to an end what has been begun."""
-        self._stop_recording(self._frames.count)
-        self._join_saving()
+        self._stop_recording(self._frame_ring.record_count)
+        self._join_incident_thread()
 
-    def rescue(self) -> None:
+    def dump_after_crash(self) -> None:
         """The service has crashed: write what the ring holds."""
         begin_s = time.monotonic()
-        self._stop_recording(self._frames.count, RECORDING_AFTER_CRASH_S)
-        if self._saved is not None:
-            self._saved.hurry(begin_s + BEGUN_AFTER_CRASH_S)
-        self._join_saving()
-        numbers = last_frames(self._frames, self._job.seconds)
+        self._stop_recording(self._frame_ring.record_count, CRASH_RECORDING_TIMEOUT_S)
+        if self._last_incident is not None:
+            self._last_incident.set_deadline(begin_s + CRASH_INCIDENT_DEADLINE_S)
+        self._join_incident_thread()
+        numbers = select_last_frames(self._frame_ring, self._config.incident_duration_s)
         if numbers:
-            incident = self._incident(CRASHED, numbers, self._frames.record)
-            incident.hurry(begin_s + FRAMES_AFTER_CRASH_S)
-            self._write(incident_name("crash", time.time()), incident)
+            incident = self._create_incident(CRASH_REASON, numbers, self._frame_ring.read_record)
+            incident.set_deadline(begin_s + CRASH_FRAMES_DEADLINE_S)
+            self._write_incident(incident_name("crash", time.time()), incident)
 
     def _stop_recording(self, end: int, timeout_s: float | None = None) -> None:
-        if self._recording is not None:
-            self._recording.stop(end, timeout_s)
+        if self._last_recording is not None:
+            self._last_recording.stop(end, timeout_s)
 
-    def _join_saving(self) -> None:
-        if self._saving.ident is not None:
-            self._saving.join()
+    def _join_incident_thread(self) -> None:
+        if self._incident_thread.ident is not None:
+            self._incident_thread.join()
 
-    def _save(self, name: str, reason: str) -> None:
-        self._join_saving()
+    def _save_incident(self, name: str, reason: str) -> None:
+        self._join_incident_thread()
         # The service goes on and overwrites the ring, faster than images can be encoded.
-        numbers = last_frames(self._frames, self._job.seconds)
-        copies = {number: self._frames.record(number) for number in numbers}
-        self._saved = self._incident(reason, numbers, copies.pop)
-        self._saving = threading.Thread(
-            target=self._write, args=(name, self._saved), name="incident", daemon=True
+        numbers = select_last_frames(self._frame_ring, self._config.incident_duration_s)
+        copies = {number: self._frame_ring.read_record(number) for number in numbers}
+        self._last_incident = self._create_incident(reason, numbers, copies.pop)
+        self._incident_thread = threading.Thread(
+            target=self._write_incident,
+            args=(name, self._last_incident),
+            name="incident",
+            daemon=True,
         )
-        self._saving.start()
+        self._incident_thread.start()
 
-    def _incident(
-        self, reason: str, numbers: Iterable[int], fetch: Callable[[int], Record | None]
-    ) -> Incident:
-        return Incident(reason, numbers, fetch, self._said(), self._job.about)
+    def _create_incident(
+        self, reason: str, numbers: Iterable[int], read_record: Callable[[int], RingRecord | None]
+    ) -> IncidentWriter:
+        return IncidentWriter(
+            reason, numbers, read_record, self._read_statuses(), self._config.service_info
+        )
 
-    def _write(self, name: str, incident: Incident) -> None:
+    def _write_incident(self, name: str, incident: IncidentWriter) -> None:
         try:
-            folder, trouble = self._incidents.write(name, incident), ""
+            folder, trouble = self._incident_store.write(name, incident), ""
         except UserFacingError as error:
-            folder, trouble = self._job.incidents / name, str(error)
-        self._tell(IncidentWritten(folder, incident.frames, trouble))
+            folder, trouble = self._config.incidents_folder / name, str(error)
+        self._send(IncidentResult(folder, incident.frame_count, trouble))
 
-    def _said(self) -> list[bytes]:
+    def _read_statuses(self) -> list[bytes]:
         """The statuses that are still there."""
-        ring = self._statuses
-        records = map(ring.record, range(ring.oldest, ring.count))
+        ring = self._status_ring
+        records = map(ring.read_record, range(ring.oldest_number, ring.record_count))
         return [record.payload for record in records if record is not None]

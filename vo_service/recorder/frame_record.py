@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import Array
 from vo_service.recorder.depth_unpacking import unpack_depth
-from vo_service.recorder.shared_ring import Record, RingWriter
-from vo_service.types import PoseUpdate, TrackingState
+from vo_service.recorder.shared_ring import RecordRingWriter, RingRecord
+from vo_service.types import OdometryUpdate, TrackingState
 
 # A note is far smaller; its only text is the reason.
-NOTE_BOUND = 4096
-_LONGEST_REASON = 200
+MAX_METADATA_BYTES = 4096
+_MAX_REASON_CHARS = 200
 
 # Packs a depth image into the first bytes of what it is given; how many.
 PackDepth = Callable[[NDArray[np.uint16], NDArray[np.uint8]], int]
 
 
 @dataclass(frozen=True)
-class Said:
-    """What the service published of a frame; see `PoseUpdate`."""
+class PublishedOdometry:
+    """What the service published of a frame; see `OdometryUpdate`."""
 
     seq: int
     stamp_s: float
@@ -36,7 +36,7 @@ class Said:
 
 
 @dataclass(frozen=True)
-class FrameNote:
+class FrameMetadata:
     """Everything of a frame but its images.
 
     depth_bytes  how long the packed depth is; the colour follows it
@@ -45,54 +45,56 @@ class FrameNote:
 
     seq: int
     stamp_s: float
-    arrival_s: float
+    receive_time_s: float
     depth_factor: float
     camera: PinholeCamera
     skew_s: float
     lost_packets: int
     gravity_m_s2: tuple[float, float, float] | None
     readout_s: float
-    said: Said
+    published: PublishedOdometry
     depth_bytes: int
-    more: object = None
+    extra: object = None
 
     @property
-    def offset_s(self) -> float:
+    def clock_offset_s(self) -> float:
         """From the camera's clock to the published one, as it was when this frame was published."""
-        return self.said.stamp_s - self.stamp_s
+        return self.published.stamp_s - self.stamp_s
 
 
-def put_frame(ring: RingWriter, update: PoseUpdate, pack: PackDepth, more: object = None) -> None:
+def write_frame(
+    ring: RecordRingWriter, update: OdometryUpdate, pack: PackDepth, extra: object = None
+) -> None:
     """Copy a frame into the ring, `more` in its note. Raises OSError without memory for it."""
     frame = update.frame
-    bound = 2 * frame.depth_raw.size + frame.colour_bgr.nbytes + NOTE_BOUND
+    bound = 2 * frame.depth_raw.size + frame.color_bgr.nbytes + MAX_METADATA_BYTES
     room = ring.reserve(bound, frame.stamp_s)
     depth_bytes = pack(frame.depth_raw, room)
-    length = depth_bytes + frame.colour_bgr.nbytes
-    room[depth_bytes:length].reshape(frame.colour_bgr.shape)[:] = frame.colour_bgr
-    note = pickle.dumps(_note(update, depth_bytes, more))
+    length = depth_bytes + frame.color_bgr.nbytes
+    room[depth_bytes:length].reshape(frame.color_bgr.shape)[:] = frame.color_bgr
+    note = pickle.dumps(_make_metadata(update, depth_bytes, extra))
     ring.commit(length, note, bound, frame.stamp_s)
 
 
-def note_of(note: bytes) -> FrameNote:
+def decode_metadata(metadata: bytes) -> FrameMetadata:
     """The note of a frame's record."""
-    found: FrameNote = pickle.loads(note)
+    found: FrameMetadata = pickle.loads(metadata)
     return found
 
 
-def frame_of(record: Record, offset_s: float) -> RgbdFrame:
+def decode_frame(record: RingRecord, clock_offset_s: float) -> RgbdFrame:
     """The frame of a record, bit for bit, with its stamp moved by an offset.
 
     One offset for a whole folder: published stamps may go back where the clock is set.
     """
-    note = note_of(record.note)
+    note = decode_metadata(record.metadata)
     width, height = note.camera.width, note.camera.height
     colour = np.frombuffer(record.payload, np.uint8, offset=note.depth_bytes)
     return RgbdFrame(
         seq=note.seq,
-        stamp_s=note.stamp_s + offset_s,
-        arrival_s=note.arrival_s,
-        colour_bgr=colour.reshape(height, width, 3),
+        stamp_s=note.stamp_s + clock_offset_s,
+        receive_time_s=note.receive_time_s,
+        color_bgr=colour.reshape(height, width, 3),
         depth_raw=unpack_depth(record.payload[: note.depth_bytes], height, width),
         depth_factor=note.depth_factor,
         camera=note.camera,
@@ -103,29 +105,29 @@ def frame_of(record: Record, offset_s: float) -> RgbdFrame:
     )
 
 
-def _note(update: PoseUpdate, depth_bytes: int, more: object) -> FrameNote:
+def _make_metadata(update: OdometryUpdate, depth_bytes: int, extra: object) -> FrameMetadata:
     frame = update.frame
-    said = Said(
+    said = PublishedOdometry(
         seq=update.seq,
         stamp_s=update.stamp_s,
         state=update.state,
-        reason=update.reason[:_LONGEST_REASON],
+        reason=update.reason[:_MAX_REASON_CHARS],
         epoch=update.epoch,
         has_pose=update.estimate.ok,
         inliers=update.estimate.inliers,
         T_world_camera=update.T_world_camera,
     )
-    return FrameNote(
+    return FrameMetadata(
         seq=frame.seq,
         stamp_s=frame.stamp_s,
-        arrival_s=frame.arrival_s,
+        receive_time_s=frame.receive_time_s,
         depth_factor=frame.depth_factor,
         camera=frame.camera,
         skew_s=frame.skew_s,
         lost_packets=frame.lost_packets,
         gravity_m_s2=frame.gravity_m_s2,
         readout_s=frame.readout_s,
-        said=said,
+        published=said,
         depth_bytes=depth_bytes,
-        more=more,
+        extra=extra,
     )

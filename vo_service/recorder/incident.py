@@ -11,27 +11,27 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import UserFacingError
-from drivers.trajectory import COLUMNS, pose_line
-from drivers.tum.whole_files import write_whole
+from drivers.trajectory import COLUMNS, format_pose_line
+from drivers.tum.whole_files import atomic_write
 from drivers.tum.writer import TumWriter
-from vo_service.recorder.frame_record import FrameNote, frame_of, note_of
-from vo_service.recorder.shared_ring import Record, RingReader
+from vo_service.recorder.frame_record import FrameMetadata, decode_frame, decode_metadata
+from vo_service.recorder.shared_ring import RecordRingReader, RingRecord
 
 SCHEMA = 1
 # So many frames tell how long one takes.
-_MEASURED = 4
+_MIN_TIMED_FRAMES = 4
 
 
-def last_frames(ring: RingReader, seconds: float) -> range:
+def select_last_frames(ring: RecordRingReader, seconds: float) -> range:
     """Numbers of the newest frames that make one recording: one camera, rising stamps."""
-    begin = end = ring.count
-    later: list[FrameNote] = []
-    for number in range(end - 1, ring.oldest - 1, -1):
-        note = ring.note(number)
+    begin = end = ring.record_count
+    later: list[FrameMetadata] = []
+    for number in range(end - 1, ring.oldest_number - 1, -1):
+        note = ring.read_metadata(number)
         if note is None:
             break
-        found = note_of(note)
-        if later and not _leads_to(found, later[-1]):
+        found = decode_metadata(note)
+        if later and not _is_continuous(found, later[-1]):
             break
         if later and later[0].stamp_s - found.stamp_s > seconds:
             break
@@ -40,13 +40,13 @@ def last_frames(ring: RingReader, seconds: float) -> range:
     return range(begin, end)
 
 
-def _leads_to(earlier: FrameNote, later: FrameNote) -> bool:
+def _is_continuous(earlier: FrameMetadata, later: FrameMetadata) -> bool:
     cameras = {(note.camera, note.depth_factor, note.readout_s) for note in (earlier, later)}
     return len(cameras) == 1 and earlier.stamp_s < later.stamp_s
 
 
-class Incident:
-    """Frames and statuses on their way to a folder; a `fill` for `IncidentFolder.write`.
+class IncidentWriter:
+    """Frames and statuses on their way to a folder; a `fill` for `IncidentStore.write`.
 
     The newest frames matter most: where the time runs out, the oldest are left out.
     """
@@ -55,9 +55,9 @@ class Incident:
         self,
         reason: str,
         numbers: Iterable[int],
-        fetch: Callable[[int], Record | None],
+        read_record: Callable[[int], RingRecord | None],
         statuses: Sequence[bytes],
-        about: str,
+        service_info: str,
     ) -> None:
         """What to write.
 
@@ -65,50 +65,52 @@ class Incident:
         statuses  JSON lines
         about     JSON object about the service
         """
-        self._reason, self._fetch = reason, fetch
+        self._reason, self._read_record = reason, read_record
         self._numbers = deque(numbers)
-        self._statuses, self._about = statuses, about
+        self._statuses, self._service_info = statuses, service_info
         self._deadline_s = math.inf
-        self._overwritten = self._left_out = 0
-        self._notes: list[FrameNote] = []
+        self._overwritten = self._skipped = 0
+        self._notes: list[FrameMetadata] = []
 
     @property
-    def frames(self) -> int:
+    def frame_count(self) -> int:
         """How many have been written."""
         return len(self._notes)
 
-    def hurry(self, deadline_s: float) -> None:
+    def set_deadline(self, deadline_s: float) -> None:
         """Have the last frame written by then, on CLOCK_MONOTONIC."""
         self._deadline_s = min(self._deadline_s, deadline_s)
 
     def __call__(self, folder: Path) -> None:
         """Write everything. Raises OSError or UserFacingError if the disk refuses."""
-        records = self._records()
+        records = self._iterate_records()
         first = next(records, None)
         if first is None:
             raise UserFacingError("there was no time to write a single frame")
-        offset_s = note_of(first.note).offset_s
+        offset_s = decode_metadata(first.metadata).clock_offset_s
         with TumWriter(folder) as writer:
             for record in chain([first], records):
-                writer.write(frame_of(record, offset_s))
-                self._notes.append(note_of(record.note))
-        poses = (n for n in self._notes if n.said.has_pose)
-        lines = [pose_line(n.stamp_s + offset_s, n.said.T_world_camera) for n in poses]
-        write_whole(folder / "trajectory.txt", "".join([f"# {COLUMNS}\n", *lines]).encode())
-        write_whole(folder / "poses.jsonl", b"".join(_said_line(n, offset_s) for n in self._notes))
-        write_whole(folder / "status.jsonl", b"".join(line + b"\n" for line in self._statuses))
-        write_whole(folder / "incident.json", json.dumps(self._summary(), indent=1).encode())
+                writer.write(decode_frame(record, offset_s))
+                self._notes.append(decode_metadata(record.metadata))
+        poses = (n for n in self._notes if n.published.has_pose)
+        lines = [format_pose_line(n.stamp_s + offset_s, n.published.T_world_camera) for n in poses]
+        atomic_write(folder / "trajectory.txt", "".join([f"# {COLUMNS}\n", *lines]).encode())
+        atomic_write(
+            folder / "poses.jsonl", b"".join(_pose_json_line(n, offset_s) for n in self._notes)
+        )
+        atomic_write(folder / "status.jsonl", b"".join(line + b"\n" for line in self._statuses))
+        atomic_write(folder / "incident.json", json.dumps(self._summary(), indent=1).encode())
 
-    def _records(self) -> Iterator[Record]:
+    def _iterate_records(self) -> Iterator[RingRecord]:
         begin_s, done = time.monotonic(), 0
         while self._numbers:
             now_s = time.monotonic()
-            each_s = (now_s - begin_s) / done if done >= _MEASURED else 0.0
+            each_s = (now_s - begin_s) / done if done >= _MIN_TIMED_FRAMES else 0.0
             while self._numbers and now_s + each_s * len(self._numbers) > self._deadline_s:
                 self._numbers.popleft()
-                self._left_out += 1
+                self._skipped += 1
             if self._numbers:
-                record = self._fetch(self._numbers.popleft())
+                record = self._read_record(self._numbers.popleft())
                 if record is None:
                     self._overwritten += 1
                 else:
@@ -123,18 +125,18 @@ class Incident:
             "reason": self._reason,
             "written": datetime.fromtimestamp(now_s, UTC).isoformat(),
             "written_unix_s": now_s,
-            "frames": self.frames,
-            "frames_left_out_for_want_of_time": self._left_out,
+            "frames": self.frame_count,
+            "frames_left_out_for_want_of_time": self._skipped,
             "frames_overwritten": self._overwritten,
-            "first_stamp_s": first.stamp_s + first.offset_s,
-            "last_stamp_s": last.stamp_s + first.offset_s,
-            "stamp_minus_camera_stamp_s": first.offset_s,
-            "about": json.loads(self._about),
+            "first_stamp_s": first.stamp_s + first.clock_offset_s,
+            "last_stamp_s": last.stamp_s + first.clock_offset_s,
+            "stamp_minus_camera_stamp_s": first.clock_offset_s,
+            "about": json.loads(self._service_info),
         }
 
 
-def _said_line(note: FrameNote, offset_s: float) -> bytes:
-    said = note.said
+def _pose_json_line(note: FrameMetadata, offset_s: float) -> bytes:
+    said = note.published
     content = {
         "stamp_s": note.stamp_s + offset_s,
         "camera_stamp_s": note.stamp_s,

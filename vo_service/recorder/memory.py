@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from vo_service.recorder.depth_packing import compile_packing, pack_depth
-from vo_service.recorder.frame_record import put_frame
-from vo_service.recorder.shared_ring import RingWriter
+from vo_service.recorder.depth_packing import compile_kernels, pack_depth
+from vo_service.recorder.frame_record import write_frame
+from vo_service.recorder.shared_ring import RecordRingWriter
 from vo_service.settings import MEGABYTE
-from vo_service.types import PoseUpdate, Status
+from vo_service.types import OdometryUpdate, Status
 
-STATUS_LOG_S = 60.0
-STATUS_LOG_BYTES = 1_000_000
+STATUS_RING_S = 60.0
+STATUS_RING_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
-class TimedStatus:
+class StampedStatus:
     """A status, and when the service said it: CLOCK_REALTIME and CLOCK_MONOTONIC."""
 
     status: Status
@@ -27,28 +27,28 @@ class TimedStatus:
     monotonic_s: float
 
     @classmethod
-    def now(cls, status: Status) -> "TimedStatus":
+    def now(cls, status: Status) -> "StampedStatus":
         """Said now."""
         return cls(status, time.time(), time.monotonic())
 
 
-class Memory:
+class FrameHistory:
     """Fills both rings, from one thread."""
 
     def __init__(self, seconds: float, max_mb: int) -> None:
         """Raises OSError if there is no memory."""
-        self.frames = RingWriter("recorder-frames", seconds, max_mb * MEGABYTE)
+        self.frames = RecordRingWriter("recorder-frames", seconds, max_mb * MEGABYTE)
         try:
-            self.statuses = RingWriter("recorder-statuses", STATUS_LOG_S, STATUS_LOG_BYTES)
+            self.statuses = RecordRingWriter("recorder-statuses", STATUS_RING_S, STATUS_RING_BYTES)
         except OSError:
             self.frames.close()
             raise
-        compile_packing()
+        compile_kernels()
 
-    def put(self, item: PoseUpdate | TimedStatus, missed: int) -> None:
+    def append(self, item: OdometryUpdate | StampedStatus, missed: int) -> None:
         """Remember it. `missed` counts what never got here. Raises OSError without memory."""
-        if isinstance(item, PoseUpdate):
-            put_frame(self.frames, item, pack_depth)
+        if isinstance(item, OdometryUpdate):
+            write_frame(self.frames, item, pack_depth)
         else:
             self._put_status(item, missed)
 
@@ -58,22 +58,22 @@ class Memory:
             self.frames.close()
             self.statuses.close()
 
-    def _put_status(self, timed: TimedStatus, missed: int) -> None:
+    def _put_status(self, timed: StampedStatus, missed: int) -> None:
         content = {
             "unix_s": timed.unix_s,
             "monotonic_s": timed.monotonic_s,
             **asdict(timed.status),
-            "recorder": self._figures(missed),
+            "recorder": self._ring_stats(missed),
         }
         line = json.dumps(content).encode()
         room = self.statuses.reserve(len(line), timed.monotonic_s)
         room[: len(line)] = np.frombuffer(line, np.uint8)
         self.statuses.commit(len(line), b"", len(line), timed.monotonic_s)
 
-    def _figures(self, missed: int) -> dict[str, Any]:
+    def _ring_stats(self, missed: int) -> dict[str, Any]:
         return {
-            "frames": self.frames.count,
+            "frames": self.frames.record_count,
             "missed": missed,
             "ring_mb": round(self.frames.used_bytes / MEGABYTE, 1),
-            "limited_by": "max_mb" if self.frames.is_short else "seconds",
+            "limited_by": "max_mb" if self.frames.is_limited_by_bytes else "seconds",
         }

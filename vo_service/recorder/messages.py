@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.isolation.messages import LogLine
-from vo_service.background.messages import End, SignOfLife
-from vo_service.recorder.shared_ring import RingMemory
+from drivers.isolation.messages import LogMessage
+from vo_service.background.messages import Heartbeat, Shutdown
+from vo_service.recorder.shared_ring import RecordRingMemory
 
 
 @dataclass(frozen=True)
-class Job:
+class RecorderWorkerConfig:
     """To the recorder, first and once.
 
     seconds           of frames that an incident holds
@@ -19,23 +19,23 @@ class Job:
     log_level         of the service's log
     """
 
-    frames: RingMemory
-    statuses: RingMemory
-    seconds: float
-    incidents: Path
-    total_bytes: int
-    recordings: Path
-    about: str
+    frame_ring: RecordRingMemory
+    status_ring: RecordRingMemory
+    incident_duration_s: float
+    incidents_folder: Path
+    max_incident_bytes: int
+    recordings_folder: Path
+    service_info: str
     log_level: int
 
     @property
     def fds(self) -> tuple[int, ...]:
         """Both rings."""
-        return self.frames.fd, self.statuses.fd
+        return self.frame_ring.fd, self.status_ring.fd
 
 
 @dataclass(frozen=True)
-class SaveIncident:
+class SaveIncidentRequest:
     """To the recorder: write out what the ring holds, into a folder of this name."""
 
     name: str
@@ -43,32 +43,34 @@ class SaveIncident:
 
 
 @dataclass(frozen=True)
-class StartRecording:
+class StartRecordingRequest:
     """To the recorder: record all frames from the one with this number in the ring on."""
 
     name: str
-    first: int
+    first_frame: int
 
 
 @dataclass(frozen=True)
-class StopRecording:
+class StopRecordingRequest:
     """To the recorder: end the recording before the frame with this number."""
 
-    end: int
+    end_frame: int
 
 
 @dataclass(frozen=True)
-class KeepAtMost:
+class SetDiskQuota:
     """To the recorder: so much of incidents, from now on."""
 
-    total_bytes: int
+    max_bytes: int
 
 
-Order = SaveIncident | StartRecording | StopRecording | KeepAtMost | End
+RecorderRequest = (
+    SaveIncidentRequest | StartRecordingRequest | StopRecordingRequest | SetDiskQuota | Shutdown
+)
 
 
 @dataclass(frozen=True)
-class Facts(SignOfLife):
+class RecorderStatus(Heartbeat):
     """From the recorder, every second.
 
     recordings  names that are taken
@@ -76,28 +78,28 @@ class Facts(SignOfLife):
     trouble     why nothing can be kept in a folder; "" while all is well
     """
 
-    recordings: frozenset[str]
-    missed: int
-    trouble: str = ""
+    recording_names: frozenset[str]
+    missed_frames: int
+    error: str = ""
 
 
 @dataclass(frozen=True)
-class IncidentWritten:
+class IncidentResult:
     """From the recorder: how a `SaveIncident` ended. `trouble` is "" if it is all there."""
 
     folder: Path
-    frames: int
-    trouble: str = ""
+    frame_count: int
+    error: str = ""
 
 
 @dataclass(frozen=True)
-class RecordingEnded:
+class RecordingResult:
     """From the recorder: the recording has ended, by order or because of `trouble`."""
 
     folder: Path
-    frames: int
-    missed: int
-    trouble: str = ""
+    frame_count: int
+    missed_frames: int
+    error: str = ""
 
 
-Word = Facts | IncidentWritten | RecordingEnded | LogLine
+RecorderMessage = RecorderStatus | IncidentResult | RecordingResult | LogMessage

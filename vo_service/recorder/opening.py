@@ -5,20 +5,20 @@ from collections.abc import Mapping
 
 from drivers.errors import UserFacingError
 from vo_service.folders import state_folder
-from vo_service.settings import RecorderSettings
-from vo_service.types import NoRecorder, Recorder
+from vo_service.settings import RecorderConfig
+from vo_service.types import NullRecorder, Recorder
 from vo_service.versions import versions
 
 logger = logging.getLogger(__name__)
 
 
-def open_recorder(settings: RecorderSettings, config: Mapping[str, object]) -> Recorder:
+def open_recorder(settings: RecorderConfig, config: Mapping[str, object]) -> Recorder:
     """The recorder that the settings ask for. The service goes on without where it cannot be had.
 
     `config` of the service goes into each incident as JSON, beside the versions.
     """
     if not settings.enabled:
-        return NoRecorder("the recorder is switched off (recorder.enabled)")
+        return NullRecorder("the recorder is switched off (recorder.enabled)")
     # It compiles kernels: `kinect-vo --help` is spared them.
     from vo_service.recorder.recorder import FlightRecorder
 
@@ -30,4 +30,4 @@ def open_recorder(settings: RecorderSettings, config: Mapping[str, object]) -> R
     except OSError as error:
         reason = f"recorder: switched off: its memory cannot be had: {error.strerror}"
     logger.warning("%s", reason)
-    return NoRecorder(reason, reason)
+    return NullRecorder(reason, reason)

@@ -7,34 +7,38 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from drivers.errors import UserFacingError
-from drivers.full_disk import free_bytes
-from drivers.tum.encode import ColourFormat
+from drivers.full_disk import free_disk_bytes
+from drivers.tum.encode import ColorFormat
 from drivers.tum.writer import TumWriter
-from vo_service.recorder.frame_record import frame_of, note_of
-from vo_service.recorder.messages import RecordingEnded
-from vo_service.recorder.shared_ring import Record, RingReader
+from vo_service.recorder.frame_record import decode_frame, decode_metadata
+from vo_service.recorder.messages import RecordingResult
+from vo_service.recorder.shared_ring import RecordRingReader, RingRecord
 
 # A recording leaves so much of the disk to everything else on the robot.
-LEFT_FREE_BYTES = 1_000_000_000
-_LOOK_S = 0.03
+MIN_FREE_BYTES = 1_000_000_000
+_POLL_PERIOD_S = 0.03
 # A third of the time and of the size of PNG, which two slow cores cannot keep up with.
-COLOUR = ColourFormat.JPEG
+COLOR_FORMAT = ColorFormat.JPEG
 
 
-class Recording:
+class RecordingWriter:
     """Writes on a thread of its own what comes into the ring.
 
     The folder is made with the first frame. A camera that goes and comes back is recorded on.
     """
 
     def __init__(
-        self, ring: RingReader, first: int, folder: Path, tell: Callable[[RecordingEnded], None]
+        self,
+        ring: RecordRingReader,
+        first_frame: int,
+        folder: Path,
+        send_result: Callable[[RecordingResult], None],
     ) -> None:
         """Begin with the ring's frame number `first`. `tell` hears, once, how it ended."""
         self.folder = folder
-        self.missed = 0
-        self._ring, self._tell = ring, tell
-        self._next, self._end = first, sys.maxsize
+        self.missed_frames = 0
+        self._ring, self._send_result = ring, send_result
+        self._next_record, self._end_frame = first_frame, sys.maxsize
         self._writer: TumWriter | None = None  # from the first frame on
         self._offset_s = 0.0
         self._stop = threading.Event()
@@ -42,14 +46,14 @@ class Recording:
         self._thread.start()
 
     @property
-    def is_over(self) -> bool:
+    def is_finished(self) -> bool:
         """Whether nothing more is written."""
         return not self._thread.is_alive()
 
-    def stop(self, end: int, timeout_s: float | None = None) -> None:
+    def stop(self, end_frame: int, timeout_s: float | None = None) -> None:
         """End it before the frame with this number, and wait for that."""
         if not self._stop.is_set():
-            self._end = end
+            self._end_frame = end_frame
             self._stop.set()
         self._thread.join(timeout_s)
 
@@ -60,35 +64,35 @@ class Recording:
             with ExitStack() as stack:
                 is_last = False
                 while not is_last:
-                    is_last = self._stop.wait(_LOOK_S)
+                    is_last = self._stop.wait(_POLL_PERIOD_S)
                     self._write_new(stack)
         except UserFacingError as error:
             trouble = str(error)
         except OSError as error:
             trouble = f"{self.folder}: cannot be written: {error.strerror}"
         frames = 0 if self._writer is None else self._writer.written
-        self._tell(RecordingEnded(self.folder, frames, self.missed, trouble))
+        self._send_result(RecordingResult(self.folder, frames, self.missed_frames, trouble))
 
     def _write_new(self, stack: ExitStack) -> None:
         """Write what has come since the last time."""
-        end = min(self._ring.count, self._end)
-        begin = min(end, max(self._next, self._ring.oldest))
-        self.missed += begin - self._next
-        self._next = end
+        end = min(self._ring.record_count, self._end_frame)
+        begin = min(end, max(self._next_record, self._ring.oldest_number))
+        self.missed_frames += begin - self._next_record
+        self._next_record = end
         for number in range(begin, end):
-            record = self._ring.record(number)
+            record = self._ring.read_record(number)
             if record is None:
-                self.missed += 1
+                self.missed_frames += 1
             else:
                 self._write(record, stack)
 
-    def _write(self, record: Record, stack: ExitStack) -> None:
-        if free_bytes(self.folder.parent) < LEFT_FREE_BYTES:
+    def _write(self, record: RingRecord, stack: ExitStack) -> None:
+        if free_disk_bytes(self.folder.parent) < MIN_FREE_BYTES:
             raise UserFacingError(
-                f"{self.folder}: less than {LEFT_FREE_BYTES / 1e9:g} GB are left on the disk; "
+                f"{self.folder}: less than {MIN_FREE_BYTES / 1e9:g} GB are left on the disk; "
                 "free some space and record into a new folder"
             )
         if self._writer is None:
-            self._offset_s = note_of(record.note).offset_s
-            self._writer = stack.enter_context(TumWriter(self.folder, colour=COLOUR))
-        self._writer.write(frame_of(record, self._offset_s))
+            self._offset_s = decode_metadata(record.metadata).clock_offset_s
+            self._writer = stack.enter_context(TumWriter(self.folder, color_format=COLOR_FORMAT))
+        self._writer.write(decode_frame(record, self._offset_s))

@@ -6,22 +6,22 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from vo_service.runs.keeping import RunFolder
-from vo_service.runs.key import run_key
-from vo_service.runs.listening import NOBODY, ListenerRecipe
-from vo_service.runs.messages import Job, Preparing, Progress
-from vo_service.runs.recipe import Recipe
-from vo_service.runs.run import Outcome, RunState
-from vo_service.runs.running import run_in_child
-from vo_service.runs.sequence import Recording
-from vo_service.runs.versions import versions
+from vo_service.runs.keeping import RunCache
+from vo_service.runs.key import make_cache_key
+from vo_service.runs.listening import NULL_OBSERVER, ObserverFactory
+from vo_service.runs.messages import RunPreparing, RunProgress, RunRequest
+from vo_service.runs.recipe import MethodFactory
+from vo_service.runs.run import RunOutcome, RunState
+from vo_service.runs.running import run_in_subprocess
+from vo_service.runs.sequence import BenchmarkRecording
+from vo_service.runs.versions import collect_versions
 from vo_service.terminal import Terminal
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Plan:
+class BatchPlan:
     """What to run.
 
     recipes  by the method's name
@@ -31,100 +31,109 @@ class Plan:
     listener who hears what the methods say, in each run
     """
 
-    recordings: Sequence[Recording]
-    recipes: Mapping[str, Recipe]
+    recordings: Sequence[BenchmarkRecording]
+    factories: Mapping[str, MethodFactory]
     folder: Path
-    limit_s: float
-    again: bool = False
-    listener: ListenerRecipe = NOBODY
+    time_limit_s: float
+    force: bool = False
+    observer_factory: ObserverFactory = NULL_OBSERVER
 
 
 @dataclass(frozen=True)
-class Entry:
+class BatchResult:
     """One run, as it came out.
 
     has_loops  they were asked for
     """
 
-    recording: Recording
+    recording: BenchmarkRecording
     method: str
-    outcome: Outcome
-    has_loops: bool = False
+    outcome: RunOutcome
+    has_loop_closure: bool = False
 
 
-def run_all(plan: Plan, terminal: Terminal, stop: threading.Event) -> Iterator[Entry]:
+def run_batch(plan: BatchPlan, terminal: Terminal, stop: threading.Event) -> Iterator[BatchResult]:
     """Run what is not kept, until `stop` is set; the rest is then kept from before or not run.
 
     Only runs that came to their end are kept for good: one that failed is tried again the next
     time. Raises UserFacingError if results cannot be kept or no process can be started.
     """
-    total = len(plan.recordings) * len(plan.recipes)
+    total = len(plan.recordings) * len(plan.factories)
     number = 0
     for recording in plan.recordings:
-        for method, recipe in plan.recipes.items():
+        for method, recipe in plan.factories.items():
             number += 1
             label = f"{recording.name}, {method} (run {number} of {total})"
-            run = _Run(plan, recording, method, recipe)
-            outcome = run.outcome(label, terminal, stop)
-            yield Entry(recording, method, outcome, bool(plan.listener.settings))
+            run = _PlannedRun(plan, recording, method, recipe)
+            outcome = run.load_or_run(label, terminal, stop)
+            yield BatchResult(recording, method, outcome, bool(plan.observer_factory.settings))
 
 
 @dataclass(frozen=True)
-class _Run:
+class _PlannedRun:
     """One run: kept from before, or made."""
 
-    plan: Plan
-    recording: Recording
+    plan: BatchPlan
+    recording: BenchmarkRecording
     method: str
-    recipe: Recipe
+    factory: MethodFactory
 
-    def outcome(self, label: str, terminal: Terminal, stop: threading.Event) -> Outcome:
-        folder = RunFolder(self.plan.folder / self.recording.name / self.method)
-        key = run_key(self.recording, self.recipe, versions(), self.plan.listener)
+    def load_or_run(self, label: str, terminal: Terminal, stop: threading.Event) -> RunOutcome:
+        folder = RunCache(self.plan.folder / self.recording.name / self.method)
+        key = make_cache_key(
+            self.recording, self.factory, collect_versions(), self.plan.observer_factory
+        )
         kept = folder.load(key)
-        if kept is not None and kept.state is RunState.DONE and not self.plan.again:
-            terminal.say(f"{label}: kept from before")
+        if kept is not None and kept.state is RunState.DONE and not self.plan.force:
+            terminal.write_line(f"{label}: kept from before")
             return kept
         if stop.is_set():
-            return kept or Outcome(RunState.NOT_RUN, trouble="stopped before it began")
+            return kept or RunOutcome(RunState.NOT_RUN, error="stopped before it began")
         terminal.show(f"{label}: starting")
-        outcome = run_in_child(self._job(), self.plan.limit_s, _teller(terminal, label), stop)
+        outcome = run_in_subprocess(
+            self._make_request(),
+            self.plan.time_limit_s,
+            _make_progress_callback(terminal, label),
+            stop,
+        )
         terminal.clear()
         if outcome.state is RunState.NOT_RUN:
             return kept or outcome
-        folder.save(key, outcome, self._about())
+        folder.save(key, outcome, self._describe())
         if outcome.state is not RunState.DONE:
             logger.error("%s: %s", label, outcome)
             return outcome
-        terminal.say(f"{label}: {outcome.run.cpu_s:.2f} s of processor time")
+        terminal.write_line(f"{label}: {outcome.run.cpu_s:.2f} s of processor time")
         return folder.load(key) or outcome  # the same figures as when it is kept from before
 
-    def _job(self) -> Job:
+    def _make_request(self) -> RunRequest:
         level = logging.getLogger().getEffectiveLevel()
-        return Job(
+        return RunRequest(
             self.recording.folder,
             self.recording.camera_file,
-            self.recipe,
+            self.factory,
             level,
-            self.recording.excerpt,
-            listener=self.plan.listener,
+            self.recording.frame_selection,
+            observer_factory=self.plan.observer_factory,
         )
 
-    def _about(self) -> dict[str, object]:
+    def _describe(self) -> dict[str, object]:
         return {
             "recording": self.recording.name,
             "folder": str(self.recording.folder.resolve()),
-            "every": self.recording.excerpt.every,
-            "first": self.recording.excerpt.first,
+            "every": self.recording.frame_selection.step,
+            "first": self.recording.frame_selection.max_frames,
             "method": self.method,
-            "settings": {**self.recipe.settings, **self.plan.listener.settings},
-            "versions": versions(),
+            "settings": {**self.factory.settings, **self.plan.observer_factory.settings},
+            "versions": collect_versions(),
         }
 
 
-def _teller(terminal: Terminal, label: str) -> Callable[[Preparing | Progress], None]:
-    def tell(word: Preparing | Progress) -> None:
-        if isinstance(word, Progress):
+def _make_progress_callback(
+    terminal: Terminal, label: str
+) -> Callable[[RunPreparing | RunProgress], None]:
+    def tell(word: RunPreparing | RunProgress) -> None:
+        if isinstance(word, RunProgress):
             terminal.progress(f"{label}: frame", word.done, word.total)
         else:
             terminal.show(f"{label}: preparing, {word.stage}")

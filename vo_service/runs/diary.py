@@ -9,12 +9,12 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.errors import UserFacingError
-from drivers.trajectory import StampedPoses
-from vo_service.runs.run import FrameLog, LoopsRun, Run
+from drivers.trajectory import Trajectory
+from vo_service.runs.run import CompletedRun, FrameLog, LoopClosureRun
 from vo_service.types import Estimate
 
 
-class Diary:
+class RunRecorder:
     """One line a frame."""
 
     def __init__(self) -> None:
@@ -27,9 +27,9 @@ class Diary:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def add(self, frame: RgbdFrame, estimate: Estimate, cpu_s: float, wall_s: float) -> None:
+    def add_frame(self, frame: RgbdFrame, estimate: Estimate, cpu_s: float, wall_s: float) -> None:
         """What a frame came to, and what that took."""
-        self._epoch += estimate.restarted
+        self._epoch += estimate.is_reset
         times_ms = 1e3 * cpu_s, 1e3 * wall_s
         state = frame.stamp_s, estimate.ok, self._epoch, estimate.inliers
         self._rows.append((*state, *times_ms, estimate.reason))
@@ -42,18 +42,18 @@ class Diary:
         for stage, spent_ms in stages_ms.items():
             self._stages_ms[stage].append(spent_ms)
 
-    def run(self, skipped: int, with_loops: LoopsRun | None = None) -> Run:
+    def finish(self, skipped: int, loop_closure: LoopClosureRun | None = None) -> CompletedRun:
         """All of it. Raises UserFacingError if a pose is no pose."""
         poses = np.array(self._poses, np.float64).reshape(-1, 4, 4)
         if not np.isfinite(poses).all():
             raise UserFacingError("a pose is not finite: the method has a fault")
-        return Run(
-            frames=FrameLog.of(self._rows),
-            trajectory=StampedPoses(np.array(self._stamps_s), poses),
+        return CompletedRun(
+            frames=FrameLog.from_rows(self._rows),
+            trajectory=Trajectory(np.array(self._stamps_s), poses),
             skipped=skipped,
             stage_ms={stage: median(spent) for stage, spent in self._stages_ms.items()},
             memory_mb=peak_memory_mb(),
-            with_loops=with_loops,
+            loop_closure=loop_closure,
         )
 
 

@@ -8,21 +8,21 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Excerpt:
+class FrameSelection:
     """Every n-th of the frames; of the first so many, where `first` is given."""
 
-    every: int = 1
-    first: int | None = None
+    step: int = 1
+    max_frames: int | None = None
 
-    def of(self, frames: Sequence[T]) -> list[T]:
+    def select(self, frames: Sequence[T]) -> list[T]:
         """Those that are used."""
-        return list(frames[: self.first : self.every])
+        return list(frames[: self.max_frames : self.step])
 
     @property
     def suffix(self) -> str:
         """What it adds to the recording's name; "" for the whole of it."""
-        first = "" if self.first is None else f"-first-{self.first}"
-        return first + (f"-every-{self.every}" if self.every > 1 else "")
+        first = "" if self.max_frames is None else f"-first-{self.max_frames}"
+        return first + (f"-every-{self.step}" if self.step > 1 else "")
 
 
-WHOLE = Excerpt()
+ALL_FRAMES = FrameSelection()

@@ -8,23 +8,23 @@ from typing import Any
 from drivers.errors import InputError
 from vo_service.evaluation import Evaluation, evaluate
 from vo_service.evaluation.association import MatchedPoses, associate
-from vo_service.evaluation.gaps import Crossing, cross, error_across, within_gaps
-from vo_service.evaluation.gross_errors import gross_errors, tracked_steps
+from vo_service.evaluation.gaps import GapOutcome, classify_gap, gap_error, spans_gap
+from vo_service.evaluation.gross_errors import count_gross_errors, tracked_steps
 from vo_service.evaluation.metrics import RelativeErrors, consecutive_pairs, relative_errors, rms
-from vo_service.runs.campaign import Entry
+from vo_service.runs.campaign import BatchResult
 from vo_service.runs.keeping import run_as_json
-from vo_service.runs.run import Outcome, Run, RunState
-from vo_service.runs.sequence import Recording
-from vo_service.summary import WithLoops, evaluated
+from vo_service.runs.run import CompletedRun, RunOutcome, RunState
+from vo_service.runs.sequence import BenchmarkRecording
+from vo_service.summary import LoopClosureSummary, evaluate_if_possible
 
-EVALUATED = tuple(Evaluation.__dataclass_fields__)
+EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
 # Keys that are there where loops were asked for.
-LOOPS_MS = "loops_ms_per_frame"
-LOOPS = (*WithLoops(0, 0, None).as_json(), LOOPS_MS)
+LOOP_CLOSURE_MS_KEY = "loops_ms_per_frame"
+LOOP_CLOSURE_KEYS = (*LoopClosureSummary(0, 0, None).as_json(), LOOP_CLOSURE_MS_KEY)
 
 
 @dataclass(frozen=True)
-class Judgement:
+class RunEvaluation:
     """A run and its figures. None: cannot be told.
 
     no_evaluation  why there is none, "" where there is one
@@ -38,22 +38,22 @@ class Judgement:
     corrected      of the trajectory as loops have corrected it, where they were asked for
     """
 
-    entry: Entry
+    batch_result: BatchResult
     evaluation: Evaluation | None = None
     matched: MatchedPoses | None = None
-    no_evaluation: str = ""
+    no_evaluation_reason: str = ""
     coverage: float | None = None
-    crossings: tuple[Crossing, ...] = ()
-    jumps: tuple[RelativeErrors | None, ...] = ()
+    gap_outcomes: tuple[GapOutcome, ...] = ()
+    gap_errors: tuple[RelativeErrors | None, ...] = ()
     rpe_frame_without_gaps_m: float | None = None
     steps: int | None = None
     gross_errors: int | None = None
-    corrected: Evaluation | None = None
+    optimized_evaluation: Evaluation | None = None
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> RunOutcome:
         """How the run ended."""
-        return self.entry.outcome
+        return self.batch_result.outcome
 
     @property
     def is_done(self) -> bool:
@@ -61,7 +61,7 @@ class Judgement:
         return self.outcome.state is RunState.DONE
 
     @property
-    def why_lost(self) -> list[tuple[str, int]]:
+    def lost_reasons(self) -> list[tuple[str, int]]:
         """Why frames had no pose, and how many; numbers in the reasons are left out."""
         reasons = (re.sub(r"\d+(\.\d+)?", "#", text) for text in self.outcome.run.frames.reasons)
         return Counter(filter(None, reasons)).most_common()
@@ -70,11 +70,11 @@ class Judgement:
         """One flat object; null for what could not be computed."""
         done = self.is_done
         run = run_as_json(self.outcome.run)
-        evaluated = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATED)
+        evaluated = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
         return {
             "state": self.outcome.state,
-            "trouble": self.outcome.trouble,
-            "no_evaluation": self.no_evaluation,
+            "trouble": self.outcome.error,
+            "no_evaluation": self.no_evaluation_reason,
             **(run if done else dict.fromkeys(run)),
             **evaluated,
             "coverage": self.coverage,
@@ -82,76 +82,82 @@ class Judgement:
             "steps": self.steps,
             "gross_errors": self.gross_errors,
             "gaps": [
-                {"across": str(crossing), **_jump_as_json(jump)}
-                for crossing, jump in zip(self.crossings, self.jumps, strict=True)
+                {"across": str(crossing), **_gap_error_as_json(jump)}
+                for crossing, jump in zip(self.gap_outcomes, self.gap_errors, strict=True)
             ],
-            "why_lost": dict(self.why_lost),
-            **self._loops_as_json(),
+            "why_lost": dict(self.lost_reasons),
+            **self._loop_closure_as_json(),
         }
 
-    def _loops_as_json(self) -> dict[str, Any]:
-        if not self.entry.has_loops:
+    def _loop_closure_as_json(self) -> dict[str, Any]:
+        if not self.batch_result.has_loop_closure:
             return {}
-        run = self.outcome.run.with_loops
+        run = self.outcome.run.loop_closure
         if run is None:
-            return dict.fromkeys(LOOPS)
-        with_loops = WithLoops(run.places, run.loops, self.corrected)
-        return {**with_loops.as_json(), LOOPS_MS: run.cpu_ms}
+            return dict.fromkeys(LOOP_CLOSURE_KEYS)
+        with_loops = LoopClosureSummary(
+            run.map_keyframes, run.loop_closures, self.optimized_evaluation
+        )
+        return {**with_loops.as_json(), LOOP_CLOSURE_MS_KEY: run.cpu_ms_per_frame}
 
 
-def judge(entry: Entry) -> Judgement:
+def evaluate_run(batch_result: BatchResult) -> RunEvaluation:
     """Everything that can be told of a run."""
-    run, recording = entry.outcome.run, entry.recording
-    if entry.outcome.state is not RunState.DONE:
-        return Judgement(entry, no_evaluation="there is no result")
+    run, recording = batch_result.outcome.run, batch_result.recording
+    if batch_result.outcome.state is not RunState.DONE:
+        return RunEvaluation(batch_result, no_evaluation_reason="there is no result")
     frames = run.frames
     crossings = tuple(
-        cross(gap, frames.stamps_s, frames.is_good, frames.epochs) for gap in recording.gaps
+        classify_gap(gap, frames.stamps_s, frames.has_pose, frames.epochs) for gap in recording.gaps
     )
-    without_truth = Judgement(
-        entry,
-        coverage=len(run.trajectory) / len(recording.frames_s),
-        crossings=crossings,
-        jumps=(None,) * len(crossings),
+    without_truth = RunEvaluation(
+        batch_result,
+        coverage=len(run.trajectory) / len(recording.frame_stamps_s),
+        gap_outcomes=crossings,
+        gap_errors=(None,) * len(crossings),
     )
-    return _evaluated(without_truth, run, recording)
+    return _with_ground_truth(without_truth, run, recording)
 
 
-def _evaluated(judgement: Judgement, run: Run, recording: Recording) -> Judgement:
+def _with_ground_truth(
+    run_evaluation: RunEvaluation, run: CompletedRun, recording: BenchmarkRecording
+) -> RunEvaluation:
     """With the figures that need the truth, where there is one; else with why not."""
     if recording.truth is None:
-        return replace(judgement, no_evaluation="there is no groundtruth.txt")
+        return replace(run_evaluation, no_evaluation_reason="there is no groundtruth.txt")
     if not len(run.trajectory):
-        return replace(judgement, no_evaluation="no frame has a pose")
+        return replace(run_evaluation, no_evaluation_reason="no frame has a pose")
     try:
-        evaluation = evaluate(run.trajectory, recording.truth, recording.frames_s)
+        evaluation = evaluate(run.trajectory, recording.truth, recording.frame_stamps_s)
     except InputError as error:
-        return replace(judgement, no_evaluation=str(error))
+        return replace(run_evaluation, no_evaluation_reason=str(error))
     matched = associate(run.trajectory, recording.truth)
     pairs = consecutive_pairs(matched)
     steps_m = relative_errors(matched, pairs).translation_m
-    good = run.frames.is_good
+    good = run.frames.has_pose
     steps = tracked_steps(matched, run.trajectory.stamps_s, run.frames.epochs[good])
     return replace(
-        judgement,
+        run_evaluation,
         evaluation=evaluation,
         matched=matched,
         coverage=evaluation.coverage,
-        jumps=tuple(error_across(matched, gap) for gap in recording.gaps),
+        gap_errors=tuple(gap_error(matched, gap) for gap in recording.gaps),
         steps=len(steps),
-        gross_errors=gross_errors(matched, steps),
-        corrected=_corrected(run, recording),
-        rpe_frame_without_gaps_m=rms(steps_m[~within_gaps(matched, pairs, recording.gaps)]),
+        gross_errors=count_gross_errors(matched, steps),
+        optimized_evaluation=_evaluate_optimized(run, recording),
+        rpe_frame_without_gaps_m=rms(steps_m[~spans_gap(matched, pairs, recording.gaps)]),
     )
 
 
-def _corrected(run: Run, recording: Recording) -> Evaluation | None:
-    if run.with_loops is None:
+def _evaluate_optimized(run: CompletedRun, recording: BenchmarkRecording) -> Evaluation | None:
+    if run.loop_closure is None:
         return None
-    return evaluated(run.with_loops.trajectory, recording.truth, recording.frames_s)
+    return evaluate_if_possible(
+        run.loop_closure.trajectory, recording.truth, recording.frame_stamps_s
+    )
 
 
-def _jump_as_json(jump: RelativeErrors | None) -> dict[str, float | None]:
-    if jump is None:
+def _gap_error_as_json(error: RelativeErrors | None) -> dict[str, float | None]:
+    if error is None:
         return {"error_m": None, "error_deg": None}
-    return {"error_m": float(jump.translation_m[0]), "error_deg": float(jump.rotation_deg[0])}
+    return {"error_m": float(error.translation_m[0]), "error_deg": float(error.rotation_deg[0])}

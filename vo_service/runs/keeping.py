@@ -10,89 +10,116 @@ from typing import Any
 import numpy as np
 
 from drivers.errors import InputError, UserFacingError
-from drivers.full_disk import is_full
-from drivers.trajectory import StampedPoses, pose_line, read_trajectory
-from drivers.tum.whole_files import write_whole
-from vo_service.folders import make_output_folder
-from vo_service.runs.run import NO_RUN, FrameLog, LoopsRun, Outcome, Run, RunState
+from drivers.full_disk import is_disk_full
+from drivers.trajectory import Trajectory, format_pose_line, read_trajectory
+from drivers.tum.whole_files import atomic_write
+from vo_service.folders import create_output_folder
+from vo_service.runs.run import (
+    EMPTY_RUN,
+    CompletedRun,
+    FrameLog,
+    LoopClosureRun,
+    RunOutcome,
+    RunState,
+)
 
 SCHEMA = 1
-RESULT, TRAJECTORY, FRAMES, DETAILS = "result.json", "trajectory.txt", "frames.csv", "error.txt"
-CORRECTED = "trajectory_corrected.txt"
-COLUMNS = ("stamp_s", "has_pose", "epoch", "inliers", "cpu_ms", "wall_ms", "reason")
+RESULT_FILE, TRAJECTORY_FILE, FRAMES_FILE, DETAILS_FILE = (
+    "result.json",
+    "trajectory.txt",
+    "frames.csv",
+    "error.txt",
+)
+OPTIMIZED_TRAJECTORY_FILE = "trajectory_corrected.txt"
+FRAME_COLUMNS = ("stamp_s", "has_pose", "epoch", "inliers", "cpu_ms", "wall_ms", "reason")
 
 
-class RunFolder:
+class RunCache:
     """Keeps an outcome in files that are written whole, result.json last."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def load(self, key: str) -> Outcome | None:
+    def load(self, key: str) -> RunOutcome | None:
         """What was kept under this very key; None if there is no such thing, or it is damaged."""
         try:
-            result = json.loads((self.path / RESULT).read_text())
+            result = json.loads((self.path / RESULT_FILE).read_text())
             if result["schema"] != SCHEMA or result["key"] != key:
                 return None
             state = RunState(result["state"])
             if state is not RunState.DONE:
-                return Outcome(state, NO_RUN, result["trouble"], self._details())
-            return Outcome(state, self._run(result))
+                return RunOutcome(state, EMPTY_RUN, result["trouble"], self._load_details())
+            return RunOutcome(state, self._load_run(result))
         except (OSError, UserFacingError, ValueError, KeyError, TypeError, AttributeError):
             return None
 
-    def save(self, key: str, outcome: Outcome, about: Mapping[str, object]) -> None:
+    def save(self, key: str, outcome: RunOutcome, description: Mapping[str, object]) -> None:
         """Keep it; `about` goes into result.json as well. Raises as `write_file`."""
         run = outcome.run
-        make_output_folder(self.path)
-        for name in (RESULT, TRAJECTORY, CORRECTED, FRAMES, DETAILS):
+        create_output_folder(self.path)
+        for name in (
+            RESULT_FILE,
+            TRAJECTORY_FILE,
+            OPTIMIZED_TRAJECTORY_FILE,
+            FRAMES_FILE,
+            DETAILS_FILE,
+        ):
             (self.path / name).unlink(missing_ok=True)
         if outcome.state is RunState.DONE:
-            write_file(self.path / TRAJECTORY, _trajectory_text(run.trajectory))
-            if run.with_loops is not None:
-                write_file(self.path / CORRECTED, _trajectory_text(run.with_loops.trajectory))
-            write_file(self.path / FRAMES, _frames_text(run.frames).encode())
+            write_file(self.path / TRAJECTORY_FILE, _format_trajectory(run.trajectory))
+            if run.loop_closure is not None:
+                write_file(
+                    self.path / OPTIMIZED_TRAJECTORY_FILE,
+                    _format_trajectory(run.loop_closure.trajectory),
+                )
+            write_file(self.path / FRAMES_FILE, _format_frames(run.frames).encode())
         elif outcome.details:
-            write_file(self.path / DETAILS, outcome.details.encode())
+            write_file(self.path / DETAILS_FILE, outcome.details.encode())
         result = {
             "schema": SCHEMA,
             "key": key,
-            **about,
+            **description,
             "state": outcome.state,
-            "trouble": outcome.trouble,
+            "trouble": outcome.error,
             **run_as_json(run),
-            **loops_as_json(run.with_loops),
+            **loop_closure_as_json(run.loop_closure),
         }
-        write_file(self.path / RESULT, (json.dumps(result, indent=2) + "\n").encode())
+        write_file(self.path / RESULT_FILE, (json.dumps(result, indent=2) + "\n").encode())
 
-    def _run(self, result: Mapping[str, Any]) -> Run:
-        frames = _read_frames((self.path / FRAMES).read_text())
-        has_poses = bool(frames.is_good.any())
-        trajectory = read_trajectory(self.path / TRAJECTORY) if has_poses else NO_RUN.trajectory
-        _check(frames, trajectory, result["frames"])
-        return Run(
+    def _load_run(self, result: Mapping[str, Any]) -> CompletedRun:
+        frames = _read_frames((self.path / FRAMES_FILE).read_text())
+        has_poses = bool(frames.has_pose.any())
+        trajectory = (
+            read_trajectory(self.path / TRAJECTORY_FILE) if has_poses else EMPTY_RUN.trajectory
+        )
+        _check_consistent(frames, trajectory, result["frames"])
+        return CompletedRun(
             frames=frames,
             trajectory=trajectory,
             skipped=int(result["skipped"]),
             stage_ms={str(stage): float(ms) for stage, ms in result["stage_ms"].items()},
             memory_mb=float(result["memory_mb"]),
-            with_loops=self._with_loops(result) if "loops" in result else None,
+            loop_closure=self._load_loop_closure(result) if "loops" in result else None,
         )
 
-    def _with_loops(self, result: Mapping[str, Any]) -> LoopsRun:
+    def _load_loop_closure(self, result: Mapping[str, Any]) -> LoopClosureRun:
         count = int(result["corrected_poses"])
-        corrected = read_trajectory(self.path / CORRECTED) if count else NO_RUN.trajectory
+        corrected = (
+            read_trajectory(self.path / OPTIMIZED_TRAJECTORY_FILE)
+            if count
+            else EMPTY_RUN.trajectory
+        )
         if len(corrected) != count:
             raise ValueError("the files are not of one run")
         cpu_ms = float(result["loops_ms_per_frame"])
-        return LoopsRun(corrected, int(result["places"]), int(result["loops"]), cpu_ms)
+        return LoopClosureRun(corrected, int(result["places"]), int(result["loops"]), cpu_ms)
 
-    def _details(self) -> str:
-        file = self.path / DETAILS
+    def _load_details(self) -> str:
+        file = self.path / DETAILS_FILE
         return file.read_text() if file.exists() else ""
 
 
-def run_as_json(run: Run) -> dict[str, object]:
+def run_as_json(run: CompletedRun) -> dict[str, object]:
     """The figures of a run that need no ground truth."""
     return {
         "frames": len(run.frames),
@@ -107,39 +134,39 @@ def run_as_json(run: Run) -> dict[str, object]:
     }
 
 
-def loops_as_json(with_loops: LoopsRun | None) -> dict[str, object]:
+def loop_closure_as_json(loop_closure: LoopClosureRun | None) -> dict[str, object]:
     """The figures of loops that need no ground truth; none where there are no loops."""
-    if with_loops is None:
+    if loop_closure is None:
         return {}
     return {
-        "places": with_loops.places,
-        "loops": with_loops.loops,
-        "loops_ms_per_frame": round(with_loops.cpu_ms, 3),
-        "corrected_poses": len(with_loops.trajectory),
+        "places": loop_closure.map_keyframes,
+        "loops": loop_closure.loop_closures,
+        "loops_ms_per_frame": round(loop_closure.cpu_ms_per_frame, 3),
+        "corrected_poses": len(loop_closure.trajectory),
     }
 
 
 def write_file(path: Path, data: bytes) -> None:
     """Write a whole file or none. Raises UserFacingError for a full disk, InputError otherwise."""
     try:
-        write_whole(path, data)
+        atomic_write(path, data)
     except OSError as error:
-        raise (UserFacingError if is_full(error) else InputError)(
+        raise (UserFacingError if is_disk_full(error) else InputError)(
             f"{path}: cannot be written: {error.strerror}; make room, or name another folder with "
             "--output"
         ) from error
 
 
-def _trajectory_text(poses: StampedPoses) -> bytes:
-    return "".join(map(pose_line, poses.stamps_s, poses.T_world_camera)).encode()
+def _format_trajectory(poses: Trajectory) -> bytes:
+    return "".join(map(format_pose_line, poses.stamps_s, poses.T_world_camera)).encode()
 
 
-def _frames_text(frames: FrameLog) -> str:
+def _format_frames(frames: FrameLog) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer.writerow(FRAME_COLUMNS)
     for k in range(len(frames)):
-        state = int(frames.is_good[k]), int(frames.epochs[k]), int(frames.inliers[k])
+        state = int(frames.has_pose[k]), int(frames.epochs[k]), int(frames.inliers[k])
         times = f"{frames.cpu_ms[k]:.4f}", f"{frames.wall_ms[k]:.4f}"
         writer.writerow((f"{frames.stamps_s[k]:.6f}", *state, *times, frames.reasons[k]))
     return text.getvalue()
@@ -147,7 +174,7 @@ def _frames_text(frames: FrameLog) -> str:
 
 def _read_frames(text: str) -> FrameLog:
     rows = list(csv.DictReader(io.StringIO(text)))
-    return FrameLog.of(
+    return FrameLog.from_rows(
         [
             (
                 float(row["stamp_s"]),
@@ -163,8 +190,8 @@ def _read_frames(text: str) -> FrameLog:
     )
 
 
-def _check(frames: FrameLog, trajectory: StampedPoses, count: int) -> None:
+def _check_consistent(frames: FrameLog, trajectory: Trajectory, count: int) -> None:
     """Raise ValueError unless the files belong together."""
     is_whole = len(frames) == count
-    if not is_whole or not np.array_equal(frames.stamps_s[frames.is_good], trajectory.stamps_s):
+    if not is_whole or not np.array_equal(frames.stamps_s[frames.has_pose], trajectory.stamps_s):
         raise ValueError("the files are not of one run")

@@ -5,16 +5,16 @@ import json
 from collections.abc import Iterator, Mapping
 
 from drivers.errors import InputError
-from vo_service.runs.listening import NOBODY, ListenerRecipe
-from vo_service.runs.recipe import Recipe
-from vo_service.runs.sequence import Recording
+from vo_service.runs.listening import NULL_OBSERVER, ObserverFactory
+from vo_service.runs.recipe import MethodFactory
+from vo_service.runs.sequence import BenchmarkRecording
 
 
-def run_key(
-    recording: Recording,
-    recipe: Recipe,
+def make_cache_key(
+    recording: BenchmarkRecording,
+    factory: MethodFactory,
     versions: Mapping[str, str],
-    listener: ListenerRecipe = NOBODY,
+    observer_factory: ObserverFactory = NULL_OBSERVER,
 ) -> str:
     """Digest of the versions, the settings, the camera and the recording's files.
 
@@ -23,18 +23,18 @@ def run_key(
     """
     content = {
         "versions": dict(versions),
-        "settings": {**recipe.settings, **listener.settings},
-        "camera": repr(recording.opened.camera_file),
-        "frames": list(_frames(recording)),
-        "truth": _truth(recording) if recipe.uses_truth else None,
+        "settings": {**factory.settings, **observer_factory.settings},
+        "camera": repr(recording.tum_folder.calibration),
+        "frames": list(_frame_fingerprints(recording)),
+        "truth": _ground_truth_digest(recording) if factory.uses_truth else None,
     }
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _frames(recording: Recording) -> Iterator[tuple[str, str, int, int]]:
-    for pair in recording.opened.frames.pairs:
-        for image in (pair.colour, pair.depth):
+def _frame_fingerprints(recording: BenchmarkRecording) -> Iterator[tuple[str, str, int, int]]:
+    for pair in recording.tum_folder.frames.pairs:
+        for image in (pair.color, pair.depth):
             try:
                 state = image.file.stat()
             except FileNotFoundError:  # this frame will be skipped, as every time
@@ -45,7 +45,7 @@ def _frames(recording: Recording) -> Iterator[tuple[str, str, int, int]]:
             yield str(image.stamp), image.file.name, state.st_size, state.st_mtime_ns
 
 
-def _truth(recording: Recording) -> str:
+def _ground_truth_digest(recording: BenchmarkRecording) -> str:
     truth = recording.truth
     if truth is None:
         return ""

@@ -13,11 +13,11 @@ from typing import Protocol
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.pose_covariance import diagonal
-from vo_service.pose_tracker import PoseTracker, StampedFrame
-from vo_service.runs.run import LoopsRun
-from vo_service.runs.versions import digest_of
-from vo_service.settings import MapSettings
+from vo_service.pose_covariance import diagonal_covariance
+from vo_service.pose_tracker import OdomFrame, StampedFrame
+from vo_service.runs.run import LoopClosureRun
+from vo_service.runs.versions import digest_sources
+from vo_service.settings import MapConfig
 from vo_service.types import Estimate
 
 # What loops come from, beside the libraries.
@@ -32,23 +32,23 @@ SOURCES = (
 )
 # Of a motion, where the method says nothing of how sure it is of that: about what a Kinect's depth
 # gives from one frame to the next.
-SIGMA_M, SIGMA_RAD = 0.003, 0.002
+DEFAULT_SIGMA_M, DEFAULT_SIGMA_RAD = 0.003, 0.002
 
 
-class Listener(Protocol):
+class RunObserver(Protocol):
     """Hears a run."""
 
-    def hear(self, frame: RgbdFrame, estimate: Estimate) -> None:
+    def observe(self, frame: RgbdFrame, estimate: Estimate) -> None:
         """Take what the method says of the next frame."""
         ...
 
     @property
-    def result(self) -> LoopsRun | None:
+    def result(self) -> LoopClosureRun | None:
         """What has come of it by now; None of nothing."""
         ...
 
 
-class ListenerRecipe(Protocol):
+class ObserverFactory(Protocol):
     """Makes a listener. Goes to another process, so it can be pickled."""
 
     @property
@@ -57,20 +57,20 @@ class ListenerRecipe(Protocol):
         ...
 
     @property
-    def tables(self) -> Mapping[str, Mapping[str, object]]:
+    def config_tables(self) -> Mapping[str, Mapping[str, object]]:
         """The tables of a configuration that count, with what was chosen there."""
         ...
 
-    def prepare(self, tell: Callable[[str], None]) -> None:
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Compile what is to be compiled, and tell what is being done."""
         ...
 
-    def make(self) -> Listener:
+    def make(self) -> RunObserver:
         """A listener, new."""
         ...
 
 
-class Nobody:
+class NullObserver:
     """Nobody listens: recipe and listener."""
 
     result = None
@@ -81,29 +81,29 @@ class Nobody:
         return {}
 
     @property
-    def tables(self) -> Mapping[str, Mapping[str, object]]:
+    def config_tables(self) -> Mapping[str, Mapping[str, object]]:
         """None."""
         return {}
 
-    def prepare(self, tell: Callable[[str], None]) -> None:
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Nothing to prepare."""
 
-    def make(self) -> Listener:
+    def make(self) -> RunObserver:
         """Itself: it has no state."""
         return self
 
-    def hear(self, frame: RgbdFrame, estimate: Estimate) -> None:
+    def observe(self, frame: RgbdFrame, estimate: Estimate) -> None:
         """Not."""
 
 
-NOBODY = Nobody()
+NULL_OBSERVER = NullObserver()
 
 
 @dataclass(frozen=True)
-class LoopsRecipe:
+class LoopClosureObserverFactory:
     """Places that are known again, with the settings of a configuration."""
 
-    map: MapSettings
+    map: MapConfig
 
     @property
     def settings(self) -> Mapping[str, object]:
@@ -111,55 +111,59 @@ class LoopsRecipe:
         return {
             "loops": {
                 "places_mb": self.map.places_mb,
-                "source": digest_of(SOURCES),
+                "source": digest_sources(SOURCES),
                 "scipy": version("scipy"),
             }
         }
 
     @property
-    def tables(self) -> Mapping[str, Mapping[str, object]]:
+    def config_tables(self) -> Mapping[str, Mapping[str, object]]:
         """Of `[map]`, the memory."""
         return {"map": {"places_mb": self.map.places_mb}}
 
-    def prepare(self, tell: Callable[[str], None]) -> None:
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Compile or load the kernels."""
-        from vo_service.mapping.loops.warm_up import warm_up_loops  # slow to load
+        from vo_service.mapping.loops.warm_up import warm_up_loop_closure  # slow to load
 
-        warm_up_loops(tell)
+        warm_up_loop_closure(on_progress)
 
-    def make(self) -> Listener:
+    def make(self) -> RunObserver:
         """Knows no place yet."""
-        return _LoopsListener(self.map)
+        return _LoopClosureObserver(self.map)
 
 
-class _LoopsListener:
+class _LoopClosureObserver:
     """Makes places of the frames, closes loops, and counts what that takes."""
 
-    def __init__(self, settings: MapSettings) -> None:
-        from vo_service.mapping.loops.opening import open_inline_loops
+    def __init__(self, settings: MapConfig) -> None:
+        from vo_service.mapping.loops.opening import create_synchronous_loop_closure
 
-        self._tracker = PoseTracker()
-        self._loops = open_inline_loops(settings)
+        self._tracker = OdomFrame()
+        self._loop_closure = create_synchronous_loop_closure(settings)
         self._cpu_ms: list[float] = []
 
-    def hear(self, frame: RgbdFrame, estimate: Estimate) -> None:
+    def observe(self, frame: RgbdFrame, estimate: Estimate) -> None:
         """As `Listener`."""
         begin_cpu_s = time.process_time()
         stamped = StampedFrame(frame, frame.stamp_s)
-        self._loops.pose(self._tracker.update(stamped, _with_covariance(estimate), {}, 0.0))
+        self._loop_closure.on_update(
+            self._tracker.update(stamped, _with_default_covariance(estimate), {}, 0.0)
+        )
         self._cpu_ms.append(1e3 * (time.process_time() - begin_cpu_s))
 
     @property
-    def result(self) -> LoopsRun:
+    def result(self) -> LoopClosureRun:
         """As `Listener`."""
-        self._loops.close()
-        closer = self._loops.closer
+        self._loop_closure.close()
+        closer = self._loop_closure.loop_closer
         mean_ms = float(np.mean(self._cpu_ms)) if self._cpu_ms else 0.0
-        return LoopsRun(self._loops.trajectory, len(closer.places), closer.loops, mean_ms)
+        return LoopClosureRun(
+            self._loop_closure.trajectory, len(closer.database), closer.loop_count, mean_ms
+        )
 
 
-def _with_covariance(estimate: Estimate) -> Estimate:
+def _with_default_covariance(estimate: Estimate) -> Estimate:
     """Some methods do not say how sure they are of a motion."""
     if estimate.covariance.any():
         return estimate
-    return replace(estimate, covariance=diagonal(SIGMA_M, SIGMA_RAD))
+    return replace(estimate, covariance=diagonal_covariance(DEFAULT_SIGMA_M, DEFAULT_SIGMA_RAD))

@@ -3,39 +3,39 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.isolation.messages import LogLine
-from vo_service.runs.excerpt import WHOLE, Excerpt
-from vo_service.runs.listening import NOBODY, ListenerRecipe
-from vo_service.runs.recipe import Recipe
-from vo_service.runs.run import Outcome
+from drivers.isolation.messages import LogMessage
+from vo_service.runs.excerpt import ALL_FRAMES, FrameSelection
+from vo_service.runs.listening import NULL_OBSERVER, ObserverFactory
+from vo_service.runs.recipe import MethodFactory
+from vo_service.runs.run import RunOutcome
 
 
 @dataclass(frozen=True)
-class Job:
-    """To the process, once: follow this folder. `camera_file` as for `open_folder`.
+class RunRequest:
+    """To the process, once: follow this folder. `camera_file` as for `open_tum_folder`.
 
     listener          who hears what the method says
-    may_end_compiled  where kernels had to be compiled first, the last word is `Compiled`
+    may_end_compiled  where kernels had to be compiled first, the last word is `KernelsCompiled`
     """
 
     folder: Path
     camera_file: Path | None
-    recipe: Recipe
+    factory: MethodFactory
     log_level: int
-    excerpt: Excerpt = WHOLE
-    may_end_compiled: bool = True
-    listener: ListenerRecipe = NOBODY
+    frame_selection: FrameSelection = ALL_FRAMES
+    stop_after_compiling: bool = True
+    observer_factory: ObserverFactory = NULL_OBSERVER
 
 
 @dataclass(frozen=True)
-class Preparing:
+class RunPreparing:
     """From the process: what is being compiled, loaded or tried out beforehand."""
 
     stage: str
 
 
 @dataclass(frozen=True)
-class Progress:
+class RunProgress:
     """From the process: so many of the frames are done."""
 
     done: int
@@ -43,7 +43,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Compiled:
+class KernelsCompiled:
     """From the process: kernels had to be compiled, so its memory is not what the method takes.
 
     They are kept: another process will find them.
@@ -51,4 +51,4 @@ class Compiled:
 
 
 # The last word is one of the last two.
-Word = Preparing | Progress | LogLine | Compiled | Outcome
+RunMessage = RunPreparing | RunProgress | LogMessage | KernelsCompiled | RunOutcome

@@ -4,20 +4,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 
 from drivers.errors import InputError
-from drivers.trajectory import StampedPoses
-from vo_service.config import OdometrySettings, make_odometry
-from vo_service.odometry.stopwatch import Stopwatch
+from drivers.trajectory import Trajectory
+from vo_service.config import OdometryConfig, make_odometry
+from vo_service.odometry.stopwatch import StageTimer
 from vo_service.runs.recipe import SfmScale
-from vo_service.runs.true_scale import TrueDistance
+from vo_service.runs.true_scale import GroundTruthDistance
 from vo_service.types import Odometry
 from vo_service.warm_up import warm_up
 
 
 @dataclass(frozen=True)
-class MethodRecipe:
+class ConfiguredMethodFactory:
     """A method with the settings of a configuration; see `Recipe`."""
 
-    odometry: OdometrySettings
+    odometry: OdometryConfig
 
     @property
     def settings(self) -> Mapping[str, object]:
@@ -29,20 +29,20 @@ class MethodRecipe:
         """It sees the frames alone."""
         return False
 
-    def prepare(self, tell: Callable[[str], None]) -> None:
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Compile or load the kernels."""
-        warm_up(self.odometry.method, tell)
+        warm_up(self.odometry.method, on_progress)
 
-    def make(self, stopwatch: Stopwatch, truth: StampedPoses | None) -> Odometry:
+    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
         """As the service makes it."""
         return make_odometry(self.odometry, stopwatch)
 
 
 @dataclass(frozen=True)
-class TrueScaleSfmRecipe:
+class TrueScaleSfmFactory:
     """The colour-only method with its first scale from the ground truth; see `Recipe`."""
 
-    odometry: OdometrySettings
+    odometry: OdometryConfig
 
     @property
     def settings(self) -> Mapping[str, object]:
@@ -54,13 +54,13 @@ class TrueScaleSfmRecipe:
         """The distance between its first two places."""
         return True
 
-    def prepare(self, tell: Callable[[str], None]) -> None:
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Compile or load the kernels."""
-        warm_up(self.odometry.method, tell)
+        warm_up(self.odometry.method, on_progress)
 
-    def make(self, stopwatch: Stopwatch, truth: StampedPoses | None) -> Odometry:
+    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
         """As the service makes it, but for the scale. Raises InputError without truth."""
-        from vo_service.odometry.sfm.scale_source import GivenBaseline
+        from vo_service.odometry.sfm.scale_source import GivenBaselineScale
         from vo_service.odometry.sfm_odometry import SfmOdometry
         from vo_service.odometry.surf import SurfExtractor
 
@@ -68,6 +68,6 @@ class TrueScaleSfmRecipe:
             raise InputError("no groundtruth.txt, which --sfm-scale ground-truth needs")
         return SfmOdometry(
             SurfExtractor(self.odometry.feature_count, self.odometry.upright),
-            stopwatch=stopwatch,
-            scale_source=GivenBaseline(TrueDistance(truth)),
+            timer=stopwatch,
+            scale_source=GivenBaselineScale(GroundTruthDistance(truth)),
         )

@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from enum import StrEnum
 from typing import Protocol
 
-from drivers.trajectory import StampedPoses
-from vo_service.odometry.stopwatch import Stopwatch
+from drivers.trajectory import Trajectory
+from vo_service.odometry.stopwatch import StageTimer
 from vo_service.types import Odometry
 
 
@@ -16,7 +16,7 @@ class SfmScale(StrEnum):
     GROUND_TRUTH = "ground-truth"
 
 
-class Recipe(Protocol):
+class MethodFactory(Protocol):
     """Makes an odometry. Goes to another process, so it can be pickled."""
 
     @property
@@ -29,10 +29,10 @@ class Recipe(Protocol):
         """Whether the ground truth changes the result."""
         ...
 
-    def prepare(self, tell: Callable[[str], None]) -> None:
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Compile what is to be compiled, and tell what is being done."""
         ...
 
-    def make(self, stopwatch: Stopwatch, truth: StampedPoses | None) -> Odometry:
+    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
         """The odometry."""
         ...

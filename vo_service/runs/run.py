@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 
 
 class RunState(StrEnum):
@@ -16,8 +16,8 @@ class RunState(StrEnum):
 
     DONE = "done"
     CRASHED = "crashed"  # its process ended without an answer
-    RAISED = "error"  # an error of the program
-    REFUSED = "failed"  # an error that says what to do
+    ERROR = "error"  # an error of the program
+    FAILED = "failed"  # an error that says what to do
     TIMED_OUT = "timed out"
     NOT_RUN = "not run"  # the program was stopped before
 
@@ -35,7 +35,7 @@ class FrameLog:
     """
 
     stamps_s: Array
-    is_good: NDArray[np.bool_]
+    has_pose: NDArray[np.bool_]
     epochs: NDArray[np.int64]
     inliers: NDArray[np.int64]
     cpu_ms: Array
@@ -46,7 +46,7 @@ class FrameLog:
         return len(self.stamps_s)
 
     @classmethod
-    def of(cls, rows: list[tuple[float, bool, int, int, float, float, str]]) -> "FrameLog":
+    def from_rows(cls, rows: list[tuple[float, bool, int, int, float, float, str]]) -> "FrameLog":
         """From one row a frame: the fields in their order."""
         columns = list(zip(*rows, strict=True)) if rows else [()] * 7
         return cls(
@@ -61,7 +61,7 @@ class FrameLog:
 
 
 @dataclass(frozen=True)
-class LoopsRun:
+class LoopClosureRun:
     """What known places made of a run.
 
     trajectory     corrected by what was known in the end, of the frames that lie by a place
@@ -69,14 +69,14 @@ class LoopsRun:
     cpu_ms         mean processor time of a frame, beside that of the method
     """
 
-    trajectory: StampedPoses
-    places: int
-    loops: int
-    cpu_ms: float
+    trajectory: Trajectory
+    map_keyframes: int
+    loop_closures: int
+    cpu_ms_per_frame: float
 
 
 @dataclass(frozen=True)
-class Run:
+class CompletedRun:
     """A run to its end.
 
     frames      what became of each frame
@@ -88,11 +88,11 @@ class Run:
     """
 
     frames: FrameLog
-    trajectory: StampedPoses
+    trajectory: Trajectory
     skipped: int = 0
     stage_ms: Mapping[str, float] = field(default_factory=dict)
     memory_mb: float = 0.0
-    with_loops: LoopsRun | None = None
+    loop_closure: LoopClosureRun | None = None
 
     @property
     def cpu_s(self) -> float:
@@ -112,7 +112,7 @@ class Run:
     @property
     def failed(self) -> int:
         """Frames without a pose."""
-        return int(np.count_nonzero(~self.frames.is_good))
+        return int(np.count_nonzero(~self.frames.has_pose))
 
     @property
     def new_epochs(self) -> int:
@@ -120,11 +120,11 @@ class Run:
         return int(self.frames.epochs[-1]) if len(self.frames) else 0
 
 
-NO_RUN = Run(FrameLog.of([]), StampedPoses(np.empty(0), np.empty((0, 4, 4))))
+EMPTY_RUN = CompletedRun(FrameLog.from_rows([]), Trajectory(np.empty(0), np.empty((0, 4, 4))))
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """How a run ended: with a result, or with the trouble that there was.
 
     trouble  one line for people, "" when done
@@ -132,11 +132,11 @@ class Outcome:
     """
 
     state: RunState
-    run: Run = NO_RUN
-    trouble: str = ""
+    run: CompletedRun = EMPTY_RUN
+    error: str = ""
     details: str = ""
 
     def __str__(self) -> str:
         """The state and the trouble, which may say the state already."""
-        has_state = not self.trouble or self.trouble.startswith(self.state)
-        return (self.trouble or self.state) if has_state else f"{self.state}: {self.trouble}"
+        has_state = not self.error or self.error.startswith(self.state)
+        return (self.error or self.state) if has_state else f"{self.state}: {self.error}"

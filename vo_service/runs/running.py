@@ -7,76 +7,84 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drivers.errors import UserFacingError
-from drivers.isolation.messages import LogLine
-from drivers.isolation.process import ChildProcess, Program
-from vo_service.runs.messages import Compiled, Job, Preparing, Progress, Word
-from vo_service.runs.run import Outcome, RunState
+from drivers.isolation.messages import LogMessage
+from drivers.isolation.process import WorkerProcess, WorkerSpec
+from vo_service.runs.messages import (
+    KernelsCompiled,
+    RunMessage,
+    RunPreparing,
+    RunProgress,
+    RunRequest,
+)
+from vo_service.runs.run import RunOutcome, RunState
 
-PROGRAM = Program("vo_service.runs.child", "run")
-TICK_S = 0.25
-ENDING_S = 5.0
+RUN_WORKER = WorkerSpec("vo_service.runs.child", "run")
+POLL_PERIOD_S = 0.25
+SHUTDOWN_TIMEOUT_S = 5.0
 
 
-def run_in_child(
-    job: Job,
-    limit_s: float,
-    tell: Callable[[Preparing | Progress], None],
+def run_in_subprocess(
+    request: RunRequest,
+    time_limit_s: float,
+    on_progress: Callable[[RunPreparing | RunProgress], None],
     stop: threading.Event,
-) -> Outcome:
+) -> RunOutcome:
     """Run to the end, for at most `limit_s`; a set `stop` ends it at once, without a result.
 
     Where kernels have to be compiled first, that is done in a process of its own.
     Raises UserFacingError if no process can be started.
     """
-    last_word = _in_process(job, limit_s, tell, stop)
-    if isinstance(last_word, Compiled):
-        last_word = _in_process(replace(job, may_end_compiled=False), limit_s, tell, stop)
-    assert isinstance(last_word, Outcome)
+    last_word = _run_once(request, time_limit_s, on_progress, stop)
+    if isinstance(last_word, KernelsCompiled):
+        last_word = _run_once(
+            replace(request, stop_after_compiling=False), time_limit_s, on_progress, stop
+        )
+    assert isinstance(last_word, RunOutcome)
     return last_word
 
 
-def _in_process(
-    job: Job,
-    limit_s: float,
-    tell: Callable[[Preparing | Progress], None],
+def _run_once(
+    request: RunRequest,
+    time_limit_s: float,
+    on_progress: Callable[[RunPreparing | RunProgress], None],
     stop: threading.Event,
-) -> Outcome | Compiled:
+) -> RunOutcome | KernelsCompiled:
     """The last word of a process, or how it ended without one."""
     try:
-        with ChildProcess(PROGRAM, (), ENDING_S) as child:
-            child.tell(job)
-            last_word = _attend(child, limit_s, tell, stop)
+        with WorkerProcess(RUN_WORKER, (), SHUTDOWN_TIMEOUT_S) as child:
+            child.send(request)
+            last_word = _receive_outcome(child, time_limit_s, on_progress, stop)
     except OSError as error:
         raise UserFacingError(
             f"a process for the run cannot be started: {error.strerror}; see to memory and limits"
         ) from error
-    return last_word or Outcome(RunState.CRASHED, trouble=child.ending)
+    return last_word or RunOutcome(RunState.CRASHED, error=child.exit_reason)
 
 
-def _attend(
-    child: ChildProcess,
-    limit_s: float,
-    tell: Callable[[Preparing | Progress], None],
+def _receive_outcome(
+    worker: WorkerProcess,
+    time_limit_s: float,
+    on_progress: Callable[[RunPreparing | RunProgress], None],
     stop: threading.Event,
-) -> Outcome | Compiled | None:
+) -> RunOutcome | KernelsCompiled | None:
     """Listen until it has its last word; None if it ended without one."""
-    due_s = time.monotonic() + limit_s
+    due_s = time.monotonic() + time_limit_s
     while not stop.is_set():
         left_s = due_s - time.monotonic()
         if left_s <= 0:
-            child.kill()
-            trouble = f"took longer than {limit_s:g} s (--time-limit)"
-            return Outcome(RunState.TIMED_OUT, trouble=trouble)
+            worker.kill()
+            trouble = f"took longer than {time_limit_s:g} s (--time-limit)"
+            return RunOutcome(RunState.TIMED_OUT, error=trouble)
         try:
-            word: Word | None = child.receive(min(TICK_S, left_s))
+            word: RunMessage | None = worker.receive(min(POLL_PERIOD_S, left_s))
         except EOFError:
             return None
         match word:
-            case Outcome() | Compiled():
+            case RunOutcome() | KernelsCompiled():
                 return word
-            case LogLine(level, logger, text):
+            case LogMessage(level, logger, text):
                 logging.getLogger(logger).log(level, "%s", text)
-            case Preparing() | Progress():
-                tell(word)
-    child.kill()
-    return Outcome(RunState.NOT_RUN, trouble="stopped before its end")
+            case RunPreparing() | RunProgress():
+                on_progress(word)
+    worker.kill()
+    return RunOutcome(RunState.NOT_RUN, error="stopped before its end")

@@ -10,14 +10,14 @@ import numpy as np
 
 from drivers.errors import InputError
 from drivers.geometry import Array
-from drivers.trajectory import StampedPoses, has_partner, nearest
-from drivers.tum.folder import TumFolder, open_folder
+from drivers.trajectory import Trajectory, has_match, nearest_indices
+from drivers.tum.folder import TumFolder, open_tum_folder
 from vo_service.evaluation.gaps import Gap, find_gaps
-from vo_service.runs.excerpt import WHOLE, Excerpt
+from vo_service.runs.excerpt import ALL_FRAMES, FrameSelection
 
 
 @dataclass(frozen=True)
-class Recording:
+class BenchmarkRecording:
     """A folder that has been checked, or an excerpt of it, with a name of its own.
 
     camera_file  what it was opened with
@@ -27,50 +27,57 @@ class Recording:
     name: str
     folder: Path
     camera_file: Path | None
-    opened: TumFolder
-    excerpt: Excerpt = WHOLE
+    tum_folder: TumFolder
+    frame_selection: FrameSelection = ALL_FRAMES
 
-    def only(self, excerpt: Excerpt) -> "Recording":
+    def select(self, frame_selection: FrameSelection) -> "BenchmarkRecording":
         """An excerpt of the whole recording."""
-        frames = self.opened.frames
-        part = replace(frames, pairs=excerpt.of(frames.pairs))
-        opened = replace(self.opened, frames=part)
-        return replace(self, name=f"{self.name}{excerpt.suffix}", excerpt=excerpt, opened=opened)
+        frames = self.tum_folder.frames
+        part = replace(frames, pairs=frame_selection.select(frames.pairs))
+        opened = replace(self.tum_folder, frames=part)
+        return replace(
+            self,
+            name=f"{self.name}{frame_selection.suffix}",
+            frame_selection=frame_selection,
+            tum_folder=opened,
+        )
 
     @cached_property
-    def frames_s(self) -> Array:
+    def frame_stamps_s(self) -> Array:
         """(F,) stamps of the frames that it lists."""
-        return np.array([pair.colour.stamp_s for pair in self.opened.frames.pairs])
+        return np.array([pair.color.stamp_s for pair in self.tum_folder.frames.pairs])
 
     @cached_property
     def gaps(self) -> list[Gap]:
         """Pauses between its frames."""
-        return find_gaps(self.frames_s)
+        return find_gaps(self.frame_stamps_s)
 
     @property
-    def truth(self) -> StampedPoses | None:
+    def truth(self) -> Trajectory | None:
         """The ground truth, where it has one."""
-        return self.opened.ground_truth
+        return self.tum_folder.ground_truth
 
     @property
     def duration_s(self) -> float:
         """From the first frame to the last."""
-        return float(self.frames_s[-1] - self.frames_s[0])
+        return float(self.frame_stamps_s[-1] - self.frame_stamps_s[0])
 
     @property
     def path_m(self) -> float | None:
         """Length of the true way, from frame to frame; None where it is not known."""
         if self.truth is None:
             return None
-        known_s = self.frames_s[has_partner(self.frames_s, self.truth.stamps_s)]
+        known_s = self.frame_stamps_s[has_match(self.frame_stamps_s, self.truth.stamps_s)]
         if len(known_s) < 2:
             return None
-        positions_m = self.truth.T_world_camera[nearest(self.truth.stamps_s, known_s), :3, 3]
+        positions_m = self.truth.T_world_camera[
+            nearest_indices(self.truth.stamps_s, known_s), :3, 3
+        ]
         return float(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).sum())
 
 
-def open_recordings(folders: Sequence[Path], camera_file: Path | None) -> list[Recording]:
-    """Check the folders before hours go into them; `camera_file` as for `open_folder`.
+def open_recordings(folders: Sequence[Path], camera_file: Path | None) -> list[BenchmarkRecording]:
+    """Check the folders before hours go into them; `camera_file` as for `open_tum_folder`.
 
     Raises InputError for a folder without use, and for two of one name: results are kept by name.
     """
@@ -83,6 +90,6 @@ def open_recordings(folders: Sequence[Path], camera_file: Path | None) -> list[R
                 "same; rename one, or compare them one at a time, each with an --output of its own"
             )
     return [
-        Recording(name, folder, camera_file, open_folder(folder, camera_file))
+        BenchmarkRecording(name, folder, camera_file, open_tum_folder(folder, camera_file))
         for name, folder in zip(names, folders, strict=True)
     ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Cell:
+class TableCell:
     """A value as scripts get it (None: cannot be told), and as people do."""
 
     value: float | str | None
@@ -27,8 +27,8 @@ class Table:
     name: str
     title: str
     keys: Sequence[str]
-    head: Sequence[str]
-    rows: Sequence[Sequence[Cell]]
+    headings: Sequence[str]
+    rows: Sequence[Sequence[TableCell]]
 
     def as_csv(self) -> str:
         """Comma-separated, values in full; empty for what cannot be told."""
@@ -42,25 +42,27 @@ class Table:
     def as_text(self) -> str:
         """Aligned columns under the title; the best of a row has a star."""
         rows = [[f"{cell.text}{'*' if cell.is_best else ' '}" for cell in row] for row in self.rows]
-        head = [f"{text} " for text in self.head]
+        head = [f"{text} " for text in self.headings]
         widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-        lines = [_line(row, widths) for row in [head, *rows]]
+        lines = [_format_line(row, widths) for row in [head, *rows]]
         return "\n".join([self.title, *lines])
 
 
-def number(value: float | None, digits: int, factor: float = 1.0, is_best: bool = False) -> Cell:
+def number_cell(
+    value: float | None, digits: int, display_factor: float = 1.0, is_best: bool = False
+) -> TableCell:
     """A number with so many digits after the point; `factor` is for the eyes alone."""
     if value is None:
-        return Cell(None, "-")
-    return Cell(value, f"{factor * value:.{digits}f}", is_best)
+        return TableCell(None, "-")
+    return TableCell(value, f"{display_factor * value:.{digits}f}", is_best)
 
 
-def words(value: str, text: str | None = None) -> Cell:
+def text_cell(value: str, text: str | None = None) -> TableCell:
     """A word, and how people call it."""
-    return Cell(value, value if text is None else text)
+    return TableCell(value, value if text is None else text)
 
 
-def _line(texts: Sequence[str], widths: Sequence[int]) -> str:
+def _format_line(texts: Sequence[str], widths: Sequence[int]) -> str:
     first, *others = zip(texts, widths, strict=True)
     left = f"{first[0]:<{first[1]}}"
     return "  ".join([left, *(f"{text:>{width}}" for text, width in others)]).rstrip()

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
-from drivers.trajectory import StampedPoses, has_partner
+from drivers.trajectory import Trajectory, has_match
 
 
-class TrueDistance:
+class GroundTruthDistance:
     """Distances between the true places of two frames."""
 
-    def __init__(self, truth: StampedPoses) -> None:
+    def __init__(self, truth: Trajectory) -> None:
         self._truth = truth
 
     def __call__(self, from_s: float, to_s: float) -> float:
@@ -19,7 +19,7 @@ class TrueDistance:
         NaN where no truth is within 20 ms of a stamp: motion capture has gaps.
         """
         stamps_s, truth = np.array([from_s, to_s]), self._truth
-        if not has_partner(stamps_s, truth.stamps_s).all():
+        if not has_match(stamps_s, truth.stamps_s).all():
             return math.nan
         positions_m = truth.T_world_camera[:, :3, 3]
         places_m = [np.interp(stamps_s, truth.stamps_s, axis_m) for axis_m in positions_m.T]

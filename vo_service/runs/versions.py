@@ -6,7 +6,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+PROJECT_ROOT = Path(__file__).parents[2]
 # What the poses and their times come from, beside the libraries.
 SOURCES = (
     "drivers",
@@ -18,34 +18,34 @@ SOURCES = (
     "vo_service/runs/method_recipe.py",
     "vo_service/runs/true_scale.py",
 )
-PACKAGES = ("kinect-vo", "numpy", "opencv-python-headless", "numba")
+VERSIONED_PACKAGES = ("kinect-vo", "numpy", "opencv-python-headless", "numba")
 
 
 @cache
-def versions() -> dict[str, str]:
+def collect_versions() -> dict[str, str]:
     """Versions by name; `source` is a digest of the code that makes the poses."""
     return {
-        **{name: version(name) for name in PACKAGES},
+        **{name: version(name) for name in VERSIONED_PACKAGES},
         "python": platform.python_version(),
-        "source": digest_of(SOURCES),
+        "source": digest_sources(SOURCES),
         "machine": platform.machine(),
-        "processor": _processor(),
+        "processor": _processor_name(),
     }
 
 
 @cache
-def digest_of(sources: tuple[str, ...]) -> str:
+def digest_sources(sources: tuple[str, ...]) -> str:
     """Of files and folders of the program: its code, and the arrays that are kept with it."""
     digest = hashlib.sha256()
     for source in sources:
-        path = ROOT / source
+        path = PROJECT_ROOT / source
         files = [*path.rglob("*.py"), *path.rglob("*.npy")] if path.is_dir() else [path]
         for file in sorted(files):
-            digest.update(f"{file.relative_to(ROOT)}\n".encode() + file.read_bytes())
+            digest.update(f"{file.relative_to(PROJECT_ROOT)}\n".encode() + file.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def _processor() -> str:
+def _processor_name() -> str:
     """The processor's name where the kernel tells one."""
     try:
         lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()

@@ -32,84 +32,84 @@ class CommandError(Exception):
 
 
 @dataclass(frozen=True)
-class Reset:
+class ResetCommand:
     """Begin a new epoch with the base at `T_odom_base` (4x4); None: level, at the origin."""
 
     T_odom_base: Array | None = None
 
 
 @dataclass(frozen=True)
-class Pause:
-    """Publish no poses until `Resume`."""
+class PauseCommand:
+    """Publish no poses until `ResumeCommand`."""
 
 
 @dataclass(frozen=True)
-class Resume:
-    """Go on after `Pause`."""
+class ResumeCommand:
+    """Go on after `PauseCommand`."""
 
 
 @dataclass(frozen=True)
-class Tilt:
+class TiltCommand:
     """Tilt the sensor's head against the horizon."""
 
     tilt_deg: float
 
 
 @dataclass(frozen=True)
-class Light:
+class LedCommand:
     """Switch the sensor's light."""
 
     led: Led
 
 
 @dataclass(frozen=True)
-class StartRecording:
+class StartRecordingCommand:
     """Record frames into a folder of this name, below the state folder."""
 
     name: str
 
 
 @dataclass(frozen=True)
-class StopRecording:
+class StopRecordingCommand:
     """End the recording."""
 
 
 @dataclass(frozen=True)
-class SaveIncident:
+class SaveIncidentCommand:
     """Write out what the flight recorder holds."""
 
 
 @dataclass(frozen=True)
-class SaveMap:
+class SaveMapCommand:
     """Make a map of where the camera has been in this epoch, and write it under this name."""
 
     name: str
 
 
 @dataclass(frozen=True)
-class LoadMap:
+class LoadMapCommand:
     """Forget the places that are known, and know those of the map of this name."""
 
     name: str
 
 
 @dataclass(frozen=True)
-class Reconfigure:
+class ReloadConfig:
     """Apply a configuration that was read again. Only the program itself sends it."""
 
     apply: Callable[[], None]
 
 
 Command = (
-    Reset
-    | Pause
-    | Resume
-    | Tilt
-    | Light
-    | StartRecording
-    | StopRecording
-    | SaveIncident
-    | SaveMap
-    | LoadMap
-    | Reconfigure
+    ResetCommand
+    | PauseCommand
+    | ResumeCommand
+    | TiltCommand
+    | LedCommand
+    | StartRecordingCommand
+    | StopRecordingCommand
+    | SaveIncidentCommand
+    | SaveMapCommand
+    | LoadMapCommand
+    | ReloadConfig
 )

@@ -10,12 +10,12 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 
 
-def _no_pixels() -> NDArray[np.float32]:
+def _empty_pixels() -> NDArray[np.float32]:
     return np.empty((0, 2), np.float32)
 
 
 @dataclass(frozen=True)
-class Evidence:
+class TrackingDebug:
     """What a viewer can draw of one estimate. Pixels are (u, v) in the colour image.
 
     keypoints_px          (N, 2) features of this frame
@@ -25,9 +25,9 @@ class Evidence:
     inlier                (M,) bool, True where the match agrees with the motion found
     """
 
-    keypoints_px: NDArray[np.float32] = field(default_factory=_no_pixels)
-    matches_px: NDArray[np.float32] = field(default_factory=_no_pixels)
-    reference_matches_px: NDArray[np.float32] = field(default_factory=_no_pixels)
+    keypoints_px: NDArray[np.float32] = field(default_factory=_empty_pixels)
+    matches_px: NDArray[np.float32] = field(default_factory=_empty_pixels)
+    reference_matches_px: NDArray[np.float32] = field(default_factory=_empty_pixels)
     inlier: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
 
 
@@ -60,9 +60,9 @@ class Estimate:
     features: int = 0
     matches: int = 0
     inliers: int = 0
-    restarted: bool = False
+    is_reset: bool = False
     is_next_reference: bool = True
-    evidence: Evidence = field(default_factory=Evidence)
+    debug: TrackingDebug = field(default_factory=TrackingDebug)
 
 
 class Odometry(Protocol):

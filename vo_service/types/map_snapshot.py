@@ -17,28 +17,28 @@ class MapSnapshot:
                     map knows of it some frames later
     T_map_place     (N, 4, 4) optical camera at each place, in REP 103 axes of the map; the newest
                     is the last
-    edges           (M, 2) int32, rows of `T_map_place` that are joined
+    edges           (M, 2) int32, rows of `T_map_keyframe` that are joined
     is_loop         (M,) bool: joined because a place was known again, not by the odometry
     is_located      False where a map was loaded, or there was a loss, and no place of the map has
                     been known again since: `odom` then lies anywhere
     """
 
     T_map_odom: Array = field(default_factory=lambda: np.eye(4))
-    T_map_place: Array = field(default_factory=lambda: np.empty((0, 4, 4)))
+    T_map_keyframe: Array = field(default_factory=lambda: np.empty((0, 4, 4)))
     edges: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 2), np.int32))
-    is_loop: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
-    is_located: bool = True
+    is_loop_closure: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
+    is_localized: bool = True
     epoch: int = 0
 
     @property
-    def places(self) -> int:
+    def keyframes(self) -> int:
         """How many there are."""
-        return len(self.T_map_place)
+        return len(self.T_map_keyframe)
 
     @property
-    def loops(self) -> int:
+    def loop_closures(self) -> int:
         """How often a place was known again."""
-        return int(np.count_nonzero(self.is_loop))
+        return int(np.count_nonzero(self.is_loop_closure))
 
 
 NO_MAP = MapSnapshot()

@@ -3,24 +3,24 @@
 from collections.abc import Callable
 from typing import Protocol
 
-from drivers.trajectory import StampedPoses
-from vo_service.settings import MapSettings, RecorderSettings
+from drivers.trajectory import Trajectory
+from vo_service.settings import MapConfig, RecorderConfig
 from vo_service.types.commands import CommandError, ErrorCode
 from vo_service.types.estimate import Odometry
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 from vo_service.types.status import MapState, Status
-from vo_service.types.update import PoseUpdate
+from vo_service.types.update import OdometryUpdate
 
 # Asked for the ground truth once frames come: a live camera's truth has no stamps before that.
-TruthSource = Callable[[], StampedPoses | None]
+GroundTruthSource = Callable[[], Trajectory | None]
 
 
-def no_truth() -> StampedPoses | None:
+def no_ground_truth() -> Trajectory | None:
     """Where the truth is not known."""
     return None
 
 
-class Troubled(Protocol):
+class HasWarning(Protocol):
     """Something that may have a complaint for the status."""
 
     @property
@@ -29,17 +29,17 @@ class Troubled(Protocol):
         ...
 
 
-class Output(Troubled, Protocol):
+class Output(HasWarning, Protocol):
     """Somewhere that poses go. None of the three blocks the caller for long.
 
     `pose` and `status` never raise: an output that fails logs it once, and says so in `warning`.
     """
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Take one result."""
         ...
 
-    def status(self, status: Status) -> None:
+    def on_status(self, status: Status) -> None:
         """Take the service's status: twice a second and on change."""
         ...
 
@@ -51,10 +51,10 @@ class Output(Troubled, Protocol):
         ...
 
 
-class Viewer(Protocol):
+class PausableViewer(Protocol):
     """Something that shows pictures, and can do without."""
 
-    def rest(self, is_resting: bool) -> None:
+    def set_paused(self, is_paused: bool) -> None:
         """Show nothing from now on, or everything again. Does not block."""
         ...
 
@@ -85,12 +85,12 @@ class Recorder(Output, Protocol):
         """End the recording; its folder. Raises CommandError if there is none."""
         ...
 
-    def configure(self, settings: RecorderSettings) -> None:
+    def configure(self, settings: RecorderConfig) -> None:
         """Take over what may change while it runs: `save_on_loss` and `total_mb`."""
         ...
 
 
-class NoRecorder:
+class NullRecorder:
     """Where nothing is to be remembered, or nothing can be: says why to whoever asks."""
 
     recording = ""
@@ -99,10 +99,10 @@ class NoRecorder:
         self._reason = reason
         self.warning = warning
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Nothing to remember."""
 
-    def status(self, status: Status) -> None:
+    def on_status(self, status: Status) -> None:
         """Nothing to remember."""
 
     def save(self, reason: str) -> str:
@@ -117,14 +117,14 @@ class NoRecorder:
         """Never possible."""
         raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
 
-    def configure(self, settings: RecorderSettings) -> None:
+    def configure(self, settings: RecorderConfig) -> None:
         """Nothing to change."""
 
     def close(self) -> None:
         """Nothing to release."""
 
 
-class Loops(Protocol):
+class LoopClosure(Protocol):
     """Knows where the camera has been, and how far `odom` has drifted since."""
 
     @property
@@ -132,17 +132,17 @@ class Loops(Protocol):
         """The map as it is now; the same object as long as nothing has changed."""
         ...
 
-    def around(self, odometry: Odometry) -> Odometry:
+    def wrap(self, odometry: Odometry) -> Odometry:
         """The same odometry, that finds back to places that are known."""
         ...
 
 
-class NoLoops:
+class NullLoopClosure:
     """Where no place is remembered."""
 
     snapshot = NO_MAP
 
-    def around(self, odometry: Odometry) -> Odometry:
+    def wrap(self, odometry: Odometry) -> Odometry:
         """As it is."""
         return odometry
 
@@ -153,7 +153,7 @@ class Mapper(Output, Protocol):
     loops  which places are known again
     """
 
-    loops: Loops
+    loop_closure: LoopClosure
 
     @property
     def state(self) -> MapState:
@@ -174,25 +174,25 @@ class Mapper(Output, Protocol):
         """
         ...
 
-    def configure(self, settings: MapSettings) -> None:
+    def configure(self, settings: MapConfig) -> None:
         """Take over what may change while it runs: all but `enabled`, `loops` and `load`."""
         ...
 
 
-class NoMapper:
+class NullMapper:
     """Where there is to be no map, or can be none: says why to whoever asks."""
 
     state = MapState()
-    loops: Loops = NoLoops()
+    loop_closure: LoopClosure = NullLoopClosure()
 
     def __init__(self, reason: str = "there is no map", warning: str = "") -> None:
         self._reason = reason
         self.warning = warning
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Nothing to remember."""
 
-    def status(self, status: Status) -> None:
+    def on_status(self, status: Status) -> None:
         """Nothing to remember."""
 
     def save(self, name: str) -> MapState:
@@ -203,7 +203,7 @@ class NoMapper:
         """Never possible."""
         raise CommandError(ErrorCode.NOT_POSSIBLE, self._reason)
 
-    def configure(self, settings: MapSettings) -> None:
+    def configure(self, settings: MapConfig) -> None:
         """Nothing to change."""
 
     def close(self) -> None:

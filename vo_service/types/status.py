@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drivers.camera import CameraState
-from vo_service.types.update import Level, TrackingState
+from vo_service.types.update import LevelSource, TrackingState
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Status:
     recording     folder that is being recorded into; "" = none
     map_keyframes, saving_map, saved_map, loading_map, loaded_map  see `MapState`
     places, loops see `MapSnapshot`
-    is_located    see `PoseUpdate`; of the last one
+    is_located    see `OdometryUpdate`; of the last one
     warnings      what the outputs complain of, and what was given up for want of time
     cpu_ms_per_frame, stage_ms  processor time of the odometry, whole and by stage: medians
     stage_mean_ms, stage_budget_ms  the mean of all frames, and what it may be
@@ -50,7 +50,7 @@ class Status:
     camera: str
     camera_state: CameraState
     intrinsics: str
-    level: Level
+    level: LevelSource
     method: str
     fps: float
     latency_p50_ms: float

@@ -19,7 +19,7 @@ class TrackingState(StrEnum):
     NO_CAMERA = "no_camera"
 
 
-class Level(StrEnum):
+class LevelSource(StrEnum):
     """How it is known which way is up in `odom`."""
 
     GRAVITY = "gravity"  # an accelerometer told it at the first frame
@@ -27,7 +27,7 @@ class Level(StrEnum):
 
 
 @dataclass(frozen=True)
-class PoseUpdate:
+class OdometryUpdate:
     """One frame's result, ready to go out.
 
     seq                 counts published poses from 0
@@ -63,10 +63,10 @@ class PoseUpdate:
     map: MapSnapshot = NO_MAP
 
     @property
-    def is_located(self) -> bool:
+    def is_localized(self) -> bool:
         """Whether it is known where the `odom` of this very pose lies in the map, if there is one.
 
         A map that was made before the epoch began does not know.
         """
         the_map = self.map
-        return the_map is NO_MAP or (the_map.is_located and the_map.epoch == self.epoch)
+        return the_map is NO_MAP or (the_map.is_localized and the_map.epoch == self.epoch)

@@ -21,7 +21,7 @@ LOG = "log"
 TIMELINE = "frame"
 
 
-def blueprint() -> rrb.Blueprint:
+def make_blueprint() -> rrb.Blueprint:
     """3-D on the left; what the camera sees, and how well it does, on the right."""
     scene = rrb.Spatial3DView(
         name="Camera, trajectory, map and ground truth",

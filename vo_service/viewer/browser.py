@@ -11,12 +11,12 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-    from vo_service.viewer.page import PageServer
+    from vo_service.viewer.page import WebViewerServer
 
 WEB_PORT = 9090
 
 
-class Browser(LiveSink):
+class BrowserSink(LiveSink):
     """Data and page are served on loopback, to whoever is on this computer: there is no password.
 
     `history_mb` is kept for a browser that comes late. From elsewhere, tunnel both ports:
@@ -30,16 +30,16 @@ class Browser(LiveSink):
         self._history_mb = history_mb
         data = f"rerun+http://{LOOPBACK}:{data_port}/proxy"
         self.address = f"http://{LOOPBACK}:{web_port}/?url={quote(data, safe='')}"
-        self._pages: list[PageServer] = []
+        self._pages: list[WebViewerServer] = []
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
         """Serve page and data from this process. Raises UserFacingError if a port is taken."""
         import rerun as rr
 
-        from vo_service.viewer.page import PageServer
+        from vo_service.viewer.page import WebViewerServer
 
-        _check_free(self._data_port)
-        self._pages.append(PageServer(self._web_port, self._data_port))
+        _check_port_free(self._data_port)
+        self._pages.append(WebViewerServer(self._web_port, self._data_port))
         memory = f"{self._history_mb}MB"
         data = rr.GrpcServerSink(LOOPBACK, self._data_port, server_memory_limit=memory)
         stream.set_sinks(data, default_blueprint=blueprint)
@@ -61,7 +61,7 @@ def free_port(preferred: int) -> int:
     return preferred
 
 
-def _check_free(port: int) -> None:
+def _check_port_free(port: int) -> None:
     """Rerun only logs a taken port and then shows nothing, so look first."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

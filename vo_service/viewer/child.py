@@ -20,80 +20,90 @@ from typing import TYPE_CHECKING, Any
 import cv2
 
 from drivers.errors import UserFacingError
-from drivers.isolation.outbox import Outbox, leave_signals_to_service, log_to_service
+from drivers.isolation.outbox import ParentConnection, forward_logs, ignore_terminal_signals
 from vo_service.settings import MEGABYTE
-from vo_service.viewer.messages import Ended, Finish, Health, Job, Message, Ready
+from vo_service.viewer.messages import (
+    RerunHealth,
+    RerunMessage,
+    RerunReady,
+    RerunShutdown,
+    RerunWorkerConfig,
+    RerunWorkerFailed,
+)
 from vo_service.viewer.targets import prepare_rerun
-from vo_service.viewer.wire import receive
+from vo_service.viewer.wire import receive_message
 
 if TYPE_CHECKING:
-    from vo_service.viewer.drawing import Drawing
+    from vo_service.viewer.drawing import RotatingRecording
 
 HEARTBEAT_S = 0.5
 # One message that takes longer than this to draw is stuck in Rerun: the viewer takes no data.
-STUCK_S = 2.0
+MAX_DRAW_S = 2.0
 # For writing out everything, once the service is gone.
-FINISHING_S = 5.0
+FINISH_TIMEOUT_S = 5.0
 # Native code that holds Python's lock stops the heartbeat; after this long the kernel steps in.
-ORPHAN_S = 20.0
+ORPHAN_TIMEOUT_S = 20.0
 # Poses come first where processors are scarce.
 NICENESS = 5
 
 
 def main(connection: "Connection[Any, Any]") -> None:
     """Draw until the service says that nothing follows, or is gone."""
-    leave_signals_to_service()
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_Pulse`
-    job: Job = connection.recv()
-    outbox = Outbox(connection)
-    log_to_service(outbox, job.log_level)
+    ignore_terminal_signals()
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_HeartbeatThread`
+    job: RerunWorkerConfig = connection.recv()
+    outbox = ParentConnection(connection)
+    forward_logs(outbox, job.log_level)
     logging.getLogger("numexpr").setLevel(logging.WARNING)  # tells how many threads it has
     cv2.setNumThreads(1)
-    pulse = _Pulse(job, outbox)
+    pulse = _HeartbeatThread(job, outbox)
     try:
-        _draw(_open_drawing(job), connection, pulse, outbox)
+        _log_messages(_open_recording(job), connection, pulse, outbox)
     except UserFacingError as error:
-        outbox.tell(Ended(error))
+        outbox.send(RerunWorkerFailed(error))
 
 
-def _open_drawing(job: Job) -> "Drawing":
+def _open_recording(config: RerunWorkerConfig) -> "RotatingRecording":
     # Rerun is slow to import: the heart beats already.
     prepare_rerun()
-    os.environ["RERUN_FLUSH_TICK_SECS"] = str(job.sink.batch_s)
+    os.environ["RERUN_FLUSH_TICK_SECS"] = str(config.sink.flush_interval_s)
     drawing = import_module("vo_service.viewer.drawing")
-    opened: Drawing = drawing.Drawing(job)
+    opened: RotatingRecording = drawing.Drawing(config)
     return opened
 
 
-def _draw(
-    drawing: "Drawing", connection: "Connection[Any, Any]", pulse: "_Pulse", outbox: Outbox
+def _log_messages(
+    recording: "RotatingRecording",
+    connection: "Connection[Any, Any]",
+    heartbeat: "_HeartbeatThread",
+    parent: ParentConnection,
 ) -> None:
     with suppress(OSError):  # a hardened unit forbids it
         os.nice(NICENESS)
-    outbox.tell(Ready())
-    for message in _messages(connection):
-        with pulse.busy():
-            drawing.draw(message)
-        pulse.health = Health(drawing.trouble, drawing.incomplete)
-    with pulse.busy():
-        drawing.finish()
-    outbox.tell(Health(drawing.trouble, drawing.incomplete))
+    parent.send(RerunReady())
+    for message in _receive_messages(connection):
+        with heartbeat.busy():
+            recording.log(message)
+        heartbeat.health = RerunHealth(recording.fault, recording.data_loss)
+    with heartbeat.busy():
+        recording.finish()
+    parent.send(RerunHealth(recording.fault, recording.data_loss))
 
 
-def _messages(connection: "Connection[Any, Any]") -> Iterator[Message]:
+def _receive_messages(connection: "Connection[Any, Any]") -> Iterator[RerunMessage]:
     """Until the service says that nothing follows, or is gone."""
     with suppress(EOFError, OSError):
-        while not isinstance(message := receive(connection), Finish):
+        while not isinstance(message := receive_message(connection), RerunShutdown):
             yield message
 
 
-class _Pulse:
+class _HeartbeatThread:
     """A thread that tells the service how it goes, and ends the process where that must be."""
 
-    def __init__(self, job: Job, outbox: Outbox) -> None:
-        self._job, self._outbox = job, outbox
+    def __init__(self, config: RerunWorkerConfig, parent: ParentConnection) -> None:
+        self._config, self._parent = config, parent
         self._busy_since_s = float("inf")
-        self.health = Health()
+        self.health = RerunHealth()
         threading.Thread(target=self._run, name="pulse", daemon=True).start()
 
     @contextmanager
@@ -104,24 +114,24 @@ class _Pulse:
         self._busy_since_s = float("inf")
 
     def _run(self) -> None:
-        while self._outbox.is_heard:
-            signal.setitimer(signal.ITIMER_REAL, ORPHAN_S)
-            if _resident_mb() > self._job.memory_mb:
-                self._outbox.tell(Ended(UserFacingError(self._too_large())))
+        while self._parent.is_connected:
+            signal.setitimer(signal.ITIMER_REAL, ORPHAN_TIMEOUT_S)
+            if _resident_mb() > self._config.memory_mb:
+                self._parent.send(RerunWorkerFailed(UserFacingError(self._memory_error())))
                 os._exit(1)
-            self._outbox.tell(self._health_now())
+            self._parent.send(self._current_health())
             time.sleep(HEARTBEAT_S)
-        time.sleep(FINISHING_S)
+        time.sleep(FINISH_TIMEOUT_S)
         os._exit(1)
 
-    def _health_now(self) -> Health:
-        if time.monotonic() - self._busy_since_s < STUCK_S:
+    def _current_health(self) -> RerunHealth:
+        if time.monotonic() - self._busy_since_s < MAX_DRAW_S:
             return self.health
-        return replace(self.health, trouble=f"{self._job.sink.address} does not take its data")
+        return replace(self.health, fault=f"{self._config.sink.address} does not take its data")
 
-    def _too_large(self) -> str:
+    def _memory_error(self) -> str:
         return (
-            f"the viewer's process passed {self._job.memory_mb} MB (rerun.memory_mb), "
+            f"the viewer's process passed {self._config.memory_mb} MB (rerun.memory_mb), "
             "as its data is not taken fast enough; starting it again"
         )
 

@@ -5,50 +5,50 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from vo_service.viewer.blueprint import MAP
-from vo_service.viewer.messages import Corrected, Graph
+from vo_service.viewer.messages import CorrectedPosition, MapGraph
 
-MAP_COLOUR = (60, 210, 200)
-LOOP_COLOUR = (230, 80, 210)
+MAP_COLOR = (60, 210, 200)
+LOOP_COLOR = (230, 80, 210)
 # What has not changed is drawn again after this many pictures, for a viewer that comes late.
-PICTURES_PER_MAP = 100
+IMAGES_PER_MAP_REDRAW = 100
 
 
-class MapDrawing:
+class MapLayer:
     """Places, what joins them, and the stretch from the newest to where the camera is now."""
 
-    def __init__(self, stream: rr.RecordingStream, graph: Graph) -> None:
+    def __init__(self, stream: rr.RecordingStream, graph: MapGraph) -> None:
         """`graph` is what is there already."""
         self._stream = stream
         self._graph = graph
-        self._pictures = PICTURES_PER_MAP  # at once
+        self._images_since_redraw = IMAGES_PER_MAP_REDRAW  # at once
 
-    def draw(self, graph: Graph) -> None:
+    def set_graph(self, graph: MapGraph) -> None:
         """Another map than before."""
         self._graph = graph
-        self._draw()
+        self._log_graph()
 
-    def next_picture(self) -> None:
+    def on_image(self) -> None:
         """Draw it again if it is time."""
-        self._pictures += 1
-        if self._pictures >= PICTURES_PER_MAP and len(self._graph.positions):
-            self._draw()
+        self._images_since_redraw += 1
+        if self._images_since_redraw >= IMAGES_PER_MAP_REDRAW and len(self._graph.positions):
+            self._log_graph()
 
-    def go_on(self, corrected: Corrected) -> None:
+    def extend_to(self, corrected: CorrectedPosition) -> None:
         """The camera has moved on."""
         if len(self._graph.positions):
             stretch = np.stack([self._graph.positions[-1], corrected.position])
-            self._log_lines("latest", stretch[None].astype(np.float32), MAP_COLOUR)
+            self._log_lines("latest", stretch[None].astype(np.float32), MAP_COLOR)
 
-    def _draw(self) -> None:
+    def _log_graph(self) -> None:
         graph = self._graph
-        self._pictures = 0
-        places = rr.Points3D(graph.positions, colors=MAP_COLOUR, radii=rr.Radius.ui_points(4.0))
+        self._images_since_redraw = 0
+        places = rr.Points3D(graph.positions, colors=MAP_COLOR, radii=rr.Radius.ui_points(4.0))
         self._stream.log(f"{MAP}/places", places)
-        self._log_lines("motions", graph.motions, MAP_COLOUR)
-        self._log_lines("loops", graph.loops, LOOP_COLOUR)
+        self._log_lines("motions", graph.odometry_edges, MAP_COLOR)
+        self._log_lines("loops", graph.loop_edges, LOOP_COLOR)
 
     def _log_lines(
-        self, part: str, lines: NDArray[np.float32], colour: tuple[int, int, int]
+        self, part: str, lines: NDArray[np.float32], color: tuple[int, int, int]
     ) -> None:
-        strips = rr.LineStrips3D(lines, colors=colour, radii=rr.Radius.ui_points(1.0))
+        strips = rr.LineStrips3D(lines, colors=color, radii=rr.Radius.ui_points(1.0))
         self._stream.log(f"{MAP}/{part}", strips)

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.errors import UserFacingError
 from drivers.geometry import Array
-from drivers.isolation.messages import LogLine
-from vo_service.types import Evidence, TrackingState
+from drivers.isolation.messages import LogMessage
+from vo_service.types import TrackingDebug, TrackingState
 from vo_service.viewer.sinks import Sink
-from vo_service.viewer.trail import Trail
+from vo_service.viewer.trail import BoundedTrajectory
 
 
 @dataclass(frozen=True)
-class Job:
+class RerunWorkerConfig:
     """To the viewer's process, first and once.
 
     recording_id  the same for every process and file of a run: Rerun shows them as one recording
@@ -31,7 +31,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class State:
+class TrackingStatus:
     """How far the pose can be trusted now."""
 
     state: TrackingState
@@ -40,7 +40,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class FrameScalars:
     """What goes out for every frame. `counts` and `stage_ms` are plotted by name."""
 
     seq: int
@@ -48,19 +48,19 @@ class Numbers:
     T_world_camera: Array
     counts: Mapping[str, int]
     stage_ms: Mapping[str, float]
-    state: State
+    state: TrackingStatus
 
 
 @dataclass(frozen=True)
-class Picture:
+class FrameImages:
     """What goes out for some frames, after their numbers."""
 
     frame: RgbdFrame
-    evidence: Evidence
+    evidence: TrackingDebug
 
 
 @dataclass(frozen=True)
-class Point:
+class TrajectoryPoint:
     """The trajectory goes on to this position in the world, metres."""
 
     position: Array
@@ -68,14 +68,14 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Truth:
+class GroundTruth:
     """(N, 3) positions of the true trajectory, moved to start where the estimate does."""
 
     positions: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Graph:
+class MapGraph:
     """The map of places, in the world.
 
     positions  (N, 3) of the places, metres; the newest is the last
@@ -84,63 +84,76 @@ class Graph:
     """
 
     positions: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
-    motions: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2, 3), np.float32))
-    loops: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2, 3), np.float32))
+    odometry_edges: NDArray[np.float32] = field(
+        default_factory=lambda: np.empty((0, 2, 3), np.float32)
+    )
+    loop_edges: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2, 3), np.float32))
 
 
 @dataclass(frozen=True)
-class Corrected:
+class CorrectedPosition:
     """Where the camera is in the map, as a position in the world, metres."""
 
     position: Array
 
 
 @dataclass(frozen=True)
-class Note:
+class TextLog:
     """A line for the log beside the pictures."""
 
     text: str
 
 
 @dataclass(frozen=True)
-class Backdrop:
+class InitialState:
     """Before all else: what is there already, as the process may not be the first."""
 
-    trail: Trail = field(default_factory=Trail)
-    truth: Truth | None = None
-    graph: Graph = field(default_factory=Graph)
+    trajectory: BoundedTrajectory = field(default_factory=BoundedTrajectory)
+    ground_truth: GroundTruth | None = None
+    graph: MapGraph = field(default_factory=MapGraph)
 
 
 @dataclass(frozen=True)
-class Finish:
+class RerunShutdown:
     """Nothing follows: write out everything and end."""
 
 
-Message = Backdrop | Numbers | Picture | Point | Truth | Graph | Corrected | State | Note | Finish
+RerunMessage = (
+    InitialState
+    | FrameScalars
+    | FrameImages
+    | TrajectoryPoint
+    | GroundTruth
+    | MapGraph
+    | CorrectedPosition
+    | TrackingStatus
+    | TextLog
+    | RerunShutdown
+)
 
 
 @dataclass(frozen=True)
-class Ready:
+class RerunReady:
     """From the viewer's process: the place for the pictures is open."""
 
 
 @dataclass(frozen=True)
-class Ended:
+class RerunWorkerFailed:
     """From the viewer's process, last: it cannot be, or not go on."""
 
     error: UserFacingError
 
 
 @dataclass(frozen=True)
-class Health:
+class RerunHealth:
     """From the viewer's process, several times a second: its sign of life.
 
     trouble     what is wrong now, "" while all is well
     incomplete  what could not be kept, "" if everything was
     """
 
-    trouble: str = ""
-    incomplete: str = ""
+    fault: str = ""
+    data_loss: str = ""
 
 
-Word = Ready | Ended | Health | LogLine
+RerunWorkerMessage = RerunReady | RerunWorkerFailed | RerunHealth | LogMessage

@@ -4,12 +4,12 @@ import logging
 import time
 
 # The same trouble is told again in the log after this long.
-AGAIN_AFTER_S = 600.0
+REPEAT_AFTER_S = 600.0
 
 logger = logging.getLogger(__name__)
 
 
-class Notices:
+class RerunFaultReporter:
     """`warning` is what is wrong now, "" while all is well."""
 
     def __init__(self, address: str) -> None:
@@ -17,17 +17,17 @@ class Notices:
         self._logged_s: dict[str, float] = {}
         self.warning = ""
 
-    def tell(self, trouble: str) -> None:
+    def set(self, fault: str) -> None:
         """What is wrong from now on; "" if nothing is."""
-        if not trouble:
-            self._end()
+        if not fault:
+            self._clear()
             return
-        self.warning = f"rerun: {trouble}"
-        if time.monotonic() - self._logged_s.get(trouble, float("-inf")) > AGAIN_AFTER_S:
-            self._logged_s[trouble] = time.monotonic()
+        self.warning = f"rerun: {fault}"
+        if time.monotonic() - self._logged_s.get(fault, float("-inf")) > REPEAT_AFTER_S:
+            self._logged_s[fault] = time.monotonic()
             logger.warning("%s", self.warning)
 
-    def _end(self) -> None:
+    def _clear(self) -> None:
         if self.warning:
             self.warning = ""
             logger.info("rerun: pictures at %s again", self._address)

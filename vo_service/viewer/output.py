@@ -8,32 +8,32 @@ import time
 import uuid
 from collections.abc import Iterable
 
-from drivers.camera import Pace
+from drivers.camera import PlaybackMode
 from drivers.errors import UserFacingError
-from vo_service.outputs.worker import Worker
-from vo_service.settings import RerunSettings
-from vo_service.types import PoseUpdate, Status, TruthSource, no_truth
-from vo_service.viewer.link import Link
-from vo_service.viewer.messages import Finish, Job, Message, Note
-from vo_service.viewer.notices import Notices
+from vo_service.outputs.worker import WorkerThread
+from vo_service.settings import RerunConfig
+from vo_service.types import GroundTruthSource, OdometryUpdate, Status, no_ground_truth
+from vo_service.viewer.link import WorkerConnection
+from vo_service.viewer.messages import RerunMessage, RerunShutdown, RerunWorkerConfig, TextLog
+from vo_service.viewer.notices import RerunFaultReporter
 from vo_service.viewer.sinks import PortTakenError, Sink
-from vo_service.viewer.sketching import Sketcher
-from vo_service.viewer.supervisor import Supervisor
-from vo_service.viewer.targets import prepare_rerun, sink_of
+from vo_service.viewer.sketching import UpdateEncoder
+from vo_service.viewer.supervisor import RerunSupervisor
+from vo_service.viewer.targets import make_sink, prepare_rerun
 
 # What the process may take before the first frame; then frames come without it.
-STARTING_S = 10.0
+START_TIMEOUT_S = 10.0
 # A viewer that does not take the last of its data is left after this long.
-CLOSING_S = 1.4
+CLOSE_TIMEOUT_S = 1.4
 # How often ports are looked for, as somebody else may take them in between.
-ATTEMPTS = 3
+MAX_PORT_ATTEMPTS = 3
 
-RESTING, DRAWING = "resting: the machine is too slow", "drawing again"
+PAUSED_TEXT, RESUMED_TEXT = "resting: the machine is too slow", "drawing again"
 
 logger = logging.getLogger(__name__)
 
 
-class ViewerOutput:
+class RerunOutput:
     """Shows results in one place; give each place an output, and so a process, of its own.
 
     Numbers (pose, counts, times) go out for every frame, pictures `picture_hz` times a second. It
@@ -48,24 +48,26 @@ class ViewerOutput:
     def __init__(
         self,
         sink: Sink,
-        settings: RerunSettings = RerunSettings(),  # noqa: B008 (frozen)
-        ground_truth: TruthSource = no_truth,
-        pace: Pace = Pace.REALTIME,
+        settings: RerunConfig = RerunConfig(),  # noqa: B008 (frozen)
+        ground_truth: GroundTruthSource = no_ground_truth,
+        playback_mode: PlaybackMode = PlaybackMode.REALTIME,
     ) -> None:
         prepare_rerun()
         self._sink = sink
-        self._is_resting = self._is_closed = False
-        self._link = Link()
-        self._notices = Notices(sink.address)
-        self._sketcher = Sketcher(sink, 1.0 / settings.picture_hz, ground_truth)
+        self._is_paused = self._is_closed = False
+        self._connection = WorkerConnection()
+        self._faults = RerunFaultReporter(sink.address)
+        self._encoder = UpdateEncoder(sink, 1.0 / settings.picture_hz, ground_truth)
         level = logging.getLogger().getEffectiveLevel()
-        job = Job(sink, settings.jpeg_quality, settings.memory_mb, str(uuid.uuid4()), level)
-        self._supervisor = Supervisor(job, self._link, self._notices)
-        self._worker: Worker[PoseUpdate | Status | Note] = Worker(
-            "viewer", sink.hand_over(pace), self._hand_over, self._finish
+        job = RerunWorkerConfig(
+            sink, settings.jpeg_quality, settings.memory_mb, str(uuid.uuid4()), level
+        )
+        self._supervisor = RerunSupervisor(job, self._connection, self._faults)
+        self._worker: WorkerThread[OdometryUpdate | Status | TextLog] = WorkerThread(
+            "viewer", sink.make_queue(playback_mode), self._handle, self._finish
         )
         try:
-            self._supervisor.wait_until_settled(STARTING_S)
+            self._supervisor.wait_until_settled(START_TIMEOUT_S)
         except BaseException:
             self.close()
             raise
@@ -78,76 +80,76 @@ class ViewerOutput:
     @property
     def warning(self) -> str:
         """What is wrong with the pictures now; "" while all is well."""
-        return self._notices.warning
+        return self._faults.warning
 
     @property
     def dropped(self) -> int:
         """Results that newer ones replaced before they were drawn."""
         return self._worker.dropped
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Draw one result (soon)."""
-        if not self._is_resting:
+        if not self._is_paused:
             self._worker.put(update)
 
-    def status(self, status: Status) -> None:
+    def on_status(self, status: Status) -> None:
         """Show a change of state (soon)."""
-        if not self._is_resting:
+        if not self._is_paused:
             self._worker.put(status)
 
-    def rest(self, is_resting: bool) -> None:
+    def set_paused(self, is_paused: bool) -> None:
         """Draw nothing while the machine is too slow; the log beside the pictures says so."""
-        if is_resting != self._is_resting:
-            self._is_resting = is_resting
-            self._worker.put(Note(RESTING if is_resting else DRAWING))
+        if is_paused != self._is_paused:
+            self._is_paused = is_paused
+            self._worker.put(TextLog(PAUSED_TEXT if is_paused else RESUMED_TEXT))
 
     def close(self) -> None:
         """Finish the recording, within 2.5 s.
 
         Raises UserFacingError, the first time, if not everything could be kept.
         """
-        due_s = time.monotonic() + CLOSING_S
-        self._worker.close(CLOSING_S)
+        due_s = time.monotonic() + CLOSE_TIMEOUT_S
+        self._worker.close(CLOSE_TIMEOUT_S)
         has_ended = self._supervisor.stop(max(0.0, due_s - time.monotonic()))
         if not has_ended:
             logger.warning("rerun: %s did not take all data in time; the end is lost", self.address)
-        is_incomplete = self._supervisor.incomplete or (self._sink.is_kept and not has_ended)
+        is_incomplete = self._supervisor.data_loss or (self._sink.is_persistent and not has_ended)
         if is_incomplete and not self._is_closed:
             self._is_closed = True
             raise UserFacingError(f"{self.address}: the recording is not complete")
         self._is_closed = True
 
-    def _hand_over(self, item: PoseUpdate | Status | Note) -> None:
+    def _handle(self, item: OdometryUpdate | Status | TextLog) -> None:
         match item:
-            case PoseUpdate():
-                self._send(self._sketcher.of_pose(item))
+            case OdometryUpdate():
+                self._send(self._encoder.encode_update(item))
             case Status():
-                self._send([self._sketcher.of_status(item)])
-            case Note():
+                self._send([self._encoder.encode_status(item)])
+            case TextLog():
                 self._send([item])
 
     def _finish(self) -> None:
         self._supervisor.expect_end()
-        self._send([*self._sketcher.rest(), Finish()])
+        self._send([*self._encoder.encode_pending(), RerunShutdown()])
 
-    def _send(self, messages: Iterable[Message]) -> None:
+    def _send(self, messages: Iterable[RerunMessage]) -> None:
         for message in messages:
-            self._link.send(message, self._sketcher.backdrop)
+            self._connection.send(message, self._encoder.initial_state)
 
 
-def open_viewer(
+def open_rerun_output(
     target: str,
-    settings: RerunSettings = RerunSettings(),  # noqa: B008 (frozen)
-    ground_truth: TruthSource = no_truth,
-    pace: Pace = Pace.REALTIME,
-) -> ViewerOutput:
+    settings: RerunConfig = RerunConfig(),  # noqa: B008 (frozen)
+    ground_truth: GroundTruthSource = no_ground_truth,
+    playback_mode: PlaybackMode = PlaybackMode.REALTIME,
+) -> RerunOutput:
     """Open a target as users write it: serve, connect, connect:HOST:PORT or FILE.rrd.
 
-    Raises what `ViewerOutput` raises, and InputError for anything else.
+    Raises what `RerunOutput` raises, and InputError for anything else.
     """
-    for _ in range(ATTEMPTS - 1):
+    for _ in range(MAX_PORT_ATTEMPTS - 1):
         try:
-            return ViewerOutput(sink_of(target, settings), settings, ground_truth, pace)
+            return RerunOutput(make_sink(target, settings), settings, ground_truth, playback_mode)
         except PortTakenError:  # by somebody who was looking for one at the same time
             continue
-    return ViewerOutput(sink_of(target, settings), settings, ground_truth, pace)
+    return RerunOutput(make_sink(target, settings), settings, ground_truth, playback_mode)

@@ -29,14 +29,14 @@ _FILES = {
     "re_viewer_bg.wasm": "application/wasm",
     "favicon.ico": "image/x-icon",
 }
-_START_WITHIN_S = 10.0
+_START_TIMEOUT_S = 10.0
 
 
-class PageServer:
+class WebViewerServer:
     """Serves the page on loopback until closed. Raises UserFacingError if the port is taken."""
 
     def __init__(self, port: int, data_port: int) -> None:
-        handler = partial(_Handler, _Viewer(), _policy(data_port))
+        handler = partial(_PageRequestHandler, _ViewerFiles(), _content_security_policy(data_port))
         try:
             self._server = ThreadingHTTPServer((LOOPBACK, port), handler)
         except (OSError, OverflowError) as error:
@@ -49,7 +49,7 @@ class PageServer:
         self._server.server_close()
 
 
-class _Viewer:
+class _ViewerFiles:
     """The viewer's files, fetched when a browser first asks for them."""
 
     def __init__(self) -> None:
@@ -63,8 +63,8 @@ class _Viewer:
             return self._files[name]
 
 
-class _Handler(BaseHTTPRequestHandler):
-    def __init__(self, viewer: _Viewer, policy: str, *args: Any) -> None:
+class _PageRequestHandler(BaseHTTPRequestHandler):
+    def __init__(self, viewer: _ViewerFiles, policy: str, *args: Any) -> None:
         self._viewer = viewer
         self._policy = policy
         super().__init__(*args)
@@ -86,7 +86,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Say nothing on the terminal."""
 
 
-def _policy(data_port: int) -> str:
+def _content_security_policy(data_port: int) -> str:
     """Content-Security-Policy: this page and the data, nothing else."""
     return (
         "default-src 'self'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; "
@@ -97,29 +97,29 @@ def _policy(data_port: int) -> str:
 
 def _fetch_files() -> dict[str, bytes]:
     """Start Rerun's own web server for a moment and read the files from it."""
-    port = free_port()
+    port = pick_free_port()
     # Given something to show, it opens no port for data of its own.
     command = [str(rerun_binary()), "--serve-web", f"rerun+http://{LOOPBACK}:1/proxy"]
     command += ["--bind", LOOPBACK, "--web-viewer-port", str(port)]
     with tempfile.TemporaryDirectory(prefix="kinect-vo-") as home:
-        server = subprocess.Popen(command, env=quiet_environment(Path(home)))
+        server = subprocess.Popen(command, env=no_telemetry_environment(Path(home)))
         try:
-            wait_until_it_answers(port)
-            files = {name: _read(f"http://{LOOPBACK}:{port}/{name}") for name in _FILES}
+            wait_for_port(port)
+            files = {name: _fetch(f"http://{LOOPBACK}:{port}/{name}") for name in _FILES}
         finally:
             server.kill()
             server.wait()
-    return files | {"": _without_links_outside(files[""])}
+    return files | {"": _strip_external_links(files[""])}
 
 
-def _without_links_outside(page: bytes) -> bytes:
+def _strip_external_links(page: bytes) -> bytes:
     """The page without its fonts: a policy does not keep a browser from connecting ahead."""
     return re.sub(rb"<link[^>]*https://[^>]*>", b"", page)
 
 
-def wait_until_it_answers(port: int) -> None:
+def wait_for_port(port: int) -> None:
     """Until something listens on a port. Raises UserFacingError after ten seconds."""
-    deadline_s = time.monotonic() + _START_WITHIN_S
+    deadline_s = time.monotonic() + _START_TIMEOUT_S
     while time.monotonic() < deadline_s:
         try:
             socket.create_connection((LOOPBACK, port), timeout=1.0).close()
@@ -130,13 +130,13 @@ def wait_until_it_answers(port: int) -> None:
     raise UserFacingError("Rerun's web server did not start")
 
 
-def _read(url: str) -> bytes:
-    with urlopen(url, timeout=_START_WITHIN_S) as response:
+def _fetch(url: str) -> bytes:
+    with urlopen(url, timeout=_START_TIMEOUT_S) as response:
         content: bytes = response.read()
     return content
 
 
-def free_port() -> int:
+def pick_free_port() -> int:
     """A port of loopback that the kernel has just found free."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
@@ -152,7 +152,7 @@ def rerun_binary() -> Path:
     return Path(package.origin).with_name("rerun")
 
 
-def quiet_environment(home: Path) -> dict[str, str]:
+def no_telemetry_environment(home: Path) -> dict[str, str]:
     """Environment for Rerun's programs: no usage reports (the file wants all five keys), no chat.
 
     `home` is an empty folder that must last as long as the program.

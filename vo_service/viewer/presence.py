@@ -9,47 +9,49 @@ from collections.abc import Callable
 from itertools import count
 from typing import Protocol
 
-ANSWER_S = 0.7
-PERIOD_S = 2.0
-MOST_MISSES = 3
+REPLY_TIMEOUT_S = 0.7
+PROBE_PERIOD_S = 2.0
+MAX_MISSED_REPLIES = 3
 
 # RFC 9113: a frame is length (3 bytes), type, flags, stream (4 bytes), then its payload.
-_HEAD = 9
+_FRAME_HEADER_BYTES = 9
 _SETTINGS, _PING = 4, 6
 _ACK = 1
-_LARGEST = 16_384  # payload; a peer may send more only where it was allowed to, section 4.2
+_MAX_PAYLOAD_BYTES = (
+    16_384  # payload; a peer may send more only where it was allowed to, section 4.2
+)
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"  # section 3.4
 
 
-class Presence(Protocol):
+class ViewerProbe(Protocol):
     """Asks whether pictures would be taken."""
 
-    def begin(self) -> bool:
+    def connect(self) -> bool:
         """Look for a viewer. False if there is none; takes up to two seconds to find out."""
 
-    def answers(self) -> bool:
+    def is_responding(self) -> bool:
         """Whether it answers now. Raises ConnectionError if it has ended since `begin`."""
 
-    def end(self) -> None:
+    def disconnect(self) -> None:
         """Ask no more."""
 
 
-class AlwaysThere:
+class AlwaysPresent:
     """A file, or a server of our own."""
 
-    def begin(self) -> bool:
+    def connect(self) -> bool:
         """It is there."""
         return True
 
-    def answers(self) -> bool:
+    def is_responding(self) -> bool:
         """It would."""
         return True
 
-    def end(self) -> None:
+    def disconnect(self) -> None:
         """Nothing to let go of."""
 
 
-class ViewerPresence:
+class GrpcViewerProbe:
     """A connection that is held open: it breaks when the viewer ends."""
 
     def __init__(self, host: str, port: int) -> None:
@@ -58,45 +60,45 @@ class ViewerPresence:
         self._received = b""
         self._pings = count()
 
-    def begin(self) -> bool:
+    def connect(self) -> bool:
         """Connect anew. False if nothing that speaks gRPC answers in time."""
-        self.end()
+        self.disconnect()
         try:
-            self._socket = socket.create_connection(self._address, ANSWER_S)
-            self._socket.sendall(_PREFACE + _frame(_SETTINGS))
+            self._socket = socket.create_connection(self._address, REPLY_TIMEOUT_S)
+            self._socket.sendall(_PREFACE + _encode_frame(_SETTINGS))
             self._wait_for(lambda frame: frame[3] == _SETTINGS)
-            self._socket.sendall(_frame(_SETTINGS, _ACK))
+            self._socket.sendall(_encode_frame(_SETTINGS, _ACK))
         except (OSError, OverflowError, UnicodeError):
-            self.end()
+            self.disconnect()
             return False
         return True
 
-    def answers(self) -> bool:
+    def is_responding(self) -> bool:
         """Whether it answers in time. Raises ConnectionError if it has ended since `begin`."""
         if self._socket is None:
             raise ConnectionError
-        answer = _frame(_PING, _ACK, next(self._pings).to_bytes(8, "big"))
+        answer = _encode_frame(_PING, _ACK, next(self._pings).to_bytes(8, "big"))
         try:
-            self._socket.sendall(_frame(_PING, 0, answer[_HEAD:]))
+            self._socket.sendall(_encode_frame(_PING, 0, answer[_FRAME_HEADER_BYTES:]))
             self._wait_for(lambda frame: frame == answer)
         except TimeoutError:
             return False
         return True
 
-    def end(self) -> None:
+    def disconnect(self) -> None:
         """Let go of the connection."""
         if self._socket is not None:
             self._socket.close()
         self._socket, self._received = None, b""
 
-    def _wait_for(self, is_it: Callable[[bytes], bool]) -> None:
+    def _wait_for(self, is_expected: Callable[[bytes], bool]) -> None:
         """Read up to a certain frame. Raises OSError, TimeoutError among them."""
-        due_s = time.monotonic() + ANSWER_S
-        while not is_it(self._next_frame(due_s)):
+        due_s = time.monotonic() + REPLY_TIMEOUT_S
+        while not is_expected(self._next_frame(due_s)):
             pass
 
     def _next_frame(self, due_s: float) -> bytes:
-        while (size := _size(self._received)) > len(self._received):
+        while (size := _frame_size(self._received)) > len(self._received):
             assert self._socket is not None
             left_s = due_s - time.monotonic()
             if left_s <= 0.0:
@@ -110,48 +112,48 @@ class ViewerPresence:
         return frame
 
 
-class Watch:
+class ViewerHealthMonitor:
     """Asks now and then; one that answers too late is given another chance."""
 
-    def __init__(self, presence: Presence) -> None:
-        self._presence = presence
-        self._asked_s = 0.0
+    def __init__(self, probe: ViewerProbe) -> None:
+        self._probe = probe
+        self._last_probe_s = 0.0
         self._misses = 0
 
-    def begin(self) -> bool:
+    def connect(self) -> bool:
         """Look for a viewer. False if there is none."""
-        self._asked_s, self._misses = time.monotonic(), 0
-        return self._presence.begin()
+        self._last_probe_s, self._misses = time.monotonic(), 0
+        return self._probe.connect()
 
     def has_gone(self) -> bool:
         """Whether the viewer has ended, or not answered several times in a row."""
-        if time.monotonic() - self._asked_s < PERIOD_S:
+        if time.monotonic() - self._last_probe_s < PROBE_PERIOD_S:
             return False
-        self._asked_s = time.monotonic()
+        self._last_probe_s = time.monotonic()
         try:
-            self._misses = 0 if self._presence.answers() else self._misses + 1
+            self._misses = 0 if self._probe.is_responding() else self._misses + 1
         except OSError:
             return True
-        return self._misses >= MOST_MISSES
+        return self._misses >= MAX_MISSED_REPLIES
 
-    def end(self) -> None:
+    def disconnect(self) -> None:
         """Ask no more."""
-        self._presence.end()
+        self._probe.disconnect()
 
 
-def _frame(kind: int, flags: int = 0, payload: bytes = b"") -> bytes:
+def _encode_frame(kind: int, flags: int = 0, payload: bytes = b"") -> bytes:
     """A frame of the connection as a whole, which is stream 0."""
     return len(payload).to_bytes(3, "big") + bytes([kind, flags]) + bytes(4) + payload
 
 
-def _size(received: bytes) -> int:
+def _frame_size(received: bytes) -> int:
     """Of the frame that begins here; the size of a head until that is there.
 
     Raises ConnectionError for a frame that nobody may send.
     """
-    if len(received) < _HEAD:
-        return _HEAD
+    if len(received) < _FRAME_HEADER_BYTES:
+        return _FRAME_HEADER_BYTES
     length = int.from_bytes(received[:3], "big")
-    if length > _LARGEST:
+    if length > _MAX_PAYLOAD_BYTES:
         raise ConnectionError(f"a frame of {length} bytes")
-    return _HEAD + length
+    return _FRAME_HEADER_BYTES + length

@@ -7,16 +7,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
-from drivers.camera import Pace
-from vo_service.outputs.worker import Worker
-from vo_service.viewer.targets import check_places, prepare_rerun, sink_of
+from drivers.camera import PlaybackMode
+from vo_service.outputs.worker import WorkerThread
+from vo_service.viewer.targets import check_targets, make_sink, prepare_rerun
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
 # For a viewer to take the last of its data.
-CLOSING_S = 5.0
+CLOSE_TIMEOUT_S = 5.0
 
 T = TypeVar("T")
 T_contra = TypeVar("T_contra", contravariant=True)
@@ -47,7 +47,7 @@ class RerunPreview(Generic[T]):
     def __init__(
         self, target: str, application: str, load_scene: Callable[[], type[PreviewScene[T]]]
     ) -> None:
-        self._sink = sink_of(target)
+        self._sink = make_sink(target)
         prepare_rerun()
         import rerun as rr
 
@@ -61,9 +61,9 @@ class RerunPreview(Generic[T]):
             self._sink.close()
             raise
         self.address = self._sink.address
-        queue = self._sink.hand_over(Pace.LOCKSTEP)
+        queue = self._sink.make_queue(PlaybackMode.LOCKSTEP)
         scene = scene_type(stream)
-        self._worker: Worker[T] = Worker("rerun", queue, scene.log, stream.disconnect)
+        self._worker: WorkerThread[T] = WorkerThread("rerun", queue, scene.log, stream.disconnect)
 
     def show(self, item: T) -> None:
         """Draw it; in a viewer, unless something newer comes first."""
@@ -71,7 +71,7 @@ class RerunPreview(Generic[T]):
 
     def close(self) -> None:
         """Finish. A viewer that does not answer is left after a few seconds."""
-        self._worker.close(CLOSING_S)
+        self._worker.close(CLOSE_TIMEOUT_S)
         self._sink.close()
 
 
@@ -80,17 +80,17 @@ def open_previews(
     targets: Sequence[str],
     application: str,
     load_scene: Callable[[], type[PreviewScene[T]]],
-    tell: Callable[[str], None],
+    log_line: Callable[[str], None],
 ) -> Iterator[list[RerunPreview[T]]]:
     """Open a preview for each target; `tell` gets the addresses to open.
 
     Raises what `RerunPreview` raises, and InputError if two targets are the same place.
     """
-    check_places(targets)
+    check_targets(targets)
     with ExitStack() as stack:
         previews = []
         for target in targets:
             preview = RerunPreview(target, application, load_scene)
             previews.append(stack.enter_context(closing(preview)))
-            tell(f"pictures: {preview.address}")
+            log_line(f"pictures: {preview.address}")
         yield previews

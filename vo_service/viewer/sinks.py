@@ -5,10 +5,10 @@ import time
 from threading import Thread
 from typing import TYPE_CHECKING, Any, Protocol
 
-from drivers.camera import Pace
+from drivers.camera import PlaybackMode
 from drivers.errors import InputError, UserFacingError
-from vo_service.outputs.worker import DropOldest, HandOver
-from vo_service.viewer.presence import AlwaysThere, Presence, ViewerPresence
+from vo_service.outputs.worker import BoundedQueue, DropOldestQueue
+from vo_service.viewer.presence import AlwaysPresent, GrpcViewerProbe, ViewerProbe
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 APPLICATION = "kinect-vo"
 LOOPBACK = "127.0.0.1"
 DATA_PORT = 9876  # Rerun's own default
-CONNECT_WAIT_S = 0.5
+CONNECT_TIMEOUT_S = 0.5
 
 
 class Sink(Protocol):
@@ -29,16 +29,16 @@ class Sink(Protocol):
     """
 
     address: str
-    is_kept: bool
-    batch_s: float
+    is_persistent: bool
+    flush_interval_s: float
 
-    def hand_over(self, pace: Pace) -> HandOver[Any]:
+    def make_queue(self, playback_mode: PlaybackMode) -> BoundedQueue[Any]:
         """What results wait in: full, it drops the oldest, or makes a replay wait."""
 
-    def clock_s(self, stamp_s: float) -> float:
+    def rate_clock_s(self, stamp_s: float) -> float:
         """The time, of a frame with this stamp, that the rate of pictures is measured on."""
 
-    def presence(self) -> Presence:
+    def make_probe(self) -> ViewerProbe:
         """What tells whether anything can be shown there."""
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
@@ -79,20 +79,20 @@ class PortTakenError(UserFacingError):
 class LiveSink:
     """What the places that are watched now have in common."""
 
-    is_kept = False
-    batch_s = 0.2
+    is_persistent = False
+    flush_interval_s = 0.2
 
-    def hand_over(self, pace: Pace) -> HandOver[Any]:
+    def make_queue(self, playback_mode: PlaybackMode) -> BoundedQueue[Any]:
         """The newest counts."""
-        return DropOldest(2)
+        return DropOldestQueue(2)
 
-    def clock_s(self, stamp_s: float) -> float:
+    def rate_clock_s(self, stamp_s: float) -> float:
         """The clock of this computer: a viewer has to keep up with real seconds."""
         return time.monotonic()
 
-    def presence(self) -> Presence:
+    def make_probe(self) -> ViewerProbe:
         """It is always there."""
-        return AlwaysThere()
+        return AlwaysPresent()
 
     def check(self, stream: "rr.RecordingStream") -> None:
         """Nothing is kept."""
@@ -105,7 +105,7 @@ class LiveSink:
         """Nothing to release."""
 
 
-class Viewer(LiveSink):
+class RunningViewerSink(LiveSink):
     """A Rerun viewer that is running (``rerun``), such as rerun+http://127.0.0.1:9876/proxy.
 
     Raises InputError for an address that is none.
@@ -115,9 +115,9 @@ class Viewer(LiveSink):
         self.address = address
         self._host, self._port = _host_and_port(address)
 
-    def presence(self) -> Presence:
+    def make_probe(self) -> ViewerProbe:
         """It may come, freeze and go."""
-        return ViewerPresence(self._host, self._port)
+        return GrpcViewerProbe(self._host, self._port)
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
         """Connect; a viewer that is not there gets nothing."""
@@ -129,7 +129,7 @@ class Viewer(LiveSink):
             daemon=True,
         )
         connecting.start()
-        connecting.join(CONNECT_WAIT_S)
+        connecting.join(CONNECT_TIMEOUT_S)
 
 
 def _host_and_port(address: str) -> tuple[str, int]:

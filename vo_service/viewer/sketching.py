@@ -6,39 +6,39 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.geometry import inverse
-from drivers.trajectory import StampedPoses
-from vo_service.types import PoseUpdate, Status, TruthSource, no_truth
-from vo_service.viewer.map_sketch import MapSketch
+from drivers.trajectory import Trajectory
+from vo_service.types import GroundTruthSource, OdometryUpdate, Status, no_ground_truth
+from vo_service.viewer.map_sketch import MapEncoder
 from vo_service.viewer.messages import (
-    Backdrop,
-    Graph,
-    Message,
-    Numbers,
-    Picture,
-    Point,
-    State,
-    Truth,
+    FrameImages,
+    FrameScalars,
+    GroundTruth,
+    InitialState,
+    MapGraph,
+    RerunMessage,
+    TrackingStatus,
+    TrajectoryPoint,
 )
 from vo_service.viewer.sinks import Sink
 from vo_service.viewer.throttle import Throttle
 
-TRUTH_WITHIN_S = 0.02
+MAX_GROUND_TRUTH_GAP_S = 0.02
 
 
-class Sketcher:
+class UpdateEncoder:
     """Numbers for every result, pictures for some; remembers what a new process has to be told."""
 
-    def __init__(self, sink: Sink, picture_period_s: float, truth: TruthSource) -> None:
-        self._clock_s = sink.clock_s
-        self._throttle = Throttle(picture_period_s)
-        self._truth = truth
-        self._map = MapSketch()
-        self.backdrop = Backdrop()
+    def __init__(self, sink: Sink, image_period_s: float, ground_truth: GroundTruthSource) -> None:
+        self._rate_clock_s = sink.rate_clock_s
+        self._throttle = Throttle(image_period_s)
+        self._ground_truth = ground_truth
+        self._map = MapEncoder()
+        self.initial_state = InitialState()
 
-    def of_pose(self, update: PoseUpdate) -> Iterator[Message]:
+    def encode_update(self, update: OdometryUpdate) -> Iterator[RerunMessage]:
         """What to say of one result."""
         estimate = update.estimate
-        yield Numbers(
+        yield FrameScalars(
             seq=update.seq,
             stamp_s=update.stamp_s,
             T_world_camera=update.T_world_camera,
@@ -48,56 +48,56 @@ class Sketcher:
                 "inliers": estimate.inliers,
             },
             stage_ms=update.stage_ms,
-            state=State(update.state, update.reason, update.epoch),
+            state=TrackingStatus(update.state, update.reason, update.epoch),
         )
-        yield from self._new_truth(update)
-        now_s = self._clock_s(update.frame.stamp_s)
-        self._map.see(update)
-        yield from self._told(self._map.of_time(now_s))
-        if self._throttle.due(now_s):
-            yield from self._new_point(update)
-            yield from self._map.corrected(update)
+        yield from self._encode_ground_truth(update)
+        now_s = self._rate_clock_s(update.frame.stamp_s)
+        self._map.update(update)
+        yield from self._remember_graphs(self._map.encode_if_due(now_s))
+        if self._throttle.allow(now_s):
+            yield from self._encode_point(update)
+            yield from self._map.encode_corrected_position(update)
             # A copy of the frame leaves behind what others have derived from it.
-            yield Picture(replace(update.frame), estimate.evidence)
+            yield FrameImages(replace(update.frame), estimate.debug)
 
-    def of_status(self, status: Status) -> State:
+    def encode_status(self, status: Status) -> TrackingStatus:
         """What to say of a status: a change of state may come without a frame."""
-        return State(status.state, status.reason, status.epoch)
+        return TrackingStatus(status.state, status.reason, status.epoch)
 
-    def rest(self) -> Iterator[Message]:
+    def encode_pending(self) -> Iterator[RerunMessage]:
         """What was not said yet, when nothing follows."""
-        yield from self._told(self._map.rest())
+        yield from self._remember_graphs(self._map.encode_pending())
 
-    def _told(self, graphs: Iterator[Graph]) -> Iterator[Graph]:
+    def _remember_graphs(self, graphs: Iterator[MapGraph]) -> Iterator[MapGraph]:
         for graph in graphs:
-            self.backdrop = replace(self.backdrop, graph=graph)
+            self.initial_state = replace(self.initial_state, graph=graph)
             yield graph
 
-    def _new_point(self, update: PoseUpdate) -> Iterator[Message]:
+    def _encode_point(self, update: OdometryUpdate) -> Iterator[RerunMessage]:
         position = update.T_world_camera[:3, 3]
-        if update.estimate.ok and self.backdrop.trail.add(position, update.epoch):
-            yield Point(position, update.epoch)
+        if update.estimate.ok and self.initial_state.trajectory.add(position, update.epoch):
+            yield TrajectoryPoint(position, update.epoch)
 
-    def _new_truth(self, update: PoseUpdate) -> Iterator[Message]:
+    def _encode_ground_truth(self, update: OdometryUpdate) -> Iterator[RerunMessage]:
         """Once, as soon as a frame has truth."""
-        truth = self._truth()
+        truth = self._ground_truth()
         if truth is None or not update.estimate.ok:
             return
-        found = _aligned(truth, update)
+        found = _align_ground_truth(truth, update)
         if found is not None:
-            self._truth = no_truth
-            self.backdrop = replace(self.backdrop, truth=found)
+            self._ground_truth = no_ground_truth
+            self.initial_state = replace(self.initial_state, ground_truth=found)
             yield found
 
 
-def _aligned(truth: StampedPoses, update: PoseUpdate) -> Truth | None:
+def _align_ground_truth(ground_truth: Trajectory, update: OdometryUpdate) -> GroundTruth | None:
     """The truth, moved so that its pose at this frame is the estimate's: what grows apart is drift.
 
     None if it has no pose at this time.
     """
-    gaps_s = np.abs(truth.stamps_s - update.frame.stamp_s)
+    gaps_s = np.abs(ground_truth.stamps_s - update.frame.stamp_s)
     nearest = int(np.argmin(gaps_s))
-    if gaps_s[nearest] > TRUTH_WITHIN_S:
+    if gaps_s[nearest] > MAX_GROUND_TRUTH_GAP_S:
         return None
-    T_world_truth = update.T_world_camera @ inverse(truth.T_world_camera[nearest])
-    return Truth((T_world_truth @ truth.T_world_camera)[:, :3, 3])
+    T_world_truth = update.T_world_camera @ inverse(ground_truth.T_world_camera[nearest])
+    return GroundTruth((T_world_truth @ ground_truth.T_world_camera)[:, :3, 3])

@@ -6,44 +6,46 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from drivers.errors import InputError
-from vo_service.settings import RerunSettings
-from vo_service.viewer.browser import WEB_PORT, Browser, free_port
-from vo_service.viewer.recording_file import RecordingFile
-from vo_service.viewer.sinks import DATA_PORT, Sink, Viewer
+from vo_service.settings import RerunConfig
+from vo_service.viewer.browser import WEB_PORT, BrowserSink, free_port
+from vo_service.viewer.recording_file import RrdFileSink
+from vo_service.viewer.sinks import DATA_PORT, RunningViewerSink, Sink
 
 # What the viewer's process takes before anything is kept: Python, OpenCV, Rerun. Measured, as is
 # that Rerun takes more than it is allowed.
-_PROCESS_MB = 220
-_MB_PER_MB_KEPT = 2
-_LEAST_HISTORY_MB = 20
+_BASE_PROCESS_MB = 220
+_PROCESS_MB_PER_HISTORY_MB = 2
+_MIN_HISTORY_MB = 20
 
 
-def sink_of(target: str, settings: RerunSettings = RerunSettings()) -> Sink:  # noqa: B008 (frozen)
+def make_sink(target: str, settings: RerunConfig = RerunConfig()) -> Sink:  # noqa: B008 (frozen)
     """The place that a target names. Raises InputError if it names none."""
     if target == "serve":
-        history_mb = max(_LEAST_HISTORY_MB, (settings.memory_mb - _PROCESS_MB) // _MB_PER_MB_KEPT)
-        return Browser(free_port(DATA_PORT), free_port(WEB_PORT), history_mb)
+        history_mb = max(
+            _MIN_HISTORY_MB, (settings.memory_mb - _BASE_PROCESS_MB) // _PROCESS_MB_PER_HISTORY_MB
+        )
+        return BrowserSink(free_port(DATA_PORT), free_port(WEB_PORT), history_mb)
     if target.endswith(".rrd"):
-        return RecordingFile(Path(target), settings.file_mb, settings.files_kept)
-    return _viewer(target)
+        return RrdFileSink(Path(target), settings.file_mb, settings.files_kept)
+    return _running_viewer_sink(target)
 
 
-def _viewer(target: str) -> Viewer:
+def _running_viewer_sink(target: str) -> RunningViewerSink:
     if target == "connect":
-        return Viewer()
+        return RunningViewerSink()
     if target.startswith("connect:"):
-        return Viewer(f"rerun+http://{target.removeprefix('connect:')}/proxy")
+        return RunningViewerSink(f"rerun+http://{target.removeprefix('connect:')}/proxy")
     raise InputError(f"rerun target {target!r}: use serve, connect, connect:HOST:PORT or FILE.rrd")
 
 
-def check_places(targets: Sequence[str]) -> None:
+def check_targets(targets: Sequence[str]) -> None:
     """Raises InputError if one is none, or two are one place and would destroy each other's data.
 
     Opens nothing.
     """
     taken: dict[str, str] = {}
     for target in targets:
-        place = _place(target)
+        place = _canonical_target(target)
         if place in taken:
             raise InputError(
                 f"rerun targets {taken[place]!r} and {target!r} are the same place; leave one out"
@@ -51,11 +53,15 @@ def check_places(targets: Sequence[str]) -> None:
         taken[place] = target
 
 
-def _place(target: str) -> str:
+def _canonical_target(target: str) -> str:
     """The same for two targets only where they are one place."""
     if target == "serve":
         return target
-    return os.path.realpath(target) if target.endswith(".rrd") else _viewer(target).address
+    return (
+        os.path.realpath(target)
+        if target.endswith(".rrd")
+        else _running_viewer_sink(target).address
+    )
 
 
 def prepare_rerun() -> None:

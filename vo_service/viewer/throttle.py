@@ -9,7 +9,7 @@ class Throttle:
         self._period_s = 0.9 * period_s
         self._last_s = float("-inf")
 
-    def due(self, now_s: float) -> bool:
+    def allow(self, now_s: float) -> bool:
         """True if the period has passed, or the clock was set back."""
         if 0.0 <= now_s - self._last_s < self._period_s:
             return False

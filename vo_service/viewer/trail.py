@@ -7,16 +7,16 @@ import numpy as np
 from drivers.geometry import Array
 
 # A point closer than this to the one before adds nothing that can be seen.
-CLOSE_M = 0.005
+MIN_POINT_DISTANCE_M = 0.005
 # Days of driving must fit: beyond this, every other point goes.
-MOST_POINTS = 4096
+MAX_POINTS = 4096
 
 
-class Trail:
+class BoundedTrajectory:
     """Lines of points, a line for each epoch."""
 
-    def __init__(self, most_points: int = MOST_POINTS) -> None:
-        self._most_points = most_points
+    def __init__(self, max_points: int = MAX_POINTS) -> None:
+        self._max_points = max_points
         self._epoch: int | None = None
         self._lines: list[list[Array]] = []
         self._count = 0
@@ -32,22 +32,22 @@ class Trail:
             self._epoch = epoch
             self._lines.append([])
         line = self._lines[-1]
-        if line and np.linalg.norm(position - line[-1]) < CLOSE_M:
+        if line and np.linalg.norm(position - line[-1]) < MIN_POINT_DISTANCE_M:
             return False
         line.append(position)
         self._count += 1
-        if self._count > self._most_points:
-            self._thin()
+        if self._count > self._max_points:
+            self._decimate()
         return True
 
-    def _thin(self) -> None:
+    def _decimate(self) -> None:
         """Half the points; whole lines, the oldest, where they are too short for that."""
-        self._lines = [_every_other(line) for line in self._lines]
+        self._lines = [_keep_every_second(line) for line in self._lines]
         self._count = sum(map(len, self._lines))
-        while self._count > self._most_points:
+        while self._count > self._max_points:
             self._count -= len(self._lines.pop(0))
 
 
-def _every_other(line: list[Array]) -> list[Array]:
+def _keep_every_second(line: list[Array]) -> list[Array]:
     """The last point stays: the line goes on from there."""
     return line[-1::-2][::-1]

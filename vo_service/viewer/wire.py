@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from typing import Any
 
-from vo_service.viewer.messages import Message
+from vo_service.viewer.messages import RerunMessage
 
 _COUNT_BYTES = 2
 
 
-def parts_of(message: Message) -> Iterator[bytes | memoryview]:
+def serialize(message: RerunMessage) -> Iterator[bytes | memoryview]:
     """What to send one after another: the message with how many arrays it has, then these."""
     arrays: list[pickle.PickleBuffer] = []
     text = pickle.dumps(message, protocol=5, buffer_callback=arrays.append)
@@ -19,10 +19,10 @@ def parts_of(message: Message) -> Iterator[bytes | memoryview]:
         yield array.raw()
 
 
-def receive(connection: "Connection[Any, Any]") -> Message:
+def receive_message(connection: "Connection[Any, Any]") -> RerunMessage:
     """Wait for the next message; its arrays are read-only. Raises EOFError, OSError at the end."""
     head = connection.recv_bytes()
     count = int.from_bytes(head[:_COUNT_BYTES], "little")
     arrays = [connection.recv_bytes() for _ in range(count)]
-    message: Message = pickle.loads(head[_COUNT_BYTES:], buffers=arrays)
+    message: RerunMessage = pickle.loads(head[_COUNT_BYTES:], buffers=arrays)
     return message

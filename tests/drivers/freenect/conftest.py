@@ -8,20 +8,20 @@ from typing import Any
 import pytest
 
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.images import Images
-from drivers.freenect.kinect import Kinect
+from drivers.freenect.images import KinectRectifier
+from drivers.freenect.kinect import KinectSource
 from drivers.freenect.library import PACKAGE, SONAME
-from drivers.kinect_usb.base import Base, NoBase
-from drivers.sensor_settings import SensorSettings
-from tests.stand_ins.fixtures import PlayKinect
-from tests.stand_ins.needed import need_library
-from tests.stand_ins.played_kinect import IDENTITY, PlayedKinect
+from drivers.kinect_usb.base import MotorUnit, NullMotorUnit
+from drivers.sensor_settings import SensorConfig
+from tests.stand_ins.fixtures import SimulateKinect
+from tests.stand_ins.needed import require_library
+from tests.stand_ins.played_kinect import IDENTITY, KinectSimulator
 
 MakeCamera = Callable[..., FreenectCamera]
 
 
 @pytest.fixture
-def kinect(play_kinect: PlayKinect) -> PlayedKinect:
+def kinect(play_kinect: SimulateKinect) -> KinectSimulator:
     """A 1414 whose film is registered already, so that what comes back is known exactly."""
     return plug_in(play_kinect)
 
@@ -33,21 +33,21 @@ def make_camera() -> Iterator[MakeCamera]:
 
         def make(
             serial: str = "",
-            settings: SensorSettings = SensorSettings(),  # noqa: B008 (frozen)
+            settings: SensorConfig = SensorConfig(),  # noqa: B008 (frozen)
             camera_file: Path | None = None,
-            base: Base = NoBase(),  # noqa: B008 (nothing in it)
+            base: MotorUnit = NullMotorUnit(),  # noqa: B008 (nothing in it)
         ) -> FreenectCamera:
-            images = Images(camera_file, settings.mirror)
-            camera = FreenectCamera(Kinect(serial, settings), images, base, settings)
+            images = KinectRectifier(camera_file, settings.mirror)
+            camera = FreenectCamera(KinectSource(serial, settings), images, base, settings)
             stack.callback(camera.close)
             return camera
 
         yield make
 
 
-def plug_in(play_kinect: PlayKinect, **options: Any) -> PlayedKinect:
+def plug_in(play_kinect: SimulateKinect, **options: Any) -> KinectSimulator:
     """Plug it in where this process sees it; skips without libfreenect."""
     kinect = play_kinect(**{"registration": IDENTITY} | options)
-    kinect.load()
-    need_library(SONAME, PACKAGE)
+    kinect.activate()
+    require_library(SONAME, PACKAGE)
     return kinect

@@ -11,16 +11,18 @@ from drivers.errors import CameraError
 from drivers.freenect import camera as camera_module
 from drivers.freenect import event_loop
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.images import Images
-from drivers.freenect.kinect import Kinect
-from drivers.kinect_usb.base import NoBase
-from drivers.sensor_settings import SensorSettings
+from drivers.freenect.images import KinectRectifier
+from drivers.freenect.kinect import KinectSource
+from drivers.kinect_usb.base import NullMotorUnit
+from drivers.sensor_settings import SensorConfig
 
-event_loop.START_LIMIT_S = camera_module.LET_GO_LIMIT_S = 0.5
-event_loop.STOP_LIMIT_S = 0.2
+event_loop.START_TIMEOUT_S = camera_module.RELEASE_TIMEOUT_S = 0.5
+event_loop.STOP_TIMEOUT_S = 0.2
 
-settings = SensorSettings()
-camera = FreenectCamera(Kinect("", settings), Images(None, False), NoBase(), settings)
+settings = SensorConfig()
+camera = FreenectCamera(
+    KinectSource("", settings), KinectRectifier(None, False), NullMotorUnit(), settings
+)
 if sys.argv[1] == "close":
     camera.open()
     camera.read(5.0)

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.camera import EndOfStream, Pace, RgbdCamera, RgbdFrame
+from drivers.camera import EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
 from drivers.errors import InputError
-from drivers.freenect.recipes import fakenect_camera
+from drivers.freenect.recipes import make_fakenect_camera
 
 
-def read_all(camera: RgbdCamera) -> list[RgbdFrame]:
+def read_all_frames(camera: RgbdCamera) -> list[RgbdFrame]:
     """Every frame up to the end."""
     frames = []
     with camera:
@@ -26,14 +26,14 @@ def read_all(camera: RgbdCamera) -> list[RgbdFrame]:
 
 if __name__ == "__main__":
     try:
-        _camera = fakenect_camera(Path(sys.argv[1]), None, Pace(sys.argv[2]))
-        _frames = read_all(_camera)
-        _again = read_all(_camera)
+        _camera = make_fakenect_camera(Path(sys.argv[1]), None, PlaybackMode(sys.argv[2]))
+        _frames = read_all_frames(_camera)
+        _again = read_all_frames(_camera)
     except InputError as error:
         sys.exit(f"InputError: {error}")
     np.savez(
         sys.argv[3],
-        colour=[frame.colour_bgr for frame in _frames],
+        colour=[frame.color_bgr for frame in _frames],
         depth=[frame.depth_raw for frame in _frames],
         stamp_s=[frame.stamp_s for frame in _frames],
         device_stamp_s=np.array([frame.device_stamp_s for frame in _frames], dtype=float),

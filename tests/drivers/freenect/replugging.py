@@ -10,23 +10,26 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
-from drivers.camera import CameraState, Clock, NoFrameYet, Pace
-from drivers.freenect.recipes import kinect_camera
-from drivers.isolation.camera import IsolatedCamera
-from drivers.isolation.limits import TimeLimits
-from drivers.sensor_settings import SensorSettings
-from tests.belongings import belongings_of, children, resident_kb
-from tests.stand_ins.played_kinect import PlayedKinect
-from tests.waiting import PATIENCE_S, wait_until
+from drivers.camera import CameraState, Clock, FrameTimeout, PlaybackMode
+from drivers.freenect.recipes import make_kinect_camera
+from drivers.isolation.camera import SubprocessCamera
+from drivers.isolation.limits import Timeouts
+from drivers.sensor_settings import SensorConfig
+from tests.belongings import child_pids, resident_memory_kb, resources_in_use_by
+from tests.stand_ins.played_kinect import KinectSimulator
+from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 
 # The back-off is not what is looked at, nor how busy the machine is.
-AT_ONCE = TimeLimits(
-    opening_s=PATIENCE_S, heartbeat_s=PATIENCE_S, first_retry_s=0.01, longest_retry_s=0.01
+FAST_TIMEOUTS = Timeouts(
+    opening_s=DEFAULT_TIMEOUT_S,
+    heartbeat_s=DEFAULT_TIMEOUT_S,
+    initial_retry_s=0.01,
+    max_retry_s=0.01,
 )
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldResources:
     """What the two processes hold while the Kinect streams, and what is open at the Kinect.
 
     kinect     open handles, and transfers that were abandoned so far
@@ -40,32 +43,39 @@ class Held:
 
 
 @contextmanager
-def isolated_kinect() -> Iterator[IsolatedCamera]:
+def kinect_in_subprocess() -> Iterator[SubprocessCamera]:
     """The first Kinect that the environment shows, open."""
-    recipe = partial(kinect_camera, "", SensorSettings(), None)
-    with IsolatedCamera("freenect", Clock.MONOTONIC, recipe, Pace.REALTIME, AT_ONCE) as camera:
+    recipe = partial(make_kinect_camera, "", SensorConfig(), None)
+    with SubprocessCamera(
+        "freenect", Clock.MONOTONIC, recipe, PlaybackMode.REALTIME, FAST_TIMEOUTS
+    ) as camera:
         yield camera
 
 
-def replug(camera: IsolatedCamera, kinect: PlayedKinect) -> None:
+def replug(camera: SubprocessCamera, kinect: KinectSimulator) -> None:
     """Unplug it while it streams and plug it in again, until it streams again."""
     kinect.unplug()
-    wait_until(lambda: camera.condition.state is not CameraState.STREAMING)
-    _forget_what_came_before(camera)
+    wait_until(lambda: camera.status.state is not CameraState.STREAMING)
+    _discard_buffered_frames(camera)
     kinect.plug()
-    camera.read(PATIENCE_S)
+    camera.read(DEFAULT_TIMEOUT_S)
 
 
-def held(kinect: PlayedKinect) -> Held:
+def count_resources(kinect: KinectSimulator) -> HeldResources:
     """Now; the driver's process is the only one that was started here."""
-    (driver,) = children()
+    (driver,) = child_pids()
     at_kinect = kinect.open_handles, kinect.abandoned_transfers
-    return Held(belongings_of(os.getpid()), belongings_of(driver), at_kinect, resident_kb(driver))
+    return HeldResources(
+        resources_in_use_by(os.getpid()),
+        resources_in_use_by(driver),
+        at_kinect,
+        resident_memory_kb(driver),
+    )
 
 
-def _forget_what_came_before(camera: IsolatedCamera) -> None:
+def _discard_buffered_frames(camera: SubprocessCamera) -> None:
     try:
         while True:
             camera.read(0.0)
-    except NoFrameYet:
+    except FrameTimeout:
         return

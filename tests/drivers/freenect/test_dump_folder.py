@@ -4,15 +4,15 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from drivers.freenect.dump_folder import check_dump
+from drivers.freenect.dump_folder import check_dump_folder
 from tests.stand_ins.fakenect_dump import write_fakenect_dump
-from tests.stand_ins.fixtures import pattern
+from tests.stand_ins.fixtures import pattern_frame
 
 
 @pytest.fixture
 def dump(tmp_path: Path) -> Path:
     """A dump to break."""
-    write_fakenect_dump(tmp_path / "dump", [pattern(0), pattern(1)])
+    write_fakenect_dump(tmp_path / "dump", [pattern_frame(0), pattern_frame(1)])
     return tmp_path / "dump"
 
 
@@ -21,7 +21,7 @@ def first(folder: Path, kind: str) -> Path:
 
 
 def test_a_dump_as_it_should_be_passes(dump: Path) -> None:
-    check_dump(dump)
+    check_dump_folder(dump)
 
 
 def no_line(folder: Path) -> None:
@@ -47,7 +47,7 @@ def test_what_would_end_the_process_is_said_before(
 ) -> None:
     breaking(dump)
     with pytest.raises(InputError, match=words):
-        check_dump(dump)
+        check_dump_folder(dump)
 
 
 def test_colour_must_be_there(dump: Path) -> None:
@@ -55,4 +55,4 @@ def test_colour_must_be_there(dump: Path) -> None:
     lines = index.read_text().splitlines()
     index.write_text("\n".join(line for line in lines if not line.startswith("r")))
     with pytest.raises(InputError, match="names no colour image"):
-        check_dump(dump)
+        check_dump_folder(dump)

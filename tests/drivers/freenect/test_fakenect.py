@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.stand_ins.fakenect_dump import write_fakenect_dump
-from tests.stand_ins.fixtures import pattern
+from tests.stand_ins.fixtures import pattern_frame
 
 FRAMES = 12
 
@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.subprocess, pytest.mark.usefixtures("fakenect")]
 @pytest.fixture(scope="module")
 def film() -> list[tuple[Any, Any]]:
     """Frames with depth over 10 m, too, which is no reading."""
-    frames = [pattern(seq) for seq in range(FRAMES)]
+    frames = [pattern_frame(seq) for seq in range(FRAMES)]
     for _, depth in frames:
         depth[300:310] = 10_000
     return frames
@@ -75,7 +75,7 @@ def test_in_real_time_the_newest_is_read(film: list[tuple[Any, Any]], tmp_path: 
 def test_raw_depth_is_refused_for_what_it_is(tmp_path: Path) -> None:
     raw = np.full((480, 640), 800, np.uint16)
     raw[:50] = 2047
-    write_fakenect_dump(tmp_path, [(pattern(0)[0], raw)])
+    write_fakenect_dump(tmp_path, [(pattern_frame(0)[0], raw)])
     result = play(tmp_path)
     assert result.returncode == 1
     assert "InputError" in result.stderr

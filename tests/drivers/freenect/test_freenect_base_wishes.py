@@ -9,54 +9,54 @@ import pytest
 from drivers.camera import CameraState
 from drivers.errors import CameraError
 from drivers.freenect.camera import FreenectCamera
-from drivers.isolation.camera import IsolatedCamera
+from drivers.isolation.camera import SubprocessCamera
 from drivers.kinect_usb import kinect_base
-from drivers.kinect_usb.kinect_base import KinectBase
-from drivers.sensor_settings import Led, SensorSettings
-from tests.belongings import children
+from drivers.kinect_usb.kinect_base import KinectMotorUnit
+from drivers.sensor_settings import Led, SensorConfig
+from tests.belongings import child_pids
 from tests.drivers.freenect.conftest import MakeCamera
-from tests.drivers.freenect.replugging import isolated_kinect
-from tests.stand_ins.played_kinect import Led as PlayedLed
-from tests.stand_ins.played_kinect import PlayedKinect
-from tests.waiting import PATIENCE_S, wait_until
+from tests.drivers.freenect.replugging import kinect_in_subprocess
+from tests.stand_ins.played_kinect import KinectLed as PlayedLed
+from tests.stand_ins.played_kinect import KinectSimulator
+from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 
 pytestmark = pytest.mark.subprocess
 
 
 @pytest.fixture
-def isolated(kinect: PlayedKinect) -> Iterator[IsolatedCamera]:
+def isolated(kinect: KinectSimulator) -> Iterator[SubprocessCamera]:
     """Streaming, from a head that moves at once."""
     kinect.tilt_deg_per_s = 1000
-    with isolated_kinect() as camera:
-        camera.read(PATIENCE_S)
-        wait_until(lambda: camera.condition.state is CameraState.STREAMING)
+    with kinect_in_subprocess() as camera:
+        camera.read(DEFAULT_TIMEOUT_S)
+        wait_until(lambda: camera.status.state is CameraState.STREAMING)
         yield camera
 
 
-def wait_for_base(kinect: PlayedKinect, tilt_deg: int, led: PlayedLed) -> None:
+def wait_for_base(kinect: KinectSimulator, tilt_deg: int, led: PlayedLed) -> None:
     wait_until(
         lambda: (kinect.tilt_deg, kinect.led) == (tilt_deg, led),
         f"for {tilt_deg} degrees and {led}: {kinect.tilt_deg}, {kinect.led}",
     )
 
 
-def test_head_and_light_follow(isolated: IsolatedCamera, kinect: PlayedKinect) -> None:
+def test_head_and_light_follow(isolated: SubprocessCamera, kinect: KinectSimulator) -> None:
     isolated.set_tilt_deg(14.0)
     isolated.set_led(Led.BLINK_RED_YELLOW)
     wait_for_base(kinect, 14, PlayedLed.BLINK_RED_YELLOW)
     isolated.set_tilt_deg(-31.0)
     wait_for_base(kinect, -31, PlayedLed.BLINK_RED_YELLOW)
-    isolated.read(PATIENCE_S)
+    isolated.read(DEFAULT_TIMEOUT_S)
 
 
 def test_a_kinect_that_was_unplugged_does_it_again(
-    isolated: IsolatedCamera, kinect: PlayedKinect
+    isolated: SubprocessCamera, kinect: KinectSimulator
 ) -> None:
     isolated.set_led(Led.YELLOW)
     isolated.set_tilt_deg(9.0)
     wait_for_base(kinect, 9, PlayedLed.YELLOW)
     kinect.unplug()
-    wait_until(lambda: isolated.condition.state is CameraState.ABSENT)
+    wait_until(lambda: isolated.status.state is CameraState.ABSENT)
     with pytest.raises(CameraError, match="freenect: not open now"):
         isolated.set_led(Led.RED)
     kinect.plug()
@@ -64,14 +64,14 @@ def test_a_kinect_that_was_unplugged_does_it_again(
 
 
 def test_a_driver_that_was_killed_does_it_again(
-    isolated: IsolatedCamera, kinect: PlayedKinect
+    isolated: SubprocessCamera, kinect: KinectSimulator
 ) -> None:
     isolated.set_led(Led.RED)
     wait_for_base(kinect, 0, PlayedLed.RED)
-    (driver,) = children()
+    (driver,) = child_pids()
     os.kill(driver, signal.SIGKILL)
-    wait_until(lambda: isolated.condition.state is not CameraState.STREAMING)
-    wait_until(lambda: isolated.condition.state is CameraState.STREAMING)
+    wait_until(lambda: isolated.status.state is not CameraState.STREAMING)
+    wait_until(lambda: isolated.status.state is CameraState.STREAMING)
     # The next driver opened the base, and would have made the light green as its settings say.
     wait_for_base(kinect, 0, PlayedLed.RED)
 
@@ -86,12 +86,12 @@ def away(camera: FreenectCamera, tilt_deg: float) -> bool:
 
 
 def test_what_was_asked_for_outlives_the_settings_and_a_base_that_was_away(
-    kinect: PlayedKinect, make_camera: MakeCamera, monkeypatch: pytest.MonkeyPatch
+    kinect: KinectSimulator, make_camera: MakeCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(kinect_base, "LOOK_AGAIN_S", 0.05)
     kinect.tilt_deg_per_s = 1000
-    settings = SensorSettings(led=Led.YELLOW, tilt_deg=4.0)
-    with make_camera(settings=settings, base=KinectBase()) as camera:
+    settings = SensorConfig(led=Led.YELLOW, tilt_deg=4.0)
+    with make_camera(settings=settings, base=KinectMotorUnit()) as camera:
         wait_for_base(kinect, 4, PlayedLed.YELLOW)
         camera.set_led(Led.GREEN)
         kinect.unplug()

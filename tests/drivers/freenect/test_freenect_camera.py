@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from drivers.camera import CameraState, RgbdFrame
-from drivers.camera_file import camera_file_text
+from drivers.camera_file import format_calibration
 from drivers.errors import CameraLostError, CameraNotFoundError
-from drivers.freenect.images import USUAL
+from drivers.freenect.images import DEFAULT_CALIBRATION
 from drivers.freenect.kinect import list_kinects
-from drivers.sensor_settings import SensorSettings
-from drivers.undistort import undistorter
+from drivers.sensor_settings import SensorConfig
+from drivers.undistort import make_undistorter
 from tests.drivers.freenect.conftest import MakeCamera, plug_in
-from tests.stand_ins.fixtures import FILM_FRAMES, PlayKinect, pattern
-from tests.stand_ins.kinect_registration import quantised_mm
-from tests.stand_ins.played_kinect import Model, PlayedKinect
+from tests.stand_ins.fixtures import FRAME_COUNT, SimulateKinect, pattern_frame
+from tests.stand_ins.kinect_registration import quantize_mm
+from tests.stand_ins.played_kinect import KinectModel, KinectSimulator
 from tests.waiting import wait_until
 
 # Where the colour sensor's firmware keeps its automatic functions.
@@ -25,39 +25,39 @@ SWITCHES = 0x106
 
 def film_seq(frame: RgbdFrame) -> int:
     """Which frame of the film this is, told by its depth at one near pixel."""
-    told = [quantised_mm(pattern(seq)[1])[20, 20] for seq in range(FILM_FRAMES)]
+    told = [quantize_mm(pattern_frame(seq)[1])[20, 20] for seq in range(FRAME_COUNT)]
     return told.index(frame.depth_raw[20, 20])
 
 
-def cmos(kinect: PlayedKinect) -> Any:
+def cmos(kinect: KinectSimulator) -> Any:
     """The registers of the colour sensor."""
     return kinect._control.cmos
 
 
-@pytest.mark.parametrize("model", list(Model))
+@pytest.mark.parametrize("model", list(KinectModel))
 def test_each_model_delivers_exactly_the_pixels_on_the_wire(
-    model: Model, play_kinect: PlayKinect, make_camera: MakeCamera
+    model: KinectModel, play_kinect: SimulateKinect, make_camera: MakeCamera
 ) -> None:
     kinect = plug_in(play_kinect, model=model)
     with make_camera(kinect.serial) as camera:
         frames = [camera.read(3.0) for _ in range(3)]
     for frame in frames:
-        bgr, depth_mm = pattern(film_seq(frame))
-        assert np.array_equal(frame.depth_raw, quantised_mm(depth_mm))
+        bgr, depth_mm = pattern_frame(film_seq(frame))
+        assert np.array_equal(frame.depth_raw, quantize_mm(depth_mm))
         # The mosaic leaves out two of three colours; where brightness wraps, it shows edges.
-        off = np.abs(frame.colour_bgr.astype(int) - bgr)[2:-2, 2:-2]
+        off = np.abs(frame.color_bgr.astype(int) - bgr)[2:-2, 2:-2]
         assert np.median(off) <= 1
         assert np.mean(off <= 4) > 0.9
     assert kinect.abandoned_transfers == 0
 
 
 def test_frames_are_numbered_stamped_and_described(
-    kinect: PlayedKinect, make_camera: MakeCamera
+    kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
-    kinect.colour_offset_s = 0.006
+    kinect.color_offset_s = 0.006
     with make_camera() as camera:
         frames = [camera.read(3.0) for _ in range(10)]
-        assert camera.condition.state is CameraState.STREAMING
+        assert camera.status.state is CameraState.STREAMING
         assert camera.intrinsics_source == "default"
         missing = frames[-1].seq + 1 - len(frames)
         # One more may have come since.
@@ -69,15 +69,15 @@ def test_frames_are_numbered_stamped_and_described(
         assert after.device_stamp_s == pytest.approx(before.device_stamp_s + steps / 30, abs=1e-6)
     for frame in frames:
         assert frame.skew_s == pytest.approx(-0.006, abs=1e-6)
-        assert frame.stamp_s < frame.arrival_s
+        assert frame.stamp_s < frame.receive_time_s
         assert (frame.depth_factor, frame.camera.fx, frame.lost_packets) == (1000.0, 525.0, 0)
 
 
 def test_stamps_go_on_through_the_wrap_of_the_devices_clock(
-    kinect: PlayedKinect, make_camera: MakeCamera
+    kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     kinect.start_ticks = 2**32 - 60_000_000 // 4
-    kinect.colour_offset_s = -0.001
+    kinect.color_offset_s = -0.001
     with make_camera() as camera:
         frames = [camera.read(3.0) for _ in range(15)]
     device_s = np.array([frame.device_stamp_s for frame in frames])
@@ -89,9 +89,9 @@ def test_stamps_go_on_through_the_wrap_of_the_devices_clock(
 
 
 def test_settings_are_applied_each_time_it_is_opened(
-    kinect: PlayedKinect, make_camera: MakeCamera
+    kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
-    camera = make_camera(settings=SensorSettings(auto_exposure=False, auto_white_balance=False))
+    camera = make_camera(settings=SensorConfig(auto_exposure=False, auto_white_balance=False))
     for _ in range(2):
         kinect.unplug()
         kinect.plug()
@@ -103,39 +103,45 @@ def test_settings_are_applied_each_time_it_is_opened(
 
 
 def test_a_mirrored_camera_swaps_left_and_right_after_registration(
-    kinect: PlayedKinect, make_camera: MakeCamera, tmp_path: Path
+    kinect: KinectSimulator, make_camera: MakeCamera, tmp_path: Path
 ) -> None:
     file = tmp_path / "camera.toml"
-    file.write_text(camera_file_text(replace(USUAL, cx=300.0)))
-    with make_camera(settings=SensorSettings(mirror=True), camera_file=file) as camera:
+    file.write_text(format_calibration(replace(DEFAULT_CALIBRATION, cx=300.0)))
+    with make_camera(settings=SensorConfig(mirror=True), camera_file=file) as camera:
         frame = camera.read(3.0)
     mirrored = np.ascontiguousarray(frame.depth_raw[:, ::-1])
     seq = film_seq(replace(frame, depth_raw=mirrored))
-    assert np.array_equal(mirrored, quantised_mm(pattern(seq)[1]))
+    assert np.array_equal(mirrored, quantize_mm(pattern_frame(seq)[1]))
     assert frame.camera.cx == 639 - 300.0
 
 
 def test_the_camera_file_gives_the_lens_the_intrinsics_and_the_scale(
-    kinect: PlayedKinect, make_camera: MakeCamera, tmp_path: Path
+    kinect: KinectSimulator, make_camera: MakeCamera, tmp_path: Path
 ) -> None:
-    bent = replace(USUAL, fx=520.0, distortion=(0.1, -0.05, 0.0, 0.0, 0.0), depth_factor=1010.0)
+    bent = replace(
+        DEFAULT_CALIBRATION, fx=520.0, distortion=(0.1, -0.05, 0.0, 0.0, 0.0), depth_factor=1010.0
+    )
     file = tmp_path / "camera.toml"
-    file.write_text(camera_file_text(bent))
+    file.write_text(format_calibration(bent))
     with make_camera(camera_file=file) as camera:
         frame = camera.read(3.0)
-    lens = undistorter(bent.pinhole, bent.distortion)
-    expected = [lens.depth(quantised_mm(pattern(seq)[1])) for seq in range(FILM_FRAMES)]
+    lens = make_undistorter(bent.pinhole, bent.distortion)
+    expected = [
+        lens.undistort_depth(quantize_mm(pattern_frame(seq)[1])) for seq in range(FRAME_COUNT)
+    ]
     assert any(np.array_equal(frame.depth_raw, depth) for depth in expected)
     assert (frame.camera.fx, frame.depth_factor) == (520.0, 1010.0)
 
 
 def test_the_camera_file_gives_the_timing(
-    kinect: PlayedKinect, make_camera: MakeCamera, tmp_path: Path
+    kinect: KinectSimulator, make_camera: MakeCamera, tmp_path: Path
 ) -> None:
     with make_camera() as camera:
         unknown = camera.read(3.0)
     file = tmp_path / "camera.toml"
-    file.write_text(camera_file_text(replace(USUAL, readout_s=0.019, depth_offset_s=0.004)))
+    file.write_text(
+        format_calibration(replace(DEFAULT_CALIBRATION, readout_s=0.019, depth_offset_s=0.004))
+    )
     with make_camera(camera_file=file) as camera:
         frame = camera.read(3.0)
     assert (unknown.readout_s, frame.readout_s) == (0.0, 0.019)
@@ -144,7 +150,7 @@ def test_the_camera_file_gives_the_timing(
 
 
 def test_the_newest_frame_is_read_and_the_older_ones_are_counted(
-    kinect: PlayedKinect, make_camera: MakeCamera
+    kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     with make_camera() as camera:
         first = camera.read(3.0)
@@ -154,7 +160,7 @@ def test_the_newest_frame_is_read_and_the_older_ones_are_counted(
         assert camera.counters.delivered == 2
 
 
-def test_the_kinect_asked_for_is_opened(kinect: PlayedKinect, make_camera: MakeCamera) -> None:
+def test_the_kinect_asked_for_is_opened(kinect: KinectSimulator, make_camera: MakeCamera) -> None:
     assert list_kinects() == [kinect.serial]
     with make_camera(kinect.serial) as camera:
         camera.read(3.0)
@@ -163,7 +169,7 @@ def test_the_kinect_asked_for_is_opened(kinect: PlayedKinect, make_camera: MakeC
 
 
 def test_closing_stops_both_streams_and_can_be_done_at_any_time(
-    kinect: PlayedKinect, make_camera: MakeCamera
+    kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     camera = make_camera()
     camera.close()

@@ -5,9 +5,9 @@ from unittest.mock import MagicMock
 import pytest
 
 from drivers.errors import CameraError
-from drivers.freenect.context import Context
+from drivers.freenect.context import FreenectContext
 from drivers.freenect.library import TimeValue
-from drivers.freenect.log import Log
+from drivers.freenect.log import LibfreenectLog
 
 
 def library(**answers: int) -> Any:
@@ -20,21 +20,21 @@ def library(**answers: int) -> Any:
 
 @pytest.mark.parametrize(("result", "goes_on"), [(0, True), (10, True), (-10, True), (-1, False)])
 def test_only_a_real_error_ends_the_events(result: int, goes_on: bool) -> None:
-    context = Context(library(process_events_timeout=result), Log())
+    context = FreenectContext(library(process_events_timeout=result), LibfreenectLog())
     assert context.process_events(TimeValue(0, 0)) is goes_on
 
 
 def test_what_a_callback_raises_comes_out_of_the_event_loop() -> None:
-    context = Context(library(), Log())
+    context = FreenectContext(library(), LibfreenectLog())
 
     def fails(pixels: int, stamp: int) -> None:
         raise CameraError(f"{pixels} {stamp}")
 
-    context.guarded(fails)(None, 7, 8)
+    context.make_callback(fails)(None, 7, 8)
     with pytest.raises(CameraError, match="7 8"):
         context.process_events(TimeValue(0, 0))
 
 
 def test_a_machine_without_usb_is_told_apart() -> None:
     with pytest.raises(CameraError, match="/dev/bus/usb"):
-        Context(library(init=-99), Log())
+        FreenectContext(library(init=-99), LibfreenectLog())

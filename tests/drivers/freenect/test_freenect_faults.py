@@ -4,30 +4,30 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.camera import CameraState, NoFrameYet, RgbdFrame
+from drivers.camera import CameraState, FrameTimeout, RgbdFrame
 from drivers.errors import CameraError, CameraLostError, CameraNotFoundError
 from drivers.freenect.camera import FreenectCamera
 from drivers.freenect.kinect import list_kinects
 from drivers.freenect.library import load_library
-from tests.belongings import belongings
+from tests.belongings import resources_in_use
 from tests.drivers.freenect.conftest import MakeCamera
-from tests.stand_ins.fixtures import FILM_FRAMES
-from tests.stand_ins.played_kinect import PlayedKinect, Stream
+from tests.stand_ins.fixtures import FRAME_COUNT
+from tests.stand_ins.played_kinect import KinectSimulator, KinectStream
 from tests.waiting import wait_until
 
 
 def pixels(frame: RgbdFrame) -> tuple[bytes, bytes]:
-    return frame.colour_bgr.tobytes(), frame.depth_raw.tobytes()
+    return frame.color_bgr.tobytes(), frame.depth_raw.tobytes()
 
 
 def state_of(camera: FreenectCamera) -> CameraState:
-    return camera.condition.state
+    return camera.status.state
 
 
 def whole_film(camera: FreenectCamera) -> set[tuple[bytes, bytes]]:
     """Every frame of the film as it looks when nothing is lost."""
     whole: set[tuple[bytes, bytes]] = set()
-    while len(whole) < FILM_FRAMES:
+    while len(whole) < FRAME_COUNT:
         whole.add(pixels(camera.read(3.0)))
     return whole
 
@@ -38,7 +38,7 @@ def read_until_lost(camera: FreenectCamera) -> CameraLostError:
     while time.monotonic() < deadline_s:
         try:
             camera.read(0.2)
-        except NoFrameYet:
+        except FrameTimeout:
             pass
         except CameraLostError as error:
             return error
@@ -58,9 +58,11 @@ def reopen(camera: FreenectCamera) -> None:
     wait_until(opens)
 
 
-@pytest.mark.parametrize(("stream", "every"), [(Stream.DEPTH, 601), (Stream.COLOUR, 407)])
+@pytest.mark.parametrize(
+    ("stream", "every"), [(KinectStream.DEPTH, 601), (KinectStream.COLOR, 407)]
+)
 def test_an_image_that_lost_packets_is_never_delivered(
-    stream: Stream, every: int, kinect: PlayedKinect, make_camera: MakeCamera
+    stream: KinectStream, every: int, kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     with make_camera() as camera:
         whole = whole_film(camera)
@@ -76,11 +78,11 @@ def test_an_image_that_lost_packets_is_never_delivered(
 
 @pytest.mark.parametrize("packets", [1, 4, 7, 300])
 def test_after_a_burst_of_lost_packets_whole_images_come_again(
-    packets: int, kinect: PlayedKinect, make_camera: MakeCamera
+    packets: int, kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     with make_camera() as camera:
         whole = whole_film(camera)
-        for stream in Stream:
+        for stream in KinectStream:
             kinect.lose_burst(stream, packets)
         frames = [camera.read(3.0) for _ in range(8)]
         assert camera.counters.skipped >= 1
@@ -88,24 +90,24 @@ def test_after_a_burst_of_lost_packets_whole_images_come_again(
 
 
 def test_when_most_images_are_torn_the_condition_says_what_to_do(
-    kinect: PlayedKinect, make_camera: MakeCamera
+    kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     with make_camera() as camera:
         camera.read(3.0)
-        kinect.lose_packets(Stream.DEPTH, every=50)
-        kinect.lose_packets(Stream.COLOUR, every=50)
-        wait_until(lambda: camera.condition.reason != "")
-        condition = camera.condition
-        kinect.lose_packets(Stream.DEPTH, every=0)
-        kinect.lose_packets(Stream.COLOUR, every=0)
-        wait_until(lambda: camera.condition.reason == "")
+        kinect.lose_packets(KinectStream.DEPTH, every=50)
+        kinect.lose_packets(KinectStream.COLOR, every=50)
+        wait_until(lambda: camera.status.reason != "")
+        condition = camera.status
+        kinect.lose_packets(KinectStream.DEPTH, every=0)
+        kinect.lose_packets(KinectStream.COLOR, every=0)
+        wait_until(lambda: camera.status.reason == "")
     assert condition.state is CameraState.STREAMING
     assert "losing USB packets" in condition.reason
     assert "a USB 2 controller of its own" in condition.reason
 
 
 def test_unplugged_is_lost_and_plugged_in_again_it_streams(
-    kinect: PlayedKinect, make_camera: MakeCamera
+    kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     camera = make_camera()
     camera.open()
@@ -124,9 +126,9 @@ def test_unplugged_is_lost_and_plugged_in_again_it_streams(
     assert state_of(camera) is CameraState.STREAMING
 
 
-@pytest.mark.parametrize("stream", list(Stream))
+@pytest.mark.parametrize("stream", list(KinectStream))
 def test_a_stream_that_stops_is_noticed(
-    stream: Stream, kinect: PlayedKinect, make_camera: MakeCamera
+    stream: KinectStream, kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     with make_camera() as camera:
         camera.read(3.0)
@@ -139,11 +141,11 @@ def test_a_stream_that_stops_is_noticed(
 
 
 def test_a_stream_that_never_begins_is_noticed(
-    kinect: PlayedKinect, make_camera: MakeCamera
+    kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
-    kinect.stall(True, Stream.COLOUR)
+    kinect.stall(True, KinectStream.COLOR)
     with make_camera() as camera:
-        assert camera.condition.state is CameraState.STARTING
+        assert camera.status.state is CameraState.STARTING
         error = read_until_lost(camera)
     assert "no colour image within 2 s of its start" in str(error)
     assert "12 V" in str(error)
@@ -152,47 +154,47 @@ def test_a_stream_that_never_begins_is_noticed(
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        (PlayedKinect.busy, "held by another program or the kernel"),
-        (PlayedKinect.forbid, "sudo kinect-vo udev install"),
-        (PlayedKinect.starve, "no USB bandwidth for the Kinect"),
+        (KinectSimulator.set_busy, "held by another program or the kernel"),
+        (KinectSimulator.deny_access, "sudo kinect-vo udev install"),
+        (KinectSimulator.remove_bandwidth, "no USB bandwidth for the Kinect"),
     ],
 )
 def test_what_keeps_it_from_opening_is_named_and_over_when_it_is_gone(
-    fault: Callable[[PlayedKinect, bool], None],
+    fault: Callable[[KinectSimulator, bool], None],
     words: str,
-    kinect: PlayedKinect,
+    kinect: KinectSimulator,
     make_camera: MakeCamera,
 ) -> None:
     fault(kinect, True)
     camera = make_camera()
     with pytest.raises(CameraError, match=words):
         camera.open()
-    assert camera.condition.state is CameraState.OPENING
-    assert words in camera.condition.reason
+    assert camera.status.state is CameraState.OPENING
+    assert words in camera.status.reason
     fault(kinect, False)
     with camera:
         camera.read(3.0)
 
 
-def test_a_kinect_that_may_not_be_opened_is_not_an_empty_list(kinect: PlayedKinect) -> None:
-    kinect.forbid(True)
+def test_a_kinect_that_may_not_be_opened_is_not_an_empty_list(kinect: KinectSimulator) -> None:
+    kinect.deny_access(True)
     with pytest.raises(CameraError, match="replug"):
         list_kinects()
     kinect.unplug()
     assert list_kinects() == []
 
 
-def test_the_kernels_driver_is_sent_away(kinect: PlayedKinect, make_camera: MakeCamera) -> None:
-    kinect.kernel_driver(True)
+def test_the_kernels_driver_is_sent_away(kinect: KinectSimulator, make_camera: MakeCamera) -> None:
+    kinect.attach_kernel_driver(True)
     with make_camera() as camera:
         camera.read(3.0)
 
 
 def test_nothing_is_left_open_after_many_failures(
-    kinect: PlayedKinect, make_camera: MakeCamera
+    kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     camera = make_camera()
-    for fault in (kinect.starve, kinect.busy, kinect.forbid) * 10:
+    for fault in (kinect.remove_bandwidth, kinect.set_busy, kinect.deny_access) * 10:
         fault(True)
         with pytest.raises(CameraError):
             camera.open()
@@ -206,7 +208,7 @@ def test_a_library_that_is_not_installed_is_named_with_its_package() -> None:
 
 
 def test_nothing_leaks_when_it_comes_and_goes(
-    kinect: PlayedKinect, make_camera: MakeCamera
+    kinect: KinectSimulator, make_camera: MakeCamera
 ) -> None:
     camera = make_camera()
     held = []
@@ -217,6 +219,6 @@ def test_nothing_leaks_when_it_comes_and_goes(
         read_until_lost(camera)
         camera.close()
         kinect.plug()
-        held.append(belongings())
+        held.append(resources_in_use())
     assert held[-1] <= held[0]
     assert kinect.open_handles == 0

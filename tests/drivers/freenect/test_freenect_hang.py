@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tests.stand_ins.played_kinect import PlayedKinect
+from tests.stand_ins.played_kinect import KinectSimulator
 
 pytestmark = pytest.mark.subprocess
 
@@ -14,7 +14,7 @@ HANGS = "libfreenect hangs: the Kinect does not answer; unplug it and start this
 LIMIT_S = 100.0
 
 
-def started(kinect: PlayedKinect, argument: str) -> "subprocess.Popen[str]":
+def started(kinect: KinectSimulator, argument: str) -> "subprocess.Popen[str]":
     return subprocess.Popen(
         [sys.executable, "-m", "tests.drivers.freenect.hanging_kinect", argument],
         env=os.environ | kinect.environment,
@@ -24,7 +24,7 @@ def started(kinect: PlayedKinect, argument: str) -> "subprocess.Popen[str]":
     )
 
 
-def test_a_hang_while_opening_is_given_up_and_said(kinect: PlayedKinect) -> None:
+def test_a_hang_while_opening_is_given_up_and_said(kinect: KinectSimulator) -> None:
     kinect.freeze_control()
     with started(kinect, "open") as process:
         said, _ = process.communicate(timeout=LIMIT_S)
@@ -32,7 +32,7 @@ def test_a_hang_while_opening_is_given_up_and_said(kinect: PlayedKinect) -> None
     assert process.returncode == 0
 
 
-def test_a_hang_while_closing_holds_nobody_up(kinect: PlayedKinect) -> None:
+def test_a_hang_while_closing_holds_nobody_up(kinect: KinectSimulator) -> None:
     with started(kinect, "close") as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "streams\n"

@@ -4,56 +4,64 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera_file import CameraFile, DepthTable, RigidPose, camera_file_text
+from drivers.camera_file import (
+    CameraCalibration,
+    DepthCameraCalibration,
+    RigidTransform,
+    format_calibration,
+)
 from drivers.errors import InputError
-from drivers.freenect.images import USUAL, Images
+from drivers.freenect.images import DEFAULT_CALIBRATION, KinectRectifier
 from drivers.freenect.library import DepthFormat
 from drivers.registration import SoftwareRegistration
 from tests.drivers.freenect.conftest import MakeCamera
-from tests.stand_ins.fixtures import FILM_FRAMES, pattern
-from tests.stand_ins.kinect_registration import quantised_mm
-from tests.stand_ins.played_kinect import PlayedKinect
+from tests.stand_ins.fixtures import FRAME_COUNT, pattern_frame
+from tests.stand_ins.kinect_registration import quantize_mm
+from tests.stand_ins.played_kinect import KinectSimulator
 
-OWN_CAMERA = DepthTable(
-    575.8, 575.8, 319.5, 239.5, RigidPose((0.025, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), scale=1.02
+OWN_CAMERA = DepthCameraCalibration(
+    575.8, 575.8, 319.5, 239.5, RigidTransform((0.025, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), scale=1.02
 )
 
 
-def written(camera: CameraFile, folder: Path) -> Path:
+def written(camera: CameraCalibration, folder: Path) -> Path:
     file = folder / "camera.toml"
-    file.write_text(camera_file_text(camera))
+    file.write_text(format_calibration(camera))
     return file
 
 
 def test_a_depth_camera_of_its_own_is_registered_here(
-    kinect: PlayedKinect, make_camera: MakeCamera, tmp_path: Path
+    kinect: KinectSimulator, make_camera: MakeCamera, tmp_path: Path
 ) -> None:
-    file = written(replace(USUAL, depth=OWN_CAMERA), tmp_path)
+    file = written(replace(DEFAULT_CALIBRATION, depth=OWN_CAMERA), tmp_path)
     with make_camera(camera_file=file) as camera:
         frame = camera.read(3.0)
-    registration = SoftwareRegistration(USUAL.pinhole, OWN_CAMERA, 1000.0)
-    unregistered = [quantised_mm(pattern(seq)[1]) for seq in range(FILM_FRAMES)]
+    registration = SoftwareRegistration(DEFAULT_CALIBRATION.pinhole, OWN_CAMERA, 1000.0)
+    unregistered = [quantize_mm(pattern_frame(seq)[1]) for seq in range(FRAME_COUNT)]
     expected = [registration.register(depth_mm) for depth_mm in unregistered]
     assert any(np.array_equal(frame.depth_raw, depth) for depth in expected)
     assert frame.depth_factor == pytest.approx(1000.0 / 1.02)
 
 
 def test_what_is_asked_of_libfreenect_depends_on_the_camera_file(tmp_path: Path) -> None:
-    own = written(replace(USUAL, depth=OWN_CAMERA), tmp_path)
-    assert Images(own, is_mirrored=False).depth_format is DepthFormat.MM
-    assert Images(None, is_mirrored=False).depth_format is DepthFormat.REGISTERED_MM
+    own = written(replace(DEFAULT_CALIBRATION, depth=OWN_CAMERA), tmp_path)
+    assert KinectRectifier(own, is_mirrored=False).depth_format is DepthFormat.MM
+    assert KinectRectifier(None, is_mirrored=False).depth_format is DepthFormat.REGISTERED_MM
 
 
 @pytest.mark.parametrize(
     ("camera", "words"),
     [
-        (replace(USUAL, width=320, height=240), "this file is for 320x240"),
-        (replace(USUAL, depth=replace(OWN_CAMERA, width=320)), r"\[depth\] of this file"),
-        (replace(USUAL, depth_factor=5000.0), "set depth_factor = 1000.0"),
+        (replace(DEFAULT_CALIBRATION, width=320, height=240), "this file is for 320x240"),
+        (
+            replace(DEFAULT_CALIBRATION, depth=replace(OWN_CAMERA, width=320)),
+            r"\[depth\] of this file",
+        ),
+        (replace(DEFAULT_CALIBRATION, depth_factor=5000.0), "set depth_factor = 1000.0"),
     ],
 )
 def test_a_file_of_another_camera_is_refused(
-    camera: CameraFile, words: str, tmp_path: Path
+    camera: CameraCalibration, words: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match=words):
-        Images(written(camera, tmp_path), is_mirrored=False)
+        KinectRectifier(written(camera, tmp_path), is_mirrored=False)

@@ -1,10 +1,15 @@
 import pytest
 
-from tests.belongings import belongings
+from tests.belongings import resources_in_use
 from tests.drivers.freenect.conftest import plug_in
-from tests.drivers.freenect.replugging import Held, held, isolated_kinect, replug
-from tests.stand_ins.fixtures import PlayKinect
-from tests.stand_ins.played_kinect import Model
+from tests.drivers.freenect.replugging import (
+    HeldResources,
+    count_resources,
+    kinect_in_subprocess,
+    replug,
+)
+from tests.stand_ins.fixtures import SimulateKinect
+from tests.stand_ins.played_kinect import KinectModel
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -13,25 +18,27 @@ pytestmark = pytest.mark.subprocess
 GROWTH_KB = 30_000
 
 
-def holds_no_more(now: Held, before: Held) -> bool:
+def holds_no_more(now: HeldResources, before: HeldResources) -> bool:
     grown_kb = now.memory_kb - before.memory_kb
     processes = now.here <= before.here and now.driver <= before.driver
     return processes and now.kinect == before.kinect and grown_kb < GROWTH_KB
 
 
-@pytest.mark.parametrize("model", [Model.K1414, Model.K1473])
+@pytest.mark.parametrize("model", [KinectModel.K1414, KinectModel.K1473])
 def test_a_kinect_that_comes_and_goes_leaves_nothing_in_either_process(
-    model: Model, play_kinect: PlayKinect
+    model: KinectModel, play_kinect: SimulateKinect
 ) -> None:
     kinect = plug_in(play_kinect, model=model)
-    before = belongings()
-    with isolated_kinect() as camera:
+    before = resources_in_use()
+    with kinect_in_subprocess() as camera:
         camera.read(100.0)
         replug(camera, kinect)
-        first = held(kinect)
+        first = count_resources(kinect)
         for _ in range(9):
             replug(camera, kinect)
         # What comes and goes by itself may be there at one instant; what leaked stays.
-        wait_until(lambda: holds_no_more(held(kinect), first), f"to hold no more than {first}")
-    assert belongings() <= before
+        wait_until(
+            lambda: holds_no_more(count_resources(kinect), first), f"to hold no more than {first}"
+        )
+    assert resources_in_use() <= before
     assert (kinect.open_handles, kinect.submitted_transfers) == (0, (0, 0))

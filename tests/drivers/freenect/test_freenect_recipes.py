@@ -4,28 +4,28 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import Clock, Pace
+from drivers.camera import Clock, PlaybackMode
 from drivers.errors import InputError
-from drivers.freenect.recipes import fakenect_camera, kinect_camera
-from drivers.sensor_settings import Led, SensorSettings
+from drivers.freenect.recipes import make_fakenect_camera, make_kinect_camera
+from drivers.sensor_settings import Led, SensorConfig
 from tests.stand_ins import kinect_faults
-from tests.stand_ins.played_kinect import PlayedKinect
+from tests.stand_ins.played_kinect import KinectSimulator
 
 
-def test_a_kinect_comes_with_its_base(kinect: PlayedKinect) -> None:
+def test_a_kinect_comes_with_its_base(kinect: KinectSimulator) -> None:
     kinect.set_accelerometer(0, 819, 0)
-    settings = SensorSettings(led=Led.RED, tilt_deg=10.0)
-    recipe = pickle.loads(pickle.dumps(partial(kinect_camera, kinect.serial, settings, None)))
+    settings = SensorConfig(led=Led.RED, tilt_deg=10.0)
+    recipe = pickle.loads(pickle.dumps(partial(make_kinect_camera, kinect.serial, settings, None)))
     with recipe() as camera:
         frame = camera.read(3.0)
-        assert (kinect.led, kinect.tilt_deg) == (kinect_faults.Led.RED, 10)
+        assert (kinect.led, kinect.tilt_deg) == (kinect_faults.KinectLed.RED, 10)
     assert camera.name == f"freenect:{kinect.serial}"
     assert frame.gravity_m_s2 == pytest.approx((0.0, 9.81, 0.0), abs=0.01)
-    assert (kinect.led, kinect.open_handles) == (kinect_faults.Led.OFF, 0)
+    assert (kinect.led, kinect.open_handles) == (kinect_faults.KinectLed.OFF, 0)
 
 
 def test_a_dump_is_on_its_own_clock_and_checked_when_opened(tmp_path: Path) -> None:
-    recipe = partial(fakenect_camera, tmp_path, None, Pace.LOCKSTEP)
+    recipe = partial(make_fakenect_camera, tmp_path, None, PlaybackMode.LOCKSTEP)
     camera = pickle.loads(pickle.dumps(recipe))()
     assert (camera.name, camera.clock) == (f"fakenect:{tmp_path}", Clock.RECORDED)
     with pytest.raises(InputError, match=r"INDEX\.txt: cannot be read"):
@@ -35,9 +35,9 @@ def test_a_dump_is_on_its_own_clock_and_checked_when_opened(tmp_path: Path) -> N
 
 def test_a_camera_file_of_no_use_is_refused_at_once(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"camera\.toml"):
-        kinect_camera("", SensorSettings(), tmp_path / "camera.toml")
+        make_kinect_camera("", SensorConfig(), tmp_path / "camera.toml")
 
 
 @pytest.mark.subprocess
 def test_waiting_for_the_next_try_has_an_end() -> None:
-    kinect_camera("", SensorSettings(), None).wait_to_retry(0.05)
+    make_kinect_camera("", SensorConfig(), None).wait_for_reconnect(0.05)

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from drivers.camera import Pace, RgbdCamera
-from drivers.isolation.camera import IsolatedCamera
-from drivers.isolation.limits import TimeLimits
-from tests.drivers.isolation.trial_cameras import Puppet
+from drivers.camera import PlaybackMode, RgbdCamera
+from drivers.isolation.camera import SubprocessCamera
+from drivers.isolation.limits import Timeouts
+from tests.drivers.isolation.trial_cameras import FileScriptedCamera
 
-Isolate = Callable[..., IsolatedCamera]
+MakeSubprocessCamera = Callable[..., SubprocessCamera]
 # No driver is taken for hung because the machine is busy.
-PATIENT = TimeLimits(launching_s=100.0, opening_s=100.0, heartbeat_s=100.0, closing_s=100.0)
+LONG_TIMEOUTS = Timeouts(launching_s=100.0, opening_s=100.0, heartbeat_s=100.0, closing_s=100.0)
 
 
 @pytest.fixture
@@ -27,19 +27,19 @@ def script(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def isolate(script: Path) -> Iterator[Isolate]:
+def isolate(script: Path) -> Iterator[MakeSubprocessCamera]:
     """Makes isolated cameras: ``isolate(OnceLost, pace=Pace.LOCKSTEP)``."""
     with ExitStack() as stack:
 
         def make(
-            kind: type[Puppet] = Puppet,
+            kind: type[FileScriptedCamera] = FileScriptedCamera,
             *,
-            pace: Pace = Pace.REALTIME,
-            limits: TimeLimits = PATIENT,
+            pace: PlaybackMode = PlaybackMode.REALTIME,
+            limits: Timeouts = LONG_TIMEOUTS,
             **settings: Any,
-        ) -> IsolatedCamera:
+        ) -> SubprocessCamera:
             recipe: Callable[[], RgbdCamera] = partial(kind, script, **settings)
-            camera = IsolatedCamera(kind.name, kind.clock, recipe, pace, limits)
+            camera = SubprocessCamera(kind.name, kind.clock, recipe, pace, limits)
             stack.callback(camera.close)
             return camera
 

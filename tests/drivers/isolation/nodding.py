@@ -4,21 +4,21 @@ from pathlib import Path
 
 from drivers.errors import CameraError
 from drivers.sensor_settings import Led
-from tests.drivers.isolation.trial_cameras import Puppet
+from tests.drivers.isolation.trial_cameras import FileScriptedCamera
 
 STUCK_DEG = -31.0
 
 
-class Nodding(Puppet):
+class MotorizedCamera(FileScriptedCamera):
     """Has a head and a light; a file beside the script tells what they do, a line each."""
 
     def __init__(self, script: Path) -> None:
         super().__init__(script)
-        self._orders: dict[str, str] = {}
+        self._commands: dict[str, str] = {}
         self._is_open = False
 
     @property
-    def has_base(self) -> bool:
+    def has_motor(self) -> bool:
         """It has."""
         return True
 
@@ -26,8 +26,8 @@ class Nodding(Puppet):
         """Do again what it was told."""
         super().open()
         self._is_open = True
-        for order in self._orders.values():
-            self._do(order)
+        for order in self._commands.values():
+            self._record(order)
 
     def close(self) -> None:
         """Forget nothing."""
@@ -38,23 +38,23 @@ class Nodding(Puppet):
         """Say so; a head that is told to look at its own feet is stuck."""
         if tilt_deg == STUCK_DEG:
             raise CameraError("the puppet's neck is stuck")
-        self._tell("tilt", f"tilt {tilt_deg:g}")
+        self._set("tilt", f"tilt {tilt_deg:g}")
 
     def set_led(self, led: Led) -> None:
         """Say so."""
-        self._tell("light", f"light {led}")
+        self._set("light", f"light {led}")
 
-    def _tell(self, kind: str, order: str) -> None:
-        self._orders[kind] = order
+    def _set(self, kind: str, order: str) -> None:
+        self._commands[kind] = order
         if not self._is_open:
             raise CameraError("the puppet is in its box")
-        self._do(order)
+        self._record(order)
 
-    def _do(self, order: str) -> None:
-        with done_by(self._script).open("a") as file:
+    def _record(self, order: str) -> None:
+        with action_log(self._script).open("a") as file:
             file.write(f"{order}\n")
 
 
-def done_by(script: Path) -> Path:
+def action_log(script: Path) -> Path:
     """Where a nodding puppet writes what it does."""
     return script.with_name("done")

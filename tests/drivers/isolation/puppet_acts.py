@@ -6,7 +6,7 @@ import os
 import threading
 import time
 
-from drivers.camera import NoFrameYet
+from drivers.camera import FrameTimeout
 from drivers.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
 
 LONG_S = 3600
@@ -17,75 +17,75 @@ def pause(duration_s: float) -> None:
     time.sleep(duration_s)  # a camera's own pace, for which nobody can wait
 
 
-def _act_absent() -> None:
+def _raise_not_found() -> None:
     raise CameraNotFoundError("no puppet found; plug one in")
 
 
-def _act_busy() -> None:
+def _raise_busy() -> None:
     raise CameraError("the puppet is held by another process; end that")
 
 
-def _act_unplugged() -> None:
+def _raise_unplugged() -> None:
     raise CameraLostError("the puppet was unplugged")
 
 
-def _act_wrong() -> None:
+def _raise_input_error() -> None:
     raise InputError("puppet.toml: no such file")
 
 
-def _act_raise() -> None:
+def _raise_unexpected() -> None:
     raise ValueError("strings in a tangle")
 
 
-def _act_silent() -> None:
-    raise NoFrameYet
+def _raise_timeout() -> None:
+    raise FrameTimeout
 
 
-def _act_exit() -> None:
+def _exit() -> None:
     os.write(2, b"libpuppet: out of strings\n")
     os._exit(1)
 
 
-def _act_crash() -> None:
+def _crash() -> None:
     os.write(1, b"libpuppet: cutting a string\n")
     ctypes.string_at(0)
 
 
-def _act_say() -> None:
+def _log_messages() -> None:
     logging.getLogger("puppet").warning("%d strings left", 2)
     os.write(2, b"libpuppet: mind the strings\n")
 
 
-def _act_hang() -> None:
+def _hang() -> None:
     ctypes.CDLL(None).sleep(LONG_S)
 
 
-def _act_hang_and_talk() -> None:
-    threading.Thread(target=_talk, daemon=True).start()
-    _act_hang()
+def _hang_while_logging() -> None:
+    threading.Thread(target=_log_forever, daemon=True).start()
+    _hang()
 
 
-def _talk() -> None:
+def _log_forever() -> None:
     while True:
-        _act_say()
+        _log_messages()
         pause(0.1)
 
 
-def _act_hang_with_lock() -> None:
+def _hang_holding_gil() -> None:
     ctypes.PyDLL(None).sleep(LONG_S)
 
 
-ACTS = {
-    "absent": _act_absent,
-    "busy": _act_busy,
-    "unplugged": _act_unplugged,
-    "wrong": _act_wrong,
-    "raise": _act_raise,
-    "silent": _act_silent,
-    "exit": _act_exit,
-    "crash": _act_crash,
-    "say": _act_say,
-    "hang": _act_hang,
-    "hang and talk": _act_hang_and_talk,
-    "hang with lock": _act_hang_with_lock,
+ACTIONS = {
+    "absent": _raise_not_found,
+    "busy": _raise_busy,
+    "unplugged": _raise_unplugged,
+    "wrong": _raise_input_error,
+    "raise": _raise_unexpected,
+    "silent": _raise_timeout,
+    "exit": _exit,
+    "crash": _crash,
+    "say": _log_messages,
+    "hang": _hang,
+    "hang and talk": _hang_while_logging,
+    "hang with lock": _hang_holding_gil,
 }

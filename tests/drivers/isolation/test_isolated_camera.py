@@ -6,58 +6,62 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import CameraState, Condition, NoFrameYet, RgbdFrame
+from drivers.camera import CameraState, CameraStatus, FrameTimeout, RgbdFrame
 from drivers.errors import CameraLostError, InputError
-from drivers.isolation.camera import IsolatedCamera
-from drivers.isolation.limits import TimeLimits
-from tests.belongings import belongings, children
-from tests.drivers.isolation.conftest import PATIENT, Isolate
+from drivers.isolation.camera import SubprocessCamera
+from drivers.isolation.limits import Timeouts
+from tests.belongings import child_pids, resources_in_use
+from tests.drivers.isolation.conftest import LONG_TIMEOUTS, MakeSubprocessCamera
 from tests.drivers.isolation.trial_cameras import (
     LOST_PACKETS,
-    Grumbler,
-    OnceLost,
-    Puppet,
-    is_whole,
+    FileScriptedCamera,
+    SingleFrameCamera,
+    WarningCamera,
+    is_intact,
 )
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
 
-STREAMING = Condition(CameraState.STREAMING)
-SHORT = TimeLimits(opening_s=1.0, heartbeat_s=1.0, closing_s=1.0, first_frame_s=0.5)
+STREAMING = CameraStatus(CameraState.STREAMING)
+SHORT = Timeouts(opening_s=1.0, heartbeat_s=1.0, closing_s=1.0, first_frame_s=0.5)
 
 
-def frames(camera: IsolatedCamera, count: int) -> list[RgbdFrame]:
+def frames(camera: SubprocessCamera, count: int) -> list[RgbdFrame]:
     return [camera.read(100.0) for _ in range(count)]
 
 
-def wait_for_reason(camera: IsolatedCamera, words: str) -> Condition:
-    wait_until(lambda: words in camera.condition.reason, f"{words!r}: {camera.condition}")
-    return camera.condition
+def wait_for_reason(camera: SubprocessCamera, words: str) -> CameraStatus:
+    wait_until(lambda: words in camera.status.reason, f"{words!r}: {camera.status}")
+    return camera.status
 
 
-def assert_works_again(camera: IsolatedCamera, script: Path) -> None:
+def assert_works_again(camera: SubprocessCamera, script: Path) -> None:
     """The cause goes away: frames come, whole ones, and the condition says so."""
     script.write_text("")
-    wait_until(lambda: camera.condition == STREAMING, f"to stream: {camera.condition}")
-    assert all(is_whole(frame) for frame in frames(camera, 5))
+    wait_until(lambda: camera.status == STREAMING, f"to stream: {camera.status}")
+    assert all(is_intact(frame) for frame in frames(camera, 5))
 
 
-def test_open_returns_at_once_and_frames_come_when_they_can(isolate: Isolate, script: Path) -> None:
+def test_open_returns_at_once_and_frames_come_when_they_can(
+    isolate: MakeSubprocessCamera, script: Path
+) -> None:
     script.write_text("hang in open")
     with isolate(limits=SHORT) as camera:
-        with pytest.raises(NoFrameYet):
+        with pytest.raises(FrameTimeout):
             camera.read(0.0)
-        assert camera.condition.state is CameraState.OPENING
+        assert camera.status.state is CameraState.OPENING
         assert_works_again(camera, script)
 
 
-def test_an_unplugged_camera_is_away_and_then_back(isolate: Isolate, script: Path) -> None:
-    with isolate(limits=PATIENT) as camera:
+def test_an_unplugged_camera_is_away_and_then_back(
+    isolate: MakeSubprocessCamera, script: Path
+) -> None:
+    with isolate(limits=LONG_TIMEOUTS) as camera:
         before = frames(camera, 5)[-1]
         script.write_text("absent")
-        missing = Condition(CameraState.ABSENT, "no puppet found; plug one in")
-        wait_until(lambda: camera.condition == missing)
+        missing = CameraStatus(CameraState.ABSENT, "no puppet found; plug one in")
+        wait_until(lambda: camera.status == missing)
         assert_works_again(camera, script)
         after = camera.read(100.0)
     assert after.seq > before.seq
@@ -68,17 +72,20 @@ def test_an_unplugged_camera_is_away_and_then_back(isolate: Isolate, script: Pat
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("unplugged in read", Condition(CameraState.LOST, "the puppet was unplugged")),
-        ("busy", Condition(CameraState.OPENING, "the puppet is held by another process; end that")),
+        ("unplugged in read", CameraStatus(CameraState.LOST, "the puppet was unplugged")),
+        (
+            "busy",
+            CameraStatus(CameraState.OPENING, "the puppet is held by another process; end that"),
+        ),
     ],
 )
 def test_the_condition_is_what_the_camera_said(
-    isolate: Isolate, script: Path, words: str, expected: Condition
+    isolate: MakeSubprocessCamera, script: Path, words: str, expected: CameraStatus
 ) -> None:
     with isolate() as camera:
         frames(camera, 1)
         script.write_text(words)
-        wait_until(lambda: camera.condition == expected, str(camera.condition))
+        wait_until(lambda: camera.status == expected, str(camera.status))
         assert_works_again(camera, script)
 
 
@@ -92,9 +99,11 @@ def test_the_condition_is_what_the_camera_said(
     ],
 )
 def test_a_hanging_driver_is_killed_and_started_again(
-    isolate: Isolate, script: Path, words: str, doing: str
+    isolate: MakeSubprocessCamera, script: Path, words: str, doing: str
 ) -> None:
-    with isolate(OnceLost if "read" not in words else Puppet, limits=SHORT) as camera:
+    with isolate(
+        SingleFrameCamera if "read" not in words else FileScriptedCamera, limits=SHORT
+    ) as camera:
         first = camera.read(100.0)
         script.write_text(words)
         found = wait_for_reason(camera, f"the driver hung while {doing}: no answer for 1 s")
@@ -122,17 +131,17 @@ def test_a_hanging_driver_is_killed_and_started_again(
     ],
 )
 def test_a_driver_that_dies_is_started_again(
-    isolate: Isolate, script: Path, words: str, reason: str
+    isolate: MakeSubprocessCamera, script: Path, words: str, reason: str
 ) -> None:
     with isolate() as camera:
         frames(camera, 1)
         script.write_text(words)
-        assert wait_for_reason(camera, reason) == Condition(CameraState.LOST, reason)
+        assert wait_for_reason(camera, reason) == CameraStatus(CameraState.LOST, reason)
         assert_works_again(camera, script)
 
 
 def test_a_driver_that_hangs_is_not_given_the_time_to_end_in_order(
-    isolate: Isolate, script: Path
+    isolate: MakeSubprocessCamera, script: Path
 ) -> None:
     with isolate(limits=replace(SHORT, closing_s=3600.0)) as camera:
         frames(camera, 1)
@@ -142,7 +151,7 @@ def test_a_driver_that_hangs_is_not_given_the_time_to_end_in_order(
 
 
 def test_a_camera_that_opens_and_sends_nothing_counts_as_lost(
-    isolate: Isolate, script: Path
+    isolate: MakeSubprocessCamera, script: Path
 ) -> None:
     script.write_text("silent in read")
     with isolate(limits=SHORT) as camera:
@@ -150,30 +159,36 @@ def test_a_camera_that_opens_and_sends_nothing_counts_as_lost(
         assert_works_again(camera, script)
 
 
-def test_what_a_camera_says_of_its_frames_reaches_the_reader(isolate: Isolate) -> None:
-    complaint = Condition(CameraState.STREAMING, "losing strings: 3 of 5 frames torn")
-    with isolate(Grumbler) as camera:
+def test_what_a_camera_says_of_its_frames_reaches_the_reader(isolate: MakeSubprocessCamera) -> None:
+    complaint = CameraStatus(CameraState.STREAMING, "losing strings: 3 of 5 frames torn")
+    with isolate(WarningCamera) as camera:
         frames(camera, 1)
-        wait_until(lambda: camera.condition == complaint)
+        wait_until(lambda: camera.status == complaint)
 
 
-def test_a_camera_that_sends_nothing_is_asked_why(isolate: Isolate, script: Path) -> None:
+def test_a_camera_that_sends_nothing_is_asked_why(
+    isolate: MakeSubprocessCamera, script: Path
+) -> None:
     script.write_text("silent in read")
-    complaint = Condition(CameraState.LOST, "losing strings: 3 of 5 frames torn")
-    with isolate(Grumbler, limits=replace(PATIENT, first_frame_s=0.2)) as camera:
-        wait_until(lambda: camera.condition == complaint)
+    complaint = CameraStatus(CameraState.LOST, "losing strings: 3 of 5 frames torn")
+    with isolate(WarningCamera, limits=replace(LONG_TIMEOUTS, first_frame_s=0.2)) as camera:
+        wait_until(lambda: camera.status == complaint)
 
 
-def test_what_is_wrong_for_good_reaches_the_reader(isolate: Isolate, script: Path) -> None:
+def test_what_is_wrong_for_good_reaches_the_reader(
+    isolate: MakeSubprocessCamera, script: Path
+) -> None:
     script.write_text("wrong")
     with isolate() as camera:
         for _ in range(2):
             with pytest.raises(InputError, match="no such file"):
                 camera.read(100.0)
-        wait_until(lambda: children() == [])
+        wait_until(lambda: child_pids() == [])
 
 
-def test_counts_go_on_over_openings_and_processes(isolate: Isolate, script: Path) -> None:
+def test_counts_go_on_over_openings_and_processes(
+    isolate: MakeSubprocessCamera, script: Path
+) -> None:
     with isolate() as camera:
         frames(camera, 3)
         script.write_text("unplugged in read")
@@ -188,7 +203,7 @@ def test_counts_go_on_over_openings_and_processes(isolate: Isolate, script: Path
 
 
 def test_in_realtime_frames_that_a_late_reader_missed_are_counted(
-    isolate: Isolate, script: Path, caplog: pytest.LogCaptureFixture
+    isolate: MakeSubprocessCamera, script: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with isolate() as camera:
         first = camera.read(100.0)
@@ -200,9 +215,9 @@ def test_in_realtime_frames_that_a_late_reader_missed_are_counted(
 
 
 def test_a_process_that_cannot_be_started_is_said_and_tried_again(
-    isolate: Isolate, monkeypatch: pytest.MonkeyPatch
+    isolate: MakeSubprocessCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = belongings()
+    before = resources_in_use()
     with monkeypatch.context() as patch:
         patch.setattr("sys.executable", "/nowhere/python")
         camera = isolate()
@@ -210,17 +225,17 @@ def test_a_process_that_cannot_be_started_is_said_and_tried_again(
         wait_for_reason(camera, "the driver cannot be started: No such file or directory")
     frames(camera, 1)
     camera.close()
-    assert belongings() <= before
+    assert resources_in_use() <= before
 
 
-def test_a_camera_that_is_not_open_is_lost(isolate: Isolate) -> None:
+def test_a_camera_that_is_not_open_is_lost(isolate: MakeSubprocessCamera) -> None:
     camera = isolate()
     camera.close()
     with pytest.raises(CameraLostError, match="puppet: not open; open it again"):
         camera.read(1.0)
 
 
-def test_numbers_and_stamps_rise_over_close_and_open(isolate: Isolate) -> None:
+def test_numbers_and_stamps_rise_over_close_and_open(isolate: MakeSubprocessCamera) -> None:
     camera = isolate()
     last = (-1, -1.0)
     for _ in range(2):
@@ -232,7 +247,7 @@ def test_numbers_and_stamps_rise_over_close_and_open(isolate: Isolate) -> None:
 
 
 def test_what_the_driver_logs_and_prints_reaches_the_log(
-    isolate: Isolate, script: Path, caplog: pytest.LogCaptureFixture
+    isolate: MakeSubprocessCamera, script: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG)
     script.write_text("say in open")

@@ -6,26 +6,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera import CameraCounters, EndOfStream, Pace
+from drivers.camera import CameraCounters, EndOfStream, PlaybackMode
 from drivers.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
-from drivers.isolation.limits import TimeLimits
-from tests.belongings import belongings
-from tests.drivers.isolation.conftest import PATIENT, Isolate
-from tests.drivers.isolation.trial_cameras import Film, is_whole, patterned
+from drivers.isolation.limits import Timeouts
+from tests.belongings import resources_in_use
+from tests.drivers.isolation.conftest import LONG_TIMEOUTS, MakeSubprocessCamera
+from tests.drivers.isolation.trial_cameras import RecordedCamera, is_intact, make_pattern_frame
 
 pytestmark = pytest.mark.subprocess
 
 
-def test_in_lockstep_every_frame_comes_in_order_and_bit_for_bit(isolate: Isolate) -> None:
-    with isolate(Film, pace=Pace.LOCKSTEP, count=100) as camera:
+def test_in_lockstep_every_frame_comes_in_order_and_bit_for_bit(
+    isolate: MakeSubprocessCamera,
+) -> None:
+    with isolate(RecordedCamera, pace=PlaybackMode.LOCKSTEP, count=100) as camera:
         for seq in range(100):
             if seq % 30 == 0:
                 time.sleep(0.05)  # the camera waits for its reader, and nothing tells that it does
             asked_s = time.monotonic()
-            frame, expected = camera.read(100.0), patterned(seq, 100.0 + seq / 30.0)
-            assert asked_s <= frame.arrival_s <= time.monotonic()
+            frame, expected = camera.read(100.0), make_pattern_frame(seq, 100.0 + seq / 30.0)
+            assert asked_s <= frame.receive_time_s <= time.monotonic()
             assert (frame.seq, frame.stamp_s) == (expected.seq, expected.stamp_s)
-            assert np.array_equal(frame.colour_bgr, expected.colour_bgr)
+            assert np.array_equal(frame.color_bgr, expected.color_bgr)
             assert np.array_equal(frame.depth_raw, expected.depth_raw)
         for _ in range(2):
             with pytest.raises(EndOfStream):
@@ -34,20 +36,20 @@ def test_in_lockstep_every_frame_comes_in_order_and_bit_for_bit(isolate: Isolate
         assert camera.counters.dropped == 0
 
 
-def test_an_open_recording_is_known(isolate: Isolate) -> None:
-    with isolate(Film, pace=Pace.LOCKSTEP, count=9) as camera:
+def test_an_open_recording_is_known(isolate: MakeSubprocessCamera) -> None:
+    with isolate(RecordedCamera, pace=PlaybackMode.LOCKSTEP, count=9) as camera:
         assert camera.frame_count == 9
         assert (camera.intrinsics_source, camera.ground_truth) == ("factory", None)
 
 
-def test_it_begins_to_run_when_the_first_frame_is_asked_for(isolate: Isolate) -> None:
-    with isolate(Film, pace=Pace.REALTIME, count=50, period_s=0.4) as camera:
+def test_it_begins_to_run_when_the_first_frame_is_asked_for(isolate: MakeSubprocessCamera) -> None:
+    with isolate(RecordedCamera, pace=PlaybackMode.REALTIME, count=50, period_s=0.4) as camera:
         time.sleep(0.5)  # longer than a frame: the second would be due if it ran already
         assert camera.read(100.0).seq == 0
 
 
-def test_opened_again_it_starts_from_the_beginning(isolate: Isolate) -> None:
-    camera = isolate(Film, pace=Pace.LOCKSTEP, count=9)
+def test_opened_again_it_starts_from_the_beginning(isolate: MakeSubprocessCamera) -> None:
+    camera = isolate(RecordedCamera, pace=PlaybackMode.LOCKSTEP, count=9)
     for _ in range(2):
         with camera:
             assert [camera.read(100.0).seq for _ in range(3)] == [0, 1, 2]
@@ -64,15 +66,15 @@ def test_opened_again_it_starts_from_the_beginning(isolate: Isolate) -> None:
     ],
 )
 def test_open_says_what_is_wrong_and_leaves_nothing(
-    isolate: Isolate, script: Path, words: str, kind: type[CameraError], message: str
+    isolate: MakeSubprocessCamera, script: Path, words: str, kind: type[CameraError], message: str
 ) -> None:
-    before = belongings()
+    before = resources_in_use()
     script.write_text(words)
-    limits = TimeLimits(opening_s=0.5) if "hang" in words else PATIENT
-    camera = isolate(Film, pace=Pace.LOCKSTEP, limits=limits, count=9)
+    limits = Timeouts(opening_s=0.5) if "hang" in words else LONG_TIMEOUTS
+    camera = isolate(RecordedCamera, pace=PlaybackMode.LOCKSTEP, limits=limits, count=9)
     with pytest.raises(kind, match=message):
         camera.open()
-    assert belongings() <= before
+    assert resources_in_use() <= before
 
 
 @pytest.mark.parametrize(
@@ -83,10 +85,10 @@ def test_open_says_what_is_wrong_and_leaves_nothing(
     ],
 )
 def test_a_recording_that_breaks_off_is_not_begun_anew(
-    isolate: Isolate, script: Path, words: str, message: str
+    isolate: MakeSubprocessCamera, script: Path, words: str, message: str
 ) -> None:
-    with isolate(Film, pace=Pace.LOCKSTEP, count=1000) as camera:
+    with isolate(RecordedCamera, pace=PlaybackMode.LOCKSTEP, count=1000) as camera:
         camera.read(100.0)
         script.write_text(words)
         with pytest.raises(CameraLostError, match=message):
-            all(is_whole(camera.read(100.0)) for _ in range(1000))
+            all(is_intact(camera.read(100.0)) for _ in range(1000))

@@ -9,73 +9,80 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import CameraState, Pace
-from drivers.isolation.camera import IsolatedCamera
-from drivers.isolation.limits import TimeLimits
-from tests.belongings import belongings, children
-from tests.drivers.isolation.conftest import PATIENT, Isolate
-from tests.drivers.isolation.trial_cameras import Marking, OnceLost, is_whole, opening_mark
+from drivers.camera import CameraState, PlaybackMode
+from drivers.isolation.camera import SubprocessCamera
+from drivers.isolation.limits import Timeouts
+from tests.belongings import child_pids, resources_in_use
+from tests.drivers.isolation.conftest import LONG_TIMEOUTS, MakeSubprocessCamera
+from tests.drivers.isolation.trial_cameras import (
+    OpeningMarkerCamera,
+    SingleFrameCamera,
+    is_intact,
+    opening_marker,
+)
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
 
-IMPATIENT = TimeLimits(closing_s=0.2)
+IMPATIENT = Timeouts(closing_s=0.2)
 
 
 def kill(process: int) -> None:
     """Kill the driver and wait until it has been reaped."""
     os.kill(process, signal.SIGKILL)
-    wait_until(lambda: process not in children())
+    wait_until(lambda: process not in child_pids())
 
 
-def test_200_times_unplugged_leaks_nothing(isolate: Isolate) -> None:
-    before = belongings()
-    with isolate(OnceLost, limits=PATIENT, period_s=0.0) as camera:
+def test_200_times_unplugged_leaks_nothing(isolate: MakeSubprocessCamera) -> None:
+    before = resources_in_use()
+    with isolate(SingleFrameCamera, limits=LONG_TIMEOUTS, period_s=0.0) as camera:
         plugged_in = [camera.read(100.0) for _ in range(200)]
-    assert belongings() <= before
+    assert resources_in_use() <= before
     assert len({frame.lost_packets for frame in plugged_in}) == 1
     assert plugged_in[-1].device_stamp_s == plugged_in[1].device_stamp_s  # files open over there
 
 
-def is_under_way(camera: IsolatedCamera, script: Path) -> bool:
+def is_under_way(camera: SubprocessCamera, script: Path) -> bool:
     """Whether the driver does what the script says, or streams where that is empty."""
     if script.read_text():
-        return opening_mark(script).exists()
-    return camera.condition.state is CameraState.STREAMING
+        return opening_marker(script).exists()
+    return camera.status.state is CameraState.STREAMING
 
 
 @pytest.mark.parametrize("words", ["", "absent", "hang in open", "hang with lock in open"])
 def test_closing_leaves_nothing_whatever_the_driver_is_doing(
-    isolate: Isolate, script: Path, words: str
+    isolate: MakeSubprocessCamera, script: Path, words: str
 ) -> None:
-    before = belongings()
+    before = resources_in_use()
     script.write_text(words)
-    with isolate(Marking, limits=IMPATIENT) as camera:
+    with isolate(OpeningMarkerCamera, limits=IMPATIENT) as camera:
         wait_until(lambda: is_under_way(camera, script))
         camera.close()
-        assert belongings() <= before
+        assert resources_in_use() <= before
 
 
-def test_a_camera_that_was_killed_many_times_leaks_nothing(isolate: Isolate) -> None:
-    before = belongings()
-    with isolate(limits=TimeLimits(first_retry_s=0.0)) as camera:
+def test_a_camera_that_was_killed_many_times_leaks_nothing(isolate: MakeSubprocessCamera) -> None:
+    before = resources_in_use()
+    with isolate(limits=Timeouts(initial_retry_s=0.0)) as camera:
         for _ in range(4):
             kill(camera.read(100.0).lost_packets)
         camera.read(100.0)
-    assert belongings() <= before
+    assert resources_in_use() <= before
 
 
-def test_a_driver_killed_at_any_moment_never_leaves_a_torn_frame(isolate: Isolate) -> None:
+def test_a_driver_killed_at_any_moment_never_leaves_a_torn_frame(
+    isolate: MakeSubprocessCamera,
+) -> None:
     chance = random.Random(4)
     stamps_s, seqs = [-1.0], [-1]
-    with isolate(pace=Pace.LOCKSTEP, period_s=0.0, size=(640, 480)) as camera:
+    with isolate(pace=PlaybackMode.LOCKSTEP, period_s=0.0, size=(640, 480)) as camera:
         for _ in range(4):
             until_s = time.monotonic() + 0.1 + 0.02 * chance.random()
             victim = 0
             while time.monotonic() < until_s or not victim:
                 frame = camera.read(100.0)
                 victim = frame.lost_packets
-                assert is_whole(frame)
+                assert is_intact(frame)
                 stamps_s.append(frame.stamp_s)
                 seqs.append(frame.seq)
             kill(victim)

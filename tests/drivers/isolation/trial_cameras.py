@@ -10,42 +10,42 @@ import numpy as np
 from drivers.camera import (
     CameraCounters,
     CameraState,
+    CameraStatus,
     Clock,
-    Condition,
     EndOfStream,
     PinholeCamera,
     RgbdCamera,
     RgbdFrame,
 )
 from drivers.errors import CameraLostError
-from tests.belongings import open_files
-from tests.drivers.isolation.puppet_acts import ACTS, pause
+from tests.belongings import count_open_files
+from tests.drivers.isolation.puppet_acts import ACTIONS, pause
 
-SMALL = (64, 48)
+SMALL_SIZE = (64, 48)
 LOST_PACKETS = 3
 
 
-def patterned(seq: int, stamp_s: float, size: tuple[int, int] = SMALL) -> RgbdFrame:
+def make_pattern_frame(seq: int, stamp_s: float, size: tuple[int, int] = SMALL_SIZE) -> RgbdFrame:
     """A frame whose every pixel says which frame it is of."""
     width, height = size
     return RgbdFrame(
         seq=seq,
         stamp_s=stamp_s,
-        arrival_s=time.monotonic(),
-        colour_bgr=np.full((height, width, 3), seq % 251, np.uint8),
+        receive_time_s=time.monotonic(),
+        color_bgr=np.full((height, width, 3), seq % 251, np.uint8),
         depth_raw=np.full((height, width), seq, np.uint16),
         depth_factor=1000.0,
         camera=PinholeCamera(width, height, 525.0, 525.0, width / 2, height / 2),
     )
 
 
-def is_whole(frame: RgbdFrame) -> bool:
+def is_intact(frame: RgbdFrame) -> bool:
     """Whether all pixels are of one frame."""
     seq = int(frame.depth_raw[0, 0])
-    return bool(np.all(frame.depth_raw == seq) and np.all(frame.colour_bgr == seq % 251))
+    return bool(np.all(frame.depth_raw == seq) and np.all(frame.color_bgr == seq % 251))
 
 
-class Puppet(RgbdCamera):
+class FileScriptedCamera(RgbdCamera):
     """A live camera that does what a file says; without words in it, it works.
 
     A frame's `device_stamp_s` is how many files its process has open, its `lost_packets` the
@@ -55,69 +55,69 @@ class Puppet(RgbdCamera):
     name = "puppet"
     clock = Clock.MONOTONIC
 
-    def __init__(self, script: Path, period_s: float = 0.002, size: tuple[int, int] = SMALL):
+    def __init__(self, script: Path, period_s: float = 0.002, size: tuple[int, int] = SMALL_SIZE):
         self._script, self._period_s, self._size = script, period_s, size
         self._seq = 0
         self._counters = CameraCounters()
 
     def open(self) -> None:
         """Open, or whatever."""
-        self._obey("open")
+        self._run_script("open")
         self._seq = 0
         self._counters = CameraCounters(lost_packets=LOST_PACKETS)
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """A frame, or whatever."""
         pause(self._period_s)
-        self._obey("read")
-        frame = patterned(self._seq, time.monotonic(), self._size)
+        self._run_script("read")
+        frame = make_pattern_frame(self._seq, time.monotonic(), self._size)
         self._seq += 1
-        return replace(frame, device_stamp_s=float(open_files()), lost_packets=os.getpid())
+        return replace(frame, device_stamp_s=float(count_open_files()), lost_packets=os.getpid())
 
     def close(self) -> None:
         """Close, or whatever it is told to do in close."""
         if self._script.read_text().endswith(" in close"):
-            self._obey("close")
+            self._run_script("close")
 
     @property
     def counters(self) -> CameraCounters:
         """Three packets lost at every opening."""
         return self._counters
 
-    def wait_to_retry(self, timeout_s: float) -> None:
+    def wait_for_reconnect(self, timeout_s: float) -> None:
         """Notice at once that it is back."""
         pause(min(timeout_s, 0.005))
 
-    def _obey(self, where: str) -> None:
+    def _run_script(self, where: str) -> None:
         word, _, place = self._script.read_text().partition(" in ")
         if word and place in ("", where):
-            ACTS[word]()
+            ACTIONS[word]()
 
 
-class Grumbler(Puppet):
+class WarningCamera(FileScriptedCamera):
     """Has something to say of its frames while it sends them, and why it sends none."""
 
     @property
-    def condition(self) -> Condition:
+    def status(self) -> CameraStatus:
         """Some complaint."""
-        return Condition(CameraState.STREAMING, "losing strings: 3 of 5 frames torn")
+        return CameraStatus(CameraState.STREAMING, "losing strings: 3 of 5 frames torn")
 
 
-def opening_mark(script: Path) -> Path:
-    """The file that `Marking` makes as soon as it begins to open."""
+def opening_marker(script: Path) -> Path:
+    """The file that `OpeningMarkerCamera` makes as soon as it begins to open."""
     return script.with_suffix(".opening")
 
 
-class Marking(Puppet):
+class OpeningMarkerCamera(FileScriptedCamera):
     """Leaves a mark beside its script as soon as it begins to open."""
 
     def open(self) -> None:
         """Say so, then open."""
-        opening_mark(self._script).touch()
+        opening_marker(self._script).touch()
         super().open()
 
 
-class OnceLost(Puppet):
+class SingleFrameCamera(FileScriptedCamera):
     """Sends one frame each time that it is plugged in."""
 
     def read(self, timeout_s: float) -> RgbdFrame:
@@ -127,7 +127,7 @@ class OnceLost(Puppet):
         return super().read(timeout_s)
 
 
-class Film(Puppet):
+class RecordedCamera(FileScriptedCamera):
     """A recording of so many frames, 30 a second, as fast as they are read, or not as fast."""
 
     name = "film"
@@ -142,7 +142,7 @@ class Film(Puppet):
         if self._seq == self._count:
             raise EndOfStream
         seq = super().read(timeout_s).seq
-        return patterned(seq, 100.0 + seq / 30.0)
+        return make_pattern_frame(seq, 100.0 + seq / 30.0)
 
     @property
     def frame_count(self) -> int | None:

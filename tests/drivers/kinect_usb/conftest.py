@@ -5,16 +5,16 @@ from typing import Any
 
 import pytest
 
-from tests.stand_ins.played_kinect import PlayedKinect
+from tests.stand_ins.played_kinect import KinectSimulator
 
 
 @pytest.fixture
-def plug_in(play_kinect: Callable[..., PlayedKinect]) -> Callable[..., PlayedKinect]:
+def plug_in(play_kinect: Callable[..., KinectSimulator]) -> Callable[..., KinectSimulator]:
     """Plug in a Kinect: ``plug_in(model=Model.K1473)``."""
 
-    def plug(**options: Any) -> PlayedKinect:
+    def plug(**options: Any) -> KinectSimulator:
         kinect = play_kinect(**options)
-        kinect.load()
+        kinect.activate()
         return kinect
 
     return plug

@@ -8,26 +8,26 @@ from usb.core import find
 
 from drivers.errors import CameraError, CameraLostError
 from drivers.kinect_usb.audio_motor import AudioMotor
-from drivers.kinect_usb.base_device import BaseDevice
-from drivers.kinect_usb.kinect_base import open_base_device
-from drivers.kinect_usb.motor import Motor
+from drivers.kinect_usb.base_device import MotorDevice
+from drivers.kinect_usb.kinect_base import open_motor_device
+from drivers.kinect_usb.motor import Kinect1414Motor
 from drivers.sensor_settings import Led
-from tests.stand_ins.played_kinect import COUNTS_PER_G, Model, PlayedKinect
-from tests.stand_ins.played_kinect import Led as PlayedLed
+from tests.stand_ins.played_kinect import COUNTS_PER_G, KinectModel, KinectSimulator
+from tests.stand_ins.played_kinect import KinectLed as PlayedLed
 from tests.waiting import wait_until
 
-PlugIn = Callable[..., PlayedKinect]
+PlugIn = Callable[..., KinectSimulator]
 G = 9.80665
 
 
 @contextmanager
-def opened() -> Iterator[BaseDevice]:
-    with closing(open_base_device("")) as device:
+def opened() -> Iterator[MotorDevice]:
+    with closing(open_motor_device("")) as device:
         yield device
 
 
-@pytest.fixture(params=list(Model))
-def kinect(request: pytest.FixtureRequest, plug_in: PlugIn) -> PlayedKinect:
+@pytest.fixture(params=list(KinectModel))
+def kinect(request: pytest.FixtureRequest, plug_in: PlugIn) -> KinectSimulator:
     """One of each model."""
     return plug_in(model=request.param)
 
@@ -36,20 +36,20 @@ def kinect(request: pytest.FixtureRequest, plug_in: PlugIn) -> PlayedKinect:
     ("asked_deg", "sent_deg"), [(0.0, 0), (12.0, 12), (-7.0, -7), (45.0, 31), (-90.0, -31)]
 )
 def test_the_head_is_tilted_within_what_it_can(
-    kinect: PlayedKinect, asked_deg: float, sent_deg: int
+    kinect: KinectSimulator, asked_deg: float, sent_deg: int
 ) -> None:
     with opened() as device:
         device.set_tilt_deg(asked_deg)
     assert kinect.tilt_deg == sent_deg
 
 
-def test_a_tilt_that_is_no_number_never_reaches_the_motor(kinect: PlayedKinect) -> None:
+def test_a_tilt_that_is_no_number_never_reaches_the_motor(kinect: KinectSimulator) -> None:
     with opened() as device, pytest.raises(ValueError, match="not a number"):
         device.set_tilt_deg(float("nan"))
 
 
 @pytest.mark.parametrize("led", list(Led))
-def test_the_light_is_as_asked_or_the_nearest_there_is(kinect: PlayedKinect, led: Led) -> None:
+def test_the_light_is_as_asked_or_the_nearest_there_is(kinect: KinectSimulator, led: Led) -> None:
     with opened() as device:
         device.set_led(led)
     shown = {
@@ -61,11 +61,11 @@ def test_the_light_is_as_asked_or_the_nearest_there_is(kinect: PlayedKinect, led
         Led.BLINK_RED_YELLOW: PlayedLed.BLINK_RED_YELLOW,
     }
     later_models = {Led.YELLOW: PlayedLed.GREEN, Led.BLINK_RED_YELLOW: PlayedLed.RED}
-    known = shown if kinect.model == Model.K1414 else shown | later_models
+    known = shown if kinect.model == KinectModel.K1414 else shown | later_models
     assert kinect.led == known[led]
 
 
-def test_gravity_is_read_in_camera_axes(kinect: PlayedKinect) -> None:
+def test_gravity_is_read_in_camera_axes(kinect: KinectSimulator) -> None:
     kinect.set_accelerometer(-100, 700, -400)
     with opened() as device:
         found = device.read().gravity_m_s2
@@ -73,13 +73,13 @@ def test_gravity_is_read_in_camera_axes(kinect: PlayedKinect) -> None:
     assert found == pytest.approx((-100 * per_count, 700 * per_count, 400 * per_count))
 
 
-def test_three_zeros_are_no_data(kinect: PlayedKinect) -> None:
+def test_three_zeros_are_no_data(kinect: KinectSimulator) -> None:
     kinect.set_accelerometer(0, 0, 0)
     with opened() as device:
         assert device.read().gravity_m_s2 is None
 
 
-def test_the_tilt_is_told_when_the_head_has_come_to_rest(kinect: PlayedKinect) -> None:
+def test_the_tilt_is_told_when_the_head_has_come_to_rest(kinect: KinectSimulator) -> None:
     kinect.tilt_deg_per_s = 1000
     with opened() as device:
         device.set_tilt_deg(-20.0)
@@ -97,7 +97,7 @@ def test_the_1414_tells_that_its_head_moves(plug_in: PlugIn) -> None:
     assert reading.is_moving
 
 
-def test_an_unplugged_one_is_lost(kinect: PlayedKinect) -> None:
+def test_an_unplugged_one_is_lost(kinect: KinectSimulator) -> None:
     with opened() as device:
         device.read()
         kinect.unplug()
@@ -105,23 +105,23 @@ def test_an_unplugged_one_is_lost(kinect: PlayedKinect) -> None:
             device.read()
 
 
-def test_without_permission_the_text_says_where_to_look(kinect: PlayedKinect) -> None:
-    kinect.forbid()
+def test_without_permission_the_text_says_where_to_look(kinect: KinectSimulator) -> None:
+    kinect.deny_access()
     with opened() as device, pytest.raises(CameraError, match="no permission; kinect-vo doctor"):
         device.set_led(Led.RED)
 
 
-@pytest.mark.parametrize("model", [Model.K1473, Model.K4W])
-def test_without_firmware_there_is_no_motor(plug_in: PlugIn, model: Model) -> None:
-    plug_in(model=model).firmware(False)
+@pytest.mark.parametrize("model", [KinectModel.K1473, KinectModel.K4W])
+def test_without_firmware_there_is_no_motor(plug_in: PlugIn, model: KinectModel) -> None:
+    plug_in(model=model).set_firmware_loaded(False)
     with pytest.raises(CameraError, match=r"without its firmware \(audios\.bin\)"):
-        open_base_device("")
+        open_motor_device("")
 
 
 def test_a_device_that_falls_silent_is_waited_for_in_vain_but_not_for_ever(plug_in: PlugIn) -> None:
-    kinect = plug_in(model=Model.K1473)
+    kinect = plug_in(model=KinectModel.K1473)
     with opened() as device:
-        kinect.firmware(False)  # as after its power has failed
+        kinect.set_firmware_loaded(False)  # as after its power has failed
         with pytest.raises(CameraError, match="does not answer"):
             device.read()
 
@@ -135,11 +135,11 @@ class CutShort:
 
 def test_half_an_answer_is_an_error() -> None:
     with pytest.raises(CameraError, match="answers with 4 bytes"):
-        Motor(CutShort(), "motor").read()
+        Kinect1414Motor(CutShort(), "motor").read()
 
 
 def test_an_answer_that_nobody_fetched_is_passed_over(plug_in: PlugIn) -> None:
-    kinect = plug_in(model=Model.K1473)
+    kinect = plug_in(model=KinectModel.K1473)
     kinect.set_accelerometer(0, 819, 0)
     handle = find(idProduct=0x02AD)
     with closing(AudioMotor(handle, "audio")) as device:
@@ -149,7 +149,7 @@ def test_an_answer_that_nobody_fetched_is_passed_over(plug_in: PlugIn) -> None:
     assert kinect.led == PlayedLed.RED
 
 
-def test_closing_gives_the_device_back(kinect: PlayedKinect) -> None:
+def test_closing_gives_the_device_back(kinect: KinectSimulator) -> None:
     with opened() as device:
         device.read()
         assert kinect.open_handles == 1

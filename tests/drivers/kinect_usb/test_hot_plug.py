@@ -6,7 +6,7 @@ import pytest
 
 from drivers.kinect_usb import hot_plug
 from drivers.kinect_usb.hot_plug import wait_for_device
-from tests.belongings import belongings
+from tests.belongings import resources_in_use
 
 NEVER_S = 60.0  # a wait that ends early does not take this long
 
@@ -21,7 +21,7 @@ class Event:
         self.properties = {"PRODUCT": self.product}
 
 
-class Clock:
+class FakeMonotonicClock:
     """Stands still but for who waits."""
 
     def __init__(self) -> None:
@@ -35,8 +35,8 @@ class Clock:
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    clock = Clock()
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeMonotonicClock:
+    clock = FakeMonotonicClock()
     monkeypatch.setattr(hot_plug, "time", clock)
     return clock
 
@@ -44,7 +44,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 class Monitor:
     """Gives its events at once, then waits as pyudev's does."""
 
-    def __init__(self, *events: Event, clock: Clock) -> None:
+    def __init__(self, *events: Event, clock: FakeMonotonicClock) -> None:
         self.events, self._clock = list(events), clock
 
     def poll(self, timeout: float) -> Event | None:
@@ -55,7 +55,7 @@ class Monitor:
 
 
 @pytest.mark.parametrize("product", ["45e/2ae/10b", "45e/2bf/210", "1d27/601/1"])
-def test_a_camera_that_is_plugged_in_ends_the_wait(product: str, clock: Clock) -> None:
+def test_a_camera_that_is_plugged_in_ends_the_wait(product: str, clock: FakeMonotonicClock) -> None:
     events = Event("add", "46d/c52b/1200"), Event("remove", product), Event("add", product)
     begin_s = clock.now_s
     assert wait_for_device(NEVER_S, lambda: Monitor(*events, clock=clock))
@@ -72,11 +72,11 @@ def test_a_camera_that_is_plugged_in_ends_the_wait(product: str, clock: Clock) -
         Event("add", ""),
     ],
 )
-def test_everything_else_does_not(event: Event, clock: Clock) -> None:
+def test_everything_else_does_not(event: Event, clock: FakeMonotonicClock) -> None:
     assert not wait_for_device(0.1, lambda: Monitor(event, clock=clock))
 
 
-def test_without_udev_it_waits_all_the_same(clock: Clock) -> None:
+def test_without_udev_it_waits_all_the_same(clock: FakeMonotonicClock) -> None:
     def no_netlink() -> Monitor:
         raise OSError("no netlink here")
 
@@ -88,7 +88,7 @@ def test_without_udev_it_waits_all_the_same(clock: Clock) -> None:
 @pytest.mark.subprocess
 def test_the_real_udev_gives_nothing_in_time_and_leaves_nothing_open() -> None:
     wait_for_device(0.01)
-    before = belongings()
+    before = resources_in_use()
     for _ in range(20):
         assert not wait_for_device(0.01)
-    assert belongings() <= before
+    assert resources_in_use() <= before

@@ -5,11 +5,11 @@ import pytest
 from drivers.kinect_usb.ids import (
     SUPPORTED_IDS,
     UNSUPPORTED_IDS,
-    Model,
-    Role,
+    SensorModel,
+    UsbRole,
+    find_usb_id,
     is_kinect,
     is_supported,
-    known_id,
 )
 
 
@@ -26,27 +26,27 @@ def test_ids_read_as_lsusb_writes_them() -> None:
 @pytest.mark.parametrize(
     ("vendor", "product", "model"),
     [
-        (0x045E, 0x02AE, Model.K1414),
-        (0x045E, 0x02BF, Model.K4W),
-        (0x1D27, 0x0609, Model.CARMINE),
-        (0x1D27, 0x9999, Model.PRIMESENSE),  # any product of theirs is a camera
-        (0x045E, 0x02C4, Model.KINECT_V2),
-        (0x045E, 0x097C, Model.AZURE),
+        (0x045E, 0x02AE, SensorModel.K1414),
+        (0x045E, 0x02BF, SensorModel.K4W),
+        (0x1D27, 0x0609, SensorModel.CARMINE),
+        (0x1D27, 0x9999, SensorModel.PRIMESENSE),  # any product of theirs is a camera
+        (0x045E, 0x02C4, SensorModel.KINECT_V2),
+        (0x045E, 0x097C, SensorModel.AZURE),
     ],
 )
-def test_a_camera_is_known_by_its_id(vendor: int, product: int, model: Model) -> None:
-    found = known_id(vendor, product)
+def test_a_camera_is_known_by_its_id(vendor: int, product: int, model: SensorModel) -> None:
+    found = find_usb_id(vendor, product)
     assert found is not None
-    assert (found.model, found.role) == (model, Role.CAMERA)
+    assert (found.model, found.role) == (model, UsbRole.CAMERA)
 
 
 def test_other_devices_are_not_known() -> None:
-    assert known_id(0x045E, 0x0040) is None  # a mouse
-    assert known_id(0x1D6B, 0x0002) is None  # a root hub
+    assert find_usb_id(0x045E, 0x0040) is None  # a mouse
+    assert find_usb_id(0x1D6B, 0x0002) is None  # a root hub
 
 
 def test_later_sensors_are_known_but_not_supported() -> None:
     assert all(is_supported(line.model) for line in SUPPORTED_IDS)
     assert not any(is_supported(line.model) for line in UNSUPPORTED_IDS)
-    assert not is_kinect(Model.XTION)
-    assert not is_kinect(Model.KINECT_V2)
+    assert not is_kinect(SensorModel.XTION)
+    assert not is_kinect(SensorModel.KINECT_V2)

@@ -8,19 +8,19 @@ import pytest
 
 from drivers.errors import CameraError, UserFacingError
 from drivers.kinect_usb import kinect_base
-from drivers.kinect_usb.base import Base, NoBase
-from drivers.kinect_usb.base_device import BaseDevice, BaseReading
-from drivers.kinect_usb.kinect_base import KinectBase
-from drivers.kinect_usb.motor import Motor
-from drivers.sensor_settings import Led, SensorSettings
-from tests.belongings import belongings
-from tests.stand_ins.played_kinect import Led as PlayedLed
-from tests.stand_ins.played_kinect import Model, PlayedKinect
+from drivers.kinect_usb.base import MotorUnit, NullMotorUnit
+from drivers.kinect_usb.base_device import MotorDevice, MotorUnitReading
+from drivers.kinect_usb.kinect_base import KinectMotorUnit
+from drivers.kinect_usb.motor import Kinect1414Motor
+from drivers.sensor_settings import Led, SensorConfig
+from tests.belongings import resources_in_use
+from tests.stand_ins.played_kinect import KinectLed as PlayedLed
+from tests.stand_ins.played_kinect import KinectModel, KinectSimulator
 from tests.waiting import wait_until
 
-PlugIn = Callable[..., PlayedKinect]
+PlugIn = Callable[..., KinectSimulator]
 LEVEL = pytest.approx((0.0, 9.80665, 0.0))
-SETTINGS = SensorSettings(led=Led.RED, tilt_deg=10.0)
+SETTINGS = SensorConfig(led=Led.RED, tilt_deg=10.0)
 
 
 def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
@@ -34,30 +34,30 @@ def looks() -> list[str]:
 
 
 @pytest.fixture
-def base(monkeypatch: pytest.MonkeyPatch, looks: list[str]) -> Iterator[KinectBase]:
+def base(monkeypatch: pytest.MonkeyPatch, looks: list[str]) -> Iterator[KinectMotorUnit]:
     """One that looks for what is gone without waiting for long."""
     monkeypatch.setattr(kinect_base, "LOOK_AGAIN_S", 0.05)
     monkeypatch.setattr(kinect_base, "READ_EVERY_S", 0.02)
 
-    def look(serial: str) -> BaseDevice:
+    def look(serial: str) -> MotorDevice:
         looks.append(serial)
-        return kinect_base.open_base_device(serial)
+        return kinect_base.open_motor_device(serial)
 
-    base = KinectBase(look)
+    base = KinectMotorUnit(look)
     yield base
     base.close()
 
 
-@pytest.mark.parametrize("model", list(Model))
+@pytest.mark.parametrize("model", list(KinectModel))
 def test_gravity_is_there_as_soon_as_it_is_open(
-    plug_in: PlugIn, base: KinectBase, model: Model
+    plug_in: PlugIn, base: KinectMotorUnit, model: KinectModel
 ) -> None:
     plug_in(model=model)
     base.open("")
     assert base.gravity_m_s2 == LEVEL
 
 
-def test_gravity_follows_the_head(plug_in: PlugIn, base: KinectBase) -> None:
+def test_gravity_follows_the_head(plug_in: PlugIn, base: KinectMotorUnit) -> None:
     kinect = plug_in()
     base.open("")
     kinect.set_accelerometer(0, 700, -425)
@@ -65,32 +65,34 @@ def test_gravity_follows_the_head(plug_in: PlugIn, base: KinectBase) -> None:
     wait_until(lambda: base.gravity_m_s2 == looking_down)
 
 
-def test_gravity_is_mirrored_with_the_picture(plug_in: PlugIn, base: KinectBase) -> None:
+def test_gravity_is_mirrored_with_the_picture(plug_in: PlugIn, base: KinectMotorUnit) -> None:
     plug_in().set_accelerometer(-200, 790, 0)
     base.open("")
     to_the_left = base.gravity_m_s2
-    base.apply(SensorSettings(mirror=True))
+    base.apply(SensorConfig(mirror=True))
     assert to_the_left == pytest.approx((-2.39, 9.46, 0.0), abs=0.01)
     assert base.gravity_m_s2 == pytest.approx((2.39, 9.46, 0.0), abs=0.01)
 
 
-def test_settings_reach_the_light_and_the_head(plug_in: PlugIn, base: KinectBase) -> None:
+def test_settings_reach_the_light_and_the_head(plug_in: PlugIn, base: KinectMotorUnit) -> None:
     kinect = plug_in()
     base.open("")
     base.apply(SETTINGS)
     assert (kinect.led, kinect.tilt_deg) == (PlayedLed.RED, 10)
 
 
-def test_a_tilt_that_is_not_set_leaves_the_head_alone(plug_in: PlugIn, base: KinectBase) -> None:
+def test_a_tilt_that_is_not_set_leaves_the_head_alone(
+    plug_in: PlugIn, base: KinectMotorUnit
+) -> None:
     kinect = plug_in()
     base.open("")
     base.set_tilt_deg(-8.0)
-    base.apply(SensorSettings())
+    base.apply(SensorConfig())
     assert (kinect.led, kinect.tilt_deg) == (PlayedLed.GREEN, -8)
 
 
 def test_closing_switches_the_light_off_and_leaves_nothing(
-    plug_in: PlugIn, base: KinectBase
+    plug_in: PlugIn, base: KinectMotorUnit
 ) -> None:
     kinect = plug_in()
     threads = threading.active_count()
@@ -103,22 +105,22 @@ def test_closing_switches_the_light_off_and_leaves_nothing(
     assert base.gravity_m_s2 is None
 
 
-def test_two_hundred_times_leave_nothing_behind(plug_in: PlugIn, base: KinectBase) -> None:
+def test_two_hundred_times_leave_nothing_behind(plug_in: PlugIn, base: KinectMotorUnit) -> None:
     kinect = plug_in()
     base.open("")
     base.close()
-    before = belongings()
+    before = resources_in_use()
     for _ in range(200):
         base.open("")
         kinect.unplug()
         base.close()
         kinect.plug()
-    assert belongings() <= before
+    assert resources_in_use() <= before
     assert kinect.open_handles == 0
 
 
 def test_a_base_that_only_measured_leaves_the_light_as_it_was(
-    plug_in: PlugIn, base: KinectBase
+    plug_in: PlugIn, base: KinectMotorUnit
 ) -> None:
     kinect = plug_in()
     base.open("")
@@ -126,9 +128,9 @@ def test_a_base_that_only_measured_leaves_the_light_as_it_was(
     assert kinect.led == PlayedLed.BLINK_GREEN
 
 
-@pytest.mark.parametrize("model", list(Model))
+@pytest.mark.parametrize("model", list(KinectModel))
 def test_unplugged_it_goes_quiet_and_plugged_in_again_it_is_set_up_anew(
-    plug_in: PlugIn, base: KinectBase, model: Model, caplog: pytest.LogCaptureFixture
+    plug_in: PlugIn, base: KinectMotorUnit, model: KinectModel, caplog: pytest.LogCaptureFixture
 ) -> None:
     kinect = plug_in(model=model)
     base.open("")
@@ -143,7 +145,7 @@ def test_unplugged_it_goes_quiet_and_plugged_in_again_it_is_set_up_anew(
     assert told.endswith("unplugged; plug it in again")
 
 
-def test_it_comes_when_it_is_plugged_in_later(plug_in: PlugIn, base: KinectBase) -> None:
+def test_it_comes_when_it_is_plugged_in_later(plug_in: PlugIn, base: KinectMotorUnit) -> None:
     kinect = plug_in()
     kinect.unplug()
     base.open("")
@@ -155,9 +157,9 @@ def test_it_comes_when_it_is_plugged_in_later(plug_in: PlugIn, base: KinectBase)
 
 
 def test_without_permission_it_is_quiet_and_says_so_once(
-    plug_in: PlugIn, base: KinectBase, caplog: pytest.LogCaptureFixture, looks: list[str]
+    plug_in: PlugIn, base: KinectMotorUnit, caplog: pytest.LogCaptureFixture, looks: list[str]
 ) -> None:
-    plug_in().forbid()
+    plug_in().deny_access()
     base.open("")
     base.apply(SETTINGS)
     wait_until(lambda: len(looks) > 5)
@@ -168,13 +170,13 @@ def test_without_permission_it_is_quiet_and_says_so_once(
 
 
 def test_firmware_that_comes_later_brings_gravity(
-    plug_in: PlugIn, base: KinectBase, caplog: pytest.LogCaptureFixture
+    plug_in: PlugIn, base: KinectMotorUnit, caplog: pytest.LogCaptureFixture
 ) -> None:
-    kinect = plug_in(model=Model.K1473)
-    kinect.firmware(False)
+    kinect = plug_in(model=KinectModel.K1473)
+    kinect.set_firmware_loaded(False)
     base.open("")
     assert base.gravity_m_s2 is None
-    kinect.firmware(True)
+    kinect.set_firmware_loaded(True)
     wait_until(lambda: base.gravity_m_s2 == LEVEL)
     assert len(warnings(caplog)) == 1
 
@@ -182,29 +184,29 @@ def test_firmware_that_comes_later_brings_gravity(
 @pytest.mark.parametrize("counts", [(0, 0, 0), (0, 400, 0)])
 def test_readings_that_are_no_gravity_are_none_and_said_once(
     plug_in: PlugIn,
-    base: KinectBase,
+    base: KinectMotorUnit,
     caplog: pytest.LogCaptureFixture,
     monkeypatch: pytest.MonkeyPatch,
     counts: tuple[int, int, int],
 ) -> None:
-    readings: list[BaseReading] = []
-    read = Motor.read
+    readings: list[MotorUnitReading] = []
+    read = Kinect1414Motor.read
 
-    def remembered(motor: Motor) -> BaseReading:
+    def remembered(motor: Kinect1414Motor) -> MotorUnitReading:
         readings.append(read(motor))
         return readings[-1]
 
-    monkeypatch.setattr(Motor, "read", remembered)
+    monkeypatch.setattr(Kinect1414Motor, "read", remembered)
     plug_in().set_accelerometer(*counts)
     base.open("")
-    wait_until(lambda: len(readings) > 2 * kinect_base.READINGS_AT_ONCE)
+    wait_until(lambda: len(readings) > 2 * kinect_base.INITIAL_READINGS)
     assert base.gravity_m_s2 is None
     assert warnings(caplog) == [
         "Kinect 1414 motor: gives no gravity; the first view counts as level"
     ]
 
 
-def test_commands_say_when_there_is_nobody_to_obey(plug_in: PlugIn, base: KinectBase) -> None:
+def test_commands_say_when_there_is_nobody_to_obey(plug_in: PlugIn, base: KinectMotorUnit) -> None:
     plug_in().unplug()
     base.open("")
     for command in (lambda: base.set_led(Led.RED), lambda: base.set_tilt_deg(3.0), base.read):
@@ -212,8 +214,8 @@ def test_commands_say_when_there_is_nobody_to_obey(plug_in: PlugIn, base: Kinect
             command()
 
 
-def test_the_tilt_can_be_asked_for(plug_in: PlugIn, base: KinectBase) -> None:
-    plug_in(model=Model.K4W).tilt_deg_per_s = 1000
+def test_the_tilt_can_be_asked_for(plug_in: PlugIn, base: KinectMotorUnit) -> None:
+    plug_in(model=KinectModel.K4W).tilt_deg_per_s = 1000
     base.open("")
     base.set_tilt_deg(-12.0)
     wait_until(lambda: base.read().tilt_deg == -12.0)
@@ -223,15 +225,15 @@ def test_a_machine_without_libusb_has_no_base_either(caplog: pytest.LogCaptureFi
     def no_libusb(serial: str) -> None:
         raise UserFacingError("libusb-1.0.so.0 is not installed")
 
-    base = KinectBase(no_libusb)  # type: ignore[arg-type]
+    base = KinectMotorUnit(no_libusb)  # type: ignore[arg-type]
     base.open("")
     base.close()
     assert warnings(caplog) == ["libusb-1.0.so.0 is not installed"]
 
 
 def test_a_camera_without_a_base_has_no_gravity() -> None:
-    base: Base = NoBase()
+    base: MotorUnit = NullMotorUnit()
     base.open("A1")
-    base.apply(SensorSettings())
+    base.apply(SensorConfig())
     base.close()
     assert base.gravity_m_s2 is None

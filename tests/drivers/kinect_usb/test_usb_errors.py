@@ -6,11 +6,11 @@ import pytest
 import usb.core
 
 from drivers.errors import CameraError, CameraLostError, UserFacingError
-from drivers.kinect_usb.errors import usb_errors_of
+from drivers.kinect_usb.errors import translate_usb_errors
 
 
 def raised(error: Exception) -> UserFacingError:
-    with pytest.raises(UserFacingError) as caught, usb_errors_of("Kinect 1414 motor"):
+    with pytest.raises(UserFacingError) as caught, translate_usb_errors("Kinect 1414 motor"):
         raise error
     return caught.value
 
@@ -45,5 +45,5 @@ def test_a_missing_library_says_what_to_install() -> None:
 
 
 def test_what_is_not_of_the_usb_passes_through() -> None:
-    with pytest.raises(ZeroDivisionError), usb_errors_of("it"):
+    with pytest.raises(ZeroDivisionError), translate_usb_errors("it"):
         _ = 1 / 0

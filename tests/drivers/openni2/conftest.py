@@ -10,7 +10,7 @@ import pytest
 from drivers.camera import EndOfStream, RgbdCamera, RgbdFrame
 from drivers.tum.camera import TumCamera
 from drivers.tum.writer import TumWriter
-from tests.stand_ins.oni_writer import OniImage, Sensor, images_of, write_oni
+from tests.stand_ins.oni_writer import OniImage, OniSensor, frames_to_oni_images, write_oni
 
 SIZE = (64, 48)
 CAMERA_FILE = """schema = 1
@@ -44,26 +44,26 @@ def needs_openni2(real_openni2: None) -> None:
     """All tests here run on the real libOpenNI2."""
 
 
-def image(sensor: Sensor, stamp_us: int, seed: int = 0) -> OniImage:
+def make_image(sensor: OniSensor, stamp_us: int, seed: int = 0) -> OniImage:
     """A small image of noise."""
     random, (width, height) = np.random.default_rng([seed, stamp_us, sensor]), SIZE
-    if sensor is Sensor.DEPTH:
+    if sensor is OniSensor.DEPTH:
         depth = random.integers(0, 10000, (height, width), dtype=np.uint16)
         return OniImage(sensor, stamp_us, depth)
     colour = random.integers(0, 256, (height, width, 3), dtype=np.uint8)
     return OniImage(sensor, stamp_us, colour)
 
 
-def steady(frames: int) -> list[OniImage]:
+def make_images(frames: int) -> list[OniImage]:
     """Depth and colour in turn, 30 a second, depth 2 ms later by its stamp."""
     return [
-        image(sensor, seq * 33_333 + late_us)
+        make_image(sensor, seq * 33_333 + late_us)
         for seq in range(frames)
-        for sensor, late_us in ((Sensor.DEPTH, 2_000), (Sensor.COLOUR, 0))
+        for sensor, late_us in ((OniSensor.DEPTH, 2_000), (OniSensor.COLOR, 0))
     ]
 
 
-def all_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
+def read_all_frames(camera: RgbdCamera) -> Iterator[RgbdFrame]:
     """Every frame from opening to the end."""
     with camera:
         while True:
@@ -93,7 +93,7 @@ def depth_camera_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def small_oni(tmp_path: Path) -> Path:
     """Eight frames of noise."""
     path = tmp_path / "small.oni"
-    write_oni(path, steady(8))
+    write_oni(path, make_images(8))
     return path
 
 
@@ -102,7 +102,7 @@ def in_millimetres(recording: Path, tmp_path_factory: pytest.TempPathFactory) ->
     """The recording of the corner as a folder, in whole millimetres and microseconds."""
     folder = tmp_path_factory.mktemp("recordings") / "millimetres"
     with TumWriter(folder) as writer:
-        for frame in all_frames(TumCamera(recording)):
+        for frame in read_all_frames(TumCamera(recording)):
             depth_mm = np.rint(frame.depth_m * 1000).astype(np.uint16)
             stamp_s = round(frame.stamp_s, 6)
             writer.write(replace(frame, stamp_s=stamp_s, depth_raw=depth_mm, depth_factor=1000.0))
@@ -113,5 +113,5 @@ def in_millimetres(recording: Path, tmp_path_factory: pytest.TempPathFactory) ->
 def corner_oni(in_millimetres: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same as an .oni recording."""
     path = tmp_path_factory.mktemp("recordings") / "corner.oni"
-    write_oni(path, images_of(all_frames(TumCamera(in_millimetres))))
+    write_oni(path, frames_to_oni_images(read_all_frames(TumCamera(in_millimetres))))
     return path

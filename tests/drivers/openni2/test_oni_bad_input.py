@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from drivers.errors import InputError
 from drivers.openni2.oni_camera import OniCamera
-from drivers.openni2.recording import read_index
-from tests.drivers.openni2.conftest import image, steady
-from tests.stand_ins.oni_writer import OniSettings, Sensor, write_oni
+from drivers.openni2.recording import read_oni_index
+from tests.drivers.openni2.conftest import make_image, make_images
+from tests.stand_ins.oni_writer import OniSensor, OniSettings, write_oni
 
 
 def complaint(path: Path, camera_file: Path | None = None) -> str:
@@ -46,7 +46,7 @@ def test_other_version_of_the_format(small_oni: Path) -> None:
 
 def test_recorder_that_was_killed(tmp_path: Path) -> None:
     path = tmp_path / "killed.oni"
-    write_oni(path, steady(3), OniSettings(finished=False))
+    write_oni(path, make_images(3), OniSettings(finished=False))
     assert "was never finished" in complaint(path)
 
 
@@ -73,20 +73,22 @@ def test_a_flipped_byte_is_read_or_refused(
     path = tmp_path / "flipped.oni"
     path.write_bytes(content)
     with suppress(InputError):
-        index = read_index(path)
+        index = read_oni_index(path)
         assert len(index.images) >= 2 * len(index.pairs) > 0
 
 
-@pytest.mark.parametrize(("only", "lacks"), [(Sensor.DEPTH, "colour"), (Sensor.COLOUR, "depth")])
-def test_one_stream_alone(only: Sensor, lacks: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("only", "lacks"), [(OniSensor.DEPTH, "colour"), (OniSensor.COLOR, "depth")]
+)
+def test_one_stream_alone(only: OniSensor, lacks: str, tmp_path: Path) -> None:
     path = tmp_path / "half.oni"
-    write_oni(path, [image(only, seq * 33_333) for seq in range(3)])
+    write_oni(path, [make_image(only, seq * 33_333) for seq in range(3)])
     assert f"holds no {lacks} images; record colour and depth together" in complaint(path)
 
 
 def test_streams_that_never_meet(tmp_path: Path) -> None:
     path = tmp_path / "apart.oni"
-    write_oni(path, [image(Sensor.DEPTH, 0), image(Sensor.COLOUR, 500_000)])
+    write_oni(path, [make_image(OniSensor.DEPTH, 0), make_image(OniSensor.COLOR, 500_000)])
     assert "no colour image within 20 ms of a depth image" in complaint(path)
 
 
@@ -117,5 +119,5 @@ def test_missing_camera_file(small_oni: Path, tmp_path: Path) -> None:
 
 def test_recording_that_the_player_would_drop(tmp_path: Path, camera_file: Path) -> None:
     path = tmp_path / "dropped.oni"
-    write_oni(path, steady(2), OniSettings(cropping=False))
+    write_oni(path, make_images(2), OniSettings(cropping=False))
     assert "lacks the cropping property" in complaint(path, camera_file)

@@ -11,22 +11,22 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.camera import EndOfStream, Pace, RgbdFrame
-from drivers.camera_file import camera_file_text, read_camera_file
+from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
+from drivers.camera_file import format_calibration, read_calibration
 from drivers.errors import CameraError, InputError
 from drivers.openni2 import playback
 from drivers.openni2.oni_camera import OniCamera
-from drivers.openni2.pace import RealtimePacer
-from drivers.sensor_settings import SensorSettings
+from drivers.openni2.pace import RealtimeScheduler
+from drivers.sensor_settings import SensorConfig
 from drivers.tum.camera import TumCamera
-from tests.belongings import belongings
-from tests.drivers.openni2.conftest import SIZE, all_frames, image, steady
+from tests.belongings import resources_in_use
+from tests.drivers.openni2.conftest import SIZE, make_image, make_images, read_all_frames
 from tests.stand_ins.oni_writer import (
     DEPTH_100_UM,
     OniImage,
+    OniSensor,
     OniSettings,
-    Sensor,
-    images_of,
+    frames_to_oni_images,
     write_oni,
 )
 from vo_service.odometry.surf_odometry import SurfOdometry
@@ -43,11 +43,11 @@ def whole(frame: RgbdFrame) -> tuple[object, ...]:
 
 
 def test_frames_are_those_of_the_folder_bit_for_bit(corner_oni: Path, in_millimetres: Path) -> None:
-    played = list(all_frames(OniCamera(corner_oni, in_millimetres / "camera.toml")))
-    recorded = list(all_frames(TumCamera(in_millimetres)))
+    played = list(read_all_frames(OniCamera(corner_oni, in_millimetres / "camera.toml")))
+    recorded = list(read_all_frames(TumCamera(in_millimetres)))
     assert len(played) == len(recorded) == 12
     for ours, theirs in zip(played, recorded, strict=True):
-        np.testing.assert_array_equal(ours.colour_bgr, theirs.colour_bgr)
+        np.testing.assert_array_equal(ours.color_bgr, theirs.color_bgr)
         np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
         assert whole(ours) == whole(theirs)
 
@@ -55,7 +55,9 @@ def test_frames_are_those_of_the_folder_bit_for_bit(corner_oni: Path, in_millime
 def test_the_trajectory_is_that_of_the_folder(corner_oni: Path, in_millimetres: Path) -> None:
     oni, folder = SurfOdometry(), SurfOdometry()
     played = OniCamera(corner_oni, in_millimetres / "camera.toml")
-    for ours, theirs in zip(all_frames(played), all_frames(TumCamera(in_millimetres)), strict=True):
+    for ours, theirs in zip(
+        read_all_frames(played), read_all_frames(TumCamera(in_millimetres)), strict=True
+    ):
         a, b = oni.estimate(ours), folder.estimate(theirs)
         np.testing.assert_array_equal(a.T_world_camera, b.T_world_camera)
         assert a.ok
@@ -65,17 +67,17 @@ def test_real_recording_plays_as_its_folder(recordings: Path, tmp_path: Path) ->
     folder, path = recordings / "redkitchen", tmp_path / "redkitchen.oni"
     with TumCamera(folder) as camera:
         first = [camera.read(5.0) for _ in range(10)]
-    write_oni(path, images_of(first))
+    write_oni(path, frames_to_oni_images(first))
     for ours, theirs in zip(
-        all_frames(OniCamera(path, folder / "camera.toml")), first, strict=True
+        read_all_frames(OniCamera(path, folder / "camera.toml")), first, strict=True
     ):
-        np.testing.assert_array_equal(ours.colour_bgr, theirs.colour_bgr)
+        np.testing.assert_array_equal(ours.color_bgr, theirs.color_bgr)
         np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
         assert ours.stamp_s == theirs.stamp_s
 
 
 # Which sensor the next image in the file is of, and how far its stamp is after the one before.
-turns = st.lists(st.tuples(st.sampled_from(Sensor), st.integers(1_000, 40_000)), max_size=24)
+turns = st.lists(st.tuples(st.sampled_from(OniSensor), st.integers(1_000, 40_000)), max_size=24)
 
 
 @settings(
@@ -83,28 +85,28 @@ turns = st.lists(st.tuples(st.sampled_from(Sensor), st.integers(1_000, 40_000)),
 )
 @given(turns=turns)
 def test_no_image_is_lost_in_whatever_order_the_file_has_them(
-    turns: list[tuple[Sensor, int]], tmp_path: Path, camera_file: Path
+    turns: list[tuple[OniSensor, int]], tmp_path: Path, camera_file: Path
 ) -> None:
-    stamps_us = dict.fromkeys(Sensor, 0)
-    images = [image(sensor, 0) for sensor in Sensor]
+    stamps_us = dict.fromkeys(OniSensor, 0)
+    images = [make_image(sensor, 0) for sensor in OniSensor]
     for sensor, step_us in turns:
         stamps_us[sensor] += step_us
-        images.append(image(sensor, stamps_us[sensor]))
+        images.append(make_image(sensor, stamps_us[sensor]))
     by_stamp = {(i.sensor, i.stamp_us): i.pixels for i in images}
     camera = OniCamera(written(tmp_path / "any.oni", images), camera_file)
-    frames = list(all_frames(camera))
+    frames = list(read_all_frames(camera))
     assert camera.counters.delivered == len(frames) == camera.frame_count
     for frame in frames:
         colour_us = round(frame.stamp_s * 1e6)
         depth_us = colour_us + round(frame.skew_s * 1e6)
-        np.testing.assert_array_equal(frame.colour_bgr, by_stamp[Sensor.COLOUR, colour_us])
-        np.testing.assert_array_equal(frame.depth_raw, by_stamp[Sensor.DEPTH, depth_us])
+        np.testing.assert_array_equal(frame.color_bgr, by_stamp[OniSensor.COLOR, colour_us])
+        np.testing.assert_array_equal(frame.depth_raw, by_stamp[OniSensor.DEPTH, depth_us])
 
 
 def test_stamps_are_exact_and_skew_is_depth_minus_colour(
     small_oni: Path, camera_file: Path
 ) -> None:
-    frames = list(all_frames(OniCamera(small_oni, camera_file)))
+    frames = list(read_all_frames(OniCamera(small_oni, camera_file)))
     assert [frame.stamp_s for frame in frames] == [seq * 33_333 / 1e6 for seq in range(8)]
     assert {frame.skew_s for frame in frames} == {0.002}
     assert [frame.seq for frame in frames] == list(range(8))
@@ -113,28 +115,28 @@ def test_stamps_are_exact_and_skew_is_depth_minus_colour(
 def test_the_camera_file_gives_the_timing(
     small_oni: Path, camera_file: Path, tmp_path: Path
 ) -> None:
-    known, file = read_camera_file(camera_file), tmp_path / "timed.toml"
-    file.write_text(camera_file_text(replace(known, readout_s=0.019, depth_offset_s=0.004)))
-    frames = list(all_frames(OniCamera(small_oni, file)))
+    known, file = read_calibration(camera_file), tmp_path / "timed.toml"
+    file.write_text(format_calibration(replace(known, readout_s=0.019, depth_offset_s=0.004)))
+    frames = list(read_all_frames(OniCamera(small_oni, file)))
     assert {frame.readout_s for frame in frames} == {0.019}
     assert [frame.skew_s for frame in frames] == pytest.approx([0.006] * 8)
 
 
 def test_images_without_a_partner_are_counted(tmp_path: Path, camera_file: Path) -> None:
-    path = written(tmp_path / "odd.oni", [*steady(3), image(Sensor.DEPTH, 500_000)])
+    path = written(tmp_path / "odd.oni", [*make_images(3), make_image(OniSensor.DEPTH, 500_000)])
     camera = OniCamera(path, camera_file)
     assert (camera.frame_count, camera.unpaired) == (None, None)
-    assert len(list(all_frames(camera))) == camera.frame_count == 3
+    assert len(list(read_all_frames(camera))) == camera.frame_count == 3
     assert camera.unpaired == 1
 
 
 def test_realtime_drops_what_is_not_taken_in_time_and_counts_it(
     tmp_path: Path, camera_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, now_s = written(tmp_path / "long.oni", steady(30)), [100.0]
-    pacer = partial(RealtimePacer, clock=lambda: now_s[0])
+    path, now_s = written(tmp_path / "long.oni", make_images(30)), [100.0]
+    pacer = partial(RealtimeScheduler, clock=lambda: now_s[0])
     monkeypatch.setattr(playback, "make_pacer", lambda pace, stamps_s: pacer(stamps_s))
-    with OniCamera(path, camera_file, Pace.REALTIME) as camera:
+    with OniCamera(path, camera_file, PlaybackMode.REALTIME) as camera:
         first = camera.read(5.0)
         now_s[0] += 0.3
         second = camera.read(5.0)
@@ -148,9 +150,9 @@ def test_realtime_drops_what_is_not_taken_in_time_and_counts_it(
 def test_realtime_gives_the_same_frames_to_a_reader_in_time(
     small_oni: Path, camera_file: Path
 ) -> None:
-    lockstep = {frame.seq: frame for frame in all_frames(OniCamera(small_oni, camera_file))}
-    camera = OniCamera(small_oni, camera_file, Pace.REALTIME)
-    for frame in all_frames(camera):
+    lockstep = {frame.seq: frame for frame in read_all_frames(OniCamera(small_oni, camera_file))}
+    camera = OniCamera(small_oni, camera_file, PlaybackMode.REALTIME)
+    for frame in read_all_frames(camera):
         np.testing.assert_array_equal(frame.depth_raw, lockstep[frame.seq].depth_raw)
     assert camera.counters.delivered + camera.counters.dropped == 8
 
@@ -158,10 +160,10 @@ def test_realtime_gives_the_same_frames_to_a_reader_in_time(
 def test_depth_in_tenths_of_a_millimetre_has_its_own_factor(
     tmp_path: Path, camera_file: Path
 ) -> None:
-    path = written(tmp_path / "fine.oni", steady(2), OniSettings(depth_format=DEPTH_100_UM))
+    path = written(tmp_path / "fine.oni", make_images(2), OniSettings(depth_format=DEPTH_100_UM))
     fine = tmp_path / "camera.toml"
     fine.write_text(camera_file.read_text().replace("1000.0", "10000.0"))
-    assert next(all_frames(OniCamera(path, fine))).depth_factor == 10000.0
+    assert next(read_all_frames(OniCamera(path, fine))).depth_factor == 10000.0
     with pytest.raises(InputError, match=r"depth_factor is 1000, .* set depth_factor = 10000.0"):
         OniCamera(path, camera_file).open()
 
@@ -171,20 +173,22 @@ def test_depth_in_tenths_of_a_millimetre_has_its_own_factor(
 def test_left_and_right_are_as_asked_for(
     recorded: bool, wanted: bool, tmp_path: Path, camera_file: Path
 ) -> None:
-    images = steady(1)
+    images = make_images(1)
     path = written(tmp_path / "mirror.oni", images, OniSettings(mirror=recorded))
-    camera = OniCamera(path, camera_file, settings=SensorSettings(mirror=wanted))
-    frame = next(all_frames(camera))
+    camera = OniCamera(path, camera_file, settings=SensorConfig(mirror=wanted))
+    frame = next(read_all_frames(camera))
     step = 1 if recorded == wanted else -1
     np.testing.assert_array_equal(frame.depth_raw, images[0].pixels[:, ::step])
-    np.testing.assert_array_equal(frame.colour_bgr, images[1].pixels[:, ::step])
+    np.testing.assert_array_equal(frame.color_bgr, images[1].pixels[:, ::step])
 
 
 def test_depth_camera_of_its_own_is_registered_in_software(
     small_oni: Path, camera_file: Path, depth_camera_file: Path
 ) -> None:
-    registered = all_frames(OniCamera(small_oni, depth_camera_file))
-    for ours, theirs in zip(registered, all_frames(OniCamera(small_oni, camera_file)), strict=True):
+    registered = read_all_frames(OniCamera(small_oni, depth_camera_file))
+    for ours, theirs in zip(
+        registered, read_all_frames(OniCamera(small_oni, camera_file)), strict=True
+    ):
         np.testing.assert_array_equal(ours.depth_raw, theirs.depth_raw)
 
 
@@ -213,7 +217,7 @@ def test_nothing_is_left_behind_by_opening_and_closing(small_oni: Path, camera_f
     def held() -> Counter[str]:
         with camera:
             camera.read(5.0)
-        return belongings()
+        return resources_in_use()
 
     before = held()
     assert all(held() <= before for _ in range(3))

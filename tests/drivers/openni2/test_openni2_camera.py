@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera import CameraState, Clock, NoFrameYet
-from drivers.camera_file import camera_file_text, read_camera_file
+from drivers.camera import CameraState, Clock, FrameTimeout
+from drivers.camera_file import format_calibration, read_calibration
 from drivers.errors import (
     CameraError,
     CameraLostError,
@@ -25,9 +25,9 @@ from drivers.errors import (
 from drivers.openni2 import library
 from drivers.openni2.camera import OpenNI2Camera
 from drivers.openni2.finding import list_devices
-from drivers.sensor_settings import SensorSettings
-from tests.drivers.openni2.conftest import CAMERA_FILE, DEPTH_CAMERA, image, steady
-from tests.stand_ins.oni_writer import OniImage, OniSettings, Sensor, write_oni
+from drivers.sensor_settings import SensorConfig
+from tests.drivers.openni2.conftest import CAMERA_FILE, DEPTH_CAMERA, make_image, make_images
+from tests.stand_ins.oni_writer import OniImage, OniSensor, OniSettings, write_oni
 
 DUMMY = """
 import sys
@@ -58,24 +58,24 @@ def read_on(camera: OpenNI2Camera) -> None:
 
 
 def test_frames_are_those_of_the_sensor(tmp_path: Path, depth_camera_file: Path) -> None:
-    images = steady(60)
+    images = make_images(60)
     by_stamp = {(sent.sensor, sent.stamp_us): sent.pixels for sent in images}
     with OpenNI2Camera(sensor(tmp_path / "a.oni", images), depth_camera_file) as camera:
         frames = [camera.read(2.0) for _ in range(10)]
     for frame in frames:
         assert frame.device_stamp_s is not None
         stamp_us = round(frame.device_stamp_s * 1e6)
-        np.testing.assert_array_equal(frame.colour_bgr, by_stamp[Sensor.COLOUR, stamp_us])
-        np.testing.assert_array_equal(frame.depth_raw, by_stamp[Sensor.DEPTH, stamp_us + 2_000])
+        np.testing.assert_array_equal(frame.color_bgr, by_stamp[OniSensor.COLOR, stamp_us])
+        np.testing.assert_array_equal(frame.depth_raw, by_stamp[OniSensor.DEPTH, stamp_us + 2_000])
         assert frame.skew_s == pytest.approx(0.002)
         assert frame.depth_factor == 1000.0
 
 
 def test_the_camera_file_gives_the_timing(tmp_path: Path, depth_camera_file: Path) -> None:
     file = tmp_path / "timed.toml"
-    known = read_camera_file(depth_camera_file)
-    file.write_text(camera_file_text(replace(known, readout_s=0.019, depth_offset_s=0.004)))
-    with OpenNI2Camera(sensor(tmp_path / "a.oni", steady(60)), file) as camera:
+    known = read_calibration(depth_camera_file)
+    file.write_text(format_calibration(replace(known, readout_s=0.019, depth_offset_s=0.004)))
+    with OpenNI2Camera(sensor(tmp_path / "a.oni", make_images(60)), file) as camera:
         frame = camera.read(2.0)
     assert frame.readout_s == 0.019
     assert frame.skew_s == pytest.approx(0.006)
@@ -83,20 +83,20 @@ def test_the_camera_file_gives_the_timing(tmp_path: Path, depth_camera_file: Pat
 
 def test_stamps_rise_on_the_hosts_clock(tmp_path: Path, depth_camera_file: Path) -> None:
     before_s = time.monotonic()
-    with OpenNI2Camera(sensor(tmp_path / "a.oni", steady(60)), depth_camera_file) as camera:
+    with OpenNI2Camera(sensor(tmp_path / "a.oni", make_images(60)), depth_camera_file) as camera:
         frames = [camera.read(2.0) for _ in range(10)]
     after_s = time.monotonic()
     stamps_s = np.array([frame.stamp_s for frame in frames])
     assert camera.clock is Clock.MONOTONIC
     assert np.all(np.diff(stamps_s) > 0)
     assert before_s - 0.1 < stamps_s[0] < stamps_s[-1] < after_s
-    assert all(frame.stamp_s < frame.arrival_s for frame in frames)
+    assert all(frame.stamp_s < frame.receive_time_s for frame in frames)
 
 
 def test_slow_reader_gets_the_newest_and_the_rest_is_counted(
     tmp_path: Path, depth_camera_file: Path
 ) -> None:
-    with OpenNI2Camera(sensor(tmp_path / "a.oni", steady(60)), depth_camera_file) as camera:
+    with OpenNI2Camera(sensor(tmp_path / "a.oni", make_images(60)), depth_camera_file) as camera:
         first = camera.read(2.0)
         time.sleep(0.3)  # frames pass in the library, which tells nobody
         second = camera.read(2.0)
@@ -107,18 +107,18 @@ def test_slow_reader_gets_the_newest_and_the_rest_is_counted(
 
 
 def test_stream_that_stops_is_a_lost_camera(tmp_path: Path, depth_camera_file: Path) -> None:
-    depth_goes_on = [image(Sensor.DEPTH, seq * 33_333) for seq in range(4, 90)]
-    uri = sensor(tmp_path / "a.oni", steady(4) + depth_goes_on)
+    depth_goes_on = [make_image(OniSensor.DEPTH, seq * 33_333) for seq in range(4, 90)]
+    uri = sensor(tmp_path / "a.oni", make_images(4) + depth_goes_on)
     with OpenNI2Camera(uri, depth_camera_file) as camera:
         with pytest.raises(CameraLostError, match="its colour stream stopped for 1 s"):
             read_on(camera)
-        assert camera.condition.state is CameraState.LOST
-        assert "colour stream stopped" in camera.condition.reason
+        assert camera.status.state is CameraState.LOST
+        assert "colour stream stopped" in camera.status.reason
 
 
 def test_stream_that_never_begins_is_a_lost_camera(tmp_path: Path, depth_camera_file: Path) -> None:
-    late = [image(Sensor.COLOUR, seq * 33_333) for seq in range(120)]
-    uri = sensor(tmp_path / "a.oni", [*late, image(Sensor.DEPTH, 120 * 33_333)])
+    late = [make_image(OniSensor.COLOR, seq * 33_333) for seq in range(120)]
+    uri = sensor(tmp_path / "a.oni", [*late, make_image(OniSensor.DEPTH, 120 * 33_333)])
     with (
         OpenNI2Camera(uri, depth_camera_file) as camera,
         pytest.raises(CameraLostError, match="its depth stream did not begin"),
@@ -129,42 +129,42 @@ def test_stream_that_never_begins_is_a_lost_camera(tmp_path: Path, depth_camera_
 def test_nothing_within_the_time_given_is_no_frame_yet(
     tmp_path: Path, depth_camera_file: Path
 ) -> None:
-    apart = [image(Sensor.DEPTH, 0), image(Sensor.COLOUR, 900_000)]
+    apart = [make_image(OniSensor.DEPTH, 0), make_image(OniSensor.COLOR, 900_000)]
     with (
         OpenNI2Camera(sensor(tmp_path / "a.oni", apart), depth_camera_file) as camera,
-        pytest.raises(NoFrameYet),
+        pytest.raises(FrameTimeout),
     ):
         camera.read(0.1)
 
 
 def test_condition_follows_the_camera(tmp_path: Path, depth_camera_file: Path) -> None:
-    camera = OpenNI2Camera(sensor(tmp_path / "a.oni", steady(30)), depth_camera_file)
-    seen = [camera.condition.state]
+    camera = OpenNI2Camera(sensor(tmp_path / "a.oni", make_images(30)), depth_camera_file)
+    seen = [camera.status.state]
     with camera:
-        seen.append(camera.condition.state)
+        seen.append(camera.status.state)
         camera.read(2.0)
-        seen.append(camera.condition.state)
+        seen.append(camera.status.state)
     assert seen == [CameraState.ABSENT, CameraState.STARTING, CameraState.STREAMING]
     with pytest.raises(CameraError, match="is not open"):
         camera.read(0.1)
 
 
 def test_mirror_is_made_where_the_sensor_does_not(tmp_path: Path, depth_camera_file: Path) -> None:
-    depth, colour = steady(1)
+    depth, colour = make_images(1)
     later_us = [seq * 33_333 for seq in range(30)]
     images = [replace(view, stamp_us=us) for us in later_us for view in (depth, colour)]
     uri = sensor(tmp_path / "a.oni", images)
-    with OpenNI2Camera(uri, depth_camera_file, SensorSettings(mirror=True)) as camera:
+    with OpenNI2Camera(uri, depth_camera_file, SensorConfig(mirror=True)) as camera:
         frame = camera.read(2.0)
     np.testing.assert_array_equal(frame.depth_raw, depth.pixels[:, ::-1])
-    np.testing.assert_array_equal(frame.colour_bgr, colour.pixels[:, ::-1])
+    np.testing.assert_array_equal(frame.color_bgr, colour.pixels[:, ::-1])
 
 
 @pytest.mark.parametrize("registered_file", [True, False])
 def test_depth_that_is_not_registered_is_refused(
     registered_file: bool, tmp_path: Path, camera_file: Path
 ) -> None:
-    uri = sensor(tmp_path / "a.oni", steady(5))
+    uri = sensor(tmp_path / "a.oni", make_images(5))
     camera = OpenNI2Camera(uri, camera_file if registered_file else None)
     with pytest.raises(InputError, match=r"does not register .* give a camera file with a \[depth"):
         camera.open()
@@ -174,13 +174,13 @@ def test_sensor_that_is_not_there(depth_camera_file: Path) -> None:
     camera = OpenNI2Camera("1d27/0601@1/99", depth_camera_file)
     with pytest.raises(CameraNotFoundError, match="no sensor has this URI or serial number"):
         camera.open()
-    assert camera.condition.state is CameraState.ABSENT
+    assert camera.status.state is CameraState.ABSENT
 
 
 def test_recording_that_plays_is_not_listed_as_plugged_in(
     tmp_path: Path, depth_camera_file: Path
 ) -> None:
-    uri = sensor(tmp_path / "a.oni", steady(30))
+    uri = sensor(tmp_path / "a.oni", make_images(30))
     with OpenNI2Camera(uri, depth_camera_file) as camera:
         camera.read(2.0)
         assert uri not in {device.uri for device in list_devices()}

@@ -7,28 +7,28 @@ import pytest
 
 from drivers.camera import PinholeCamera
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.motion import make_path
-from drivers.synthetic.render import Renderer, Room
+from drivers.synthetic.motion import make_motion
+from drivers.synthetic.render import Renderer, RoomModel
 from drivers.synthetic.scene import ROOM_HEIGHT_M
-from tests.drivers.synthetic.studio import Shoot, Studio
+from tests.drivers.synthetic.studio import CachedCameras, RendererFactory
 
 SMALL = PinholeCamera(128, 96, 105.0, 105.0, 63.5, 47.5)
 
 
-def small(config: SyntheticConfig) -> SyntheticConfig:
+def make_small(config: SyntheticConfig) -> SyntheticConfig:
     return replace(config, camera=SMALL, duration_s=0.2, texel_m=0.02)
 
 
 @pytest.fixture
 def faulty() -> SyntheticConfig:
     """All of the Kinect's own faults, six frames."""
-    return small(SyntheticConfig())
+    return make_small(SyntheticConfig())
 
 
 @pytest.fixture
 def ideal() -> SyntheticConfig:
     """No fault at all, six frames."""
-    return small(SyntheticConfig.ideal())
+    return make_small(SyntheticConfig.ideal())
 
 
 @pytest.fixture(scope="session")
@@ -38,18 +38,18 @@ def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def studio(films: Path, shoot: Shoot) -> Studio:
-    return Studio(films, shoot)
+def studio(films: Path, shoot: RendererFactory) -> CachedCameras:
+    return CachedCameras(films, shoot)
 
 
 @pytest.fixture(scope="session")
-def room() -> Room:
+def room() -> RoomModel:
     """One room, free of furniture where the default motion goes."""
-    config = small(SyntheticConfig())
-    return Room.build(config, make_path(config, ROOM_HEIGHT_M), threads=2)
+    config = make_small(SyntheticConfig())
+    return RoomModel.build(config, make_motion(config, ROOM_HEIGHT_M), threads=2)
 
 
 @pytest.fixture(scope="session")
-def shoot(room: Room) -> Shoot:
+def shoot(room: RoomModel) -> RendererFactory:
     """Renderers through that room, whatever their motion and their sensor are like."""
-    return lambda variant: Renderer(variant, make_path(variant, ROOM_HEIGHT_M), room)
+    return lambda variant: Renderer(variant, make_motion(variant, ROOM_HEIGHT_M), room)

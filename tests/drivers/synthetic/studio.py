@@ -5,15 +5,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.camera import EndOfStream, Pace, RgbdFrame
-from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
+from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.faults import Fault
 from drivers.synthetic.pacing import HostClock
 from drivers.synthetic.render import Renderer
-from drivers.synthetic.rendered_sequence import create_sequence, sequence_files
+from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
 
-Shoot = Callable[[SyntheticConfig], Renderer]
+RendererFactory = Callable[[SyntheticConfig], Renderer]
 
 
 class FakeHost:
@@ -30,7 +30,7 @@ class FakeHost:
         return HostClock(lambda: self.now_s, self.sleep)
 
 
-def frames_of(camera: SyntheticCamera) -> list[RgbdFrame]:
+def read_frames(camera: SyntheticCamera) -> list[RgbdFrame]:
     frames: list[RgbdFrame] = []
     with contextlib.suppress(EndOfStream):
         while len(frames) < 100:
@@ -38,10 +38,10 @@ def frames_of(camera: SyntheticCamera) -> list[RgbdFrame]:
     return frames
 
 
-def fill_sequence(config: SyntheticConfig, folder: Path, shoot: Shoot) -> None:
+def fill_sequence(config: SyntheticConfig, folder: Path, shoot: RendererFactory) -> None:
     """Render what is missing in this process: quicker than in another for a few frames."""
-    sequence = create_sequence(sequence_files(config, folder))
-    missing = sequence.missing()
+    sequence = create_sequence(files_for_config(config, folder))
+    missing = sequence.missing_frames()
     if missing.size:
         renderer = shoot(config)
         for index in missing:
@@ -49,22 +49,22 @@ def fill_sequence(config: SyntheticConfig, folder: Path, shoot: Shoot) -> None:
     sequence.close()
 
 
-class Studio:
+class CachedCameras:
     """Cameras whose films are rendered once for all tests."""
 
-    def __init__(self, films: Path, shoot: Shoot) -> None:
-        self._films, self._shoot = films, shoot
+    def __init__(self, folder: Path, shoot: RendererFactory) -> None:
+        self._films, self._shoot = folder, shoot
 
-    def camera(
+    def open_camera(
         self,
         config: SyntheticConfig,
-        pace: Pace = Pace.LOCKSTEP,
+        pace: PlaybackMode = PlaybackMode.LOCKSTEP,
         host: FakeHost | None = None,
     ) -> SyntheticCamera:
         fill_sequence(config, self._films, self._shoot)
         clock = HostClock() if host is None else host.clock
-        return SyntheticCamera(config, pace, Preparation(cache_dir=self._films), clock)
+        return SyntheticCamera(config, pace, RenderOptions(cache_dir=self._films), clock)
 
-    def play(self, config: SyntheticConfig, *faults: Fault) -> list[RgbdFrame]:
-        with self.camera(replace(config, faults=faults)) as camera:
-            return frames_of(camera)
+    def read_frames(self, config: SyntheticConfig, *faults: Fault) -> list[RgbdFrame]:
+        with self.open_camera(replace(config, faults=faults)) as camera:
+            return read_frames(camera)

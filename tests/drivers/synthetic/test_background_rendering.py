@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera import CameraState, NoFrameYet, Pace, RgbdFrame
+from drivers.camera import CameraState, FrameTimeout, PlaybackMode, RgbdFrame
 from drivers.errors import CameraLostError
-from drivers.isolation.process import Program
+from drivers.isolation.process import WorkerSpec
 from drivers.synthetic import rendering
-from drivers.synthetic.camera import Preparation, SyntheticCamera
+from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.faults import Images
-from drivers.synthetic.rendered_sequence import create_sequence, sequence_files
-from tests.belongings import children
+from drivers.synthetic.faults import RenderedImages
+from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
+from tests.belongings import child_pids
 from tests.drivers.synthetic import idle_renderer
-from tests.drivers.synthetic.studio import FakeHost, Shoot, fill_sequence, frames_of
+from tests.drivers.synthetic.studio import FakeHost, RendererFactory, fill_sequence, read_frames
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -37,40 +37,40 @@ def opened(camera: SyntheticCamera) -> Iterator[RgbdFrame]:
 
 
 def pixels(frames: list[RgbdFrame]) -> list[bytes]:
-    return [frame.colour_bgr.tobytes() + frame.depth_raw.tobytes() for frame in frames]
+    return [frame.color_bgr.tobytes() + frame.depth_raw.tobytes() for frame in frames]
 
 
 def test_the_frames_are_those_rendered_on_demand_and_no_process_is_left(
     faulty: SyntheticConfig, tmp_path: Path
 ) -> None:
     with SyntheticCamera(faulty) as camera:
-        on_demand = pixels(frames_of(camera))
-    camera = SyntheticCamera(faulty, Pace.LOCKSTEP, Preparation(tmp_path))
+        on_demand = pixels(read_frames(camera))
+    camera = SyntheticCamera(faulty, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path))
     with opened(camera) as first:
-        assert pixels([first, *frames_of(camera)]) == on_demand
-    assert children() == []
-    with SyntheticCamera(faulty, Pace.LOCKSTEP, Preparation(tmp_path)) as again:
-        assert children() == []  # all frames are there: none is rendered
-        assert pixels(frames_of(again)) == on_demand
+        assert pixels([first, *read_frames(camera)]) == on_demand
+    assert child_pids() == []
+    with SyntheticCamera(faulty, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path)) as again:
+        assert child_pids() == []  # all frames are there: none is rendered
+        assert pixels(read_frames(again)) == on_demand
 
 
 def test_the_camera_is_opening_until_the_room_is_painted(
     faulty: SyntheticConfig, tmp_path: Path
 ) -> None:
-    with SyntheticCamera(faulty, Pace.REALTIME, Preparation(tmp_path)) as camera:
-        with pytest.raises(NoFrameYet):
+    with SyntheticCamera(faulty, PlaybackMode.REALTIME, RenderOptions(tmp_path)) as camera:
+        with pytest.raises(FrameTimeout):
             camera.read(0.0)
-        assert str(camera.condition) == "opening: preparing its room"
+        assert str(camera.status) == "opening: preparing its room"
         assert camera.read(START_S).seq == 0
-        assert camera.condition.state is CameraState.STREAMING
+        assert camera.status.state is CameraState.STREAMING
 
 
 def test_the_process_ends_while_a_live_reader_goes_on_when_all_is_rendered(
     faulty: SyntheticConfig, tmp_path: Path
 ) -> None:
     looped = replace(faulty, loop=True)
-    with SyntheticCamera(looped, Pace.REALTIME, Preparation(tmp_path)) as camera:
-        wait_until(lambda: camera.read(START_S) and not children())
+    with SyntheticCamera(looped, PlaybackMode.REALTIME, RenderOptions(tmp_path)) as camera:
+        wait_until(lambda: camera.read(START_S) and not child_pids())
         assert camera.read(START_S).seq > 0
 
 
@@ -84,15 +84,17 @@ def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_co
     dropped: int,
 ) -> None:
     """Frames 0, 1 and 3 are there; no other ever is."""
-    monkeypatch.setattr(rendering, "RENDERER", Program(idle_renderer.__name__, "idle"))
+    monkeypatch.setattr(rendering, "RENDERER", WorkerSpec(idle_renderer.__name__, "idle"))
     host, black = (
         FakeHost(),
-        Images(np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.uint16)),
+        RenderedImages(np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.uint16)),
     )
-    sequence = create_sequence(sequence_files(faulty, tmp_path))
+    sequence = create_sequence(files_for_config(faulty, tmp_path))
     for index in (0, 1, 3):
         sequence.write(index, black)
-    with SyntheticCamera(faulty, Pace.REALTIME, Preparation(tmp_path), host.clock) as camera:
+    with SyntheticCamera(
+        faulty, PlaybackMode.REALTIME, RenderOptions(tmp_path), host.clock
+    ) as camera:
         assert camera.read(1.0).seq == 0
         host.sleep(due / faulty.rate_hz)
         assert camera.read(1.0).seq == seq
@@ -100,16 +102,16 @@ def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_co
 
 
 def test_a_damaged_frame_is_rendered_again(
-    faulty: SyntheticConfig, tmp_path: Path, shoot: Shoot
+    faulty: SyntheticConfig, tmp_path: Path, shoot: RendererFactory
 ) -> None:
-    files = sequence_files(faulty, tmp_path)
+    files = files_for_config(faulty, tmp_path)
     fill_sequence(faulty, tmp_path, shoot)
     whole = files.frames.read_bytes()
     with files.frames.open("r+b") as file:
         file.seek(3 * files.frame_bytes + 100)
         file.write(b"damaged")
-    with SyntheticCamera(faulty, Pace.LOCKSTEP, Preparation(tmp_path)) as camera:
-        assert len(frames_of(camera)) == 6
+    with SyntheticCamera(faulty, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path)) as camera:
+        assert len(read_frames(camera)) == 6
     assert files.frames.read_bytes() == whole
 
 
@@ -117,14 +119,14 @@ def test_a_renderer_that_is_killed_is_reported_keeps_its_frames_and_is_started_a
     faulty: SyntheticConfig, tmp_path: Path
 ) -> None:
     long = replace(faulty, duration_s=60.0)
-    camera = SyntheticCamera(long, Pace.LOCKSTEP, Preparation(tmp_path))
+    camera = SyntheticCamera(long, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path))
     with opened(camera):
-        (renderer,) = children()
+        (renderer,) = child_pids()
         os.kill(renderer, signal.SIGKILL)
         with pytest.raises(CameraLostError, match="the renderer crashed"):
             deque(iter(lambda: camera.read(START_S), None), maxlen=0)
-    sequence = create_sequence(sequence_files(long, tmp_path))
-    assert 0 < sequence.missing().size < 1800
+    sequence = create_sequence(files_for_config(long, tmp_path))
+    assert 0 < sequence.missing_frames().size < 1800
     assert sequence.read(0) is not None
     sequence.close()
     with opened(camera) as first:

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.synthetic.faults import Images
+from drivers.synthetic.faults import RenderedImages
 from drivers.synthetic.render_schedule import RenderSchedule
 from drivers.synthetic.rendered_sequence import RenderedSequence, SequenceFiles, create_sequence
 
-FRAME = Images(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2), np.uint16))
+FRAME = RenderedImages(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2), np.uint16))
 
 
 class Renderers:
@@ -22,11 +22,11 @@ class Renderers:
         self.schedule = RenderSchedule(sequence, rate_hz, lambda: self.now_s)
 
     def render(self) -> int | None:
-        index = self.schedule.take()
+        index = self.schedule.next_frame()
         if index is not None:
             self.now_s += self._render_s
             self._sequence.write(index, FRAME)
-            self.schedule.finish(index)
+            self.schedule.mark_rendered(index)
         return index
 
 
@@ -48,7 +48,7 @@ def test_a_live_reader_finds_frames_that_were_ready_in_time(sequence: RenderedSe
     renderers = Renderers(sequence, rate_hz=10.0, render_s=0.35)
     renderers.render()
     begin_s = renderers.now_s
-    renderers.schedule.reader_is_at(0)
+    renderers.schedule.set_reader_position(0)
     for _ in range(20):
         index = renderers.render()
         assert index is not None
@@ -60,7 +60,7 @@ def test_frames_that_were_passed_over_are_rendered_when_none_is_urgent(
     sequence: RenderedSequence,
 ) -> None:
     renderers = Renderers(sequence, rate_hz=10.0, render_s=0.01)
-    renderers.schedule.reader_is_at(98)
+    renderers.schedule.set_reader_position(98)
     assert [renderers.render() for _ in range(4)] == [98, 99, 0, 1]
 
 
@@ -73,5 +73,5 @@ def test_a_frame_that_the_reader_waits_for_comes_first_and_once(sequence: Render
 
 def test_two_threads_never_render_the_same_frame(sequence: RenderedSequence) -> None:
     schedule = RenderSchedule(sequence, 0.0)
-    assert [schedule.take() for _ in range(100)] == list(range(100))
-    assert schedule.take() is None
+    assert [schedule.next_frame() for _ in range(100)] == list(range(100))
+    assert schedule.next_frame() is None

@@ -10,13 +10,13 @@ import pytest
 
 from drivers.errors import CameraError, InputError
 from drivers.synthetic import rendered_sequence
-from drivers.synthetic.config import Motion, SyntheticConfig
-from drivers.synthetic.faults import Fault, FaultKind, Images
+from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.synthetic.faults import Fault, FaultKind, RenderedImages
 from drivers.synthetic.rendered_sequence import (
     RenderedSequence,
     SequenceFiles,
     create_sequence,
-    sequence_files,
+    files_for_config,
 )
 
 BYTES = 5 * (5 * 4 * 6 + 8)  # of five frames and their index
@@ -26,8 +26,10 @@ def files(folder: Path, key: str = "key", count: int = 5) -> SequenceFiles:
     return SequenceFiles(folder, key, count, 4, 6)
 
 
-def frame(value: int) -> Images:
-    return Images(np.full((4, 6, 3), value, np.uint8), np.full((4, 6), 1000 + value, np.uint16))
+def frame(value: int) -> RenderedImages:
+    return RenderedImages(
+        np.full((4, 6, 3), value, np.uint8), np.full((4, 6), 1000 + value, np.uint16)
+    )
 
 
 def filled(folder: Path, key: str = "key") -> RenderedSequence:
@@ -41,11 +43,11 @@ def test_a_frame_that_one_wrote_is_read_by_another(tmp_path: Path) -> None:
     writer, reader = create_sequence(files(tmp_path)), create_sequence(files(tmp_path))
     assert reader.read(3) is None
     writer.write(3, frame(7))
-    assert reader.missing().tolist() == [0, 1, 2, 4]
+    assert reader.missing_frames().tolist() == [0, 1, 2, 4]
     images = reader.read(3)
     assert images is not None
-    np.testing.assert_array_equal(images.colour, frame(7).colour)
-    np.testing.assert_array_equal(images.depth, frame(7).depth)
+    np.testing.assert_array_equal(images.color_bgr, frame(7).color_bgr)
+    np.testing.assert_array_equal(images.depth_raw, frame(7).depth_raw)
 
 
 def test_a_damaged_frame_is_missing_and_the_others_are_not(tmp_path: Path) -> None:
@@ -61,7 +63,7 @@ def test_a_damaged_frame_is_missing_and_the_others_are_not(tmp_path: Path) -> No
         False,
         False,
     ]
-    assert sequence.missing().tolist() == [2]
+    assert sequence.missing_frames().tolist() == [2]
 
 
 @pytest.mark.parametrize("damage", ["short frames", "short index", "no index", "nonsense index"])
@@ -78,7 +80,7 @@ def test_damaged_files_never_give_a_wrong_frame(tmp_path: Path, damage: str) -> 
         index.write_bytes(os.urandom(40))
     sequence = create_sequence(files(tmp_path))
     assert [sequence.read(index) for index in range(5)] == [None] * 5
-    assert sequence.missing().tolist() == [0, 1, 2, 3, 4]
+    assert sequence.missing_frames().tolist() == [0, 1, 2, 3, 4]
 
 
 def test_what_changes_a_pixel_changes_the_key_and_faults_on_request_do_not(
@@ -88,15 +90,15 @@ def test_what_changes_a_pixel_changes_the_key_and_faults_on_request_do_not(
     track.write_text("0 0 0 0 0 0 0 1\n")
     others = [
         replace(faulty, seed=2),
-        replace(faulty, motion=Motion.STILL),
+        replace(faulty, motion=MotionKind.STILL),
         replace(faulty, track=track),
     ]
-    keys = {sequence_files(config, tmp_path).key for config in [faulty, *others]}
+    keys = {files_for_config(config, tmp_path).key for config in [faulty, *others]}
     assert len(keys) == 4
     with_fault = replace(faulty, faults=(Fault(FaultKind.BLACK, 1),))
-    assert sequence_files(with_fault, tmp_path).key in keys
+    assert files_for_config(with_fault, tmp_path).key in keys
     track.write_text("0 0 0 1 0 0 0 1\n")
-    assert sequence_files(others[2], tmp_path).key not in keys
+    assert files_for_config(others[2], tmp_path).key not in keys
 
 
 def test_the_folder_forgets_what_was_unused_longest(
@@ -142,4 +144,4 @@ def test_a_folder_that_cannot_be_made_is_the_user_s_mistake(tmp_path: Path) -> N
 
 def test_more_frames_than_are_kept_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"18000 frames are 27\.6 GB"):
-        sequence_files(SyntheticConfig(duration_s=600.0), tmp_path)
+        files_for_config(SyntheticConfig(duration_s=600.0), tmp_path)

@@ -3,20 +3,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.camera import Clock, NoFrameYet, Pace
+from drivers.camera import Clock, FrameTimeout, PlaybackMode
 from drivers.errors import CameraLostError, InputError
-from drivers.synthetic.camera import Preparation, SyntheticCamera
-from drivers.synthetic.config import ColourEye, SyntheticConfig, Timing
-from tests.drivers.synthetic.studio import FakeHost, Studio, frames_of
+from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import ColorSensorModel, ShutterTiming, SyntheticConfig
+from tests.drivers.synthetic.studio import CachedCameras, FakeHost, read_frames
 
 pytestmark = pytest.mark.slow
 
 
 def test_lockstep_delivers_every_frame_under_fixed_stamps(
-    studio: Studio, faulty: SyntheticConfig
+    studio: CachedCameras, faulty: SyntheticConfig
 ) -> None:
-    with studio.camera(faulty) as camera:
-        frames = frames_of(camera)
+    with studio.open_camera(faulty) as camera:
+        frames = read_frames(camera)
         assert camera.clock is Clock.RECORDED
         assert camera.frame_count == len(frames) == 6
         assert camera.counters.delivered == 6
@@ -28,32 +28,34 @@ def test_lockstep_delivers_every_frame_under_fixed_stamps(
 
 
 def test_two_runs_give_the_same_bytes_whatever_the_threads(
-    studio: Studio, faulty: SyntheticConfig
+    studio: CachedCameras, faulty: SyntheticConfig
 ) -> None:
     """Rendered as they are read, the room painted by one thread and by two, and from disk."""
-    ways = (Preparation(threads=1), Preparation(threads=2))
-    runs = [studio.play(faulty)]
+    ways = (RenderOptions(threads=1), RenderOptions(threads=2))
+    runs = [studio.read_frames(faulty)]
     for way in ways:
-        with SyntheticCamera(faulty, preparation=way) as camera:
-            runs.append(frames_of(camera))
+        with SyntheticCamera(faulty, render_options=way) as camera:
+            runs.append(read_frames(camera))
     for frames in zip(*runs, strict=True):
         assert len({frame.colour_bgr.tobytes() for frame in frames}) == 1
         assert len({frame.depth_raw.tobytes() for frame in frames}) == 1
         assert len({frame.stamp_s for frame in frames}) == 1
 
 
-def test_ground_truth_is_stamped_like_the_frames(studio: Studio, ideal: SyntheticConfig) -> None:
-    camera = studio.camera(ideal)
+def test_ground_truth_is_stamped_like_the_frames(
+    studio: CachedCameras, ideal: SyntheticConfig
+) -> None:
+    camera = studio.open_camera(ideal)
     with camera:
-        stamps = [frame.stamp_s for frame in frames_of(camera)]
+        stamps = [frame.stamp_s for frame in read_frames(camera)]
     truth = camera.ground_truth
     assert truth is not None
     assert truth.stamps_s.tolist() == stamps
     assert truth.T_world_camera.shape == (6, 4, 4)
 
 
-def test_opening_again_starts_over(studio: Studio, ideal: SyntheticConfig) -> None:
-    camera = studio.camera(ideal)
+def test_opening_again_starts_over(studio: CachedCameras, ideal: SyntheticConfig) -> None:
+    camera = studio.open_camera(ideal)
     with camera:
         first = camera.read(1.0)
         camera.read(1.0)
@@ -66,38 +68,40 @@ def test_opening_again_starts_over(studio: Studio, ideal: SyntheticConfig) -> No
         camera.read(1.0)
 
 
-def test_a_loop_goes_on_for_ever_without_a_seam(studio: Studio, ideal: SyntheticConfig) -> None:
-    with studio.camera(replace(ideal, loop=True)) as camera:
+def test_a_loop_goes_on_for_ever_without_a_seam(
+    studio: CachedCameras, ideal: SyntheticConfig
+) -> None:
+    with studio.open_camera(replace(ideal, loop=True)) as camera:
         frames = [camera.read(1.0) for _ in range(14)]
         assert camera.frame_count is None
         assert camera.ground_truth is None
-    np.testing.assert_array_equal(frames[0].colour_bgr, frames[6].colour_bgr)
+    np.testing.assert_array_equal(frames[0].color_bgr, frames[6].color_bgr)
     assert [frame.seq for frame in frames] == list(range(14))
     assert np.all(np.diff([frame.stamp_s for frame in frames]) > 0.033)
 
 
 def test_live_frames_come_when_due_and_stamped_by_the_host(
-    studio: Studio, faulty: SyntheticConfig
+    studio: CachedCameras, faulty: SyntheticConfig
 ) -> None:
     host = FakeHost()
-    with studio.camera(faulty, Pace.REALTIME, host) as camera:
+    with studio.open_camera(faulty, PlaybackMode.REALTIME, host) as camera:
         assert camera.clock is Clock.MONOTONIC
-        with pytest.raises(NoFrameYet):
+        with pytest.raises(FrameTimeout):
             camera.read(0.005)
-        frames = frames_of(camera)
+        frames = read_frames(camera)
     assert [frame.seq for frame in frames] == list(range(6))
     assert frames[3].stamp_s == 5000.1
     # The last row and the depth come after the middle of the colour image.
-    assert frames[3].arrival_s == pytest.approx(5000.1 + 0.010 + 0.010)
-    assert host.now_s == pytest.approx(frames[5].arrival_s)
+    assert frames[3].receive_time_s == pytest.approx(5000.1 + 0.010 + 0.010)
+    assert host.now_s == pytest.approx(frames[5].receive_time_s)
 
 
 def test_a_slow_reader_gets_the_newest_frame_and_the_rest_is_counted(
-    studio: Studio,
+    studio: CachedCameras,
     faulty: SyntheticConfig,
 ) -> None:
     host = FakeHost()
-    with studio.camera(faulty, Pace.REALTIME, host) as camera:
+    with studio.open_camera(faulty, PlaybackMode.REALTIME, host) as camera:
         seqs = [camera.read(1.0).seq]
         host.sleep(0.11)
         seqs += [camera.read(1.0).seq, camera.read(1.0).seq]
@@ -114,9 +118,9 @@ def test_a_slow_reader_gets_the_newest_frame_and_the_rest_is_counted(
         ({"rate_hz": 0.0}, "rate_hz"),
         ({"duration_s": 0.0}, "duration_s"),
         ({"depth_factor": 0.0}, "depth_factor"),
-        ({"timing": Timing(skew_s=0.02)}, "skew_s must be at most half a frame"),
-        ({"timing": Timing(readout_s=0.05)}, "readout_s"),
-        ({"colour": ColourEye(distortion=(0.1,))}, "k1 k2 p1 p2 k3"),
+        ({"timing": ShutterTiming(skew_s=0.02)}, "skew_s must be at most half a frame"),
+        ({"timing": ShutterTiming(readout_s=0.05)}, "readout_s"),
+        ({"colour": ColorSensorModel(distortion=(0.1,))}, "k1 k2 p1 p2 k3"),
     ],
 )
 def test_what_makes_no_sense_is_refused_by_name(change: dict[str, object], message: str) -> None:
@@ -124,9 +128,9 @@ def test_what_makes_no_sense_is_refused_by_name(change: dict[str, object], messa
         replace(SyntheticConfig(), **change)  # type: ignore[arg-type]
 
 
-def test_every_frame_knows_which_way_is_down(studio: Studio, ideal: SyntheticConfig) -> None:
-    with studio.camera(ideal) as camera:
-        frames = frames_of(camera)
+def test_every_frame_knows_which_way_is_down(studio: CachedCameras, ideal: SyntheticConfig) -> None:
+    with studio.open_camera(ideal) as camera:
+        frames = read_frames(camera)
         truth = camera.ground_truth
     assert truth is not None
     for frame, T_world_camera in zip(frames, truth.T_world_camera, strict=True):

@@ -3,8 +3,8 @@ import pytest
 
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array, rigid_transform
-from drivers.synthetic.colour_sensor import expose, gain_at, motion_blur, vignette
-from drivers.synthetic.config import ColourEye, SyntheticConfig
+from drivers.synthetic.colour_sensor import expose, gain_at, motion_blur, vignetting_map
+from drivers.synthetic.config import ColorSensorModel, SyntheticConfig
 from drivers.synthetic.render import pixel_rays
 
 CAMERA = PinholeCamera(128, 96, 100.0, 100.0, 63.5, 47.5)
@@ -42,7 +42,7 @@ def test_an_edge_is_smeared_as_far_as_the_image_moves() -> None:
 
 def test_noise_has_the_power_asked_for() -> None:
     grey = np.full((96, 128, 3), 128.0, dtype=np.float32)
-    eye = ColourEye(noise_sigma=3.0, softness_px=0.0)
+    eye = ColorSensorModel(noise_sigma=3.0, softness_px=0.0)
     picture = expose(grey, 1.0, EVEN, eye, np.random.default_rng(0))
     assert np.std(picture) == pytest.approx(3.0, rel=0.05)
     assert np.mean(picture) == pytest.approx(128.0, abs=0.1)
@@ -52,13 +52,13 @@ def test_gain_and_vignette_scale_the_picture_and_never_wrap() -> None:
     bright = np.full((96, 128, 3), 200.0, dtype=np.float32)
     picture = expose(bright, 1.5, EVEN, CLEAN, np.random.default_rng(0))
     assert np.all(picture == 255)
-    kept = vignette(CAMERA, 0.2)
+    kept = vignetting_map(CAMERA, 0.2)
     assert kept[48, 64] > 0.999
     assert kept[0, 0] == pytest.approx(0.8, abs=0.01)
 
 
 def test_exposure_hunts_and_comes_back_by_the_end_of_a_loop() -> None:
-    eye = ColourEye(gain_drift=0.2)
+    eye = ColorSensorModel(gain_drift=0.2)
     gains = [gain_at(eye, t, 20.0) for t in np.linspace(0.0, 20.0, 200)]
     assert max(gains) - min(gains) > 0.2
     assert 0.8 <= min(gains) <= max(gains) <= 1.2

@@ -12,13 +12,13 @@ from drivers.geometry import (
     is_rigid,
     rigid_transform,
     rotation_angle_rad,
-    rotation_from_vector,
+    so3_exp,
     transform_points,
 )
-from drivers.synthetic.config import Motion, SyntheticConfig
-from drivers.synthetic.motion import make_path
+from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.synthetic.motion import make_motion
 from drivers.synthetic.spline import CubicSpline
-from drivers.trajectory import pose_line
+from drivers.trajectory import format_pose_line
 
 CONFIG = SyntheticConfig(duration_s=10.0)
 TIMES = np.linspace(0.0, 10.0, 2001)
@@ -28,7 +28,7 @@ def track_poses(times_s: Array) -> Array:
     """A track that turns right round, so that its quaternions change sign."""
     poses = [
         rigid_transform(
-            rotation_from_vector([0.1, 0.2, 0.0]) @ rotation_from_vector([0, 0, 0.7 * t]),
+            so3_exp([0.1, 0.2, 0.0]) @ so3_exp([0, 0, 0.7 * t]),
             (5 + np.sin(t), np.cos(0.7 * t), 1.2 + 0.1 * t),
         )
         for t in times_s
@@ -39,21 +39,25 @@ def track_poses(times_s: Array) -> Array:
 @pytest.fixture
 def track(tmp_path: Path) -> Path:
     file, times_s = tmp_path / "track.txt", np.arange(0.0, 12.0, 0.01)
-    lines = [pose_line(100 + t, T) for t, T in zip(times_s, track_poses(times_s), strict=True)]
+    lines = [
+        format_pose_line(100 + t, T) for t, T in zip(times_s, track_poses(times_s), strict=True)
+    ]
     file.write_text("# a track\n" + "".join(lines))
     return file
 
 
-@pytest.mark.parametrize("motion", list(Motion))
-def test_built_in_motions_are_rigid_and_end_where_they_began(motion: Motion) -> None:
-    poses = make_path(replace(CONFIG, motion=motion, loop=True), 2.7).poses(TIMES)
+@pytest.mark.parametrize("motion", list(MotionKind))
+def test_built_in_motions_are_rigid_and_end_where_they_began(motion: MotionKind) -> None:
+    poses = make_motion(replace(CONFIG, motion=motion, loop=True), 2.7).poses(TIMES)
     assert all(is_rigid(T, 1e-9) for T in poses[::100])
     np.testing.assert_allclose(poses[0], poses[-1], atol=1e-9)
 
 
-@pytest.mark.parametrize("motion", [motion for motion in Motion if motion is not Motion.STILL])
-def test_motion_is_continuous_to_the_acceleration(motion: Motion) -> None:
-    position_m = make_path(replace(CONFIG, motion=motion), 2.7).poses(TIMES)[:, :3, 3]
+@pytest.mark.parametrize(
+    "motion", [motion for motion in MotionKind if motion is not MotionKind.STILL]
+)
+def test_motion_is_continuous_to_the_acceleration(motion: MotionKind) -> None:
+    position_m = make_motion(replace(CONFIG, motion=motion), 2.7).poses(TIMES)[:, :3, 3]
     acceleration = np.diff(position_m, n=2, axis=0) / 0.005**2
     assert np.abs(acceleration).max() < 10.0
     assert np.abs(np.diff(acceleration, axis=0)).max() < 0.5
@@ -61,8 +65,8 @@ def test_motion_is_continuous_to_the_acceleration(motion: Motion) -> None:
 
 def test_a_hand_trembles_about_the_smooth_path_and_still_is_still() -> None:
     hand, smooth, still = (
-        make_path(replace(CONFIG, motion=motion), 2.7).poses(TIMES)
-        for motion in (Motion.HAND_HELD, Motion.SMOOTH, Motion.STILL)
+        make_motion(replace(CONFIG, motion=motion), 2.7).poses(TIMES)
+        for motion in (MotionKind.HAND_HELD, MotionKind.SMOOTH, MotionKind.STILL)
     )
     apart_m = np.linalg.norm(hand[:, :3, 3] - smooth[:, :3, 3], axis=1)
     assert 0.003 < apart_m.max() < 0.05
@@ -71,10 +75,12 @@ def test_a_hand_trembles_about_the_smooth_path_and_still_is_still() -> None:
     np.testing.assert_array_equal(still[0], still[-1])
 
 
-@pytest.mark.parametrize("motion", [motion for motion in Motion if motion is not Motion.STILL])
-def test_another_seed_moves_otherwise(motion: Motion) -> None:
+@pytest.mark.parametrize(
+    "motion", [motion for motion in MotionKind if motion is not MotionKind.STILL]
+)
+def test_another_seed_moves_otherwise(motion: MotionKind) -> None:
     config = replace(CONFIG, motion=motion)
-    a, b = (make_path(replace(config, seed=seed), 2.7).poses(TIMES[:5]) for seed in (1, 2))
+    a, b = (make_motion(replace(config, seed=seed), 2.7).poses(TIMES[:5]) for seed in (1, 2))
     assert np.abs(a - b).max() > 0.01
 
 
@@ -85,8 +91,8 @@ def downward_rad(poses: Array) -> Array:
 
 
 def test_over_the_floor_it_looks_down_but_for_a_short_look_up_every_ten_seconds() -> None:
-    config = replace(CONFIG, motion=Motion.FLOOR, duration_s=20.0)
-    path = make_path(config, 2.7)
+    config = replace(CONFIG, motion=MotionKind.FLOOR, duration_s=20.0)
+    path = make_motion(config, 2.7)
     poses = path.poses(np.linspace(0.0, 20.0, 2001))
     up = downward_rad(poses) < 0.85
     assert 0.03 < up.mean() < 0.25
@@ -96,10 +102,10 @@ def test_over_the_floor_it_looks_down_but_for_a_short_look_up_every_ten_seconds(
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_what_is_kept_free_over_the_floor_reaches_down_to_what_is_seen_of_it(seed: int) -> None:
-    config = replace(CONFIG, motion=Motion.FLOOR, seed=seed)
-    path = make_path(config, 2.7)
+    config = replace(CONFIG, motion=MotionKind.FLOOR, seed=seed)
+    path = make_motion(config, 2.7)
     first = np.array([0.0])  # looking down
-    points, T = path.free_m(first), path.poses(first)[0]
+    points, T = path.clearance_points_m(first), path.poses(first)[0]
     on_floor = points[np.abs(points[:, 2]) < 1e-9]
     seen = transform_points(inverse(T), on_floor)
     assert np.all(seen[:, 2] > 0)
@@ -108,8 +114,8 @@ def test_what_is_kept_free_over_the_floor_reaches_down_to_what_is_seen_of_it(see
 
 
 def test_an_orbit_goes_all_the_way_round_and_mostly_looks_at_the_middle() -> None:
-    config = replace(CONFIG, motion=Motion.ORBIT, duration_s=20.0)
-    poses = make_path(config, 2.7).poses(np.linspace(0.0, 20.0, 2001))
+    config = replace(CONFIG, motion=MotionKind.ORBIT, duration_s=20.0)
+    poses = make_motion(config, 2.7).poses(np.linspace(0.0, 20.0, 2001))
     x, y = poses[:, 0, 3], poses[:, 1, 3]
     assert np.ptp(np.unwrap(np.arctan2(y, x))) == pytest.approx(2 * np.pi, abs=0.02)
     assert 1.4 < np.hypot(x, y).min() < np.hypot(x, y).max() < 2.1
@@ -119,20 +125,20 @@ def test_an_orbit_goes_all_the_way_round_and_mostly_looks_at_the_middle() -> Non
 
 
 def test_an_orbit_has_fast_turns_but_none_that_no_hand_makes() -> None:
-    config = replace(CONFIG, motion=Motion.ORBIT, duration_s=20.0)
-    poses = make_path(config, 2.7).poses(np.arange(600) / 30.0)
+    config = replace(CONFIG, motion=MotionKind.ORBIT, duration_s=20.0)
+    poses = make_motion(config, 2.7).poses(np.arange(600) / 30.0)
     steps = [inverse(a)[:3, :3] @ b[:3, :3] for a, b in pairwise(poses)]
     rates = np.degrees([30.0 * rotation_angle_rad(step) for step in steps])
     assert 20.0 < np.median(rates) < 40.0
     assert 50.0 < rates.max() < 90.0
 
 
-@pytest.mark.parametrize("motion", [Motion.FLOOR, Motion.ORBIT, Motion.TOUR])
+@pytest.mark.parametrize("motion", [MotionKind.FLOOR, MotionKind.ORBIT, MotionKind.TOUR])
 @pytest.mark.parametrize("duration_s", [0.2, 3.0, 7.0])
-def test_a_short_film_is_no_faster_for_it(motion: Motion, duration_s: float) -> None:
+def test_a_short_film_is_no_faster_for_it(motion: MotionKind, duration_s: float) -> None:
     config = replace(CONFIG, motion=motion, duration_s=duration_s)
     times_s = np.linspace(0.0, duration_s, 101)
-    position_m = make_path(config, 2.7).poses(times_s)[:, :3, 3]
+    position_m = make_motion(config, 2.7).poses(times_s)[:, :3, 3]
     speed = np.linalg.norm(np.diff(position_m, axis=0), axis=1) / np.diff(times_s)
     assert speed.max() < 1.2
 
@@ -140,7 +146,7 @@ def test_a_short_film_is_no_faster_for_it(motion: Motion, duration_s: float) -> 
 def test_a_track_keeps_its_shape_and_its_rotations_in_the_middle_of_the_room(track: Path) -> None:
     config = replace(CONFIG, track=track, track_start_s=1.0)
     times_s = np.linspace(0.0, 10.0, 333)
-    poses, true = make_path(config, 2.7).poses(times_s), track_poses(times_s + 1.0)
+    poses, true = make_motion(config, 2.7).poses(times_s), track_poses(times_s + 1.0)
     shift = poses[:, :3, 3] - true[:, :3, 3]
     np.testing.assert_allclose(shift, shift[:1].repeat(333, axis=0), atol=1e-6)
     np.testing.assert_allclose(poses[:, :3, :3], true[:, :3, :3], atol=1e-6)
@@ -150,7 +156,7 @@ def test_a_track_keeps_its_shape_and_its_rotations_in_the_middle_of_the_room(tra
 
 
 def test_a_looped_track_goes_there_and_back(track: Path) -> None:
-    poses = make_path(replace(CONFIG, track=track, loop=True), 2.7).poses(TIMES)
+    poses = make_motion(replace(CONFIG, track=track, loop=True), 2.7).poses(TIMES)
     np.testing.assert_allclose(poses[0], poses[-1], atol=1e-9)
     np.testing.assert_allclose(poses[400], poses[-401], atol=1e-9)
     assert np.abs(poses[1000] - poses[0]).max() > 0.5
@@ -158,7 +164,7 @@ def test_a_looped_track_goes_there_and_back(track: Path) -> None:
 
 def test_a_track_that_is_too_short_says_how_long_it_is(track: Path) -> None:
     with pytest.raises(InputError, match=r"track.txt: holds 11.990 s .* duration_s is 20"):
-        make_path(replace(CONFIG, track=track, duration_s=20.0), 2.7)
+        make_motion(replace(CONFIG, track=track, duration_s=20.0), 2.7)
 
 
 def test_a_spline_follows_a_smooth_curve_between_its_knots() -> None:

@@ -4,14 +4,14 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.synthetic.collage import collage
-from drivers.synthetic.prints import page, parcel, picture, poster, screen, spines
+from drivers.synthetic.prints import book_spines, page, parcel, picture, poster, screen
 from drivers.synthetic.textures import (
-    Skin,
+    TexturePainter,
     bricks,
-    doors,
+    cabinet_doors,
     fabric,
-    fractal,
-    plain,
+    flat_color,
+    fractal_noise,
     plaster,
     wood,
 )
@@ -23,18 +23,18 @@ SKINS = {
     "wood": wood(RED),
     "boards": wood(RED, 0.14),
     "bricks": bricks(RED),
-    "doors": doors(wood(BLUE), 3, 3),
+    "doors": cabinet_doors(wood(BLUE), 3, 3),
     "picture": picture(),
     "page": page(),
     "poster": poster(),
-    "spines": spines(),
+    "spines": book_spines(),
     "parcel": parcel(),
     "screen": screen(),
     "collage": collage(plaster(BLUE), [(poster(), 0.4), (page(), 0.3)]),
 }
 
 
-def paint(skin: Skin, seed: int = 0) -> NDArray[np.uint8]:
+def paint(skin: TexturePainter, seed: int = 0) -> NDArray[np.uint8]:
     image = skin(np.random.default_rng(seed), 300, 420, 0.004)
     assert image.shape == (300, 420, 3)
     return np.clip(image, 0, 255).astype(np.uint8)
@@ -72,11 +72,11 @@ def test_even_the_smallest_face_can_be_painted(width: int, height: int) -> None:
 
 
 def test_a_bare_wall_is_one_colour() -> None:
-    assert len(np.unique(paint(plain(RED)).reshape(-1, 3), axis=0)) == 1
+    assert len(np.unique(paint(flat_color(RED)).reshape(-1, 3), axis=0)) == 1
 
 
 def test_noise_has_equal_power_in_every_octave() -> None:
-    noise = fractal(np.random.default_rng(0), 512, 512, 256.0)
+    noise = fractal_noise(np.random.default_rng(0), 512, 512, 256.0)
     assert 0.6 < noise.std() < 1.6
     bands = [
         float(np.std(cv2.GaussianBlur(noise, (0, 0), s) - cv2.GaussianBlur(noise, (0, 0), 2 * s)))

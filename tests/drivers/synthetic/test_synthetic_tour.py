@@ -8,24 +8,24 @@ import pytest
 
 from drivers.errors import InputError
 from drivers.geometry import Array, rotation_angle_rad
-from drivers.synthetic.config import Motion, SyntheticConfig
-from drivers.synthetic.motion import make_path
-from drivers.synthetic.path import Path, facing
-from drivers.synthetic.render import Renderer, Room
-from drivers.synthetic.scene import ROOM_HEIGHT_M, furnish
+from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.synthetic.motion import make_motion
+from drivers.synthetic.path import CameraMotion, look_rotations
+from drivers.synthetic.render import Renderer, RoomModel
+from drivers.synthetic.scene import ROOM_HEIGHT_M, build_room
 from drivers.synthetic.solids import Solid
 from drivers.synthetic.things import Solids
-from drivers.synthetic.tour import TourPath
+from drivers.synthetic.tour import TourMotion
 from drivers.synthetic.twins import HALF_TURN
 
-TOUR = SyntheticConfig(motion=Motion.TOUR, duration_s=60.0)
+TOUR = SyntheticConfig(motion=MotionKind.TOUR, duration_s=60.0)
 
 
 def tour(seconds: float, seed: int = 1) -> tuple[Array, Array]:
     """Times (N,) and poses (N, 4, 4), thirty a second."""
     times_s = np.arange(round(30 * seconds)) / 30.0
     config = replace(TOUR, duration_s=seconds, seed=seed)
-    return times_s, make_path(config, ROOM_HEIGHT_M).poses(times_s)
+    return times_s, make_motion(config, ROOM_HEIGHT_M).poses(times_s)
 
 
 def around_rad(poses: Array) -> Array:
@@ -75,21 +75,21 @@ def test_the_same_place_is_never_seen_just_the_same_on_another_lap() -> None:
     assert 3.0 < np.median(angles_deg) < 40.0
 
 
-class Standing(Path):
+class StationaryMotion(CameraMotion):
     """Stands on one spot."""
 
     def __init__(self, T_world_camera: Array) -> None:
         self._T = T_world_camera
 
     def poses(self, times_s: Array) -> Array:
-        """See `Path`."""
+        """See `CameraMotion`."""
         return np.tile(self._T, (len(times_s), 1, 1))
 
 
 def looking(towards_rad: float) -> Array:
     """T_world_camera from near the middle of the room, so far to the left of +y."""
     T = np.eye(4)
-    T[:3, :3] = facing(np.array([towards_rad]), np.array([0.25]), np.zeros(1))[0]
+    T[:3, :3] = look_rotations(np.array([towards_rad]), np.array([0.25]), np.zeros(1))[0]
     T[:3, 3] = (-0.7 * np.sin(towards_rad), 0.7 * np.cos(towards_rad), 1.4)
     return T
 
@@ -97,12 +97,16 @@ def looking(towards_rad: float) -> Array:
 @pytest.mark.slow
 def test_two_corners_look_the_same_and_the_other_two_do_not(ideal: SyntheticConfig) -> None:
     config = replace(ideal, twin_corners=True, texel_m=0.03)
-    room = Room.build(config, make_path(config, ROOM_HEIGHT_M), threads=2)
+    room = RoomModel.build(config, make_motion(config, ROOM_HEIGHT_M), threads=2)
 
     def unlike(T: Array) -> tuple[float, float]:
         """Mean difference of colour, and share of other depth, seen from T and from opposite."""
-        a, b = (Renderer(config, Standing(each), room).render(0) for each in (T, HALF_TURN @ T))
-        return float(np.mean(cv2.absdiff(a.colour, b.colour))), float(np.mean(a.depth != b.depth))
+        a, b = (
+            Renderer(config, StationaryMotion(each), room).render(0) for each in (T, HALF_TURN @ T)
+        )
+        return float(np.mean(cv2.absdiff(a.color_bgr, b.color_bgr))), float(
+            np.mean(a.depth_raw != b.depth_raw)
+        )
 
     twins, others = unlike(looking(-0.75)), unlike(looking(0.75))
     assert twins[0] < 1.0 < 10.0 < others[0]
@@ -110,8 +114,10 @@ def test_two_corners_look_the_same_and_the_other_two_do_not(ideal: SyntheticConf
 
 
 def test_every_piece_of_a_twin_corner_has_another_just_opposite() -> None:
-    free_m = TourPath(np.random.default_rng(1), 60.0).free_m(np.linspace(0.0, 60.0, 600))
-    plain, twins = (furnish(1, free_m, bare_wall=False, twin_corners=on) for on in (False, True))
+    free_m = TourMotion(np.random.default_rng(1), 60.0).clearance_points_m(
+        np.linspace(0.0, 60.0, 600)
+    )
+    plain, twins = (build_room(1, free_m, bare_wall=False, twin_corners=on) for on in (False, True))
     # The shell of the room is its own opposite.
     assert count_of_pairs(plain[1:]) == 0
     assert count_of_pairs(twins[1:]) > 20
@@ -120,7 +126,7 @@ def test_every_piece_of_a_twin_corner_has_another_just_opposite() -> None:
 def count_of_pairs(solids: Solids) -> int:
     """Pieces that have one of the same size just opposite."""
     keys = {key(solid) for solid in solids}
-    return sum(key(solid.moved(HALF_TURN)) in keys for solid in solids) // 2
+    return sum(key(solid.transform(HALF_TURN)) in keys for solid in solids) // 2
 
 
 def key(solid: Solid) -> tuple[float, ...]:

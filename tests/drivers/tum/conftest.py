@@ -7,16 +7,16 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.camera_file import CameraFile, camera_file_text
+from drivers.camera_file import CameraCalibration, format_calibration
 
 WIDTH, HEIGHT = 64, 48
 PINHOLE = PinholeCamera(WIDTH, HEIGHT, 60.0, 61.0, 31.5, 23.5)
-CAMERA = CameraFile(WIDTH, HEIGHT, 60.0, 61.0, 31.5, 23.5, (0.0,) * 5, 5000.0, 0.02)
+CAMERA = CameraCalibration(WIDTH, HEIGHT, 60.0, 61.0, 31.5, 23.5, (0.0,) * 5, 5000.0, 0.02)
 
 FolderMaker = Callable[..., Path]
 
 
-def colour_image(seed: int) -> NDArray[np.uint8]:
+def color_image(seed: int) -> NDArray[np.uint8]:
     noise = np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
     return cv2.GaussianBlur(noise, (0, 0), 2)  # type: ignore[return-value]
 
@@ -41,12 +41,12 @@ def make_folder(tmp_path: Path) -> FolderMaker:
             images = {"rgb": (stamp_s, kind), "depth": (stamp_s + skew_s, "png")}
             for name, (instant_s, extension) in images.items():
                 file = f"{name}/{instant_s:.6f}.{extension}"
-                image = colour_image(k) if name == "rgb" else depth_image(k)
+                image = color_image(k) if name == "rgb" else depth_image(k)
                 assert cv2.imwrite(str(folder / file), image)
                 lists[name].append(f"{instant_s:.6f} {file}")
         for name, lines in lists.items():
             (folder / f"{name}.txt").write_text("\n".join(lines) + "\n")
-        (folder / "camera.toml").write_text(camera_file_text(CAMERA))
+        (folder / "camera.toml").write_text(format_calibration(CAMERA))
         return folder
 
     return make
@@ -61,7 +61,7 @@ def make_frame() -> Callable[..., RgbdFrame]:
             "seq": seq,
             "stamp_s": 1000.0 + seq / 30,
             "arrival_s": 0.0,
-            "colour_bgr": colour_image(seq),
+            "colour_bgr": color_image(seq),
             "depth_raw": depth_image(seq),
             "depth_factor": 5000.0,
             "camera": PINHOLE,

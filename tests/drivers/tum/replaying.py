@@ -6,7 +6,7 @@ from drivers.camera import EndOfStream, RgbdFrame
 from drivers.tum.camera import TumCamera
 
 
-def replayed(folder: Path) -> list[RgbdFrame]:
+def read_recording(folder: Path) -> list[RgbdFrame]:
     """All frames of a recorded folder."""
     frames = []
     with TumCamera(folder) as camera:

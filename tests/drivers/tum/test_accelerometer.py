@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from drivers.camera import RgbdFrame
 from drivers.errors import InputError
 from drivers.gravity import Vector
-from drivers.tum.accelerometer import FILE_NAME, AccelerometerList, read_gravity
+from drivers.tum.accelerometer import ACCELEROMETER_FILE, AccelerometerWriter, read_gravity
 from drivers.tum.camera import TumCamera
 from drivers.tum.writer import TumWriter
 
@@ -43,7 +43,7 @@ def test_a_recording_replays_with_the_same_gravity_to_the_last_bit(
 
 def test_a_camera_without_gravity_leaves_no_file(make_frame: FrameMaker, tmp_path: Path) -> None:
     folder = record(tmp_path / "room", [make_frame(k) for k in range(3)])
-    assert not (folder / FILE_NAME).exists()
+    assert not (folder / ACCELEROMETER_FILE).exists()
     assert gravities(folder) == [None] * 3
 
 
@@ -55,20 +55,20 @@ def test_readings_of_other_stamps_are_averaged_over_the_second_before(tmp_path: 
         "9.9 0.1 9.6 -2",
         "10.1 0 0 9",
     ]
-    (tmp_path / FILE_NAME).write_text("\n".join(lines))
-    found = read_gravity(tmp_path).at(10.0)
+    (tmp_path / ACCELEROMETER_FILE).write_text("\n".join(lines))
+    found = read_gravity(tmp_path).mean_at(10.0)
     assert found == pytest.approx((0.3, 9.7, 1.5))  # looking down: gravity is ahead too
 
 
 def test_what_cannot_be_gravity_is_left_out(tmp_path: Path) -> None:
-    (tmp_path / FILE_NAME).write_text("1.0 0 0 0\n1.1 0 9.8 0\n1.2 0 14 0\n")
-    assert read_gravity(tmp_path).at(1.3) == (0.0, 9.8, 0.0)
-    assert read_gravity(tmp_path).at(5.0) is None
+    (tmp_path / ACCELEROMETER_FILE).write_text("1.0 0 0 0\n1.1 0 9.8 0\n1.2 0 14 0\n")
+    assert read_gravity(tmp_path).mean_at(1.3) == (0.0, 9.8, 0.0)
+    assert read_gravity(tmp_path).mean_at(5.0) is None
 
 
 def test_an_empty_list_is_no_gravity(tmp_path: Path) -> None:
-    (tmp_path / FILE_NAME).write_text("# accelerometer data\n")
-    assert read_gravity(tmp_path).at(1.0) is None
+    (tmp_path / ACCELEROMETER_FILE).write_text("# accelerometer data\n")
+    assert read_gravity(tmp_path).mean_at(1.0) is None
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_an_empty_list_is_no_gravity(tmp_path: Path) -> None:
     ],
 )
 def test_a_broken_list_is_named_with_its_line(tmp_path: Path, line: str, complaint: str) -> None:
-    (tmp_path / FILE_NAME).write_text(f"# timestamp ax ay az\n{line}\n")
+    (tmp_path / ACCELEROMETER_FILE).write_text(f"# timestamp ax ay az\n{line}\n")
     with pytest.raises(InputError, match=complaint):
         read_gravity(tmp_path)
 
@@ -91,8 +91,8 @@ def test_every_gravity_survives_the_file(
 ) -> None:
     folder = tmp_path_factory.mktemp("track")
     gravity = (across[0], 9.0, across[1])
-    written = AccelerometerList(folder)
+    written = AccelerometerWriter(folder)
     written.add(repr(stamp_s), gravity)
     written.close()
     is_kept = abs(sum(v * v for v in gravity) ** 0.5 / 9.80665 - 1) <= 0.1
-    assert read_gravity(folder).at(stamp_s) == (gravity if is_kept else None)
+    assert read_gravity(folder).mean_at(stamp_s) == (gravity if is_kept else None)

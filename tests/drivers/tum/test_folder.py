@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from drivers.tum.folder import open_folder
+from drivers.tum.folder import open_tum_folder
 
 FolderMaker = Callable[..., Path]
 
 
 def complaint(folder: Path) -> str:
     with pytest.raises(InputError) as caught:
-        open_folder(folder, None)
+        open_tum_folder(folder, None)
     message = str(caught.value)
     assert "\n" not in message
     return message.replace(str(folder), "DIR")
@@ -25,7 +25,7 @@ def first_image(folder: Path, kind: str) -> Path:
 
 
 def test_frames_are_paired_by_stamp(make_folder: FolderMaker) -> None:
-    frames = open_folder(make_folder(count=3), None).frames
+    frames = open_tum_folder(make_folder(count=3), None).frames
     assert [round(pair.skew_s, 6) for pair in frames.pairs] == [0.005] * 3
     assert frames.unpaired == 0
 
@@ -34,7 +34,7 @@ def test_images_without_a_partner_are_counted(make_folder: FolderMaker) -> None:
     folder = make_folder(count=4, skew_s=0.005)
     depth = (folder / "depth.txt").read_text().splitlines()
     (folder / "depth.txt").write_text("\n".join([*depth[:2], *depth[3:]]))
-    frames = open_folder(folder, None).frames
+    frames = open_tum_folder(folder, None).frames
     assert (len(frames.pairs), frames.unpaired) == (3, 1)
 
 
@@ -42,15 +42,15 @@ def test_associations_win_over_the_lists(make_folder: FolderMaker) -> None:
     folder = make_folder(count=3)
     colour, depth = first_image(folder, "rgb").name, first_image(folder, "depth").name
     (folder / "associations.txt").write_text(f"1.0 rgb/{colour} 1.1 depth/{depth}\n")
-    (pair,) = open_folder(folder, None).frames.pairs
-    assert (pair.colour.stamp_s, pair.skew_s) == (1.0, 0.1)
+    (pair,) = open_tum_folder(folder, None).frames.pairs
+    assert (pair.color.stamp_s, pair.skew_s) == (1.0, 0.1)
 
 
 def test_ground_truth_is_read_where_it_is(make_folder: FolderMaker) -> None:
     folder = make_folder()
-    assert open_folder(folder, None).ground_truth is None
+    assert open_tum_folder(folder, None).ground_truth is None
     (folder / "groundtruth.txt").write_text("1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n")
-    truth = open_folder(folder, None).ground_truth
+    truth = open_tum_folder(folder, None).ground_truth
     assert truth is not None
     assert len(truth) == 2
 
@@ -114,7 +114,7 @@ def test_a_lone_missing_file_in_the_middle_is_not_the_folder_s_end(
 ) -> None:
     folder = make_folder()
     sorted((folder / "depth").iterdir())[2].unlink()
-    assert len(open_folder(folder, None).frames.pairs) == 5
+    assert len(open_tum_folder(folder, None).frames.pairs) == 5
 
 
 def test_a_first_frame_of_the_wrong_kind_is_refused_with_its_place(

@@ -26,7 +26,7 @@ def test_lines_become_stamps_and_files_beside_the_list(tmp_path: Path) -> None:
 def test_associations_become_pairs_with_the_exact_skew(tmp_path: Path) -> None:
     line = "1305031102.175304 rgb/a.png 1305031102.160407 depth/a.png\n"
     (pair,) = read_associations(write(tmp_path, line, "associations.txt"))
-    assert pair.colour.stamp_s == 1305031102.175304
+    assert pair.color.stamp_s == 1305031102.175304
     assert pair.depth.file == tmp_path / "depth/a.png"
     assert pair.skew_s == -0.014897
 

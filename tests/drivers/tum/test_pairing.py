@@ -2,16 +2,16 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.tum.pairing import Stamps, pair_nearest
+from drivers.tum.pairing import StampsUs, pair_nearest
 
 WITHIN = 20_000
 
 
-def rising(*stamps: int) -> Stamps:
+def rising(*stamps: int) -> StampsUs:
     return np.array(stamps, dtype=np.int64)
 
 
-def brute_force(colour: Stamps, depth: Stamps, within: int) -> list[tuple[int, int]]:
+def brute_force(colour: StampsUs, depth: StampsUs, within: int) -> list[tuple[int, int]]:
     """All pairs of all stamps, the closest free one first, again and again."""
     pairs: list[tuple[int, int]] = []
     free_colour, free_depth = set(range(len(colour))), set(range(len(depth)))
@@ -32,14 +32,14 @@ stamps = st.sets(st.integers(0, 300), max_size=12).map(lambda s: rising(*sorted(
 
 @given(stamps, stamps, st.integers(0, 60))
 def test_pairs_are_those_of_the_brute_force_greedy(
-    colour: Stamps, depth: Stamps, within: int
+    colour: StampsUs, depth: StampsUs, within: int
 ) -> None:
     assert pair_nearest(colour, depth, within) == brute_force(colour, depth, within)
 
 
 @given(stamps, stamps, st.integers(0, 60))
 def test_the_farther_neighbour_is_never_taken_while_the_nearer_is_free(
-    colour: Stamps, depth: Stamps, within: int
+    colour: StampsUs, depth: StampsUs, within: int
 ) -> None:
     pairs = pair_nearest(colour, depth, within)
     of_colour, of_depth = dict(pairs), {j: i for i, j in pairs}

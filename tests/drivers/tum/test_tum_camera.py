@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.camera import CameraCounters, Clock, EndOfStream, NoFrameYet, Pace, RgbdFrame
-from drivers.camera_file import camera_file_text, read_camera_file
+from drivers.camera import CameraCounters, Clock, EndOfStream, FrameTimeout, PlaybackMode, RgbdFrame
+from drivers.camera_file import format_calibration, read_calibration
 from drivers.errors import CameraError, InputError
 from drivers.tum import frame_reader
 from drivers.tum.camera import TumCamera
@@ -39,9 +39,9 @@ def test_lockstep_gives_every_frame_as_it_is_on_disk(make_folder: FolderMaker) -
     assert [frame.seq for frame in read] == list(range(12))
     assert read[0].stamp_s == 1305031102.175304
     assert read[3].skew_s == 0.005
-    assert read[0].camera == read_camera_file(folder / "camera.toml").pinhole
+    assert read[0].camera == read_calibration(folder / "camera.toml").pinhole
     for k, frame in enumerate(read):
-        np.testing.assert_array_equal(frame.colour_bgr, cv2.imread(str(image(folder, "rgb", k))))
+        np.testing.assert_array_equal(frame.color_bgr, cv2.imread(str(image(folder, "rgb", k))))
         np.testing.assert_array_equal(
             frame.depth_raw, cv2.imread(str(image(folder, "depth", k)), -1)
         )
@@ -59,8 +59,8 @@ def test_it_says_what_it_is(make_folder: FolderMaker) -> None:
 
 def test_the_camera_file_tells_the_sensors_timing(make_folder: FolderMaker) -> None:
     folder = make_folder(count=3, skew_s=0.005)
-    late = replace(read_camera_file(folder / "camera.toml"), depth_offset_s=-0.012)
-    (folder / "camera.toml").write_text(camera_file_text(late))
+    late = replace(read_calibration(folder / "camera.toml"), depth_offset_s=-0.012)
+    (folder / "camera.toml").write_text(format_calibration(late))
     with TumCamera(folder) as camera:
         read = list(frames(camera))
     assert {frame.readout_s for frame in read} == {0.02}
@@ -84,7 +84,7 @@ def test_frames_are_undistorted(make_folder: FolderMaker, tmp_path: Path) -> Non
     with TumCamera(folder) as plain, TumCamera(folder, bent) as corrected:
         a, b = plain.read(10), corrected.read(10)
     assert a.camera == b.camera
-    assert not np.array_equal(a.colour_bgr, b.colour_bgr)
+    assert not np.array_equal(a.color_bgr, b.color_bgr)
     assert set(np.unique(b.depth_raw)) <= {0, *np.unique(a.depth_raw)}
 
 
@@ -111,7 +111,9 @@ def test_one_bad_frame_is_skipped_counted_and_reported_once(
 
 
 def test_realtime_keeps_the_recording_s_own_clock(make_folder: FolderMaker) -> None:
-    with TumCamera(make_folder(count=6, period_s=0.05), pace=Pace.REALTIME) as camera:
+    with TumCamera(
+        make_folder(count=6, period_s=0.05), playback_mode=PlaybackMode.REALTIME
+    ) as camera:
         began = time.monotonic()
         read = [(frame, time.monotonic() - began) for frame in frames(camera)]
     assert all(late >= frame.seq * 0.05 - 1e-5 for frame, late in read)
@@ -121,7 +123,7 @@ def test_realtime_keeps_the_recording_s_own_clock(make_folder: FolderMaker) -> N
 def test_realtime_accounts_for_every_frame_of_a_slow_reader(make_folder: FolderMaker) -> None:
     folder = make_folder(count=40, period_s=0.01)
     image(folder, "rgb", 39).write_bytes(b"")
-    with TumCamera(folder, pace=Pace.REALTIME) as camera:
+    with TumCamera(folder, playback_mode=PlaybackMode.REALTIME) as camera:
         seqs = []
         for frame in frames(camera):
             seqs.append(frame.seq)
@@ -133,15 +135,19 @@ def test_realtime_accounts_for_every_frame_of_a_slow_reader(make_folder: FolderM
 
 
 def test_realtime_says_when_no_frame_is_due(make_folder: FolderMaker) -> None:
-    with TumCamera(make_folder(count=2, period_s=60.0), pace=Pace.REALTIME) as camera:
+    with TumCamera(
+        make_folder(count=2, period_s=60.0), playback_mode=PlaybackMode.REALTIME
+    ) as camera:
         camera.read(10)
-        with pytest.raises(NoFrameYet):
+        with pytest.raises(FrameTimeout):
             camera.read(0.02)
 
 
-@pytest.mark.parametrize("pace", Pace)
-def test_closing_in_the_middle_ends_the_thread(make_folder: FolderMaker, pace: Pace) -> None:
-    camera = TumCamera(make_folder(count=20), pace=pace)
+@pytest.mark.parametrize("pace", PlaybackMode)
+def test_closing_in_the_middle_ends_the_thread(
+    make_folder: FolderMaker, pace: PlaybackMode
+) -> None:
+    camera = TumCamera(make_folder(count=20), playback_mode=pace)
     for _ in range(5):
         camera.open()
         camera.close()
@@ -222,8 +228,8 @@ def test_freiburg1_pieces_are_undistorted(recordings: Path, name: str, count: in
     first_depth = cv2.imread(str(image(folder, "depth", 0)), -1)
     assert seen is not None
     assert first_depth is not None
-    calibration = read_camera_file(folder / "camera.toml")
-    ours = read[0].colour_bgr.astype(int)
+    calibration = read_calibration(folder / "camera.toml")
+    ours = read[0].color_bgr.astype(int)
     theirs = cv2.undistort(seen, calibration.pinhole.K, np.array(calibration.distortion))
     # Both round coordinates to 1/32 px, not alike: a few levels where the image is steep.
     assert np.abs(ours - theirs).max() <= 8

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.camera_file import camera_file_text, read_camera_file
+from drivers.camera_file import format_calibration, read_calibration
 from drivers.errors import InputError, UserFacingError
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
-from drivers.tum.encode import ColourFormat, FrameStamps, exact
-from drivers.tum.writer import MOST_PENDING, TumWriter
-from tests.drivers.tum.replaying import replayed
+from drivers.tum.encode import ColorFormat, FrameStamps, format_stamp
+from drivers.tum.writer import MAX_PENDING_FRAMES, TumWriter
+from tests.drivers.tum.replaying import read_recording
 
 FolderMaker = Callable[..., Path]
 FrameMaker = Callable[..., RgbdFrame]
@@ -28,19 +28,19 @@ def assert_same(ours: list[RgbdFrame], theirs: list[RgbdFrame]) -> None:
         assert (a.stamp_s, a.skew_s, a.readout_s) == (b.stamp_s, b.skew_s, b.readout_s)
         assert a.camera == b.camera
         assert a.depth_factor == b.depth_factor
-        np.testing.assert_array_equal(a.colour_bgr, b.colour_bgr)
+        np.testing.assert_array_equal(a.color_bgr, b.color_bgr)
         np.testing.assert_array_equal(a.depth_raw, b.depth_raw)
 
 
 def test_a_recorded_folder_replays_as_the_same_frames(
     make_folder: FolderMaker, tmp_path: Path
 ) -> None:
-    first = replayed(make_folder(count=12))
+    first = read_recording(make_folder(count=12))
     with TumWriter(tmp_path / "copy") as writer:
         for frame in first:
             writer.write(frame)
     assert writer.written == 12
-    assert_same(replayed(tmp_path / "copy"), first)
+    assert_same(read_recording(tmp_path / "copy"), first)
 
 
 def test_live_stamps_survive_to_the_last_bit(make_frame: FrameMaker, tmp_path: Path) -> None:
@@ -50,22 +50,22 @@ def test_live_stamps_survive_to_the_last_bit(make_frame: FrameMaker, tmp_path: P
     with TumWriter(tmp_path / "live") as writer:
         for frame in frames:
             writer.write(frame)
-    assert_same(replayed(tmp_path / "live"), frames)
+    assert_same(read_recording(tmp_path / "live"), frames)
 
 
 def test_an_offset_of_depth_is_in_the_stamps_and_is_not_counted_twice(
     make_folder: FolderMaker, tmp_path: Path
 ) -> None:
     folder = make_folder(skew_s=0.005)
-    late = dataclasses.replace(read_camera_file(folder / "camera.toml"), depth_offset_s=0.0071)
-    (folder / "camera.toml").write_text(camera_file_text(late))
-    first = replayed(folder)
+    late = dataclasses.replace(read_calibration(folder / "camera.toml"), depth_offset_s=0.0071)
+    (folder / "camera.toml").write_text(format_calibration(late))
+    first = read_recording(folder)
     with TumWriter(tmp_path / "copy") as writer:
         for frame in first:
             writer.write(frame)
     assert first[0].skew_s == pytest.approx(0.0121)
-    assert read_camera_file(tmp_path / "copy/camera.toml").depth_offset_s == 0.0
-    assert_same(replayed(tmp_path / "copy"), first)
+    assert read_calibration(tmp_path / "copy/camera.toml").depth_offset_s == 0.0
+    assert_same(read_recording(tmp_path / "copy"), first)
 
 
 @given(st.floats(0, 4e9), st.floats(-0.05, 0.05))
@@ -74,10 +74,10 @@ def test_any_stamp_and_skew_can_be_written_exactly(stamp_s: float, skew_s: float
         0, stamp_s, 0.0, np.empty(0, np.uint8), np.empty(0, np.uint16), 1.0,
         PinholeCamera(1, 1, 1, 1, 0, 0), skew_s=skew_s,
     )  # fmt: skip
-    stamps = FrameStamps.of(frame)
-    assert float(exact(stamps.colour)) == stamp_s
-    assert float(stamps.depth - stamps.colour) == pytest.approx(skew_s, abs=1e-15)
-    assert "e" not in exact(stamps.depth).lower()
+    stamps = FrameStamps.from_frame(frame)
+    assert float(format_stamp(stamps.color)) == stamp_s
+    assert float(stamps.depth - stamps.color) == pytest.approx(skew_s, abs=1e-15)
+    assert "e" not in format_stamp(stamps.depth).lower()
 
 
 def test_the_layout_is_the_benchmark_s(make_frame: FrameMaker, tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_the_layout_is_the_benchmark_s(make_frame: FrameMaker, tmp_path: Path) -
     )
     assert (folder / "rgb.txt").read_text().splitlines()[1] == "1000.000000 rgb/1000.000000.png"
     assert (folder / "depth.txt").read_text().splitlines()[2] == "1000.510000 depth/1000.510000.png"
-    camera = read_camera_file(folder / "camera.toml")
+    camera = read_calibration(folder / "camera.toml")
     assert camera.pinhole == make_frame(0).camera
     assert (camera.distortion, camera.readout_s) == ((0.0,) * 5, 0.02)
     assert not list(folder.rglob(".*"))
@@ -101,7 +101,7 @@ def test_the_layout_is_the_benchmark_s(make_frame: FrameMaker, tmp_path: Path) -
 def test_ground_truth_is_kept(make_frame: FrameMaker, tmp_path: Path) -> None:
     T = np.stack([np.eye(4)] * 2)
     T[1, :3, 3] = [1.0, -2.0, 0.5]
-    with TumWriter(tmp_path, ground_truth=StampedPoses(np.array([1.0, 2.0]), T)) as writer:
+    with TumWriter(tmp_path, ground_truth=Trajectory(np.array([1.0, 2.0]), T)) as writer:
         writer.write(make_frame(0))
     with TumCamera(tmp_path) as camera:
         assert camera.ground_truth is not None
@@ -111,11 +111,11 @@ def test_ground_truth_is_kept(make_frame: FrameMaker, tmp_path: Path) -> None:
 
 def test_jpeg_colour_is_smaller_and_close(make_frame: FrameMaker, tmp_path: Path) -> None:
     frame = make_frame(0)
-    with TumWriter(tmp_path / "jpg", colour=ColourFormat.JPEG) as writer:
+    with TumWriter(tmp_path / "jpg", color_format=ColorFormat.JPEG) as writer:
         writer.write(frame)
-    (read,) = replayed(tmp_path / "jpg")
+    (read,) = read_recording(tmp_path / "jpg")
     assert (tmp_path / "jpg/rgb/1000.000000.jpg").is_file()
-    assert np.abs(read.colour_bgr.astype(int) - frame.colour_bgr).mean() < 3
+    assert np.abs(read.color_bgr.astype(int) - frame.color_bgr).mean() < 3
     np.testing.assert_array_equal(read.depth_raw, frame.depth_raw)
 
 
@@ -128,7 +128,7 @@ def test_a_stamp_that_does_not_rise_is_left_out_and_reported(
             writer.write(frame)
     assert (writer.written, writer.skipped) == (2, 1)
     assert "frame 1 is not recorded" in caplog.text
-    assert_same(replayed(tmp_path / "r"), [make_frame(0), make_frame(2)])
+    assert_same(read_recording(tmp_path / "r"), [make_frame(0), make_frame(2)])
 
 
 def test_a_folder_that_holds_something_is_refused(make_folder: FolderMaker) -> None:
@@ -153,7 +153,7 @@ def test_another_camera_in_the_middle_is_refused(make_frame: FrameMaker, tmp_pat
             writer.write(dataclasses.replace(make_frame(1), depth_factor=1000.0))
         with pytest.raises(UserFacingError, match=r"readout 0\.03 s"):
             writer.write(make_frame(2, readout_s=0.03))
-    assert len(replayed(tmp_path / "r")) == 1
+    assert len(read_recording(tmp_path / "r")) == 1
 
 
 def test_a_folder_that_vanishes_is_one_clear_error(make_frame: FrameMaker, tmp_path: Path) -> None:
@@ -168,7 +168,7 @@ def test_a_folder_that_vanishes_is_one_clear_error(make_frame: FrameMaker, tmp_p
         writer.write(make_frame(99))
     writer.close()
     writer.close()
-    assert len(replayed(tmp_path / "elsewhere")) == writer.written
+    assert len(read_recording(tmp_path / "elsewhere")) == writer.written
 
 
 def test_memory_does_not_grow_with_the_recording(make_frame: FrameMaker, tmp_path: Path) -> None:
@@ -176,8 +176,8 @@ def test_memory_does_not_grow_with_the_recording(make_frame: FrameMaker, tmp_pat
     with TumWriter(tmp_path / "r") as writer:
         for seq in range(40):
             frame = make_frame(seq)
-            images.append(weakref.ref(frame.colour_bgr))
+            images.append(weakref.ref(frame.color_bgr))
             writer.write(frame)
             alive = [image for image in images if image() is not None]
-            assert len(alive) <= MOST_PENDING + 2
+            assert len(alive) <= MAX_PENDING_FRAMES + 2
     assert writer.written == 40

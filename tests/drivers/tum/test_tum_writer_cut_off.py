@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.drivers.tum.replaying import replayed
+from tests.drivers.tum.replaying import read_recording
 
 pytestmark = pytest.mark.subprocess
 
@@ -47,7 +47,7 @@ def test_a_recording_killed_at_any_moment_can_be_replayed(tmp_path: Path) -> Non
             while len((folder / "associations.txt").read_bytes()) < 1000 * (attempt + 1):
                 assert recording.poll() is None
             os.kill(recording.pid, signal.SIGKILL)
-        frames = replayed(folder)
+        frames = read_recording(folder)
         listed = (folder / "associations.txt").read_text()
         assert listed.endswith("\n")
         assert len(frames) == listed.count("\n") - 1 > 5
@@ -78,7 +78,7 @@ def test_a_full_disk_is_one_clear_error_and_what_was_written_replays(tmp_path: P
     written, message = printed.split(" ", 1)
     assert "recording: the disk is full; the " in message
     assert message.endswith("complete; free some space and record into a new folder\n")
-    assert len(replayed(tmp_path / "copy")) == int(written) > 3
+    assert len(read_recording(tmp_path / "copy")) == int(written) > 3
     assert not list((tmp_path / "copy").rglob(".*"))
 
 
@@ -89,4 +89,4 @@ def test_a_file_size_limit_is_one_clear_error_and_what_was_written_replays(tmp_p
     done = subprocess.run(limited, capture_output=True, text=True, check=True)
     written, message = done.stdout.removeprefix("ready\n").split(" ", 1)
     assert "the disk is full; the " in message
-    assert len(replayed(tmp_path / "r")) == int(written) > 100
+    assert len(read_recording(tmp_path / "r")) == int(written) > 100

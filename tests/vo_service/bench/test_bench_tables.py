@@ -9,21 +9,21 @@ from tests.vo_service.runs.made_up import (
     CRASH,
     FRAMES,
     STEP_M,
-    done,
-    loops_run,
-    recording,
-    results,
+    make_loop_closure_run,
+    make_outcome,
+    make_recording,
+    make_results,
 )
-from vo_service.bench.metrics import COMPARED, METRICS, figures, ratios
-from vo_service.bench.tables import Ranking, bench_table
-from vo_service.runs.excerpt import Excerpt
+from vo_service.bench.metrics import ALL_METRICS, RATIO_METRICS, metric_ratios, metric_values
+from vo_service.bench.tables import RelativeResults, bench_table
+from vo_service.runs.excerpt import FrameSelection
 
-WALK = recording("walk")
-RANKING = Ranking(
-    results(
+WALK = make_recording("walk")
+RANKING = RelativeResults(
+    make_results(
         WALK,
-        surf=done(WALK, step_m=STEP_M + 0.001),
-        icp=done(WALK, step_m=STEP_M + 0.002, lost=range(36, FRAMES)),
+        surf=make_outcome(WALK, step_m=STEP_M + 0.001),
+        icp=make_outcome(WALK, step_m=STEP_M + 0.002, lost=range(36, FRAMES)),
         sfm=CRASH,
     ),
     "surf",
@@ -31,20 +31,20 @@ RANKING = Ranking(
 
 
 def test_every_figure_of_a_run_has_a_key_and_those_of_a_crash_are_unknown() -> None:
-    surf, crashed = (figures(RANKING.result.judged[name]) for name in ("surf", "sfm"))
-    assert list(surf) == [metric.key for metric in METRICS]
+    surf, crashed = (metric_values(RANKING.results.evaluations[name]) for name in ("surf", "sfm"))
+    assert list(surf) == [metric.key for metric in ALL_METRICS]
     assert (surf["cpu_ms_mean"], surf["cpu_ms_p99"], surf["wall_ms_median"]) == (8.0, 8.0, 10.0)
     assert (surf["gross_errors"], surf["steps"]) == (0, FRAMES - 1)
     assert set(crashed.values()) == {None}
 
 
 def test_ratios_are_to_the_method_that_is_named() -> None:
-    judged = RANKING.result.judged
-    found = ratios(judged["icp"], judged["surf"])
+    judged = RANKING.results.evaluations
+    found = metric_ratios(judged["icp"], judged["surf"])
     assert found["rpe_frame_m"] == pytest.approx(2.0)
     assert found["cpu_ms_mean"] == 1.0
     assert found["rpe_frame_deg"] is None  # of an error of zero there is no share
-    assert set(ratios(judged["icp"], judged["sfm"]).values()) == {None}
+    assert set(metric_ratios(judged["icp"], judged["sfm"]).values()) == {None}
 
 
 def test_for_people_there_is_a_row_a_method_and_ratios_beside_the_figures() -> None:
@@ -59,16 +59,16 @@ def test_for_people_there_is_a_row_a_method_and_ratios_beside_the_figures() -> N
 
 
 def test_the_title_says_which_frames_and_whether_there_is_a_truth() -> None:
-    bare = recording("bare", has_truth=False).only(Excerpt(every=5))
-    title = Ranking(results(bare, surf=CRASH), "surf").title
+    bare = make_recording("bare", has_truth=False).select(FrameSelection(step=5))
+    title = RelativeResults(make_results(bare, surf=CRASH), "surf").title
     assert title == (
         "bare, 1 frame in 5: 8 frames in 1.2 s, no groundtruth.txt: errors are not known"
     )
 
 
 def test_for_scripts_there_is_one_table_with_every_figure_and_ratio() -> None:
-    tenth = WALK.only(Excerpt(every=10))
-    slow = Ranking(results(tenth, surf=CRASH), "surf")
+    tenth = WALK.select(FrameSelection(step=10))
+    slow = RelativeResults(make_results(tenth, surf=CRASH), "surf")
     rows = list(csv.DictReader(io.StringIO(bench_table([RANKING, slow]).as_csv())))
     assert [(row["sequence"], row["every"], row["frames"]) for row in rows] == [
         *[("walk", "1", "40")] * 3,
@@ -77,13 +77,13 @@ def test_for_scripts_there_is_one_table_with_every_figure_and_ratio() -> None:
     assert float(rows[1]["rpe_frame_m"]) == pytest.approx(0.002)
     assert float(rows[1]["mean_global_error_m_ratio"]) == pytest.approx(35.0 / 19.5)
     assert rows[2]["state"] == "crashed"
-    assert all(rows[2][f"{metric.key}_ratio"] == "" for metric in COMPARED)
+    assert all(rows[2][f"{metric.key}_ratio"] == "" for metric in RATIO_METRICS)
 
 
 def test_with_loops_there_are_columns_more_and_no_other_changes() -> None:
-    drifting = done(WALK, step_m=STEP_M + 0.001, with_loops=loops_run(WALK))
-    plain = Ranking(results(WALK, surf=drifting), "surf")
-    told = Ranking(results(WALK, has_loops=True, surf=drifting), "surf")
+    drifting = make_outcome(WALK, step_m=STEP_M + 0.001, with_loops=make_loop_closure_run(WALK))
+    plain = RelativeResults(make_results(WALK, surf=drifting), "surf")
+    told = RelativeResults(make_results(WALK, has_loops=True, surf=drifting), "surf")
     (*title, _, surf), (*_, cost) = (
         table.as_text().splitlines() for table in (told.error_table(), told.cost_table())
     )

@@ -3,50 +3,54 @@
 import pytest
 
 from drivers.errors import InputError
-from vo_service.bench.contestants import NAMES, find_left_out, recipes_of
+from vo_service.bench.contestants import (
+    METHOD_NAMES,
+    find_unavailable_methods,
+    make_method_factories,
+)
 from vo_service.bench.peers import catalogue
-from vo_service.bench.peers.catalogue import PEERS, Package, Peer
-from vo_service.bench.peers.recipe import PeerRecipe
-from vo_service.config import OdometrySettings
-from vo_service.methods import METHODS, FeatureSettings
-from vo_service.runs.method_recipe import MethodRecipe
+from vo_service.bench.peers.catalogue import BASELINES, Baseline, BaselinePackage
+from vo_service.bench.peers.recipe import BaselineFactory
+from vo_service.config import OdometryConfig
+from vo_service.methods import METHODS, FeatureConfig
+from vo_service.runs.method_recipe import ConfiguredMethodFactory
 
-NOBODYS = Package("nobodys_odometry", ("nobodys-odometry", "nobodys"))
+NOBODYS = BaselinePackage("nobodys_odometry", ("nobodys-odometry", "nobodys"))
 
 
 @pytest.fixture
 def absent(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two peers of a package that is not installed."""
-    peer = Peer(NOBODYS, PEERS["orb"].make)
+    peer = Baseline(NOBODYS, BASELINES["orb"].make)
     for name in ("open3d-icp", "open3d-hybrid"):
-        monkeypatch.setitem(catalogue.PEERS, name, peer)
+        monkeypatch.setitem(catalogue.BASELINES, name, peer)
 
 
 def test_ours_come_first_and_then_the_peers() -> None:
-    assert (*METHODS, *PEERS) == NAMES
-    assert find_left_out(["surf", "cv2-rgb", "orb"]) == []
-    odometry = OdometrySettings(feature_count=500)
-    recipes = recipes_of(["orb", "icp"], [], odometry)
+    assert (*METHODS, *BASELINES) == METHOD_NAMES
+    assert find_unavailable_methods(["surf", "cv2-rgb", "orb"]) == []
+    odometry = OdometryConfig(feature_count=500)
+    recipes = make_method_factories(["orb", "icp"], [], odometry)
     assert list(recipes) == ["orb", "icp"]
-    assert recipes["orb"] == PeerRecipe("orb", FeatureSettings(500))
-    assert recipes["icp"] == MethodRecipe(OdometrySettings("icp", feature_count=500))
+    assert recipes["orb"] == BaselineFactory("orb", FeatureConfig(500))
+    assert recipes["icp"] == ConfiguredMethodFactory(OdometryConfig("icp", feature_count=500))
 
 
 @pytest.mark.usefixtures("absent")
 def test_those_of_a_missing_package_are_left_out_with_one_note() -> None:
     names = ["surf", "open3d-icp", "sift", "open3d-hybrid"]
-    (left_out,) = find_left_out(names)
+    (left_out,) = find_unavailable_methods(names)
     assert str(left_out) == (
         "left out: open3d-icp, open3d-hybrid; to have it too: pip install nobodys-odometry"
     )
-    assert list(recipes_of(names, [left_out], OdometrySettings())) == ["surf", "sift"]
+    assert list(make_method_factories(names, [left_out], OdometryConfig())) == ["surf", "sift"]
 
 
 @pytest.mark.usefixtures("absent")
 def test_when_nobody_can_take_part_it_says_what_to_install() -> None:
-    left_out = find_left_out(["open3d-icp"])
+    left_out = find_unavailable_methods(["open3d-icp"])
     with pytest.raises(InputError, match="pip install nobodys-odometry"):
-        recipes_of(["open3d-icp"], left_out, OdometrySettings())
+        make_method_factories(["open3d-icp"], left_out, OdometryConfig())
 
 
 def test_a_package_knows_its_version_where_there_is_one() -> None:

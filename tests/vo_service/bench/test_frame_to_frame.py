@@ -4,13 +4,13 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, rigid_transform
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
-from vo_service.bench.peers.frame_to_frame import MAX_FAILURES, FrameToFrame
+from tests.vo_service.odometry.synthetic_views import render_corner
+from vo_service.bench.peers.frame_to_frame import MAX_FAILURES, FrameToFrameOdometry
 
-FRAME = view_of_a_corner(np.eye(4))
+FRAME = render_corner(np.eye(4))
 
 
-class Walk:
+class ScriptedAlignment:
     """Finds steps of 1 cm as long as it is told to; keeps what it was told to expect."""
 
     def __init__(self) -> None:
@@ -26,17 +26,17 @@ class Walk:
 
 
 def test_steps_are_put_together_and_expected_to_go_on() -> None:
-    walk = Walk()
-    odometry = FrameToFrame(walk)
+    walk = ScriptedAlignment()
+    odometry = FrameToFrameOdometry(walk)
     estimates = [odometry.estimate(FRAME) for _ in range(4)]
     assert [round(float(e.T_world_camera[0, 3]), 9) for e in estimates] == [0, 0.01, 0.02, 0.03]
-    assert all(e.ok and not e.restarted for e in estimates)
+    assert all(e.ok and not e.is_reset for e in estimates)
     assert walk.expected_m == [0.0, 0.01, 0.01]
 
 
 def test_a_frame_that_fails_holds_the_pose_and_expects_nothing_of_the_next() -> None:
-    walk = Walk()
-    odometry = FrameToFrame(walk)
+    walk = ScriptedAlignment()
+    odometry = FrameToFrameOdometry(walk)
     odometry.estimate(FRAME)
     odometry.estimate(FRAME)
     walk.succeeds = False
@@ -48,13 +48,13 @@ def test_a_frame_that_fails_holds_the_pose_and_expects_nothing_of_the_next() -> 
 
 
 def test_after_many_failures_it_begins_afresh_and_says_so() -> None:
-    walk = Walk()
-    odometry = FrameToFrame(walk)
+    walk = ScriptedAlignment()
+    odometry = FrameToFrameOdometry(walk)
     odometry.estimate(FRAME)
     walk.succeeds = False
     failed = [odometry.estimate(FRAME) for _ in range(MAX_FAILURES)]
     assert not any(e.ok for e in failed)
     again = odometry.estimate(FRAME)
-    assert (again.ok, again.restarted) == (True, True)
+    assert (again.ok, again.is_reset) == (True, True)
     walk.succeeds = True
-    assert not odometry.estimate(FRAME).restarted
+    assert not odometry.estimate(FRAME).is_reset

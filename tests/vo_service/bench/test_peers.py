@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from tests.vo_service.odometry.icp.views import ROOM, noisy, pose, view_of
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
-from vo_service.bench.peers.catalogue import PEERS
-from vo_service.bench.peers.recipe import PeerRecipe
-from vo_service.methods import FeatureSettings
-from vo_service.odometry.stopwatch import NullStopwatch
+from tests.vo_service.odometry.icp.views import ROOM, add_noise, hand_held_pose, render_view
+from tests.vo_service.odometry.synthetic_views import render_corner
+from vo_service.bench.peers.catalogue import BASELINES
+from vo_service.bench.peers.recipe import BaselineFactory
+from vo_service.methods import FeatureConfig
+from vo_service.odometry.stopwatch import NullStageTimer
 
 DEPTH_ALONE = ("cv2-depth", "open3d-icp", "small-gicp")
 ALLOWED_M = 0.02
@@ -21,27 +21,27 @@ ALLOWED_M = 0.02
 def view(name: str, seq: int) -> RgbdFrame:
     """Three bare planes for those who see depth alone, two textured ones for the others."""
     if name in DEPTH_ALONE:
-        return noisy(view_of(ROOM, pose(seq), seq), seq)
-    return view_of_a_corner(pose(seq), seq)
+        return add_noise(render_view(ROOM, hand_held_pose(seq), seq), seq)
+    return render_corner(hand_held_pose(seq), seq)
 
 
-@pytest.mark.parametrize("name", list(PEERS))
+@pytest.mark.parametrize("name", list(BASELINES))
 def test_each_follows_a_few_views_and_fails_on_one_that_shows_nothing(name: str) -> None:
-    package = PEERS[name].package
-    pytest.importorskip(package.module, reason=f"needs {package.how_to_install}")
-    odometry = PeerRecipe(name, FeatureSettings()).make(NullStopwatch(), None)
+    package = BASELINES[name].package
+    pytest.importorskip(package.module, reason=f"needs {package.install_command}")
+    odometry = BaselineFactory(name, FeatureConfig()).make(NullStageTimer(), None)
     views = [view(name, seq) for seq in range(3)]
     estimates = [odometry.estimate(each) for each in views]
     assert all(e.ok for e in estimates)
-    error_m = estimates[-1].T_world_camera[:3, 3] - pose(2)[:3, 3]
+    error_m = estimates[-1].T_world_camera[:3, 3] - hand_held_pose(2)[:3, 3]
     assert np.linalg.norm(error_m) < ALLOWED_M
-    black, blind = np.zeros_like(views[0].colour_bgr), np.zeros_like(views[0].depth_raw)
-    assert not odometry.estimate(replace(views[0], colour_bgr=black, depth_raw=blind)).ok
+    black, blind = np.zeros_like(views[0].color_bgr), np.zeros_like(views[0].depth_raw)
+    assert not odometry.estimate(replace(views[0], color_bgr=black, depth_raw=blind)).ok
 
 
 def test_a_peer_is_tried_out_beforehand_and_names_its_package() -> None:
     told: list[str] = []
-    recipe = PeerRecipe("cv2-rgb-depth", FeatureSettings())
+    recipe = BaselineFactory("cv2-rgb-depth", FeatureConfig())
     recipe.prepare(told.append)
     assert told == ["cv2"]
     assert str(recipe.settings["package"]).startswith("opencv-python-headless 5")

@@ -10,29 +10,29 @@ from pathlib import Path
 import cv2
 import pytest
 
-from tests.made_once import made_once
-from tests.vo_service.calibration.rendered_boards import snapshots, stances
-from vo_service.calibration.board import Corners, GreyImage, Layout
+from tests.made_once import make_once
+from tests.vo_service.calibration.rendered_boards import random_board_poses, take_snapshots
+from vo_service.calibration.board import BoardCorners, BoardLayout, GreyImage
 from vo_service.calibration.chessboard import Chessboard
 from vo_service.calibration.snapshot import Snapshot
 
 # On A3.
-BOARD = Chessboard(Layout(10, 7, 0.035))
+BOARD = Chessboard(BoardLayout(10, 7, 0.035))
 VIEWS = 26
 # Boards of this seed reach every part of the image, and are tilted every way.
 SEED = 4
 FILE = "snapshots.pickle"
 
 
-def take_photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
+def load_snapshots(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
     """Colour and depth; rendered once."""
-    folder = made_once(tmp_path_factory, "photographs", _render)
+    folder = make_once(tmp_path_factory, "photographs", _render)
     found: list[Snapshot] = pickle.loads((folder / FILE).read_bytes())
     return found
 
 
 def _render(folder: Path) -> None:
-    found = snapshots(BOARD, stances(BOARD, VIEWS, SEED), with_depth=True)
+    found = take_snapshots(BOARD, random_board_poses(BOARD, VIEWS, SEED), with_depth=True)
     (folder / FILE).write_bytes(pickle.dumps(found))
 
 
@@ -42,10 +42,10 @@ def each_image_is_searched_once(tmp_path_factory: pytest.TempPathFactory) -> Ite
 
     In the photographs it is found once for all of pytest's processes.
     """
-    find = Chessboard.find
-    known: dict[tuple[int, int, bytes], Corners] = {}
+    find = Chessboard.find_corners
+    known: dict[tuple[int, int, bytes], BoardCorners] = {}
 
-    def remembered(board: Chessboard, grey: GreyImage) -> Corners:
+    def remembered(board: Chessboard, grey: GreyImage) -> BoardCorners:
         image = hashlib.sha256(grey.tobytes()).digest()
         key = board.layout.columns, board.layout.rows, image
         if key not in known:
@@ -55,20 +55,20 @@ def each_image_is_searched_once(tmp_path_factory: pytest.TempPathFactory) -> Ite
         return replace(found, points_m=points_m) if len(found.pixels) else found
 
     def search(folder: Path) -> None:
-        for photograph in take_photographs(tmp_path_factory):
+        for photograph in load_snapshots(tmp_path_factory):
             remembered(BOARD, photograph.grey)
         (folder / FILE).write_bytes(pickle.dumps(known))
 
-    folder = made_once(tmp_path_factory, "searched", search)
+    folder = make_once(tmp_path_factory, "searched", search)
     known |= pickle.loads((folder / FILE).read_bytes())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Chessboard, "find", remembered)
         yield
 
 
-def recorded_photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def record_snapshots(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The photographs as a recording of unregistered depth in millimetres; leave it as it is."""
-    photographs = take_photographs(tmp_path_factory)
+    photographs = load_snapshots(tmp_path_factory)
 
     def record(folder: Path) -> None:
         for name in ("rgb", "depth"):
@@ -81,4 +81,4 @@ def recorded_photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
             lines.append(f"{each.stamp_s} rgb/{file} {each.stamp_s} depth/{file}\n")
         (folder / "associations.txt").write_text("".join(lines))
 
-    return made_once(tmp_path_factory, "boards", record)
+    return make_once(tmp_path_factory, "boards", record)

@@ -8,7 +8,12 @@ import numpy as np
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import Array
 from drivers.tum.writer import TumWriter
-from tests.vo_service.odometry.keyframe.rolling_views import Hand, noisy, seen, series_exponential
+from tests.vo_service.odometry.keyframe.rolling_views import (
+    MovingCamera,
+    add_noise,
+    render_view,
+    series_exponential,
+)
 
 SMALL = PinholeCamera(208, 156, 190.0, 190.0, 103.5, 77.5)
 PERIOD_S = 0.55
@@ -17,10 +22,10 @@ PAUSE_S = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Shaken(Hand):
+class ShakenCamera(MovingCamera):
     """To and fro along the twist of the velocity, which is the highest one, and aside as well."""
 
-    def at(self, time_s: float) -> Array:
+    def pose_at(self, time_s: float) -> Array:
         """4x4 T_world_camera."""
         w = 2 * np.pi / PERIOD_S
         first = np.sin(w * time_s) / w * self.velocity
@@ -28,23 +33,23 @@ class Shaken(Hand):
         return self.T_world_start @ series_exponential(first + second)
 
 
-BRISKLY = Shaken(np.array([0.25, -0.2, 0.15, -0.6, 0.8, 0.4]))
+FAST_SHAKING = ShakenCamera(np.array([0.25, -0.2, 0.15, -0.6, 0.8, 0.4]))
 
 
-def shaken_piece(readout_s: float, skew_s: float, frames: int = 32) -> list[RgbdFrame]:
+def render_segment(readout_s: float, skew_s: float, frames: int = 32) -> list[RgbdFrame]:
     """With noise; the stamps claim that depth was taken with colour."""
     film = [
-        seen(BRISKLY, n / 30, readout_s=readout_s, skew_s=skew_s, camera=SMALL)
+        render_view(FAST_SHAKING, n / 30, readout_s=readout_s, skew_s=skew_s, camera=SMALL)
         for n in range(frames)
     ]
-    return [replace(noisy(f, n), readout_s=0.0, skew_s=0.0) for n, f in enumerate(film)]
+    return [replace(add_noise(f, n), readout_s=0.0, skew_s=0.0) for n, f in enumerate(film)]
 
 
-def record_times(folder: Path, piece: list[RgbdFrame], times: int) -> Path:
+def record_repeated(folder: Path, segment: list[RgbdFrame], times: int) -> Path:
     """A recording of the same piece so many times, with a pause between."""
-    length_s = piece[-1].stamp_s - piece[0].stamp_s + PAUSE_S
+    length_s = segment[-1].stamp_s - segment[0].stamp_s + PAUSE_S
     with TumWriter(folder) as writer:
         for n in range(times):
-            for frame in piece:
+            for frame in segment:
                 writer.write(replace(frame, stamp_s=frame.stamp_s + n * length_s))
     return folder

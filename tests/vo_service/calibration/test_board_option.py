@@ -3,18 +3,18 @@
 import pytest
 
 from drivers.errors import InputError
-from vo_service.calibration.board_option import BoardOptions, board_of
+from vo_service.calibration.board_option import BoardOptions, make_board
 from vo_service.calibration.charuco import Charuco
 
 
 def test_a_chessboard_is_given_by_its_inner_corners() -> None:
-    board = board_of(BoardOptions("chessboard:9x6", 0.025, None, "4X4_100"))
+    board = make_board(BoardOptions("chessboard:9x6", 0.025, None, "4X4_100"))
     assert (board.layout.columns, board.layout.rows) == (10, 7)
     assert board.name == "chessboard of 9x6 inner corners"
 
 
 def test_a_charuco_board_is_given_by_its_squares() -> None:
-    board = board_of(BoardOptions("charuco:8x6", 0.04, None, "4X4_100"))
+    board = make_board(BoardOptions("charuco:8x6", 0.04, None, "4X4_100"))
     assert isinstance(board, Charuco)
     assert (board.layout.columns, board.layout.rows, board.marker_m) == (8, 6, 0.7 * 0.04)
 
@@ -32,5 +32,5 @@ def test_a_charuco_board_is_given_by_its_squares() -> None:
 )
 def test_a_mistake_is_named(options: BoardOptions, said: str) -> None:
     with pytest.raises(InputError) as caught:
-        board_of(options)
+        make_board(options)
     assert said in str(caught.value)

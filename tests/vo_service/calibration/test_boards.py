@@ -7,23 +7,27 @@ from cv2 import aruco
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
-from tests.vo_service.calibration.rendered_boards import COLOUR, Kinect, stances
-from vo_service.calibration.board import Board, Corners, Layout
+from drivers.geometry import Array, rigid_transform, so3_exp
+from tests.vo_service.calibration.rendered_boards import (
+    COLOR_LENS,
+    RenderedKinect,
+    random_board_poses,
+)
+from vo_service.calibration.board import Board, BoardCorners, BoardLayout
 from vo_service.calibration.charuco import Charuco
 from vo_service.calibration.chessboard import Chessboard
 
-CHESSBOARD = Chessboard(Layout(10, 7, 0.035))
-CHARUCO = Charuco(Layout(8, 6, 0.045), 0.031, "4X4_100")
+CHESSBOARD = Chessboard(BoardLayout(10, 7, 0.035))
+CHARUCO = Charuco(BoardLayout(8, 6, 0.045), 0.031, "4X4_100")
 STRAIGHT = rigid_transform(np.eye(3), [-0.17, -0.12, 0.7])
 
 
 def grey_image(board: Board, T_color_board: Array) -> NDArray[np.uint8]:
-    return Kinect().snapshot(board, T_color_board, seed=0).grey
+    return RenderedKinect().take_snapshot(board, T_color_board, seed=0).grey
 
 
-def error_px(corners: Corners, T_color_board: Array) -> Array:
-    true = COLOUR.pixels(T_color_board, corners.points_m)
+def error_px(corners: BoardCorners, T_color_board: Array) -> Array:
+    true = COLOR_LENS.project(T_color_board, corners.points_m)
     # A board that looks the same upside down may be found so.
     ways = (corners.pixels - true, corners.pixels[::-1] - true)
     errors = [np.linalg.norm(way, axis=1) for way in ways]
@@ -32,17 +36,17 @@ def error_px(corners: Corners, T_color_board: Array) -> Array:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_all_corners_of_a_chessboard_are_found(seed: int) -> None:
-    (T,) = stances(CHESSBOARD, 1, seed)
-    errors = error_px(CHESSBOARD.find(grey_image(CHESSBOARD, T)), T)
+    (T,) = random_board_poses(CHESSBOARD, 1, seed)
+    errors = error_px(CHESSBOARD.find_corners(grey_image(CHESSBOARD, T)), T)
     assert len(errors) == 54
     assert np.sqrt((errors**2).mean()) < 0.15
 
 
 def test_a_charuco_board_is_found_though_half_of_it_is_outside() -> None:
-    T = rigid_transform(rotation_from_vector([0.2, 0.3, 0.1]), [0.05, -0.12, 0.6])
-    corners = CHARUCO.find(grey_image(CHARUCO, T))
+    T = rigid_transform(so3_exp([0.2, 0.3, 0.1]), [0.05, -0.12, 0.6])
+    corners = CHARUCO.find_corners(grey_image(CHARUCO, T))
     assert 12 <= len(corners.pixels) < 35
-    errors = np.linalg.norm(corners.pixels - COLOUR.pixels(T, corners.points_m), axis=1)
+    errors = np.linalg.norm(corners.pixels - COLOR_LENS.project(T, corners.points_m), axis=1)
     assert np.median(errors) < 0.12
 
 
@@ -51,41 +55,41 @@ def test_a_charuco_board_as_older_versions_of_opencv_drew_it_is_found() -> None:
     drawn.setLegacyPattern(True)
     image = np.asarray(drawn.generateImage((640, 480), marginSize=40), np.uint8)
     board = Charuco(CHARUCO.layout, CHARUCO.marker_m, "4X4_50")
-    assert len(board.find(image).pixels) == 35
+    assert len(board.find_corners(image).pixels) == 35
 
 
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO])
 def test_where_there_is_no_board_there_are_no_corners(board: Board) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (480, 640), dtype=np.uint8)
     smooth = np.asarray(cv2.GaussianBlur(noise, (0, 0), 3.0), np.uint8)
-    assert not len(board.find(noise).pixels)
-    assert not len(board.find(smooth).pixels)
+    assert not len(board.find_corners(noise).pixels)
+    assert not len(board.find_corners(smooth).pixels)
 
 
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO])
 def test_a_board_too_far_away_to_be_measured_is_left_alone(board: Board) -> None:
     T = rigid_transform(np.eye(3), [-0.17, -0.12, 4.0])
-    assert not len(board.find(grey_image(board, T)).pixels)
+    assert not len(board.find_corners(grey_image(board, T)).pixels)
 
 
 def test_another_chessboard_is_named_as_the_option_has_it() -> None:
-    other = Chessboard(Layout(9, 7, 0.035))
+    other = Chessboard(BoardLayout(9, 7, 0.035))
     image = grey_image(CHESSBOARD, STRAIGHT)
-    assert not len(other.find(image).pixels)
-    assert other.seen_instead(image) == "chessboard:9x6"
-    assert CHESSBOARD.seen_instead(image) == ""
+    assert not len(other.find_corners(image).pixels)
+    assert other.suggest_other_board(image) == "chessboard:9x6"
+    assert CHESSBOARD.suggest_other_board(image) == ""
 
 
 def test_another_dictionary_is_named_as_the_option_has_it() -> None:
     other = Charuco(CHARUCO.layout, CHARUCO.marker_m, "6X6_50")
     image = grey_image(CHARUCO, rigid_transform(np.eye(3), [-0.17, -0.12, 0.6]))
-    assert not len(other.find(image).pixels)
-    assert other.seen_instead(image).startswith("charuco:8x6 --dictionary 4X4_")
+    assert not len(other.find_corners(image).pixels)
+    assert other.suggest_other_board(image).startswith("charuco:8x6 --dictionary 4X4_")
 
 
 def test_a_board_with_more_markers_than_its_dictionary_is_refused() -> None:
     with pytest.raises(InputError, match="has 50 markers, the board needs 60"):
-        Charuco(Layout(12, 10, 0.02), 0.014, "4X4_50")
+        Charuco(BoardLayout(12, 10, 0.02), 0.014, "4X4_50")
 
 
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from vo_service.calibration.folder import depth_units, image_files, snapshots
+from vo_service.calibration.folder import list_snapshot_files, read_depth_units, read_snapshots
 
 CopyRecording = Callable[..., Path]
 
@@ -19,10 +19,10 @@ def write_image(file: Path, width: int = 32) -> None:
 
 
 def test_a_recording_gives_its_images_as_they_are_stored(recording: Path) -> None:
-    files = image_files(recording, with_depth=True)
-    first = next(snapshots(files))
+    files = list_snapshot_files(recording, with_depth=True)
+    first = next(read_snapshots(files))
     assert first is not None
-    np.testing.assert_array_equal(first.colour_bgr, cv2.imread(str(files[0].colour)))
+    np.testing.assert_array_equal(first.colour_bgr, cv2.imread(str(files[0].color)))
     depth = cv2.imread(str(files[0].depth), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(first.depth_raw, depth)
 
@@ -31,20 +31,20 @@ def test_a_recorded_lens_is_not_taken_out(copy_recording: CopyRecording) -> None
     folder = copy_recording()
     text = (folder / "camera.toml").read_text()
     (folder / "camera.toml").write_text(text.replace("[0.0, 0.0,", "[0.3, -0.1,"))
-    files = image_files(folder, with_depth=False)
-    (found, *_) = list(snapshots(files))
+    files = list_snapshot_files(folder, with_depth=False)
+    (found, *_) = list(read_snapshots(files))
     assert found is not None
-    np.testing.assert_array_equal(found.colour_bgr, cv2.imread(str(files[0].colour)))
+    np.testing.assert_array_equal(found.colour_bgr, cv2.imread(str(files[0].color)))
 
 
 def test_without_depth_a_list_of_colour_images_will_do(copy_recording: CopyRecording) -> None:
     folder = copy_recording(lists=True)
     (folder / "depth.txt").unlink()
-    files = image_files(folder, with_depth=False)
+    files = list_snapshot_files(folder, with_depth=False)
     assert len(files) == 12
-    assert all(found is not None and not found.depth_raw.size for found in snapshots(files))
+    assert all(found is not None and not found.depth_raw.size for found in read_snapshots(files))
     with pytest.raises(InputError, match=r"depth\.txt: no such file"):
-        image_files(folder, with_depth=True)
+        list_snapshot_files(folder, with_depth=True)
 
 
 @pytest.mark.parametrize("place", ["", "rgb"])
@@ -52,8 +52,8 @@ def test_a_folder_of_photographs_will_do(tmp_path: Path, place: str) -> None:
     for name in ("b.JPG", "a.png"):
         write_image(tmp_path / place / name)
     (tmp_path / place / "notes.txt").write_text("taken on Monday\n")
-    files = image_files(tmp_path, with_depth=False)
-    assert [file.colour.name for file in files] == ["a.png", "b.JPG"]
+    files = list_snapshot_files(tmp_path, with_depth=False)
+    assert [file.color.name for file in files] == ["a.png", "b.JPG"]
     assert [file.stamp_s for file in files] == [0.0, 1.0]
 
 
@@ -62,7 +62,7 @@ def test_an_image_that_cannot_be_read_is_left_out_and_named(
 ) -> None:
     write_image(tmp_path / "a.png")
     (tmp_path / "b.png").write_bytes(b"")
-    found = list(snapshots(image_files(tmp_path, with_depth=False)))
+    found = list(read_snapshots(list_snapshot_files(tmp_path, with_depth=False)))
     assert [each is None for each in found] == [False, True]
     assert "b.png: is empty" in caplog.text
 
@@ -71,21 +71,21 @@ def test_images_of_two_sizes_are_refused(tmp_path: Path) -> None:
     write_image(tmp_path / "a.png")
     write_image(tmp_path / "b.png", width=40)
     with pytest.raises(InputError, match=r"b\.png: is 40x24, but .*a\.png is 32x24; calibrate"):
-        list(snapshots(image_files(tmp_path, with_depth=False)))
+        list(read_snapshots(list_snapshot_files(tmp_path, with_depth=False)))
 
 
 def test_nothing_to_see_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no images"):
-        image_files(tmp_path, with_depth=False)
+        list_snapshot_files(tmp_path, with_depth=False)
     with pytest.raises(InputError, match="no such folder"):
-        image_files(tmp_path / "none", with_depth=False)
+        list_snapshot_files(tmp_path / "none", with_depth=False)
 
 
 def test_the_unit_of_depth_is_the_recordings_or_millimetres(
     recording: Path, tmp_path: Path
 ) -> None:
-    assert depth_units(recording, None).depth_factor == 5000.0
-    assert depth_units(tmp_path, None).depth_factor == 1000.0
+    assert read_depth_units(recording, None).depth_factor == 5000.0
+    assert read_depth_units(tmp_path, None).depth_factor == 1000.0
     (tmp_path / "camera.toml").write_text("schema = 1\n")
     with pytest.raises(InputError, match="key `width`: is missing"):
-        depth_units(tmp_path, None)
+        read_depth_units(tmp_path, None)

@@ -7,14 +7,14 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.camera_file import read_camera_file
+from drivers.camera_file import read_calibration
 from drivers.errors import InputError
 from vo_service.calibration.chessboard import Chessboard
-from vo_service.calibration.colour_camera import ColourCalibration
-from vo_service.calibration.depth_camera import DepthCalibration
+from vo_service.calibration.colour_camera import ColorCalibrationResult
+from vo_service.calibration.depth_camera import DepthCalibrationResult
 from vo_service.calibration.folder import DepthUnits
-from vo_service.calibration.picture import draw, write_picture
-from vo_service.calibration.result import Calibration
+from vo_service.calibration.picture import draw_plot, write_plot
+from vo_service.calibration.result import CalibrationResult
 from vo_service.calibration.saving import check_writable, save_camera_file
 
 pytestmark = pytest.mark.slow
@@ -22,27 +22,29 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def calibration(
-    board: Chessboard, colour: ColourCalibration, depth: DepthCalibration
-) -> Calibration:
-    return Calibration(board, DepthUnits(1000.0, 0.02), colour, [depth], ["a warning"])
+    board: Chessboard, colour: ColorCalibrationResult, depth: DepthCalibrationResult
+) -> CalibrationResult:
+    return CalibrationResult(board, DepthUnits(1000.0, 0.02), colour, [depth], ["a warning"])
 
 
-def test_the_camera_file_holds_what_was_found(calibration: Calibration, tmp_path: Path) -> None:
-    save_camera_file(tmp_path / "camera.toml", calibration.camera_file, "a heading")
-    read = read_camera_file(tmp_path / "camera.toml")
-    assert read == calibration.camera_file
+def test_the_camera_file_holds_what_was_found(
+    calibration: CalibrationResult, tmp_path: Path
+) -> None:
+    save_camera_file(tmp_path / "camera.toml", calibration.camera_calibration, "a heading")
+    read = read_calibration(tmp_path / "camera.toml")
+    assert read == calibration.camera_calibration
     assert (read.depth_factor, read.readout_s) == (1000.0, 0.02)
-    assert read.fx == pytest.approx(calibration.colour.lens.fx, abs=1e-4)
+    assert read.fx == pytest.approx(calibration.color.lens.fx, abs=1e-4)
     assert read.depth is not None
     found = calibration.depth[0].model.T_color_depth
     np.testing.assert_allclose(read.depth.T_color_depth.matrix, found, atol=1e-6)
 
 
-def test_a_file_that_is_there_is_kept(calibration: Calibration, tmp_path: Path) -> None:
+def test_a_file_that_is_there_is_kept(calibration: CalibrationResult, tmp_path: Path) -> None:
     file = tmp_path / "camera.toml"
-    assert save_camera_file(file, calibration.camera_file, "first") is None
+    assert save_camera_file(file, calibration.camera_calibration, "first") is None
     before = file.read_bytes()
-    kept = save_camera_file(file, calibration.camera_file, "second")
+    kept = save_camera_file(file, calibration.camera_calibration, "second")
     assert kept == tmp_path / "camera.toml.bak"
     assert kept.read_bytes() == before
     assert file.read_text().startswith("# second\nschema = 1\n")
@@ -50,14 +52,14 @@ def test_a_file_that_is_there_is_kept(calibration: Calibration, tmp_path: Path) 
 
 
 def test_a_file_behind_a_link_is_written_where_the_link_points(
-    calibration: Calibration, tmp_path: Path
+    calibration: CalibrationResult, tmp_path: Path
 ) -> None:
     (tmp_path / "real").mkdir()
     link = tmp_path / "camera.toml"
     link.symlink_to(tmp_path / "real" / "camera.toml")
-    save_camera_file(link, calibration.camera_file, "heading")
+    save_camera_file(link, calibration.camera_calibration, "heading")
     assert link.is_symlink()
-    assert read_camera_file(tmp_path / "real" / "camera.toml") == calibration.camera_file
+    assert read_calibration(tmp_path / "real" / "camera.toml") == calibration.camera_calibration
 
 
 def test_where_nothing_can_be_written_is_known_beforehand(tmp_path: Path) -> None:
@@ -66,9 +68,9 @@ def test_where_nothing_can_be_written_is_known_beforehand(tmp_path: Path) -> Non
             check_writable(path)
 
 
-def test_the_table_shows_both_cameras(calibration: Calibration) -> None:
+def test_the_table_shows_both_cameras(calibration: CalibrationResult) -> None:
     table = calibration.as_table()
-    lens, depth = calibration.colour.lens, calibration.depth[0]
+    lens, depth = calibration.color.lens, calibration.depth[0]
     (row,) = [line for line in table.splitlines() if line.startswith("fx (px)")]
     assert f"{lens.fx:.2f} ± " in row
     assert f"{depth.model.lens.fx:.2f} ± " in row
@@ -76,29 +78,29 @@ def test_the_table_shows_both_cameras(calibration: Calibration) -> None:
     assert all(line == line.rstrip() for line in table.splitlines())
 
 
-def test_programs_get_numbers(calibration: Calibration) -> None:
+def test_programs_get_numbers(calibration: CalibrationResult) -> None:
     told = json.loads(json.dumps(calibration.as_json()))
-    assert told["colour"]["fx"] == calibration.colour.lens.fx
+    assert told["colour"]["fx"] == calibration.color.lens.fx
     assert set(told["colour"]["sigma"]) == {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"}
     assert told["depth"]["translation_m"][0] == pytest.approx(-0.025, abs=0.002)
     assert told["warnings"] == ["a warning"]
 
 
-def test_the_picture_has_two_plots_a_camera(calibration: Calibration) -> None:
-    figure = draw(calibration)
+def test_the_picture_has_two_plots_a_camera(calibration: CalibrationResult) -> None:
+    figure = draw_plot(calibration)
     titles = [plot.get_title() for plot in figure.axes]
     assert titles[0].startswith("corners, and 0.")
     assert titles[2].startswith("depth readings on the boards")
 
 
 @pytest.mark.parametrize("name", ["coverage.png", "coverage.svg"])
-def test_the_picture_is_written(calibration: Calibration, tmp_path: Path, name: str) -> None:
-    write_picture(tmp_path / name, calibration)
+def test_the_picture_is_written(calibration: CalibrationResult, tmp_path: Path, name: str) -> None:
+    write_plot(tmp_path / name, calibration)
     if name.endswith(".png"):
         assert cv2.imread(str(tmp_path / name)) is not None
     assert (tmp_path / name).stat().st_size > 10_000
 
 
-def test_another_picture_format_is_refused(calibration: Calibration, tmp_path: Path) -> None:
+def test_another_picture_format_is_refused(calibration: CalibrationResult, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a picture is \.png or \.svg"):
-        write_picture(tmp_path / "coverage.gif", calibration)
+        write_plot(tmp_path / "coverage.gif", calibration)

@@ -28,11 +28,11 @@ def test_the_point_of_a_reading_is_seen_at_its_pixel(
     point_m = model.points_m(np.array([pixel]), np.array([reading_m]))
     own = transform_points(inverse(model.T_color_depth), point_m)
     assert own[0, 2] == pytest.approx(model.scale * reading_m)
-    np.testing.assert_allclose(model.lens.pixels(np.eye(4), own)[0], pixel, atol=0.02)
+    np.testing.assert_allclose(model.lens.project(np.eye(4), own)[0], pixel, atol=0.02)
 
 
 def test_what_is_not_free_stays() -> None:
-    usual = DepthModel.usual((640, 480), 1.0)
-    changed = usual.changed(np.array([2, 12]), np.array([300.0, 1.01]))
+    usual = DepthModel.default((640, 480), 1.0)
+    changed = usual.with_parameters(np.array([2, 12]), np.array([300.0, 1.01]))
     assert (changed.lens.cx, changed.scale) == (300.0, 1.01)
     assert (changed.lens.cy, usual.lens.cx) == (239.5, 319.5)

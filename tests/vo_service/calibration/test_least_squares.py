@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.geometry import Array
-from vo_service.calibration.least_squares import jackknife_sigma, jacobian, minimise
+from vo_service.calibration.least_squares import jackknife_sigma, jacobian, minimize_gauss_newton
 
 
 @given(st.integers(0, 10_000))
@@ -16,7 +16,7 @@ def test_a_linear_problem_is_solved_as_numpy_does(seed: int) -> None:
     A, b = rng.normal(size=(30, 4)) * [1.0, 100.0, 1e-2, 10.0], rng.normal(size=30)
     weights = rng.uniform(0.5, 2.0, 30)
     expected = np.linalg.lstsq(A * weights[:, None], b * weights, rcond=None)[0]
-    found = minimise(lambda x: A @ x - b, np.zeros(4), weights)
+    found = minimize_gauss_newton(lambda x: A @ x - b, np.zeros(4), weights)
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6)
 
 
@@ -30,7 +30,7 @@ def test_a_curve_is_fitted_as_scipy_does() -> None:
         return curve
 
     expected = scipy.optimize.least_squares(residuals, [1.0, 1.0]).x
-    found = minimise(residuals, np.array([1.0, 1.0]), np.ones(80))
+    found = minimize_gauss_newton(residuals, np.array([1.0, 1.0]), np.ones(80))
     np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 

@@ -8,39 +8,39 @@ import pytest
 from drivers.camera import (
     CameraCounters,
     CameraState,
+    CameraStatus,
     Clock,
-    Condition,
-    NoFrameYet,
+    FrameTimeout,
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.camera_file import read_camera_file
+from drivers.camera_file import read_calibration
 from drivers.errors import CameraError
 from drivers.registration import SoftwareRegistration
-from drivers.undistort import undistorter
+from drivers.undistort import make_undistorter
 from vo_service.calibration import live
-from vo_service.calibration.live import frames, raw_camera_file
+from vo_service.calibration.live import read_frames, write_raw_camera_file
 
 
 class DeafCamera(RgbdCamera):
     """Opens, and never shows a thing."""
 
     name, clock, counters = "deaf", Clock.MONOTONIC, CameraCounters()
-    condition = Condition(CameraState.ABSENT, "no Kinect is plugged in")
+    status = CameraStatus(CameraState.ABSENT, "no Kinect is plugged in")
 
     def open(self) -> None:
         pass
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        raise NoFrameYet
+        raise FrameTimeout
 
     def close(self) -> None:
         pass
 
 
 def test_under_the_raw_camera_file_every_depth_pixel_stays_where_it_is() -> None:
-    with raw_camera_file(with_depth=True) as path:
-        camera = read_camera_file(path)
+    with write_raw_camera_file(with_depth=True) as path:
+        camera = read_calibration(path)
     assert not path.exists()
     assert camera.depth is not None
     depth = np.random.default_rng(0).integers(0, 10000, (480, 640), dtype=np.uint16)
@@ -50,10 +50,10 @@ def test_under_the_raw_camera_file_every_depth_pixel_stays_where_it_is() -> None
 
 
 def test_under_the_raw_camera_file_no_lens_is_taken_out() -> None:
-    with raw_camera_file(with_depth=False) as path:
-        camera = read_camera_file(path)
+    with write_raw_camera_file(with_depth=False) as path:
+        camera = read_calibration(path)
     image = np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)
-    assert undistorter(camera.pinhole, camera.distortion).colour(image) is image
+    assert make_undistorter(camera.pinhole, camera.distortion).undistort_color(image) is image
     assert camera.depth is None
 
 
@@ -62,10 +62,10 @@ def test_a_camera_that_shows_nothing_is_given_up_with_its_reason(
 ) -> None:
     monkeypatch.setattr(live, "PATIENCE_S", 0.0)
     with pytest.raises(CameraError, match="deaf: no Kinect is plugged in"):
-        list(frames(DeafCamera(), threading.Event()))
+        list(read_frames(DeafCamera(), threading.Event()))
 
 
 def test_a_stop_ends_the_frames() -> None:
     stop = threading.Event()
     stop.set()
-    assert list(frames(DeafCamera(), stop)) == []
+    assert list(read_frames(DeafCamera(), stop)) == []

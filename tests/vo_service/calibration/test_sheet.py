@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from vo_service.calibration.board import Board, Layout
+from vo_service.calibration.board import Board, BoardLayout
 from vo_service.calibration.charuco import Charuco
 from vo_service.calibration.chessboard import Chessboard
-from vo_service.calibration.sheet import DOTS_PER_INCH, paper, print_board
+from vo_service.calibration.sheet import DOTS_PER_INCH, choose_paper, print_board
 
-CHESSBOARD = Chessboard(Layout(10, 7, 0.025))
-CHARUCO = Charuco(Layout(8, 6, 0.030), 0.021, "4X4_100")
+CHESSBOARD = Chessboard(BoardLayout(10, 7, 0.025))
+CHARUCO = Charuco(BoardLayout(8, 6, 0.030), 0.021, "4X4_100")
 # Scanned with a third of the dots.
 SCAN = 3
 AREA = cv2.INTER_AREA
@@ -31,7 +31,7 @@ def test_the_squares_on_paper_have_the_size_that_was_asked_for(
     scan = np.asarray(
         cv2.resize(page, None, fx=1 / SCAN, fy=1 / SCAN, interpolation=AREA), np.uint8
     )
-    corners = board.find(scan)
+    corners = board.find_corners(scan)
     assert len(corners.pixels) == len(board.layout.inner_corners_m)
     on_paper_mm = (corners.pixels - corners.pixels[0]) * SCAN / DOTS_PER_MM
     on_board_mm = 1e3 * (corners.points_m - corners.points_m[0])[:, :2]
@@ -62,13 +62,13 @@ def test_it_can_be_printed_from_a_drawing(suffix: str, begin: bytes, tmp_path: P
 @pytest.mark.parametrize(
     ("layout", "name"),
     [
-        (Layout(10, 7, 0.035), "A3"),
-        (Layout(6, 9, 0.025), "A4"),
-        (Layout(10, 7, 0.1), "1016 x 729 mm"),
+        (BoardLayout(10, 7, 0.035), "A3"),
+        (BoardLayout(6, 9, 0.025), "A4"),
+        (BoardLayout(10, 7, 0.1), "1016 x 729 mm"),
     ],
 )
-def test_the_smallest_paper_that_takes_it_is_named(layout: Layout, name: str) -> None:
-    assert paper(Chessboard(layout))[0] == name
+def test_the_smallest_paper_that_takes_it_is_named(layout: BoardLayout, name: str) -> None:
+    assert choose_paper(Chessboard(layout))[0] == name
 
 
 def test_another_format_or_a_missing_folder_is_refused(tmp_path: Path) -> None:

@@ -8,36 +8,38 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera_file import (
-    KNOWN_CAMERAS,
-    CameraFile,
-    DepthTable,
-    RigidPose,
-    camera_file_text,
-    read_camera_file,
+    TUM_CALIBRATIONS,
+    CameraCalibration,
+    DepthCameraCalibration,
+    RigidTransform,
+    format_calibration,
+    read_calibration,
 )
 from drivers.errors import InputError, UserFacingError
 from drivers.strict_toml import parse_toml
-from vo_service.calibration.timing_cost import Timing
-from vo_service.calibration.timing_file import save_timing, with_timing
+from vo_service.calibration.timing_cost import SensorTiming
+from vo_service.calibration.timing_file import replace_timing, save_timing
 
 CAMERA = replace(
-    KNOWN_CAMERAS["1"],
+    TUM_CALIBRATIONS["1"],
     readout_s=0.01,
-    depth=DepthTable(580.0, 580.0, 320.0, 240.0, RigidPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))),
+    depth=DepthCameraCalibration(
+        580.0, 580.0, 320.0, 240.0, RigidTransform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    ),
 )
-NOW = Timing(0.0203, -0.0012)
-timings = st.builds(Timing, st.floats(0.0, 0.05), st.floats(-0.05, 0.05))
+NOW = SensorTiming(0.0203, -0.0012)
+timings = st.builds(SensorTiming, st.floats(0.0, 0.05), st.floats(-0.05, 0.05))
 
 
 @given(timings)
-def test_all_else_stays(timing: Timing) -> None:
-    text = with_timing(camera_file_text(CAMERA), timing)
+def test_all_else_stays(timing: SensorTiming) -> None:
+    text = replace_timing(format_calibration(CAMERA), timing)
     changed = replace(CAMERA, readout_s=timing.readout_s, depth_offset_s=timing.depth_offset_s)
-    assert parse_toml(text, "camera.toml", CameraFile) == changed
+    assert parse_toml(text, "camera.toml", CameraCalibration) == changed
 
 
 def test_comments_and_order_stay_and_missing_keys_are_put_behind_the_schema() -> None:
-    text = with_timing(
+    text = replace_timing(
         "# mine\nschema = 1\nwidth = 640 # wide\nreadout_s = 3e-3 # guessed\n[depth]\nfx = 5\n", NOW
     )
     assert text == (
@@ -48,18 +50,18 @@ def test_comments_and_order_stay_and_missing_keys_are_put_behind_the_schema() ->
 
 def test_the_file_that_was_there_is_kept(tmp_path: Path) -> None:
     file = tmp_path / "camera.toml"
-    file.write_text(camera_file_text(CAMERA))
+    file.write_text(format_calibration(CAMERA))
     kept = save_timing(file, CAMERA, NOW, "heading")
     assert kept is not None
-    assert read_camera_file(kept) == CAMERA
-    assert read_camera_file(file).readout_s == NOW.readout_s
+    assert read_calibration(kept) == CAMERA
+    assert read_calibration(file).readout_s == NOW.readout_s
 
 
 def test_a_file_that_was_not_there_is_the_camera_that_was_seen_with(tmp_path: Path) -> None:
     file = tmp_path / "new.toml"
     assert save_timing(file, CAMERA, NOW, "found today") is None
     assert file.read_text().startswith("# found today\n")
-    assert read_camera_file(file) == replace(CAMERA, readout_s=0.0203, depth_offset_s=-0.0012)
+    assert read_calibration(file) == replace(CAMERA, readout_s=0.0203, depth_offset_s=-0.0012)
 
 
 def test_nothing_is_written_into_what_is_no_camera_file_or_onto_a_disk_that_refuses(

@@ -4,23 +4,23 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.vo_service.client.published import Robot, free_endpoint, robot
+from tests.vo_service.client.published import FakeService, find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
 from vo_service.client import PoseClient, judging
 
 
 @pytest.fixture(scope="module")
-def both() -> Iterator[tuple[Robot, str]]:
+def both() -> Iterator[tuple[FakeService, str]]:
     """A service, and where it is."""
-    endpoint = free_endpoint()
-    with robot(endpoint) as publisher:
+    endpoint = find_free_endpoint()
+    with running_fake_service(endpoint) as publisher:
         yield publisher, endpoint
 
 
 @pytest.fixture
 def talk(
-    both: tuple[Robot, str], monkeypatch: pytest.MonkeyPatch
-) -> Iterator[tuple[Robot, PoseClient]]:
+    both: tuple[FakeService, str], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[FakeService, PoseClient]]:
     """A service and a client that hears it."""
     monkeypatch.setattr(judging, "SILENCE_S", 60.0)  # a busy machine is no silence
     publisher, endpoint = both
@@ -29,4 +29,4 @@ def talk(
         publisher.wait_for_reader()
         yield publisher, client
     # Or the next test would take this reader for its own.
-    wait_until(lambda: not publisher.is_read("kinect/odom"))
+    wait_until(lambda: not publisher.has_reader("kinect/odom"))

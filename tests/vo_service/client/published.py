@@ -18,12 +18,12 @@ from vo_service.outputs.zenoh_session import open_session
 from vo_service.settings import ZenohConfig
 
 
-def free_endpoint() -> str:
+def find_free_endpoint() -> str:
     """On a port of 127.0.0.1 that nobody has."""
     return f"tcp/127.0.0.1:{free_port()}"
 
 
-class Robot:
+class FakeService:
     """Publishes whatever it is told."""
 
     def __init__(self, endpoint: str) -> None:
@@ -33,21 +33,21 @@ class Robot:
 
     def wait_for_reader(self, key: str = "kinect/odom") -> None:
         """Until somebody has subscribed to this, the poses by default."""
-        wait_until(lambda: self.is_read(key), f"a reader of {key}")
+        wait_until(lambda: self.has_reader(key), f"a reader of {key}")
 
-    def is_read(self, key: str) -> bool:
+    def has_reader(self, key: str) -> bool:
         """Whether somebody has subscribed to this."""
         with self.session.declare_publisher(key) as probe:
             return bool(probe.matching_status.matching)  # type: ignore[attr-defined]
 
-    def pose(self, seq: int, x_m: float = 0.0, **about: Any) -> None:
+    def publish_pose(self, seq: int, x_m: float = 0.0, **about: Any) -> None:
         """One pose, `x_m` ahead."""
         T = rigid_transform(np.eye(3), [x_m, 0.5, -0.25])
         message = OdometryMessage(12.5, "odom", "base_link", T, np.eye(6), np.zeros(6), np.eye(6))
         usual = {"schema": 1, "seq": seq, "state": "tracking", "epoch": 0, "reason": ""}
         self._odom.put(encode_odometry(message), attachment=json.dumps(usual | about).encode())
 
-    def map_odom(self, y_m: float = 0.0, **about: Any) -> None:
+    def publish_map_odom(self, y_m: float = 0.0, **about: Any) -> None:
         """How odom lies in the map: `y_m` to the left."""
         payload, attachment = self._map_odom(y_m, about)
         self.session.put("kinect/map_odom", payload, attachment=attachment)
@@ -71,16 +71,16 @@ class Robot:
         payload = encode_transform(TransformMessage(12.5, "map", "odom", T))
         return payload, json.dumps(usual | about).encode()
 
-    def raw(self, payload: bytes, attachment: bytes | None = None) -> None:
+    def publish_raw(self, payload: bytes, attachment: bytes | None = None) -> None:
         """Whatever comes."""
         self._odom.put(payload, attachment=attachment)
 
-    def status(self, **changes: Any) -> None:
+    def publish_status(self, **changes: Any) -> None:
         """One status."""
         usual = {"schema": 1, "state": "tracking", "reason": "", "paused": False}
         self.session.put("kinect/status", json.dumps(usual | changes).encode())
 
-    def answers(self, name: str, answer: dict[str, Any]) -> list[Any]:
+    def answer_with(self, name: str, answer: dict[str, Any]) -> list[Any]:
         """Answer a question in this way from now on; the arguments that came."""
         heard: list[Any] = []
 
@@ -101,29 +101,31 @@ class Robot:
 
 
 @contextmanager
-def robot(endpoint: str) -> Iterator[Robot]:
+def running_fake_service(endpoint: str) -> Iterator[FakeService]:
     """A service that goes at the end of the block."""
-    it = Robot(endpoint)
+    it = FakeService(endpoint)
     try:
         yield it
     finally:
         it.close()
 
 
-Talk = tuple[Robot, PoseClient]
+ServiceAndClient = tuple[FakeService, PoseClient]
 
 
-def heard(client: PoseClient, seq: int) -> None:
+def wait_for_pose(client: PoseClient, seq: int) -> None:
     """Until this pose has come."""
 
     def is_there() -> bool:
-        found = client._hearing.pose.item
-        return found is not None and found.about["seq"] == seq
+        found = client._state.pose.item
+        return found is not None and found.attachment["seq"] == seq
 
     wait_until(is_there)
 
 
-def take(publisher: Robot, poses: Iterator[Pose], seq: int, **about: Any) -> Pose:
+def publish_and_receive(
+    publisher: FakeService, poses: Iterator[Pose], seq: int, **about: Any
+) -> Pose:
     """What a reader gets once this is published."""
-    publisher.pose(seq, **about)
+    publisher.publish_pose(seq, **about)
     return next(poses)

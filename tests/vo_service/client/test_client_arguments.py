@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from drivers.geometry import rigid_transform, rotation_from_vector
-from tests.vo_service.client.published import free_endpoint
-from vo_service.client import InputError, NoAnswer, PoseClient
+from drivers.geometry import rigid_transform, so3_exp
+from tests.vo_service.client.published import find_free_endpoint
+from vo_service.client import InputError, PoseClient, ServiceUnavailable
 from vo_service.client.arguments import reset_arguments
 
 NAN = float("nan")
@@ -17,7 +17,7 @@ Call = Callable[[PoseClient], object]
 @pytest.fixture(scope="module")
 def alone() -> Iterator[PoseClient]:
     """A client of nobody."""
-    with PoseClient(connect=free_endpoint()) as client:
+    with PoseClient(connect=find_free_endpoint()) as client:
         yield client
 
 
@@ -52,15 +52,15 @@ def test_what_is_no_name_of_a_command_is_not_sent(alone: PoseClient, name: str) 
 
 
 def test_a_place_in_32_bits_is_rigid_enough() -> None:
-    turned = rigid_transform(rotation_from_vector([0.1, -0.2, 2.0]), [1, 2, 3])
+    turned = rigid_transform(so3_exp([0.1, -0.2, 2.0]), [1, 2, 3])
     sent = reset_arguments(turned.astype(np.float32).astype(np.float64))
     assert sent["position_m"] == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.zenoh
-@pytest.mark.parametrize("ask", [PoseClient.latest, PoseClient.pause, PoseClient.schemas])
+@pytest.mark.parametrize("ask", [PoseClient.query_latest, PoseClient.pause, PoseClient.schemas])
 def test_a_closed_client_says_so(ask: Call) -> None:
-    client = PoseClient(connect=free_endpoint())
+    client = PoseClient(connect=find_free_endpoint())
     client.close()
-    with pytest.raises(NoAnswer, match="kinect: this client is closed; open another"):
+    with pytest.raises(ServiceUnavailable, match="kinect: this client is closed; open another"):
         ask(client)

@@ -9,14 +9,14 @@ import pytest
 import zenoh
 
 from drivers.geometry import rigid_transform
-from tests.vo_service.client.published import Robot, free_endpoint, robot
+from tests.vo_service.client.published import FakeService, find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
-from vo_service.client import CommandRefused, NoAnswer, PoseClient
+from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
 from vo_service.control.commands import COMMAND_NAMES, parse_command
 
 pytestmark = pytest.mark.zenoh
 
-Talk = tuple[Robot, PoseClient]
+Talk = tuple[FakeService, PoseClient]
 FOLDER = {"folder": "/var/lib/kinect-vo/desk"}
 T_ODOM_BASE = rigid_transform(np.eye(3), [1.0, 2.0, 0.5])
 CALLS: dict[str, tuple[Callable[[PoseClient], object], dict[str, Any], object]] = {
@@ -43,24 +43,24 @@ CALLS: dict[str, tuple[Callable[[PoseClient], object], dict[str, Any], object]] 
 
 @pytest.fixture(scope="module")
 def talk() -> Iterator[Talk]:
-    endpoint = free_endpoint()
-    with robot(endpoint) as publisher, PoseClient(connect=endpoint) as client:
+    endpoint = find_free_endpoint()
+    with running_fake_service(endpoint) as publisher, PoseClient(connect=endpoint) as client:
         assert client.wait_for_publisher(20)
         yield publisher, client
 
 
 @pytest.fixture
 def lone() -> Iterator[Talk]:
-    endpoint = free_endpoint()
-    with robot(endpoint) as publisher, PoseClient(connect=endpoint) as client:
+    endpoint = find_free_endpoint()
+    with running_fake_service(endpoint) as publisher, PoseClient(connect=endpoint) as client:
         yield publisher, client
 
 
 def answering(talk: Talk, name: str, answer: dict[str, Any]) -> list[Any]:
     """Let the service answer in this way; what was asked, once it is."""
     publisher, client = talk
-    asked = publisher.answers(name, answer)
-    querier: Any = client._connecting.sessions[0].declare_querier(f"kinect/{name}")
+    asked = publisher.answer_with(name, answer)
+    querier: Any = client._connection.sessions[0].declare_querier(f"kinect/{name}")
     wait_until(lambda: bool(querier.matching_status.matching))
     return asked
 
@@ -98,7 +98,7 @@ def test_a_refusal_has_the_services_words_and_code(lone: Talk) -> None:
 
 def test_a_command_that_nobody_takes_is_no_answer(lone: Talk) -> None:
     _, client = lone
-    with pytest.raises(NoAnswer, match="kinect/command/pause: no answer"):
+    with pytest.raises(ServiceUnavailable, match="kinect/command/pause: no answer"):
         client.command("pause", timeout_s=0.2)
 
 
@@ -119,9 +119,11 @@ def test_a_service_that_is_stuck_is_no_answer_in_the_same_words(lone: Talk) -> N
     publisher, client = lone
     kept: list[zenoh.Query] = []
     publisher.session.declare_queryable("kinect/command/pause", kept.append)
-    querier: Any = client._connecting.sessions[0].declare_querier("kinect/command/pause")
+    querier: Any = client._connection.sessions[0].declare_querier("kinect/command/pause")
     wait_until(lambda: bool(querier.matching_status.matching))
-    with pytest.raises(NoAnswer, match=r"kinect/command/pause: no answer within 0\.3 s: .* stuck"):
+    with pytest.raises(
+        ServiceUnavailable, match=r"kinect/command/pause: no answer within 0\.3 s: .* stuck"
+    ):
         client.command("pause", timeout_s=0.3)
 
 
@@ -136,5 +138,7 @@ def test_an_answer_of_another_shape_is_not_read(lone: Talk, answer: dict[str, An
 def test_a_refusal_of_another_shape_is_told(lone: Talk) -> None:
     _, client = lone
     answering(lone, "command/pause", {"error": 3, "message": "no"})
-    with pytest.raises(NoAnswer, match="cannot be read: a refusal came with a int for error"):
+    with pytest.raises(
+        ServiceUnavailable, match="cannot be read: a refusal came with a int for error"
+    ):
         client.pause()

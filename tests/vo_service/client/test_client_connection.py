@@ -8,75 +8,77 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from tests.vo_service.client.published import free_endpoint, robot
+from tests.vo_service.client.published import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
-from vo_service.client import NoAnswer, NoPose, PoseClient, Why
+from vo_service.client import PoseClient, PoseUnavailable, PoseUnavailableReason, ServiceUnavailable
 
 pytestmark = pytest.mark.zenoh
 
 
 def test_a_service_that_is_not_there_yet_is_waited_for() -> None:
-    endpoint = free_endpoint()
+    endpoint = find_free_endpoint()
     with PoseClient(connect=endpoint) as client:
         assert not client.wait_for_publisher(0.05)
-        with pytest.raises(NoPose, match=f"no kinect-vo publishes as kinect at {endpoint}") as no:
+        with pytest.raises(
+            PoseUnavailable, match=f"no kinect-vo publishes as kinect at {endpoint}"
+        ) as no:
             client.newest()
-        assert no.value.why is Why.NO_PUBLISHER
-        with robot(endpoint) as publisher:
+        assert no.value.reason is PoseUnavailableReason.NO_PUBLISHER
+        with running_fake_service(endpoint) as publisher:
             assert client.wait_for_publisher(20)
             publisher.wait_for_reader()
             poses = client.poses(timeout_s=100)
-            publisher.pose(1)
+            publisher.publish_pose(1)
             assert next(poses).seq == 1
 
 
 def test_a_service_that_goes_and_comes_back_is_read_again_but_not_as_if_nothing_were() -> None:
-    endpoint = free_endpoint()
+    endpoint = find_free_endpoint()
     with PoseClient(connect=endpoint) as client:
         for x_m in (1.0, 2.0):
-            with robot(endpoint) as publisher:
+            with running_fake_service(endpoint) as publisher:
                 publisher.wait_for_reader()
                 assert client.wait_for_publisher(20)
-                publisher.pose(5, x_m)
+                publisher.publish_pose(5, x_m)
                 wait_until(lambda x_m=x_m: newest_x_m(client) == x_m)  # type: ignore[misc]
             wait_until(lambda: not client.is_alive)
-            with pytest.raises(NoPose) as caught:
+            with pytest.raises(PoseUnavailable) as caught:
                 client.newest(max_age_s=0.0)
-            assert caught.value.why is Why.NO_PUBLISHER
+            assert caught.value.reason is PoseUnavailableReason.NO_PUBLISHER
 
 
 def newest_x_m(client: PoseClient) -> float:
     """Where the newest pose is; it does not go on from one of the run before."""
     try:
         pose = client.newest(max_age_s=5.0)
-    except NoPose:
+    except PoseUnavailable:
         return -1.0
     return float(pose.position_m[0])
 
 
 def test_the_same_number_in_another_run_is_not_continuous() -> None:
-    endpoint = free_endpoint()
+    endpoint = find_free_endpoint()
     with PoseClient(connect=endpoint) as client:
         seen = []
         for _ in range(2):
-            with robot(endpoint) as publisher:
+            with running_fake_service(endpoint) as publisher:
                 publisher.wait_for_reader()
                 assert client.wait_for_publisher(20)
-                count = client._hearing.pose.count
-                publisher.pose(5)
-                wait_until(lambda count=count: client._hearing.pose.count > count)  # type: ignore[misc]
+                count = client._state.pose.count
+                publisher.publish_pose(5)
+                wait_until(lambda count=count: client._state.pose.count > count)  # type: ignore[misc]
                 seen.append(client.newest(max_age_s=20).is_continuous)
-                publisher.pose(6)
-                wait_until(lambda count=count: client._hearing.pose.count > count + 1)  # type: ignore[misc]
+                publisher.publish_pose(6)
+                wait_until(lambda count=count: client._state.pose.count > count + 1)  # type: ignore[misc]
                 seen.append(client.newest(max_age_s=20).is_continuous)
             wait_until(lambda: not client.is_alive)
     assert seen == [False, True, False, True]
 
 
 def test_a_zenoh_configuration_says_where(tmp_path: Path) -> None:
-    endpoint, file = free_endpoint(), tmp_path / "reader.json5"
+    endpoint, file = find_free_endpoint(), tmp_path / "reader.json5"
     file.write_text(f"{{connect: {{endpoints: ['{endpoint}']}}}}")
-    with robot(endpoint), PoseClient(config_file=file) as client:
+    with running_fake_service(endpoint), PoseClient(config_file=file) as client:
         assert client.wait_for_publisher(20)
 
 
@@ -89,7 +91,10 @@ def test_what_is_wrong_is_said_at_once(wrong: dict[str, str]) -> None:
 
 
 def test_nobody_there_is_no_answer() -> None:
-    with PoseClient(connect=free_endpoint()) as client, pytest.raises(NoAnswer, match="no service"):
+    with (
+        PoseClient(connect=find_free_endpoint()) as client,
+        pytest.raises(ServiceUnavailable, match="no service"),
+    ):
         client.command("pause", timeout_s=0.1)
 
 

@@ -3,27 +3,32 @@
 import numpy as np
 import pytest
 
-from tests.vo_service.client.published import Talk, free_endpoint, robot, take
+from tests.vo_service.client.published import (
+    ServiceAndClient,
+    find_free_endpoint,
+    publish_and_receive,
+    running_fake_service,
+)
 from tests.waiting import wait_until
 from vo_service.client import CommandRefused, MapOdom, PoseClient
 
 pytestmark = pytest.mark.zenoh
 
 
-def heard(talk: Talk, seq: int) -> MapOdom:
+def heard(talk: ServiceAndClient, seq: int) -> MapOdom:
     """What the client gives out once this has come."""
     publisher, client = talk
-    publisher.map_odom(2.0, seq=seq, epoch=1, is_located=False, places=7, loops=2)
+    publisher.publish_map_odom(2.0, seq=seq, epoch=1, is_located=False, places=7, loops=2)
 
     def is_there() -> bool:
-        found = client._hearing.map_odom.item
+        found = client._state.map_odom.item
         return found is not None and found.seq == seq
 
     wait_until(is_there)
     return client.map_odom()
 
 
-def test_it_has_all_that_the_message_says(talk: Talk) -> None:
+def test_it_has_all_that_the_message_says(talk: ServiceAndClient) -> None:
     found = heard(talk, 7)
     assert (found.stamp_s, found.frame_id, found.child_frame_id) == (12.5, "map", "odom")
     assert (found.seq, found.epoch, found.is_located) == (7, 1, False)
@@ -32,17 +37,19 @@ def test_it_has_all_that_the_message_says(talk: Talk) -> None:
     assert 0 <= found.age_s < 20
 
 
-def test_a_pose_in_the_map_is_one_product(talk: Talk) -> None:
+def test_a_pose_in_the_map_is_one_product(talk: ServiceAndClient) -> None:
     publisher, client = talk
-    pose = take(publisher, client.poses(), 8, x_m=1.0)
+    pose = publish_and_receive(publisher, client.poses(), 8, x_m=1.0)
     T_map_base = heard(talk, 8).T_map_odom @ pose.T_odom_base
     np.testing.assert_allclose(T_map_base[:3, 3], [1.0, 2.5, -0.25])
 
 
 def test_a_service_without_a_map_says_so() -> None:
-    endpoint = free_endpoint()
-    with robot(endpoint) as publisher:
-        publisher.answers("map_odom", {"error": "not-possible", "message": "there is no map yet"})
+    endpoint = find_free_endpoint()
+    with running_fake_service(endpoint) as publisher:
+        publisher.answer_with(
+            "map_odom", {"error": "not-possible", "message": "there is no map yet"}
+        )
         with PoseClient(connect=endpoint) as client:
             publisher.wait_for_reader()
             with pytest.raises(CommandRefused, match="there is no map yet"):
@@ -63,7 +70,7 @@ def test_a_service_without_a_map_says_so() -> None:
     ],
 )
 def test_one_that_cannot_be_read_is_passed_over_and_the_next_one_read(
-    talk: Talk,
+    talk: ServiceAndClient,
     payload: bytes,
     attachment: bytes | None,
     words: str,
@@ -71,16 +78,16 @@ def test_one_that_cannot_be_read_is_passed_over_and_the_next_one_read(
 ) -> None:
     publisher, client = talk
     publisher.session.put("kinect/map_odom", payload, attachment=attachment)
-    wait_until(lambda: words in client._hearing.map_odom.unreadable)
+    wait_until(lambda: words in client._state.map_odom.parse_error)
     assert heard(talk, 9).seq == 9
     assert caplog.text.count("passed over") == 1
 
 
 def test_what_another_run_of_the_service_said_is_forgotten() -> None:
-    endpoint = free_endpoint()
+    endpoint = find_free_endpoint()
     with PoseClient(connect=endpoint) as client:
-        with robot(endpoint) as publisher:
+        with running_fake_service(endpoint) as publisher:
             publisher.wait_for_reader()
             assert heard((publisher, client), 1).seq == 1
         wait_until(lambda: not client.is_alive)
-        assert client._hearing.map_odom.item is None
+        assert client._state.map_odom.item is None

@@ -9,12 +9,18 @@ import zenoh
 
 from tests.vo_service.outputs.conftest import make_update
 from tests.vo_service.security.conftest import keys, network, robot
-from tests.vo_service.security.tls_network import Network, Robot
+from tests.vo_service.security.tls_network import TlsNetwork, TlsRobot
 from tests.waiting import wait_until
-from vo_service.client import NoAnswer, NoPose, PoseClient, Why, connecting
+from vo_service.client import (
+    PoseClient,
+    PoseUnavailable,
+    PoseUnavailableReason,
+    ServiceUnavailable,
+    connecting,
+)
 from vo_service.outputs.zenoh_session import open_session
 from vo_service.settings import ZenohConfig
-from vo_service.types import Pause, PoseUpdate
+from vo_service.types import OdometryUpdate, PauseCommand
 
 pytestmark = pytest.mark.zenoh
 
@@ -22,26 +28,30 @@ __all__ = ["keys", "make_update", "network", "robot"]
 
 
 @pytest.mark.subprocess
-def test_a_reader_gets_poses_but_no_answer_to_a_command(network: Network, robot: Robot) -> None:
+def test_a_reader_gets_poses_but_no_answer_to_a_command(
+    network: TlsNetwork, robot: TlsRobot
+) -> None:
     with PoseClient(config_file=network.file("reader-tls.json5", "ours/reader")) as client:
         assert next(client.poses(timeout_s=100)).state == "tracking"
-        assert client.latest().state == "tracking"
+        assert client.query_latest().state == "tracking"
         assert client.map_odom().places == 4
-        with pytest.raises(NoAnswer):
+        with pytest.raises(ServiceUnavailable):
             client.command("pause", timeout_s=1.0)
     assert robot.obeyed == []
 
 
-def test_an_operator_commands(network: Network, robot: Robot) -> None:
+def test_an_operator_commands(network: TlsNetwork, robot: TlsRobot) -> None:
     with PoseClient(config_file=network.file("operator-tls.json5", "ours/operator")) as client:
         client.pause()
-    assert robot.obeyed == [Pause()]
+    assert robot.obeyed == [PauseCommand()]
 
 
 @contextmanager
-def running_robot(network: Network, make_update: Callable[..., PoseUpdate]) -> Iterator[None]:
+def running_robot(
+    network: TlsNetwork, make_update: Callable[..., OdometryUpdate]
+) -> Iterator[None]:
     """A robot that is there while the block runs."""
-    robot = Robot(network.file("robot-tls.json5", network.server), make_update)
+    robot = TlsRobot(network.file("robot-tls.json5", network.server_identity), make_update)
     thread = threading.Thread(target=robot.run)
     thread.start()
     try:
@@ -52,20 +62,20 @@ def running_robot(network: Network, make_update: Callable[..., PoseUpdate]) -> I
 
 
 def test_a_robot_that_is_not_there_yet_is_waited_for_and_so_is_its_return(
-    network: Network, make_update: Callable[..., PoseUpdate]
+    network: TlsNetwork, make_update: Callable[..., OdometryUpdate]
 ) -> None:
     with PoseClient(config_file=network.file("reader-tls.json5", "ours/reader")) as client:
-        with pytest.raises(NoPose) as caught:
+        with pytest.raises(PoseUnavailable) as caught:
             client.newest()
-        assert caught.value.why is Why.NO_PUBLISHER
+        assert caught.value.reason is PoseUnavailableReason.NO_PUBLISHER
         for _ in range(2):
             with running_robot(network, make_update):
                 assert next(client.poses(timeout_s=100)).state == "tracking"
 
 
 def test_a_key_that_is_away_for_a_while_is_told_of_once_and_waited_for(
-    network: Network,
-    make_update: Callable[..., PoseUpdate],
+    network: TlsNetwork,
+    make_update: Callable[..., OdometryUpdate],
     caplog: pytest.LogCaptureFixture,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -98,12 +108,12 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
 
 
 def test_who_is_refused_hears_nothing_and_that_this_may_be_why(
-    network: Network, robot: Robot
+    network: TlsNetwork, robot: TlsRobot
 ) -> None:
     file = network.file("operator-tls.json5", "strange/operator")
-    with PoseClient(config_file=file) as client, pytest.raises(NoPose) as caught:
+    with PoseClient(config_file=file) as client, pytest.raises(PoseUnavailable) as caught:
         next(client.poses(timeout_s=1.0))
-    assert caught.value.why is Why.NO_PUBLISHER
+    assert caught.value.reason is PoseUnavailableReason.NO_PUBLISHER
     assert f"no kinect-vo publishes as kinect where {file} says, or it refuses us" in str(
         caught.value
     )

@@ -2,9 +2,9 @@
 
 import pytest
 
-from tests.vo_service.client.published import Talk, take
+from tests.vo_service.client.published import ServiceAndClient, publish_and_receive
 from tests.waiting import wait_until
-from vo_service.client import NoPose, Why
+from vo_service.client import PoseUnavailable, PoseUnavailableReason
 
 pytestmark = pytest.mark.zenoh
 
@@ -22,15 +22,15 @@ pytestmark = pytest.mark.zenoh
     ],
 )
 def test_a_message_that_cannot_be_read_is_said_and_the_next_one_read(
-    talk: Talk, payload: bytes, attachment: bytes | None, words: str
+    talk: ServiceAndClient, payload: bytes, attachment: bytes | None, words: str
 ) -> None:
     publisher, client = talk
-    publisher.raw(payload, attachment)
-    wait_until(lambda: client._hearing.unreadable != "")
-    with pytest.raises(NoPose, match=words) as caught:
+    publisher.publish_raw(payload, attachment)
+    wait_until(lambda: client._state.parse_error != "")
+    with pytest.raises(PoseUnavailable, match=words) as caught:
         client.newest()
-    assert caught.value.why is Why.UNREADABLE
-    assert take(publisher, client.poses(), 60).seq == 60
+    assert caught.value.reason is PoseUnavailableReason.UNREADABLE
+    assert publish_and_receive(publisher, client.poses(), 60).seq == 60
 
 
 @pytest.mark.parametrize(
@@ -42,26 +42,26 @@ def test_a_message_that_cannot_be_read_is_said_and_the_next_one_read(
     ],
 )
 def test_a_status_that_cannot_be_read_is_said_until_one_can(
-    talk: Talk, status: bytes, words: str
+    talk: ServiceAndClient, status: bytes, words: str
 ) -> None:
     publisher, client = talk
     publisher.session.put("kinect/status", status)
-    wait_until(lambda: client._hearing.unreadable != "")
-    with pytest.raises(NoPose, match=words) as caught:
+    wait_until(lambda: client._state.parse_error != "")
+    with pytest.raises(PoseUnavailable, match=words) as caught:
         client.newest()
-    assert caught.value.why is Why.UNREADABLE
-    publisher.status(paused=True)
-    wait_until(lambda: client._hearing.unreadable == "")
-    with pytest.raises(NoPose, match="the service is paused"):
+    assert caught.value.reason is PoseUnavailableReason.UNREADABLE
+    publisher.publish_status(paused=True)
+    wait_until(lambda: client._state.parse_error == "")
+    with pytest.raises(PoseUnavailable, match="the service is paused"):
         client.newest()
 
 
-def test_a_status_says_nothing_about_poses_that_cannot_be_read(talk: Talk) -> None:
+def test_a_status_says_nothing_about_poses_that_cannot_be_read(talk: ServiceAndClient) -> None:
     publisher, client = talk
-    publisher.raw(b"nonsense")
-    wait_until(lambda: client._hearing.unreadable != "")
-    publisher.status()
-    wait_until(lambda: client._hearing.status.item is not None)
-    with pytest.raises(NoPose, match="without its attachment") as caught:
+    publisher.publish_raw(b"nonsense")
+    wait_until(lambda: client._state.parse_error != "")
+    publisher.publish_status()
+    wait_until(lambda: client._state.status.item is not None)
+    with pytest.raises(PoseUnavailable, match="without its attachment") as caught:
         client.newest()
-    assert caught.value.why is Why.UNREADABLE
+    assert caught.value.reason is PoseUnavailableReason.UNREADABLE

@@ -6,16 +6,18 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from tests.vo_service.client.published import Talk, heard, take
+from tests.vo_service.client.published import ServiceAndClient, publish_and_receive, wait_for_pose
 from tests.waiting import wait_until
-from vo_service.client import NoPose, Pose, Why
+from vo_service.client import Pose, PoseUnavailable, PoseUnavailableReason
 
 pytestmark = pytest.mark.zenoh
 
 
-def test_a_pose_has_all_that_the_message_says(talk: Talk) -> None:
+def test_a_pose_has_all_that_the_message_says(talk: ServiceAndClient) -> None:
     publisher, client = talk
-    pose = take(publisher, client.poses(), 7, x_m=1.5, epoch=2, state="degraded", reason="few")
+    pose = publish_and_receive(
+        publisher, client.poses(), 7, x_m=1.5, epoch=2, state="degraded", reason="few"
+    )
     assert (pose.stamp_s, pose.frame_id, pose.child_frame_id) == (12.5, "odom", "base_link")
     assert (pose.seq, pose.epoch, pose.state, pose.reason) == (7, 2, "degraded", "few")
     np.testing.assert_allclose(pose.position_m, [1.5, 0.5, -0.25])
@@ -24,57 +26,59 @@ def test_a_pose_has_all_that_the_message_says(talk: Talk) -> None:
     assert 0 <= pose.age_s < 20
 
 
-def test_a_slow_reader_gets_the_newest_and_knows_how_many_it_missed(talk: Talk) -> None:
+def test_a_slow_reader_gets_the_newest_and_knows_how_many_it_missed(talk: ServiceAndClient) -> None:
     publisher, client = talk
     poses = client.poses()
-    take(publisher, poses, 10)
+    publish_and_receive(publisher, poses, 10)
     for seq in range(11, 31):
-        publisher.pose(seq)
-    heard(client, 30)
+        publisher.publish_pose(seq)
+    wait_for_pose(client, 30)
     pose = next(poses)
     assert (pose.seq, pose.missed, pose.is_continuous) == (30, 19, True)
 
 
-def test_each_reader_counts_for_itself(talk: Talk) -> None:
+def test_each_reader_counts_for_itself(talk: ServiceAndClient) -> None:
     publisher, client = talk
     one, other = client.poses(), client.poses()
-    take(publisher, one, 1)
-    publisher.pose(2)
+    publish_and_receive(publisher, one, 1)
+    publisher.publish_pose(2)
     assert (next(one).missed, next(other).missed) == (0, 0)
-    assert take(publisher, one, 3).is_continuous
+    assert publish_and_receive(publisher, one, 3).is_continuous
 
 
 @pytest.mark.parametrize(
     ("seq", "epoch"), [(6, 1), (0, 0)], ids=["another epoch", "numbers from 0 again"]
 )
 def test_a_pose_that_does_not_go_on_from_the_one_before_says_so(
-    talk: Talk, seq: int, epoch: int
+    talk: ServiceAndClient, seq: int, epoch: int
 ) -> None:
     publisher, client = talk
     poses = client.poses()
-    assert not take(publisher, poses, 4).is_continuous
-    assert take(publisher, poses, 5).is_continuous
-    assert not take(publisher, poses, seq, epoch=epoch).is_continuous
+    assert not publish_and_receive(publisher, poses, 4).is_continuous
+    assert publish_and_receive(publisher, poses, 5).is_continuous
+    assert not publish_and_receive(publisher, poses, seq, epoch=epoch).is_continuous
 
 
-def test_the_newest_pose_is_had_at_once(talk: Talk) -> None:
+def test_the_newest_pose_is_had_at_once(talk: ServiceAndClient) -> None:
     publisher, client = talk
-    publisher.pose(40, x_m=4.0)
-    heard(client, 40)
+    publisher.publish_pose(40, x_m=4.0)
+    wait_for_pose(client, 40)
     assert client.newest(max_age_s=20).position_m[0] == 4.0
     again = client.newest(max_age_s=20)
     assert (again.seq, again.missed, again.is_continuous) == (40, 0, True)
 
 
-def test_an_old_pose_is_not_given_out_as_the_newest(talk: Talk) -> None:
+def test_an_old_pose_is_not_given_out_as_the_newest(talk: ServiceAndClient) -> None:
     publisher, client = talk
-    publisher.pose(41)
-    heard(client, 41)
-    publisher.status()
-    wait_until(lambda: client._hearing.status.item is not None)
-    with pytest.raises(NoPose, match=r"no pose for \d+\.\d s, though the service says") as caught:
+    publisher.publish_pose(41)
+    wait_for_pose(client, 41)
+    publisher.publish_status()
+    wait_until(lambda: client._state.status.item is not None)
+    with pytest.raises(
+        PoseUnavailable, match=r"no pose for \d+\.\d s, though the service says"
+    ) as caught:
         client.newest(max_age_s=1e-6)
-    assert caught.value.why is Why.SILENT
+    assert caught.value.reason is PoseUnavailableReason.SILENT
     assert caught.value.last is not None
     assert caught.value.last.seq == 41
 
@@ -82,58 +86,68 @@ def test_an_old_pose_is_not_given_out_as_the_newest(talk: Talk) -> None:
 @pytest.mark.parametrize(
     ("status", "why", "words"),
     [
-        ({"paused": True, "state": "lost"}, Why.PAUSED, "the service is paused"),
-        ({"state": "no_camera", "reason": "unplugged"}, Why.NO_CAMERA, "no camera: unplugged"),
-        ({"state": "lost", "reason": "too dark"}, Why.LOST, "tracking is lost: too dark"),
+        ({"paused": True, "state": "lost"}, PoseUnavailableReason.PAUSED, "the service is paused"),
+        (
+            {"state": "no_camera", "reason": "unplugged"},
+            PoseUnavailableReason.NO_CAMERA,
+            "no camera: unplugged",
+        ),
+        (
+            {"state": "lost", "reason": "too dark"},
+            PoseUnavailableReason.LOST,
+            "tracking is lost: too dark",
+        ),
     ],
 )
 def test_the_status_says_why_there_is_no_pose(
-    talk: Talk, status: dict[str, object], why: Why, words: str
+    talk: ServiceAndClient, status: dict[str, object], why: PoseUnavailableReason, words: str
 ) -> None:
     publisher, client = talk
-    publisher.status(**status)
-    wait_until(lambda: client._hearing.status.item is not None)
-    with pytest.raises(NoPose, match=words) as caught:
+    publisher.publish_status(**status)
+    wait_until(lambda: client._state.status.item is not None)
+    with pytest.raises(PoseUnavailable, match=words) as caught:
         client.newest()
-    assert (caught.value.why, caught.value.last) == (why, None)
+    assert (caught.value.reason, caught.value.last) == (why, None)
 
 
-def test_a_lost_pose_is_no_pose_to_use_but_can_be_had(talk: Talk) -> None:
+def test_a_lost_pose_is_no_pose_to_use_but_can_be_had(talk: ServiceAndClient) -> None:
     publisher, client = talk
-    pose = take(publisher, client.poses(), 50, state="lost", reason="3 of 9 matches agree")
+    pose = publish_and_receive(
+        publisher, client.poses(), 50, state="lost", reason="3 of 9 matches agree"
+    )
     assert pose.is_lost
-    with pytest.raises(NoPose, match="tracking is lost: 3 of 9 matches agree") as caught:
+    with pytest.raises(PoseUnavailable, match="tracking is lost: 3 of 9 matches agree") as caught:
         client.newest(max_age_s=20)
-    assert caught.value.why is Why.LOST
+    assert caught.value.reason is PoseUnavailableReason.LOST
     assert caught.value.last is not None
 
 
-def test_before_anything_came_it_is_said_to_be_silent(talk: Talk) -> None:
+def test_before_anything_came_it_is_said_to_be_silent(talk: ServiceAndClient) -> None:
     _, client = talk
-    with pytest.raises(NoPose, match="is there, but nothing comes"):
+    with pytest.raises(PoseUnavailable, match="is there, but nothing comes"):
         client.newest()
 
 
-def test_waiting_for_a_pose_has_an_end_if_one_is_asked_for(talk: Talk) -> None:
+def test_waiting_for_a_pose_has_an_end_if_one_is_asked_for(talk: ServiceAndClient) -> None:
     _, client = talk
-    with pytest.raises(NoPose) as caught:
+    with pytest.raises(PoseUnavailable) as caught:
         next(client.poses(timeout_s=0.05))
-    assert caught.value.why is Why.SILENT
+    assert caught.value.reason is PoseUnavailableReason.SILENT
 
 
-def test_each_thread_is_told_of_the_jump_itself(talk: Talk) -> None:
+def test_each_thread_is_told_of_the_jump_itself(talk: ServiceAndClient) -> None:
     publisher, client = talk
     with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(1) as other:
         seen = []
         for seq, epoch in ((70, 0), (71, 0), (72, 1), (73, 1)):
-            publisher.pose(seq, epoch=epoch)
-            heard(client, seq)
+            publisher.publish_pose(seq, epoch=epoch)
+            wait_for_pose(client, seq)
             poses = [thread.submit(client.newest, 60.0).result() for thread in (one, other)]
             seen.append([pose.is_continuous for pose in poses])
     assert seen == [[False, False], [True, True], [False, False], [True, True]]
 
 
-def test_closing_ends_the_readers(talk: Talk) -> None:
+def test_closing_ends_the_readers(talk: ServiceAndClient) -> None:
     _, client = talk
     ended: list[list[Pose]] = []
     reader = threading.Thread(target=lambda: ended.append(list(client.poses())))
@@ -144,9 +158,9 @@ def test_closing_ends_the_readers(talk: Talk) -> None:
     assert ended == [[]]
 
 
-def test_statuses_are_the_newest_too(talk: Talk) -> None:
+def test_statuses_are_the_newest_too(talk: ServiceAndClient) -> None:
     publisher, client = talk
     statuses = client.statuses()
-    publisher.status(state="degraded")
+    publisher.publish_status(state="degraded")
     assert next(statuses)["state"] == "degraded"
     assert client.status()["state"] == "degraded"

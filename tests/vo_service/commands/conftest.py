@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.ports import free_port
-from tests.vo_service.played_service import WITHOUT_MAP
+from tests.vo_service.played_service import NO_MAP_CONFIG
 
 
 @pytest.fixture(autouse=True)
@@ -25,5 +25,5 @@ def port() -> int:
 def config(tmp_path: Path, port: int) -> Path:
     """A configuration that publishes on the free port."""
     file = tmp_path / "kinect.toml"
-    file.write_text(f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n{WITHOUT_MAP}')
+    file.write_text(f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n{NO_MAP_CONFIG}')
     return file

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from tests.vo_service.commands.command_line import Outcome, call, run
+from tests.vo_service.commands.command_line import CommandResult, run_in_process, run_subprocess
 from vo_service.outputs import zenoh_opening
 
 CopyRecording = Callable[..., Path]
 
 
-def assert_one_line(outcome: Outcome, code: int, said: str) -> None:
+def assert_one_line(outcome: CommandResult, code: int, said: str) -> None:
     assert outcome.out == ""
     assert outcome.err.count("\n") == 1, outcome.err
     assert outcome.err.startswith("kinect-vo: error: ")
@@ -124,7 +124,9 @@ def test_a_folder_without_use_is_named_and_a_trajectory_that_is_there_is_kept(
     break_it(folder)
     kept = tmp_path / "poses.txt"
     kept.write_text("precious\n")
-    outcome = call(capfd, "replay", folder, "--no-publish", "--json", "--trajectory", kept)
+    outcome = run_in_process(
+        capfd, "replay", folder, "--no-publish", "--json", "--trajectory", kept
+    )
     assert_one_line(outcome, InputError.exit_code, said)
     assert kept.read_text() == "precious\n"
 
@@ -136,20 +138,24 @@ def test_a_service_says_the_same_and_ends(
 ) -> None:
     folder, (break_it, said) = copy_recording(lists=True), BROKEN[fault]
     break_it(folder)
-    outcome = call(capfd, "run", "--camera", f"tum:{folder}", "--no-publish")
+    outcome = run_in_process(capfd, "run", "--camera", f"tum:{folder}", "--no-publish")
     assert_one_line(outcome, InputError.exit_code, said)
 
 
 @pytest.mark.subprocess
 def test_a_process_of_its_own_shows_no_traceback_either(tmp_path: Path) -> None:
-    assert_one_line(run("replay", tmp_path / "none", "--no-publish"), 2, "none: no such folder")
+    assert_one_line(
+        run_subprocess("replay", tmp_path / "none", "--no-publish"), 2, "none: no such folder"
+    )
 
 
 @pytest.mark.parametrize("where", ["none/poses.txt", "."])
 def test_a_trajectory_that_cannot_be_written_is_an_error(
     where: str, recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    outcome = call(capfd, "replay", recording, "--no-publish", "--trajectory", tmp_path / where)
+    outcome = run_in_process(
+        capfd, "replay", recording, "--no-publish", "--trajectory", tmp_path / where
+    )
     assert_one_line(outcome, 2, "cannot write the trajectory")
 
 
@@ -160,7 +166,9 @@ def test_a_busy_port_is_named_and_the_trajectory_kept(
     kept = tmp_path / "poses.txt"
     kept.write_text("precious\n")
     with socket.create_server(("127.0.0.1", port)):
-        outcome = call(capfd, "replay", recording, "--config", config, "--trajectory", kept)
+        outcome = run_in_process(
+            capfd, "replay", recording, "--config", config, "--trajectory", kept
+        )
     assert_one_line(outcome, 1, f"zenoh cannot listen on tcp/127.0.0.1:{port}: the port is taken")
     assert kept.read_text() == "precious\n"
 
@@ -176,7 +184,7 @@ def test_who_is_waited_for_comes_to_the_agreed_port(
     monkeypatch.setattr(zenoh_opening, "DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{port}")
     options = ("--config", config, "--wait-for-subscriber", "1")
     with socket.create_server(("127.0.0.1", port)):
-        outcome = call(capfd, "replay", recording, *options)
+        outcome = run_in_process(capfd, "replay", recording, *options)
     assert_one_line(outcome, 1, f"zenoh cannot listen on tcp/127.0.0.1:{port}: the port is taken")
 
 
@@ -184,7 +192,7 @@ def test_who_is_waited_for_comes_to_the_agreed_port(
 def test_a_rerun_recording_that_cannot_be_written_is_an_error_with_its_cause(
     recording: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    outcome = call(capfd, "replay", recording, "--no-publish", "--rerun", "/proc/a.rrd")
+    outcome = run_in_process(capfd, "replay", recording, "--no-publish", "--rerun", "/proc/a.rrd")
     assert_one_line(outcome, 2, "/proc/a.rrd: cannot write the Rerun recording: /proc takes no new")
 
 
@@ -221,7 +229,7 @@ def test_a_mistake_on_the_command_line_is_one_line(
     mistake: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     arguments, said = ARGUMENTS[mistake]
-    assert_one_line(call(capfd, *arguments), 2, said)
+    assert_one_line(run_in_process(capfd, *arguments), 2, said)
 
 
 @pytest.mark.parametrize(
@@ -237,7 +245,7 @@ def test_a_typo_in_the_configuration_is_named_by_its_line(
 ) -> None:
     file = tmp_path / "kinect.toml"
     file.write_text(f"schema = 1\n{line}\n")
-    assert_one_line(call(capfd, *command, file), 2, f"{file}{said}")
+    assert_one_line(run_in_process(capfd, *command, file), 2, f"{file}{said}")
 
 
 def test_a_recording_does_not_go_into_a_folder_with_something_in_it(
@@ -245,6 +253,6 @@ def test_a_recording_does_not_go_into_a_folder_with_something_in_it(
 ) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "precious").touch()
-    outcome = call(capfd, "record", "--camera", f"tum:{recording}", tmp_path / "full")
+    outcome = run_in_process(capfd, "record", "--camera", f"tum:{recording}", tmp_path / "full")
     assert_one_line(outcome, 2, "full: is not empty")
     assert [each.name for each in (tmp_path / "full").iterdir()] == ["precious"]

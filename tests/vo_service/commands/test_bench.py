@@ -12,11 +12,11 @@ import pytest
 
 from drivers.strict_toml import read_toml
 from tests.conftest import FRAMES
-from tests.vo_service.commands.command_line import call
-from tests.vo_service.runs.trial_methods import trials
+from tests.vo_service.commands.command_line import run_in_process
+from tests.vo_service.runs.trial_methods import make_faulty_factories
 from tests.waiting import wait_until
 from vo_service.bench.peers import catalogue
-from vo_service.bench.peers.catalogue import PEERS, Package, Peer
+from vo_service.bench.peers.catalogue import BASELINES, Baseline, BaselinePackage
 from vo_service.commands import bench
 from vo_service.config import Config
 
@@ -31,8 +31,8 @@ def test_a_peer_is_measured_at_each_rate_and_the_report_has_it_all(
 ) -> None:
     output = tmp_path / "out"
     options = ("--methods", "cv2-rgb-depth", "--every", 1, 3, "--frames", 10, "--output", output)
-    done = call(capfd, "bench", recording, *options, "--json")
-    assert (done.code, done.complaints) == (0, "")
+    done = run_in_process(capfd, "bench", recording, *options, "--json")
+    assert (done.code, done.error_lines) == (0, "")
     report = json.loads(done.out)
     assert report == json.loads((output / "report.json").read_text())
     assert [(r["every"], r["frames"]) for r in report["results"]] == [(1, 10), (3, 4)]
@@ -50,11 +50,13 @@ def test_a_peer_is_measured_at_each_rate_and_the_report_has_it_all(
 def test_for_people_there_are_two_tables_a_sequence_and_a_note_of_what_is_left_out(
     recording: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    missing = Peer(Package("nobodys_odometry", ("nobodys-odometry",)), PEERS["orb"].make)
-    monkeypatch.setitem(catalogue.PEERS, "open3d-icp", missing)
-    monkeypatch.setattr(bench, "recipes_of", trials(surf="go on", icp="segfault"))
-    done = call(capfd, "bench", recording, "--methods", "surf", "icp", "open3d-icp")
-    assert (done.code, done.complaints.count("\n")) == (1, 1)
+    missing = Baseline(
+        BaselinePackage("nobodys_odometry", ("nobodys-odometry",)), BASELINES["orb"].make
+    )
+    monkeypatch.setitem(catalogue.BASELINES, "open3d-icp", missing)
+    monkeypatch.setattr(bench, "recipes_of", make_faulty_factories(surf="go on", icp="segfault"))
+    done = run_in_process(capfd, "bench", recording, "--methods", "surf", "icp", "open3d-icp")
+    assert (done.code, done.error_lines.count("\n")) == (1, 1)
     assert "corner, icp (run 2 of 2): crashed (signal 11" in done.err
     title, head, surf, icp, _, cost, *_, note = done.out.splitlines()
     assert title == f"corner, every frame: {FRAMES} frames in 0.4 s; in () times that of surf"
@@ -67,10 +69,10 @@ def test_for_people_there_are_two_tables_a_sequence_and_a_note_of_what_is_left_o
 def test_without_truth_the_cost_and_the_coverage_are_told(
     copy_recording: CopyRecording, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bench, "recipes_of", trials(surf="lose it"))
+    monkeypatch.setattr(bench, "recipes_of", make_faulty_factories(surf="lose it"))
     folder = copy_recording()
     (folder / "groundtruth.txt").unlink()
-    done = call(capfd, "bench", folder, "--methods", "surf", "--json")
+    done = run_in_process(capfd, "bench", folder, "--methods", "surf", "--json")
     figures = json.loads(done.out)["results"][0]["methods"]["surf"]
     assert (figures["coverage"], figures["failed"], figures["ate_rmse_m"]) == (0.25, 9, None)
     assert figures["gross_errors"] is None
@@ -81,8 +83,10 @@ def test_without_truth_the_cost_and_the_coverage_are_told(
 def test_with_loops_each_method_has_them_beside_its_own_figures(
     recording: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bench, "recipes_of", trials(surf="go on", icp="segfault"))
-    done = call(capfd, "bench", recording, "--methods", "surf", "icp", "--loops", "--json")
+    monkeypatch.setattr(bench, "recipes_of", make_faulty_factories(surf="go on", icp="segfault"))
+    done = run_in_process(
+        capfd, "bench", recording, "--methods", "surf", "icp", "--loops", "--json"
+    )
     report = json.loads(done.out)
     methods = report["results"][0]["methods"]
     assert report["loops"]["places_mb"] == 100
@@ -104,15 +108,15 @@ def test_with_an_output_it_goes_on_where_it_was(
 
     # The source may be edited while the tests run, and what is kept is kept for one source.
     monkeypatch.setattr("vo_service.runs.campaign.versions", dict)
-    monkeypatch.setattr(bench, "recipes_of", trials(surf="go on", icp="hang"))
+    monkeypatch.setattr(bench, "recipes_of", make_faulty_factories(surf="go on", icp="hang"))
     threading.Thread(target=interrupt).start()
-    stopped = call(capfd, "bench", *options)
-    assert (stopped.code, stopped.complaints) == (130, "")
+    stopped = run_in_process(capfd, "bench", *options)
+    assert (stopped.code, stopped.error_lines) == (130, "")
     methods = json.loads(stopped.out)["results"][0]["methods"]
     assert (methods["surf"]["state"], methods["icp"]["state"]) == ("done", "not run")
     kept = (runs / "surf" / "result.json").stat().st_mtime_ns
-    monkeypatch.setattr(bench, "recipes_of", trials(surf="go on", icp="go on"))
-    assert call(capfd, "bench", *options).code == 0
+    monkeypatch.setattr(bench, "recipes_of", make_faulty_factories(surf="go on", icp="go on"))
+    assert run_in_process(capfd, "bench", *options).code == 0
     assert (runs / "surf" / "result.json").stat().st_mtime_ns == kept
     assert (runs / "icp" / "result.json").exists()
 
@@ -141,7 +145,7 @@ def test_what_is_given_wrong_is_one_line_before_anything_is_run(
     copy_recording()
     (tmp_path / "file").touch()
     monkeypatch.chdir(tmp_path)
-    done = call(capfd, "bench", *arguments)
+    done = run_in_process(capfd, "bench", *arguments)
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
     assert told in done.err
     assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "file"}

@@ -8,18 +8,18 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.camera_file import CameraFile, read_camera_file
-from tests.stand_ins.fixtures import PlayKinect
-from tests.stand_ins.oni_writer import OniImage, Sensor, write_oni
-from tests.stand_ins.wire_film import wire_film
+from drivers.camera_file import CameraCalibration, read_calibration
+from tests.stand_ins.fixtures import SimulateKinect
+from tests.stand_ins.oni_writer import OniImage, OniSensor, write_oni
+from tests.stand_ins.wire_film import write_usb_frames
 from tests.vo_service.calibration.photographs import (
     VIEWS,
     each_image_is_searched_once,
-    recorded_photographs,
-    take_photographs,
+    load_snapshots,
+    record_snapshots,
 )
-from tests.vo_service.calibration.rendered_boards import COLOUR, DEPTH
-from tests.vo_service.commands.command_line import Outcome, call
+from tests.vo_service.calibration.rendered_boards import COLOR_LENS, DEPTH_LENS
+from tests.vo_service.commands.command_line import CommandResult, run_in_process
 from vo_service.calibration.snapshot import Snapshot
 
 Capture = pytest.CaptureFixture[str]
@@ -29,13 +29,13 @@ FOUND = VIEWS - 1  # one is seen from too far aside
 
 @pytest.fixture(scope="module")
 def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
-    return take_photographs(tmp_path_factory)
+    return load_snapshots(tmp_path_factory)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The photographs as a recording of unregistered depth in millimetres."""
-    return recorded_photographs(tmp_path_factory)
+    return record_snapshots(tmp_path_factory)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -51,12 +51,12 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def assert_is_the_cameras(camera: CameraFile, within_px: float = 1.0) -> None:
-    assert camera.fx == pytest.approx(COLOUR.fx, rel=0.005)
-    assert camera.cx == pytest.approx(COLOUR.cx, abs=within_px)
-    assert camera.cy == pytest.approx(COLOUR.cy, abs=within_px)
+def assert_is_the_cameras(camera: CameraCalibration, within_px: float = 1.0) -> None:
+    assert camera.fx == pytest.approx(COLOR_LENS.fx, rel=0.005)
+    assert camera.cx == pytest.approx(COLOR_LENS.cx, abs=within_px)
+    assert camera.cy == pytest.approx(COLOR_LENS.cy, abs=within_px)
     if camera.depth is not None:
-        assert camera.depth.fx == pytest.approx(DEPTH.fx, rel=0.01)
+        assert camera.depth.fx == pytest.approx(DEPTH_LENS.fx, rel=0.01)
         assert camera.depth.T_color_depth.translation_m[0] == pytest.approx(-0.025, abs=0.004)
 
 
@@ -64,12 +64,12 @@ def assert_is_the_cameras(camera: CameraFile, within_px: float = 1.0) -> None:
 def test_a_folder_becomes_a_camera_file_with_a_table_and_a_picture(
     folder: Path, tmp_path: Path, capfd: Capture
 ) -> None:
-    outcome = call(capfd, *OPTIONS, folder, "--depth", "--picture", "coverage.png")
-    assert (outcome.code, outcome.complaints) == (0, "")
+    outcome = run_in_process(capfd, *OPTIONS, folder, "--depth", "--picture", "coverage.png")
+    assert (outcome.code, outcome.error_lines) == (0, "")
     assert f"{FOUND} views of a chessboard of 9x6 inner corners, 640x480\n" in outcome.out
     assert outcome.out.endswith("saved as camera.toml: use it with --camera-file camera.toml, "
                                 "or as camera.file\n")  # fmt: skip
-    camera = read_camera_file(tmp_path / "camera.toml")
+    camera = read_calibration(tmp_path / "camera.toml")
     assert_is_the_cameras(camera)
     assert camera.depth is not None
     assert camera.depth.scale == pytest.approx(1.006, rel=0.005)
@@ -78,11 +78,11 @@ def test_a_folder_becomes_a_camera_file_with_a_table_and_a_picture(
 
 @pytest.mark.slow
 def test_json_is_all_that_is_printed(folder: Path, capfd: Capture) -> None:
-    outcome = call(capfd, *OPTIONS, folder, "--json", "--output", "mine.toml")
+    outcome = run_in_process(capfd, *OPTIONS, folder, "--json", "--output", "mine.toml")
     told = json.loads(outcome.out)
     assert told["camera_file"] == "mine.toml"
     assert (told["views"], told["depth"], told["kept"]) == (FOUND, None, None)
-    assert_is_the_cameras(read_camera_file(Path("mine.toml")))
+    assert_is_the_cameras(read_calibration(Path("mine.toml")))
 
 
 @pytest.mark.slow
@@ -91,14 +91,14 @@ def test_the_file_goes_where_the_configuration_says_and_the_old_one_is_kept(
 ) -> None:
     (tmp_path / "kinect.toml").write_text('schema = 1\n[camera]\nfile = "lens.toml"\n')
     (tmp_path / "lens.toml").write_text("precious\n")
-    outcome = call(capfd, *OPTIONS, folder, "--config", "kinect.toml")
+    outcome = run_in_process(capfd, *OPTIONS, folder, "--config", "kinect.toml")
     assert "saved as lens.toml; the one before is lens.toml.bak: use" in outcome.out
     assert (tmp_path / "lens.toml.bak").read_text() == "precious\n"
-    assert_is_the_cameras(read_camera_file(tmp_path / "lens.toml"))
+    assert_is_the_cameras(read_calibration(tmp_path / "lens.toml"))
 
 
 def test_a_board_to_print_is_written(tmp_path: Path, capfd: Capture) -> None:
-    outcome = call(capfd, *OPTIONS, "--print-board", "board.pdf")
+    outcome = run_in_process(capfd, *OPTIONS, "--print-board", "board.pdf")
     said = "board.pdf: chessboard of 9x6 inner corners, to print on A3 at 100 %\n"
     assert (outcome.code, outcome.out) == (0, said)
     assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF")
@@ -119,20 +119,20 @@ def test_a_camera_of_openni2_is_calibrated_live_from_its_raw_images(
         image
         for n, each in enumerate(held(photographs, 2))
         for image in (
-            OniImage(Sensor.DEPTH, n * 33333, each.depth_raw),
-            OniImage(Sensor.COLOUR, n * 33333, each.colour_bgr),
+            OniImage(OniSensor.DEPTH, n * 33333, each.depth_raw),
+            OniImage(OniSensor.COLOR, n * 33333, each.colour_bgr),
         )
     ]
     write_oni(tmp_path / "boards.oni", images)
     camera = ("--camera", "openni2:boards.oni", "--views", "18", "--depth", "--keep", "views")
     watched = ("--output", "live.toml", "--rerun", "watched.rrd")
-    assert call(capfd, *OPTIONS, *camera, *watched).code == 0
-    live = read_camera_file(tmp_path / "live.toml")
+    assert run_in_process(capfd, *OPTIONS, *camera, *watched).code == 0
+    live = read_calibration(tmp_path / "live.toml")
     assert (tmp_path / "watched.rrd").stat().st_size > 100_000
     assert_is_the_cameras(live)
     # What was kept is what was seen: it calibrates to the same.
-    assert call(capfd, *OPTIONS, "views", "--depth", "--output", "again.toml").code == 0
-    assert read_camera_file(tmp_path / "again.toml") == live
+    assert run_in_process(capfd, *OPTIONS, "views", "--depth", "--output", "again.toml").code == 0
+    assert read_calibration(tmp_path / "again.toml") == live
 
 
 @pytest.mark.subprocess
@@ -140,7 +140,7 @@ def test_a_camera_of_openni2_is_calibrated_live_from_its_raw_images(
 def test_a_kinect_is_calibrated_live_from_its_raw_images(
     photographs: Sequence[Snapshot],
     tmp_path: Path,
-    play_kinect: PlayKinect,
+    play_kinect: SimulateKinect,
     capfd: Capture,
 ) -> None:
     # Long enough to be taken in this order on a busy machine too: how certain the result is depends
@@ -152,13 +152,15 @@ def test_a_kinect_is_calibrated_live_from_its_raw_images(
         for each in photographs
         for colour in (nothing, *[each.colour_bgr] * 5)
     ]
-    kinect = play_kinect(wire_film(tmp_path, images))
+    kinect = play_kinect(write_usb_frames(tmp_path, images))
     kinect.rate = 10
-    kinect.load()
-    outcome = call(capfd, *OPTIONS, "--camera", "freenect", "--views", str(FOUND), "--depth")
+    kinect.activate()
+    outcome = run_in_process(
+        capfd, *OPTIONS, "--camera", "freenect", "--views", str(FOUND), "--depth"
+    )
     assert outcome.code == 0, outcome.err
     # Bayer's mosaic and 11 bits of depth cost something.
-    assert_is_the_cameras(read_camera_file(tmp_path / "camera.toml"), within_px=2.0)
+    assert_is_the_cameras(read_calibration(tmp_path / "camera.toml"), within_px=2.0)
 
 
 def write_grey(folder: Path, names: Sequence[str]) -> Path:
@@ -168,7 +170,7 @@ def write_grey(folder: Path, names: Sequence[str]) -> Path:
     return folder
 
 
-def assert_one_line(outcome: Outcome, code: int, said: str) -> None:
+def assert_one_line(outcome: CommandResult, code: int, said: str) -> None:
     assert (outcome.code, outcome.out) == (code, "")
     assert outcome.err.count("\n") == 1, outcome.err
     assert outcome.err.startswith("kinect-vo: error: ")
@@ -177,7 +179,7 @@ def assert_one_line(outcome: Outcome, code: int, said: str) -> None:
 
 def test_images_without_the_board_say_what_to_check(tmp_path: Path, capfd: Capture) -> None:
     write_grey(tmp_path / "grey", ["a.png", "b.png"])
-    outcome = call(capfd, *OPTIONS, "grey")
+    outcome = run_in_process(capfd, *OPTIONS, "grey")
     said = "grey: none of the 2 images shows a chessboard of 9x6 inner corners; see that --board"
     assert_one_line(outcome, 2, said)
     assert not (tmp_path / "camera.toml").exists()
@@ -195,7 +197,9 @@ def few(folder: Path, tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 def test_images_of_another_board_say_which(few: Path, capfd: Capture) -> None:
-    outcome = call(capfd, "calibrate", "--board", "chessboard:8x6", "--square", "0.035", few)
+    outcome = run_in_process(
+        capfd, "calibrate", "--board", "chessboard:8x6", "--square", "0.035", few
+    )
     assert_one_line(outcome, 2, "but some show another one: give --board chessboard:9x6\n")
 
 
@@ -203,7 +207,7 @@ def test_images_of_another_board_say_which(few: Path, capfd: Capture) -> None:
 def test_too_few_views_are_a_failure_that_says_how_many_are_needed(
     few: Path, capfd: Capture
 ) -> None:
-    outcome = call(capfd, *OPTIONS, few)
+    outcome = run_in_process(capfd, *OPTIONS, few)
     assert_one_line(outcome, 1, "only 3 different views of the board; at least 6 are needed")
 
 
@@ -211,7 +215,7 @@ def test_too_few_views_are_a_failure_that_says_how_many_are_needed(
 def test_a_wrong_square_is_told_by_the_depth_and_nothing_is_saved(
     folder: Path, tmp_path: Path, capfd: Capture
 ) -> None:
-    outcome = call(capfd, "calibrate", "--square", "0.025", folder, "--depth")
+    outcome = run_in_process(capfd, "calibrate", "--square", "0.025", folder, "--depth")
     assert_one_line(outcome, 1, "times as far away as depth says: measure --square again")
     assert not (tmp_path / "camera.toml").exists()
 
@@ -239,7 +243,7 @@ MISTAKES = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
     arguments, said = MISTAKES[mistake]
-    assert_one_line(call(capfd, "calibrate", "--square", "0.025", *arguments), 2, said)
+    assert_one_line(run_in_process(capfd, "calibrate", "--square", "0.025", *arguments), 2, said)
 
 
 @pytest.mark.parametrize(("square", "said"), [
@@ -249,4 +253,4 @@ def test_a_mistake_is_one_line(mistake: str, capfd: Capture) -> None:
 def test_the_squares_size_has_to_be_given_in_metres(
     square: list[str], said: str, capfd: Capture
 ) -> None:
-    assert_one_line(call(capfd, "calibrate", ".", *square), 2, said)
+    assert_one_line(run_in_process(capfd, "calibrate", ".", *square), 2, said)

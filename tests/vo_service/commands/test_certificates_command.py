@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.commands.command_line import call
+from tests.vo_service.commands.command_line import run_in_process
 
 
 @pytest.mark.subprocess
 def test_it_says_what_goes_where(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     names = ("--host", "localhost", "--robot", "robot1", "--reader", "tablet", "--operator", "desk")
-    outcome = call(capfd, "certificates", tmp_path / "keys", *names)
+    outcome = run_in_process(capfd, "certificates", tmp_path / "keys", *names)
     assert outcome.code == 0
     assert (
         f'{tmp_path}/keys/robot1: beside fleet-robot.json5 on the robot with prefix = "robot1"'
@@ -34,7 +34,7 @@ def test_it_says_what_goes_where(tmp_path: Path, capfd: pytest.CaptureFixture[st
 def test_a_mistake_is_one_line_and_makes_nothing(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], names: tuple[str, ...], words: str
 ) -> None:
-    outcome = call(capfd, "certificates", tmp_path / "keys", *names)
+    outcome = run_in_process(capfd, "certificates", tmp_path / "keys", *names)
     assert outcome.code == 2
     assert words in outcome.err
     assert outcome.err.count("\n") == 1

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.commands.command_line import call
+from tests.vo_service.commands.command_line import run_in_process
 from tests.vo_service.played_service import KINECT_VO
 from vo_service.command_line import COMMANDS
 from vo_service.commands import warm_up
@@ -28,8 +28,8 @@ def test_help_names_every_command_with_examples_and_exit_codes() -> None:
 def test_each_command_has_help_with_an_example(
     command: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    outcome = call(capfd, command, "--help")
-    assert (outcome.code, outcome.complaints) == (0, "")
+    outcome = run_in_process(capfd, command, "--help")
+    assert (outcome.code, outcome.error_lines) == (0, "")
     assert f"examples:\n  kinect-vo {command}" in outcome.out
 
 
@@ -41,14 +41,14 @@ def test_the_version_is_the_packages() -> None:
 
 def test_two_calls_in_one_process_say_everything_once(capfd: pytest.CaptureFixture[str]) -> None:
     for _ in range(2):
-        outcome = call(capfd, "replay", "none", "--no-publish")
+        outcome = run_in_process(capfd, "replay", "none", "--no-publish")
         assert outcome.err == "kinect-vo: error: none: no such folder; check the path\n"
 
 
 def test_a_call_leaves_the_log_as_it_was(capfd: pytest.CaptureFixture[str]) -> None:
     root = logging.getLogger()
     before = (root.level, list(root.handlers))
-    call(capfd, "config", "check", "none.toml", "--verbose")
+    run_in_process(capfd, "config", "check", "none.toml", "--verbose")
     assert (root.level, list(root.handlers)) == before
 
 
@@ -56,7 +56,7 @@ def test_a_call_leaves_the_signals_as_they_were(
     recording: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     before = (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM))
-    call(capfd, "replay", recording, "--no-publish")
+    run_in_process(capfd, "replay", recording, "--no-publish")
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
@@ -64,13 +64,13 @@ def test_a_call_leaves_the_signals_as_they_were(
 def test_a_good_configuration_is_said_to_be_good(
     config: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    outcome = call(capfd, "config", "check", config)
+    outcome = run_in_process(capfd, "config", "check", config)
     assert (outcome.code, outcome.out, outcome.err) == (0, f"{config}: no mistakes\n", "")
 
 
 def test_warming_up_says_that_it_is_done(capfd: pytest.CaptureFixture[str]) -> None:
-    outcome = call(capfd, "warm-up")
-    assert (outcome.code, outcome.complaints) == (0, "")
+    outcome = run_in_process(capfd, "warm-up")
+    assert (outcome.code, outcome.error_lines) == (0, "")
     assert outcome.out.startswith("the kernels of keyframe and of maps are ready (")
 
 
@@ -88,8 +88,8 @@ def test_warming_up_prepares_loops_where_there_is_a_map(
     for others in ("prepare_kernels", "prepared"):
         monkeypatch.setattr(warm_up, others, lambda *_: 0.0)
     monkeypatch.setattr(warm_up, "prepare_loops", prepare)
-    outcome = call(capfd, "warm-up", "--config", config)
-    assert (outcome.code, outcome.complaints) == (0, "")
+    outcome = run_in_process(capfd, "warm-up", "--config", config)
+    assert (outcome.code, outcome.error_lines) == (0, "")
     assert (" and of maps " in outcome.out, prepared) == (
         (True, ["loops"]) if enabled == "true" else (False, [])
     )
@@ -144,7 +144,7 @@ def test_nowhere_to_keep_anything_is_one_line(
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     for name in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
-    outcome = call(capfd, "config", "check", "none.toml")
+    outcome = run_in_process(capfd, "config", "check", "none.toml")
     assert outcome.code == 1
     assert outcome.err.startswith("kinect-vo: error: no folder can be written to")
     assert outcome.err.count("\n") == 1
@@ -167,7 +167,7 @@ def test_a_line_of_the_log_takes_the_place_of_the_progress(
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     recording = copy_recording()
     max((recording / "depth").iterdir()).write_bytes(b"")
-    outcome = call(capfd, "replay", recording, "--no-publish")
+    outcome = run_in_process(capfd, "replay", recording, "--no-publish")
     warnings = [line for line in outcome.err.split("\r\x1b[K") if "is skipped" in line]
     assert warnings
     assert all(line.startswith("kinect-vo: warning: ") for line in warnings)
@@ -181,5 +181,5 @@ def test_ctrl_c_before_anything_has_begun_is_no_traceback(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("importlib.import_module", interrupt)
-    outcome = call(capfd, "replay", "room")
+    outcome = run_in_process(capfd, "replay", "room")
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "")

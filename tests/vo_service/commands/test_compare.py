@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.belongings import child_running, children_of, command_of, is_alive
+from tests.belongings import child_pids_of, command_line_of, find_child_running, is_alive
 from tests.conftest import FRAMES
-from tests.preloaded import Preloaded
-from tests.vo_service.commands.command_line import call
-from tests.vo_service.runs.trial_methods import trials
+from tests.preloaded import ForkedProcess
+from tests.vo_service.commands.command_line import run_in_process
+from tests.vo_service.runs.trial_methods import make_faulty_factories
 from tests.waiting import wait_until
 from vo_service.commands import compare
 from vo_service.runs import campaign
@@ -30,8 +30,10 @@ def test_a_comparison_leaves_a_report_and_the_poses_of_a_replay(
     recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     output = tmp_path / "report"
-    done = call(capfd, "compare", recording, "--methods", "surf", "--output", output, "--json")
-    assert (done.code, done.complaints) == (0, "")
+    done = run_in_process(
+        capfd, "compare", recording, "--methods", "surf", "--output", output, "--json"
+    )
+    assert (done.code, done.error_lines) == (0, "")
     assert json.loads(done.out) == json.loads((output / "report.json").read_text())
     surf = json.loads(done.out)["sequences"][0]["methods"]["surf"]
     assert (surf["state"], surf["frames"], surf["failed"], surf["coverage"]) == (
@@ -44,7 +46,9 @@ def test_a_comparison_leaves_a_report_and_the_poses_of_a_replay(
     assert surf["cpu_ms_per_frame"] > 0
     assert (output / "report.html").stat().st_size > 10_000
     replayed = tmp_path / "replayed.txt"
-    call(capfd, "replay", recording, "--method", "surf", "--no-publish", "--trajectory", replayed)
+    run_in_process(
+        capfd, "replay", recording, "--method", "surf", "--no-publish", "--trajectory", replayed
+    )
     kept = output / "runs" / recording.name / "surf" / "trajectory.txt"
     assert kept.read_bytes() == replayed.read_bytes()
 
@@ -52,8 +56,10 @@ def test_a_comparison_leaves_a_report_and_the_poses_of_a_replay(
 def test_for_people_there_are_two_tables_and_a_crash_is_a_row_a_line_and_an_exit_code(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compare, "recipes_of", trials(surf="segfault"))
-    done = call(capfd, "compare", recording, "--methods", "surf", "--output", tmp_path / "out")
+    monkeypatch.setattr(compare, "recipes_of", make_faulty_factories(surf="segfault"))
+    done = run_in_process(
+        capfd, "compare", recording, "--methods", "surf", "--output", tmp_path / "out"
+    )
     assert (done.code, done.err) == (
         1,
         "kinect-vo: error: corner, surf (run 1 of 1): crashed (signal 11, Segmentation fault)\n",
@@ -68,10 +74,10 @@ def test_for_people_there_are_two_tables_and_a_crash_is_a_row_a_line_and_an_exit
 def test_with_loops_there_is_a_table_of_what_they_have_gained(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compare, "recipes_of", trials(surf="go on"))
+    monkeypatch.setattr(compare, "recipes_of", make_faulty_factories(surf="go on"))
     options = ("--methods", "surf", "--loops", "--output", tmp_path / "out")
-    done = call(capfd, "compare", recording, *options)
-    assert (done.code, done.complaints) == (0, "")
+    done = run_in_process(capfd, "compare", recording, *options)
+    assert (done.code, done.error_lines) == (0, "")
     *_, title, head, row, _, _ = done.out.splitlines()
     assert title == "With loops"
     assert "corrected ATE mm" in head
@@ -85,12 +91,12 @@ def test_with_loops_there_is_a_table_of_what_they_have_gained(
 def test_without_truth_coverage_and_times_are_reported(
     copy_recording: CopyRecording, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compare, "recipes_of", trials(surf="lose it"))
+    monkeypatch.setattr(compare, "recipes_of", make_faulty_factories(surf="lose it"))
     folder = copy_recording()
     (folder / "groundtruth.txt").unlink()
     options = ("--methods", "surf", "--output", tmp_path / "out", "--json")
-    done = call(capfd, "compare", folder, *options)
-    assert (done.code, done.complaints) == (0, "")
+    done = run_in_process(capfd, "compare", folder, *options)
+    assert (done.code, done.error_lines) == (0, "")
     surf = json.loads(done.out)["sequences"][0]["methods"]["surf"]
     assert (surf["coverage"], surf["ate_rmse_m"]) == (0.25, None)
     assert surf["no_evaluation"] == "there is no groundtruth.txt"
@@ -119,7 +125,7 @@ def test_what_is_given_wrong_is_one_line_before_anything_is_run(
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").touch()
     monkeypatch.chdir(tmp_path)
-    done = call(capfd, "compare", *arguments)
+    done = run_in_process(capfd, "compare", *arguments)
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
     assert told in done.err
     assert {path.name for path in tmp_path.iterdir()} <= {"cache", "corner", "empty", "file"}
@@ -131,7 +137,7 @@ def test_a_scale_from_the_truth_needs_a_truth(
     folder = copy_recording()
     (folder / "groundtruth.txt").unlink()
     options = ("--methods", "sfm", "--sfm-scale", "ground-truth", "--output", tmp_path / "out")
-    done = call(capfd, "compare", folder, *options)
+    done = run_in_process(capfd, "compare", folder, *options)
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
     assert f"{folder}: has no groundtruth.txt, which --sfm-scale ground-truth needs" in done.err
 
@@ -139,7 +145,7 @@ def test_a_scale_from_the_truth_needs_a_truth(
 def test_ctrl_c_leaves_a_report_of_what_was_done(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compare, "recipes_of", trials(surf="go on", icp="hang"))
+    monkeypatch.setattr(compare, "recipes_of", make_faulty_factories(surf="go on", icp="hang"))
     runs = tmp_path / "out" / "runs" / "corner"
 
     def interrupt() -> None:
@@ -147,8 +153,8 @@ def test_ctrl_c_leaves_a_report_of_what_was_done(
         os.kill(os.getpid(), signal.SIGINT)
 
     threading.Thread(target=interrupt).start()
-    done = call(capfd, "compare", recording, "--output", tmp_path / "out", "--json")
-    assert (done.code, done.complaints) == (130, "")
+    done = run_in_process(capfd, "compare", recording, "--output", tmp_path / "out", "--json")
+    assert (done.code, done.error_lines) == (130, "")
     methods = json.loads(done.out)["sequences"][0]["methods"]
     assert (methods["surf"]["state"], methods["icp"]["state"]) == ("done", "not run")
     assert not (runs / "icp").exists()
@@ -176,16 +182,16 @@ def test_killed_it_leaves_no_process_and_goes_on_where_it_was(
     result = tmp_path / "out" / "runs" / "corner" / "surf" / "result.json"
     options = [str(recording), "--output", str(tmp_path / "out")]
     command = [sys.executable, "-c", SCRIPT, "hang", *options]
-    with Preloaded(command) as process:
+    with ForkedProcess(command) as process:
         wait_until(result.exists)
-        wait_until(lambda: any(CHILD in command_of(c) for c in children_of(process.pid)))
-        child = child_running(process.pid, CHILD)
+        wait_until(lambda: any(CHILD in command_line_of(c) for c in child_pids_of(process.pid)))
+        child = find_child_running(process.pid, CHILD)
         process.kill()
         process.wait()
         wait_until(lambda: not is_alive(child))
     kept = result.stat().st_mtime_ns
-    monkeypatch.setattr(compare, "recipes_of", trials(surf="go on", icp="go on"))
+    monkeypatch.setattr(compare, "recipes_of", make_faulty_factories(surf="go on", icp="go on"))
     monkeypatch.setattr(campaign, "versions", dict)
-    assert call(capfd, "compare", *options).code == 0
+    assert run_in_process(capfd, "compare", *options).code == 0
     assert result.stat().st_mtime_ns == kept
     assert (result.parents[1] / "icp" / "result.json").exists()

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.synthetic.config import SyntheticConfig
 from drivers.trajectory import read_trajectory
-from tests.vo_service.commands.command_line import call
+from tests.vo_service.commands.command_line import run_in_process
 from vo_service.commands import demo
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
@@ -35,7 +35,7 @@ def test_it_plays_every_frame_and_leaves_trajectory_truth_and_picture(
 ) -> None:
     folder = tmp_path / "demo"
     options = ("--seconds", "0.5", "--no-serve", "--config", config, "--output", folder)
-    outcome = call(capfd, "demo", *options, "--json")
+    outcome = run_in_process(capfd, "demo", *options, "--json")
     assert outcome.code == 0
     figures = json.loads(outcome.out)
     assert figures["frames"] + figures["dropped"] == FRAMES
@@ -52,7 +52,7 @@ def test_for_people_it_says_where_to_look_and_how_it_went(
 ) -> None:
     folder = tmp_path / "demo"
     options = ("--seconds", "0.5", "--no-serve", "--config", config, "--output", folder)
-    outcome = call(capfd, "demo", *options)
+    outcome = run_in_process(capfd, "demo", *options)
     said = outcome.out + outcome.err
     for words in ("kinect-vo listen", f"results: {folder}", "ATE, RMSE", "latency"):
         assert words in said
@@ -62,6 +62,6 @@ def test_an_output_folder_that_cannot_be_made_is_one_line_before_anything_is_ren
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").touch()
-    outcome = call(capfd, "demo", "--output", tmp_path / "file" / "demo")
+    outcome = run_in_process(capfd, "demo", "--output", tmp_path / "file" / "demo")
     assert (outcome.code, outcome.err.count("\n")) == (2, 1)
     assert "cannot be created" in outcome.err

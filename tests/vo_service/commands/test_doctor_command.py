@@ -8,20 +8,20 @@ from pathlib import Path
 
 import pytest
 
-from drivers.tum.folder import open_folder
-from tests.stand_ins.played_kinect import PlayedKinect
-from tests.vo_service.commands.command_line import call
-from tests.vo_service.commands.diagnosis import check_of, failures
+from drivers.tum.folder import open_tum_folder
+from tests.stand_ins.played_kinect import KinectSimulator
+from tests.vo_service.commands.command_line import run_in_process
+from tests.vo_service.commands.diagnosis import failed_checks, find_check
 
 pytestmark = pytest.mark.subprocess
 
 
 @pytest.fixture
 def kinect(
-    play_kinect: Callable[[], PlayedKinect],
+    play_kinect: Callable[[], KinectSimulator],
     real_libfreenect: None,
     monkeypatch: pytest.MonkeyPatch,
-) -> PlayedKinect:
+) -> KinectSimulator:
     """A Kinect that the children of this process see."""
     played = play_kinect()
     for name, value in played.environment.items():
@@ -40,20 +40,20 @@ def kinect(
     ids=["unplugged", "forbidden", "busy", "slow"],
 )
 def test_what_keeps_the_camera_from_being_opened_is_named(
-    fault: Callable[[PlayedKinect], None], check: str, cause: str, kinect: PlayedKinect,
+    fault: Callable[[KinectSimulator], None], check: str, cause: str, kinect: KinectSimulator,
     capfd: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     fault(kinect)
-    outcome = call(capfd, "doctor", "--json")
+    outcome = run_in_process(capfd, "doctor", "--json")
     diagnosis = json.loads(outcome.out)
-    assert (outcome.code, list(failures(diagnosis))) == (1, [check])
-    assert failures(diagnosis)[check].startswith(cause)
-    assert check_of(diagnosis, check)["fix"]
-    assert check_of(diagnosis, "first-frames")["verdict"] == "skipped"
+    assert (outcome.code, list(failed_checks(diagnosis))) == (1, [check])
+    assert failed_checks(diagnosis)[check].startswith(cause)
+    assert find_check(diagnosis, check)["fix"]
+    assert find_check(diagnosis, "first-frames")["verdict"] == "skipped"
 
 
 def assert_named_instead(source: str, cause: str, capfd: pytest.CaptureFixture[str]) -> None:
-    outcome = call(capfd, "doctor", "--camera", source)
+    outcome = run_in_process(capfd, "doctor", "--camera", source)
     assert outcome.code == 1
     assert f"✗ sensor         {cause}" in outcome.out
     assert "fix: `kinect-vo devices` lists" in outcome.out
@@ -76,7 +76,7 @@ def test_a_loader_that_finds_no_library_is_named(
 ) -> None:
     (tmp_path / "libfreenect.so.0.5").write_text("not a library")
     monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path))
-    outcome = call(capfd, "doctor")
+    outcome = run_in_process(capfd, "doctor")
     assert outcome.code == 1
     assert "✗ libraries" in outcome.out
     assert f"{tmp_path}/libfreenect.so.0.5: " in outcome.out
@@ -86,7 +86,7 @@ def test_a_loader_that_finds_no_library_is_named(
 def test_a_recording_is_checked_for_its_frames_alone(
     recording: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    outcome = call(capfd, "doctor", "--camera", f"tum:{recording}", "--json")
+    outcome = run_in_process(capfd, "doctor", "--camera", f"tum:{recording}", "--json")
     diagnosis = json.loads(outcome.out)
     assert (outcome.code, diagnosis["verdict"]) == (0, "pass")
     assert [check["name"] for check in diagnosis["checks"]] == [
@@ -97,11 +97,11 @@ def test_a_recording_is_checked_for_its_frames_alone(
 def test_what_the_user_gave_is_exit_code_two(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    outcome = call(capfd, "doctor", "--camera", f"tum:{tmp_path / 'nowhere'}")
+    outcome = run_in_process(capfd, "doctor", "--camera", f"tum:{tmp_path / 'nowhere'}")
     assert outcome.code == 2
     assert outcome.err.startswith("kinect-vo: error: ")
-    assert call(capfd, "doctor", "--camera", "kinect9").code == 2
-    assert call(capfd, "doctor", "--report", tmp_path / "kinect.zip").code == 2
+    assert run_in_process(capfd, "doctor", "--camera", "kinect9").code == 2
+    assert run_in_process(capfd, "doctor", "--report", tmp_path / "kinect.zip").code == 2
 
 
 def test_a_report_can_be_replayed(
@@ -109,7 +109,9 @@ def test_a_report_can_be_replayed(
 ) -> None:
     file = tmp_path / "kinect.tar.gz"
     source = f"tum:{recording}"
-    outcome = call(capfd, "doctor", "--camera", source, "--config", config, "--report", file)
+    outcome = run_in_process(
+        capfd, "doctor", "--camera", source, "--config", config, "--report", file
+    )
     assert outcome.code == 0
     assert f"{file}: " in outcome.err
     # A busy machine drops some of the twelve.
@@ -122,15 +124,15 @@ def test_a_report_can_be_replayed(
         "doctor.json", "versions.json", "usb.txt", "log.txt", config.name,
     }  # fmt: skip
     assert json.loads((report / "doctor.json").read_text())["camera"] == source
-    assert len(open_folder(report / "frames", None).frames.pairs) == int(told[1]) > 0
+    assert len(open_tum_folder(report / "frames", None).frames.pairs) == int(told[1]) > 0
 
 
 def test_a_report_without_pictures_says_so_and_has_the_log(
-    kinect: PlayedKinect, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    kinect: KinectSimulator, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    kinect.starve()
+    kinect.remove_bandwidth()
     file = tmp_path / "kinect.tar.gz"
-    outcome = call(capfd, "doctor", "--seconds", "1", "--report", file)
+    outcome = run_in_process(capfd, "doctor", "--seconds", "1", "--report", file)
     assert outcome.code == 1
     assert "without pictures, as the camera sent none" in outcome.err
     with tarfile.open(file) as archive:

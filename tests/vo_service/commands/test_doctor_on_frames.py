@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.stand_ins.played_kinect import Model, PlayedKinect, Stream
-from tests.stand_ins.wire_film import WireFilm
-from tests.vo_service.commands.diagnosis import Diagnosis, check_of, failures
+from tests.stand_ins.played_kinect import KinectModel, KinectSimulator, KinectStream
+from tests.stand_ins.wire_film import UsbFrames
+from tests.vo_service.commands.diagnosis import Diagnosis, failed_checks, find_check
 from tests.vo_service.played_service import KINECT_VO
-from tests.waiting import PATIENCE_S, wait_until
+from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 
 AT_ONCE = 4
 QUICK = ("--seconds", "1", "--json")
@@ -28,36 +28,36 @@ QUICK = ("--seconds", "1", "--json")
 class Case:
     """A Kinect with a fault; `later` strikes while the doctor looks at its frames."""
 
-    fault: Callable[[PlayedKinect], None] = lambda kinect: None
-    model: Model = Model.K1414
+    fault: Callable[[KinectSimulator], None] = lambda kinect: None
+    model: KinectModel = KinectModel.K1414
     arguments: tuple[str, ...] = QUICK
-    later: Callable[[PlayedKinect], None] = lambda kinect: None
+    later: Callable[[KinectSimulator], None] = lambda kinect: None
 
 
-def in_the_middle(fault: Callable[[PlayedKinect], None]) -> Callable[[PlayedKinect], None]:
+def in_the_middle(fault: Callable[[KinectSimulator], None]) -> Callable[[KinectSimulator], None]:
     """The fault, once a few frames have come."""
 
-    def strike(kinect: PlayedKinect) -> None:
+    def strike(kinect: KinectSimulator) -> None:
         wait_until(lambda: min(kinect.frames_sent) > 20)
         fault(kinect)
 
     return strike
 
 
-def lame(kinect: PlayedKinect) -> None:
+def lame(kinect: KinectSimulator) -> None:
     """What a Kinect still works with."""
-    kinect.firmware(False)
-    kinect.kernel_driver()
-    kinect.lose_packets(Stream.DEPTH, 3000)
+    kinect.set_firmware_loaded(False)
+    kinect.attach_kernel_driver()
+    kinect.lose_packets(KinectStream.DEPTH, 3000)
 
 
 LONG = ("--seconds", "30", "--json")
 CASES = {
     "healthy": Case(),
     "hanging": Case(lambda kinect: kinect.freeze_control()),
-    "starved": Case(lambda kinect: kinect.starve()),
-    "torn": Case(lambda kinect: kinect.lose_packets(Stream.DEPTH, 50)),
-    "lame": Case(lame, Model.K1473),
+    "starved": Case(lambda kinect: kinect.remove_bandwidth()),
+    "torn": Case(lambda kinect: kinect.lose_packets(KinectStream.DEPTH, 50)),
+    "lame": Case(lame, KinectModel.K1473),
     "unplugged": Case(arguments=LONG, later=in_the_middle(lambda kinect: kinect.unplug())),
     "stalled": Case(arguments=LONG, later=in_the_middle(lambda kinect: kinect.stall())),
 }
@@ -67,7 +67,7 @@ CASES = {
 def diagnoses(
     played_libusb: Path,
     real_libfreenect: None,
-    kinect_film: WireFilm,
+    kinect_film: UsbFrames,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[dict[str, Future[Diagnosis]]]:
     """What the doctor says of each case, sooner or later."""
@@ -75,8 +75,8 @@ def diagnoses(
     with ThreadPoolExecutor(AT_ONCE) as pool:
 
         def examine(case: Case) -> Diagnosis:
-            with PlayedKinect(folder, kinect_film, case.model) as kinect:
-                kinect.patient = True
+            with KinectSimulator(folder, kinect_film, case.model) as kinect:
+                kinect.waits_for_reader = True
                 case.fault(kinect)
                 return examined(kinect, case)
 
@@ -84,14 +84,14 @@ def diagnoses(
         pool.shutdown(cancel_futures=True)
 
 
-def examined(kinect: PlayedKinect, case: Case) -> Diagnosis:
+def examined(kinect: KinectSimulator, case: Case) -> Diagnosis:
     """Run the doctor as a user does."""
     command = [KINECT_VO, "doctor", *case.arguments]
     environment = os.environ | kinect.environment
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as doctor:
         try:
             case.later(kinect)
-            said, _ = doctor.communicate(timeout=PATIENCE_S)
+            said, _ = doctor.communicate(timeout=DEFAULT_TIMEOUT_S)
         finally:
             doctor.kill()
     diagnosis: Diagnosis = json.loads(said)
@@ -105,7 +105,7 @@ def examined(kinect: PlayedKinect, case: Case) -> Diagnosis:
     ["libraries", "sensor", "usb-speed", "permission", "sole-use", "first-frames", "gravity"],
 )
 def test_a_healthy_kinect_passes(diagnoses: dict[str, Future[Diagnosis]], name: str) -> None:
-    assert check_of(diagnoses["healthy"].result(), name)["verdict"] == "pass"
+    assert find_check(diagnoses["healthy"].result(), name)["verdict"] == "pass"
 
 
 @pytest.mark.subprocess
@@ -123,9 +123,9 @@ def test_what_keeps_frames_from_coming_is_named(
     diagnoses: dict[str, Future[Diagnosis]], case: str, check: str, cause: str
 ) -> None:
     diagnosis = diagnoses[case].result()
-    assert check in failures(diagnosis)
-    assert cause in failures(diagnosis)[check]
-    assert check_of(diagnosis, check)["fix"]
+    assert check in failed_checks(diagnosis)
+    assert cause in failed_checks(diagnosis)[check]
+    assert find_check(diagnosis, check)["fix"]
 
 
 @pytest.mark.parametrize(
@@ -140,15 +140,15 @@ def test_what_still_works_is_a_warning(
     diagnoses: dict[str, Future[Diagnosis]], check: str, cause: str
 ) -> None:
     diagnosis = diagnoses["lame"].result()
-    found = check_of(diagnosis, check)
+    found = find_check(diagnosis, check)
     assert found["verdict"] == "warning"
     assert cause in found["text"]
-    assert check_of(diagnosis, "first-frames")["verdict"] == "pass"
+    assert find_check(diagnosis, "first-frames")["verdict"] == "pass"
 
 
 def test_lost_packets_are_counted_while_frames_come(
     diagnoses: dict[str, Future[Diagnosis]],
 ) -> None:
-    found = check_of(diagnoses["lame"].result(), "lost-packets")
+    found = find_check(diagnoses["lame"].result(), "lost-packets")
     assert found["verdict"] in ("warning", "fail")
     assert found["facts"]["lost_packets"] > 0

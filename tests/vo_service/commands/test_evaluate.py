@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.trajectory import StampedPoses, pose_line, read_trajectory
-from tests.vo_service.commands.command_line import call, run
+from drivers.trajectory import Trajectory, format_pose_line, read_trajectory
+from tests.vo_service.commands.command_line import run_in_process, run_subprocess
 
 KEYS = {
     "frames", "failed", "skipped", "coverage", "stage_ms", "cpu_ms_per_frame",
@@ -17,8 +17,8 @@ KEYS = {
 Capture = pytest.CaptureFixture[str]
 
 
-def write(path: Path, poses: StampedPoses) -> Path:
-    path.write_text("".join(map(pose_line, poses.stamps_s, poses.T_world_camera)))
+def write(path: Path, poses: Trajectory) -> Path:
+    path.write_text("".join(map(format_pose_line, poses.stamps_s, poses.T_world_camera)))
     return path
 
 
@@ -26,15 +26,13 @@ def write(path: Path, poses: StampedPoses) -> Path:
 def half(recording: Path, tmp_path: Path) -> Path:
     """Every other pose of the recording's truth, as a trajectory."""
     truth = read_trajectory(recording / "groundtruth.txt")
-    return write(
-        tmp_path / "half.txt", StampedPoses(truth.stamps_s[::2], truth.T_world_camera[::2])
-    )
+    return write(tmp_path / "half.txt", Trajectory(truth.stamps_s[::2], truth.T_world_camera[::2]))
 
 
 @pytest.mark.subprocess
 def test_json_is_one_object_with_every_key_and_nothing_else(half: Path, recording: Path) -> None:
-    outcome = run("evaluate", half, recording, "--json")
-    assert (outcome.code, outcome.complaints) == (0, "")
+    outcome = run_subprocess("evaluate", half, recording, "--json")
+    assert (outcome.code, outcome.error_lines) == (0, "")
     figures = json.loads(outcome.out)
     assert set(figures) == KEYS
     assert (figures["frames"], figures["poses"], figures["matched"]) == (12, 6, 6)
@@ -46,8 +44,8 @@ def test_json_is_one_object_with_every_key_and_nothing_else(half: Path, recordin
 def test_the_folder_and_the_file_in_it_are_the_same(
     half: Path, recording: Path, capfd: Capture
 ) -> None:
-    of_folder = call(capfd, "evaluate", half, recording)
-    of_file = call(capfd, "evaluate", half, recording / "groundtruth.txt")
+    of_folder = run_in_process(capfd, "evaluate", half, recording)
+    of_file = run_in_process(capfd, "evaluate", half, recording / "groundtruth.txt")
     assert of_folder == of_file
     assert "coverage                50.0 %" in of_folder.out
 
@@ -59,7 +57,7 @@ def test_the_frames_are_those_that_the_recording_lists(
         lines = (recording / name).read_text().splitlines(keepends=True)
         few = lines if name == "groundtruth.txt" else lines[:9]  # a heading and 8 frames
         (tmp_path / name).write_text("".join(few))
-    figures = json.loads(call(capfd, "evaluate", half, tmp_path, "--json").out)
+    figures = json.loads(run_in_process(capfd, "evaluate", half, tmp_path, "--json").out)
     assert figures["frames"] == 8
     assert figures["coverage"] == 6 / 8
 
@@ -69,18 +67,21 @@ def test_a_truth_on_its_own_counts_as_one_a_frame_if_the_stamps_agree(
 ) -> None:
     truth = read_trajectory(recording / "groundtruth.txt")
     alone = write(tmp_path / "truth.txt", truth)
-    figures = json.loads(call(capfd, "evaluate", half, alone, "--json").out)
+    figures = json.loads(run_in_process(capfd, "evaluate", half, alone, "--json").out)
     assert (figures["frames"], figures["coverage"]) == (None, 0.5)
-    shifted = write(
-        tmp_path / "late.txt", StampedPoses(truth.stamps_s + 0.004, truth.T_world_camera)
+    shifted = write(tmp_path / "late.txt", Trajectory(truth.stamps_s + 0.004, truth.T_world_camera))
+    assert (
+        json.loads(run_in_process(capfd, "evaluate", half, shifted, "--json").out)["coverage"]
+        is None
     )
-    assert json.loads(call(capfd, "evaluate", half, shifted, "--json").out)["coverage"] is None
 
 
 def test_a_picture_is_drawn_beside_the_figures(
     half: Path, recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
-    outcome = call(capfd, "evaluate", half, recording, "--json", "--picture", tmp_path / "walk.png")
+    outcome = run_in_process(
+        capfd, "evaluate", half, recording, "--json", "--picture", tmp_path / "walk.png"
+    )
     assert set(json.loads(outcome.out)) == KEYS
     assert (tmp_path / "walk.png").read_bytes().startswith(b"\x89PNG")
 
@@ -89,8 +90,8 @@ def test_poses_of_another_time_are_one_clear_line(
     half: Path, recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     poses = read_trajectory(half)
-    later = write(tmp_path / "later.txt", StampedPoses(poses.stamps_s + 100, poses.T_world_camera))
-    outcome = call(capfd, "evaluate", later, recording)
+    later = write(tmp_path / "later.txt", Trajectory(poses.stamps_s + 100, poses.T_world_camera))
+    outcome = run_in_process(capfd, "evaluate", later, recording)
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.count("\n") == 1
     assert f"{later} against {recording / 'groundtruth.txt'}: 0 of 6 poses have" in outcome.err
@@ -99,7 +100,7 @@ def test_poses_of_another_time_are_one_clear_line(
 @pytest.mark.parametrize("swapped", [False, True])
 def test_a_missing_file_is_one_clear_line(half: Path, capfd: Capture, swapped: bool) -> None:
     files = [half, half.parent / "gone.txt"]
-    outcome = call(capfd, "evaluate", *(reversed(files) if swapped else files))
+    outcome = run_in_process(capfd, "evaluate", *(reversed(files) if swapped else files))
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.endswith("gone.txt: cannot read the trajectory: No such file or directory\n")
 
@@ -107,6 +108,8 @@ def test_a_missing_file_is_one_clear_line(half: Path, capfd: Capture, swapped: b
 def test_a_picture_that_cannot_be_written_is_one_clear_line(
     half: Path, recording: Path, tmp_path: Path, capfd: Capture
 ) -> None:
-    outcome = call(capfd, "evaluate", half, recording, "--picture", tmp_path / "gone" / "walk.png")
+    outcome = run_in_process(
+        capfd, "evaluate", half, recording, "--picture", tmp_path / "gone" / "walk.png"
+    )
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
     assert "cannot write the picture" in outcome.err

@@ -13,13 +13,13 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from drivers.trajectory import read_trajectory
 from drivers.tum.writer import TumWriter
-from tests.stand_ins.depth_scale import NOMINAL, expected_mm
+from tests.stand_ins.depth_scale import NOMINAL, raw_to_mm
 from tests.stand_ins.fakenect_dump import write_fakenect_dump
-from tests.stand_ins.oni_writer import images_of, write_oni
-from tests.stand_ins.played_kinect import Loop, PlayedKinect
-from tests.stand_ins.wire_film import ColourBgr, DepthMm, wire_film
-from tests.vo_service.commands.command_line import call, line_count, running
-from tests.vo_service.corner_film import corner_frames, corner_kinect
+from tests.stand_ins.oni_writer import frames_to_oni_images, write_oni
+from tests.stand_ins.played_kinect import KinectSimulator, LoopMode
+from tests.stand_ins.wire_film import ColorBgr, DepthMm, write_usb_frames
+from tests.vo_service.commands.command_line import count_lines, run_in_process, running_subprocess
+from tests.vo_service.corner_film import corner_frames, make_corner_kinect
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -44,7 +44,7 @@ def replayed(frames: list[RgbdFrame], tmp_path: Path, capfd: pytest.CaptureFixtu
     with TumWriter(folder) as writer:
         for frame in frames:
             writer.write(frame)
-    call(capfd, "replay", folder, "--no-publish", "--trajectory", trajectory)
+    run_in_process(capfd, "replay", folder, "--no-publish", "--trajectory", trajectory)
     return trajectory
 
 
@@ -58,23 +58,23 @@ def served(source: str, camera_file: Path, *options: str, count: int = COUNT) ->
     """The trajectory that the service writes, once it has so many poses."""
     trajectory = camera_file.parents[1] / "served.txt"
     given = ("--camera-file", camera_file, "--no-publish", "--trajectory", trajectory)
-    with running("run", "--camera", source, *given, *options) as process:
-        wait_until(lambda: line_count(trajectory) >= count or process.poll() is not None)
+    with running_subprocess("run", "--camera", source, *given, *options) as process:
+        wait_until(lambda: count_lines(trajectory) >= count or process.poll() is not None)
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=100)
     assert process.returncode == 0, err
     return trajectory
 
 
-def images(frames: list[RgbdFrame]) -> Iterator[tuple[ColourBgr, DepthMm]]:
-    return ((frame.colour_bgr, frame.depth_raw) for frame in frames)
+def images(frames: list[RgbdFrame]) -> Iterator[tuple[ColorBgr, DepthMm]]:
+    return ((frame.color_bgr, frame.depth_raw) for frame in frames)
 
 
 @pytest.mark.usefixtures("real_openni2")
 def test_an_oni_recording_gives_the_bytes_of_a_replay(
     frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
 ) -> None:
-    write_oni(tmp_path / "frames.oni", images_of(frames))
+    write_oni(tmp_path / "frames.oni", frames_to_oni_images(frames))
     trajectory = served(f"openni2:{tmp_path / 'frames.oni'}", camera_file, "--pace", "lockstep")
     assert trajectory.read_bytes() == replayed.read_bytes()
 
@@ -96,8 +96,8 @@ def test_a_played_kinect_gives_a_replays_poses_within_what_its_encoding_costs(
     real_libfreenect: None,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with corner_kinect(tmp_path, wire_film(tmp_path, images(frames))) as kinect:
-        kinect.rate, kinect.loop, kinect.patient = PLAYED_HZ, Loop.ONCE, True
+    with make_corner_kinect(tmp_path, write_usb_frames(tmp_path, images(frames))) as kinect:
+        kinect.rate, kinect.loop, kinect.waits_for_reader = PLAYED_HZ, LoopMode.ONCE, True
         for name, value in kinect.environment.items():
             monkeypatch.setenv(name, value)
         found = read_trajectory(served("freenect", camera_file, count=COUNT - 2))
@@ -111,7 +111,7 @@ def test_a_played_kinect_gives_a_replays_poses_within_what_its_encoding_costs(
     assert apart_m.max() <= encoding_costs_m(farthest_mm, motions=seqs[-1] - seqs[0])
 
 
-def film_seqs(stamps_s: Array, kinect: PlayedKinect) -> list[int]:
+def film_seqs(stamps_s: Array, kinect: KinectSimulator) -> list[int]:
     """Which frames of the film these are, by the instant at which the Kinect sent them.
 
     Stamps are late by what held up the image that came soonest so far. So the last one is nearest
@@ -131,7 +131,7 @@ def encoding_costs_m(farthest_mm: int, motions: int) -> float:
     A reading is rounded to the Kinect's steps of depth: off by step / sqrt(12). A motion is the
     mean over the points of two images. Grey is not changed by the mosaic of colours.
     """
-    told_mm = expected_mm(np.arange(2048, dtype=np.uint16), NOMINAL)
+    told_mm = raw_to_mm(np.arange(2048, dtype=np.uint16), NOMINAL)
     told_mm = told_mm[told_mm > 0]
     index = int(np.searchsorted(told_mm, farthest_mm))
     step_m = 1e-3 * (int(told_mm[index]) - int(told_mm[index - 1]))

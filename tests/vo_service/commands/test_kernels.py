@@ -10,9 +10,9 @@ import pytest
 
 from drivers.errors import UserFacingError
 from vo_service.commands import kernels
-from vo_service.commands.kernels import loops_are_prepared, prepare_kernels, prepare_loops
+from vo_service.commands.kernels import loops_are_prepared, prepare_kernels, prepare_loop_closure
 from vo_service.config import Config
-from vo_service.interrupts import Stop, stop_on_signals
+from vo_service.interrupts import StopSignal, stop_on_signals
 from vo_service.mapping.loops import warm_up as loops_warm_up
 from vo_service.terminal import Terminal
 
@@ -45,7 +45,7 @@ def test_preparing_loops_ends_when_asked_to_stop_as_that_of_the_method_does(
 
     monkeypatch.setattr(loops_warm_up, "warm_up_loops", interrupted)
     with stop_on_signals() as stop, pytest.raises(KeyboardInterrupt):
-        prepare_loops(Terminal(), stop)
+        prepare_loop_closure(Terminal(), stop)
     assert told == ["begun"]
 
 
@@ -55,7 +55,7 @@ def test_it_is_known_that_loops_have_been_prepared_once_they_have(
     monkeypatch.setattr(kernels, "kernel_folder", lambda: tmp_path)
     monkeypatch.setattr(loops_warm_up, "warm_up_loops", lambda tell: 1.0)
     assert not loops_are_prepared()
-    prepare_loops(Terminal(), Stop())
+    prepare_loop_closure(Terminal(), StopSignal())
     assert loops_are_prepared()
 
 
@@ -65,4 +65,4 @@ def test_kernels_that_do_not_fit_on_the_disk_are_one_line(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(kernels, "warm_up", fill)
     with pytest.raises(UserFacingError, match="cannot be kept: No space left on device; free"):
-        prepare_kernels(Config(), Terminal(), Stop())
+        prepare_kernels(Config(), Terminal(), StopSignal())

@@ -15,7 +15,7 @@ import pytest
 from drivers.errors import InputError
 from drivers.geometry import rigid_transform
 from tests.ports import free_port
-from tests.preloaded import Preloaded
+from tests.preloaded import ForkedProcess
 from tests.waiting import wait_until
 from vo_service.commands import listen
 from vo_service.outputs.cdr import OdometryMessage, encode_odometry
@@ -44,7 +44,7 @@ def endpoint() -> str:
 def listener(endpoint: str, *options: str) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-c", COMMAND, "--connect", endpoint, *options]
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with Preloaded(command, **pipes) as process:
+    with ForkedProcess(command, **pipes) as process:
         try:
             yield process
         finally:

@@ -4,17 +4,23 @@ import argparse
 
 import pytest
 
-from drivers.camera import Pace
-from vo_service.commands.options import config_of
+from drivers.camera import PlaybackMode
+from vo_service.commands.options import load_config
 
 
-@pytest.mark.parametrize(("pace", "adapts"), [(Pace.LOCKSTEP, False), (Pace.REALTIME, True)])
-def test_a_run_in_lockstep_gives_up_nothing_on_a_slow_machine(pace: Pace, adapts: bool) -> None:
+@pytest.mark.parametrize(
+    ("pace", "adapts"), [(PlaybackMode.LOCKSTEP, False), (PlaybackMode.REALTIME, True)]
+)
+def test_a_run_in_lockstep_gives_up_nothing_on_a_slow_machine(
+    pace: PlaybackMode, adapts: bool
+) -> None:
     args = argparse.Namespace(config=None, method=None, verbose=False, pace=pace)
-    assert config_of(args).load.adapt is adapts
+    assert load_config(args).load.adapt is adapts
 
 
-@pytest.mark.parametrize(("pace", "knows"), [(Pace.LOCKSTEP, False), (Pace.REALTIME, True)])
-def test_a_run_in_lockstep_waits_for_no_other_process(pace: Pace, knows: bool) -> None:
+@pytest.mark.parametrize(
+    ("pace", "knows"), [(PlaybackMode.LOCKSTEP, False), (PlaybackMode.REALTIME, True)]
+)
+def test_a_run_in_lockstep_waits_for_no_other_process(pace: PlaybackMode, knows: bool) -> None:
     args = argparse.Namespace(config=None, pace=pace, verbose=False)
-    assert config_of(args).map.loops is knows
+    assert load_config(args).map.loops is knows

@@ -11,10 +11,10 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.geometry import T_BODY_CAMERA, Array, inverse, transform_from_pose
-from drivers.trajectory import StampedPoses, read_trajectory
+from drivers.trajectory import Trajectory, read_trajectory
 from tests.conftest import FRAMES
 from tests.ports import is_listening
-from tests.vo_service.commands.command_line import running
+from tests.vo_service.commands.command_line import running_subprocess
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -26,11 +26,11 @@ ROS = get_typestore(Stores.ROS2_JAZZY)
 @pytest.fixture
 def received(
     recording: Path, tmp_path: Path, config: Path, port: int
-) -> tuple[list[Any], StampedPoses]:
+) -> tuple[list[Any], Trajectory]:
     """What a stranger got of a replay, and the trajectory that the replay wrote."""
     written = tmp_path / "poses.txt"
     options = ("--config", config, "--wait-for-subscriber", "20", "--trajectory", written)
-    with running("replay", recording, *options) as replay:
+    with running_subprocess("replay", recording, *options) as replay:
         wait_until(lambda: is_listening(port))
         command = [sys.executable, str(READER), str(port), str(FRAMES), "0.02"]
         reader = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True)
@@ -48,7 +48,7 @@ def pose_of(message: Any) -> Array:
 
 
 def test_a_stranger_gets_every_pose_in_order_and_the_same_numbers_as_the_file(
-    received: tuple[list[Any], StampedPoses],
+    received: tuple[list[Any], Trajectory],
 ) -> None:
     samples, trajectory = received
     assert [sample["attachment"]["seq"] for sample in samples] == list(range(FRAMES))

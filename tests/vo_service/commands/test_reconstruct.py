@@ -14,11 +14,11 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from drivers.trajectory import read_trajectory
 from tests.conftest import FRAMES
-from tests.full_disk import files_up_to
-from tests.vo_service.commands.command_line import Outcome, call
+from tests.full_disk import limit_file_size
+from tests.vo_service.commands.command_line import CommandResult, run_in_process
 from tests.vo_service.mapping.ply_reader import read_ply
 from tests.vo_service.odometry.synthetic_views import FLOOR, WALL
-from vo_service.mapping.reconstruction import Reconstruction
+from vo_service.mapping.reconstruction import Reconstructor
 
 CopyRecording = Callable[..., Path]
 PICTURES = ("perspective.png", "top.png", "view.png")
@@ -32,7 +32,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in there if path.name != "cache")
 
 
-def assert_one_line(outcome: Outcome, said: str) -> None:
+def assert_one_line(outcome: CommandResult, said: str) -> None:
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1), outcome
     assert outcome.err.startswith("kinect-vo: error: ")
     assert said in outcome.err
@@ -62,8 +62,8 @@ def test_a_given_trajectory_makes_a_map_in_its_own_world(
 ) -> None:
     output, rerun = tmp_path / "maps" / "corner", tmp_path / "map.rrd"
     given = ("--output", output, "--rerun", rerun, "--voxel-m", 0.02)
-    outcome = call(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
-    assert (outcome.code, outcome.complaints) == (0, "")
+    outcome = run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
+    assert (outcome.code, outcome.error_lines) == (0, "")
     assert f"in the map              {FRAMES}" in outcome.out
     assert names(output) == FILES
     mesh = read_ply(output / "map.ply")
@@ -81,8 +81,10 @@ def test_a_given_trajectory_makes_a_map_in_its_own_world(
 def test_without_a_trajectory_the_odometry_runs_and_leaves_its_own(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    outcome = call(capfd, "reconstruct", recording, "--output", tmp_path, "--json", *COARSE)
-    assert (outcome.code, outcome.complaints, outcome.out.count("\n")) == (0, "", 1)
+    outcome = run_in_process(
+        capfd, "reconstruct", recording, "--output", tmp_path, "--json", *COARSE
+    )
+    assert (outcome.code, outcome.error_lines, outcome.out.count("\n")) == (0, "", 1)
     figures = json.loads(outcome.out)
     assert json.loads((tmp_path / "reconstruction.json").read_text()) == figures
     assert (figures["frames"], figures["fused"], figures["without_pose"]) == (FRAMES, FRAMES, 0)
@@ -98,7 +100,7 @@ def test_loops_cannot_correct_a_given_trajectory(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     truth, output = recording / "groundtruth.txt", tmp_path / "output"
-    outcome = call(capfd, "reconstruct", recording, truth, "--loops", "--output", output)
+    outcome = run_in_process(capfd, "reconstruct", recording, truth, "--loops", "--output", output)
     assert_one_line(outcome, f"{truth}: --loops corrects the poses of the odometry alone")
     assert not output.exists()
 
@@ -108,8 +110,8 @@ def test_a_full_map_is_one_line_of_warning_and_still_a_map(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     tight = ("--voxel-m", 0.01, "--memory-mb", 20, "--output", tmp_path, "--json")
-    outcome = call(capfd, "reconstruct", recording, recording / "groundtruth.txt", *tight)
-    assert (outcome.code, outcome.complaints.count("\n")) == (0, 1)
+    outcome = run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *tight)
+    assert (outcome.code, outcome.error_lines.count("\n")) == (0, 1)
     assert "the map was full at frame 1 of 12: what came into view later is left out" in outcome.err
     assert "--memory-mb 20, or larger voxels than --voxel-m 0.01" in outcome.err
     assert json.loads(outcome.out)["full_at_frame"] == 1
@@ -135,7 +137,7 @@ def test_what_is_wrong_on_the_command_line_is_one_line(
     given: tuple[str, ...], said: str,
 ) -> None:  # fmt: skip
     output = () if "--output" in given else ("--output", tmp_path / "output")
-    assert_one_line(call(capfd, "reconstruct", recording, *given, *output), said)
+    assert_one_line(run_in_process(capfd, "reconstruct", recording, *given, *output), said)
     assert set(names(tmp_path)) <= {"output"}
     assert names(tmp_path / "output") == []
 
@@ -145,7 +147,9 @@ def test_a_trajectory_of_another_recording_is_refused(
 ) -> None:
     other = tmp_path / "other.txt"
     other.write_text("500.0 0 0 0 0 0 0 1\n500.1 0 0 0 0 0 0 1\n")
-    outcome = call(capfd, "reconstruct", recording, other, "--output", tmp_path / "output")
+    outcome = run_in_process(
+        capfd, "reconstruct", recording, other, "--output", tmp_path / "output"
+    )
     assert_one_line(outcome, f"{other}: has no pose within 20 ms of any frame of {recording}")
     assert "(poses 500.000..500.100 s, frames 0.000..0.367 s)" in outcome.err
     assert not (tmp_path / "output").exists()
@@ -158,9 +162,9 @@ def test_a_recording_without_depth_is_refused(
     for image in (folder / "depth").iterdir():
         cv2.imwrite(str(image), np.zeros((240, 320), np.uint16))
     output = ("--output", tmp_path / "output")
-    truth = call(capfd, "reconstruct", folder, folder / "groundtruth.txt", *output)
+    truth = run_in_process(capfd, "reconstruct", folder, folder / "groundtruth.txt", *output)
     assert_one_line(truth, f"no depth up to 4 m in any of {FRAMES} frames")
-    odometry = call(capfd, "reconstruct", folder, *output)
+    odometry = run_in_process(capfd, "reconstruct", folder, *output)
     assert_one_line(odometry, f"the odometry found no motion in any of {FRAMES} frames")
     assert names(tmp_path / "output") == []
 
@@ -170,7 +174,7 @@ def test_an_empty_folder_is_refused_before_anything_is_made(
 ) -> None:
     (tmp_path / "empty").mkdir()
     output = tmp_path / "output"
-    outcome = call(capfd, "reconstruct", tmp_path / "empty", "--output", output)
+    outcome = run_in_process(capfd, "reconstruct", tmp_path / "empty", "--output", output)
     assert_one_line(outcome, "the folder is empty")
     assert not output.exists()
 
@@ -180,16 +184,16 @@ def test_ctrl_c_leaves_the_map_of_the_frames_until_then(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    add = Reconstruction.add
+    add = Reconstructor.add_frame
 
-    def interrupted(self: Reconstruction, frame: RgbdFrame) -> None:
+    def interrupted(self: Reconstructor, frame: RgbdFrame) -> None:
         add(self, frame)
-        if self.harvest.frames == 5:
+        if self.result.frames == 5:
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(Reconstruction, "add", interrupted)
+    monkeypatch.setattr(Reconstructor, "add", interrupted)
     given = ("--output", tmp_path, "--json", *COARSE)
-    outcome = call(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
+    outcome = run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
     figures = json.loads(outcome.out)
     assert (outcome.code, figures["frames"], figures["cut_short"]) == (130, 5, True)
     assert names(tmp_path) == FILES
@@ -199,8 +203,8 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_of_a_file(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     truth, given = recording / "groundtruth.txt", ("--output", tmp_path / "output", *COARSE)
-    with files_up_to(20_000):
-        outcome = call(capfd, "reconstruct", recording, truth, *given)
+    with limit_file_size(20_000):
+        outcome = run_in_process(capfd, "reconstruct", recording, truth, *given)
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (1, "", 1)
     assert f"{tmp_path / 'output' / 'map.ply'}: cannot be written" in outcome.err
     assert names(tmp_path / "output") == []

@@ -13,11 +13,11 @@ import pytest
 from drivers.trajectory import read_trajectory
 from tests.conftest import FRAMES
 from tests.vo_service.commands.command_line import (
-    call,
-    line_count,
-    run,
-    running,
-    stretched,
+    count_lines,
+    run_in_process,
+    run_subprocess,
+    running_subprocess,
+    stretch_timing,
 )
 from tests.waiting import wait_until
 from vo_service.outputs import zenoh_opening
@@ -31,8 +31,8 @@ CopyRecording = Callable[..., Path]
 
 @pytest.mark.subprocess
 def test_json_is_one_object_on_stdout_and_nothing_else(recording: Path, tmp_path: Path) -> None:
-    outcome = run("replay", recording, "--no-publish", "--json")
-    assert (outcome.code, outcome.complaints) == (0, "")
+    outcome = run_subprocess("replay", recording, "--no-publish", "--json")
+    assert (outcome.code, outcome.error_lines) == (0, "")
     assert outcome.out.count("\n") == 1
     figures = json.loads(outcome.out)
     assert set(FIGURES) <= set(figures)
@@ -54,7 +54,7 @@ def test_without_ground_truth_its_figures_are_null(
 ) -> None:
     folder = copy_recording()
     (folder / "groundtruth.txt").unlink()
-    figures = json.loads(call(capfd, "replay", folder, "--no-publish", "--json").out)
+    figures = json.loads(run_in_process(capfd, "replay", folder, "--no-publish", "--json").out)
     assert (figures["frames"], figures["failed"]) == (FRAMES, 0)
     judged = [key for key in FIGURES if key.endswith(("_m", "_deg"))]
     assert [figures[key] for key in ("coverage", *judged)] == [None] * 7
@@ -63,8 +63,8 @@ def test_without_ground_truth_its_figures_are_null(
 def test_for_people_the_figures_are_a_table(
     recording: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    outcome = call(capfd, "replay", recording, "--no-publish")
-    assert (outcome.code, outcome.complaints) == (0, "")
+    outcome = run_in_process(capfd, "replay", recording, "--no-publish")
+    assert (outcome.code, outcome.error_lines) == (0, "")
     for label in ("frames", "failed", "CPU a frame", "ATE, RMSE", "RPE, one second", "coverage"):
         assert f"\n{label}  " in f"\n{outcome.out}"
 
@@ -73,7 +73,7 @@ def test_the_trajectory_starts_at_the_identity_and_follows_the_truth(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     written = tmp_path / "poses.txt"
-    call(capfd, "replay", recording, "--no-publish", "--trajectory", written)
+    run_in_process(capfd, "replay", recording, "--no-publish", "--trajectory", written)
     found, truth = read_trajectory(written), read_trajectory(recording / "groundtruth.txt")
     np.testing.assert_array_equal(found.T_world_camera[0], np.eye(4))
     np.testing.assert_array_equal(found.stamps_s, truth.stamps_s)
@@ -84,10 +84,10 @@ def test_the_trajectory_starts_at_the_identity_and_follows_the_truth(
 def test_a_replay_repeats_bit_for_bit_also_in_another_process(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    call(capfd, "replay", recording, "--no-publish", "--trajectory", tmp_path / "a.txt")
-    run("replay", recording, "--no-publish", "--trajectory", tmp_path / "b.txt")
+    run_in_process(capfd, "replay", recording, "--no-publish", "--trajectory", tmp_path / "a.txt")
+    run_subprocess("replay", recording, "--no-publish", "--trajectory", tmp_path / "b.txt")
     assert (tmp_path / "a.txt").read_bytes() == (tmp_path / "b.txt").read_bytes()
-    assert line_count(tmp_path / "a.txt") == FRAMES
+    assert count_lines(tmp_path / "a.txt") == FRAMES
 
 
 def test_an_unreadable_frame_in_the_middle_is_skipped_counted_and_reported(
@@ -96,7 +96,7 @@ def test_an_unreadable_frame_in_the_middle_is_skipped_counted_and_reported(
     folder = copy_recording()
     broken = folder / "rgb" / "0.200000.png"
     broken.write_bytes(broken.read_bytes()[:500])
-    outcome = call(capfd, "replay", folder, "--no-publish", "--json")
+    outcome = run_in_process(capfd, "replay", folder, "--no-publish", "--json")
     figures = json.loads(outcome.out)
     assert (outcome.code, outcome.err.count("\n")) == (0, 1)
     assert outcome.err.startswith(f"kinect-vo: warning: frame 6 is skipped: {broken}: is truncated")
@@ -109,22 +109,22 @@ def test_a_camera_file_on_the_command_line_wins(
 ) -> None:
     folder = copy_recording()
     given = (folder / "camera.toml").rename(tmp_path / "given.toml")
-    assert call(capfd, "replay", folder, "--no-publish").code == 2
-    assert call(capfd, "replay", folder, "--no-publish", "--camera", given).code == 0
+    assert run_in_process(capfd, "replay", folder, "--no-publish").code == 2
+    assert run_in_process(capfd, "replay", folder, "--no-publish", "--camera", given).code == 0
 
 
 @pytest.mark.subprocess
 def test_ctrl_c_ends_it_and_keeps_whole_lines(
     copy_recording: CopyRecording, tmp_path: Path
 ) -> None:
-    folder, written = stretched(copy_recording(lists=True), 0.5), tmp_path / "poses.txt"
+    folder, written = stretch_timing(copy_recording(lists=True), 0.5), tmp_path / "poses.txt"
     options = ("--no-publish", "--json", "--pace", "realtime", "--trajectory", written)
-    with running("replay", folder, *options) as process:
-        wait_until(lambda: line_count(written) >= 2)
+    with running_subprocess("replay", folder, *options) as process:
+        wait_until(lambda: count_lines(written) >= 2)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=100)
     assert (process.returncode, err.count("\n")) == (130, err.count("no evaluation"))
-    poses = line_count(written)
+    poses = count_lines(written)
     assert 2 <= poses < FRAMES
     assert written.read_bytes().endswith(b"\n")
     assert json.loads(out)["frames"] == poses == len(read_trajectory(written))
@@ -135,7 +135,7 @@ def test_a_recording_is_not_overwritten_by_its_own_trajectory(
 ) -> None:
     folder = copy_recording()
     before = (folder / "groundtruth.txt").read_bytes()
-    outcome = call(capfd, "replay", folder, "--trajectory", folder / "groundtruth.txt")
+    outcome = run_in_process(capfd, "replay", folder, "--trajectory", folder / "groundtruth.txt")
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
     assert (folder / "groundtruth.txt").read_bytes() == before
 
@@ -147,11 +147,11 @@ def test_eight_replays_at_once_all_end_well_with_the_same_trajectory(
     files = [tmp_path / f"{number}.txt" for number in range(8)]
     with ThreadPoolExecutor(len(files)) as pool:
         outcomes = list(
-            pool.map(lambda file: run("replay", recording, "--trajectory", file), files)
+            pool.map(lambda file: run_subprocess("replay", recording, "--trajectory", file), files)
         )
     assert [outcome.code for outcome in outcomes] == [0] * len(files), outcomes
     assert len({file.read_bytes() for file in files}) == 1
-    assert line_count(files[0]) == FRAMES
+    assert count_lines(files[0]) == FRAMES
 
 
 @pytest.mark.zenoh
@@ -164,7 +164,7 @@ def test_a_taken_default_port_is_one_line_of_a_log_and_no_error(
 ) -> None:
     monkeypatch.setattr(zenoh_opening, "DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{port}")
     with socket.create_server(("127.0.0.1", port)):
-        outcome = call(capfd, "replay", recording, "--config", config, "--json")
+        outcome = run_in_process(capfd, "replay", recording, "--config", config, "--json")
     assert (outcome.code, json.loads(outcome.out)["frames"]) == (0, FRAMES)
     assert outcome.err.startswith("kinect-vo: info: poses: kinect/odom at tcp/127.0.0.1:")
     assert f"as tcp/127.0.0.1:{port} is taken (kinect-vo listen --connect tcp/" in outcome.err

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from drivers.trajectory import read_trajectory
-from tests.vo_service.commands.command_line import Outcome, call, run
-from tests.vo_service.commands.there_and_back import COUNT, write_there_and_back
+from tests.vo_service.commands.command_line import CommandResult, run_in_process, run_subprocess
+from tests.vo_service.commands.there_and_back import FRAME_COUNT, write_loop_recording
 from vo_service.commands import replay
 
 pytestmark = pytest.mark.subprocess
@@ -27,7 +27,7 @@ class Replayed:
 
     folder: Path
     corrected: Path
-    outcome: Outcome
+    outcome: CommandResult
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -38,16 +38,18 @@ class Replayed:
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory: pytest.TempPathFactory) -> Replayed:
     place = tmp_path_factory.mktemp("replayed")
-    folder = write_there_and_back(place / "there-and-back")
+    folder = write_loop_recording(place / "there-and-back")
     corrected = place / "corrected.txt"
-    return Replayed(folder, corrected, run("replay", folder, *GIVEN, corrected, "--json"))
+    return Replayed(
+        folder, corrected, run_subprocess("replay", folder, *GIVEN, corrected, "--json")
+    )
 
 
 def test_the_corrected_trajectory_has_every_frame_from_the_identity_on(replayed: Replayed) -> None:
-    assert (replayed.outcome.code, replayed.outcome.complaints) == (0, "")
+    assert (replayed.outcome.code, replayed.outcome.error_lines) == (0, "")
     found = read_trajectory(replayed.corrected)
     truth = read_trajectory(replayed.folder / "groundtruth.txt")
-    assert len(found) == COUNT
+    assert len(found) == FRAME_COUNT
     np.testing.assert_array_equal(found.stamps_s, truth.stamps_s)
     np.testing.assert_allclose(found.T_world_camera[0], np.eye(4), atol=1e-9)
 
@@ -65,7 +67,7 @@ def test_what_is_published_and_written_beside_it_knows_nothing_of_loops_without_
 ) -> None:
     written = tmp_path / "poses.txt"
     given = ("--method", "surf", "--no-publish", "--trajectory", written, "--json")
-    figures = json.loads(call(capfd, "replay", replayed.folder, *given).out)
+    figures = json.loads(run_in_process(capfd, "replay", replayed.folder, *given).out)
     assert figures["ate_rmse_m"] == replayed.figures["ate_rmse_m"]
     assert not {"places", "loops", "corrected_ate_rmse_m"} & set(figures)
     assert written.read_bytes() != replayed.corrected.read_bytes()
@@ -76,8 +78,8 @@ def test_with_loops_a_replay_repeats_bit_for_bit_also_in_another_process(
     replayed: Replayed, tmp_path: Path, capfd: Capture
 ) -> None:
     again = tmp_path / "again.txt"
-    outcome = call(capfd, "replay", replayed.folder, *GIVEN, again)
-    assert (outcome.code, outcome.complaints) == (0, "")
+    outcome = run_in_process(capfd, "replay", replayed.folder, *GIVEN, again)
+    assert (outcome.code, outcome.error_lines) == (0, "")
     assert again.read_bytes() == replayed.corrected.read_bytes()
     for label in ("places, loops", "corrected ATE, RMSE", "corrected global error"):
         assert f"\n{label}  " in f"\n{outcome.out}"
@@ -88,8 +90,10 @@ def test_with_loops_a_map_is_made_with_the_corrected_poses(
     replayed: Replayed, tmp_path: Path, capfd: Capture
 ) -> None:
     given = ("--method", "surf", "--loops", "--voxel-m", 0.04, "--memory-mb", 100)
-    outcome = call(capfd, "reconstruct", replayed.folder, *given, "--output", tmp_path / "map")
-    assert (outcome.code, outcome.complaints) == (0, "")
+    outcome = run_in_process(
+        capfd, "reconstruct", replayed.folder, *given, "--output", tmp_path / "map"
+    )
+    assert (outcome.code, outcome.error_lines) == (0, "")
     figures = json.loads((tmp_path / "map" / "reconstruction.json").read_text())
     assert figures["places"] > 1
     assert f"loops {figures['loops']}" in " ".join(outcome.out.split())
@@ -104,7 +108,7 @@ def test_a_corrected_trajectory_that_cannot_be_written_is_refused_before_anythin
 ) -> None:
     monkeypatch.delattr(replay, "prepare_kernels")
     (tmp_path / "file").touch()
-    outcome = call(capfd, "replay", recording, *GIVEN, tmp_path / path)
+    outcome = run_in_process(capfd, "replay", recording, *GIVEN, tmp_path / path)
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
     assert f"{tmp_path / path}: cannot write the trajectory; name a file in a" in outcome.err
     assert not list(tmp_path.glob("*.txt"))
@@ -115,6 +119,6 @@ def test_a_recording_is_not_overwritten_by_its_own_corrected_trajectory(
 ) -> None:
     truth = copy_recording() / "groundtruth.txt"
     before = truth.read_bytes()
-    outcome = call(capfd, "replay", truth.parent, *GIVEN, truth)
+    outcome = run_in_process(capfd, "replay", truth.parent, *GIVEN, truth)
     assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
     assert truth.read_bytes() == before

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from tests.stand_ins.needed import need_program
-from tests.vo_service.commands.command_line import Outcome, call
+from tests.stand_ins.needed import require_program
+from tests.vo_service.commands.command_line import CommandResult, run_in_process
 from tests.vo_service.installation.conftest import tree
 from vo_service.installation import program, systemd
-from vo_service.installation.unit import UNITS, text_of
+from vo_service.installation.unit import UNITS, read_service_file
 
 pytestmark = pytest.mark.subprocess
 
 __all__ = ["tree"]
 CONFIG = "etc/kinect-vo/kinect.toml"
-Service = Callable[..., Outcome]
+Service = Callable[..., CommandResult]
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def service(
 ) -> Service:
     """``service("install", ...)`` below the tree; in place of the program, a small package."""
     monkeypatch.setattr(program, "runtime_distributions", lambda: [distribution("pyusb")])
-    return lambda action, *rest: call(capfd, "service", action, "--root", tree, *rest)
+    return lambda action, *rest: run_in_process(capfd, "service", action, "--root", tree, *rest)
 
 
 def files(root: Path) -> set[str]:
@@ -40,7 +40,7 @@ def test_installing_writes_units_rules_command_and_a_first_configuration(
 ) -> None:
     before = files(tree)
     outcome = service("install")
-    assert (outcome.code, outcome.complaints) == (0, "")
+    assert (outcome.code, outcome.error_lines) == (0, "")
     assert files(tree) - before == {
         CONFIG,
         "etc/modprobe.d/kinect-vo.conf",
@@ -68,13 +68,13 @@ def test_the_owners_configuration_stays_and_an_old_unit_does_not(
     outcome = service("install")
     assert f"{tree / CONFIG}: kept as it is" in outcome.out
     assert "synthetic" in (tree / CONFIG).read_text()
-    assert (tree / "etc/systemd/system" / UNITS[0]).read_text() == text_of(UNITS[0])
+    assert (tree / "etc/systemd/system" / UNITS[0]).read_text() == read_service_file(UNITS[0])
 
 
 def test_an_enabled_service_starts_with_the_computer_until_it_is_removed(
     tree: Path, service: Service
 ) -> None:
-    need_program("systemctl", "systemd")
+    require_program("systemctl", "systemd")
     wanted = tree / "etc/systemd/system/multi-user.target.wants/kinect-vo@front.service"
     assert service("install", "--name", "front", "--enable").code == 0
     assert wanted.readlink() == Path("/etc/systemd/system/kinect-vo@.service")
@@ -156,7 +156,7 @@ def test_a_user_is_told_the_command_for_root(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
-    outcome = call(capfd, "service", "install", "--name", "front", "--enable")
+    outcome = run_in_process(capfd, "service", "install", "--name", "front", "--enable")
     assert outcome.code == 1
     assert "run: sudo " in outcome.err
     assert outcome.err.endswith("service install --name front --enable\n")
@@ -167,11 +167,11 @@ def test_without_systemd_one_line_says_what_else_is_possible(
 ) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 0)
     monkeypatch.setattr(systemd, "RUNNING", Path("/nowhere"))
-    outcome = call(capfd, "service", "uninstall")
+    outcome = run_in_process(capfd, "service", "uninstall")
     assert (outcome.code, outcome.out) == (1, "")
     assert "systemd does not run here" in outcome.err
 
 
 def test_the_files_can_be_looked_at(capfd: pytest.CaptureFixture[str]) -> None:
     for name in (*UNITS, "network-tls.conf", "kinect.toml"):
-        assert call(capfd, "service", "show", name).out == text_of(name)
+        assert run_in_process(capfd, "service", "show", name).out == read_service_file(name)

@@ -4,43 +4,46 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.commands.command_line import call
-from vo_service.udev import MODPROBE_FILE, RULES_FILE, system_files
+from tests.vo_service.commands.command_line import run_in_process
+from vo_service.udev import MODPROBE_FILE, RULES_FILE, list_system_files
 
 
 def test_install_into_a_tree_says_what_it_wrote(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    outcome = call(capfd, "udev", "install", "--root", tmp_path)
-    assert (outcome.code, outcome.complaints) == (0, "")
+    outcome = run_in_process(capfd, "udev", "install", "--root", tmp_path)
+    assert (outcome.code, outcome.error_lines) == (0, "")
     assert outcome.out == (
         f"{tmp_path / RULES_FILE}: written\n{tmp_path / MODPROBE_FILE}: written\n"
     )
 
 
 def test_what_is_there_already_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    call(capfd, "udev", "install", "--root", tmp_path)
-    again = call(capfd, "udev", "install", "--root", tmp_path)
+    run_in_process(capfd, "udev", "install", "--root", tmp_path)
+    again = run_in_process(capfd, "udev", "install", "--root", tmp_path)
     assert again.code == 0
     assert again.out.count("was there already") == 2
 
 
 def test_uninstall_takes_both_files_away(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    call(capfd, "udev", "install", "--root", tmp_path)
-    assert call(capfd, "udev", "uninstall", "--root", tmp_path).out.count("removed") == 2
+    run_in_process(capfd, "udev", "install", "--root", tmp_path)
+    assert run_in_process(capfd, "udev", "uninstall", "--root", tmp_path).out.count("removed") == 2
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
-    assert call(capfd, "udev", "uninstall", "--root", tmp_path).out.count("was not there") == 2
+    assert (
+        run_in_process(capfd, "udev", "uninstall", "--root", tmp_path).out.count("was not there")
+        == 2
+    )
 
 
 def test_show_prints_what_would_be_installed(capfd: pytest.CaptureFixture[str]) -> None:
-    outcome = call(capfd, "udev", "show")
+    outcome = run_in_process(capfd, "udev", "show")
     assert outcome.code == 0
-    for file in system_files():
+    for file in list_system_files():
         assert f"# /{file.path}\n{file.text}" in outcome.out
 
 
 def test_udev_alone_asks_for_an_action(capfd: pytest.CaptureFixture[str]) -> None:
-    outcome = call(capfd, "udev")
+    outcome = run_in_process(capfd, "udev")
     assert outcome.code == 2
     assert "ACTION" in outcome.err
 
@@ -57,6 +60,6 @@ def test_what_to_do_after_installing_depends_on_udev(
 ) -> None:
     monkeypatch.setattr("vo_service.commands.udev.install", lambda root: [])
     monkeypatch.setattr("vo_service.commands.udev.apply_now", lambda: complaint)
-    outcome = call(capfd, "udev", "install")
+    outcome = run_in_process(capfd, "udev", "install")
     assert outcome.code == 0
     assert told in outcome.out + outcome.err

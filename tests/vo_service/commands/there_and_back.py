@@ -4,22 +4,22 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
-from drivers.trajectory import StampedPoses
+from drivers.geometry import Array, rigid_transform, so3_exp
+from drivers.trajectory import Trajectory
 from drivers.tum.writer import TumWriter
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+from tests.vo_service.odometry.synthetic_views import render_corner
 
 # So many frames out, and as many back, twice; each 7 cm and half a degree from the last.
-OUT = 20
-COUNT = 4 * OUT + 1
-STEP = rigid_transform(rotation_from_vector([0.0, -0.0094, 0.0]), [0.07, 0.0, 0.0])
+OUTBOUND_FRAMES = 20
+FRAME_COUNT = 4 * OUTBOUND_FRAMES + 1
+STEP = rigid_transform(so3_exp([0.0, -0.0094, 0.0]), [0.07, 0.0, 0.0])
 
 
-def write_there_and_back(folder: Path) -> Path:
+def write_loop_recording(folder: Path) -> Path:
     """Write it, with the truth."""
-    frames = [view_of_a_corner(_pose(seq), seq) for seq in range(COUNT)]
+    frames = [render_corner(_pose(seq), seq) for seq in range(FRAME_COUNT)]
     stamps_s = np.array([frame.stamp_s for frame in frames])
-    truth = StampedPoses(stamps_s, np.array([_pose(seq) for seq in range(COUNT)]))
+    truth = Trajectory(stamps_s, np.array([_pose(seq) for seq in range(FRAME_COUNT)]))
     with TumWriter(folder, ground_truth=truth) as writer:
         for frame in frames:
             writer.write(frame)
@@ -28,5 +28,5 @@ def write_there_and_back(folder: Path) -> Path:
 
 def _pose(seq: int) -> Array:
     """4x4 T_world_camera."""
-    way = OUT - abs(seq % (2 * OUT) - OUT)
+    way = OUTBOUND_FRAMES - abs(seq % (2 * OUTBOUND_FRAMES) - OUTBOUND_FRAMES)
     return np.asarray(np.linalg.matrix_power(STEP, way))

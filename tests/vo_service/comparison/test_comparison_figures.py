@@ -8,22 +8,32 @@ import pytest
 from matplotlib.figure import Figure
 
 from drivers.geometry import Array
-from tests.vo_service.runs.made_up import CRASH, FRAMES, STEP_M, done, recording, results
-from vo_service.comparison.figures import NamedFigure, colour_of, error_figures
-from vo_service.comparison.files import image
-from vo_service.comparison.path_figure import path_figures
+from tests.vo_service.runs.made_up import (
+    CRASH,
+    FRAMES,
+    STEP_M,
+    make_outcome,
+    make_recording,
+    make_results,
+)
+from vo_service.comparison.figures import NamedFigure, make_error_figures, method_color
+from vo_service.comparison.files import render_figure
+from vo_service.comparison.path_figure import make_trajectory_figures
 from vo_service.runs.results import SequenceResults
 
 
 def walk(**how: object) -> SequenceResults:
     """Surf is 1 mm off a step, icp 3 mm and loses frames at a pause, sfm has crashed."""
-    of = recording(gap_s=1.0)
-    surf, icp = done(of, step_m=STEP_M + 0.001), done(of, step_m=0.013, lost=range(20, 24))
-    return results(of, surf=surf, icp=icp, sfm=CRASH, **how)  # type: ignore[arg-type]
+    of = make_recording(gap_s=1.0)
+    surf, icp = (
+        make_outcome(of, step_m=STEP_M + 0.001),
+        make_outcome(of, step_m=0.013, lost=range(20, 24)),
+    )
+    return make_results(of, surf=surf, icp=icp, sfm=CRASH, **how)  # type: ignore[arg-type]
 
 
 def figures(of: SequenceResults) -> dict[str, Figure]:
-    drawn = [*error_figures(of), *path_figures(of)]
+    drawn = [*make_error_figures(of), *make_trajectory_figures(of)]
     return {named.name: named.figure for named in drawn}
 
 
@@ -33,14 +43,14 @@ def legend(figure: Figure) -> list[str]:
 
 def curve(figure: Figure, plot: int, method: str) -> Array:
     """The first line of a method's colour; where it is broken is left out."""
-    colour = colour_of(method, ["surf", "icp", "sfm"])
+    colour = method_color(method, ["surf", "icp", "sfm"])
     line = next(line for line in figure.axes[plot].lines if line.get_color() == colour)
     points = np.asarray(line.get_xydata(), np.float64)
     return points[np.isfinite(points[:, 1])]
 
 
 def test_there_is_one_of_each_kind_with_what_it_is_for() -> None:
-    drawn = [*error_figures(walk()), *path_figures(walk())]
+    drawn = [*make_error_figures(walk()), *make_trajectory_figures(walk())]
     assert [named.name for named in drawn] == ["frame_error", "global_error", "trajectory"]
     captions = [named.caption for named in drawn]
     for word in ("Error frame by frame", "Global error"):
@@ -79,8 +89,12 @@ def test_every_plot_has_axes_with_units_and_a_legend() -> None:
 
 
 def test_methods_that_differ_much_are_drawn_to_a_logarithmic_scale() -> None:
-    of = recording()
-    much = figures(results(of, surf=done(of, step_m=STEP_M + 1e-4), icp=done(of, step_m=0.05)))
+    of = make_recording()
+    much = figures(
+        make_results(
+            of, surf=make_outcome(of, step_m=STEP_M + 1e-4), icp=make_outcome(of, step_m=0.05)
+        )
+    )
     (plot,) = much["global_error"].axes
     assert (plot.get_yscale(), plot.get_ylabel()) == (
         "log",
@@ -89,44 +103,46 @@ def test_methods_that_differ_much_are_drawn_to_a_logarithmic_scale() -> None:
 
 
 def test_a_method_that_flies_off_does_not_make_the_others_small() -> None:
-    of = recording()
-    figure = figures(results(of, surf=done(of), icp=done(of, step_m=1.0)))["trajectory"]
+    of = make_recording()
+    figure = figures(make_results(of, surf=make_outcome(of), icp=make_outcome(of, step_m=1.0)))[
+        "trajectory"
+    ]
     low, high = figure.axes[0].get_xlim()
     assert high - low < 5 * STEP_M * FRAMES
     assert "ICP (leaves the picture)" in legend(figure)
 
 
 def test_without_truth_there_are_trajectories_alone() -> None:
-    of = recording(has_truth=False)
-    drawn = list(path_figures(results(of, surf=done(of))))
-    assert list(error_figures(results(of, surf=done(of)))) == []
+    of = make_recording(has_truth=False)
+    drawn = list(make_trajectory_figures(make_results(of, surf=make_outcome(of))))
+    assert list(make_error_figures(make_results(of, surf=make_outcome(of)))) == []
     assert legend(drawn[0].figure) == ["SURF (proposed)"]
     assert "grey" not in drawn[0].caption
 
 
 def test_without_any_result_there_is_no_figure() -> None:
-    assert figures(results(recording(), surf=CRASH)) == {}
+    assert figures(make_results(make_recording(), surf=CRASH)) == {}
 
 
 def test_a_run_without_any_error_can_be_drawn() -> None:
-    of = recording()
-    drawn = figures(results(of, surf=done(of)))
+    of = make_recording()
+    drawn = figures(make_results(of, surf=make_outcome(of)))
     assert curve(drawn["global_error"], 0, "surf")[:, 1].max() < 1e-9
-    assert image(NamedFigure("frame_error", "", drawn["frame_error"]), "svg")
+    assert render_figure(NamedFigure("frame_error", "", drawn["frame_error"]), "svg")
 
 
 @pytest.mark.parametrize("lost", [range(3, FRAMES), range(16, FRAMES), range(FRAMES - 2)])
 def test_a_run_of_few_poses_can_be_drawn(lost: range) -> None:
-    of = recording()
-    assert "trajectory" in figures(results(of, surf=done(of, lost=lost)))
+    of = make_recording()
+    assert "trajectory" in figures(make_results(of, surf=make_outcome(of, lost=lost)))
 
 
 @pytest.mark.slow
 def test_the_files_are_images_and_the_same_every_time() -> None:
-    one, same = (next(iter(path_figures(walk()))) for _ in range(2))
-    svg = image(one, "svg")
-    assert svg == image(same, "svg")
+    one, same = (next(iter(make_trajectory_figures(walk()))) for _ in range(2))
+    svg = render_figure(one, "svg")
+    assert svg == render_figure(same, "svg")
     assert ElementTree.fromstring(svg).tag.endswith("svg")
-    pixels = cv2.imdecode(np.frombuffer(image(one, "png"), np.uint8), cv2.IMREAD_COLOR)
+    pixels = cv2.imdecode(np.frombuffer(render_figure(one, "png"), np.uint8), cv2.IMREAD_COLOR)
     assert pixels is not None
     assert pixels.std() > 5  # something is drawn on it

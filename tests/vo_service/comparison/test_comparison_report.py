@@ -9,15 +9,27 @@ from urllib.parse import unquote
 import pytest
 
 from drivers.strict_toml import read_toml
-from tests.vo_service.runs.made_up import CRASH, done, loops_run, recording, results
-from vo_service.comparison.explanations import ERROR, INTRODUCTION, LOOPS, METRICS, TIME
-from vo_service.comparison.files import write_report
-from vo_service.comparison.set_up import SetUp
-from vo_service.config import Config, OdometrySettings
-from vo_service.runs.listening import LoopsRecipe
+from tests.vo_service.runs.made_up import (
+    CRASH,
+    make_loop_closure_run,
+    make_outcome,
+    make_recording,
+    make_results,
+)
+from vo_service.comparison.explanations import (
+    ERROR_TEXT,
+    INTRODUCTION_TEXT,
+    LOOP_CLOSURE_TEXT,
+    METRIC_TEXTS,
+    TIME_TEXT,
+)
+from vo_service.comparison.files import write_comparison_report
+from vo_service.comparison.set_up import ComparisonMetadata
+from vo_service.config import Config, OdometryConfig
+from vo_service.runs.listening import LoopClosureObserverFactory
 from vo_service.runs.recipe import SfmScale
-from vo_service.runs.run import Outcome, RunState
-from vo_service.settings import MapSettings
+from vo_service.runs.run import RunOutcome, RunState
+from vo_service.settings import MapConfig
 from vo_service.terminal import Terminal
 
 pytestmark = pytest.mark.slow
@@ -53,20 +65,25 @@ class Page(HTMLParser):
         self.text += data
 
 
-SET_UP = SetUp(["surf", "icp", "sfm"], Config(), SfmScale.FIRST_DEPTH, None, 3600.0)
+SET_UP = ComparisonMetadata(["surf", "icp", "sfm"], Config(), SfmScale.FIRST_DEPTH, None, 3600.0)
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report of two recordings: one with a pause, and one with a name to beware of."""
     folder = tmp_path_factory.mktemp("report")
-    walk, odd = recording("walk", gap_s=1.0), recording("<b>odd & #1", has_truth=False)
-    error = Outcome(RunState.RAISED, trouble="ValueError: <oh>", details="Traceback <here>")
+    walk, odd = make_recording("walk", gap_s=1.0), make_recording("<b>odd & #1", has_truth=False)
+    error = RunOutcome(RunState.ERROR, error="ValueError: <oh>", details="Traceback <here>")
     found = [
-        results(walk, surf=done(walk, lost=range(20, 23)), icp=done(walk, step_m=0.02), sfm=CRASH),
-        results(odd, surf=done(odd), icp=CRASH, sfm=error),
+        make_results(
+            walk,
+            surf=make_outcome(walk, lost=range(20, 23)),
+            icp=make_outcome(walk, step_m=0.02),
+            sfm=CRASH,
+        ),
+        make_results(odd, surf=make_outcome(odd), icp=CRASH, sfm=error),
     ]
-    write_report(folder, found, SET_UP, Terminal())
+    write_comparison_report(folder, found, SET_UP, Terminal())
     return folder
 
 
@@ -111,7 +128,12 @@ def test_the_page_tells_what_came_out_and_what_went_wrong(written: Path) -> None
 
 def test_every_figure_and_column_is_explained(written: Path) -> None:
     text = Page((written / "report.html").read_text()).text
-    for word, meaning in (*METRICS, ("", INTRODUCTION), ("", ERROR), ("", TIME)):
+    for word, meaning in (
+        *METRIC_TEXTS,
+        ("", INTRODUCTION_TEXT),
+        ("", ERROR_TEXT),
+        ("", TIME_TEXT),
+    ):
         assert word + meaning in text
     for caption in ("Error frame by frame (as", "Global error (as", "The way of the camera (as"):
         assert caption in text
@@ -140,14 +162,18 @@ def test_a_report_has_no_figures_of_the_one_before(tmp_path: Path) -> None:
     figures.mkdir()
     for name in (*FIGURES, "other-trajectory.png"):
         (figures / name).touch()
-    write_report(tmp_path, [results(recording(), surf=CRASH)], SET_UP, Terminal())
+    write_comparison_report(
+        tmp_path, [make_results(make_recording(), surf=CRASH)], SET_UP, Terminal()
+    )
     assert [path.name for path in figures.iterdir()] == ["other-trajectory.png"]
 
 
 def test_the_effective_configuration_can_be_given_again(tmp_path: Path) -> None:
-    odometry = OdometrySettings(feature_count=700, upright=True)
+    odometry = OdometryConfig(feature_count=700, upright=True)
     camera = Path('a "camera".toml')
-    set_up = SetUp(["surf"], Config(odometry=odometry), SfmScale.GROUND_TRUTH, camera, 9.0)
+    set_up = ComparisonMetadata(
+        ["surf"], Config(odometry=odometry), SfmScale.GROUND_TRUTH, camera, 9.0
+    )
     file = tmp_path / "config.toml"
     file.write_text(set_up.config_text)
     read = read_toml(file, Config)
@@ -156,13 +182,15 @@ def test_the_effective_configuration_can_be_given_again(tmp_path: Path) -> None:
 
 
 def test_with_loops_the_report_says_what_they_have_gained(tmp_path: Path) -> None:
-    walk = recording("walk")
-    found = results(walk, True, surf=done(walk, with_loops=loops_run(walk)))
-    loops = LoopsRecipe(MapSettings(places_mb=20))
-    set_up = SetUp(["surf"], Config(), SfmScale.FIRST_DEPTH, None, 3600.0, loops)
-    report = write_report(tmp_path, [found], set_up, Terminal())
+    walk = make_recording("walk")
+    found = make_results(
+        walk, True, surf=make_outcome(walk, with_loops=make_loop_closure_run(walk))
+    )
+    loops = LoopClosureObserverFactory(MapConfig(places_mb=20))
+    set_up = ComparisonMetadata(["surf"], Config(), SfmScale.FIRST_DEPTH, None, 3600.0, loops)
+    report = write_comparison_report(tmp_path, [found], set_up, Terminal())
     text = " ".join(Page(report.page.read_text()).text.split())
-    assert LOOPS in text
+    assert LOOP_CLOSURE_TEXT in text
     assert report.content["loops"]["places_mb"] == 20
     assert report.content["sequences"][0]["methods"]["surf"]["loops"] == 2
     (row,) = csv.DictReader((tmp_path / "loops.csv").read_text().splitlines())

@@ -6,12 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.runs.made_up import CRASH, done, loops_run, recording, results
-from vo_service.comparison.paper import PAPER, about, paper_figures
+from tests.vo_service.runs.made_up import (
+    CRASH,
+    make_loop_closure_run,
+    make_outcome,
+    make_recording,
+    make_results,
+)
+from vo_service.comparison.paper import PUBLISHED_RESULTS, describe_method, find_published_results
 from vo_service.comparison.tables import (
     error_table,
     gap_table,
-    loops_table,
+    loop_closure_table,
     metrics_table,
     time_table,
 )
@@ -23,8 +29,10 @@ FLOOR = "rgbd_dataset_freiburg1_floor"
 @pytest.fixture
 def floor() -> SequenceResults:
     """A sequence of the paper's, with a pause: surf is right, icp drifts, sfm has crashed."""
-    of = recording(FLOOR, gap_s=1.0)
-    return results(of, surf=done(of, lost=range(20, 22)), icp=done(of, step_m=0.02), sfm=CRASH)
+    of = make_recording(FLOOR, gap_s=1.0)
+    return make_results(
+        of, surf=make_outcome(of, lost=range(20, 22)), icp=make_outcome(of, step_m=0.02), sfm=CRASH
+    )
 
 
 def rows(text: str) -> list[dict[str, str]]:
@@ -55,24 +63,30 @@ def test_for_people_the_best_has_a_star_and_a_crash_says_so(floor: SequenceResul
 
 
 def test_a_method_of_few_frames_is_never_the_best() -> None:
-    of = recording()
-    few, all_frames = done(of, lost=range(10, 40)), done(of, step_m=0.02)
-    (row,) = error_table([results(of, surf=few, icp=all_frames, sfm=all_frames)]).rows
+    of = make_recording()
+    few, all_frames = make_outcome(of, lost=range(10, 40)), make_outcome(of, step_m=0.02)
+    (row,) = error_table([make_results(of, surf=few, icp=all_frames, sfm=all_frames)]).rows
     assert [cell.is_best for cell in row] == [False, False, True, False]
     assert row[1].text == "0.00 (25 %)"
 
 
 def test_errors_below_a_millimetre_differ_for_people_and_are_metres_for_scripts() -> None:
-    of = recording()
-    table = error_table([results(of, surf=done(of, step_m=0.01002), icp=done(of, step_m=0.01004))])
+    of = make_recording()
+    table = error_table(
+        [
+            make_results(
+                of, surf=make_outcome(of, step_m=0.01002), icp=make_outcome(of, step_m=0.01004)
+            )
+        ]
+    )
     assert [cell.text for cell in table.rows[0][1:]] == ["0.39", "0.78"]
     (row,) = rows(table.as_csv())
     assert float(row["surf_mean_global_error_m"]) == pytest.approx(0.00039)
 
 
 def test_other_sequences_have_no_paper_columns() -> None:
-    of = recording("kitchen")
-    table = error_table([results(of, surf=done(of))])
+    of = make_recording("kitchen")
+    table = error_table([make_results(of, surf=make_outcome(of))])
     assert table.keys == ["sequence", "surf_mean_global_error_m"]
     assert not table.rows[0][1].is_best  # alone it is not the best of anything
 
@@ -81,7 +95,7 @@ def test_every_run_is_a_row_of_all_figures(floor: SequenceResults) -> None:
     found = rows(metrics_table([floor]).as_csv())
     assert [row["method"] for row in found] == ["surf", "icp", "sfm"]
     assert [row["state"] for row in found] == ["done", "done", "crashed"]
-    assert found[2]["trouble"] == CRASH.trouble
+    assert found[2]["trouble"] == CRASH.error
     assert (found[0]["coverage"], found[0]["failed"], found[2]["coverage"]) == ("0.95", "2", "")
 
 
@@ -104,25 +118,33 @@ def test_every_pause_is_a_row_for_every_run_with_a_result(floor: SequenceResults
     ],
 )
 def test_only_the_papers_own_whole_sequences_have_its_figures(folder: str, known: bool) -> None:
-    assert bool(paper_figures(Path("/data") / folder)) == known
+    assert bool(find_published_results(Path("/data") / folder)) == known
 
 
 def test_the_papers_figures_are_those_of_the_paper() -> None:
-    errors = {name: [PAPER[name][m].mean_global_error_m for m in PAPER[name]] for name in PAPER}
-    times = {name: [PAPER[name][m].time_s for m in PAPER[name]] for name in PAPER}
-    assert list(PAPER["floor"]) == ["surf", "icp", "sfm"]
+    errors = {
+        name: [PUBLISHED_RESULTS[name][m].mean_global_error_m for m in PUBLISHED_RESULTS[name]]
+        for name in PUBLISHED_RESULTS
+    }
+    times = {
+        name: [PUBLISHED_RESULTS[name][m].time_s for m in PUBLISHED_RESULTS[name]]
+        for name in PUBLISHED_RESULTS
+    }
+    assert list(PUBLISHED_RESULTS["floor"]) == ["surf", "icp", "sfm"]
     assert errors == {"floor": [0.05, 0.12, 0.51], "teddy": [0.13, 0.74, 0.22]}
     assert times == {"floor": [458, 621, 950], "teddy": [953, 1155, 1430]}
 
 
 def test_a_method_that_is_not_known_is_called_by_its_name() -> None:
-    assert about("orb").name == "ORB"
+    assert describe_method("orb").name == "ORB"
 
 
 def test_what_loops_have_gained_is_a_table_of_its_own() -> None:
-    walk = recording("walk")
-    drifting = done(walk, step_m=0.02, with_loops=loops_run(walk))
-    surf, icp = rows(loops_table([results(walk, True, surf=drifting, icp=CRASH)]).as_csv())
+    walk = make_recording("walk")
+    drifting = make_outcome(walk, step_m=0.02, with_loops=make_loop_closure_run(walk))
+    surf, icp = rows(
+        loop_closure_table([make_results(walk, True, surf=drifting, icp=CRASH)]).as_csv()
+    )
     assert float(surf["mean_global_error_m"]) == pytest.approx(0.195)
     assert float(surf["corrected_mean_global_error_m"]) == pytest.approx(0.0, abs=1e-9)
     assert float(surf["corrected_ate_rmse_m"]) == pytest.approx(0.0, abs=1e-9)

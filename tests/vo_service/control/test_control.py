@@ -6,35 +6,35 @@ from functools import partial
 
 import pytest
 
-from drivers.sensor_settings import Led, SensorSettings
+from drivers.sensor_settings import Led, SensorConfig
 from tests.vo_service.fakes import ScriptedCamera
-from vo_service.app import Appliers, apply_changes
+from vo_service.app import ConfigHandlers, apply_changes
 from vo_service.config import Config
 from vo_service.control.control import Control
-from vo_service.control.inbox import Inbox
-from vo_service.pose_tracker import PoseTracker
-from vo_service.reload import Changes
+from vo_service.control.inbox import CommandQueue
+from vo_service.pose_tracker import OdomFrame
+from vo_service.reload import ConfigChanges
 from vo_service.types import (
     Command,
     CommandError,
     ErrorCode,
-    Light,
+    LedCommand,
     MapState,
-    NoMapper,
-    NoRecorder,
-    Pause,
-    Reconfigure,
-    Reset,
-    Resume,
-    SaveIncident,
-    SaveMap,
-    StartRecording,
-    StopRecording,
-    Tilt,
+    NullMapper,
+    NullRecorder,
+    PauseCommand,
+    ReloadConfig,
+    ResetCommand,
+    ResumeCommand,
+    SaveIncidentCommand,
+    SaveMapCommand,
+    StartRecordingCommand,
+    StopRecordingCommand,
+    TiltCommand,
 )
 
 
-class Head(ScriptedCamera):
+class ScriptedMotorCamera(ScriptedCamera):
     """A camera with a motor and a light."""
 
     tilt_deg = 0.0
@@ -49,7 +49,7 @@ class Head(ScriptedCamera):
         self.led = led
 
 
-class TapeDeck(NoRecorder):
+class RecordingRecorder(NullRecorder):
     """A recorder that remembers what it was asked for."""
 
     recording = ""
@@ -74,7 +74,7 @@ class TapeDeck(NoRecorder):
         return f"incidents/{reason}"
 
 
-class Draughtsman(NoMapper):
+class RecordingMapper(NullMapper):
     """A mapper that begins whatever it is asked for."""
 
     def save(self, name: str) -> MapState:
@@ -83,81 +83,85 @@ class Draughtsman(NoMapper):
         return self.state
 
 
-def carry_out(command: Command, control: Control, inbox: Inbox[Command]) -> Mapping[str, object]:
+def carry_out(
+    command: Command, control: Control, inbox: CommandQueue[Command]
+) -> Mapping[str, object]:
     ticket = inbox.submit(command)
-    control.obey()
-    return ticket.wait(0.0)
+    control.process_pending()
+    return ticket.result(0.0)
 
 
 def test_the_head_is_tilted_and_lit() -> None:
-    inbox: Inbox[Command] = Inbox()
-    camera = Head()
-    control = Control(PoseTracker(), camera, inbox)
-    assert carry_out(Tilt(12.0), control, inbox) == {"tilt_deg": 12.0}
-    assert carry_out(Light(Led.RED), control, inbox) == {"led": "red"}
+    inbox: CommandQueue[Command] = CommandQueue()
+    camera = ScriptedMotorCamera()
+    control = Control(OdomFrame(), camera, inbox)
+    assert carry_out(TiltCommand(12.0), control, inbox) == {"tilt_deg": 12.0}
+    assert carry_out(LedCommand(Led.RED), control, inbox) == {"led": "red"}
     assert (camera.tilt_deg, camera.led) == (12.0, Led.RED)
 
 
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        (Tilt(1.0), "scripted: it has no motor"),
-        (Light(Led.RED), "scripted: it has no light"),
-        (SaveIncident(), "there is no flight recorder"),
-        (StartRecording("x"), "there is no flight recorder"),
-        (StopRecording(), "there is no flight recorder"),
-        (SaveMap("x"), "there is no map"),
+        (TiltCommand(1.0), "scripted: it has no motor"),
+        (LedCommand(Led.RED), "scripted: it has no light"),
+        (SaveIncidentCommand(), "there is no flight recorder"),
+        (StartRecordingCommand("x"), "there is no flight recorder"),
+        (StopRecordingCommand(), "there is no flight recorder"),
+        (SaveMapCommand("x"), "there is no map"),
     ],
 )
 def test_what_is_not_there_is_refused_with_a_reason(command: Command, words: str) -> None:
-    inbox: Inbox[Command] = Inbox()
-    control = Control(PoseTracker(), ScriptedCamera(), inbox)
+    inbox: CommandQueue[Command] = CommandQueue()
+    control = Control(OdomFrame(), ScriptedCamera(), inbox)
     with pytest.raises(CommandError, match=words) as raised:
         carry_out(command, control, inbox)
     assert raised.value.code is ErrorCode.NOT_POSSIBLE
 
 
 def test_frames_are_recorded_and_saved_by_the_recorder() -> None:
-    inbox: Inbox[Command] = Inbox()
-    deck = TapeDeck()
-    control = Control(PoseTracker(), ScriptedCamera(), inbox, deck)
-    assert carry_out(StartRecording("desk"), control, inbox) == {"folder": "recordings/desk"}
+    inbox: CommandQueue[Command] = CommandQueue()
+    deck = RecordingRecorder()
+    control = Control(OdomFrame(), ScriptedCamera(), inbox, deck)
+    assert carry_out(StartRecordingCommand("desk"), control, inbox) == {"folder": "recordings/desk"}
     assert control.recording == "recordings/desk"
-    assert carry_out(StopRecording(), control, inbox) == {"folder": "recordings/desk"}
-    assert carry_out(SaveIncident(), control, inbox) == {"folder": "incidents/command"}
+    assert carry_out(StopRecordingCommand(), control, inbox) == {"folder": "recordings/desk"}
+    assert carry_out(SaveIncidentCommand(), control, inbox) == {"folder": "incidents/command"}
 
 
 def test_a_map_is_made_by_the_mapper() -> None:
-    inbox: Inbox[Command] = Inbox()
-    control = Control(PoseTracker(), ScriptedCamera(), inbox, mapper=Draughtsman())
+    inbox: CommandQueue[Command] = CommandQueue()
+    control = Control(OdomFrame(), ScriptedCamera(), inbox, mapper=RecordingMapper())
     expected = {"file": "maps/kitchen.ply", "keyframes": 12}
-    assert carry_out(SaveMap("kitchen"), control, inbox) == expected
-    assert control.map.saving == "maps/kitchen.ply"
+    assert carry_out(SaveMapCommand("kitchen"), control, inbox) == expected
+    assert control.map_state.saving == "maps/kitchen.ply"
 
 
 def test_a_reset_answers_with_the_new_epoch_and_a_pause_with_what_is() -> None:
-    inbox: Inbox[Command] = Inbox()
-    control = Control(PoseTracker(), ScriptedCamera(), inbox)
-    assert carry_out(Reset(), control, inbox) == {"epoch": 1}
-    assert carry_out(Pause(), control, inbox) == {"paused": True}
-    assert carry_out(Resume(), control, inbox) == {"paused": False}
+    inbox: CommandQueue[Command] = CommandQueue()
+    control = Control(OdomFrame(), ScriptedCamera(), inbox)
+    assert carry_out(ResetCommand(), control, inbox) == {"epoch": 1}
+    assert carry_out(PauseCommand(), control, inbox) == {"paused": True}
+    assert carry_out(ResumeCommand(), control, inbox) == {"paused": False}
 
 
 def test_what_changed_in_the_configuration_is_applied_and_a_refusal_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    inbox: Inbox[Command] = Inbox()
-    camera, bare = Head(), ScriptedCamera()
-    appliers: Appliers = {
+    inbox: CommandQueue[Command] = CommandQueue()
+    camera, bare = ScriptedMotorCamera(), ScriptedCamera()
+    appliers: ConfigHandlers = {
         "sensor.led": lambda config: camera.set_led(config.sensor.led),
         "sensor.tilt_deg": lambda config: bare.set_tilt_deg(0.0),
     }
-    control = Control(PoseTracker(), camera, inbox)
-    wanted = replace(Config(), sensor=SensorSettings(led=Led.RED))
+    control = Control(OdomFrame(), camera, inbox)
+    wanted = replace(Config(), sensor=SensorConfig(led=Led.RED))
     live = ("sensor.tilt_deg", "sensor.led")
     assert (
         carry_out(
-            Reconfigure(partial(apply_changes, Changes(wanted, live), appliers)), control, inbox
+            ReloadConfig(partial(apply_changes, ConfigChanges(wanted, live), appliers)),
+            control,
+            inbox,
         )
         == {}
     )

@@ -9,17 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.sensor_settings import Led
-from vo_service.control.commands import COMMAND_NAMES, LARGEST_PAYLOAD_BYTES, parse_command
+from vo_service.control.commands import COMMAND_NAMES, MAX_PAYLOAD_BYTES, parse_command
 from vo_service.types import (
     CommandError,
     ErrorCode,
-    Light,
-    LoadMap,
-    Pause,
-    Reset,
-    SaveMap,
-    StartRecording,
-    Tilt,
+    LedCommand,
+    LoadMapCommand,
+    PauseCommand,
+    ResetCommand,
+    SaveMapCommand,
+    StartRecordingCommand,
+    TiltCommand,
 )
 
 
@@ -34,22 +34,22 @@ def of(**arguments: Any) -> bytes:
 
 
 def test_commands_without_arguments_need_no_payload() -> None:
-    assert parse_command("pause", b"") == Pause()
-    assert parse_command("pause", b"{}") == Pause()
-    assert parse_command("reset", b"") == Reset()
+    assert parse_command("pause", b"") == PauseCommand()
+    assert parse_command("pause", b"{}") == PauseCommand()
+    assert parse_command("reset", b"") == ResetCommand()
 
 
 def test_arguments_are_read() -> None:
-    assert parse_command("tilt", of(tilt_deg=-5)) == Tilt(-5.0)
-    assert parse_command("led", of(led="red")) == Light(Led.RED)
-    assert parse_command("start-recording", of(name="desk-1")) == StartRecording("desk-1")
-    assert parse_command("save-map", of(name="kitchen")) == SaveMap("kitchen")
-    assert parse_command("load-map", of(name="kitchen")) == LoadMap("kitchen")
+    assert parse_command("tilt", of(tilt_deg=-5)) == TiltCommand(-5.0)
+    assert parse_command("led", of(led="red")) == LedCommand(Led.RED)
+    assert parse_command("start-recording", of(name="desk-1")) == StartRecordingCommand("desk-1")
+    assert parse_command("save-map", of(name="kitchen")) == SaveMapCommand("kitchen")
+    assert parse_command("load-map", of(name="kitchen")) == LoadMapCommand("kitchen")
 
 
 def test_a_reset_may_say_where_the_base_is() -> None:
     command = parse_command("reset", of(position_m=[1, 2, 3], quaternion_xyzw=[0, 0, 1, 0]))
-    assert isinstance(command, Reset)
+    assert isinstance(command, ResetCommand)
     assert command.T_odom_base is not None
     np.testing.assert_allclose(command.T_odom_base[:3, 3], [1, 2, 3])
     np.testing.assert_allclose(np.diag(command.T_odom_base), [-1, -1, 1, 1], atol=1e-12)
@@ -93,7 +93,7 @@ def test_an_unknown_command_is_told_the_known_ones() -> None:
 
 
 def test_an_oversize_payload_is_not_even_read() -> None:
-    assert "too many" in str(refusal("pause", b" " * (LARGEST_PAYLOAD_BYTES + 1)))
+    assert "too many" in str(refusal("pause", b" " * (MAX_PAYLOAD_BYTES + 1)))
 
 
 JSON = st.recursive(

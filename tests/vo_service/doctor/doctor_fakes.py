@@ -5,21 +5,23 @@ from pathlib import Path
 from typing import Any
 
 from drivers.camera import CameraCounters
-from drivers.kinect_usb.ids import Model, Role
-from vo_service.doctor.checks import wanted_by
-from vo_service.doctor.context import Context, Machine
+from drivers.kinect_usb.ids import SensorModel, UsbRole
+from vo_service.doctor.checks import requested_sensor_for
+from vo_service.doctor.context import CheckContext, SystemPaths
 from vo_service.doctor.usb_facts import UsbPart, UsbSensor
-from vo_service.doctor.watch import Sample, Watched
+from vo_service.doctor.watch import FrameSample, StreamSample
 
 PERIOD_S = 1 / 30
 
 
-def sensor(model: Model = Model.K1414, address: int = 4, **facts: Any) -> UsbSensor:
+def make_sensor(
+    model: SensorModel = SensorModel.K1414, address: int = 4, **facts: Any
+) -> UsbSensor:
     """A sensor on bus 1, where nothing is wrong but `facts`."""
     defaults: dict[str, Any] = {
         "is_supported": True,
-        "camera": UsbPart("045e:02ae", Role.CAMERA, 1, address),
-        "others": (UsbPart("045e:02ad", Role.AUDIO, 1, address + 1),),
+        "camera": UsbPart("045e:02ae", UsbRole.CAMERA, 1, address),
+        "others": (UsbPart("045e:02ad", UsbRole.AUDIO, 1, address + 1),),
         "where": "bus 1 port 2.1",
         "speed_mbit_s": 480.0,
         "kernel_driver": False,
@@ -27,7 +29,7 @@ def sensor(model: Model = Model.K1414, address: int = 4, **facts: Any) -> UsbSen
     return UsbSensor(model=model, **(defaults | facts))
 
 
-def samples(count: int = 60, **changes: Callable[[int], Any]) -> tuple[Sample, ...]:
+def make_samples(count: int = 60, **changes: Callable[[int], Any]) -> tuple[FrameSample, ...]:
     """Frames of a good camera; ``skew_s=lambda k: ...`` changes one thing of frame k."""
     good: dict[str, Callable[[int], Any]] = {
         "seq": lambda k: k,
@@ -38,34 +40,43 @@ def samples(count: int = 60, **changes: Callable[[int], Any]) -> tuple[Sample, .
         "gravity_m_s2": lambda k: (0.0, 9.81, 0.0),
     }
     made = good | changes
-    return tuple(Sample(**{name: make(k) for name, make in made.items()}) for k in range(count))
+    return tuple(
+        FrameSample(**{name: make(k) for name, make in made.items()}) for k in range(count)
+    )
 
 
-def watched(frames: Sequence[Sample] | None = None, trouble: str = "", **counters: int) -> Watched:
+def make_capture(
+    frames: Sequence[FrameSample] | None = None, trouble: str = "", **counters: int
+) -> StreamSample:
     """What a good camera delivered, but for what is given."""
-    found = samples() if frames is None else tuple(frames)
-    return Watched(
+    found = make_samples() if frames is None else tuple(frames)
+    return StreamSample(
         samples=found,
         size=(640, 480) if found else None,
         first_frame_s=1.2 if found else None,
         counters=CameraCounters(delivered=len(found), **counters),
         intrinsics_source="factory",
-        trouble=trouble,
+        error=trouble,
     )
 
 
-def context(
+def make_context(
     sensors: Iterable[UsbSensor] = (),
-    seen: Watched | None = None,
+    seen: StreamSample | None = None,
     root: Path = Path("/nowhere"),
     source: str = "freenect",
-) -> Context:
+) -> CheckContext:
     """A machine with these sensors; its files are under `root`."""
     there = tuple(sensors)
-    return Context(Machine(root), wanted_by(source), lambda: there, lambda: seen or watched())
+    return CheckContext(
+        SystemPaths(root),
+        requested_sensor_for(source),
+        lambda: there,
+        lambda: seen or make_capture(),
+    )
 
 
-def usb_device(root: Path, path: str, busnum: int, devnum: int, **attributes: str) -> Path:
+def make_usb_device(root: Path, path: str, busnum: int, devnum: int, **attributes: str) -> Path:
     """A device in a folder laid out like /sys; the folder of the device.
 
     `path` is from the controller on, such as "0000:00:14.0/usb1/1-2".
@@ -81,7 +92,7 @@ def usb_device(root: Path, path: str, busnum: int, devnum: int, **attributes: st
     return folder
 
 
-def interface(device: Path, number: int, interface_class: str, driver: str = "") -> Path:
+def make_usb_interface(device: Path, number: int, interface_class: str, driver: str = "") -> Path:
     """An interface of a device, bound to a kernel driver or to none; its folder."""
     folder = device / f"{device.name}:1.{number}"
     folder.mkdir()

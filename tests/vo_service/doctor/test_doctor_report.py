@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError, UserFacingError
-from tests.vo_service.doctor.doctor_fakes import interface, usb_device
-from vo_service.doctor.computer import output_of, usb_listing, versions
-from vo_service.doctor.report import report_to
+from tests.vo_service.doctor.doctor_fakes import make_usb_device, make_usb_interface
+from vo_service.doctor.computer import collect_versions, format_usb_listing, run_and_capture
+from vo_service.doctor.report import open_bug_report
 
 
 def members(file: Path) -> set[str]:
@@ -29,7 +29,7 @@ def text_of(file: Path, name: str) -> str:
 def test_a_report_holds_what_was_put_in_and_says_its_size(tmp_path: Path) -> None:
     file = tmp_path / "kinect.tar.gz"
     (tmp_path / "my.toml").write_text("schema = 1\n")
-    with report_to(file) as report:
+    with open_bug_report(file) as report:
         report.add_json("doctor.json", {"verdict": "pass"})
         report.add_copy(tmp_path / "my.toml")
         size = report.pack()
@@ -45,7 +45,7 @@ def test_the_log_is_detailed_in_the_report_alone(
     before = root.level
     root.addHandler(console)
     try:
-        with report_to(tmp_path / "kinect.tar.gz") as report:
+        with open_bug_report(tmp_path / "kinect.tar.gz") as report:
             logging.getLogger("drivers.freenect").debug("a detail")
             logging.getLogger("numba.core").debug("a foreign detail")
             report.pack()
@@ -60,13 +60,13 @@ def test_the_log_is_detailed_in_the_report_alone(
 
 def test_a_report_that_fails_leaves_nothing_behind(tmp_path: Path) -> None:
     with pytest.raises(UserFacingError, match="nothing was left behind"), \
-            report_to(tmp_path / "kinect.tar.gz"):  # fmt: skip
+            open_bug_report(tmp_path / "kinect.tar.gz"):  # fmt: skip
         raise OSError(28, "No space left on device")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_interrupted_report_leaves_nothing_behind(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), report_to(tmp_path / "kinect.tar.gz"):
+    with pytest.raises(KeyboardInterrupt), open_bug_report(tmp_path / "kinect.tar.gz"):
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
 
@@ -83,33 +83,33 @@ def test_a_file_that_cannot_be_is_refused_at_once(
     tmp_path: Path, name: str, complaint: str
 ) -> None:
     (tmp_path / "there.tar.gz").write_text("")
-    with pytest.raises(InputError, match=complaint), report_to(tmp_path / name):
+    with pytest.raises(InputError, match=complaint), open_bug_report(tmp_path / name):
         pass
 
 
 @pytest.mark.subprocess
 def test_the_versions_name_what_matters() -> None:
-    found = versions()
+    found = collect_versions()
     assert {"kinect-vo", "python", "os", "kernel", "numpy", "libfreenect0.5"} <= found.keys()
     assert found["numpy"]
 
 
 def test_the_usb_listing_has_speed_controller_and_driver(tmp_path: Path) -> None:
-    device = usb_device(
+    device = make_usb_device(
         tmp_path, "0000:00:14.0/usb1/1-2", 1, 4, product="Xbox NUI Camera", speed="480"
     )
-    interface(device, 0, "ff", "gspca_kinect")
-    line = usb_listing(tmp_path)
+    make_usb_interface(device, 0, "ff", "gspca_kinect")
+    line = format_usb_listing(tmp_path)
     assert "bus   1 device   4" in line
     assert "480 Mbit/s  controller 0000:00:14.0  Xbox NUI Camera" in line
     assert line.endswith("drivers gspca_kinect\n")
 
 
 def test_a_kernel_without_usb_is_said(tmp_path: Path) -> None:
-    assert usb_listing(tmp_path) == "the kernel shows no USB devices here\n"
+    assert format_usb_listing(tmp_path) == "the kernel shows no USB devices here\n"
 
 
 @pytest.mark.subprocess
 def test_a_command_that_is_not_there_says_nothing() -> None:
-    assert output_of(["no-such-command-here"]) == ""
-    assert output_of(["false"]) == ""
+    assert run_and_capture(["no-such-command-here"]) == ""
+    assert run_and_capture(["false"]) == ""

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import pytest
 
-from tests.vo_service.doctor.doctor_fakes import context, sensor, watched
+from tests.vo_service.doctor.doctor_fakes import make_capture, make_context, make_sensor
 from vo_service.doctor.checks import checks_for
-from vo_service.doctor.context import Context
-from vo_service.doctor.finding import Finding, Verdict, failed, passed, warned
-from vo_service.doctor.printer import Printer
-from vo_service.doctor.runner import Result, as_json, results, verdict
-from vo_service.doctor.usb_facts import Refusal
+from vo_service.doctor.context import CheckContext
+from vo_service.doctor.finding import CheckVerdict, Finding, failed, passed, warned
+from vo_service.doctor.printer import FindingPrinter
+from vo_service.doctor.runner import CheckResult, diagnosis_as_json, overall_verdict, run_checks
+from vo_service.doctor.usb_facts import OpenError
 
 LONG = "one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen"
 
@@ -28,7 +28,7 @@ class FixedCheck:
     finding: Finding
     needs: tuple[str, ...] = ()
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
         return self.finding
 
@@ -39,12 +39,12 @@ class UnreadableCheck:
     name = "unreadable"
     needs: tuple[str, ...] = ()
 
-    def run(self, context: Context) -> Finding:
+    def run(self, context: CheckContext) -> Finding:
         """See `Check`."""
         raise PermissionError(13, "Permission denied", "/proc/1/fd")
 
 
-class Screen(io.StringIO):
+class FakeTerminal(io.StringIO):
     """A terminal of a given encoding."""
 
     def __init__(self, encoding: str = "utf-8", is_terminal: bool = True) -> None:
@@ -67,17 +67,17 @@ def quiet(name: str) -> Iterator[None]:
     yield
 
 
-def run(*checks: FixedCheck) -> list[Result]:
+def run(*checks: FixedCheck) -> list[CheckResult]:
     """What these checks come to."""
-    return list(results(checks, context(), quiet))
+    return list(run_checks(checks, make_context(), quiet))
 
 
-def shown(screen: Screen, found: list[Result]) -> str:
+def shown(screen: FakeTerminal, found: list[CheckResult]) -> str:
     """What a person sees."""
-    printer = Printer(screen, [result.name for result in found])
+    printer = FindingPrinter(screen, [result.name for result in found])
     for result in found:
-        printer.result(result)
-    printer.conclusion(found)
+        printer.print_result(result)
+    printer.print_conclusion(found)
     return screen.getvalue()
 
 
@@ -98,23 +98,23 @@ def test_what_needs_a_failed_check_is_not_run_and_names_the_first_cause() -> Non
     found = run(GOOD, BAD, DEPENDENT, LAST)
     assert [result.finding.verdict for result in found] == ["pass", "fail", "skipped", "skipped"]
     assert [result.finding.text for result in found[2:]] == ["since usb speed failed"] * 2
-    assert verdict(found) is Verdict.FAIL
+    assert overall_verdict(found) is CheckVerdict.FAIL
 
 
 def test_a_warning_stops_nothing() -> None:
     found = run(FixedCheck("sensor", warned("hm", "do this")), DEPENDENT)
-    assert found[1].finding.verdict is Verdict.PASS
-    assert verdict(found) is Verdict.PASS
+    assert found[1].finding.verdict is CheckVerdict.PASS
+    assert overall_verdict(found) is CheckVerdict.PASS
 
 
 def test_a_file_that_cannot_be_read_leaves_one_answer_open() -> None:
-    (found,) = results([UnreadableCheck()], context(), quiet)
-    assert found.finding.verdict is Verdict.UNKNOWN
+    (found,) = run_checks([UnreadableCheck()], make_context(), quiet)
+    assert found.finding.verdict is CheckVerdict.UNKNOWN
     assert "/proc/1/fd" in found.finding.text
 
 
 def test_the_json_has_every_check_under_the_same_keys() -> None:
-    diagnosis = json.loads(json.dumps(as_json("freenect", run(GOOD, BAD, DEPENDENT))))
+    diagnosis = json.loads(json.dumps(diagnosis_as_json("freenect", run(GOOD, BAD, DEPENDENT))))
     assert (diagnosis["schema"], diagnosis["camera"], diagnosis["verdict"]) == (
         1, "freenect", "fail",
     )  # fmt: skip
@@ -134,23 +134,25 @@ def test_a_camera_without_permission_is_not_opened() -> None:
     def watch() -> object:
         raise AssertionError("it must not be opened")
 
-    machine = context([sensor(refusal=Refusal.PERMISSION)])
-    machine._watch = watch  # type: ignore[assignment]
-    found = list(results(checks_for("freenect")[1:], machine, quiet))
-    skipped = {result.name for result in found if result.finding.verdict is Verdict.SKIPPED}
+    machine = make_context([make_sensor(refusal=OpenError.PERMISSION)])
+    machine._probe_stream = watch  # type: ignore[assignment]
+    found = list(run_checks(checks_for("freenect")[1:], machine, quiet))
+    skipped = {result.name for result in found if result.finding.verdict is CheckVerdict.SKIPPED}
     assert {"sole-use", "first-frames", "frame-rate", "gravity"} <= skipped
 
 
 @pytest.mark.subprocess
 @pytest.mark.usefixtures("real_libfreenect")
 def test_a_good_machine_passes_every_check() -> None:
-    found = list(results(checks_for("freenect"), context([sensor()], watched()), quiet))
-    assert verdict(found) is Verdict.PASS
+    found = list(
+        run_checks(checks_for("freenect"), make_context([make_sensor()], make_capture()), quiet)
+    )
+    assert overall_verdict(found) is CheckVerdict.PASS
     assert "skipped" not in [result.finding.verdict for result in found]
 
 
 def test_lines_are_aligned_and_the_fix_is_below() -> None:
-    assert shown(Screen(), run(GOOD, BAD, DEPENDENT, LAST)) == (
+    assert shown(FakeTerminal(), run(GOOD, BAD, DEPENDENT, LAST)) == (
         "  ✓ sensor        Kinect 1414\n"
         "  ✗ usb speed     12 Mbit/s\n"
         "                  fix: use another port\n"
@@ -162,7 +164,7 @@ def test_lines_are_aligned_and_the_fix_is_below() -> None:
 
 def test_a_terminal_gets_no_line_that_is_too_long() -> None:
     found = run(FixedCheck("sensor", failed(LONG, LONG)))
-    lines = shown(Screen(), found).splitlines()
+    lines = shown(FakeTerminal(), found).splitlines()
     assert len(lines) > 6
     assert max(len(line) for line in lines) <= 64
     assert lines[1].startswith(" " * 17)
@@ -170,24 +172,24 @@ def test_a_terminal_gets_no_line_that_is_too_long() -> None:
 
 def test_a_log_keeps_each_check_on_one_line() -> None:
     found = run(FixedCheck("sensor", failed(LONG, LONG)))
-    assert LONG in shown(Screen(is_terminal=False), found).splitlines()[0]
+    assert LONG in shown(FakeTerminal(is_terminal=False), found).splitlines()[0]
 
 
 def test_a_stream_without_unicode_gets_plain_marks() -> None:
-    text = shown(Screen("ascii"), run(GOOD, BAD, FixedCheck("gravity", passed("9.81 m/s²"))))
+    text = shown(FakeTerminal("ascii"), run(GOOD, BAD, FixedCheck("gravity", passed("9.81 m/s²"))))
     assert "  + sensor" in text
     assert "  x usb speed" in text
     assert text.isascii()
 
 
 def test_colours_are_for_terminals_that_want_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "\x1b[" not in shown(Screen(), run(BAD))
+    assert "\x1b[" not in shown(FakeTerminal(), run(BAD))
     monkeypatch.setitem(os.environ, "NO_COLOR", "")
-    assert "\x1b[31m" in shown(Screen(), run(BAD))
-    assert "\x1b[" not in shown(Screen(is_terminal=False), run(BAD))
+    assert "\x1b[31m" in shown(FakeTerminal(), run(BAD))
+    assert "\x1b[" not in shown(FakeTerminal(is_terminal=False), run(BAD))
 
 
 def test_the_conclusion_names_what_to_look_at() -> None:
-    assert shown(Screen(), run(GOOD)).endswith("\nall is well\n")
+    assert shown(FakeTerminal(), run(GOOD)).endswith("\nall is well\n")
     hm = FixedCheck("lost-packets", warned("3", "another port"))
-    assert shown(Screen(), run(GOOD, hm)).endswith("\nit works; look at lost packets\n")
+    assert shown(FakeTerminal(), run(GOOD, hm)).endswith("\nit works; look at lost packets\n")

@@ -8,20 +8,20 @@ import pytest
 from drivers.camera import (
     CameraCounters,
     CameraState,
+    CameraStatus,
     Clock,
-    Condition,
     EndOfStream,
-    NoFrameYet,
+    FrameTimeout,
     RgbdCamera,
     RgbdFrame,
 )
 from drivers.errors import CameraError, CameraLostError, InputError
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.doctor import watch as watching
-from vo_service.doctor.watch import watch
+from vo_service.doctor.watch import probe_stream
 
 
-class ScriptedCamera(RgbdCamera):
+class SampledCamera(RgbdCamera):
     """Delivers frames and raises errors in the order given; then it is silent for ever."""
 
     name = "scripted"
@@ -38,7 +38,7 @@ class ScriptedCamera(RgbdCamera):
 
     def read(self, timeout_s: float) -> RgbdFrame:
         """See `RgbdCamera`."""
-        item = next(self._script, NoFrameYet())
+        item = next(self._script, FrameTimeout())
         if isinstance(item, Exception):
             raise item
         return item
@@ -53,12 +53,12 @@ class ScriptedCamera(RgbdCamera):
         return CameraCounters(lost_packets=7)
 
     @property
-    def condition(self) -> Condition:
+    def status(self) -> CameraStatus:
         """See `RgbdCamera`."""
-        return Condition(CameraState.OPENING, self._reason)
+        return CameraStatus(CameraState.OPENING, self._reason)
 
 
-class ShutCamera(ScriptedCamera):
+class UnopenableCamera(SampledCamera):
     """Cannot be opened."""
 
     def open(self) -> None:
@@ -76,46 +76,51 @@ def little_patience(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def frame() -> RgbdFrame:
     """Any frame."""
-    return view_of_a_corner(np.eye(4))
+    return render_corner(np.eye(4))
 
 
 def test_frames_are_measured_and_kept(frame: RgbdFrame) -> None:
     kept: list[RgbdFrame] = []
-    seen = watch(ScriptedCamera(frame, frame, EndOfStream()), 5.0, kept.append)
+    seen = probe_stream(SampledCamera(frame, frame, EndOfStream()), 5.0, kept.append)
     assert (len(seen.samples), kept) == (2, [frame, frame])
     assert seen.size == (frame.camera.width, frame.camera.height)
     assert seen.samples[0].stamp_s == frame.stamp_s
-    assert (seen.trouble, seen.counters.lost_packets) == ("", 7)
+    assert (seen.error, seen.counters.lost_packets) == ("", 7)
 
 
 def test_watching_ends_when_the_time_is_up(frame: RgbdFrame) -> None:
-    seen = watch(ScriptedCamera(*[frame] * 3, NoFrameYet(), *[frame] * 1000), 1e-9, lambda _: None)
-    assert (len(seen.samples), seen.trouble) == (1, "")
+    seen = probe_stream(
+        SampledCamera(*[frame] * 3, FrameTimeout(), *[frame] * 1000), 1e-9, lambda _: None
+    )
+    assert (len(seen.samples), seen.error) == (1, "")
 
 
 def test_a_camera_that_cannot_be_opened_says_why() -> None:
-    seen = watch(ShutCamera(), 5.0, lambda _: None)
-    assert (seen.samples, seen.trouble) == ((), "in use; close the other program")
+    seen = probe_stream(UnopenableCamera(), 5.0, lambda _: None)
+    assert (seen.samples, seen.error) == ((), "in use; close the other program")
 
 
 def test_a_camera_that_is_lost_says_why(frame: RgbdFrame) -> None:
-    camera = ScriptedCamera(frame, CameraLostError("unplugged; plug it in again"))
-    seen = watch(camera, 5.0, lambda _: None)
-    assert (len(seen.samples), seen.trouble) == (1, "unplugged; plug it in again")
+    camera = SampledCamera(frame, CameraLostError("unplugged; plug it in again"))
+    seen = probe_stream(camera, 5.0, lambda _: None)
+    assert (len(seen.samples), seen.error) == (1, "unplugged; plug it in again")
     assert not camera.is_open
 
 
 def test_a_silent_camera_is_given_up_with_its_reason() -> None:
-    camera = ScriptedCamera(reason="the driver hung while opening the camera")
-    assert watch(camera, 5.0, lambda _: None).trouble == "the driver hung while opening the camera"
+    camera = SampledCamera(reason="the driver hung while opening the camera")
+    assert (
+        probe_stream(camera, 5.0, lambda _: None).error
+        == "the driver hung while opening the camera"
+    )
 
 
 def test_a_silent_camera_without_a_reason_is_given_up() -> None:
-    assert watch(ScriptedCamera(), 5.0, lambda _: None).trouble == "no frame within 0.05 s"
+    assert probe_stream(SampledCamera(), 5.0, lambda _: None).error == "no frame within 0.05 s"
 
 
 def test_what_the_user_gave_is_not_the_cameras_fault() -> None:
-    camera = ScriptedCamera(InputError("desk: no such folder"))
+    camera = SampledCamera(InputError("desk: no such folder"))
     with pytest.raises(InputError, match="no such folder"):
-        watch(camera, 5.0, lambda _: None)
+        probe_stream(camera, 5.0, lambda _: None)
     assert not camera.is_open

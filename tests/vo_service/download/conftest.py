@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.vo_service.commands.command_line import Outcome, call
-from tests.vo_service.download.web_server import WebServer, packed, serving
+from tests.vo_service.commands.command_line import CommandResult, run_in_process
+from tests.vo_service.download.web_server import WebServer, pack_folder, running_server
 from vo_service.download import transfer
 
-Download = Callable[..., Outcome]
+Download = Callable[..., CommandResult]
 NAME = "fr1/xyz"
 FOLDER = "rgbd_dataset_freiburg1_xyz"
 
@@ -18,7 +18,7 @@ FOLDER = "rgbd_dataset_freiburg1_xyz"
 @pytest.fixture(scope="session")
 def archive(recording: Path) -> bytes:
     """A recording as the benchmark packs it."""
-    return packed(recording, FOLDER)
+    return pack_folder(recording, FOLDER)
 
 
 @pytest.fixture(autouse=True)
@@ -30,7 +30,7 @@ def direct_and_quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def server(archive: bytes) -> Iterator[WebServer]:
-    with serving(archive) as site:
+    with running_server(archive) as site:
         yield site
 
 
@@ -42,9 +42,9 @@ def output(tmp_path: Path) -> Path:
 @pytest.fixture
 def download(server: WebServer, output: Path, capfd: pytest.CaptureFixture[str]) -> Download:
     """The command, as a user gives it."""
-    return partial(call, capfd, "download", "--mirror", server.url, "--output", output)
+    return partial(run_in_process, capfd, "download", "--mirror", server.url, "--output", output)
 
 
-def hidden(output: Path) -> list[str]:
+def hidden_files(output: Path) -> list[str]:
     """What lies about in the output folder besides sequences."""
     return sorted(path.name for path in output.iterdir() if path.name.startswith("."))

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera_file import KNOWN_CAMERAS, camera_of_folder
+from drivers.camera_file import TUM_CALIBRATIONS, find_calibration
 from drivers.errors import InputError
-from vo_service.download.catalogue import HOST, SEQUENCES, find
+from vo_service.download.catalogue import BENCHMARK_URL, SEQUENCES, find_sequence
 
 
 @pytest.mark.parametrize(
@@ -13,26 +13,29 @@ from vo_service.download.catalogue import HOST, SEQUENCES, find
      "rgbd_dataset_freiburg1_xyz", "rgbd_dataset_freiburg1_xyz.tgz"],
 )  # fmt: skip
 def test_a_name_may_be_spelt_in_any_usual_way(name: str) -> None:
-    assert find(name).name == "fr1/xyz"
+    assert find_sequence(name).name == "fr1/xyz"
 
 
 def test_each_name_finds_its_sequence_whose_folder_tells_its_camera(tmp_path: Path) -> None:
     assert len(SEQUENCES) == len({sequence.name for sequence in SEQUENCES}) == 80
     for sequence in SEQUENCES:
-        assert find(sequence.name) is find(sequence.folder) is sequence
-        known = camera_of_folder(tmp_path / sequence.folder, None)
-        assert known is KNOWN_CAMERAS[sequence.camera]
+        assert find_sequence(sequence.name) is find_sequence(sequence.folder) is sequence
+        known = find_calibration(tmp_path / sequence.folder, None)
+        assert known is TUM_CALIBRATIONS[sequence.camera]
 
 
 def test_an_address_is_laid_out_as_the_benchmarks() -> None:
     path = "freiburg2/rgbd_dataset_freiburg2_desk.tgz"
-    assert find("fr2/desk").url(HOST) == f"https://cvg.cit.tum.de/rgbd/dataset/{path}"
-    assert find("fr2/desk").url("http://mirror/tum/") == f"http://mirror/tum/{path}"
+    assert (
+        find_sequence("fr2/desk").url(BENCHMARK_URL)
+        == f"https://cvg.cit.tum.de/rgbd/dataset/{path}"
+    )
+    assert find_sequence("fr2/desk").url("http://mirror/tum/") == f"http://mirror/tum/{path}"
 
 
 def test_only_the_validation_files_lack_a_ground_truth() -> None:
-    assert sum(sequence.has_truth for sequence in SEQUENCES) == 47
-    assert not find("fr3/walking_xyz_validation").has_truth
+    assert sum(sequence.has_ground_truth for sequence in SEQUENCES) == 47
+    assert not find_sequence("fr3/walking_xyz_validation").has_ground_truth
 
 
 @pytest.mark.parametrize(
@@ -42,5 +45,5 @@ def test_only_the_validation_files_lack_a_ground_truth() -> None:
 )  # fmt: skip
 def test_an_unknown_name_gets_those_near_it(name: str, told: str) -> None:
     with pytest.raises(InputError) as caught:
-        find(name)
+        find_sequence(name)
     assert told in str(caught.value)

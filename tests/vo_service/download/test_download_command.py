@@ -9,18 +9,18 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.tum.folder import open_folder
+from drivers.tum.folder import open_tum_folder
 from tests.conftest import FRAMES
-from tests.full_disk import files_up_to
-from tests.preloaded import KINECT_VO, Preloaded
-from tests.vo_service.download.conftest import FOLDER, NAME, Download, hidden
+from tests.full_disk import limit_file_size
+from tests.preloaded import KINECT_VO, ForkedProcess
+from tests.vo_service.download.conftest import FOLDER, NAME, Download, hidden_files
 from tests.vo_service.download.web_server import (
-    Request,
+    RequestHandler,
     WebServer,
 )
 from tests.waiting import wait_until
 from vo_service.download import partial_file
-from vo_service.download.meter import Meter
+from vo_service.download.meter import DownloadProgress
 from vo_service.terminal import Terminal
 
 
@@ -30,10 +30,10 @@ def test_a_sequence_is_in_its_folder_and_can_be_replayed(
     outcome = download(NAME)
     assert (outcome.code, outcome.err, outcome.out) == (0, "", f"{output / FOLDER}\n")
     assert server.paths == ["/tum/freiburg1/rgbd_dataset_freiburg1_xyz.tgz"]
-    assert hidden(output) == []
+    assert hidden_files(output) == []
     names = {path.relative_to(recording) for path in recording.rglob("*")}
     assert {path.relative_to(output / FOLDER) for path in (output / FOLDER).rglob("*")} == names
-    assert len(open_folder(output / FOLDER, None).frames.pairs) == FRAMES
+    assert len(open_tum_folder(output / FOLDER, None).frames.pairs) == FRAMES
 
 
 def test_one_that_is_there_already_is_left_alone(download: Download, server: WebServer) -> None:
@@ -47,7 +47,7 @@ def test_one_that_is_there_already_is_left_alone(download: Download, server: Web
 def test_a_full_disk_keeps_what_has_come(
     download: Download, server: WebServer, output: Path
 ) -> None:
-    with files_up_to(1000):
+    with limit_file_size(1000):
         outcome = download(NAME)
     assert outcome.code == 1
     assert f"{output}: the disk is full" in outcome.err
@@ -89,14 +89,14 @@ def test_two_at_once_do_not_mix(download: Download, server: WebServer, output: P
 def test_an_interruption_is_at_once_and_keeps_what_has_come(
     server: WebServer, output: Path, number: signal.Signals, code: int
 ) -> None:
-    def slow(request: Request) -> None:
-        request.begin(200, Content_Length=len(server.content), ETag=server.etag)
-        request.send(server.content[:1000])
+    def slow(request: RequestHandler) -> None:
+        request.start_response(200, Content_Length=len(server.content), ETag=server.etag)
+        request.send_body(server.content[:1000])
         request.rfile.read(1)
 
     server.answers = [slow]
     command = [*KINECT_VO, "download", NAME, "--mirror", server.url, "--output", str(output)]
-    with Preloaded(command, stderr=subprocess.PIPE, text=True) as process:
+    with ForkedProcess(command, stderr=subprocess.PIPE, text=True) as process:
         part = output / f".{FOLDER}.tgz.part"
         wait_until(lambda: part.exists() and part.stat().st_size == 1000)
         process.send_signal(number)
@@ -110,7 +110,7 @@ def test_what_a_killed_one_was_unpacking_is_cleared_away(download: Download, out
     remains.mkdir(parents=True)
     (remains / "half").write_text("a file")
     assert download(NAME).code == 0
-    assert hidden(output) == []
+    assert hidden_files(output) == []
 
 
 def test_nothing_is_asked_of_anybody_for_a_name_that_is_wrong(
@@ -151,9 +151,9 @@ class _Screen(io.StringIO):
 
 def test_a_person_sees_how_far_it_is_and_how_long_it_takes() -> None:
     screen, now_s = _Screen(), iter([0.0, 10.0, 10.0, 10.0, 20.0, 20.0, 30.0, 30.0])
-    meter = Meter(Terminal(screen), NAME, lambda: next(now_s))
-    meter.transfer(100_000_000, 400_000_000)
-    meter.transfer(200_000_000, 400_000_000)
+    meter = DownloadProgress(Terminal(screen), NAME, lambda: next(now_s))
+    meter.show_transfer(100_000_000, 400_000_000)
+    meter.show_transfer(200_000_000, 400_000_000)
     assert "fr1/xyz: 200 of 400 MB (50%), 10.0 MB/s, 20 s left" in screen.getvalue()
-    meter.unpacking(100, 400)
+    meter.show_unpacking(100, 400)
     assert screen.getvalue().endswith("fr1/xyz: unpacking (25%)")

@@ -9,18 +9,18 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import UserFacingError
-from tests.vo_service.commands.command_line import call
-from tests.vo_service.download.conftest import FOLDER, NAME, Download, hidden
+from tests.vo_service.commands.command_line import run_in_process
+from tests.vo_service.download.conftest import FOLDER, NAME, Download, hidden_files
 from tests.vo_service.download.web_server import (
-    Request,
+    RequestHandler,
     WebServer,
-    announcing,
     chunked,
     cut_off,
-    elsewhere,
-    plain,
-    serving,
-    status,
+    running_server,
+    serve_without_ranges,
+    serve_wrong_range,
+    status_only,
+    wrong_length,
 )
 from vo_service.download import transfer
 
@@ -49,7 +49,7 @@ def test_what_has_come_is_kept_for_the_next_time(
 def test_another_version_of_the_file_is_not_gone_on_with(
     download: Download, server: WebServer
 ) -> None:
-    server.answers = [cut_off(1000), *[status(503)] * 2]
+    server.answers = [cut_off(1000), *[status_only(503)] * 2]
     assert "503" in download(NAME).err
     server.etag = '"second"'
     assert download(NAME).code == 0
@@ -59,14 +59,14 @@ def test_another_version_of_the_file_is_not_gone_on_with(
 def test_the_beginning_from_another_mirror_is_not_gone_on_with(
     download: Download, server: WebServer, archive: bytes
 ) -> None:
-    server.answers = [cut_off(1000), *[status(503)] * 2]
+    server.answers = [cut_off(1000), *[status_only(503)] * 2]
     download(NAME)
-    with serving(archive) as other:
+    with running_server(archive) as other:
         assert download(NAME, "--mirror", other.url).code == 0
         assert other.asked == [""]
 
 
-@pytest.mark.parametrize("answer", [plain, elsewhere])
+@pytest.mark.parametrize("answer", [serve_without_ranges, serve_wrong_range])
 def test_a_server_that_does_not_go_on_begins_again(
     download: Download, server: WebServer, answer: object
 ) -> None:
@@ -84,7 +84,7 @@ def test_a_transfer_in_chunks_that_is_cut_off_is_no_end(
 
 
 def test_a_length_that_is_too_great_costs_nothing(download: Download, server: WebServer) -> None:
-    server.answers = [announcing(len(server.content) + 5)]
+    server.answers = [wrong_length(len(server.content) + 5)]
     assert download(NAME).code == 0
     assert server.asked == ["", f"bytes={len(server.content)}-"]
 
@@ -92,11 +92,11 @@ def test_a_length_that_is_too_great_costs_nothing(download: Download, server: We
 def test_a_length_that_is_too_small_is_a_damaged_archive(
     download: Download, server: WebServer, output: Path
 ) -> None:
-    server.answers = [announcing(5000)]
+    server.answers = [wrong_length(5000)]
     outcome = download(NAME)
     assert outcome.code == 1
     assert "the archive is damaged (" in outcome.err
-    assert hidden(output) == []
+    assert hidden_files(output) == []
 
 
 @pytest.mark.parametrize("at", [3, 2000, -5])
@@ -134,7 +134,7 @@ def test_a_digest_is_heeded(download: Download, archive: bytes) -> None:
 def test_an_error_of_the_server_is_told_at_once(
     download: Download, server: WebServer, output: Path, code: int, exit_code: int, told: str
 ) -> None:
-    server.answers = [status(code)]
+    server.answers = [status_only(code)]
     outcome = download(NAME)
     assert (outcome.code, outcome.err.count("\n"), len(server.asked)) == (exit_code, 1, 1)
     assert f"{server.url}/freiburg1/{FOLDER}.tgz: " in outcome.err
@@ -143,16 +143,16 @@ def test_an_error_of_the_server_is_told_at_once(
 
 
 def test_a_redirection_is_followed_but_not_to_files(download: Download, server: WebServer) -> None:
-    server.answers = [status(302, Location=f"{server.url}/other")]
+    server.answers = [status_only(302, Location=f"{server.url}/other")]
     assert download(NAME).code == 0
-    server.answers = [status(302, Location="file:///etc/passwd")]
+    server.answers = [status_only(302, Location="file:///etc/passwd")]
     outcome = download("fr1/rpy")
     assert (outcome.code, outcome.err.count("\n")) == (2, 1)
 
 
 def test_a_protected_connection_is_not_left_for_a_plain_one() -> None:
     request = urllib.request.Request("https://host/a.tgz")
-    redirects, headers = transfer._SafeRedirects(), Message()
+    redirects, headers = transfer._SafeRedirectHandler(), Message()
     where = "https://other/a.tgz"
     followed = redirects.redirect_request(request, io.BytesIO(), 302, "Found", headers, where)
     assert followed is not None
@@ -162,7 +162,9 @@ def test_a_protected_connection_is_not_left_for_a_plain_one() -> None:
 
 
 def test_no_network_is_told_in_one_line(output: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    outcome = call(capfd, "download", NAME, "--output", output, "--mirror", "http://127.0.0.1:1/x")
+    outcome = run_in_process(
+        capfd, "download", NAME, "--output", output, "--mirror", "http://127.0.0.1:1/x"
+    )
     assert (outcome.code, outcome.err.count("\n")) == (1, 1)
     assert "cannot be reached: Connection refused; look to the network" in outcome.err
 
@@ -170,9 +172,9 @@ def test_no_network_is_told_in_one_line(output: Path, capfd: pytest.CaptureFixtu
 def test_a_server_that_falls_silent_is_given_up(
     download: Download, server: WebServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def silent(request: Request) -> None:
-        request.begin(200, Content_Length=9999)
-        request.send(b"x")
+    def silent(request: RequestHandler) -> None:
+        request.start_response(200, Content_Length=9999)
+        request.send_body(b"x")
         request.rfile.read(1)  # until the other side has gone
 
     monkeypatch.setattr(transfer, "TIMEOUT_S", 0.2)

@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import UserFacingError
-from tests.full_disk import files_up_to
-from tests.vo_service.download.web_server import file_member, other_member, tgz
+from tests.full_disk import limit_file_size
+from tests.vo_service.download.web_server import make_file_member, make_special_member, make_tgz
 from vo_service.download import unpacking
 from vo_service.download.unpacking import (
     DamagedArchiveError,
@@ -33,9 +33,11 @@ def unpacked(data: bytes, tmp_path: Path) -> Path:
 
 
 def test_files_and_folders_are_what_they_were_but_for_owner_and_rights(tmp_path: Path) -> None:
-    member, content = file_member("a/b/c.txt", b"hello")
+    member, content = make_file_member("a/b/c.txt", b"hello")
     member.mode, member.uid = 0o7777, 12345
-    folder = unpacked(tgz(other_member("./a", tarfile.DIRTYPE), (member, content)), tmp_path)
+    folder = unpacked(
+        make_tgz(make_special_member("./a", tarfile.DIRTYPE), (member, content)), tmp_path
+    )
     assert (folder / "a/b/c.txt").read_bytes() == b"hello"
     state = (folder / "a/b/c.txt").stat()
     assert (state.st_mode & 0o7111, state.st_uid) == (0, os.getuid())
@@ -44,7 +46,7 @@ def test_files_and_folders_are_what_they_were_but_for_owner_and_rights(tmp_path:
 @pytest.mark.parametrize("name", ["../up", "a/../../up", "/etc/up", "a/../b", "..", "//up"])
 def test_what_points_outside_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(UnsafeArchiveError, match="outside its folder"):
-        unpacked(tgz(file_member(name)), tmp_path)
+        unpacked(make_tgz(make_file_member(name)), tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["archive", "in"]
 
 
@@ -57,14 +59,16 @@ def test_links_devices_and_unknown_things_are_refused(
     tmp_path: Path, kind: bytes, target: str
 ) -> None:
     with pytest.raises(UnsafeArchiveError, match="neither a file nor a folder"):
-        unpacked(tgz(other_member("a", kind, target), file_member("a/inside")), tmp_path)
+        unpacked(
+            make_tgz(make_special_member("a", kind, target), make_file_member("a/inside")), tmp_path
+        )
     assert list((tmp_path / "in").iterdir()) == []
 
 
 @pytest.mark.parametrize("second", ["a", "a/b", "./a"])
 def test_two_things_of_one_name_are_refused(tmp_path: Path, second: str) -> None:
     with pytest.raises(UnsafeArchiveError, match="twice"):
-        unpacked(tgz(file_member("a"), file_member(second)), tmp_path)
+        unpacked(make_tgz(make_file_member("a"), make_file_member(second)), tmp_path)
 
 
 @given(name=NAMES)
@@ -85,7 +89,7 @@ def test_whatever_the_names_nothing_is_written_outside(
 ) -> None:
     place = tmp_path_factory.mktemp("names")
     try:
-        folder = unpacked(tgz(*(file_member(name) for name in names)), place)
+        folder = unpacked(make_tgz(*(make_file_member(name) for name in names)), place)
     except UserFacingError:
         folder = place / "in"
     assert {path.name for path in place.iterdir()} == {"archive", "in"}
@@ -93,7 +97,7 @@ def test_whatever_the_names_nothing_is_written_outside(
 
 
 def tar(*members: tuple[tarfile.TarInfo, bytes]) -> bytes:
-    return gzip.decompress(tgz(*members))
+    return gzip.decompress(make_tgz(*members))
 
 
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -102,7 +106,7 @@ def test_a_header_of_nonsense_is_a_damaged_or_a_refused_archive_or_only_another_
     at: int, byte: int, sums: bool, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     """Any byte of two headers changed, with and without a checksum that agrees."""
-    data = bytearray(tar(file_member("a" * 101, b"y" * 512)))
+    data = bytearray(tar(make_file_member("a" * 101, b"y" * 512)))
     data[at] = byte
     for start in (0, 1024) if sums else ():
         header = data[start : start + 512]
@@ -115,20 +119,20 @@ def test_a_header_of_nonsense_is_a_damaged_or_a_refused_archive_or_only_another_
 
 
 def test_the_middle_cut_out_of_a_good_stream_is_damage(tmp_path: Path) -> None:
-    data = tar(file_member("a", b"1" * 512), file_member("b", b"2" * 512))
+    data = tar(make_file_member("a", b"1" * 512), make_file_member("b", b"2" * 512))
     with pytest.raises(DamagedArchiveError, match="a header cannot be read"):
         unpacked(gzip.compress(data[:1024] + b"?" * 512 + data[1536:]), tmp_path)
 
 
 @pytest.mark.parametrize("cut", [1, 8, 40, -1])
 def test_an_archive_that_ends_early_is_damaged(tmp_path: Path, cut: int) -> None:
-    data = tgz(file_member("a", os.urandom(5000)))
+    data = make_tgz(make_file_member("a", os.urandom(5000)))
     with pytest.raises(DamagedArchiveError):
         unpacked(data[: cut if cut > 0 else len(data) + cut], tmp_path)
 
 
 def test_a_checksum_that_is_wrong_is_damage_though_all_files_are_there(tmp_path: Path) -> None:
-    data = bytearray(tgz(file_member("a", b"1" * 512)))
+    data = bytearray(make_tgz(make_file_member("a", b"1" * 512)))
     data[-6] ^= 1
     with pytest.raises(DamagedArchiveError, match="CRC"):
         unpacked(bytes(data), tmp_path)
@@ -139,7 +143,7 @@ def test_an_archive_that_would_fill_the_disk_is_refused(
 ) -> None:
     monkeypatch.setattr(unpacking, "LEAST_BOUND", 1 << 18)
     with pytest.raises(UnsafeArchiveError, match="once unpacked"):
-        unpacked(tgz(file_member("a", bytes(1 << 20))), tmp_path)
+        unpacked(make_tgz(make_file_member("a", bytes(1 << 20))), tmp_path)
     assert sum(path.stat().st_size for path in (tmp_path / "in").iterdir()) <= 1 << 18
 
 
@@ -148,14 +152,14 @@ def test_an_archive_of_too_many_files_is_refused(
 ) -> None:
     monkeypatch.setattr(unpacking, "MOST_MEMBERS", 3)
     with pytest.raises(UnsafeArchiveError, match="more than 3 files"):
-        unpacked(tgz(*(file_member(name) for name in "abcd")), tmp_path)
+        unpacked(make_tgz(*(make_file_member(name) for name in "abcd")), tmp_path)
 
 
 def test_a_header_that_would_fill_the_memory_is_refused(tmp_path: Path) -> None:
     member = tarfile.TarInfo("a")
     member.pax_headers = {"comment": "x" * (1 << 17)}
     with pytest.raises(UnsafeArchiveError, match="a header of"):
-        unpacked(tgz((member, b"")), tmp_path)
+        unpacked(make_tgz((member, b"")), tmp_path)
 
 
 def of_negative_size(kind: bytes) -> bytes:
@@ -174,14 +178,14 @@ def test_a_negative_size_is_refused_whatever_the_header(tmp_path: Path, kind: by
         unpacked(gzip.compress(of_negative_size(kind)), tmp_path)
 
 
-@pytest.mark.parametrize("before", [(), (file_member("b"),)])
+@pytest.mark.parametrize("before", [(), (make_file_member("b"),)])
 def test_a_negative_size_in_an_extended_header_is_refused(
     tmp_path: Path, before: tuple[tuple[tarfile.TarInfo, bytes], ...]
 ) -> None:
     member = tarfile.TarInfo("a")
     member.pax_headers = {"size": "-512"}
     with pytest.raises(UnsafeArchiveError, match="'a', of -512 bytes"):
-        unpacked(tgz(*before, (member, b"")), tmp_path)
+        unpacked(make_tgz(*before, (member, b"")), tmp_path)
 
 
 def test_headers_without_end_are_damage(tmp_path: Path) -> None:
@@ -193,7 +197,7 @@ def test_headers_without_end_are_damage(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_told_and_nothing_is_taken_for_done(tmp_path: Path) -> None:
-    data = tgz(file_member("a", os.urandom(9000)))
+    data = make_tgz(make_file_member("a", os.urandom(9000)))
     (tmp_path / "archive").write_bytes(data)
-    with files_up_to(4096), pytest.raises(UserFacingError, match="the disk is full"):
+    with limit_file_size(4096), pytest.raises(UserFacingError, match="the disk is full"):
         unpack(tmp_path / "archive", tmp_path / "in", lambda done, total: None)

@@ -24,33 +24,33 @@ class WebServer:
         self.paths: list[str] = []
 
 
-class Request(BaseHTTPRequestHandler):
+class RequestHandler(BaseHTTPRequestHandler):
     site: WebServer
 
     def do_GET(self) -> None:
         self.site.asked.append(self.headers.get("Range", ""))
         self.site.paths.append(self.path)
-        answer = self.site.answers.pop(0) if self.site.answers else good
+        answer = self.site.answers.pop(0) if self.site.answers else serve_ranges
         answer(self)
 
     def log_message(self, *args: object) -> None:
         pass
 
-    def begin(self, status: int, **headers: object) -> None:
+    def start_response(self, status: int, **headers: object) -> None:
         self.send_response(status)
         for name, value in headers.items():
             self.send_header(name.replace("_", "-"), str(value))
         self.end_headers()
 
-    def send(self, data: bytes) -> None:
+    def send_body(self, data: bytes) -> None:
         self.wfile.write(data)
         self.wfile.flush()
 
 
-Answer = Callable[[Request], None]
+Answer = Callable[[RequestHandler], None]
 
 
-def good(request: Request) -> None:
+def serve_ranges(request: RequestHandler) -> None:
     """As a good server does: ranges of the same version, else all of it."""
     site, content = request.site, request.site.content
     first = 0
@@ -58,45 +58,45 @@ def good(request: Request) -> None:
         first = int(request.headers["Range"].removeprefix("bytes=").rstrip("-"))
     size = len(content)
     if first >= size > 0:
-        request.begin(416, Content_Range=f"bytes */{size}", Content_Length=0)
+        request.start_response(416, Content_Range=f"bytes */{size}", Content_Length=0)
     elif first:
         span = f"bytes {first}-{size - 1}/{size}"
-        request.begin(206, Content_Range=span, Content_Length=size - first, ETag=site.etag)
-        request.send(content[first:])
+        request.start_response(206, Content_Range=span, Content_Length=size - first, ETag=site.etag)
+        request.send_body(content[first:])
     else:
-        request.begin(200, Content_Length=size, ETag=site.etag)
-        request.send(content)
+        request.start_response(200, Content_Length=size, ETag=site.etag)
+        request.send_body(content)
 
 
-def plain(request: Request) -> None:
+def serve_without_ranges(request: RequestHandler) -> None:
     """All of it, whatever was asked; no mark of a version."""
-    request.begin(200, Content_Length=len(request.site.content))
-    request.send(request.site.content)
+    request.start_response(200, Content_Length=len(request.site.content))
+    request.send_body(request.site.content)
 
 
 def cut_off(after: int) -> Answer:
     """The beginning of what was asked, then the connection ends."""
 
-    def answer(request: Request) -> None:
+    def answer(request: RequestHandler) -> None:
         content = request.site.content
         first = int(request.headers.get("Range", "bytes=0-").removeprefix("bytes=").rstrip("-"))
         size = len(content)
         if first:
             span = f"bytes {first}-{size - 1}/{size}"
-            request.begin(206, Content_Range=span, Content_Length=size - first)
+            request.start_response(206, Content_Range=span, Content_Length=size - first)
         else:
-            request.begin(200, Content_Length=size, ETag=request.site.etag)
-        request.send(content[first : first + after])
+            request.start_response(200, Content_Length=size, ETag=request.site.etag)
+        request.send_body(content[first : first + after])
 
     return answer
 
 
-def announcing(length: int) -> Answer:
+def wrong_length(length: int) -> Answer:
     """All of it, under another length."""
 
-    def answer(request: Request) -> None:
-        request.begin(200, Content_Length=length, ETag=request.site.etag)
-        request.send(request.site.content[:length])
+    def answer(request: RequestHandler) -> None:
+        request.start_response(200, Content_Length=length, ETag=request.site.etag)
+        request.send_body(request.site.content[:length])
 
     return answer
 
@@ -104,29 +104,31 @@ def announcing(length: int) -> Answer:
 def chunked(after: int) -> Answer:
     """Without a length, in chunks; cut off in the middle of one."""
 
-    def answer(request: Request) -> None:
-        request.begin(200, Transfer_Encoding="chunked")
-        request.send(b"%x\r\n" % len(request.site.content) + request.site.content[:after])
+    def answer(request: RequestHandler) -> None:
+        request.start_response(200, Transfer_Encoding="chunked")
+        request.send_body(b"%x\r\n" % len(request.site.content) + request.site.content[:after])
 
     return answer
 
 
-def status(code: int, **headers: object) -> Answer:
+def status_only(code: int, **headers: object) -> Answer:
     """An error, or a redirection."""
-    return lambda request: request.begin(code, Content_Length=0, **headers)
+    return lambda request: request.start_response(code, Content_Length=0, **headers)
 
 
-def elsewhere(request: Request) -> None:
+def serve_wrong_range(request: RequestHandler) -> None:
     """A part of the file that nobody asked for."""
     size = len(request.site.content)
-    request.begin(206, Content_Range=f"bytes 7-{size - 1}/{size}", Content_Length=size - 7)
-    request.send(request.site.content[7:])
+    request.start_response(206, Content_Range=f"bytes 7-{size - 1}/{size}", Content_Length=size - 7)
+    request.send_body(request.site.content[7:])
 
 
 @contextmanager
-def serving(content: bytes) -> Iterator[WebServer]:
+def running_server(content: bytes) -> Iterator[WebServer]:
     """A server on a free port of 127.0.0.1."""
-    handler = type("SiteRequest", (Request,), {"protocol_version": "HTTP/1.1", "timeout": 20})
+    handler = type(
+        "SiteRequest", (RequestHandler,), {"protocol_version": "HTTP/1.1", "timeout": 20}
+    )
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         server.daemon_threads = True
         site = WebServer(f"http://127.0.0.1:{server.server_port}/tum", content)
@@ -140,7 +142,7 @@ def serving(content: bytes) -> Iterator[WebServer]:
             thread.join()
 
 
-def packed(folder: Path, name: str) -> bytes:
+def pack_folder(folder: Path, name: str) -> bytes:
     """A folder as a .tgz, under another name."""
     data = io.BytesIO()
     with tarfile.open(fileobj=data, mode="w:gz", compresslevel=1) as tar:
@@ -148,7 +150,7 @@ def packed(folder: Path, name: str) -> bytes:
     return data.getvalue()
 
 
-def tgz(*members: tuple[tarfile.TarInfo, bytes]) -> bytes:
+def make_tgz(*members: tuple[tarfile.TarInfo, bytes]) -> bytes:
     """A .tgz of these very members."""
     data = io.BytesIO()
     with tarfile.open(fileobj=data, mode="w:gz", compresslevel=1) as tar:
@@ -157,13 +159,13 @@ def tgz(*members: tuple[tarfile.TarInfo, bytes]) -> bytes:
     return data.getvalue()
 
 
-def file_member(name: str, content: bytes = b"x") -> tuple[tarfile.TarInfo, bytes]:
+def make_file_member(name: str, content: bytes = b"x") -> tuple[tarfile.TarInfo, bytes]:
     member = tarfile.TarInfo(name)
     member.size = len(content)
     return member, content
 
 
-def other_member(name: str, kind: bytes, target: str = "") -> tuple[tarfile.TarInfo, bytes]:
+def make_special_member(name: str, kind: bytes, target: str = "") -> tuple[tarfile.TarInfo, bytes]:
     """A link, a device, a folder."""
     member = tarfile.TarInfo(name)
     member.type, member.linkname = kind, target

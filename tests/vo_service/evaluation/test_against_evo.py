@@ -7,20 +7,20 @@ import pytest
 from evo.core import metrics, sync
 from evo.core.trajectory import PoseTrajectory3D
 
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
-from drivers.trajectory import StampedPoses, read_trajectory
+from drivers.geometry import Array, rigid_transform, so3_exp
+from drivers.trajectory import Trajectory, read_trajectory
 from tests.vo_service.evaluation.walks import noisy_copy, random_walk
 from vo_service.evaluation import evaluate
 
-OTHER_WORLD = rigid_transform(rotation_from_vector([-0.7, 0.4, 2.5]), [1.0, -2.0, 0.5])
+OTHER_WORLD = rigid_transform(so3_exp([-0.7, 0.4, 2.5]), [1.0, -2.0, 0.5])
 T0_S = 1305031449.1  # as large as real stamps, so that their rounding takes part
 
 
-def for_evo(poses: StampedPoses) -> PoseTrajectory3D:
+def for_evo(poses: Trajectory) -> PoseTrajectory3D:
     return PoseTrajectory3D(poses_se3=list(poses.T_world_camera), timestamps=poses.stamps_s)
 
 
-def figures_of_evo(trajectory: StampedPoses, truth: StampedPoses) -> dict[str, float]:
+def figures_of_evo(trajectory: Trajectory, truth: Trajectory) -> dict[str, float]:
     reference, estimate = sync.associate_trajectories(
         for_evo(truth), for_evo(trajectory), max_diff=0.02
     )
@@ -40,7 +40,7 @@ def figures_of_evo(trajectory: StampedPoses, truth: StampedPoses) -> dict[str, f
     return absolute | relative | {"matched": reference.num_poses}
 
 
-def assert_agreement(trajectory: StampedPoses, truth: StampedPoses) -> None:
+def assert_agreement(trajectory: Trajectory, truth: Trajectory) -> None:
     ours = evaluate(trajectory, truth).as_json()
     theirs = figures_of_evo(trajectory, truth)
     assert {name: ours[name] for name in theirs} == pytest.approx(theirs, rel=0, abs=1e-9)

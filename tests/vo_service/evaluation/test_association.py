@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
-from drivers.trajectory import nearest
-from tests.vo_service.evaluation.walks import at
+from drivers.trajectory import nearest_indices
+from tests.vo_service.evaluation.walks import poses_at
 from vo_service.evaluation.association import associate, coverage
 
 stamps = st.lists(st.integers(0, 2000), min_size=1, max_size=30, unique=True).map(
@@ -19,7 +19,7 @@ stamps = st.lists(st.integers(0, 2000), min_size=1, max_size=30, unique=True).ma
 def test_the_nearest_is_what_a_search_of_all_finds(
     stamps_s: np.ndarray, wanted_s: np.ndarray
 ) -> None:
-    found = nearest(stamps_s, wanted_s)
+    found = nearest_indices(stamps_s, wanted_s)
     distances_s = np.abs(stamps_s[None] - wanted_s[:, None])
     assert np.allclose(
         np.abs(stamps_s[found] - wanted_s), distances_s.min(axis=1), rtol=0, atol=1e-12
@@ -27,28 +27,28 @@ def test_the_nearest_is_what_a_search_of_all_finds(
 
 
 def test_of_two_as_near_the_earlier_is_taken() -> None:
-    assert nearest(np.array([0.0, 1.0, 2.0]), np.array([0.5, 1.5])).tolist() == [0, 1]
+    assert nearest_indices(np.array([0.0, 1.0, 2.0]), np.array([0.5, 1.5])).tolist() == [0, 1]
 
 
 def test_each_pose_takes_the_nearest_truth_within_20_ms() -> None:
-    truth = at([0.00, 0.01, 0.02, 0.03, 0.10, 0.20, 0.30])
+    truth = poses_at([0.00, 0.01, 0.02, 0.03, 0.10, 0.20, 0.30])
     truth.T_world_camera[:, 0, 3] = range(7)
-    pairs = associate(at([0.011, 0.026, 0.119, 0.221, 0.281]), truth)
+    pairs = associate(poses_at([0.011, 0.026, 0.119, 0.221, 0.281]), truth)
     assert pairs.stamps_s.tolist() == [0.011, 0.026, 0.119, 0.281]
     assert pairs.T_truth_camera[:, 0, 3].tolist() == [1, 3, 4, 6]
 
 
 def test_each_truth_takes_the_nearest_pose_where_there_are_fewer_truths() -> None:
-    trajectory = at([0.0, 0.033, 0.066, 0.1, 0.133, 0.166, 0.2])
+    trajectory = poses_at([0.0, 0.033, 0.066, 0.1, 0.133, 0.166, 0.2])
     trajectory.T_world_camera[:, 0, 3] = range(7)
-    pairs = associate(trajectory, at([0.001, 0.101, 0.201]))
+    pairs = associate(trajectory, poses_at([0.001, 0.101, 0.201]))
     assert pairs.T_world_camera[:, 0, 3].tolist() == [0, 3, 6]
     assert len(pairs.T_truth_camera) == 3
 
 
 def test_too_few_pairs_are_one_clear_line() -> None:
     with pytest.raises(InputError) as caught:
-        associate(at([0.0, 1.0, 2.0, 3.0]), at([0.0, 1.0, 2.5, 3.5, 10.0]))
+        associate(poses_at([0.0, 1.0, 2.0, 3.0]), poses_at([0.0, 1.0, 2.5, 3.5, 10.0]))
     assert str(caught.value) == (
         "2 of 4 poses have ground truth within 20 ms, 3 are needed "
         "(trajectory 0.000..3.000 s, truth 0.000..10.000 s): "
@@ -58,12 +58,12 @@ def test_too_few_pairs_are_one_clear_line() -> None:
 
 def test_no_overlap_at_all_is_told_in_the_same_way() -> None:
     with pytest.raises(InputError, match=r"^0 of 3 poses .* \(trajectory 0.000..2.000 s, truth 50"):
-        associate(at([0.0, 1.0, 2.0]), at([50.0, 51.0, 52.0, 53.0]))
+        associate(poses_at([0.0, 1.0, 2.0]), poses_at([50.0, 51.0, 52.0, 53.0]))
 
 
 def test_an_empty_trajectory_is_told_in_the_same_way() -> None:
     with pytest.raises(InputError, match=r"^0 of 0 poses .* \(trajectory empty, truth 0.000"):
-        associate(at([]), at([0.0, 1.0, 2.0]))
+        associate(poses_at([]), poses_at([0.0, 1.0, 2.0]))
 
 
 def test_coverage_counts_only_frames_and_poses_that_have_truth() -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.vo_service.evaluation.walks import matched, moving
-from vo_service.evaluation.gaps import Gap, cross, error_across, find_gaps, within_gaps
+from tests.vo_service.evaluation.walks import match_poses, moving_along_x
+from vo_service.evaluation.gaps import Gap, classify_gap, find_gaps, gap_error, spans_gap
 from vo_service.evaluation.metrics import consecutive_pairs
 
 STAMPS_S = np.array([0.0, 0.1, 0.2, 1.2, 1.3, 1.4])
@@ -50,12 +50,12 @@ def test_a_pause_is_known_by_the_frames_beside_it() -> None:
 )
 def test_what_was_done_across_is_told_in_words(good: str, epochs: str, told: str) -> None:
     is_good = np.array([letter == "g" for letter in good])
-    assert str(cross(GAP, STAMPS_S, is_good, np.array([int(e) for e in epochs]))) == told
+    assert str(classify_gap(GAP, STAMPS_S, is_good, np.array([int(e) for e in epochs]))) == told
 
 
 def test_frames_that_could_not_be_read_are_no_frames() -> None:
     read = [0, 1, 4, 5]  # neither of the two beside the pause
-    crossing = cross(GAP, STAMPS_S[read], np.full(4, True), np.zeros(4, np.int64))
+    crossing = classify_gap(GAP, STAMPS_S[read], np.full(4, True), np.zeros(4, np.int64))
     assert str(crossing) == "followed on"
 
 
@@ -65,19 +65,21 @@ WALK_X_M = [0.0, 0.1, 0.2, 0.31, 0.41, 0.51]  # 1 cm too far across the pause
 
 def test_the_error_across_is_that_of_the_motion_from_the_last_pose_to_the_next() -> None:
     seen = [0, 1, 2, 4, 5]  # the first after the pause is lost
-    walk, truth = moving(WALK_X_M)[seen], moving(TRUTH_X_M)[seen]
-    poses = matched(list(STAMPS_S[seen]), walk, truth)
-    error = error_across(poses, GAP)
+    walk, truth = moving_along_x(WALK_X_M)[seen], moving_along_x(TRUTH_X_M)[seen]
+    poses = match_poses(list(STAMPS_S[seen]), walk, truth)
+    error = gap_error(poses, GAP)
     assert error is not None
     assert error.translation_m == pytest.approx([0.01])
     assert error.rotation_deg == pytest.approx([0.0])
-    is_across = within_gaps(poses, consecutive_pairs(poses), [GAP])
+    is_across = spans_gap(poses, consecutive_pairs(poses), [GAP])
     assert is_across.tolist() == [False, False, True, False]
 
 
 @pytest.mark.parametrize("seen", [[0, 1, 2], [3, 4, 5]])
 def test_there_is_none_where_one_side_has_no_pose(seen: list[int]) -> None:
     at = np.array(seen)
-    poses = matched(list(STAMPS_S[at]), moving([0.0, 0.1, 0.2]), moving([0.0, 0.1, 0.2]))
-    assert error_across(poses, GAP) is None
-    assert not within_gaps(poses, consecutive_pairs(poses), [GAP]).any()
+    poses = match_poses(
+        list(STAMPS_S[at]), moving_along_x([0.0, 0.1, 0.2]), moving_along_x([0.0, 0.1, 0.2])
+    )
+    assert gap_error(poses, GAP) is None
+    assert not spans_gap(poses, consecutive_pairs(poses), [GAP]).any()

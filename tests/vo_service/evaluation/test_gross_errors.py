@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from drivers.geometry import rigid_transform, rotation_from_vector
-from drivers.trajectory import StampedPoses
+from drivers.geometry import rigid_transform, so3_exp
+from drivers.trajectory import Trajectory
 from vo_service.evaluation.association import associate
-from vo_service.evaluation.gross_errors import gross_errors, tracked_steps
+from vo_service.evaluation.gross_errors import count_gross_errors, tracked_steps
 
 COUNT = 10
 STAMPS_S = np.arange(COUNT) / 30
@@ -18,15 +18,15 @@ def judged(
 ) -> tuple[int, int]:
     """Gross errors and steps of poses, as far as they are kept, of a camera that stands still."""
     chosen = np.arange(COUNT) if kept is None else np.array(kept)
-    trajectory = StampedPoses(STAMPS_S[chosen], poses[chosen])
-    matched = associate(trajectory, StampedPoses(STAMPS_S, STANDING))
+    trajectory = Trajectory(STAMPS_S[chosen], poses[chosen])
+    matched = associate(trajectory, Trajectory(STAMPS_S, STANDING))
     steps = tracked_steps(matched, trajectory.stamps_s, (chosen >= epoch_from).astype(np.int64))
-    return gross_errors(matched, steps), len(steps)
+    return count_gross_errors(matched, steps), len(steps)
 
 
 def jump(metres: float = 0.0, degrees: float = 0.0, at: int = 5) -> np.ndarray:
     """Standing still but for one step that never was."""
-    turn = rotation_from_vector([0.0, np.radians(degrees), 0.0])
+    turn = so3_exp([0.0, np.radians(degrees), 0.0])
     poses = STANDING.copy()
     poses[at:] = rigid_transform(turn, [metres, 0.0, 0.0])
     return poses
@@ -57,8 +57,8 @@ def test_a_jump_over_lost_frames_is_gross_when_it_is_called_the_same_way() -> No
 
 
 def test_where_the_truth_is_missing_in_between_no_step_is_judged() -> None:
-    truth = StampedPoses(STAMPS_S[[0, 1, 2, 7, 8, 9]], STANDING[[0, 1, 2, 7, 8, 9]])
-    trajectory = StampedPoses(STAMPS_S, jump(1.0))
+    truth = Trajectory(STAMPS_S[[0, 1, 2, 7, 8, 9]], STANDING[[0, 1, 2, 7, 8, 9]])
+    trajectory = Trajectory(STAMPS_S, jump(1.0))
     matched = associate(trajectory, truth)
     steps = tracked_steps(matched, STAMPS_S, np.zeros(COUNT, np.int64))
-    assert (gross_errors(matched, steps), len(steps)) == (0, 4)
+    assert (count_gross_errors(matched, steps), len(steps)) == (0, 4)

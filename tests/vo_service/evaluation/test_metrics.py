@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivers.geometry import rigid_transform, rotation_from_vector
-from tests.vo_service.evaluation.walks import matched, moving
+from drivers.geometry import rigid_transform, so3_exp
+from tests.vo_service.evaluation.walks import match_poses, moving_along_x
 from vo_service.evaluation.metrics import (
     best_alignment,
     consecutive_pairs,
@@ -15,25 +15,27 @@ from vo_service.evaluation.metrics import (
     rms,
 )
 
-OTHER_WORLD = rigid_transform(rotation_from_vector([0.5, -1.0, 2.0]), [3.0, -4.0, 5.0])
+OTHER_WORLD = rigid_transform(so3_exp([0.5, -1.0, 2.0]), [3.0, -4.0, 5.0])
 
 
 def one_second_pairs(stamps_s: list[float]) -> list[tuple[int, int]]:
     still = np.tile(np.eye(4), (len(stamps_s), 1, 1))
-    pairs = pairs_one_second_apart(matched(stamps_s, still, still))
+    pairs = pairs_one_second_apart(match_poses(stamps_s, still, still))
     return list(zip(pairs.earlier.tolist(), pairs.later.tolist(), strict=True))
 
 
 def test_another_world_is_no_error() -> None:
-    truth = moving([0, 1, 3, 4], [0, 30, 40, 90]) @ rigid_transform(np.eye(3), [0, 1, 0])
-    pairs = matched([0, 1, 2, 3], OTHER_WORLD @ truth, truth)
+    truth = moving_along_x([0, 1, 3, 4], [0, 30, 40, 90]) @ rigid_transform(np.eye(3), [0, 1, 0])
+    pairs = match_poses([0, 1, 2, 3], OTHER_WORLD @ truth, truth)
     for alignment in (best_alignment(pairs), first_pose_alignment(pairs)):
         assert position_errors_m(pairs, alignment) == pytest.approx(np.zeros(4), abs=1e-12)
 
 
 def test_scale_is_an_error() -> None:
     # Centred, the truth is at -2, 0, 2 and a trajectory of half the size at -1, 0, 1.
-    pairs = matched([0, 1, 2], OTHER_WORLD @ moving([0, 1, 2]), moving([0, 2, 4]))
+    pairs = match_poses(
+        [0, 1, 2], OTHER_WORLD @ moving_along_x([0, 1, 2]), moving_along_x([0, 2, 4])
+    )
     assert position_errors_m(pairs, best_alignment(pairs)) == pytest.approx([1, 0, 1])
 
 
@@ -43,7 +45,7 @@ def test_a_mirrored_trajectory_is_not_mirrored_back() -> None:
     truth[:, :3, 3] = corners
     mirrored = truth.copy()
     mirrored[:, 0, 3] *= -1
-    pairs = matched([0, 1, 2, 3], mirrored, truth)
+    pairs = match_poses([0, 1, 2, 3], mirrored, truth)
     alignment = best_alignment(pairs)
     assert np.linalg.det(alignment[:3, :3]) == pytest.approx(1)
     assert position_errors_m(pairs, alignment).max() > 0.1
@@ -51,36 +53,41 @@ def test_a_mirrored_trajectory_is_not_mirrored_back() -> None:
 
 @pytest.mark.parametrize("x_m", [[2.0, 2.0, 2.0], [0.0, 1.0, 2.0]])
 def test_standing_still_or_going_straight_can_be_aligned(x_m: list[float]) -> None:
-    pairs = matched([0, 1, 2], moving(x_m), OTHER_WORLD @ moving(x_m))
+    pairs = match_poses([0, 1, 2], moving_along_x(x_m), OTHER_WORLD @ moving_along_x(x_m))
     assert position_errors_m(pairs, best_alignment(pairs)) == pytest.approx(np.zeros(3), abs=1e-12)
 
 
 def test_joining_the_first_poses_turns_a_wrong_heading_into_an_error() -> None:
     # The trajectory believes that it looks along x; it walks where it should, but 90 degrees off.
-    truth = moving([0, 1, 2])
-    heading = rigid_transform(rotation_from_vector([0, 0, np.pi / 2]), [0, 0, 0])
+    truth = moving_along_x([0, 1, 2])
+    heading = rigid_transform(so3_exp([0, 0, np.pi / 2]), [0, 0, 0])
     believed = truth @ heading
-    pairs = matched([0, 1, 2], believed, truth)
+    pairs = match_poses([0, 1, 2], believed, truth)
     expected_m = [0, np.sqrt(2), 2 * np.sqrt(2)]
     assert position_errors_m(pairs, first_pose_alignment(pairs)) == pytest.approx(expected_m)
 
 
 def test_mean_global_error_grows_from_the_first_pose_on() -> None:
-    pairs = matched([0, 1, 2], OTHER_WORLD @ moving([0, 1.1, 2.2]), moving([5, 6, 7]))
+    pairs = match_poses(
+        [0, 1, 2], OTHER_WORLD @ moving_along_x([0, 1.1, 2.2]), moving_along_x([5, 6, 7])
+    )
     errors_m = position_errors_m(pairs, first_pose_alignment(pairs))
     assert errors_m == pytest.approx([0, 0.1, 0.2])
 
 
 def test_relative_errors_are_of_the_motion_between_two_poses() -> None:
-    truth, trajectory = moving([0, 1, 2], [0, 10, 20]), moving([0, 1.3, 2.3], [0, 10, 50])
-    pairs = matched([0, 1, 2], OTHER_WORLD @ trajectory, truth)
+    truth, trajectory = (
+        moving_along_x([0, 1, 2], [0, 10, 20]),
+        moving_along_x([0, 1.3, 2.3], [0, 10, 50]),
+    )
+    pairs = match_poses([0, 1, 2], OTHER_WORLD @ trajectory, truth)
     errors = relative_errors(pairs, consecutive_pairs(pairs))
     assert errors.translation_m == pytest.approx([0.3, 0])
     assert errors.rotation_deg == pytest.approx([0, 30])
 
 
 def test_a_turn_makes_no_error_of_translation_on_the_spot() -> None:
-    pairs = matched([0, 1, 2], moving([0, 0, 0], [0, 10, 0]), moving([0, 0, 0]))
+    pairs = match_poses([0, 1, 2], moving_along_x([0, 0, 0], [0, 10, 0]), moving_along_x([0, 0, 0]))
     errors = relative_errors(pairs, consecutive_pairs(pairs))
     assert errors.translation_m == pytest.approx([0, 0], abs=1e-12)
     assert errors.rotation_deg == pytest.approx([10, 10])
@@ -117,8 +124,8 @@ def test_less_than_a_second_has_no_pair_and_no_figure() -> None:
 
 def test_the_error_over_a_second_by_hand() -> None:
     # Errors of 0.3, 0 and 0.4 m and of 10, 0 and 20 degrees: sqrt(.25 / 3), sqrt(500 / 3).
-    trajectory = moving([0, 0.3, 0.3, 0.7], [0, 10, 10, 30])
-    pairs = matched([0, 1, 2, 3], trajectory, moving([0, 0, 0, 0]))
+    trajectory = moving_along_x([0, 0.3, 0.3, 0.7], [0, 10, 10, 30])
+    pairs = match_poses([0, 1, 2, 3], trajectory, moving_along_x([0, 0, 0, 0]))
     errors = relative_errors(pairs, pairs_one_second_apart(pairs))
     assert rms(errors.translation_m) == pytest.approx(0.2886751)
     assert rms(errors.rotation_deg) == pytest.approx(12.9099445)
@@ -126,8 +133,8 @@ def test_the_error_over_a_second_by_hand() -> None:
 
 def test_drift_of_one_in_ten_is_a_tenth_of_a_metre_a_second() -> None:
     stamps_s = [k / 30 for k in range(90)]
-    truth, trajectory = moving(stamps_s), moving([1.1 * t for t in stamps_s])
-    pairs = matched(stamps_s, trajectory, truth)
+    truth, trajectory = moving_along_x(stamps_s), moving_along_x([1.1 * t for t in stamps_s])
+    pairs = match_poses(stamps_s, trajectory, truth)
     assert rms(relative_errors(pairs, pairs_one_second_apart(pairs)).translation_m) == (
         pytest.approx(0.1)
     )

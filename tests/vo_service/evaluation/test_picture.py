@@ -12,25 +12,25 @@ import pytest
 from matplotlib.figure import Figure
 
 from drivers.errors import InputError, UserFacingError
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
-from drivers.trajectory import StampedPoses
+from drivers.geometry import Array, rigid_transform, so3_exp
+from drivers.trajectory import Trajectory
 from tests.vo_service.evaluation.walks import random_walk
 from vo_service.evaluation import picture
-from vo_service.evaluation.picture import draw, write_picture
+from vo_service.evaluation.picture import draw_plot, write_plot
 
-OTHER_WORLD = rigid_transform(rotation_from_vector([1.0, -2.0, 0.5]), [4.0, 5.0, -6.0])
+OTHER_WORLD = rigid_transform(so3_exp([1.0, -2.0, 0.5]), [4.0, 5.0, -6.0])
 
 
 @pytest.fixture
-def truth() -> StampedPoses:
+def truth() -> Trajectory:
     return random_walk(np.random.default_rng(1), np.arange(60) / 30)
 
 
 @pytest.fixture
-def trajectory(truth: StampedPoses) -> StampedPoses:
+def trajectory(truth: Trajectory) -> Trajectory:
     """The truth seen from another world, with frames 20 to 29 lost."""
     seen = np.r_[0:20, 30:60]
-    return StampedPoses(truth.stamps_s[seen], OTHER_WORLD @ truth.T_world_camera[seen])
+    return Trajectory(truth.stamps_s[seen], OTHER_WORLD @ truth.T_world_camera[seen])
 
 
 def line(figure: Figure, plot: int, number: int) -> Array:
@@ -42,9 +42,9 @@ def without_gaps(points: Array) -> Array:
 
 
 def test_a_trajectory_from_another_world_lies_on_the_truth(
-    trajectory: StampedPoses, truth: StampedPoses
+    trajectory: Trajectory, truth: Trajectory
 ) -> None:
-    figure = draw(trajectory, truth, "walk")
+    figure = draw_plot(trajectory, truth, "walk")
     seen = np.r_[0:20, 30:60]
     for view in (0, 1):
         assert np.allclose(without_gaps(line(figure, view, 1)), line(figure, view, 0)[seen])
@@ -57,28 +57,28 @@ def test_the_views_are_right_and_forward_then_forward_and_up_of_the_first_camera
     truth.T_world_camera[:] = truth.T_world_camera[0] @ np.array(
         steps
     )  # x right, y down, z forward
-    figure = draw(truth, truth, "steps")
+    figure = draw_plot(truth, truth, "steps")
     assert np.allclose(line(figure, 0, 0), [[0, 0], [1, 3], [2, 3]])
     assert np.allclose(line(figure, 1, 0), [[0, 0], [3, -2], [3, -2]])
 
 
 def test_no_line_is_drawn_where_the_trajectory_was_lost(
-    trajectory: StampedPoses, truth: StampedPoses
+    trajectory: Trajectory, truth: Trajectory
 ) -> None:
-    figure = draw(trajectory, truth, "walk")
+    figure = draw_plot(trajectory, truth, "walk")
     for plot, number in ((0, 1), (1, 1), (2, 0)):
         assert np.flatnonzero(np.isnan(line(figure, plot, number)[:, 0])).tolist() == [20]
 
 
-def test_truth_before_and_after_the_trajectory_is_left_out(truth: StampedPoses) -> None:
-    short = StampedPoses(truth.stamps_s[10:20], truth.T_world_camera[10:20])
-    assert len(line(draw(short, truth, "short"), 0, 0)) == 10
+def test_truth_before_and_after_the_trajectory_is_left_out(truth: Trajectory) -> None:
+    short = Trajectory(truth.stamps_s[10:20], truth.T_world_camera[10:20])
+    assert len(line(draw_plot(short, truth, "short"), 0, 0)) == 10
 
 
 def test_both_views_show_metres_to_one_scale_with_a_legend(
-    trajectory: StampedPoses, truth: StampedPoses
+    trajectory: Trajectory, truth: Trajectory
 ) -> None:
-    above, side, errors = draw(trajectory, truth, "my walk").axes
+    above, side, errors = draw_plot(trajectory, truth, "my walk").axes
     assert (above.get_xlabel(), above.get_ylabel()) == ("right (m)", "forward (m)")
     assert (side.get_xlabel(), side.get_ylabel()) == ("forward (m)", "up (m)")
     assert (errors.get_xlabel(), errors.get_ylabel()) == ("time (s)", "error (m)")
@@ -90,10 +90,10 @@ def test_both_views_show_metres_to_one_scale_with_a_legend(
 
 @pytest.mark.slow
 def test_the_suffix_says_png_or_svg(
-    tmp_path: Path, trajectory: StampedPoses, truth: StampedPoses
+    tmp_path: Path, trajectory: Trajectory, truth: Trajectory
 ) -> None:
-    write_picture(tmp_path / "walk.PNG", trajectory, truth, "walk")
-    write_picture(tmp_path / "walk.svg", trajectory, truth, "walk")
+    write_plot(tmp_path / "walk.PNG", trajectory, truth, "walk")
+    write_plot(tmp_path / "walk.svg", trajectory, truth, "walk")
     image = cv2.imread(str(tmp_path / "walk.PNG"))
     assert image is not None
     assert image.shape == (800, 1100, 3)
@@ -103,28 +103,28 @@ def test_the_suffix_says_png_or_svg(
 
 
 def test_another_suffix_is_refused(
-    tmp_path: Path, trajectory: StampedPoses, truth: StampedPoses
+    tmp_path: Path, trajectory: Trajectory, truth: Trajectory
 ) -> None:
     with pytest.raises(InputError, match=r"walk.jpg: a picture is .png or .svg"):
-        write_picture(tmp_path / "walk.jpg", trajectory, truth, "walk")
+        write_plot(tmp_path / "walk.jpg", trajectory, truth, "walk")
 
 
 def test_a_place_that_cannot_be_written_to_is_told(
-    tmp_path: Path, trajectory: StampedPoses, truth: StampedPoses
+    tmp_path: Path, trajectory: Trajectory, truth: Trajectory
 ) -> None:
     with pytest.raises(InputError, match=r"gone/walk.png: cannot write the picture: No such"):
-        write_picture(tmp_path / "gone" / "walk.png", trajectory, truth, "walk")
+        write_plot(tmp_path / "gone" / "walk.png", trajectory, truth, "walk")
 
 
 def test_a_full_disk_is_no_mistake_of_the_user(
-    tmp_path: Path, trajectory: StampedPoses, truth: StampedPoses, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, trajectory: Trajectory, truth: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(path: Path, data: bytes) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(picture, "write_whole", full)
     with pytest.raises(UserFacingError, match=r"walk.png: cannot write the picture: No") as caught:
-        write_picture(tmp_path / "walk.png", trajectory, truth, "walk")
+        write_plot(tmp_path / "walk.png", trajectory, truth, "walk")
     assert caught.value.exit_code == 1
 
 

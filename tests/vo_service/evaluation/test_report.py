@@ -6,19 +6,19 @@ import json
 import numpy as np
 import pytest
 
-from drivers.geometry import rigid_transform, rotation_from_vector
-from drivers.trajectory import StampedPoses
-from tests.vo_service.evaluation.walks import moving
+from drivers.geometry import rigid_transform, so3_exp
+from drivers.trajectory import Trajectory
+from tests.vo_service.evaluation.walks import moving_along_x
 from vo_service.evaluation import Evaluation, evaluate
 
-OTHER_WORLD = rigid_transform(rotation_from_vector([0.1, 0.2, 0.3]), [1.0, 1.0, 1.0])
+OTHER_WORLD = rigid_transform(so3_exp([0.1, 0.2, 0.3]), [1.0, 1.0, 1.0])
 
 
-def walk(seconds: float) -> tuple[StampedPoses, StampedPoses]:
+def walk(seconds: float) -> tuple[Trajectory, Trajectory]:
     """A trajectory that goes one in ten too far, and the truth, 10 poses a second."""
     stamps_s = np.arange(round(10 * seconds) + 1) / 10
-    truth = StampedPoses(stamps_s, moving(list(stamps_s)))
-    return StampedPoses(stamps_s, OTHER_WORLD @ moving(list(1.1 * stamps_s))), truth
+    truth = Trajectory(stamps_s, moving_along_x(list(stamps_s)))
+    return Trajectory(stamps_s, OTHER_WORLD @ moving_along_x(list(1.1 * stamps_s))), truth
 
 
 def test_every_figure_of_a_simple_walk() -> None:
@@ -45,7 +45,7 @@ def test_every_figure_of_a_simple_walk() -> None:
 
 def test_frames_that_are_given_decide_the_coverage() -> None:
     trajectory, truth = walk(seconds=2.0)
-    every_other = StampedPoses(trajectory.stamps_s[::2], trajectory.T_world_camera[::2])
+    every_other = Trajectory(trajectory.stamps_s[::2], trajectory.T_world_camera[::2])
     assert evaluate(every_other, truth, frame_stamps_s=truth.stamps_s).coverage == 11 / 21
     assert evaluate(every_other, truth, frame_stamps_s=every_other.stamps_s).coverage == 1.0
 

@@ -10,8 +10,8 @@ import pytest
 from drivers.errors import UserFacingError
 from tests.vo_service.installation.conftest import make_tree
 from vo_service.installation import program
-from vo_service.installation.distributions import files_of, runtime_distributions
-from vo_service.installation.program import FOLDER, install_program, remove_program
+from vo_service.installation.distributions import list_files, runtime_distributions
+from vo_service.installation.program import PROGRAM_FOLDER, install_program, remove_program
 
 pytestmark = pytest.mark.subprocess
 
@@ -46,7 +46,7 @@ def test_what_the_service_needs_is_copied_and_what_only_tests_need_is_not() -> N
 
 @pytest.mark.parametrize("name", ["kinect-vo", "numpy", "eclipse-zenoh"])
 def test_every_file_is_there_and_stays_below_site_packages(name: str) -> None:
-    files = list(files_of(distribution(name)))
+    files = list(list_files(distribution(name)))
     assert len(files) > 5
     assert all(source.is_file() for source, _ in files)
     assert not [place for _, place in files if place.is_absolute() or ".." in place.parts]
@@ -56,32 +56,32 @@ def test_the_copy_is_the_program_and_leads_to_no_checkout(copy: Path) -> None:
     script = (
         "import vo_service.installation.unit as u; print(u.__file__, len(u.text_of(u.DROP_IN)))"
     )
-    command = [str(copy / FOLDER / "bin" / "python3"), "-I", "-c", script]
+    command = [str(copy / PROGRAM_FOLDER / "bin" / "python3"), "-I", "-c", script]
     said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=100).stdout
-    assert said.startswith(f"{copy / FOLDER}/")
+    assert said.startswith(f"{copy / PROGRAM_FOLDER}/")
     # Our own files are the checkout's, which may lie in a folder that they speak of.
-    others = [p for p in (copy / FOLDER).rglob("*") if "vo_service" not in p.parts]
+    others = [p for p in (copy / PROGRAM_FOLDER).rglob("*") if "vo_service" not in p.parts]
     texts = [p for p in others if p.is_file() and p.suffix != ".pyc"]
     assert not [path for path in texts if str(CHECKOUT).encode() in path.read_bytes()]
 
 
 def test_everybody_may_read_and_run_it(copy: Path) -> None:
-    modes = [path.stat().st_mode for path in (copy / FOLDER).rglob("*")]
+    modes = [path.stat().st_mode for path in (copy / PROGRAM_FOLDER).rglob("*")]
     assert all(mode & 0o004 for mode in modes)
-    script = copy / FOLDER / "bin" / "kinect-vo"
+    script = copy / PROGRAM_FOLDER / "bin" / "kinect-vo"
     assert script.stat().st_mode & 0o777 == 0o755
     assert script.read_text().startswith("#!/opt/kinect-vo/bin/python3\n")
 
 
 def test_python_finds_its_compiled_files_and_compiles_none_anew(copy: Path) -> None:
-    source = next((copy / FOLDER).rglob("drivers/errors.py"))
+    source = next((copy / PROGRAM_FOLDER).rglob("drivers/errors.py"))
     compiled = next((source.parent / "__pycache__").glob("errors.*.pyc")).read_bytes()
     assert int.from_bytes(compiled[8:12], "little") == int(source.stat().st_mtime)
     assert b"/opt/kinect-vo/lib/" in compiled
 
 
 def test_the_same_program_is_not_copied_again(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    files = list(files_of(distribution("pyusb")))
+    files = list(list_files(distribution("pyusb")))
     monkeypatch.setattr(program, "files_of", lambda package: iter(files))
     assert installed(tree)
     assert not installed(tree)
@@ -94,12 +94,12 @@ def test_a_copy_that_does_not_run_leaves_the_old_one(
     tree: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     installed(tree)
-    (tree / FOLDER / "installed.txt").write_text("an older one")
+    (tree / PROGRAM_FOLDER / "installed.txt").write_text("an older one")
     monkeypatch.undo()
     monkeypatch.setattr(program, "runtime_distributions", lambda: [distribution("kinect-vo")])
     with pytest.raises(UserFacingError, match=r"does not run .*Error"):
         installed(tree)
-    assert (tree / FOLDER / "installed.txt").read_text() == "an older one"
+    assert (tree / PROGRAM_FOLDER / "installed.txt").read_text() == "an older one"
     assert [path.name for path in (tree / "opt").iterdir()] == ["kinect-vo"]
 
 

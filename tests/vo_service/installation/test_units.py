@@ -7,10 +7,16 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from tests.stand_ins.needed import need_program
+from tests.stand_ins.needed import require_program
 from vo_service.config import read_config
-from vo_service.installation.program import SCRIPT
-from vo_service.installation.unit import DROP_IN, SOURCE, UNITS, Unit, text_of
+from vo_service.installation.program import SCRIPT_PATH
+from vo_service.installation.unit import (
+    DROP_IN,
+    SERVICE_FILES,
+    UNITS,
+    ServiceUnit,
+    read_service_file,
+)
 
 MOST_EXPOSURE = 1.6
 
@@ -18,7 +24,7 @@ MOST_EXPOSURE = 1.6
 def analyzed(*arguments: str) -> str:
     """What systemd-analyze says, complaints too."""
     done = subprocess.run(
-        [need_program("systemd-analyze", "systemd"), *arguments],
+        [require_program("systemd-analyze", "systemd"), *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -31,16 +37,18 @@ def analyzed(*arguments: str) -> str:
 def placed(folder: Path) -> Path:
     """The units with a program that is there, and the drop-in, as they would be installed."""
     for name in UNITS:
-        (folder / name).write_text(text_of(name).replace(f"/{SCRIPT}", "/bin/true"))
+        (folder / name).write_text(read_service_file(name).replace(f"/{SCRIPT_PATH}", "/bin/true"))
     drop_in = folder / f"{UNITS[0]}.d" / DROP_IN
     drop_in.parent.mkdir()
-    drop_in.write_text(text_of(DROP_IN))
+    drop_in.write_text(read_service_file(DROP_IN))
     return folder
 
 
 def lines_of(name: str) -> list[str]:
     """What a unit says, without remarks."""
-    return [line for line in text_of(name).splitlines() if line and not line.startswith("#")]
+    return [
+        line for line in read_service_file(name).splitlines() if line and not line.startswith("#")
+    ]
 
 
 @pytest.mark.subprocess
@@ -96,24 +104,27 @@ def test_the_tls_drop_in_hands_over_the_keys_that_the_profile_names() -> None:
 
 
 def test_the_first_configuration_is_right() -> None:
-    config = read_config(SOURCE / "kinect.toml")
+    config = read_config(SERVICE_FILES / "kinect.toml")
     assert config.camera.source == "freenect"
 
 
 def test_a_checkout_shows_the_units_where_one_looks_for_them() -> None:
-    assert (Path(__file__).parents[3] / "systemd").resolve() == SOURCE
+    assert (Path(__file__).parents[3] / "systemd").resolve() == SERVICE_FILES
 
 
 @pytest.mark.parametrize("name", ["a b", "../x", "front/left", "-x", "%i", "x" * 65])
 def test_a_name_that_systemd_would_not_take_as_it_is_is_refused(name: str) -> None:
     with pytest.raises(InputError, match="--name"):
-        Unit(name)
+        ServiceUnit(name)
 
 
 def test_a_name_gives_unit_and_configuration() -> None:
-    assert (Unit().unit, str(Unit().config)) == ("kinect-vo.service", "etc/kinect-vo/kinect.toml")
-    front = Unit("front")
-    assert (front.unit, str(front.config)) == (
+    assert (ServiceUnit().unit_name, str(ServiceUnit().config)) == (
+        "kinect-vo.service",
+        "etc/kinect-vo/kinect.toml",
+    )
+    front = ServiceUnit("front")
+    assert (front.unit_name, str(front.config)) == (
         "kinect-vo@front.service",
         "etc/kinect-vo/front.toml",
     )

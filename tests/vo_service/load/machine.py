@@ -4,15 +4,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from tests.vo_service.fakes import FakeClock
-from vo_service.load.effort import Effort
-from vo_service.load.governor import LoadGovernor
-from vo_service.load.meter import FrameLoad
-from vo_service.settings import LoadSettings
+from vo_service.load.effort import EffortLevel
+from vo_service.load.governor import StepwiseLoadShedder
+from vo_service.load.meter import FrameCost
+from vo_service.settings import LoadConfig
 
 INTERVAL_S = 1 / 32  # a number that adds up without rounding
 
 # Seconds that a frame takes, given the time and the effort.
-Cost = Callable[[float, Effort], float]
+CostModel = Callable[[float, EffortLevel], float]
 
 
 @dataclass
@@ -26,15 +26,15 @@ class FakeOdometry:
 class FakeViewer:
     """Remembers whether it rests."""
 
-    is_resting: bool = False
+    is_paused: bool = False
 
-    def rest(self, is_resting: bool) -> None:
+    def set_paused(self, is_paused: bool) -> None:
         """As told."""
-        self.is_resting = is_resting
+        self.is_paused = is_paused
 
 
 @dataclass
-class Machine:
+class SimulatedMachine:
     """Plays frames to a governor; a frame that comes while the loop is busy is dropped."""
 
     min_features: int = 300
@@ -43,13 +43,13 @@ class Machine:
     clock: FakeClock = field(default_factory=lambda: FakeClock(0.0))
 
     def __post_init__(self) -> None:
-        settings = LoadSettings(min_features=self.min_features)
-        self.governor = LoadGovernor(settings, self.viewers, self.odometry, self.clock)
+        settings = LoadConfig(min_features=self.min_features)
+        self.governor = StepwiseLoadShedder(settings, self.viewers, self.odometry, self.clock)
         self.dropped = 0
-        self.changes: list[tuple[float, Effort]] = []
+        self.changes: list[tuple[float, EffortLevel]] = []
         self._frame = 0
 
-    def run(self, seconds: float, cost: Cost) -> None:
+    def run(self, seconds: float, cost: CostModel) -> None:
         """Process frames for so long."""
         end_s = self.clock.now_s + seconds
         while self.clock.now_s < end_s:
@@ -62,21 +62,21 @@ class Machine:
     def _process(self, busy_s: float) -> None:
         before = self.governor.effort
         self.clock.now_s += busy_s
-        self.governor.frame(FrameLoad(busy_s, 0.9 * busy_s, INTERVAL_S, self.dropped))
+        self.governor.add_frame(FrameCost(busy_s, 0.9 * busy_s, INTERVAL_S, self.dropped))
         if self.governor.effort != before:
             self.changes.append((self.clock.now_s, self.governor.effort))
 
 
-def share(of_interval: float) -> Cost:
+def proportional_cost(of_interval: float) -> CostModel:
     """A frame takes this share of the interval, whatever the effort."""
     return lambda now_s, effort: of_interval * INTERVAL_S
 
 
-def affine(fixed: float, features: float, viewer: float) -> Cost:
+def affine_cost(fixed: float, features: float, viewer: float) -> CostModel:
     """Shares of the interval: what is fixed, what 1000 features cost, what the viewer takes."""
 
-    def cost(now_s: float, effort: Effort) -> float:
-        viewer_share = 0.0 if effort.viewer_rests else viewer
-        return (fixed + features * effort.features / 1000 + viewer_share) * INTERVAL_S
+    def cost(now_s: float, effort: EffortLevel) -> float:
+        viewer_share = 0.0 if effort.is_viewer_paused else viewer
+        return (fixed + features * effort.feature_count / 1000 + viewer_share) * INTERVAL_S
 
     return cost

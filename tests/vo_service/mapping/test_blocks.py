@@ -4,14 +4,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vo_service.mapping.blocks import ABSENT, Blocks, slot_of
+from vo_service.mapping.blocks import NO_BLOCK, VoxelBlockGrid, block_index
 
 COORDINATE = st.one_of(st.integers(-3, 3), st.integers(1 - 2**20, 2**20 - 1))
 PLACES = st.lists(st.tuples(COORDINATE, COORDINATE, COORDINATE), max_size=40)
 
 
-def put(blocks: Blocks, places: list[tuple[int, int, int]]) -> None:
-    blocks.make_room(np.array(places, np.int64).reshape(-1, 3))
+def put(blocks: VoxelBlockGrid, places: list[tuple[int, int, int]]) -> None:
+    blocks.allocate(np.array(places, np.int64).reshape(-1, 3))
 
 
 @settings(max_examples=40)
@@ -19,28 +19,28 @@ def put(blocks: Blocks, places: list[tuple[int, int, int]]) -> None:
 def test_each_block_is_there_once_and_no_other(
     places: list[tuple[int, int, int]], others: list[tuple[int, int, int]]
 ) -> None:
-    blocks = Blocks(64)
+    blocks = VoxelBlockGrid(64)
     put(blocks, places)
     put(blocks, places[::-1])
-    assert (blocks.count, blocks.refused) == (len(set(places)), 0)
+    assert (blocks.count, blocks.rejected) == (len(set(places)), 0)
     for place in places:
-        assert tuple(blocks.coordinates[slot_of(*place, blocks.table)]) == place
+        assert tuple(blocks.coordinates[block_index(*place, blocks.hash_table)]) == place
     for place in set(others) - set(places):
-        assert slot_of(*place, blocks.table) == ABSENT
+        assert block_index(*place, blocks.hash_table) == NO_BLOCK
 
 
 @settings(max_examples=40)
 @given(PLACES)
 def test_beyond_the_bound_the_first_stay(places: list[tuple[int, int, int]]) -> None:
-    blocks = Blocks(5)
+    blocks = VoxelBlockGrid(5)
     put(blocks, places)
     first = list(dict.fromkeys(places))[:5]
     assert [tuple(place) for place in blocks.coordinates[: blocks.count]] == first
-    assert (blocks.refused > 0) == (len(set(places)) > 5)
+    assert (blocks.rejected > 0) == (len(set(places)) > 5)
 
 
 def test_what_is_too_far_for_a_key_is_refused() -> None:
-    blocks = Blocks(5)
+    blocks = VoxelBlockGrid(5)
     put(blocks, [(2**20, 0, 0), (0, -(2**20), 0)])
-    assert (blocks.count, blocks.refused) == (0, 2)
-    assert slot_of(2**20, 0, 0, blocks.table) == ABSENT
+    assert (blocks.count, blocks.rejected) == (0, 2)
+    assert block_index(2**20, 0, 0, blocks.hash_table) == NO_BLOCK

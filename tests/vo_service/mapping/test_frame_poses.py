@@ -5,10 +5,10 @@ import pytest
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, rigid_transform
-from drivers.trajectory import StampedPoses
-from tests.vo_service.mapping.scenes import CAMERA, wall
-from vo_service.mapping.frame_poses import FramePoses, TrackedPoses
-from vo_service.types import Estimate, PoseUpdate, TrackingState
+from drivers.trajectory import Trajectory
+from tests.vo_service.mapping.scenes import CAMERA, render_wall
+from vo_service.mapping.frame_poses import FramePoses, TrackedPoseRecorder
+from vo_service.types import Estimate, OdometryUpdate, TrackingState
 
 
 def at(x: float) -> Array:
@@ -31,55 +31,55 @@ def at(x: float) -> Array:
 def test_the_nearest_pose_counts_if_it_is_at_most_20_ms_away(
     stamp_s: float, x: float | None
 ) -> None:
-    poses = FramePoses(StampedPoses(np.array([1.0, 1.05]), np.array([at(1), at(2)])))
-    found = poses.at(stamp_s)
+    poses = FramePoses(Trajectory(np.array([1.0, 1.05]), np.array([at(1), at(2)])))
+    found = poses.find(stamp_s)
     assert (None if found is None else found[0, 3]) == x
 
 
-def update(stamp_s: float, state: TrackingState, epoch: int = 0) -> PoseUpdate:
-    depth_m, colour_bgr = wall(2.0)
+def update(stamp_s: float, state: TrackingState, epoch: int = 0) -> OdometryUpdate:
+    depth_m, colour_bgr = render_wall(2.0)
     raw = (1000 * depth_m).astype(np.uint16)
     frame = RgbdFrame(0, stamp_s, 0.0, colour_bgr, raw, 1000.0, CAMERA)
     zero, pose = np.zeros((6, 6)), at(stamp_s)
     estimate = Estimate(state is not TrackingState.LOST, "", pose, np.eye(4), zero)
-    return PoseUpdate(
+    return OdometryUpdate(
         0, stamp_s + 1e9, state, "", epoch, pose, pose, pose, zero, np.zeros(6), zero, frame,
         estimate, {}, 0.0,
     )  # fmt: skip
 
 
 def test_corrected_poses_take_the_place_of_the_tracked_ones_and_join_their_epochs() -> None:
-    memory = TrackedPoses()
+    memory = TrackedPoseRecorder()
     for stamp_s, epoch in enumerate([0, 0, 1, 1, 2]):
-        memory.pose(update(stamp_s, TrackingState.TRACKING, epoch))
+        memory.on_update(update(stamp_s, TrackingState.TRACKING, epoch))
     stamps_s = np.array([0.0, 1.0, 3.0, 4.0, 5.0])  # of 2 it is not known where it was
-    corrected = StampedPoses(stamps_s, np.array([at(10 * stamp_s) for stamp_s in stamps_s]))
-    memory.correct(corrected, lambda one, other: {one, other} == {0, 1})
-    np.testing.assert_array_equal(memory.longest.stamps_s, [0, 1, 3])
-    np.testing.assert_array_equal(memory.longest.T_world_camera[:, 0, 3], [0, 10, 30])
-    assert (memory.frames, memory.epochs) == (5, 2)
+    corrected = Trajectory(stamps_s, np.array([at(10 * stamp_s) for stamp_s in stamps_s]))
+    memory.apply_correction(corrected, lambda one, other: {one, other} == {0, 1})
+    np.testing.assert_array_equal(memory.longest_trajectory.stamps_s, [0, 1, 3])
+    np.testing.assert_array_equal(memory.longest_trajectory.T_world_camera[:, 0, 3], [0, 10, 30])
+    assert (memory.frame_count, memory.epoch_count) == (5, 2)
 
 
 def test_only_what_was_tracked_without_doubt_is_remembered_under_the_frames_own_stamps() -> None:
-    memory = TrackedPoses()
+    memory = TrackedPoseRecorder()
     states = [TrackingState.TRACKING, TrackingState.DEGRADED, TrackingState.LOST]
     for stamp_s, state in enumerate([*states, TrackingState.TRACKING]):
-        memory.pose(update(stamp_s, state))
-    np.testing.assert_array_equal(memory.longest.stamps_s, [0, 3])
-    np.testing.assert_array_equal(memory.longest.T_world_camera[:, 0, 3], [0, 3])
-    assert (memory.frames, memory.epochs) == (4, 1)
+        memory.on_update(update(stamp_s, state))
+    np.testing.assert_array_equal(memory.longest_trajectory.stamps_s, [0, 3])
+    np.testing.assert_array_equal(memory.longest_trajectory.T_world_camera[:, 0, 3], [0, 3])
+    assert (memory.frame_count, memory.epoch_count) == (4, 1)
 
 
 def test_worlds_are_not_mixed_the_longest_counts() -> None:
-    memory = TrackedPoses()
+    memory = TrackedPoseRecorder()
     for stamp_s, epoch in enumerate([0, 0, 1, 1, 1, 2]):
-        memory.pose(update(stamp_s, TrackingState.TRACKING, epoch))
-    np.testing.assert_array_equal(memory.longest.stamps_s, [2, 3, 4])
-    assert memory.epochs == 3
+        memory.on_update(update(stamp_s, TrackingState.TRACKING, epoch))
+    np.testing.assert_array_equal(memory.longest_trajectory.stamps_s, [2, 3, 4])
+    assert memory.epoch_count == 3
 
 
 def test_nothing_tracked_is_no_pose() -> None:
-    memory = TrackedPoses()
-    memory.pose(update(1.0, TrackingState.LOST))
-    assert len(memory.longest) == 0
-    assert memory.longest.T_world_camera.shape == (0, 4, 4)
+    memory = TrackedPoseRecorder()
+    memory.on_update(update(1.0, TrackingState.LOST))
+    assert len(memory.longest_trajectory) == 0
+    assert memory.longest_trajectory.T_world_camera.shape == (0, 4, 4)

@@ -8,48 +8,48 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.geometry import rigid_transform, rotation_from_vector
-from tests.vo_service.mapping.live.views import view
-from vo_service.mapping.spacing import STEP_M, STEP_RAD, Gate, steps_between
+from drivers.geometry import rigid_transform, so3_exp
+from tests.vo_service.mapping.live.views import make_wall_update
+from vo_service.mapping.spacing import STEP_M, STEP_RAD, KeyframeSelector, pose_distance_steps
 from vo_service.types import TrackingState
 
 
 def turned(angle_rad: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    return rigid_transform(rotation_from_vector(np.array([0.0, angle_rad, 0.0])), np.zeros(3))
+    return rigid_transform(so3_exp(np.array([0.0, angle_rad, 0.0])), np.zeros(3))
 
 
 def test_a_frame_is_let_through_when_the_camera_has_moved_a_step() -> None:
-    gate = Gate()
-    let_through = [gate.lets_through(view(seq, 0.06 * seq)) for seq in range(7)]
+    gate = KeyframeSelector()
+    let_through = [gate.accepts(make_wall_update(seq, 0.06 * seq)) for seq in range(7)]
     assert let_through == [True, False, False, True, False, False, True]
 
 
 def test_a_turn_counts_like_a_way() -> None:
-    gate = Gate()
-    assert gate.lets_through(view(0))
-    assert not gate.lets_through(replace(view(1), T_world_camera=turned(math.radians(9.0))))
-    assert gate.lets_through(replace(view(2), T_world_camera=turned(math.radians(11.0))))
+    gate = KeyframeSelector()
+    assert gate.accepts(make_wall_update(0))
+    assert not gate.accepts(replace(make_wall_update(1), T_world_camera=turned(math.radians(9.0))))
+    assert gate.accepts(replace(make_wall_update(2), T_world_camera=turned(math.radians(11.0))))
 
 
 @pytest.mark.parametrize("state", [TrackingState.LOST, TrackingState.DEGRADED])
 def test_a_pose_that_is_not_sure_is_none_for_a_map(state: TrackingState) -> None:
-    gate = Gate()
-    assert not gate.lets_through(view(0, state=state))
-    assert gate.lets_through(view(1))
+    gate = KeyframeSelector()
+    assert not gate.accepts(make_wall_update(0, state=state))
+    assert gate.accepts(make_wall_update(1))
 
 
 def test_the_first_good_frame_of_an_epoch_is_one() -> None:
-    gate = Gate()
-    assert gate.lets_through(view(0))
-    assert not gate.lets_through(view(1, epoch=1, state=TrackingState.LOST))
-    assert gate.lets_through(view(2, epoch=1))
+    gate = KeyframeSelector()
+    assert gate.accepts(make_wall_update(0))
+    assert not gate.accepts(make_wall_update(1, epoch=1, state=TrackingState.LOST))
+    assert gate.accepts(make_wall_update(2, epoch=1))
 
 
 def test_what_is_forgotten_is_taken_again() -> None:
-    gate = Gate()
-    assert gate.lets_through(view(0))
-    gate.forget()
-    assert gate.lets_through(view(1))
+    gate = KeyframeSelector()
+    assert gate.accepts(make_wall_update(0))
+    gate.reset()
+    assert gate.accepts(make_wall_update(1))
 
 
 @given(st.floats(0.0, 5.0), st.floats(0.0, 3.0))
@@ -57,4 +57,4 @@ def test_steps_are_those_of_the_way_or_of_the_turn(way_m: float, angle_rad: floa
     there = turned(angle_rad)
     there[0, 3] = way_m
     expected = max(way_m / STEP_M, angle_rad / STEP_RAD)
-    assert steps_between(np.eye(4), there) == pytest.approx(expected, abs=1e-6)
+    assert pose_distance_steps(np.eye(4), there) == pytest.approx(expected, abs=1e-6)

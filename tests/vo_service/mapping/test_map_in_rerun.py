@@ -7,10 +7,10 @@ import pytest
 
 from drivers.errors import InputError
 from tests.vo_service.mapping.scenes import CAMERA
-from tests.vo_service.viewer.drawn import is_whole, rows
+from tests.vo_service.viewer.drawn import count_rows, is_complete
 from vo_service.mapping.mesh import Mesh
-from vo_service.mapping.rerun_map import MapScene
-from vo_service.mapping.watching import MapSoFar, Sight
+from vo_service.mapping.rerun_map import ReconstructionScene
+from vo_service.mapping.watching import PreviewFrame, PreviewMap
 from vo_service.viewer.preview import open_previews
 
 
@@ -21,21 +21,23 @@ def test_each_camera_and_each_new_surface_is_in_the_recording(
 ) -> None:
     recording = tmp_path / "map.rrd"
     said: list[str] = []
-    nothing = MapSoFar(Mesh.empty(), np.zeros((1, 3)))
-    ball = MapSoFar(seen_ball, np.zeros((2, 3)))
-    with open_previews((str(recording),), "test", lambda: MapScene, said.append) as views:
+    nothing = PreviewMap(Mesh.empty(), np.zeros((1, 3)))
+    ball = PreviewMap(seen_ball, np.zeros((2, 3)))
+    with open_previews(
+        (str(recording),), "test", lambda: ReconstructionScene, said.append
+    ) as views:
         (preview,) = views
         for seq, so_far in enumerate([nothing, nothing, ball, ball]):
-            preview.show(Sight(seq, CAMERA, np.eye(4), so_far))
+            preview.show(PreviewFrame(seq, CAMERA, np.eye(4), so_far))
     assert said == [f"pictures: {recording}"]
-    assert is_whole(recording)
-    logged = rows(recording)
+    assert is_complete(recording)
+    logged = count_rows(recording)
     assert [logged[f"/world/{name}"] for name in ("surface", "path")] == [2, 2]
     assert logged["/world/camera"] == 2 * 4  # where it is, and what it sees
 
 
 def test_without_a_target_nothing_is_shown() -> None:
-    with open_previews((), "test", lambda: MapScene, pytest.fail) as views:
+    with open_previews((), "test", lambda: ReconstructionScene, pytest.fail) as views:
         assert not views
 
 
@@ -43,6 +45,6 @@ def test_one_place_twice_is_refused(tmp_path: Path) -> None:
     target = str(tmp_path / "map.rrd")
     with (
         pytest.raises(InputError, match="same place"),
-        open_previews((target, target), "test", lambda: MapScene, pytest.fail),
+        open_previews((target, target), "test", lambda: ReconstructionScene, pytest.fail),
     ):
         pytest.fail("opened")

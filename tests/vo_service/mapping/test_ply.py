@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.full_disk import files_up_to
+from tests.full_disk import limit_file_size
 from tests.vo_service.mapping.ply_reader import read_ply
 from vo_service.mapping.mesh import Mesh
 from vo_service.mapping.ply import write_ply
@@ -26,7 +26,7 @@ def test_a_mesh_of_nothing_is_a_file_too(tmp_path: Path) -> None:
 def test_a_full_disk_leaves_the_file_that_was_there(seen_ball: Mesh, tmp_path: Path) -> None:
     file = tmp_path / "ball.ply"
     file.write_bytes(b"before")
-    with files_up_to(10_000), pytest.raises(OSError, match="large"):
+    with limit_file_size(10_000), pytest.raises(OSError, match="large"):
         write_ply(file, seen_ball)
     assert [path.name for path in tmp_path.iterdir()] == ["ball.ply"]
     assert file.read_bytes() == b"before"

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera
-from drivers.geometry import rigid_transform, rotation_from_vector
+from drivers.geometry import rigid_transform, so3_exp
 from vo_service.mapping.mesh import Mesh
-from vo_service.mapping.render import BACKGROUND, Sheet, draw_perspective, draw_sheet
+from vo_service.mapping.render import (
+    BACKGROUND,
+    OrthographicView,
+    render_orthographic,
+    render_perspective,
+)
 
 CAMERA = PinholeCamera(40, 30, 40.0, 40.0, 19.5, 14.5)
 GREEN, RED = (0, 200, 0), (200, 0, 0)
@@ -28,7 +33,7 @@ def both(first: Mesh, second: Mesh) -> Mesh:
     return Mesh(
         np.vstack([first.vertices_m, second.vertices_m]),
         np.vstack([first.normals, second.normals]),
-        np.vstack([first.colours_rgb, second.colours_rgb]),
+        np.vstack([first.colors_rgb, second.colors_rgb]),
         np.vstack([first.triangles, second.triangles + 4]).astype(np.int32),
     )
 
@@ -41,7 +46,7 @@ def columns_of(image: np.ndarray, colour: tuple[int, int, int]) -> list[int]:
 
 @pytest.mark.slow
 def test_a_square_covers_the_pixels_that_it_projects_to() -> None:
-    image = draw_perspective(square(0.5, 2.0, GREEN), CAMERA, np.eye(4))
+    image = render_perspective(square(0.5, 2.0, GREEN), CAMERA, np.eye(4))
     # Half a metre at 2 m with 40 pixels of focal length: 10 pixels each way of column 19.5.
     assert columns_of(image, GREEN) == list(range(10, 30))
     assert np.all(image[:4] == BACKGROUND)
@@ -50,30 +55,31 @@ def test_a_square_covers_the_pixels_that_it_projects_to() -> None:
 def test_the_nearer_of_two_hides_the_other_in_whatever_order() -> None:
     near, far = square(0.25, 1.0, RED, x=0.25), square(0.5, 2.0, GREEN)
     for mesh in (both(near, far), both(far, near)):
-        image = draw_perspective(mesh, CAMERA, np.eye(4))
+        image = render_perspective(mesh, CAMERA, np.eye(4))
         assert columns_of(image, RED) == list(range(20, 40))
         assert columns_of(image, GREEN) == list(range(10, 20))
 
 
 def test_what_is_seen_from_behind_or_lies_behind_is_not_drawn() -> None:
-    turned = rigid_transform(rotation_from_vector([0, np.pi, 0]), [0, 0, 4.0])
-    assert np.all(draw_perspective(square(0.5, 2.0, RED), CAMERA, turned) == BACKGROUND)
-    assert np.all(draw_perspective(square(0.5, -2.0, RED), CAMERA, np.eye(4)) == BACKGROUND)
+    turned = rigid_transform(so3_exp([0, np.pi, 0]), [0, 0, 4.0])
+    assert np.all(render_perspective(square(0.5, 2.0, RED), CAMERA, turned) == BACKGROUND)
+    assert np.all(render_perspective(square(0.5, -2.0, RED), CAMERA, np.eye(4)) == BACKGROUND)
 
 
 def test_what_faces_away_is_darker() -> None:
-    tilted = rigid_transform(rotation_from_vector([0.9, 0, 0]), [0, 0, 2.0])
+    tilted = rigid_transform(so3_exp([0.9, 0, 0]), [0, 0, 2.0])
     straight = rigid_transform(np.eye(3), [0, 0, 2.0])
     bright, dark = (
-        draw_perspective(square(0.5, 0.0, GREEN), CAMERA, T)[15, 20, 1] for T in (straight, tilted)
+        render_perspective(square(0.5, 0.0, GREEN), CAMERA, T)[15, 20, 1]
+        for T in (straight, tilted)
     )
     assert 0.4 * bright < dark < 0.9 * bright
 
 
 def test_a_sheet_has_no_perspective() -> None:
     near_and_far = both(square(0.5, 1.0, RED, x=-0.6), square(0.5, 9.0, GREEN, x=0.6))
-    sheet = Sheet(np.eye(4), (-1.45, -0.75), 0.1, 30, 16)
-    image = draw_sheet(near_and_far, sheet)
+    sheet = OrthographicView(np.eye(4), (-1.45, -0.75), 0.1, 30, 16)
+    image = render_orthographic(near_and_far, sheet)
     # Columns 0.1 m wide, the first about -1.45 m: -1.1 to -0.1 m, and 0.1 to 1.1 m.
     row = image[7]
     assert [int(c) for c in np.flatnonzero(np.all(row == RED, axis=1))] == list(range(4, 14))
@@ -81,4 +87,4 @@ def test_a_sheet_has_no_perspective() -> None:
 
 
 def test_a_picture_of_nothing_is_background() -> None:
-    assert np.all(draw_perspective(Mesh.empty(), CAMERA, np.eye(4)) == BACKGROUND)
+    assert np.all(render_perspective(Mesh.empty(), CAMERA, np.eye(4)) == BACKGROUND)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from tests.vo_service.mapping.scenes import fused, wall
-from vo_service.mapping.islands import without_islands
+from tests.vo_service.mapping.scenes import fuse_views, render_wall
+from vo_service.mapping.islands import remove_small_components
 from vo_service.mapping.mesh import Mesh
 
 
@@ -33,7 +33,7 @@ def test_normals_have_length_one(exact_ball: Mesh) -> None:
 
 
 def test_a_wall_has_no_hole_where_blocks_meet() -> None:
-    mesh = fused(wall(2.0)).mesh()
+    mesh = fuse_views(render_wall(2.0)).extract_mesh()
     edges = np.sort(edges_of(mesh), axis=1)
     ends, counts = np.unique(edges, axis=0, return_counts=True)
     rim = mesh.vertices_m[ends[counts == 1]].mean(axis=1)
@@ -48,7 +48,7 @@ def joined(*parts: Mesh) -> Mesh:
     return Mesh(
         np.concatenate([part.vertices_m for part in parts]),
         np.concatenate([part.normals for part in parts]),
-        np.concatenate([part.colours_rgb for part in parts]),
+        np.concatenate([part.colors_rgb for part in parts]),
         np.concatenate(shifted).astype(np.int32),
     )
 
@@ -63,13 +63,13 @@ def speck(triangles: int) -> Mesh:
 
 
 def test_specks_go_and_the_rest_stays_as_it_was(exact_ball: Mesh) -> None:
-    cleaned = without_islands(joined(speck(9), exact_ball, speck(5)), 10)
+    cleaned = remove_small_components(joined(speck(9), exact_ball, speck(5)), 10)
     np.testing.assert_array_equal(cleaned.vertices_m, exact_ball.vertices_m)
-    np.testing.assert_array_equal(cleaned.colours_rgb, exact_ball.colours_rgb)
+    np.testing.assert_array_equal(cleaned.colors_rgb, exact_ball.colors_rgb)
     np.testing.assert_array_equal(cleaned.triangles, exact_ball.triangles)
 
 
 def test_a_part_that_is_just_large_enough_stays(exact_ball: Mesh) -> None:
-    kept = without_islands(joined(exact_ball, speck(10)), 10)
+    kept = remove_small_components(joined(exact_ball, speck(10)), 10)
     assert len(kept.triangles) == len(exact_ball.triangles) + 10
-    assert len(without_islands(speck(9), 10).vertices_m) == 0
+    assert len(remove_small_components(speck(9), 10).vertices_m) == 0

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 
-class StageNames:
+class RecordingStageTimer:
     """The names of the stages so far, in their order."""
 
     def __init__(self) -> None:

@@ -22,7 +22,7 @@ FLOOR = (np.array([0.0, 1.0, 0.35]), 1.25)
 TEXELS_PER_M = 130.0
 
 
-def textured_image(height: int, width: int, seed: int = 0) -> NDArray[np.uint8]:
+def make_textured_image(height: int, width: int, seed: int = 0) -> NDArray[np.uint8]:
     """Blobs, corners and grain of many sizes."""
     random = np.random.default_rng(seed)
     image = np.full((height, width), 128.0, np.float32)
@@ -37,7 +37,7 @@ def textured_image(height: int, width: int, seed: int = 0) -> NDArray[np.uint8]:
     return np.clip(np.rint(blurred), 0, 255).astype(np.uint8)
 
 
-def blob_image(
+def make_blob_image(
     height: int, width: int, centre_px: tuple[float, float], sigma_px: float, dark: bool = False
 ) -> NDArray[np.uint8]:
     """One Gaussian blob on flat ground, bright unless dark."""
@@ -48,24 +48,22 @@ def blob_image(
     return image
 
 
-def frame_of(
+def make_frame(
     grey: NDArray[np.uint8], depth_m: Array, seq: int = 0, camera: PinholeCamera = CAMERA
 ) -> RgbdFrame:
     """A frame of a grey image and its depth."""
     return RgbdFrame(
         seq=seq,
         stamp_s=seq / 30.0,
-        arrival_s=0.0,
-        colour_bgr=np.repeat(grey[:, :, None], 3, axis=2),
+        receive_time_s=0.0,
+        color_bgr=np.repeat(grey[:, :, None], 3, axis=2),
         depth_raw=np.rint(depth_m * DEPTH_FACTOR).astype(np.uint16),
         depth_factor=DEPTH_FACTOR,
         camera=camera,
     )
 
 
-def view_of_a_corner(
-    T_world_camera: Array, seq: int = 0, camera: PinholeCamera = CAMERA
-) -> RgbdFrame:
+def render_corner(T_world_camera: Array, seq: int = 0, camera: PinholeCamera = CAMERA) -> RgbdFrame:
     """A textured wall above a textured floor, seen from a pose, with exact depth."""
     v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
     rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], -1)
@@ -81,12 +79,12 @@ def view_of_a_corner(
         depth_m[is_seen] = z[is_seen]
         points = origin + rays * np.where(is_seen, z, 0.0)[..., None]
         grey[is_seen] = _texture(points, normal, seed)[is_seen]
-    return frame_of(grey, depth_m, seq, camera)
+    return make_frame(grey, depth_m, seq, camera)
 
 
 @cache
 def _plane(seed: int) -> NDArray[np.uint8]:
-    return textured_image(1024, 1024, seed)
+    return make_textured_image(1024, 1024, seed)
 
 
 def _texture(points: Array, normal: Array, seed: int) -> NDArray[np.uint8]:

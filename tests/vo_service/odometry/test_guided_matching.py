@@ -3,36 +3,36 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector, transform_points
-from tests.vo_service.odometry.synthetic_views import CAMERA, view_of_a_corner
-from tests.vo_service.odometry.walk import path
-from vo_service.odometry.guided_matching import match_near, nearest_in_circles
+from drivers.geometry import Array, inverse, rigid_transform, so3_exp, transform_points
+from tests.vo_service.odometry.synthetic_views import CAMERA, render_corner
+from tests.vo_service.odometry.walk import hand_held_poses
+from vo_service.odometry.guided_matching import match_by_prediction, match_within_radius
 from vo_service.odometry.matching import match_features
-from vo_service.odometry.motion_model import Prediction
-from vo_service.odometry.points import locate_features
+from vo_service.odometry.motion_model import MotionPrediction
+from vo_service.odometry.points import backproject_features
 from vo_service.odometry.surf import SurfExtractor
-from vo_service.odometry.view import View, with_depth
+from vo_service.odometry.view import FeatureView, select_pairs_with_depth
 
 SPREAD_RAD = 0.04
 
 
-def seen(frame: RgbdFrame) -> View:
-    features = SurfExtractor(600).extract(frame.grey)
-    return View(features, locate_features(features, frame), frame.camera, frame.stamp_s)
+def seen(frame: RgbdFrame) -> FeatureView:
+    features = SurfExtractor(600).extract(frame.gray)
+    return FeatureView(features, backproject_features(features, frame), frame.camera, frame.stamp_s)
 
 
 @pytest.fixture(scope="module")
-def reference() -> View:
-    return seen(view_of_a_corner(path(1)[0]))
+def reference() -> FeatureView:
+    return seen(render_corner(hand_held_poses(1)[0]))
 
 
 @pytest.fixture(scope="module")
-def moved() -> View:
-    return seen(view_of_a_corner(path(5)[4], 4))
+def moved() -> FeatureView:
+    return seen(render_corner(hand_held_poses(5)[4], 4))
 
 
 def off_px(
-    view: View, reference: View, pairs: NDArray[np.int64], T_reference_camera: Array
+    view: FeatureView, reference: FeatureView, pairs: NDArray[np.int64], T_reference_camera: Array
 ) -> Array:
     """How far each match is from where a motion puts it."""
     P = transform_points(inverse(T_reference_camera), reference.points.position_m[pairs[:, 1]])
@@ -41,23 +41,29 @@ def off_px(
     return distance
 
 
-def test_with_a_right_prediction_more_is_found_than_without(reference: View, moved: View) -> None:
-    T = path(5)[4]
-    guided = match_near(moved, reference, Prediction(T, SPREAD_RAD))
-    plain = with_depth(moved, reference, match_features(moved.features, reference.features, 0.8))
+def test_with_a_right_prediction_more_is_found_than_without(
+    reference: FeatureView, moved: FeatureView
+) -> None:
+    T = hand_held_poses(5)[4]
+    guided = match_by_prediction(moved, reference, MotionPrediction(T, SPREAD_RAD))
+    plain = select_pairs_with_depth(
+        moved, reference, match_features(moved.features, reference.features, 0.8)
+    )
     assert len(guided) > len(plain) + 10
     assert np.median(off_px(moved, reference, guided, T)) < 1.0
 
 
-def test_matches_lie_where_the_prediction_says(reference: View, moved: View) -> None:
-    T = path(7)[6]
-    pairs = match_near(moved, reference, Prediction(T, SPREAD_RAD))
+def test_matches_lie_where_the_prediction_says(reference: FeatureView, moved: FeatureView) -> None:
+    T = hand_held_poses(7)[6]
+    pairs = match_by_prediction(moved, reference, MotionPrediction(T, SPREAD_RAD))
     assert len(pairs) > 50
     assert off_px(moved, reference, pairs, T).max() <= CAMERA.fx * np.tan(SPREAD_RAD)
 
 
-def test_each_feature_is_matched_once_with_its_own_sign(reference: View, moved: View) -> None:
-    pairs = match_near(moved, reference, Prediction(np.eye(4), 0.2))
+def test_each_feature_is_matched_once_with_its_own_sign(
+    reference: FeatureView, moved: FeatureView
+) -> None:
+    pairs = match_by_prediction(moved, reference, MotionPrediction(np.eye(4), 0.2))
     assert len(set(pairs[:, 0])) == len(set(pairs[:, 1])) == len(pairs)
     assert np.all(np.diff(pairs[:, 0]) > 0)
     signs = moved.features.sign[pairs[:, 0]], reference.features.sign[pairs[:, 1]]
@@ -69,23 +75,29 @@ def test_each_feature_is_matched_once_with_its_own_sign(reference: View, moved: 
 @pytest.mark.parametrize(
     "T",
     [
-        rigid_transform(rotation_from_vector([0.0, 3.1, 0.0]), np.zeros(3)),  # all lies behind it
+        rigid_transform(so3_exp([0.0, 3.1, 0.0]), np.zeros(3)),  # all lies behind it
         rigid_transform(np.eye(3), [0.0, 0.0, 50.0]),
         rigid_transform(np.eye(3), [40.0, 0.0, 0.0]),
     ],
 )
 def test_a_prediction_that_sees_nothing_finds_nothing(
-    reference: View, moved: View, T: Array
+    reference: FeatureView, moved: FeatureView, T: Array
 ) -> None:
-    assert match_near(moved, reference, Prediction(T, SPREAD_RAD)).shape == (0, 2)
+    assert match_by_prediction(moved, reference, MotionPrediction(T, SPREAD_RAD)).shape == (0, 2)
 
 
-def test_a_view_without_features_finds_nothing(reference: View) -> None:
-    black = view_of_a_corner(path(1)[0])
-    black.colour_bgr[:] = 0
+def test_a_view_without_features_finds_nothing(reference: FeatureView) -> None:
+    black = render_corner(hand_held_poses(1)[0])
+    black.color_bgr[:] = 0
     empty = seen(black)
-    assert match_near(empty, reference, Prediction(np.eye(4), SPREAD_RAD)).shape == (0, 2)
-    assert match_near(reference, empty, Prediction(np.eye(4), SPREAD_RAD)).shape == (0, 2)
+    assert match_by_prediction(empty, reference, MotionPrediction(np.eye(4), SPREAD_RAD)).shape == (
+        0,
+        2,
+    )
+    assert match_by_prediction(reference, empty, MotionPrediction(np.eye(4), SPREAD_RAD)).shape == (
+        0,
+        2,
+    )
 
 
 def found(
@@ -96,7 +108,7 @@ def found(
     position_px = np.array([[float(n), 0.0] for n in range(len(descriptors))])
     vectors = (np.array(each, np.int16) for each in (sought, descriptors))
     a, b = vectors
-    return [int(n) for n in nearest_in_circles(expected_px, a, position_px, b, radius_px)]
+    return [int(n) for n in match_within_radius(expected_px, a, position_px, b, radius_px)]
 
 
 def test_the_nearest_wins_where_it_stands_out() -> None:

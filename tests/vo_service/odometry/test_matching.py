@@ -4,8 +4,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, textured_image
-from vo_service.odometry.matching import best_two, match_descriptors, match_features
+from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_textured_image
+from vo_service.odometry.matching import find_best_two, match_descriptors, match_features
 from vo_service.odometry.surf import Features, SurfExtractor
 
 Table = NDArray[np.float32]
@@ -92,7 +92,7 @@ def test_a_single_reference_is_matched_whatever_its_distance() -> None:
 @FIRST_CALL_COMPILES
 def test_best_two_are_the_two_largest_and_the_first_of_equals(seed: int, k: int, n: int) -> None:
     table = random_descriptors(seed, k, n, 4)
-    best, second, nearest = best_two(table)
+    best, second, nearest = find_best_two(table)
     padded = np.sort(np.vstack([np.full(n, -np.inf), table]), axis=0)
     assert np.array_equal(best, padded[-1])
     assert np.array_equal(second, padded[-2])
@@ -118,7 +118,7 @@ def test_an_image_without_features_has_no_matches(signs: list[float]) -> None:
 
 
 def test_an_image_matches_itself_in_order() -> None:
-    features = SurfExtractor(300).extract(textured_image(240, 320))
+    features = SurfExtractor(300).extract(make_textured_image(240, 320))
     pairs = match_features(features, features, 0.8)
     assert np.array_equal(pairs[:, 0], pairs[:, 1])
     assert np.all(np.diff(pairs[:, 0]) > 0)

@@ -3,22 +3,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.geometry import Array, rigid_transform, rotation_angle_rad, rotation_from_vector
+from drivers.geometry import Array, rigid_transform, rotation_angle_rad, so3_exp
 from tests.vo_service.odometry.walk import assert_close
-from vo_service.odometry.motion_model import FASTEST_M_S, FASTEST_RAD_S, MotionModel
+from vo_service.odometry.motion_model import (
+    MAX_SPEED_M_S,
+    MAX_TURN_RATE_RAD_S,
+    ConstantVelocityModel,
+)
 
 RATE_HZ = 30.0
 
 
 def step(turn_rad_s: list[float], speed_m_s: list[float], duration_s: float = 1 / RATE_HZ) -> Array:
     """Motion in a straight line, seen from the camera before it, while turning about one axis."""
-    R = rotation_from_vector(np.array(turn_rad_s) * duration_s)
+    R = so3_exp(np.array(turn_rad_s) * duration_s)
     return rigid_transform(R, np.array(speed_m_s) * duration_s)
 
 
-def moved(motion: Array, frames: int) -> MotionModel:
-    model = MotionModel()
-    model.begin(0.0)
+def moved(motion: Array, frames: int) -> ConstantVelocityModel:
+    model = ConstantVelocityModel()
+    model.reset(0.0)
     for k in range(1, frames + 1):
         model.add(motion, k / RATE_HZ)
     return model
@@ -42,8 +46,8 @@ def test_further_ahead_less_is_sure() -> None:
 
 
 def test_nothing_is_told_before_a_motion_or_long_after_it() -> None:
-    model = MotionModel()
-    model.begin(0.0)
+    model = ConstantVelocityModel()
+    model.reset(0.0)
     assert model.predict(1 / RATE_HZ) is None
     model.add(np.eye(4), 1 / RATE_HZ)
     assert model.predict(2 / RATE_HZ) is not None
@@ -58,7 +62,7 @@ def test_a_long_step_says_nothing_of_the_speed_now() -> None:
 
 def test_the_start_of_a_chain_forgets_the_velocity() -> None:
     model = moved(np.eye(4), 5)
-    model.begin(5 / RATE_HZ)
+    model.reset(5 / RATE_HZ)
     assert model.predict(6 / RATE_HZ) is None
 
 
@@ -81,5 +85,5 @@ def test_no_prediction_is_faster_than_a_camera_can_be(
     prediction = moved(step(turn_rad_s, speed_m_s), 3).predict(3 / RATE_HZ + ahead_s)
     assert prediction is not None
     T = prediction.T_reference_camera
-    assert np.linalg.norm(T[:3, 3]) <= FASTEST_M_S * ahead_s + 1e-6
-    assert rotation_angle_rad(T[:3, :3]) <= FASTEST_RAD_S * ahead_s + 1e-6
+    assert np.linalg.norm(T[:3, 3]) <= MAX_SPEED_M_S * ahead_s + 1e-6
+    assert rotation_angle_rad(T[:3, :3]) <= MAX_TURN_RATE_RAD_S * ahead_s + 1e-6

@@ -5,11 +5,11 @@ from hypothesis import strategies as st
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
-from tests.vo_service.odometry.synthetic_views import CAMERA, FIRST_CALL_COMPILES, frame_of
+from tests.vo_service.odometry.synthetic_views import CAMERA, FIRST_CALL_COMPILES, make_frame
 from vo_service.odometry.points import (
     FeaturePoints,
+    backproject_features,
     fit_inverse_depth,
-    locate_features,
     pair_points,
 )
 from vo_service.odometry.surf import Features
@@ -100,22 +100,22 @@ def test_a_feature_at_the_border_is_no_point(x: float, y: float) -> None:
 
 
 def test_an_image_without_depth_has_no_points() -> None:
-    points = locate_features(features_at((20.0, 30.0)), frame_without_depth())
+    points = backproject_features(features_at((20.0, 30.0)), frame_without_depth())
     assert not points.has_depth.any()
     assert np.all(points.position_m == 0)
 
 
 def frame_without_depth() -> RgbdFrame:
     shape = (CAMERA.height, CAMERA.width)
-    return frame_of(np.zeros(shape, np.uint8), np.zeros(shape))
+    return make_frame(np.zeros(shape, np.uint8), np.zeros(shape))
 
 
 @FIRST_CALL_COMPILES
 @given(st.floats(5.0, 314.0), st.floats(5.0, 234.0), st.floats(0.6, 4.0))
 def test_a_point_projects_to_its_feature(x: float, y: float, depth_m: float) -> None:
     shape = (CAMERA.height, CAMERA.width)
-    frame = frame_of(np.zeros(shape, np.uint8), np.full(shape, depth_m))
-    points = locate_features(features_at((x, y)), frame)
+    frame = make_frame(np.zeros(shape, np.uint8), np.full(shape, depth_m))
+    points = backproject_features(features_at((x, y)), frame)
     pixel = CAMERA.K @ points.position_m[0]
     assert points.has_depth.all()
     assert pixel[:2] / pixel[2] == pytest.approx([x, y], abs=1e-4)
@@ -131,8 +131,8 @@ def test_uncertainty_grows_with_depth_and_along_the_ray_with_its_square() -> Non
 
 def points_at_depth(depth_m: float) -> FeaturePoints:
     shape = (CAMERA.height, CAMERA.width)
-    frame = frame_of(np.zeros(shape, np.uint8), np.full(shape, depth_m))
-    return locate_features(features_at((100.0, 90.0), (200.0, 50.0)), frame)
+    frame = make_frame(np.zeros(shape, np.uint8), np.full(shape, depth_m))
+    return backproject_features(features_at((100.0, 90.0), (200.0, 50.0)), frame)
 
 
 def test_pairs_hold_the_points_of_both_and_the_noise_of_their_difference() -> None:

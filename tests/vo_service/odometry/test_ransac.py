@@ -9,18 +9,23 @@ from drivers.geometry import (
     is_rigid,
     rigid_transform,
     rotation_angle_rad,
-    rotation_from_vector,
+    so3_exp,
     transform_points,
 )
 from tests.vo_service.odometry.point_pairs import (
     T_REFERENCE_CAMERA,
-    exact_pairs,
-    measured_pairs,
-    points_in_view,
+    make_exact_pairs,
+    make_noisy_pairs,
+    sample_points,
 )
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES
 from vo_service.odometry.points import PointPairs
-from vo_service.odometry.ransac import agreeing, best_hypothesis, find_consensus, inverse_gate
+from vo_service.odometry.ransac import (
+    find_best_hypothesis,
+    find_consensus,
+    find_inliers,
+    inverse_gate,
+)
 from vo_service.odometry.rigid_motion import fit_rigid_motion
 
 SEED = st.integers(0, 2**31 - 1)
@@ -28,14 +33,14 @@ COORDINATE = st.floats(-4.0, 4.0)
 
 
 def consensus_of(P: Array, Q: Array) -> tuple[Array, int]:
-    found = find_consensus(exact_pairs(P, Q), 500, 1)
+    found = find_consensus(make_exact_pairs(P, Q), 500, 1)
     return found.T_reference_camera, int(found.inlier.sum())
 
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("outliers", [0, 150, 180])
 def test_the_motion_is_found_among_outliers(seed: int, outliers: int) -> None:
-    found = find_consensus(measured_pairs(seed, 300, outliers), 500, seed)
+    found = find_consensus(make_noisy_pairs(seed, 300, outliers), 500, seed)
     error = inverse(found.T_reference_camera) @ T_REFERENCE_CAMERA
     assert np.linalg.norm(error[:3, 3]) < 0.02
     assert np.degrees(rotation_angle_rad(error[:3, :3])) < 0.8
@@ -48,11 +53,11 @@ def test_the_motion_is_found_among_outliers(seed: int, outliers: int) -> None:
 @given(SEED)
 def test_the_motion_of_three_pairs_is_that_of_the_svd(seed: int) -> None:
     random = np.random.default_rng(seed)
-    P = points_in_view(random, 3)
-    T = rigid_transform(rotation_from_vector(random.uniform(-1, 1, 3)), random.uniform(-1, 1, 3))
+    P = sample_points(random, 3)
+    T = rigid_transform(so3_exp(random.uniform(-1, 1, 3)), random.uniform(-1, 1, 3))
     Q = transform_points(T, P) + random.normal(scale=0.002, size=P.shape)
     gate = np.ones((2, 3))
-    found, score = best_hypothesis(P.T.copy(), Q.T.copy(), gate, 200, np.uint32(seed))
+    found, score = find_best_hypothesis(P.T.copy(), Q.T.copy(), gate, 200, np.uint32(seed))
     sides = P - np.roll(P, 1, axis=0)
     is_triangle = np.linalg.norm(sides, axis=1).min() > 0.05
     assert (score > 0) == is_triangle
@@ -63,21 +68,21 @@ def test_the_motion_of_three_pairs_is_that_of_the_svd(seed: int) -> None:
 @FIRST_CALL_COMPILES
 @given(SEED, st.integers(0, 60), st.integers(0, 40))
 def test_the_same_seed_gives_the_same_bits(seed: int, good: int, bad: int) -> None:
-    pairs = measured_pairs(seed, good + bad, bad)
+    pairs = make_noisy_pairs(seed, good + bad, bad)
     first, second = (find_consensus(pairs, 500, seed) for _ in range(2))
     assert np.array_equal(first.T_reference_camera, second.T_reference_camera)
     assert np.array_equal(first.inlier, second.inlier)
 
 
 def test_seeds_choose_other_pairs() -> None:
-    pairs = measured_pairs(0, 100, 20)
+    pairs = make_noisy_pairs(0, 100, 20)
     found = {find_consensus(pairs, 500, seed).T_reference_camera.tobytes() for seed in range(10)}
     assert len(found) > 5
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])
 def test_fewer_than_three_pairs_are_no_consensus(n: int) -> None:
-    P = points_in_view(np.random.default_rng(0), n)
+    P = sample_points(np.random.default_rng(0), n)
     T, inliers = consensus_of(P, P)
     assert (inliers, T.tolist()) == (0, np.eye(4).tolist())
 
@@ -104,11 +109,11 @@ def test_points_that_span_nothing_are_no_consensus(P: Array, shift_m: float) -> 
 
 def test_points_that_did_not_move_rigidly_are_hardly_a_consensus() -> None:
     random = np.random.default_rng(0)
-    assert consensus_of(points_in_view(random, 200), points_in_view(random, 200))[1] < 15
+    assert consensus_of(sample_points(random, 200), sample_points(random, 200))[1] < 15
 
 
 def test_a_mirror_image_is_no_consensus() -> None:
-    P = points_in_view(np.random.default_rng(0), 100)
+    P = sample_points(np.random.default_rng(0), 100)
     assert consensus_of(P, P * [-1.0, 1.0, 1.0])[1] < 30
 
 
@@ -123,7 +128,7 @@ def test_no_input_is_an_error_and_every_answer_is_a_motion(rows: list[tuple[floa
 
 def test_the_gate_follows_the_noise_of_the_sensor() -> None:
     P = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0]])
-    pairs = exact_pairs(P, P)
+    pairs = make_exact_pairs(P, P)
     largest_m = 1.0 / inverse_gate(pairs)
     # Three sigmas of two readings, 0.3 pixels across and 1.4e-3/m of 1/z along, and 2 mm.
     across_m = 0.002 + 3 * np.sqrt(2) * 0.3 / 520 * np.array([1.0, 3.0])
@@ -136,11 +141,11 @@ def test_the_gate_follows_the_noise_of_the_sensor() -> None:
 def test_the_score_of_a_pair_falls_to_zero_at_the_gate(
     axis: int, column: int, share: float, score: float
 ) -> None:
-    P = points_in_view(np.random.default_rng(0), 40)
-    gate = inverse_gate(exact_pairs(P, P))
+    P = sample_points(np.random.default_rng(0), 40)
+    gate = inverse_gate(make_exact_pairs(P, P))
     Q = P.copy()
     Q[0, axis] += share / gate[0, column]
-    found, total = best_hypothesis(P.T.copy(), Q.T.copy(), gate.T.copy(), 500, np.uint32(1))
+    found, total = find_best_hypothesis(P.T.copy(), Q.T.copy(), gate.T.copy(), 500, np.uint32(1))
     assert total == pytest.approx(39 + score)
     assert found == pytest.approx(np.eye(4), abs=1e-9)
 
@@ -149,7 +154,7 @@ def test_the_score_of_a_pair_falls_to_zero_at_the_gate(
 @pytest.mark.parametrize(("share", "agrees"), [(0.99, True), (1.01, False)])
 def test_a_pair_agrees_up_to_the_gate(axis: int, column: int, share: float, agrees: bool) -> None:
     P = np.array([[0.1, 0.2, 2.0]])
-    gate = inverse_gate(exact_pairs(P, P))
+    gate = inverse_gate(make_exact_pairs(P, P))
     Q = P.copy()
     Q[0, axis] += share / gate[0, column]
-    assert agreeing(np.eye(4), exact_pairs(P, Q), gate).tolist() == [agrees]
+    assert find_inliers(np.eye(4), make_exact_pairs(P, Q), gate).tolist() == [agrees]

@@ -9,7 +9,7 @@ from drivers.geometry import (
     inverse,
     is_rigid,
     rigid_transform,
-    rotation_from_vector,
+    so3_exp,
     transform_points,
 )
 from vo_service.odometry.rigid_motion import fit_rigid_motion, motion_covariance
@@ -27,7 +27,7 @@ def test_an_exact_motion_is_recovered(
     seed: int, n: int, turn: tuple[float, ...], shift: tuple[float, ...]
 ) -> None:
     P, w = cloud(seed, n), np.random.default_rng(seed).uniform(0.1, 5.0, n)
-    T = rigid_transform(rotation_from_vector(turn), shift)
+    T = rigid_transform(so3_exp(turn), shift)
     assert fit_rigid_motion(P, transform_points(T, P), w) == pytest.approx(T, abs=1e-5)
 
 
@@ -52,7 +52,7 @@ def test_a_mirror_image_is_fitted_by_a_rotation(seed: int, n: int) -> None:
 
 def test_points_on_a_plane_are_not_mirrored() -> None:
     P = cloud(0, 20) * [1.0, 1.0, 0.0]
-    T = rigid_transform(rotation_from_vector([0.4, -1.0, 2.0]), [1.0, 2.0, 3.0])
+    T = rigid_transform(so3_exp([0.4, -1.0, 2.0]), [1.0, 2.0, 3.0])
     assert fit_rigid_motion(P, transform_points(T, P), np.ones(20)) == pytest.approx(T)
 
 
@@ -84,7 +84,7 @@ def test_the_covariance_is_that_of_many_noisy_fits(even: bool) -> None:
     z = P[:, 2]
     sigma_m = np.column_stack([0.002 * z, 0.002 * z, 0.004 * z**2])
     w = np.full(len(P), 1e4) if even else 1.0 / (sigma_m**2).sum(axis=1)
-    T = rigid_transform(rotation_from_vector([0.9, -0.5, 0.3]), [0.2, 0.1, -0.4])
+    T = rigid_transform(so3_exp([0.9, -0.5, 0.3]), [0.2, 0.1, -0.4])
     sample = np.cov(errors_of_fits(P, sigma_m, w, T, 2000).T)
     predicted = motion_covariance(P, w, sigma_m)
     scale = np.sqrt(np.outer(np.diag(sample), np.diag(sample)))

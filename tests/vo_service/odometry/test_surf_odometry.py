@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera import EndOfStream, Pace, RgbdFrame
+from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
 from drivers.geometry import inverse
 from drivers.tum.camera import TumCamera
-from tests.vo_service.odometry.contract import assert_is_the_world, assert_rests_on_its_evidence
-from tests.vo_service.odometry.stage_names import StageNames
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
-from tests.vo_service.odometry.walk import assert_close, follow, path
+from tests.vo_service.odometry.contract import assert_counts_consistent, assert_starts_at_origin
+from tests.vo_service.odometry.stage_names import RecordingStageTimer
+from tests.vo_service.odometry.synthetic_views import render_corner
+from tests.vo_service.odometry.walk import assert_close, estimate_all, hand_held_poses
 from vo_service.odometry.surf import SurfExtractor
 from vo_service.odometry.surf_odometry import SurfOdometry
 from vo_service.types import Estimate
@@ -22,37 +22,37 @@ from vo_service.types import Estimate
 
 @pytest.fixture(scope="module")
 def views() -> list[RgbdFrame]:
-    return [view_of_a_corner(T, seq) for seq, T in enumerate(path(6))]
+    return [render_corner(T, seq) for seq, T in enumerate(hand_held_poses(6))]
 
 
 def test_a_camera_in_a_known_scene_is_followed(views: list[RgbdFrame]) -> None:
-    poses = path(len(views))
-    for k, estimate in enumerate(follow(SurfOdometry(), views)):
+    poses = hand_held_poses(len(views))
+    for k, estimate in enumerate(estimate_all(SurfOdometry(), views)):
         assert estimate.ok, estimate.reason
         assert_close(estimate.T_world_camera, poses[k], 0.002 * (1 + k), 0.1 * (1 + k))
 
 
 def test_poses_are_the_product_of_the_motions(views: list[RgbdFrame]) -> None:
     T = np.eye(4)
-    for estimate in follow(SurfOdometry(), views):
+    for estimate in estimate_all(SurfOdometry(), views):
         T = T @ estimate.T_reference_camera
         assert np.array_equal(estimate.T_world_camera, T)
 
 
 def test_the_first_frame_is_the_world(views: list[RgbdFrame]) -> None:
     first = SurfOdometry().estimate(views[0])
-    assert_is_the_world(first)
+    assert_starts_at_origin(first)
 
 
 def test_an_estimate_says_what_it_rests_on(views: list[RgbdFrame]) -> None:
-    estimate = follow(SurfOdometry(), views[:2])[1]
-    assert_rests_on_its_evidence(estimate, 15)
+    estimate = estimate_all(SurfOdometry(), views[:2])[1]
+    assert_counts_consistent(estimate, 15)
     assert estimate.features <= 1000
 
 
 def test_the_error_is_of_the_size_that_the_covariance_says(views: list[RgbdFrame]) -> None:
-    poses = path(len(views))
-    for k, estimate in enumerate(follow(SurfOdometry(), views)[1:], 1):
+    poses = hand_held_poses(len(views))
+    for k, estimate in enumerate(estimate_all(SurfOdometry(), views)[1:], 1):
         error = inverse(estimate.T_reference_camera) @ inverse(poses[k - 1]) @ poses[k]
         sigma_m = np.sqrt(np.trace(estimate.covariance[:3, :3]))
         assert np.linalg.norm(error[:3, 3]) < 4 * sigma_m
@@ -60,7 +60,7 @@ def test_the_error_is_of_the_size_that_the_covariance_says(views: list[RgbdFrame
 
 
 def test_the_same_frames_twice_give_the_same_bits(views: list[RgbdFrame]) -> None:
-    first, second = (follow(SurfOdometry(), views) for _ in range(2))
+    first, second = (estimate_all(SurfOdometry(), views) for _ in range(2))
     for a, b in zip(first, second, strict=True):
         assert np.array_equal(a.T_world_camera, b.T_world_camera)
         assert np.array_equal(a.covariance, b.covariance)
@@ -82,26 +82,26 @@ def test_the_number_of_threads_changes_no_bit() -> None:
 
 
 def test_standing_still_is_no_motion(views: list[RgbdFrame]) -> None:
-    estimates = follow(SurfOdometry(), [views[0]] * 4)
+    estimates = estimate_all(SurfOdometry(), [views[0]] * 4)
     assert all(e.ok for e in estimates)
     np.testing.assert_allclose(estimates[-1].T_world_camera, np.eye(4), atol=1e-12)
 
 
 def test_upright_features_serve_as_well(views: list[RgbdFrame]) -> None:
-    estimates = follow(SurfOdometry(SurfExtractor(500, upright=True)), views)
+    estimates = estimate_all(SurfOdometry(SurfExtractor(500, upright=True)), views)
     assert all(e.ok for e in estimates)
-    assert_close(estimates[-1].T_world_camera, path(6)[5], 0.012, 0.6)
+    assert_close(estimates[-1].T_world_camera, hand_held_poses(6)[5], 0.012, 0.6)
 
 
 def test_every_stage_is_timed_in_the_papers_order(views: list[RgbdFrame]) -> None:
-    stopwatch = StageNames()
-    odometry = SurfOdometry(stopwatch=stopwatch)
-    follow(odometry, views[:2])
+    stopwatch = RecordingStageTimer()
+    odometry = SurfOdometry(timer=stopwatch)
+    estimate_all(odometry, views[:2])
     assert stopwatch.names == ["surf", "points", "surf", "points", "match", "ransac", "svd"]
 
 
 def recorded(folder: Path, frames: int) -> list[Estimate]:
-    with TumCamera(folder, None, Pace.LOCKSTEP) as camera:
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
         odometry = SurfOdometry()
         return [odometry.estimate(frame) for frame in islice(all_frames(camera), frames)]
 

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
-from tests.vo_service.odometry.walk import BLACK, SHAPE, assert_close, follow
+from drivers.geometry import Array, inverse, rigid_transform, so3_exp
+from tests.vo_service.odometry.synthetic_views import render_corner
+from tests.vo_service.odometry.walk import BLACK, SHAPE, assert_close, estimate_all
 from vo_service.odometry.parameters import SurfParameters
-from vo_service.odometry.recovery import Found, Recovery
+from vo_service.odometry.recovery import RecoveredPose, SurfRecovery
 from vo_service.odometry.surf_odometry import SurfOdometry
-from vo_service.odometry.view import View
+from vo_service.odometry.view import FeatureView
 
 
 def turned(angle_rad: float) -> Array:
-    return rigid_transform(rotation_from_vector([0.0, angle_rad, 0.0]), [0.3 * angle_rad, 0.0, 0.0])
+    return rigid_transform(so3_exp([0.0, angle_rad, 0.0]), [0.3 * angle_rad, 0.0, 0.0])
 
 
 def seen(angle_rad: float, seq: int) -> RgbdFrame:
-    return view_of_a_corner(turned(angle_rad), seq)
+    return render_corner(turned(angle_rad), seq)
 
 
 ANGLES_RAD = [0.18 * k for k in range(7)]
@@ -39,20 +39,20 @@ def back() -> list[RgbdFrame]:
     return [seen(BACK_RAD, len(ANGLES_RAD) + k) for k in range(6)]
 
 
-class NoRecovery(Recovery):
-    def find(self, view: View, last: View, turn: int) -> Found | None:
+class NoRecovery(SurfRecovery):
+    def find(self, view: FeatureView, last: FeatureView, turn: int) -> RecoveredPose | None:
         return None
 
 
 def test_a_camera_that_looks_back_is_found_by_an_older_view(
     sweep: list[RgbdFrame], back: list[RgbdFrame]
 ) -> None:
-    alone = follow(SurfOdometry(recovery=NoRecovery(SurfParameters())), sweep + back)
+    alone = estimate_all(SurfOdometry(recovery=NoRecovery(SurfParameters())), sweep + back)
     assert not any(e.ok for e in alone[len(sweep) :])
-    estimates = follow(SurfOdometry(), sweep + back)
+    estimates = estimate_all(SurfOdometry(), sweep + back)
     lost, found = estimates[len(sweep) :], estimates[-1]
     assert [e.ok for e in lost] == [False, True, True, True, True, True]
-    assert not any(e.restarted for e in estimates)
+    assert not any(e.is_reset for e in estimates)
     assert_close(found.T_world_camera, turned(BACK_RAD), 0.01, 0.5)
 
 
@@ -60,7 +60,7 @@ def test_the_motion_is_told_since_the_last_good_frame(
     sweep: list[RgbdFrame], back: list[RgbdFrame]
 ) -> None:
     odometry = SurfOdometry()
-    last = follow(odometry, sweep)[-1]
+    last = estimate_all(odometry, sweep)[-1]
     found = next(e for e in map(odometry.estimate, back) if e.ok)
     T_last_camera = inverse(last.T_world_camera) @ found.T_world_camera
     np.testing.assert_allclose(found.T_reference_camera, T_last_camera, atol=1e-12)
@@ -76,7 +76,7 @@ def test_tracking_goes_on_from_where_it_was_found(
     sweep: list[RgbdFrame], back: list[RgbdFrame]
 ) -> None:
     odometry = SurfOdometry()
-    follow(odometry, sweep + back)
+    estimate_all(odometry, sweep + back)
     following = odometry.estimate(seen(BACK_RAD + 0.03, 13))
     assert following.ok
     assert_close(
@@ -89,18 +89,18 @@ def test_tracking_goes_on_from_where_it_was_found(
 
 def mirrored(frame: RgbdFrame) -> RgbdFrame:
     """Nothing that was ever seen: SURF does not know mirror images."""
-    colour, depth = frame.colour_bgr[:, ::-1], frame.depth_raw[:, ::-1]
-    return replace(frame, colour_bgr=colour.copy(), depth_raw=depth.copy())
+    colour, depth = frame.color_bgr[:, ::-1], frame.depth_raw[:, ::-1]
+    return replace(frame, color_bgr=colour.copy(), depth_raw=depth.copy())
 
 
 def test_after_a_fresh_start_the_old_views_are_forgotten(
     sweep: list[RgbdFrame], back: list[RgbdFrame]
 ) -> None:
     odometry = SurfOdometry(parameters=SurfParameters(max_failures=1))
-    follow(odometry, sweep)
-    lost, fresh = follow(odometry, [mirrored(sweep[2])] * 2)
+    estimate_all(odometry, sweep)
+    lost, fresh = estimate_all(odometry, [mirrored(sweep[2])] * 2)
     assert not lost.ok
-    assert fresh.restarted
+    assert fresh.is_reset
     again = odometry.estimate(back[0])
     assert not again.ok
     assert np.array_equal(again.T_world_camera, fresh.T_world_camera)
@@ -110,24 +110,24 @@ def test_after_a_fresh_start_the_old_views_are_forgotten(
 def test_noise_is_no_place_seen_before(sweep: list[RgbdFrame], seed: int) -> None:
     random = np.random.default_rng(seed)
     odometry = SurfOdometry()
-    follow(odometry, sweep)
+    estimate_all(odometry, sweep)
     for seq in range(7, 12):
         grey = random.integers(0, 256, (*SHAPE, 1), np.uint8)
-        noise = replace(sweep[0], colour_bgr=np.repeat(grey, 3, axis=2), stamp_s=seq / 30)
+        noise = replace(sweep[0], color_bgr=np.repeat(grey, 3, axis=2), stamp_s=seq / 30)
         assert not odometry.estimate(noise).ok
 
 
 def blurred(angle_rad: float, seq: int) -> RgbdFrame:
     """As it is seen in the middle of a turn by 3.4 degrees while the shutter is open."""
     shots = [seen(angle_rad + off_rad, seq) for off_rad in np.linspace(-0.03, 0.03, 9)]
-    colour_bgr = np.mean([shot.colour_bgr for shot in shots], axis=0).astype(np.uint8)
-    return replace(shots[4], colour_bgr=colour_bgr)
+    colour_bgr = np.mean([shot.color_bgr for shot in shots], axis=0).astype(np.uint8)
+    return replace(shots[4], color_bgr=colour_bgr)
 
 
 def test_a_steady_turn_is_followed_into_a_blurred_picture() -> None:
     turn = [*(seen(0.03 * seq, seq) for seq in range(4)), blurred(0.12, 4)]
-    alone = follow(SurfOdometry(recovery=NoRecovery(SurfParameters())), turn)[-1]
-    found = follow(SurfOdometry(), turn)[-1]
+    alone = estimate_all(SurfOdometry(recovery=NoRecovery(SurfParameters())), turn)[-1]
+    found = estimate_all(SurfOdometry(), turn)[-1]
     assert not alone.ok
     assert found.ok
     assert_close(found.T_world_camera, turned(0.12), 0.02, 0.5)
@@ -135,11 +135,11 @@ def test_a_steady_turn_is_followed_into_a_blurred_picture() -> None:
 
 def test_without_stamps_that_rise_nothing_is_predicted_and_nothing_breaks() -> None:
     turn = [*(seen(0.03 * seq, seq) for seq in range(4)), blurred(0.12, 3)]
-    assert not follow(SurfOdometry(), turn)[-1].ok
+    assert not estimate_all(SurfOdometry(), turn)[-1].ok
 
 
 def test_black_frames_are_lost_and_tracking_goes_on_afterwards(sweep: list[RgbdFrame]) -> None:
-    estimates = follow(SurfOdometry(), [*sweep[:3], BLACK, BLACK, sweep[3]])
+    estimates = estimate_all(SurfOdometry(), [*sweep[:3], BLACK, BLACK, sweep[3]])
     assert [e.ok for e in estimates] == [True, True, True, False, False, True]
 
 

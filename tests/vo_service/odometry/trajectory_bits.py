@@ -5,8 +5,8 @@ import sys
 
 import cv2
 
-from drivers.geometry import rigid_transform, rotation_from_vector
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+from drivers.geometry import rigid_transform, so3_exp
+from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.odometry.surf_odometry import SurfOdometry
 
 if __name__ == "__main__":
@@ -14,7 +14,7 @@ if __name__ == "__main__":
     odometry = SurfOdometry()
     digest = hashlib.sha256()
     for seq in range(4):
-        T = rigid_transform(rotation_from_vector([0.0, 0.01 * seq, 0.004 * seq]), [0.01 * seq] * 3)
-        estimate = odometry.estimate(view_of_a_corner(T, seq))
+        T = rigid_transform(so3_exp([0.0, 0.01 * seq, 0.004 * seq]), [0.01 * seq] * 3)
+        estimate = odometry.estimate(render_corner(T, seq))
         digest.update(estimate.T_world_camera.tobytes() + estimate.covariance.tobytes())
     print(digest.hexdigest())

@@ -10,28 +10,28 @@ from drivers.geometry import (
     inverse,
     rigid_transform,
     rotation_angle_rad,
-    rotation_from_vector,
+    so3_exp,
 )
-from tests.vo_service.odometry.synthetic_views import CAMERA, frame_of, view_of_a_corner
+from tests.vo_service.odometry.synthetic_views import CAMERA, make_frame, render_corner
 from vo_service.types import Estimate, Odometry
 
 SHAPE = (CAMERA.height, CAMERA.width)
-BLACK = frame_of(np.zeros(SHAPE, np.uint8), np.full(SHAPE, 1.5))
+BLACK = make_frame(np.zeros(SHAPE, np.uint8), np.full(SHAPE, 1.5))
 
 
-def path(n: int) -> list[Array]:
+def hand_held_poses(n: int) -> list[Array]:
     """Poses of a hand-held camera: 15 mm and 0.8 degrees a frame."""
     turn, shift = np.array([0.006, -0.010, 0.008]), np.array([0.010, -0.005, 0.011])
-    return [rigid_transform(rotation_from_vector(k * turn), k * shift) for k in range(n)]
+    return [rigid_transform(so3_exp(k * turn), k * shift) for k in range(n)]
 
 
-def elsewhere(seq: int) -> RgbdFrame:
+def render_elsewhere(seq: int) -> RgbdFrame:
     """The same corner from where nothing of the other views is seen."""
-    away = rigid_transform(rotation_from_vector([0.0, 0.7, 0.0]), [1.6, -0.3, 0.2])
-    return view_of_a_corner(away @ path(seq + 1)[seq], seq)
+    away = rigid_transform(so3_exp([0.0, 0.7, 0.0]), [1.6, -0.3, 0.2])
+    return render_corner(away @ hand_held_poses(seq + 1)[seq], seq)
 
 
-def follow(odometry: Odometry, frames: Iterable[RgbdFrame]) -> list[Estimate]:
+def estimate_all(odometry: Odometry, frames: Iterable[RgbdFrame]) -> list[Estimate]:
     """The estimate of each frame."""
     return [odometry.estimate(frame) for frame in frames]
 

@@ -9,10 +9,17 @@ import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.geometry import rigid_transform, rotation_from_vector
+from drivers.geometry import rigid_transform, so3_exp
 from tests import ports
-from tests.vo_service.fakes import a_status
-from vo_service.types import Estimate, Evidence, Level, PoseUpdate, Status, TrackingState
+from tests.vo_service.fakes import make_status
+from vo_service.types import (
+    Estimate,
+    LevelSource,
+    OdometryUpdate,
+    Status,
+    TrackingDebug,
+    TrackingState,
+)
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684
@@ -25,20 +32,20 @@ def free_port() -> int:
 
 
 @pytest.fixture
-def make_update() -> Callable[..., PoseUpdate]:
+def make_update() -> Callable[..., OdometryUpdate]:
     """Results of a slow walk forward with a turn: ``make_update(seq, ok=True)``."""
-    return _update
+    return _make_update
 
 
 @pytest.fixture
 def status() -> Status:
     """A status as the service would send it."""
-    return a_status(
+    return make_status(
         state=TrackingState.DEGRADED,
         reason="few inliers",
         camera="tum:desk",
         intrinsics="camera file camera.toml",
-        level=Level.GRAVITY,
+        level=LevelSource.GRAVITY,
         failed=1,
         dropped=2,
     )
@@ -47,14 +54,14 @@ def status() -> Status:
 @pytest.fixture
 def listening() -> Callable[[int], set[str]]:
     """Addresses that a process listens on: ``listening(pid)`` answers {"127.0.0.1", ...}."""
-    return _listening
+    return _listening_addresses
 
 
-def _update(seq: int, *, ok: bool = True) -> PoseUpdate:
+def _make_update(seq: int, *, ok: bool = True) -> OdometryUpdate:
     stamp_s = START_S + seq / 30
-    T = rigid_transform(rotation_from_vector([0, 0.01 * seq, 0]), [0.01 * seq, 0.0, 0.02 * seq])
+    T = rigid_transform(so3_exp([0, 0.01 * seq, 0]), [0.01 * seq, 0.0, 0.02 * seq])
     reason = "" if ok else "too few matches"
-    return PoseUpdate(
+    return OdometryUpdate(
         seq=seq,
         stamp_s=stamp_s,
         state=TrackingState.TRACKING if ok else TrackingState.LOST,
@@ -66,16 +73,16 @@ def _update(seq: int, *, ok: bool = True) -> PoseUpdate:
         pose_covariance=np.eye(6) * (1 + seq),
         twist=np.arange(6.0) + seq,
         twist_covariance=np.eye(6) * 0.1,
-        frame=_frame(seq, stamp_s),
+        frame=_make_frame(seq, stamp_s),
         estimate=Estimate(
-            ok, reason, T, np.eye(4), np.eye(6) * 1e-4, 20, 10, 7, evidence=_evidence(seq)
+            ok, reason, T, np.eye(4), np.eye(6) * 1e-4, 20, 10, 7, debug=_make_debug_data(seq)
         ),
         stage_ms={"surf": 4.0, "match": 1.0},
         latency_s=0.012,
     )
 
 
-def _frame(seq: int, stamp_s: float) -> RgbdFrame:
+def _make_frame(seq: int, stamp_s: float) -> RgbdFrame:
     """A colour gradient that moves, a slanted wall with a hole."""
     ramp = np.arange(CAMERA.width, dtype=np.uint8) + np.uint8(seq % 100)
     colour = np.broadcast_to(ramp[None, :, None], (CAMERA.height, CAMERA.width, 3)).copy()
@@ -85,15 +92,15 @@ def _frame(seq: int, stamp_s: float) -> RgbdFrame:
     return RgbdFrame(seq, stamp_s, stamp_s, colour, depth, 5000.0, CAMERA)
 
 
-def _evidence(seq: int) -> Evidence:
+def _make_debug_data(seq: int) -> TrackingDebug:
     """Twenty features, ten of them matched, seven of these inliers."""
     random = np.random.default_rng(seq)
     keypoints = random.uniform((0, 0), (63, 47), (20, 2)).astype(np.float32)
     matches = keypoints[:10]
-    return Evidence(keypoints, matches, matches + np.float32(1.5), np.arange(10) < 7)
+    return TrackingDebug(keypoints, matches, matches + np.float32(1.5), np.arange(10) < 7)
 
 
-def _listening(pid: int) -> set[str]:
+def _listening_addresses(pid: int) -> set[str]:
     links = [str(fd.readlink()) for fd in Path(f"/proc/{pid}/fd").iterdir() if fd.is_symlink()]
     inodes = {link[8:-1] for link in links if link.startswith("socket:[")}
     tcp4, tcp6 = (Path(f"/proc/net/{name}").read_text().splitlines() for name in ("tcp", "tcp6"))

@@ -14,13 +14,13 @@ from rosbags.typesys import Stores, get_typestore
 from tests.waiting import wait_until
 from vo_service.outputs.ros2_names import ODOMETRY, TF_MESSAGE
 from vo_service.outputs.ros2_publisher import Ros2Publisher
-from vo_service.outputs.zenoh_messages import Frames, pose_payload
+from vo_service.outputs.zenoh_messages import FrameIds, pose_payload
 from vo_service.outputs.zenoh_session import open_session
-from vo_service.settings import Ros2Settings, ZenohConfig
-from vo_service.types import PoseUpdate
+from vo_service.settings import Ros2Config, ZenohConfig
+from vo_service.types import OdometryUpdate
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
-FRAMES = Frames("odom", "base_link", "map")
+FRAMES = FrameIds("odom", "base_link", "map")
 ODOMETRY_KEY = f"0/vo/odom/{ODOMETRY.dds_name}/{ODOMETRY.hash}"
 TF_KEY = f"0/tf/{TF_MESSAGE.dds_name}/{TF_MESSAGE.hash}"
 # As rmw_zenoh opens its sessions and its router; routers there do not stand in between peers.
@@ -38,7 +38,7 @@ ROS_ROUTER = ROS_SESSION | {"mode": "router", "routing/router/peers_failover_bro
 
 
 @contextmanager
-def session(settings: dict[str, Any]) -> Iterator[zenoh.Session]:
+def running_session(settings: dict[str, Any]) -> Iterator[zenoh.Session]:
     config = zenoh.Config()
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
@@ -46,16 +46,16 @@ def session(settings: dict[str, Any]) -> Iterator[zenoh.Session]:
         yield opened
 
 
-class Reader:
+class RosReader:
     """Hears some keys on a session, and waits for what it is told to."""
 
     def __init__(self, on: zenoh.Session, *keys: str) -> None:
         self.heard: list[zenoh.Sample] = []
         self._news = threading.Condition()
         for key in keys:
-            on.declare_subscriber(key, self._take)
+            on.declare_subscriber(key, self._on_sample)
 
-    def _take(self, sample: zenoh.Sample) -> None:
+    def _on_sample(self, sample: zenoh.Sample) -> None:
         with self._news:
             self.heard.append(sample)
             self._news.notify_all()
@@ -66,33 +66,33 @@ class Reader:
             return self.heard[:count]
 
 
-class Publishing:
+class PublishingService:
     """The publisher, and the session of the service that it is on."""
 
-    def __init__(self, session: zenoh.Session, settings: Ros2Settings) -> None:
+    def __init__(self, session: zenoh.Session, settings: Ros2Config) -> None:
         congestion = zenoh.CongestionControl.BLOCK
         self._session = session
         self.publisher = Ros2Publisher(session, settings, "kinect", FRAMES, congestion)
 
-    def publish(self, update: PoseUpdate) -> None:
+    def publish(self, update: OdometryUpdate) -> None:
         self.publisher.publish(update, pose_payload(update, FRAMES))
 
     def wait_for_readers(self, *keys: str) -> None:
         """Until someone on the network wants each of these."""
         for key in keys:
             with self._session.declare_publisher(key) as probe:
-                wait_until(partial(_is_wanted, probe), f"a reader of {key}")
+                wait_until(partial(_has_readers, probe), f"a reader of {key}")
 
 
-def _is_wanted(publisher: zenoh.Publisher) -> bool:
+def _has_readers(publisher: zenoh.Publisher) -> bool:
     return bool(publisher.matching_status.matching)  # type: ignore[attr-defined]
 
 
 @contextmanager
-def publishing(port: int, **changes: Any) -> Iterator[Publishing]:
+def publishing_service(port: int, **changes: Any) -> Iterator[PublishingService]:
     """A publisher on a session as the service opens it."""
     with open_session(ZenohConfig(listen=(f"tcp/127.0.0.1:{port}",))) as ours:
-        publishing = Publishing(ours, Ros2Settings(enabled=True, **changes))
+        publishing = PublishingService(ours, Ros2Config(enabled=True, **changes))
         yield publishing
         publishing.publisher.close()
 
@@ -101,23 +101,23 @@ def publishing(port: int, **changes: Any) -> Iterator[Publishing]:
 def ros_node(*connect: int) -> Iterator[zenoh.Session]:
     """The session of a ROS 2 node that connects to these ports."""
     endpoints = [f"tcp/127.0.0.1:{port}" for port in connect]
-    with session(ROS_SESSION | {"connect/endpoints": endpoints}) as opened:
+    with running_session(ROS_SESSION | {"connect/endpoints": endpoints}) as opened:
         yield opened
 
 
-def published(
-    port: int, updates: list[PoseUpdate], count: int, *keys: str, **changes: Any
+def receive_published(
+    port: int, updates: list[OdometryUpdate], count: int, *keys: str, **changes: Any
 ) -> list[zenoh.Sample]:
     """The first samples that a node hears on these keys when we publish these poses."""
-    with publishing(port, **changes) as ours, ros_node(port) as node:
-        reader = Reader(node, *keys)
+    with publishing_service(port, **changes) as ours, ros_node(port) as node:
+        reader = RosReader(node, *keys)
         ours.wait_for_readers(*keys)
         for update in updates:
             ours.publish(update)
         return reader.first(count)
 
 
-def tokens(node: zenoh.Session, domain_id: int, count: int) -> set[tuple[str, str]]:
+def receive_tokens(node: zenoh.Session, domain_id: int, count: int) -> set[tuple[str, str]]:
     """Kind and description of what there is in a domain, once there are so many."""
     deadline_s = time.monotonic() + 100
     while True:

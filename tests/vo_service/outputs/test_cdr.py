@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from drivers.geometry import rigid_transform, rotation_from_vector
+from drivers.geometry import rigid_transform, so3_exp
 from vo_service.outputs.cdr import OdometryMessage, decode_odometry, encode_odometry
 from vo_service.outputs.cdr_layout import split_stamp
 from vo_service.outputs.cdr_transform import (
@@ -32,9 +32,7 @@ def messages(draw: st.DrawFn) -> OdometryMessage:
         stamp_s=draw(st.floats(-(2.0**31), 2.0**31 - 1)),
         frame_id=draw(frame_names),
         child_frame_id=draw(frame_names),
-        T_frame_child=rigid_transform(
-            rotation_from_vector(vector), [draw(metres) for _ in range(3)]
-        ),
+        T_frame_child=rigid_transform(so3_exp(vector), [draw(metres) for _ in range(3)]),
         pose_covariance=np.full((6, 6), draw(metres)) + np.arange(36).reshape(6, 6),
         twist=np.array([draw(metres) for _ in range(6)]),
         twist_covariance=np.full((6, 6), draw(metres)) - np.arange(36).reshape(6, 6),

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import Pace
+from drivers.camera import PlaybackMode
 from drivers.errors import InputError, UserFacingError
-from vo_service.app import OutputRequest, opened_outputs
-from vo_service.outputs.trajectory_output import TrajectoryOutput
-from vo_service.outputs.zenoh_opening import KeepTrying
+from vo_service.app import OutputsConfig, open_outputs
+from vo_service.outputs.trajectory_output import TrajectoryFileOutput
+from vo_service.outputs.zenoh_opening import ConnectWithRetry
 from vo_service.outputs.zenoh_output import ZenohOutput
-from vo_service.settings import RerunSettings, ZenohConfig
-from vo_service.types import PoseUpdate
+from vo_service.settings import RerunConfig, ZenohConfig
+from vo_service.types import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 
@@ -29,18 +29,20 @@ def is_free(port: int) -> bool:
 
 
 def test_nothing_asked_for_is_nothing_open() -> None:
-    with opened_outputs(OutputRequest(Pace.LOCKSTEP, zenoh=None)) as opened:
+    with open_outputs(OutputsConfig(PlaybackMode.LOCKSTEP, zenoh=None)) as opened:
         assert opened.outputs == []
 
 
 def test_what_was_asked_for_is_open_and_closed_afterwards(
-    free_port: int, tmp_path: Path, make_update: Callable[..., PoseUpdate]
+    free_port: int, tmp_path: Path, make_update: Callable[..., OdometryUpdate]
 ) -> None:
-    request = OutputRequest(Pace.REALTIME, zenoh_at(free_port), trajectory=tmp_path / "poses.txt")
-    with opened_outputs(request) as opened:
-        assert [type(output) for output in opened.outputs] == [ZenohOutput, TrajectoryOutput]
+    request = OutputsConfig(
+        PlaybackMode.REALTIME, zenoh_at(free_port), trajectory=tmp_path / "poses.txt"
+    )
+    with open_outputs(request) as opened:
+        assert [type(output) for output in opened.outputs] == [ZenohOutput, TrajectoryFileOutput]
         for output in opened.outputs:
-            output.pose(make_update(0))
+            output.on_update(make_update(0))
     assert (tmp_path / "poses.txt").read_bytes().count(b"\n") == 1
     assert is_free(free_port)
 
@@ -48,8 +50,10 @@ def test_what_was_asked_for_is_open_and_closed_afterwards(
 def test_a_trajectory_that_cannot_be_written_leaves_the_port_free(
     free_port: int, tmp_path: Path
 ) -> None:
-    request = OutputRequest(Pace.REALTIME, zenoh_at(free_port), trajectory=tmp_path / "no" / "file")
-    with pytest.raises(InputError, match="cannot write"), opened_outputs(request):
+    request = OutputsConfig(
+        PlaybackMode.REALTIME, zenoh_at(free_port), trajectory=tmp_path / "no" / "file"
+    )
+    with pytest.raises(InputError, match="cannot write"), open_outputs(request):
         pass
     assert is_free(free_port)
 
@@ -58,11 +62,13 @@ def test_a_port_that_is_taken_leaves_the_trajectory_that_is_there(
     free_port: int, tmp_path: Path
 ) -> None:
     (tmp_path / "poses.txt").write_text("precious")
-    request = OutputRequest(Pace.LOCKSTEP, zenoh_at(free_port), trajectory=tmp_path / "poses.txt")
+    request = OutputsConfig(
+        PlaybackMode.LOCKSTEP, zenoh_at(free_port), trajectory=tmp_path / "poses.txt"
+    )
     with (
         socket.create_server(("127.0.0.1", free_port)),
         pytest.raises(UserFacingError, match="taken"),
-        opened_outputs(request),
+        open_outputs(request),
     ):
         pass
     assert (tmp_path / "poses.txt").read_text() == "precious"
@@ -70,12 +76,15 @@ def test_a_port_that_is_taken_leaves_the_trajectory_that_is_there(
 
 def test_where_poses_are_is_told_and_not_where_they_cannot_be(free_port: int) -> None:
     told: list[str] = []
-    request = OutputRequest(
-        Pace.REALTIME, zenoh_at(free_port), way_to_open=KeepTrying, tell=told.append
+    request = OutputsConfig(
+        PlaybackMode.REALTIME,
+        zenoh_at(free_port),
+        connect_policy=ConnectWithRetry,
+        log_line=told.append,
     )
-    with socket.create_server(("127.0.0.1", free_port)), opened_outputs(request):
+    with socket.create_server(("127.0.0.1", free_port)), open_outputs(request):
         assert told == []
-    with opened_outputs(request):
+    with open_outputs(request):
         assert told == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
 
 
@@ -83,14 +92,16 @@ def test_an_endpoint_of_a_file_is_the_one_that_is_told(free_port: int, tmp_path:
     file = tmp_path / "zenoh.json5"
     file.write_text(f"{{listen: {{endpoints: ['tcp/127.0.0.1:{free_port}']}}}}")
     told: list[str] = []
-    request = OutputRequest(Pace.REALTIME, ZenohConfig(config_file=file), tell=told.append)
-    with opened_outputs(request):
+    request = OutputsConfig(
+        PlaybackMode.REALTIME, ZenohConfig(config_file=file), log_line=told.append
+    )
+    with open_outputs(request):
         assert told == [f"poses: kinect/odom at tcp/127.0.0.1:{free_port} (kinect-vo listen)"]
 
 
 def test_waiting_for_a_subscriber_that_does_not_come_ends(free_port: int) -> None:
-    request = OutputRequest(Pace.LOCKSTEP, zenoh_at(free_port), wait_for_subscriber_s=0.1)
-    with opened_outputs(request) as opened:
+    request = OutputsConfig(PlaybackMode.LOCKSTEP, zenoh_at(free_port), wait_for_subscriber_s=0.1)
+    with open_outputs(request) as opened:
         assert len(opened.outputs) == 1
 
 
@@ -102,10 +113,10 @@ def test_two_rerun_targets_that_are_one_place_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one: str, other: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    rerun = RerunSettings(targets=(one, other))
+    rerun = RerunConfig(targets=(one, other))
     with (
         pytest.raises(InputError, match=f"'{one}' and '{other}' are the same place"),
-        opened_outputs(OutputRequest(Pace.LOCKSTEP, zenoh=None, rerun=rerun)),
+        open_outputs(OutputsConfig(PlaybackMode.LOCKSTEP, zenoh=None, rerun=rerun)),
     ):
         pass
     assert list(tmp_path.iterdir()) == []

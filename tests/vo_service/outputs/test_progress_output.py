@@ -3,13 +3,13 @@
 import io
 from collections.abc import Callable
 
-from tests.vo_service.fakes import a_status
+from tests.vo_service.fakes import make_status
 from vo_service.outputs.progress_output import ProgressOutput
 from vo_service.terminal import Terminal
-from vo_service.types import PoseUpdate, TrackingState
+from vo_service.types import OdometryUpdate, TrackingState
 
 
-class Screen(io.StringIO):
+class FakeProgressTerminal(io.StringIO):
     """A terminal that keeps what was drawn."""
 
     def isatty(self) -> bool:
@@ -17,11 +17,11 @@ class Screen(io.StringIO):
 
 
 def test_it_shows_the_frame_the_state_and_the_inliers_and_takes_the_line_away(
-    make_update: Callable[..., PoseUpdate],
+    make_update: Callable[..., OdometryUpdate],
 ) -> None:
-    screen = Screen()
+    screen = FakeProgressTerminal()
     progress = ProgressOutput(Terminal(screen), "replay", 40)
-    progress.pose(make_update(9))
+    progress.on_update(make_update(9))
     progress.close()
     assert screen.getvalue().split("\r\x1b[K") == [
         "", "replay: tracking, 7 inliers, frame 10/40 (25%)", ""
@@ -29,9 +29,9 @@ def test_it_shows_the_frame_the_state_and_the_inliers_and_takes_the_line_away(
 
 
 def test_it_shows_why_there_is_no_camera_and_leaves_the_rest_to_the_frames() -> None:
-    screen = Screen()
+    screen = FakeProgressTerminal()
     progress = ProgressOutput(Terminal(screen), "demo", 40)
-    progress.status(a_status())
+    progress.on_status(make_status())
     opening = "opening: preparing its room"
-    progress.status(a_status(state=TrackingState.NO_CAMERA, reason=opening))
+    progress.on_status(make_status(state=TrackingState.NO_CAMERA, reason=opening))
     assert screen.getvalue() == "\r\x1b[Kdemo: opening: preparing its room"

@@ -9,13 +9,13 @@ import pytest
 import zenoh
 
 from drivers.geometry import rigid_transform
-from tests.vo_service.made_up_map import a_map
-from tests.vo_service.outputs.ros_node import ROS, TF_KEY, published
-from vo_service.types import NO_MAP, MapSnapshot, PoseUpdate
+from tests.vo_service.made_up_map import make_map
+from tests.vo_service.outputs.ros_node import ROS, TF_KEY, receive_published
+from vo_service.types import NO_MAP, MapSnapshot, OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 
-MakeUpdate = Callable[..., PoseUpdate]
+MakeUpdate = Callable[..., OdometryUpdate]
 
 
 def transforms(sample: zenoh.Sample) -> list[tuple[str, str, float]]:
@@ -30,8 +30,8 @@ def transforms(sample: zenoh.Sample) -> list[tuple[str, str, float]]:
 def test_where_there_is_a_map_a_node_gets_odom_in_it_beside_the_base(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    update = replace(make_update(2), map=a_map(T_map_odom=rigid_transform(np.eye(3), [5, 0, 0])))
-    (sample,) = published(free_port, [update], 1, TF_KEY)
+    update = replace(make_update(2), map=make_map(T_map_odom=rigid_transform(np.eye(3), [5, 0, 0])))
+    (sample,) = receive_published(free_port, [update], 1, TF_KEY)
     assert transforms(sample) == [
         ("odom", "base_link", update.T_odom_base[0, 3]),
         ("map", "odom", 5.0),
@@ -42,9 +42,9 @@ def test_where_there_is_a_map_a_node_gets_odom_in_it_beside_the_base(
     "the_map",
     [
         NO_MAP,
-        a_map(is_located=False),
-        a_map(epoch=0),
-        a_map(T_map_odom=np.full((4, 4), np.nan)),
+        make_map(is_located=False),
+        make_map(epoch=0),
+        make_map(T_map_odom=np.full((4, 4), np.nan)),
     ],
     ids=["none", "not located", "of the epoch before", "not finite"],
 )
@@ -52,5 +52,5 @@ def test_without_a_map_to_rely_on_a_node_gets_the_base_alone(
     free_port: int, make_update: MakeUpdate, the_map: MapSnapshot
 ) -> None:
     update = replace(make_update(2), map=the_map)
-    (sample,) = published(free_port, [update], 1, "tf")
+    (sample,) = receive_published(free_port, [update], 1, "tf")
     assert transforms(sample) == [("odom", "base_link", update.T_odom_base[0, 3])]

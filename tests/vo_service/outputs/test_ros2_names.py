@@ -13,7 +13,7 @@ from vo_service.outputs.ros2_names import (
     RosNode,
     RosTopic,
     RosType,
-    attachment,
+    encode_attachment,
     node_name,
     publisher_gid,
 )
@@ -41,7 +41,7 @@ def test_each_way_has_its_key() -> None:
 
 
 def test_tokens_have_the_parts_that_rmw_zenoh_splits_them_into() -> None:
-    assert NODE.token == "@ros2_lv/3/1a2b/0/0/NN/%/%/kinect_vo"
+    assert NODE.liveliness_token == "@ros2_lv/3/1a2b/0/0/NN/%/%/kinect_vo"
     parts = NODE.publisher_token(1, TOPIC).split("/")
     assert parts[:9] == ["@ros2_lv", "3", "1a2b", "0", "1", "MP", "%", "%", "kinect_vo"]
     assert parts[9:12] == ["%robot%vo%odom", ODOMETRY.dds_name, ODOMETRY.hash]
@@ -49,7 +49,7 @@ def test_tokens_have_the_parts_that_rmw_zenoh_splits_them_into() -> None:
 
 
 def test_keys_and_tokens_are_keys_for_zenoh() -> None:
-    for key in (TOPIC.rmw_key(0), NODE.token, NODE.publisher_token(2, TOPIC)):
+    for key in (TOPIC.rmw_key(0), NODE.liveliness_token, NODE.publisher_token(2, TOPIC)):
         assert str(zenoh.KeyExpr(key)) == key
 
 
@@ -59,7 +59,7 @@ def test_an_attachment_is_what_zenohs_own_serialiser_writes(
 ) -> None:
     content = (zenoh.ext.Int64(number), zenoh.ext.Int64(source_ns), gid)
     written = zenoh.ext.z_serialize(content).to_bytes()
-    assert attachment(number, source_ns, gid) == written
+    assert encode_attachment(number, source_ns, gid) == written
     assert len(written) == 33
 
 

@@ -17,29 +17,29 @@ from tests.vo_service.outputs.ros_node import (
     ROS,
     ROS_ROUTER,
     TF_KEY,
-    Reader,
-    published,
-    publishing,
+    RosReader,
+    publishing_service,
+    receive_published,
+    receive_tokens,
     ros_node,
-    session,
-    tokens,
+    running_session,
 )
 from vo_service.outputs.ros2_names import ODOMETRY, TF_MESSAGE
-from vo_service.outputs.ros2_publisher import ros2_output
+from vo_service.outputs.ros2_publisher import make_ros2_output
 from vo_service.outputs.zenoh_session import open_session
-from vo_service.settings import Ros2Settings, ZenohConfig
-from vo_service.types import PoseUpdate
+from vo_service.settings import Ros2Config, ZenohConfig
+from vo_service.types import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
 
-MakeUpdate = Callable[..., PoseUpdate]
+MakeUpdate = Callable[..., OdometryUpdate]
 
 
 def test_a_node_gets_odometry_under_the_key_of_its_type(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     update = make_update(3)
-    (sample,) = published(free_port, [update], 1, ODOMETRY_KEY)
+    (sample,) = receive_published(free_port, [update], 1, ODOMETRY_KEY)
     message: Any = ROS.deserialize_cdr(sample.payload.to_bytes(), "nav_msgs/msg/Odometry")
     assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
     assert message.pose.pose.position.z == update.T_odom_base[2, 3]
@@ -50,7 +50,7 @@ def test_samples_are_numbered_from_1_by_one_publisher(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     before_ns = time.time_ns()
-    samples = published(free_port, [make_update(seq) for seq in range(3)], 3, ODOMETRY_KEY)
+    samples = receive_published(free_port, [make_update(seq) for seq in range(3)], 3, ODOMETRY_KEY)
     attachments = [bytes(sample.attachment.to_bytes()) for sample in samples if sample.attachment]
     assert [len(each) for each in attachments] == [33] * 3
     heads = [struct.unpack_from("<qqB", each) for each in attachments]
@@ -61,7 +61,7 @@ def test_samples_are_numbered_from_1_by_one_publisher(
 
 def test_a_node_gets_the_transform(free_port: int, make_update: MakeUpdate) -> None:
     update = make_update(2)
-    (sample,) = published(free_port, [update], 1, TF_KEY)
+    (sample,) = receive_published(free_port, [update], 1, TF_KEY)
     message: Any = ROS.deserialize_cdr(sample.payload.to_bytes(), "tf2_msgs/msg/TFMessage")
     (transform,) = message.transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("odom", "base_link")
@@ -73,7 +73,7 @@ def test_the_bridge_gets_the_same_bytes_under_plain_names(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     keys = (ODOMETRY_KEY, TF_KEY, "vo/odom", "tf")
-    samples = published(free_port, [make_update(1)], 4, *keys)
+    samples = receive_published(free_port, [make_update(1)], 4, *keys)
     payloads = {str(sample.key_expr): sample.payload.to_bytes() for sample in samples}
     assert payloads["vo/odom"] == payloads[ODOMETRY_KEY]
     assert payloads["tf"] == payloads[TF_KEY]
@@ -81,7 +81,7 @@ def test_the_bridge_gets_the_same_bytes_under_plain_names(
 
 def test_no_transform_goes_out_while_lost(free_port: int, make_update: MakeUpdate) -> None:
     updates = [make_update(0, ok=False), make_update(1)]
-    samples = published(free_port, updates, 3, "vo/odom", "tf")
+    samples = receive_published(free_port, updates, 3, "vo/odom", "tf")
     keys = [str(sample.key_expr) for sample in samples]
     assert sorted(keys) == ["tf", "vo/odom", "vo/odom"]
     message: Any = ROS.deserialize_cdr(
@@ -92,27 +92,27 @@ def test_no_transform_goes_out_while_lost(free_port: int, make_update: MakeUpdat
 
 def test_the_topics_are_listed_until_close(free_port: int) -> None:
     with ros_node(free_port) as node:
-        with publishing(free_port, domain_id=7, topic="robot/odom"):
-            assert tokens(node, 7, count=3) == {
+        with publishing_service(free_port, domain_id=7, topic="robot/odom"):
+            assert receive_tokens(node, 7, count=3) == {
                 ("NN", "kinect_vo"),
                 ("MP", f"%robot%odom/{ODOMETRY.dds_name}/{ODOMETRY.hash}/::,10:,:,:,,"),
                 ("MP", f"%tf/{TF_MESSAGE.dds_name}/{TF_MESSAGE.hash}/::,100:,:,:,,"),
             }
-        assert tokens(node, 7, count=0) == set()
+        assert receive_tokens(node, 7, count=0) == set()
 
 
 def test_without_tf_there_is_no_such_topic(free_port: int) -> None:
-    with publishing(free_port, tf=False), ros_node(free_port) as node:
-        assert {kind for kind, _ in tokens(node, 0, count=2)} == {"NN", "MP"}
+    with publishing_service(free_port, tf=False), ros_node(free_port) as node:
+        assert {kind for kind, _ in receive_tokens(node, 0, count=2)} == {"NN", "MP"}
 
 
 def test_a_node_finds_us_beside_the_router_of_its_own(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     router_port = ports.free_port()
-    router = session(ROS_ROUTER | {"listen/endpoints": [f"tcp/127.0.0.1:{router_port}"]})
-    with router, publishing(free_port) as ours, ros_node(router_port, free_port) as node:
-        reader = Reader(node, ODOMETRY_KEY)
+    router = running_session(ROS_ROUTER | {"listen/endpoints": [f"tcp/127.0.0.1:{router_port}"]})
+    with router, publishing_service(free_port) as ours, ros_node(router_port, free_port) as node:
+        reader = RosReader(node, ODOMETRY_KEY)
         ours.wait_for_readers(ODOMETRY_KEY)
         ours.publish(make_update(0))
         assert len(reader.first(1)) == 1
@@ -121,7 +121,7 @@ def test_a_node_finds_us_beside_the_router_of_its_own(
 def test_a_key_that_is_taken_already_is_refused(free_port: int) -> None:
     with (
         pytest.raises(InputError, match="go out under this key already"),
-        publishing(free_port, topic="kinect/odom"),
+        publishing_service(free_port, topic="kinect/odom"),
     ):
         pass
 
@@ -129,8 +129,8 @@ def test_a_key_that_is_taken_already_is_refused(free_port: int) -> None:
 def test_nothing_is_declared_unless_asked_for(free_port: int, make_update: MakeUpdate) -> None:
     congestion = zenoh.CongestionControl.DROP
     with open_session(ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",))) as ours:
-        output = ros2_output(ours, Ros2Settings(), "kinect", FRAMES, congestion)
+        output = make_ros2_output(ours, Ros2Config(), "kinect", FRAMES, congestion)
         output.publish(make_update(0), b"")
         with ros_node(free_port) as node:
-            assert tokens(node, 0, count=0) == set()
+            assert receive_tokens(node, 0, count=0) == set()
         output.close()

@@ -26,7 +26,7 @@ def log(status: Status, caplog: pytest.LogCaptureFixture) -> Callable[..., list[
         output = StateLogOutput()
         with caplog.at_level("INFO"):
             for state, reason in told:
-                output.status(replace(status, state=state, reason=reason))
+                output.on_status(replace(status, state=state, reason=reason))
         return [f"{record.levelname} {record.getMessage()}" for record in caplog.records]
 
     return run
@@ -45,9 +45,9 @@ def test_a_camera_that_takes_long_to_open_is_told_once_and_then_with_the_seconds
     opening = replace(status, state=NO_CAMERA, reason="opening: preparing its room")
     with caplog.at_level("INFO"):
         for _ in range(8):
-            output.status(opening)
+            output.on_status(opening)
             clock.now_s += 0.5
-        output.status(replace(status, state=TRACKING, reason=""))
+        output.on_status(replace(status, state=TRACKING, reason=""))
     assert [(record.levelname, record.getMessage()) for record in caplog.records] == [
         ("INFO", "no_camera: opening: preparing its room ..."),
         ("INFO", "tracking (no camera for 4.0 s)"),

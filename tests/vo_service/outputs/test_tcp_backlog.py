@@ -2,7 +2,7 @@
 
 import socket
 
-from vo_service.outputs.tcp_backlog import backlog_bytes
+from vo_service.outputs.tcp_backlog import queued_bytes
 
 
 def test_what_was_sent_counts_until_it_is_read() -> None:
@@ -13,7 +13,7 @@ def test_what_was_sent_counts_until_it_is_read() -> None:
     ):
         pair = (sender.getsockname()[1], sender.getpeername()[1])
         sender.sendall(bytes(1000))
-        assert backlog_bytes([pair]) == 1000
-        assert backlog_bytes([(1, 2)]) == 0
+        assert queued_bytes([pair]) == 1000
+        assert queued_bytes([(1, 2)]) == 0
         reader.recv(1000, socket.MSG_WAITALL)
-        assert backlog_bytes([pair]) == 0
+        assert queued_bytes([pair]) == 0

@@ -10,23 +10,23 @@ import pytest
 
 from drivers.errors import InputError, UserFacingError
 from drivers.trajectory import read_trajectory
-from tests.full_disk import files_up_to
-from tests.vo_service.commands.command_line import line_count
+from tests.full_disk import limit_file_size
+from tests.vo_service.commands.command_line import count_lines
 from tests.waiting import wait_until
-from vo_service.outputs.trajectory_output import TrajectoryOutput
-from vo_service.outputs.worker import DropOldest, Wait
-from vo_service.types import PoseUpdate, Status
+from vo_service.outputs.trajectory_output import TrajectoryFileOutput
+from vo_service.outputs.worker import BlockingQueue, DropOldestQueue
+from vo_service.types import OdometryUpdate, Status
 
-MakeUpdate = Callable[..., PoseUpdate]
+MakeUpdate = Callable[..., OdometryUpdate]
 
 
 def test_every_good_frame_becomes_one_line(
     tmp_path: Path, make_update: MakeUpdate, status: Status
 ) -> None:
-    output = TrajectoryOutput(tmp_path / "out.txt", Wait(8))
+    output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
     for seq in range(5):
-        output.pose(make_update(seq, ok=seq != 2))
-        output.status(status)
+        output.on_update(make_update(seq, ok=seq != 2))
+        output.on_status(status)
     output.close()
     poses = read_trajectory(tmp_path / "out.txt")
     good = [make_update(seq) for seq in (0, 1, 3, 4)]
@@ -35,34 +35,34 @@ def test_every_good_frame_becomes_one_line(
 
 
 def test_lines_are_on_disk_before_close(tmp_path: Path, make_update: MakeUpdate) -> None:
-    output = TrajectoryOutput(tmp_path / "out.txt", Wait(8))
-    output.pose(make_update(0))
-    output.pose(make_update(1))
-    wait_until(lambda: line_count(tmp_path / "out.txt") == 2)
+    output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
+    output.on_update(make_update(0))
+    output.on_update(make_update(1))
+    wait_until(lambda: count_lines(tmp_path / "out.txt") == 2)
     output.close()
 
 
 def test_an_older_file_is_emptied_at_the_start(tmp_path: Path) -> None:
     path = tmp_path / "out.txt"
     path.write_text("old")
-    TrajectoryOutput(path, Wait(8)).close()
+    TrajectoryFileOutput(path, BlockingQueue(8)).close()
     assert path.read_text() == ""
 
 
 @pytest.mark.parametrize("name", ["", "missing/out.txt"])
 def test_a_path_that_cannot_be_written_is_refused_at_once(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match="cannot write the trajectory") as caught:
-        TrajectoryOutput(tmp_path / name, Wait(8))
+        TrajectoryFileOutput(tmp_path / name, BlockingQueue(8))
     assert str(tmp_path / name) in str(caught.value)
 
 
 def test_a_full_disk_keeps_whole_lines_and_is_told_once(
     tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
-    output = TrajectoryOutput(tmp_path / "out.txt", Wait(8))
-    with files_up_to(250):
+    output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
+    with limit_file_size(250):
         for seq in range(6):
-            output.pose(make_update(seq))
+            output.on_update(make_update(seq))
         wait_until(lambda: "the trajectory stops after" in output.warning)
     with pytest.raises(UserFacingError, match=r"out\.txt: the trajectory is not complete"):
         output.close()
@@ -78,9 +78,9 @@ def test_a_disk_that_hangs_holds_nobody_up_and_is_told_of(
     pipe = tmp_path / "out.txt"
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    output = TrajectoryOutput(pipe, DropOldest(4))
+    output = TrajectoryFileOutput(pipe, DropOldestQueue(4))
     for seq in range(2000):  # more than a pipe that nobody reads holds
-        output.pose(make_update(seq))
+        output.on_update(make_update(seq))
     assert "out.txt: the disk is too slow" in output.warning
     os.close(reader)  # the write that hangs fails now
     wait_until(lambda: "the trajectory stops" in output.warning)

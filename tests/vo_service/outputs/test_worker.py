@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from vo_service.outputs.worker import DropOldest, HandOver, Wait, Worker
+from vo_service.outputs.worker import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
 
 
 class Gate:
@@ -26,15 +26,15 @@ def nothing() -> None:
     pass
 
 
-def put_all(worker: Worker[int], items: list[int]) -> None:
+def put_all(worker: WorkerThread[int], items: list[int]) -> None:
     for item in items:
         worker.put(item)
 
 
-def stuck_worker(hand_over: HandOver[int]) -> tuple[Gate, Worker[int]]:
+def stuck_worker(hand_over: BoundedQueue[int]) -> tuple[Gate, WorkerThread[int]]:
     """A worker that holds item 0 and stands still."""
     gate = Gate()
-    worker = Worker("test", hand_over, gate.handle, nothing)
+    worker = WorkerThread("test", hand_over, gate.handle, nothing)
     worker.put(0)
     gate.entered.acquire()
     return gate, worker
@@ -42,7 +42,9 @@ def stuck_worker(hand_over: HandOver[int]) -> tuple[Gate, Worker[int]]:
 
 def test_items_are_handled_in_order_and_then_it_finishes() -> None:
     seen: list[object] = []
-    worker: Worker[int] = Worker("test", Wait(2), seen.append, lambda: seen.append("finished"))
+    worker: WorkerThread[int] = WorkerThread(
+        "test", BlockingQueue(2), seen.append, lambda: seen.append("finished")
+    )
     for item in range(100):
         worker.put(item)
     assert worker.close(timeout_s=100)
@@ -50,7 +52,7 @@ def test_items_are_handled_in_order_and_then_it_finishes() -> None:
 
 
 def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
-    gate, worker = stuck_worker(DropOldest(2))
+    gate, worker = stuck_worker(DropOldestQueue(2))
     for item in range(1, 6):
         worker.put(item)
     gate.open.set()
@@ -60,7 +62,7 @@ def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
 
 
 def test_wait_makes_the_giver_wait_and_drops_nothing() -> None:
-    gate, worker = stuck_worker(Wait(1))
+    gate, worker = stuck_worker(BlockingQueue(1))
     giver = threading.Thread(target=put_all, args=(worker, [1, 2, 3]))
     giver.start()
     giver.join(0.05)
@@ -72,7 +74,7 @@ def test_wait_makes_the_giver_wait_and_drops_nothing() -> None:
 
 
 def test_closing_frees_a_giver_that_waits() -> None:
-    gate, worker = stuck_worker(Wait(1))
+    gate, worker = stuck_worker(BlockingQueue(1))
     giver = threading.Thread(target=put_all, args=(worker, [1, 2]))
     giver.start()
     assert not worker.close(timeout_s=0.01)
@@ -82,7 +84,7 @@ def test_closing_frees_a_giver_that_waits() -> None:
 
 
 def test_a_stuck_handler_does_not_hold_up_close() -> None:
-    gate, worker = stuck_worker(DropOldest(1))
+    gate, worker = stuck_worker(DropOldestQueue(1))
     assert not worker.close(timeout_s=0.01)
     gate.open.set()
 
@@ -97,7 +99,7 @@ def test_an_error_is_logged_once_and_the_rest_is_still_handled(
             raise ValueError(f"item {item} is bad")
         handled.append(item)
 
-    worker: Worker[int] = Worker("pictures", Wait(8), handle, nothing)
+    worker: WorkerThread[int] = WorkerThread("pictures", BlockingQueue(8), handle, nothing)
     for item in range(5):
         worker.put(item)
     assert worker.close(timeout_s=100)
@@ -109,7 +111,9 @@ def test_an_error_is_logged_once_and_the_rest_is_still_handled(
 
 def test_closing_twice_finishes_once_and_takes_nothing_more() -> None:
     seen: list[object] = []
-    worker: Worker[int] = Worker("test", Wait(2), seen.append, lambda: seen.append("finished"))
+    worker: WorkerThread[int] = WorkerThread(
+        "test", BlockingQueue(2), seen.append, lambda: seen.append("finished")
+    )
     assert worker.close(timeout_s=100)
     worker.put(1)
     assert worker.close(timeout_s=100)

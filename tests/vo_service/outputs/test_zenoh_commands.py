@@ -10,47 +10,59 @@ import zenoh
 from drivers.sensor_settings import Led
 from tests import ports
 from tests.vo_service.outputs.zenoh_asking import (
-    answers,
-    ask,
-    asking,
-    commanded,
+    answer_next_command,
     config,
-    content,
-    obey,
-    taken,
+    connected_session,
+    next_command,
+    output_with_commands,
+    query,
+    query_json,
+    reply_json,
 )
 from vo_service.control.commands import COMMAND_NAMES
-from vo_service.control.inbox import Inbox
+from vo_service.control.inbox import CommandQueue
 from vo_service.outputs import zenoh_commands
-from vo_service.outputs.zenoh_commands import CommandsFor, NoCommands, commands_for
+from vo_service.outputs.zenoh_commands import (
+    CommandServer,
+    NullCommandEndpoint,
+    make_command_endpoint,
+)
 from vo_service.outputs.zenoh_output import ZenohOutput
 from vo_service.outputs.zenoh_session import open_session
-from vo_service.settings import CommandSettings
-from vo_service.types import Command, CommandError, ErrorCode, Light, Pause, PoseUpdate, Reset
+from vo_service.settings import CommandConfig
+from vo_service.types import (
+    Command,
+    CommandError,
+    ErrorCode,
+    LedCommand,
+    OdometryUpdate,
+    PauseCommand,
+    ResetCommand,
+)
 
 pytestmark = pytest.mark.zenoh
 
-MakeUpdate = Callable[..., PoseUpdate]
+MakeUpdate = Callable[..., OdometryUpdate]
 
 
 @pytest.fixture(scope="module")
-def desk() -> Iterator[tuple[Inbox[Command], zenoh.Session]]:
+def desk() -> Iterator[tuple[CommandQueue[Command], zenoh.Session]]:
     """An inbox that takes commands without a limit, and a session to send them from."""
-    with commanded(ports.free_port()) as (_, inbox, session):
+    with output_with_commands(ports.free_port()) as (_, inbox, session):
         yield inbox, session
 
 
-Desk = tuple[Inbox[Command], zenoh.Session]
+Desk = tuple[CommandQueue[Command], zenoh.Session]
 
 
 def test_a_command_reaches_the_inbox_and_its_answer_the_asker(desk: Desk) -> None:
     inbox, session = desk
     channel = session.get("kinect/command/led", payload=b'{"led": "red"}', timeout=100)
-    ticket = taken(inbox)
-    ticket.done({"led": "red"})
+    ticket = next_command(inbox)
+    ticket.set_result({"led": "red"})
     (reply,) = channel
-    assert ticket.command == Light(Led.RED)
-    assert content(reply) == {"schema": 1, "led": "red"}
+    assert ticket.command == LedCommand(Led.RED)
+    assert reply_json(reply) == {"schema": 1, "led": "red"}
     assert reply.ok is not None
     assert str(reply.ok.key_expr) == "kinect/command/led"
 
@@ -58,17 +70,19 @@ def test_a_command_reaches_the_inbox_and_its_answer_the_asker(desk: Desk) -> Non
 def test_no_payload_means_no_arguments(desk: Desk) -> None:
     inbox, session = desk
     channel = session.get("kinect/command/reset", timeout=100)
-    ticket = taken(inbox)
-    ticket.done({"epoch": 3})
-    assert [content(reply) for reply in channel] == [{"schema": 1, "epoch": 3}]
-    assert isinstance(ticket.command, Reset)
+    ticket = next_command(inbox)
+    ticket.set_result({"epoch": 3})
+    assert [reply_json(reply) for reply in channel] == [{"schema": 1, "epoch": 3}]
+    assert isinstance(ticket.command, ResetCommand)
 
 
 def test_what_the_loop_refuses_comes_back_with_its_code(desk: Desk) -> None:
     inbox, session = desk
     channel = session.get("kinect/command/tilt", payload=b'{"tilt_deg": 5}', timeout=100)
-    taken(inbox).failed(CommandError(ErrorCode.NOT_POSSIBLE, "this camera has no motor"))
-    (answer,) = map(content, channel)
+    next_command(inbox).set_exception(
+        CommandError(ErrorCode.NOT_POSSIBLE, "this camera has no motor")
+    )
+    (answer,) = map(reply_json, channel)
     assert answer == {"schema": 1, "error": "not-possible", "message": "this camera has no motor"}
 
 
@@ -89,8 +103,8 @@ def test_what_is_wrong_is_said_and_never_reaches_the_loop(
     desk: Desk, name: str, payload: bytes, code: str, words: str
 ) -> None:
     inbox, session = desk
-    (answer,) = answers(session, f"kinect/command/{name}", payload)
-    assert inbox.take() == []
+    (answer,) = query_json(session, f"kinect/command/{name}", payload)
+    assert inbox.take_pending() == []
     assert (answer["schema"], answer["error"]) == (1, code)
     assert words in answer["message"]
 
@@ -100,15 +114,15 @@ def test_a_payload_beyond_all_bounds_is_thrown_away_and_the_next_command_works(
 ) -> None:
     inbox, session = desk
     session.get("kinect/command/pause", payload=bytes(3_000_000), timeout=1)
-    obey(inbox, {"paused": True})
-    assert answers(session, "kinect/command/pause") == [{"schema": 1, "paused": True}]
+    answer_next_command(inbox, {"paused": True})
+    assert query_json(session, "kinect/command/pause") == [{"schema": 1, "paused": True}]
 
 
 @pytest.mark.parametrize("key", ["kinect/**", "**", "kinect/command/*", "*/command/reset"])
 def test_a_question_to_many_keys_commands_nothing(desk: Desk, key: str) -> None:
     inbox, session = desk
-    assert not [reply for reply in ask(session, key) if "command" in str(reply.ok)]
-    assert inbox.take() == []
+    assert not [reply for reply in query(session, key) if "command" in str(reply.ok)]
+    assert inbox.take_pending() == []
 
 
 def test_a_loop_that_does_not_answer_is_said_to_time_out(
@@ -116,56 +130,57 @@ def test_a_loop_that_does_not_answer_is_said_to_time_out(
 ) -> None:
     monkeypatch.setattr(zenoh_commands, "ANSWER_LIMIT_S", 0.05)
     inbox, session = desk
-    (answer,) = answers(session, "kinect/command/pause")
+    (answer,) = query_json(session, "kinect/command/pause")
     assert answer["error"] == "timed-out"
-    assert [ticket.command for ticket in inbox.take()] == [Pause()]
+    assert [ticket.command for ticket in inbox.take_pending()] == [PauseCommand()]
 
 
 @pytest.mark.parametrize("answer", [{"speed": float("nan")}, {"what": object()}])
 def test_an_answer_that_is_no_json_is_a_failure(desk: Desk, answer: dict[str, object]) -> None:
     inbox, session = desk
-    obey(inbox, answer)
-    assert answers(session, "kinect/command/pause")[0]["error"] == "failed"
+    answer_next_command(inbox, answer)
+    assert query_json(session, "kinect/command/pause")[0]["error"] == "failed"
 
 
 def test_switched_off_there_are_no_commands(free_port: int) -> None:
-    commands = commands_for(CommandSettings(enabled=False), Inbox())
-    assert isinstance(commands, NoCommands)
-    with closing(ZenohOutput(config(free_port))), asking(free_port) as session:
-        assert ask(session, "kinect/command/pause") == []
+    commands = make_command_endpoint(CommandConfig(enabled=False), CommandQueue())
+    assert isinstance(commands, NullCommandEndpoint)
+    with closing(ZenohOutput(config(free_port))), connected_session(free_port) as session:
+        assert query(session, "kinect/command/pause") == []
 
 
 def test_every_command_is_answered(free_port: int) -> None:
-    with commanded(free_port) as (_, inbox, session):
+    with output_with_commands(free_port) as (_, inbox, session):
         inbox.close()
         codes = {
-            name: answers(session, f"kinect/command/{name}")[0]["error"] for name in COMMAND_NAMES
+            name: query_json(session, f"kinect/command/{name}")[0]["error"]
+            for name in COMMAND_NAMES
         }
     assert set(codes.values()) <= {"not-possible", "bad-request"}
 
 
 def test_closing_does_not_wait_for_a_command_that_the_loop_has(free_port: int) -> None:
-    with commanded(free_port) as (output, inbox, session):
+    with output_with_commands(free_port) as (output, inbox, session):
         session.get("kinect/command/pause", timeout=100)
-        ticket = taken(inbox)
+        ticket = next_command(inbox)
         before_s = time.monotonic()
         output.close()
-        assert time.monotonic() - before_s < zenoh_commands.ANSWER_LIMIT_S
-        ticket.done({})
-    assert isinstance(ticket.command, Pause)
+        assert time.monotonic() - before_s < zenoh_commands.RESULT_TIMEOUT_S
+        ticket.set_result({})
+    assert isinstance(ticket.command, PauseCommand)
 
 
 def test_a_second_session_takes_commands_too(free_port: int) -> None:
-    inbox: Inbox[Command] = Inbox()
-    commands = CommandsFor(inbox, 100.0)
+    inbox: CommandQueue[Command] = CommandQueue()
+    commands = CommandServer(inbox, 100.0)
     for _ in range(2):
         with asking_itself(commands, free_port) as session:
-            obey(inbox, {})
-            assert answers(session, "kinect/command/pause") == [{"schema": 1}]
+            answer_next_command(inbox, {})
+            assert query_json(session, "kinect/command/pause") == [{"schema": 1}]
     commands.close()
 
 
-def asking_itself(commands: CommandsFor, port: int) -> zenoh.Session:
+def asking_itself(commands: CommandServer, port: int) -> zenoh.Session:
     """A session that has the commands and can be asked for them."""
     session = open_session(config(port))
     commands.declare(session, "kinect")

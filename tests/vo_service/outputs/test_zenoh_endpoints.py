@@ -34,4 +34,4 @@ def test_an_endpoint_has_three_parts(text: str, parts: tuple[str, str, str]) -> 
 def test_a_link_leads_to_an_endpoint_if_all_agree(
     endpoint: str, locator: str, leads_there: bool
 ) -> None:
-    assert parse_endpoint(endpoint).is_at(parse_endpoint(locator)) is leads_there
+    assert parse_endpoint(endpoint).matches(parse_endpoint(locator)) is leads_there

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from vo_service.outputs.zenoh_files import read_zenoh_file
+from vo_service.outputs.zenoh_files import read_zenoh_config
 
 KEY = "transport/link/tls/listen_private_key"
 
@@ -19,7 +19,7 @@ def configuration(folder: Path, name: str) -> Path:
 
 
 def found(file: Path) -> str:
-    return str(json.loads(read_zenoh_file(file).get_json(KEY)))
+    return str(json.loads(read_zenoh_config(file).get_json(KEY)))
 
 
 def test_a_key_lies_beside_its_configuration(
@@ -62,7 +62,7 @@ def test_a_key_that_is_missing_is_named_with_where_it_was_looked_for(
 ) -> None:
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", "/run/credentials/kinect-vo")
     with pytest.raises(InputError) as caught:
-        read_zenoh_file(configuration(tmp_path, "tls.key"))
+        read_zenoh_config(configuration(tmp_path, "tls.key"))
     text = str(caught.value)
     assert "robot.json5: transport.link.tls.listen_private_key" in text
     assert f"No such file or directory in /run/credentials/kinect-vo or {tmp_path}" in text
@@ -81,6 +81,6 @@ def test_a_file_that_is_wrong_is_named_with_the_reason(
     file = tmp_path / "robot.json5"
     file.write_text(text)
     with pytest.raises(InputError) as caught:
-        read_zenoh_file(file)
+        read_zenoh_config(file)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)

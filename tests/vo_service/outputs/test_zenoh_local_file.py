@@ -3,12 +3,12 @@
 import json
 from pathlib import Path
 
-from vo_service.outputs.zenoh_session import session_settings
+from vo_service.outputs.zenoh_session import build_zenoh_config
 from vo_service.settings import ZenohConfig
 
 LOCAL = Path(__file__).parents[3] / "config" / "zenoh" / "local.json5"
 
 
 def test_the_local_file_changes_nothing() -> None:
-    with_file = session_settings(ZenohConfig(config_file=LOCAL))
-    assert json.loads(str(with_file)) == json.loads(str(session_settings(ZenohConfig())))
+    with_file = build_zenoh_config(ZenohConfig(config_file=LOCAL))
+    assert json.loads(str(with_file)) == json.loads(str(build_zenoh_config(ZenohConfig())))

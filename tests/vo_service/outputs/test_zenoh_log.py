@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from tests.waiting import PATIENCE_S
+from tests.waiting import DEFAULT_TIMEOUT_S
 
 pytestmark = pytest.mark.subprocess
 
@@ -14,7 +14,9 @@ BEGIN = "import os, subprocess, sys\nfrom vo_service.outputs.zenoh_log import ze
 
 def run(script: str) -> "subprocess.CompletedProcess[str]":
     command = [sys.executable, "-c", BEGIN + script]
-    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=DEFAULT_TIMEOUT_S, check=False
+    )
 
 
 def test_what_the_program_and_its_children_print_still_comes() -> None:

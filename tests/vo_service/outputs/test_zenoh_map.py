@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 import zenoh
 
-from tests.vo_service.made_up_map import a_map
-from tests.vo_service.outputs.zenoh_asking import ask, asking, config, content
+from tests.vo_service.made_up_map import make_map
+from tests.vo_service.outputs.zenoh_asking import config, connected_session, query, reply_json
 from tests.waiting import wait_until
 from vo_service.outputs.cdr_transform import decode_transform
-from vo_service.outputs.zenoh_output import LOCKSTEP, ZenohOutput
-from vo_service.types import PoseUpdate, Status
+from vo_service.outputs.zenoh_output import LOCKSTEP_QOS, ZenohOutput
+from vo_service.types import OdometryUpdate, Status
 
 pytestmark = pytest.mark.zenoh
 
-MakeUpdate = Callable[..., PoseUpdate]
+MakeUpdate = Callable[..., OdometryUpdate]
 KEY = "kinect/map_odom"
 
 
@@ -36,7 +36,10 @@ class Talk:
 @contextmanager
 def talk_at(port: int) -> Iterator[Talk]:
     """Until the end of the block."""
-    with closing(ZenohOutput(config(port), LOCKSTEP)) as output, asking(port) as session:
+    with (
+        closing(ZenohOutput(config(port), LOCKSTEP_QOS)) as output,
+        connected_session(port) as session,
+    ):
         talk = Talk(output, session, [], [])
         session.declare_subscriber(KEY, talk.maps.append)
         session.declare_subscriber("kinect/odom", talk.poses.append)
@@ -54,9 +57,9 @@ def about(sample: zenoh.Sample) -> dict[str, Any]:
 def test_it_goes_out_with_its_frames_and_the_stamp_of_the_pose(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    update = replace(make_update(7), map=a_map())
+    update = replace(make_update(7), map=make_map())
     with talk_at(free_port) as talk:
-        talk.output.pose(update)
+        talk.output.on_update(update)
         wait_until(lambda: len(talk.maps) == 1)
     message = decode_transform(talk.maps[0].payload.to_bytes())
     assert str(talk.maps[0].encoding) == "application/cdr;geometry_msgs/msg/TransformStamped"
@@ -71,12 +74,12 @@ def test_it_goes_out_with_its_frames_and_the_stamp_of_the_pose(
 def test_it_goes_out_when_the_map_or_the_epoch_is_another(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    first, second = a_map(), a_map(5)
+    first, second = make_map(), make_map(5)
     with talk_at(free_port) as talk:
         for seq, the_map, epoch in [
             (0, first, 0), (1, first, 0), (2, second, 0), (3, second, 0), (4, second, 1),
         ]:  # fmt: skip
-            talk.output.pose(replace(make_update(seq), map=the_map, epoch=epoch))
+            talk.output.on_update(replace(make_update(seq), map=the_map, epoch=epoch))
         wait_until(lambda: len(talk.maps) >= 3)
     assert [about(sample)["seq"] for sample in talk.maps] == [0, 2, 4]
 
@@ -86,7 +89,7 @@ def test_a_map_of_the_epoch_before_does_not_know_where_odom_lies(
 ) -> None:
     with talk_at(free_port) as talk:
         for epoch in (1, 2):
-            talk.output.pose(replace(make_update(epoch), map=a_map(epoch=1), epoch=epoch))
+            talk.output.on_update(replace(make_update(epoch), map=make_map(epoch=1), epoch=epoch))
         wait_until(lambda: len(talk.maps) >= 2)
     assert [about(sample)["is_located"] for sample in talk.maps] == [True, False]
 
@@ -94,12 +97,12 @@ def test_a_map_of_the_epoch_before_does_not_know_where_odom_lies(
 def test_it_goes_out_again_with_each_status_and_the_newest_stamp(
     free_port: int, make_update: MakeUpdate, status: Status
 ) -> None:
-    the_map = a_map()
+    the_map = make_map()
     with talk_at(free_port) as talk:
         for seq in (0, 1):
-            talk.output.pose(replace(make_update(seq), map=the_map))
-        talk.output.status(status)
-        talk.output.status(status)
+            talk.output.on_update(replace(make_update(seq), map=the_map))
+        talk.output.on_status(status)
+        talk.output.on_status(status)
         wait_until(lambda: len(talk.maps) >= 3)
     assert [about(sample)["seq"] for sample in talk.maps] == [0, 1, 1]
 
@@ -108,10 +111,10 @@ def test_nothing_goes_out_where_there_is_no_map(
     free_port: int, make_update: MakeUpdate, status: Status
 ) -> None:
     with talk_at(free_port) as talk:
-        talk.output.pose(make_update(0))
-        talk.output.status(status)
-        (refusal,) = map(content, ask(talk.session, KEY))
-        talk.output.pose(replace(make_update(1), map=a_map()))
+        talk.output.on_update(make_update(0))
+        talk.output.on_status(status)
+        (refusal,) = map(reply_json, query(talk.session, KEY))
+        talk.output.on_update(replace(make_update(1), map=make_map()))
         wait_until(lambda: len(talk.maps) >= 1)
     assert refusal == {"schema": 1, "error": "not-possible", "message": "there is no map yet"}
     assert [about(sample)["seq"] for sample in talk.maps] == [1]
@@ -120,12 +123,12 @@ def test_nothing_goes_out_where_there_is_no_map(
 def test_it_can_be_asked_for_and_has_the_stamp_of_the_newest_pose(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    the_map = a_map(is_located=False)
+    the_map = make_map(is_located=False)
     with talk_at(free_port) as talk:
         for seq in range(6):
-            talk.output.pose(replace(make_update(seq), map=the_map))
-        wait_until(lambda: seq_of(ask(talk.session, KEY)) == 5)
-        (reply,) = ask(talk.session, KEY)
+            talk.output.on_update(replace(make_update(seq), map=the_map))
+        wait_until(lambda: seq_of(query(talk.session, KEY)) == 5)
+        (reply,) = query(talk.session, KEY)
     assert reply.ok is not None
     assert about(reply.ok)["is_located"] is False
     assert decode_transform(reply.ok.payload.to_bytes()).stamp_s == make_update(5).stamp_s
@@ -142,8 +145,10 @@ def test_one_that_is_not_finite_is_kept_back_and_takes_no_pose_with_it(
     free_port: int, make_update: MakeUpdate, bad: float, caplog: pytest.LogCaptureFixture
 ) -> None:
     with talk_at(free_port) as talk:
-        talk.output.pose(replace(make_update(0), map=a_map(T_map_odom=np.full((4, 4), bad))))
-        talk.output.pose(replace(make_update(1), map=a_map()))
+        talk.output.on_update(
+            replace(make_update(0), map=make_map(T_map_odom=np.full((4, 4), bad)))
+        )
+        talk.output.on_update(replace(make_update(1), map=make_map()))
         wait_until(lambda: len(talk.maps) >= 1)
         wait_until(lambda: {0, 1} <= {about(pose)["seq"] for pose in talk.poses})
     assert [about(sample)["seq"] for sample in talk.maps] == [1]
@@ -155,10 +160,10 @@ def test_a_frame_of_another_name_is_taken_from_the_configuration(
     free_port: int, make_update: MakeUpdate
 ) -> None:
     named = config(free_port, map_frame_id="house", odom_frame_id="robot1/odom")
-    with closing(ZenohOutput(named)) as output, asking(free_port) as session:
-        output.pose(replace(make_update(0), map=a_map()))
-        wait_until(lambda: seq_of(ask(session, KEY)) == 0)
-        (reply,) = ask(session, KEY)
+    with closing(ZenohOutput(named)) as output, connected_session(free_port) as session:
+        output.on_update(replace(make_update(0), map=make_map()))
+        wait_until(lambda: seq_of(query(session, KEY)) == 0)
+        (reply,) = query(session, KEY)
     assert reply.ok is not None
     message = decode_transform(reply.ok.payload.to_bytes())
     assert (message.frame_id, message.child_frame_id) == ("house", "robot1/odom")

@@ -13,11 +13,11 @@ import pytest
 import zenoh
 
 from tests import ports
-from tests.vo_service.outputs.zenoh_asking import asking
-from vo_service.outputs.zenoh_opening import KeepTrying
-from vo_service.outputs.zenoh_output import LIVE, ZenohOutput
+from tests.vo_service.outputs.zenoh_asking import connected_session
+from vo_service.outputs.zenoh_opening import ConnectWithRetry
+from vo_service.outputs.zenoh_output import LIVE_QOS, ZenohOutput
 from vo_service.settings import ZenohConfig
-from vo_service.types import PoseUpdate
+from vo_service.types import OdometryUpdate
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
@@ -58,7 +58,7 @@ def until_it_speaks(process: "subprocess.Popen[str]") -> None:
     assert process.stdout.readline() == "heard\n"
 
 
-class Healthy:
+class HealthySubscriber:
     """A subscriber in this process."""
 
     def __init__(self, session: zenoh.Session, output: ZenohOutput) -> None:
@@ -71,31 +71,31 @@ class Healthy:
         assert sample.attachment is not None
         self._heard.put(json.loads(sample.attachment.to_bytes())["seq"])
 
-    def hears(self, updates: list[PoseUpdate]) -> bool:
+    def hears(self, updates: list[OdometryUpdate]) -> bool:
         """Whether it hears each of these poses before the next one is published."""
         for update in updates:
-            self._output.pose(update)
+            self._output.on_update(update)
             if self._heard.get(timeout=100) != update.seq:
                 return False
         return (self._output.dropped, self._output.errors) == (0, 0)
 
 
 @pytest.fixture
-def updates(make_update: Callable[..., PoseUpdate]) -> list[PoseUpdate]:
+def updates(make_update: Callable[..., OdometryUpdate]) -> list[OdometryUpdate]:
     return [make_update(seq) for seq in range(COUNT)]
 
 
 @pytest.mark.parametrize("fate", [signal.SIGSTOP, signal.SIGKILL])
 def test_a_frozen_or_killed_subscriber_costs_the_others_nothing(
-    free_port: int, updates: list[PoseUpdate], fate: signal.Signals
+    free_port: int, updates: list[OdometryUpdate], fate: signal.Signals
 ) -> None:
     where = f"tcp/127.0.0.1:{free_port}"
     with (
-        closing(ZenohOutput(ZenohConfig(listen=(where,)), LIVE, KeepTrying)) as output,
-        asking(free_port) as session,
+        closing(ZenohOutput(ZenohConfig(listen=(where,)), LIVE_QOS, ConnectWithRetry)) as output,
+        connected_session(free_port) as session,
         running(READER, where) as other,
     ):
-        healthy = Healthy(session, output)
+        healthy = HealthySubscriber(session, output)
         speaks = threading.Thread(target=until_it_speaks, args=(other,))
         speaks.start()
         while speaks.is_alive():
@@ -105,17 +105,17 @@ def test_a_frozen_or_killed_subscriber_costs_the_others_nothing(
 
 
 def test_a_killed_router_costs_those_who_are_connected_nothing(
-    free_port: int, updates: list[PoseUpdate]
+    free_port: int, updates: list[OdometryUpdate]
 ) -> None:
     router_at = f"tcp/127.0.0.1:{ports.free_port()}"
     plan = ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",), connect=(router_at,))
     with running(ROUTER, router_at) as router:
         until_it_speaks(router)
         with (
-            closing(ZenohOutput(plan, LIVE, KeepTrying)) as output,
-            asking(free_port) as session,
+            closing(ZenohOutput(plan, LIVE_QOS, ConnectWithRetry)) as output,
+            connected_session(free_port) as session,
         ):
-            healthy = Healthy(session, output)
+            healthy = HealthySubscriber(session, output)
             assert healthy.hears(updates[: COUNT // 2])
             router.kill()
             assert healthy.hears(updates[COUNT // 2 :])

@@ -17,14 +17,14 @@ import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
-from vo_service.outputs.zenoh_output import LIVE, LOCKSTEP, ZenohOutput
+from vo_service.outputs.zenoh_output import LIVE_QOS, LOCKSTEP_QOS, ZenohOutput
 from vo_service.outputs.zenoh_session import open_session
 from vo_service.settings import ZenohConfig
-from vo_service.types import PoseUpdate, Status
+from vo_service.types import OdometryUpdate, Status
 
 pytestmark = pytest.mark.zenoh
 
-MakeUpdate = Callable[..., PoseUpdate]
+MakeUpdate = Callable[..., OdometryUpdate]
 READER = Path(__file__).with_name("plain_zenoh_reader.py")
 ROS = get_typestore(Stores.ROS2_JAZZY)
 
@@ -44,14 +44,14 @@ def reader(port: int, count: int, seconds_per_sample: float) -> Iterator[subproc
 
 
 def read_by_stranger(
-    port: int, updates: list[PoseUpdate], seconds_per_sample: float = 0.0
+    port: int, updates: list[OdometryUpdate], seconds_per_sample: float = 0.0
 ) -> list[dict[str, Any]]:
     """Publish in lockstep, close, and give back the samples that the plain subscriber got."""
-    output = ZenohOutput(config(port), LOCKSTEP)
+    output = ZenohOutput(config(port), LOCKSTEP_QOS)
     with reader(port, len(updates), seconds_per_sample) as process:
         assert output.wait_for_subscriber(10)
         for update in updates:
-            output.pose(update)
+            output.on_update(update)
         output.close()
         samples: list[dict[str, Any]] = json.loads(process.communicate()[0])
     return samples
@@ -121,10 +121,10 @@ def test_the_attachment_says_how_far_to_trust_the_pose(
 
 
 def test_the_status_is_json_with_every_field(free_port: int, status: Status) -> None:
-    output = ZenohOutput(config(free_port), LOCKSTEP)
+    output = ZenohOutput(config(free_port), LOCKSTEP_QOS)
     with subscribed(free_port, "kinect/*") as next_sample:
         assert output.wait_for_subscriber(10)
-        output.status(status)
+        output.on_status(status)
         content = json.loads(next_sample().payload.to_bytes())
     output.close()
     versions = content.pop("versions")
@@ -149,11 +149,11 @@ def test_a_pose_that_is_not_finite_is_not_published(
     values = np.array(getattr(make_update(0), field))
     values[0, 3] = np.nan
     bad: dict[str, Any] = {field: values}
-    output = ZenohOutput(config(free_port), LOCKSTEP)
+    output = ZenohOutput(config(free_port), LOCKSTEP_QOS)
     with subscribed(free_port, "kinect/odom") as next_sample:
         assert output.wait_for_subscriber(10)
-        output.pose(dataclasses.replace(make_update(0), **bad))
-        output.pose(make_update(1))
+        output.on_update(dataclasses.replace(make_update(0), **bad))
+        output.on_update(make_update(1))
         attachment = next_sample().attachment
     output.close()
     assert attachment is not None
@@ -171,9 +171,9 @@ def test_nobody_listening_is_said_in_time(free_port: int) -> None:
 def test_publishing_to_nobody_loses_nothing_and_ends(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    output = ZenohOutput(config(free_port), LIVE)
+    output = ZenohOutput(config(free_port), LIVE_QOS)
     for seq in range(50):
-        output.pose(make_update(seq))
+        output.on_update(make_update(seq))
     output.close()
     output.close()
     assert output.errors == 0
@@ -183,13 +183,13 @@ def test_publishing_to_nobody_loses_nothing_and_ends(
 def test_a_frozen_subscriber_does_not_hold_up_a_robot(
     free_port: int, make_update: MakeUpdate
 ) -> None:
-    output = ZenohOutput(config(free_port), LIVE)
+    output = ZenohOutput(config(free_port), LIVE_QOS)
     update = make_update(0)
     with reader(free_port, 1, 0.0) as process:
         assert output.wait_for_subscriber(10)
         process.send_signal(signal.SIGSTOP)
         for _ in range(20_000):
-            output.pose(update)
+            output.on_update(update)
         output.close()
         process.kill()
     assert output.dropped > 0

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vo_service.fakes import FakeClock
-from vo_service.outputs.zenoh_log import FloodGate
-from vo_service.outputs.zenoh_refusals import Refusals, parse_line, printable
+from vo_service.outputs.zenoh_log import LogRateLimit
+from vo_service.outputs.zenoh_refusals import AccessDeniedParser, parse_line, sanitize
 
 SESSION = "3b57c0fb217d7c04ac2566e74850a739"
 
@@ -19,10 +19,10 @@ def line(text: str, target: str = "zenoh_link_tls::unicast", level: str = "WARN"
     )
 
 
-def clause(refusals: Refusals, text: str, **where: str) -> str:
+def clause(refusals: AccessDeniedParser, text: str, **where: str) -> str:
     parsed = parse_line(line(text, **where))
     assert parsed is not None
-    return refusals.clause(parsed)
+    return refusals.describe(parsed)
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def clause(refusals: Refusals, text: str, **where: str) -> str:
     ],
 )
 def test_a_failed_handshake_is_put_in_plain_words(said: str, understood: str) -> None:
-    told = clause(Refusals(), f"{said}. Hint: increase the system open file limit.")
+    told = clause(AccessDeniedParser(), f"{said}. Hint: increase the system open file limit.")
     assert told.startswith("refused a connection: ")
     assert told.endswith(understood)
 
@@ -44,7 +44,7 @@ def test_a_failed_handshake_is_put_in_plain_words(said: str, understood: str) ->
 def test_a_message_held_back_names_who_sent_it_also_from_memory() -> None:
     where = {"target": "zenoh::net::routing::interceptor::access_control", "level": "TRACE"}
     subject = f"{SESSION} on Interface(lo)+CertCommonName(reader)+Transport(Tls)+{SESSION}"
-    refusals, asked = Refusals(), "Query (ingress) on kinect/command/reset"
+    refusals, asked = AccessDeniedParser(), "Query (ingress) on kinect/command/reset"
     first = clause(refusals, f"{subject} is unauthorized to {asked}", **where)
     again = clause(refusals, f"Using cached result: {SESSION} is unauthorized to {asked}", **where)
     assert first == again == 'denied "reader": query on kinect/command/reset'
@@ -52,7 +52,7 @@ def test_a_message_held_back_names_who_sent_it_also_from_memory() -> None:
 
 def test_what_is_allowed_or_only_not_passed_on_is_no_refusal() -> None:
     where = {"target": "zenoh::net::routing::interceptor::access_control", "level": "TRACE"}
-    refusals, on = Refusals(), f"{SESSION} on Interface(lo)+Transport(Tls)+{SESSION} is"
+    refusals, on = AccessDeniedParser(), f"{SESSION} on Interface(lo)+Transport(Tls)+{SESSION} is"
     assert clause(refusals, f"{on} authorized to Put (ingress) on a", **where) == ""
     assert clause(refusals, f"{on} unauthorized to Declare Queryable (egress) on a", **where) == ""
 
@@ -61,24 +61,24 @@ def test_what_is_allowed_or_only_not_passed_on_is_no_refusal() -> None:
 @given(st.text())
 def test_no_line_is_too_strange_to_read(text: str) -> None:
     parsed = parse_line(text)
-    assert parsed is None or isinstance(Refusals().clause(parsed), str)
+    assert parsed is None or isinstance(AccessDeniedParser().describe(parsed), str)
 
 
 @given(st.text())
 def test_what_a_stranger_wrote_stays_on_one_line(text: str) -> None:
-    shown = printable(text)
+    shown = sanitize(text)
     assert shown.isprintable()
     assert len(shown) <= 120
 
 
 def test_the_first_refusals_are_told_at_once_and_the_rest_is_counted() -> None:
     clock, told = FakeClock(), list[str]()
-    gate = FloodGate(told.append, clock)
+    gate = LogRateLimit(told.append, clock)
     for _ in range(1000):
         gate.add("refused a connection: it does not speak TLS")
     assert told == ["refused a connection: it does not speak TLS"]
     clock.now_s += 11
-    gate.look()
+    gate.poll()
     assert told[1:] == ["and 999 more such refusals"]
 
 
@@ -87,7 +87,7 @@ def test_there_are_never_more_than_a_few_lines_in_ten_seconds(
     events: list[tuple[str, float]],
 ) -> None:
     clock, told_s = FakeClock(), list[float]()
-    gate = FloodGate(lambda clause: told_s.append(clock.now_s), clock)
+    gate = LogRateLimit(lambda clause: told_s.append(clock.now_s), clock)
     for text, pause_s in events:
         clock.now_s += pause_s
         gate.add(text)
@@ -97,7 +97,7 @@ def test_there_are_never_more_than_a_few_lines_in_ten_seconds(
 
 def test_after_a_quiet_time_it_tells_again() -> None:
     clock, told = FakeClock(), list[str]()
-    gate = FloodGate(told.append, clock)
+    gate = LogRateLimit(told.append, clock)
     for _ in range(3):
         gate.add("refused")
         clock.now_s += 60

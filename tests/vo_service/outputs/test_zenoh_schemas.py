@@ -11,19 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.sensor_settings import Led
-from scripts.write_schemas import FOLDER, schema_files
-from tests.json_schema import complaints
-from tests.vo_service.made_up_map import a_map
+from scripts.write_schemas import SCHEMA_FOLDER, make_schema_files
+from tests.json_schema import schema_errors
+from tests.vo_service.made_up_map import make_map
 from vo_service.control.commands import COMMAND_NAMES, parse_command
-from vo_service.outputs.status_fields import STATUS_FIELDS
+from vo_service.outputs.status_fields import STATUS_FIELD_DESCRIPTIONS
 from vo_service.outputs.zenoh_messages import (
     error_payload,
     map_odom_attachment,
     pose_attachment,
     status_payload,
 )
-from vo_service.outputs.zenoh_schemas import DIALECT, all_schemas, schema_of
-from vo_service.types import CommandError, ErrorCode, PoseUpdate, Status
+from vo_service.outputs.zenoh_schemas import JSON_SCHEMA_DIALECT, all_schemas, schema_of
+from vo_service.types import CommandError, ErrorCode, OdometryUpdate, Status
 from vo_service.versions import versions
 
 SCHEMAS = all_schemas()
@@ -39,19 +39,19 @@ arguments = st.dictionaries(keys, values, max_size=3)
 
 @pytest.mark.parametrize("schema", SCHEMAS.values(), ids=SCHEMAS.keys())
 def test_a_schema_says_which_draft_it_follows_and_what_it_is_of(schema: Mapping[str, Any]) -> None:
-    assert schema["$schema"] == DIALECT
+    assert schema["$schema"] == JSON_SCHEMA_DIALECT
     assert schema["title"]
     assert json.loads(json.dumps(schema)) == schema
 
 
 def test_the_files_are_those_that_the_code_makes() -> None:
-    kept = {file.name: file.read_text() for file in FOLDER.glob("*.json")}
-    assert kept == schema_files(), "run scripts/write_schemas.py and look at what has changed"
+    kept = {file.name: file.read_text() for file in SCHEMA_FOLDER.glob("*.json")}
+    assert kept == make_schema_files(), "run scripts/write_schemas.py and look at what has changed"
 
 
 def test_a_status_is_valid_and_has_no_field_that_the_schema_lacks(status: Status) -> None:
     content = json.loads(status_payload(status, versions()))
-    assert complaints(SCHEMAS["status"], content) == []
+    assert schema_errors(SCHEMAS["status"], content) == []
     assert content.keys() == SCHEMAS["status"]["properties"].keys()
 
 
@@ -60,7 +60,7 @@ def test_a_status_with_all_that_can_be_in_it_is_valid(status: Status) -> None:
         status, warnings=("a", "b"), stage_ms={"surf": 4.5}, paused=True, recording="desk"
     )
     content = json.loads(status_payload(full, versions()))
-    assert complaints(SCHEMAS["status"], content) == []
+    assert schema_errors(SCHEMAS["status"], content) == []
 
 
 @pytest.mark.parametrize(
@@ -68,20 +68,22 @@ def test_a_status_with_all_that_can_be_in_it_is_valid(status: Status) -> None:
 )
 def test_a_status_that_is_wrong_is_found(status: Status, change: dict[str, Any]) -> None:
     content = json.loads(status_payload(status, versions())) | change
-    assert len(complaints(SCHEMAS["status"], content)) == 1
+    assert len(schema_errors(SCHEMAS["status"], content)) == 1
 
 
-def test_attachments_and_errors_are_valid(make_update: Callable[..., PoseUpdate]) -> None:
+def test_attachments_and_errors_are_valid(make_update: Callable[..., OdometryUpdate]) -> None:
     for ok in (True, False):
         content = json.loads(pose_attachment(make_update(3, ok=ok)))
-        assert complaints(SCHEMAS["odom-attachment"], content) == []
+        assert schema_errors(SCHEMAS["odom-attachment"], content) == []
         assert content.keys() == SCHEMAS["odom-attachment"]["properties"].keys()
-        on_map = json.loads(map_odom_attachment(dataclasses.replace(make_update(3), map=a_map())))
-        assert complaints(SCHEMAS["map-odom-attachment"], on_map) == []
+        on_map = json.loads(
+            map_odom_attachment(dataclasses.replace(make_update(3), map=make_map()))
+        )
+        assert schema_errors(SCHEMAS["map-odom-attachment"], on_map) == []
         assert on_map.keys() == SCHEMAS["map-odom-attachment"]["properties"].keys()
     for code in ErrorCode:
         content = json.loads(error_payload(CommandError(code, "why")))
-        assert complaints(SCHEMAS["error"], content) == []
+        assert schema_errors(SCHEMAS["error"], content) == []
 
 
 def test_every_command_has_its_two_schemas() -> None:
@@ -95,7 +97,7 @@ def test_arguments_are_valid_where_the_parser_takes_them(
     command: str, arguments: dict[str, Any]
 ) -> None:
     payload = json.dumps(arguments).encode()
-    is_valid = complaints(SCHEMAS[f"{command}-arguments"], json.loads(payload)) == []
+    is_valid = schema_errors(SCHEMAS[f"{command}-arguments"], json.loads(payload)) == []
     refusal = refusal_of(command, payload)
     # JSON Schema cannot ask for a quaternion's length.
     assert is_valid == (refusal == "" or "length 1" in refusal)
@@ -115,6 +117,6 @@ def test_a_type_without_a_schema_is_not_passed_over() -> None:
         schema_of(set[int])
 
 
-@pytest.mark.parametrize("word", [*STATUS_FIELDS, *COMMAND_NAMES, *ErrorCode])
+@pytest.mark.parametrize("word", [*STATUS_FIELD_DESCRIPTIONS, *COMMAND_NAMES, *ErrorCode])
 def test_the_documentation_names_everything(word: str) -> None:
     assert f"`{word}`" in MESSAGES

@@ -8,10 +8,10 @@ from typing import Any
 
 import zenoh
 
-from tests.waiting import PATIENCE_S, wait_until
-from vo_service.control.inbox import Inbox, Ticket
-from vo_service.outputs.zenoh_commands import CommandsFor
-from vo_service.outputs.zenoh_output import LIVE, Extras, ZenohOutput
+from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
+from vo_service.control.inbox import CommandFuture, CommandQueue
+from vo_service.outputs.zenoh_commands import CommandServer
+from vo_service.outputs.zenoh_output import LIVE_QOS, ExtraEndpoints, ZenohOutput
 from vo_service.outputs.zenoh_session import open_session
 from vo_service.settings import ZenohConfig
 from vo_service.types import Command
@@ -23,7 +23,7 @@ def config(port: int, **changes: Any) -> ZenohConfig:
 
 
 @contextmanager
-def asking(port: int) -> Iterator[zenoh.Session]:
+def connected_session(port: int) -> Iterator[zenoh.Session]:
     """A session connected to that port."""
     with open_session(ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{port}",))) as session:
         wait_until(lambda: bool(session.info.links()))
@@ -31,55 +31,57 @@ def asking(port: int) -> Iterator[zenoh.Session]:
 
 
 @contextmanager
-def commanded(
+def output_with_commands(
     port: int, per_second: float = 1000.0
-) -> Iterator[tuple[ZenohOutput, Inbox[Command], zenoh.Session]]:
+) -> Iterator[tuple[ZenohOutput, CommandQueue[Command], zenoh.Session]]:
     """An output that takes commands, its inbox, and a session to send them from."""
-    inbox: Inbox[Command] = Inbox()
-    extras = Extras(commands=CommandsFor(inbox, per_second))
+    inbox: CommandQueue[Command] = CommandQueue()
+    extras = ExtraEndpoints(commands=CommandServer(inbox, per_second))
     with (
-        closing(ZenohOutput(config(port), LIVE, extras=extras)) as output,
-        asking(port) as session,
+        closing(ZenohOutput(config(port), LIVE_QOS, extra_endpoints=extras)) as output,
+        connected_session(port) as session,
     ):
-        wait_until(lambda: bool(answers(session, "kinect/schema")))
+        wait_until(lambda: bool(query_json(session, "kinect/schema")))
         yield output, inbox, session
 
 
-def ask(session: zenoh.Session, key: str, payload: bytes | None = None) -> list[zenoh.Reply]:
+def query(session: zenoh.Session, key: str, payload: bytes | None = None) -> list[zenoh.Reply]:
     """All replies."""
-    return list(session.get(key, payload=payload, timeout=PATIENCE_S))
+    return list(session.get(key, payload=payload, timeout=DEFAULT_TIMEOUT_S))
 
 
-def answers(session: zenoh.Session, key: str, payload: bytes | None = None) -> list[dict[str, Any]]:
+def query_json(
+    session: zenoh.Session, key: str, payload: bytes | None = None
+) -> list[dict[str, Any]]:
     """The JSON of all replies, good or bad."""
-    return [content(reply) for reply in ask(session, key, payload)]
+    return [reply_json(reply) for reply in query(session, key, payload)]
 
 
-def content(reply: zenoh.Reply) -> dict[str, Any]:
+def reply_json(reply: zenoh.Reply) -> dict[str, Any]:
     """The JSON of one reply, good or bad."""
-    payload = reply.ok.payload if reply.ok else error_of(reply).payload
+    payload = reply.ok.payload if reply.ok else reply_error(reply).payload
     found: dict[str, Any] = json.loads(payload.to_bytes())
     return found
 
 
-def error_of(reply: zenoh.Reply) -> zenoh.ReplyError:
+def reply_error(reply: zenoh.Reply) -> zenoh.ReplyError:
     """The error that a reply is."""
     assert reply.err is not None
     return reply.err
 
 
-def taken(inbox: Inbox[Command]) -> Ticket[Command]:
+def next_command(inbox: CommandQueue[Command]) -> CommandFuture[Command]:
     """The next command that comes."""
-    found: list[Ticket[Command]] = []
+    found: list[CommandFuture[Command]] = []
 
     def is_there() -> bool:
-        found.extend(inbox.take())
+        found.extend(inbox.take_pending())
         return bool(found)
 
     wait_until(is_there)
     return found[0]
 
 
-def obey(inbox: Inbox[Command], answer: dict[str, object]) -> None:
+def answer_next_command(inbox: CommandQueue[Command], answer: dict[str, object]) -> None:
     """Answer the next command, on a thread, as the loop would."""
-    threading.Thread(target=lambda: taken(inbox).done(answer), daemon=True).start()
+    threading.Thread(target=lambda: next_command(inbox).set_result(answer), daemon=True).start()

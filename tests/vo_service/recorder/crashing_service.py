@@ -10,21 +10,26 @@ import os
 import sys
 from pathlib import Path
 
-from tests.vo_service.recorder.moments import feed, recorder, status, update
+from tests.vo_service.recorder.moments import (
+    make_recorder_status,
+    make_update,
+    running_recorder,
+    send_updates,
+)
 
 FRAMES = 10
 
 
-def main(state: Path, how: str) -> None:
+def main(state: Path, death: str) -> None:
     """Remember frames, then end."""
-    with recorder(state) as opened:
-        if how == "exit":
+    with running_recorder(state) as opened:
+        if death == "exit":
             opened.start_recording("desk")
-        opened.status(status(frames=FRAMES))
-        feed(opened, *map(update, range(FRAMES)))
+        opened.on_status(make_recorder_status(frames=FRAMES))
+        send_updates(opened, *map(make_update, range(FRAMES)))
         print("ready", flush=True)
         sys.stdin.readline()
-        match how:
+        match death:
             case "segfault":
                 ctypes.string_at(0)
             case "exit":

@@ -9,18 +9,18 @@ import numpy as np
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import rigid_transform
-from tests.vo_service.fakes import a_status
+from tests.vo_service.fakes import make_status
 from tests.waiting import wait_until
 from vo_service.recorder.recorder import FlightRecorder
-from vo_service.settings import RecorderSettings
-from vo_service.types import CommandError, Estimate, PoseUpdate, Status, TrackingState
+from vo_service.settings import RecorderConfig
+from vo_service.types import CommandError, Estimate, OdometryUpdate, Status, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 START_S = 1305031453.359684
-ABOUT: Mapping[str, object] = {"versions": {"kinect-vo": "1"}}
+METADATA: Mapping[str, object] = {"versions": {"kinect-vo": "1"}}
 
 
-def frame(seq: int, camera: PinholeCamera = CAMERA) -> RgbdFrame:
+def make_frame(seq: int, camera: PinholeCamera = CAMERA) -> RgbdFrame:
     """Noise that no other frame has, depth with holes, 30 a second, gravity and a skew."""
     random = np.random.default_rng(seq)
     shape = (camera.height, camera.width)
@@ -29,8 +29,8 @@ def frame(seq: int, camera: PinholeCamera = CAMERA) -> RgbdFrame:
     return RgbdFrame(
         seq=seq,
         stamp_s=START_S + seq / 30,
-        arrival_s=0.0,
-        colour_bgr=random.integers(0, 255, (*shape, 3), np.uint8),
+        receive_time_s=0.0,
+        color_bgr=random.integers(0, 255, (*shape, 3), np.uint8),
         depth_raw=depth,
         depth_factor=1000.0,
         camera=camera,
@@ -40,18 +40,18 @@ def frame(seq: int, camera: PinholeCamera = CAMERA) -> RgbdFrame:
     )
 
 
-def update(
+def make_update(
     seq: int,
     state: TrackingState = TrackingState.TRACKING,
     *,
     offset_s: float = 0.0,
     camera: PinholeCamera = CAMERA,
-) -> PoseUpdate:
+) -> OdometryUpdate:
     """What the service says of frame `seq`: a centimetre further than the one before."""
     T = rigid_transform(np.eye(3), [0.01 * seq, 0.0, 0.0])
     is_lost = state is TrackingState.LOST
-    picture = frame(seq, camera)
-    return PoseUpdate(
+    picture = make_frame(seq, camera)
+    return OdometryUpdate(
         seq=seq,
         stamp_s=picture.stamp_s + offset_s,
         state=state,
@@ -70,51 +70,53 @@ def update(
     )
 
 
-def status(frames: int = 0) -> Status:
+def make_recorder_status(frames: int = 0) -> Status:
     """A status that has counted so many frames."""
-    return a_status(frames=frames)
+    return make_status(frames=frames)
 
 
 @contextmanager
-def recorder(state: Path, settings: RecorderSettings | None = None) -> Iterator[FlightRecorder]:
+def running_recorder(
+    state: Path, settings: RecorderConfig | None = None
+) -> Iterator[FlightRecorder]:
     """A flight recorder that is up; closed at the end."""
-    opened = FlightRecorder(settings or RecorderSettings(max_mb=20), state, ABOUT)
+    opened = FlightRecorder(settings or RecorderConfig(max_mb=20), state, METADATA)
     try:
-        wait_until(lambda: opened.is_up, "the recorder's process")
+        wait_until(lambda: opened.is_ready, "the recorder's process")
         yield opened
     finally:
         opened.close()
 
 
-def feed(recorder: FlightRecorder, *updates: PoseUpdate) -> None:
+def send_updates(recorder: FlightRecorder, *updates: OdometryUpdate) -> None:
     """Give it frames no faster than it takes them."""
     for one in updates:
-        expected = recorder.remembered + 1
-        recorder.pose(one)
-        wait_until(partial(_has_remembered, recorder, expected), "a frame to be taken")
+        expected = recorder.frame_count + 1
+        recorder.on_update(one)
+        wait_until(partial(_has_buffered, recorder, expected), "a frame to be taken")
 
 
-def _has_remembered(recorder: FlightRecorder, expected: int) -> bool:
-    return recorder.remembered >= expected
+def _has_buffered(recorder: FlightRecorder, expected: int) -> bool:
+    return recorder.frame_count >= expected
 
 
-def incidents(state: Path) -> list[Path]:
+def list_incidents(state: Path) -> list[Path]:
     """Folders of incidents, whole ones and begun ones."""
     return sorted(state.glob("incidents/*"))
 
 
-def incident(state: Path, reason: str) -> Path:
+def wait_for_incident(state: Path, reason: str) -> Path:
     """The one incident of this kind, as soon as it is whole."""
 
     def whole() -> list[Path]:
-        return [path for path in incidents(state) if path.name.endswith(reason)]
+        return [path for path in list_incidents(state) if path.name.endswith(reason)]
 
     wait_until(lambda: bool(whole()), f"an incident {reason!r}")
     (found,) = whole()
     return found
 
 
-def saved(recorder: FlightRecorder, reason: str) -> Path:
+def save_incident(recorder: FlightRecorder, reason: str) -> Path:
     """The folder of an incident that has been asked for, when it is whole."""
     folder = Path(recorder.save(reason))
     wait_until(lambda: not recorder.is_saving, f"{folder}")
@@ -122,7 +124,7 @@ def saved(recorder: FlightRecorder, reason: str) -> Path:
     return folder
 
 
-def refusal(of: Callable[[], object]) -> str:
+def command_error(of: Callable[[], object]) -> str:
     """The code and the words with which a command is refused."""
     try:
         of()

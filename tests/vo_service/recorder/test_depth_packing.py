@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from vo_service.recorder.depth_packing import pack_depth, packed_bound
+from vo_service.recorder.depth_packing import max_packed_bytes, pack_depth
 from vo_service.recorder.depth_unpacking import unpack_depth
 
 Depth = NDArray[np.uint16]
@@ -19,9 +19,9 @@ near_values = st.sampled_from([0, 1, 126, 127, 128, 129, 254, 255, 256, 2000, 21
 
 def packed(depth: Depth) -> bytes:
     """An image's packing; fails if it is larger than promised."""
-    out = np.full(packed_bound(depth.size) + 8, 0xA5, np.uint8)
+    out = np.full(max_packed_bytes(depth.size) + 8, 0xA5, np.uint8)
     length = pack_depth(depth, out)
-    assert length <= packed_bound(depth.size)
+    assert length <= max_packed_bytes(depth.size)
     assert np.all(out[-8:] == 0xA5)
     return out[:length].tobytes()
 

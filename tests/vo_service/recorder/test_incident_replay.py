@@ -9,54 +9,65 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.camera import Clock, Pace, RgbdFrame
-from drivers.isolation.camera import IsolatedCamera
-from tests.drivers.isolation.trial_cameras import Puppet, is_whole
-from tests.drivers.tum.replaying import replayed
-from tests.vo_service.commands.command_line import call
-from tests.vo_service.fakes import Collector, ScriptedCamera
-from tests.vo_service.recorder.moments import feed, incident, recorder, update
+from drivers.camera import Clock, PlaybackMode, RgbdFrame
+from drivers.isolation.camera import SubprocessCamera
+from tests.drivers.isolation.trial_cameras import FileScriptedCamera, is_intact
+from tests.drivers.tum.replaying import read_recording
+from tests.vo_service.commands.command_line import run_in_process
+from tests.vo_service.fakes import CollectingOutput, ScriptedCamera
+from tests.vo_service.recorder.moments import (
+    make_update,
+    running_recorder,
+    send_updates,
+    wait_for_incident,
+)
 from tests.waiting import wait_until
-from vo_service.app import run_loop
+from vo_service.app import run_replay
 from vo_service.config import Config
-from vo_service.feed import PlainFeed
-from vo_service.interrupts import Stop
+from vo_service.feed import SinglePassSource
+from vo_service.interrupts import StopSignal
 from vo_service.recorder.recorder import FlightRecorder
-from vo_service.settings import RecorderSettings
-from vo_service.types import PoseUpdate
+from vo_service.settings import RecorderConfig
+from vo_service.types import OdometryUpdate
 
 pytestmark = pytest.mark.subprocess
 
 
 def blinded(frame: RgbdFrame) -> RgbdFrame:
     """The same, but black, and with no depth."""
-    colour_bgr, depth_raw = np.zeros_like(frame.colour_bgr), np.zeros_like(frame.depth_raw)
-    return replace(frame, colour_bgr=colour_bgr, depth_raw=depth_raw)
+    colour_bgr, depth_raw = np.zeros_like(frame.color_bgr), np.zeros_like(frame.depth_raw)
+    return replace(frame, color_bgr=colour_bgr, depth_raw=depth_raw)
 
 
-class OneByOne(Collector):
+class LockstepOutput(CollectingOutput):
     """An output that holds the loop up until the recorder has taken each frame."""
 
     def __init__(self, recorder: FlightRecorder) -> None:
         super().__init__()
         self._recorder = recorder
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Wait for it."""
-        super().pose(update)
-        wait_until(lambda: self._recorder.remembered == len(self.poses))
+        super().on_update(update)
+        wait_until(lambda: self._recorder.frame_count == len(self.poses))
 
 
 def test_a_loss_of_tracking_replays_to_the_poses_that_the_service_gave(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    frames = replayed(recording)
+    frames = read_recording(recording)
     camera = ScriptedCamera([*frames[:7], blinded(frames[7]), *frames[8:]])
-    with recorder(tmp_path, RecorderSettings(max_mb=20)) as opened, camera:
-        run_loop(Config(), camera, PlainFeed(camera), [opened, OneByOne(opened)], Stop())
-    folder = incident(tmp_path, "lost")
+    with running_recorder(tmp_path, RecorderConfig(max_mb=20)) as opened, camera:
+        run_replay(
+            Config(),
+            camera,
+            SinglePassSource(camera),
+            [opened, LockstepOutput(opened)],
+            StopSignal(),
+        )
+    folder = wait_for_incident(tmp_path, "lost")
     again = tmp_path / "again.txt"
-    outcome = call(capfd, "replay", folder, "--trajectory", again, "--no-publish")
+    outcome = run_in_process(capfd, "replay", folder, "--trajectory", again, "--no-publish")
     assert outcome.code == 0, outcome.err
     told = (folder / "trajectory.txt").read_text().splitlines()
     assert again.read_text().splitlines() == told[1:]
@@ -65,13 +76,13 @@ def test_a_loss_of_tracking_replays_to_the_poses_that_the_service_gave(
 
 def test_frames_from_before_a_crash_of_the_driver_are_still_there(tmp_path: Path) -> None:
     (tmp_path / "script").touch()  # no words: the puppet works
-    make = partial(Puppet, tmp_path / "script")
-    driver = IsolatedCamera("puppet", Clock.MONOTONIC, make, Pace.REALTIME)
-    with recorder(tmp_path, RecorderSettings(max_mb=20)) as opened, driver as camera:
+    make = partial(FileScriptedCamera, tmp_path / "script")
+    driver = SubprocessCamera("puppet", Clock.MONOTONIC, make, PlaybackMode.REALTIME)
+    with running_recorder(tmp_path, RecorderConfig(max_mb=20)) as opened, driver as camera:
         frames = [camera.read(30.0) for _ in range(5)]
-        feed(opened, *(replace(update(0), frame=frame) for frame in frames))
+        send_updates(opened, *(replace(make_update(0), frame=frame) for frame in frames))
         os.kill(frames[-1].lost_packets, signal.SIGKILL)
-        feed(opened, replace(update(0), frame=camera.read(30.0)))
+        send_updates(opened, replace(make_update(0), frame=camera.read(30.0)))
         opened.save("command")
-        found = replayed(incident(tmp_path, "command"))
-    assert [is_whole(frame) for frame in found] == [True] * 6
+        found = read_recording(wait_for_incident(tmp_path, "command"))
+    assert [is_intact(frame) for frame in found] == [True] * 6

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.belongings import children_of, is_alive
-from tests.drivers.tum.replaying import replayed
+from tests.belongings import child_pids_of, is_alive
+from tests.drivers.tum.replaying import read_recording
 from tests.vo_service.recorder.crashing_service import FRAMES
-from tests.vo_service.recorder.moments import incident, incidents
+from tests.vo_service.recorder.moments import list_incidents, wait_for_incident
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -27,7 +27,7 @@ class Crashing:
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         self.process = process
-        (self.recorder,) = children_of(process.pid)
+        (self.recorder,) = child_pids_of(process.pid)
 
     def go(self) -> None:
         """Let it end as it was told."""
@@ -60,9 +60,9 @@ def service(state: Path, how: str) -> Iterator[Crashing]:
 def test_the_last_frames_of_a_service_that_crashed_are_written(tmp_path: Path) -> None:
     with service(tmp_path, "segfault") as crashing:
         crashing.go()
-        folder = incident(tmp_path, "crash")
+        folder = wait_for_incident(tmp_path, "crash")
     assert crashing.process.returncode == -signal.SIGSEGV
-    assert len(replayed(folder)) == FRAMES
+    assert len(read_recording(folder)) == FRAMES
     assert '"frames": 10' in (folder / "status.jsonl").read_text()
     assert f"its last {FRAMES} frames are in {folder}" in (tmp_path / "log").read_text()
 
@@ -74,18 +74,18 @@ def test_they_are_written_after_a_kill_though_systemd_asks_all_processes_to_end(
         crashing.process.kill()
         for number in (signal.SIGTERM, signal.SIGABRT, signal.SIGINT, signal.SIGHUP):
             os.kill(crashing.recorder, number)
-        assert len(replayed(incident(tmp_path, "crash"))) == FRAMES
+        assert len(read_recording(wait_for_incident(tmp_path, "crash"))) == FRAMES
 
 
 def test_a_recording_is_brought_to_an_end_as_well(tmp_path: Path) -> None:
     with service(tmp_path, "exit") as crashing:
         crashing.go()
-        assert len(replayed(incident(tmp_path, "crash"))) == FRAMES
-    assert len(replayed(tmp_path / "recordings" / "desk")) == FRAMES
+        assert len(read_recording(wait_for_incident(tmp_path, "crash"))) == FRAMES
+    assert len(read_recording(tmp_path / "recordings" / "desk")) == FRAMES
 
 
 def test_when_everything_is_killed_nothing_is_written_and_nothing_left(tmp_path: Path) -> None:
     with service(tmp_path, "killed") as crashing:
         os.kill(crashing.recorder, signal.SIGKILL)
         crashing.process.kill()
-    assert incidents(tmp_path) == []
+    assert list_incidents(tmp_path) == []

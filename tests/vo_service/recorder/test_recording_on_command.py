@@ -11,21 +11,27 @@ import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera
-from tests.belongings import children
-from tests.drivers.tum.replaying import replayed
-from tests.vo_service.recorder.moments import feed, frame, recorder, refusal, update
+from tests.belongings import child_pids
+from tests.drivers.tum.replaying import read_recording
+from tests.vo_service.recorder.moments import (
+    command_error,
+    make_frame,
+    make_update,
+    running_recorder,
+    send_updates,
+)
 from tests.waiting import wait_until
 from vo_service.recorder import recording as recording_module
 from vo_service.recorder.depth_packing import pack_depth
-from vo_service.recorder.frame_record import put_frame
-from vo_service.recorder.messages import RecordingEnded
-from vo_service.recorder.recording import Recording
-from vo_service.recorder.shared_ring import RingReader, RingWriter
-from vo_service.settings import RecorderSettings
+from vo_service.recorder.frame_record import write_frame
+from vo_service.recorder.messages import RecordingResult
+from vo_service.recorder.recording import RecordingWriter
+from vo_service.recorder.shared_ring import RecordRingReader, RecordRingWriter
+from vo_service.settings import RecorderConfig
 
 pytestmark = pytest.mark.subprocess
 
-SMALL = RecorderSettings(max_mb=20)
+SMALL = RecorderConfig(max_mb=20)
 
 
 def has_written(folder: Path, frames: int) -> bool:
@@ -37,43 +43,43 @@ def test_every_frame_from_start_to_stop_is_recorded(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
-    with recorder(tmp_path, SMALL) as opened:
-        feed(opened, *map(update, range(3)))
+    with running_recorder(tmp_path, SMALL) as opened:
+        send_updates(opened, *map(make_update, range(3)))
         folder = Path(opened.start_recording("desk"))
         assert opened.recording == str(folder) == str(tmp_path / "recordings" / "desk")
-        feed(opened, *map(update, range(3, 9)))
+        send_updates(opened, *map(make_update, range(3, 9)))
         assert opened.stop_recording() == str(folder)
         # A frame before its end may still be recorded.
         wait_until(lambda: f"{folder}: 6 frames, 0 missed" in caplog.text)
-        feed(opened, update(9))
+        send_updates(opened, make_update(9))
     assert opened.recording == opened.warning == ""
-    found = replayed(folder)
+    found = read_recording(folder)
     assert [f.stamp_s for f in found] == pytest.approx(
-        [frame(n).stamp_s for n in range(3, 9)], abs=1e-6
+        [make_frame(n).stamp_s for n in range(3, 9)], abs=1e-6
     )
     for seq, each in enumerate(found, 3):  # depth is exact; colour is JPEG
-        np.testing.assert_array_equal(each.depth_raw, frame(seq).depth_raw)
+        np.testing.assert_array_equal(each.depth_raw, make_frame(seq).depth_raw)
 
 
 def test_more_frames_than_the_ring_holds_are_recorded(tmp_path: Path) -> None:
-    with recorder(tmp_path, replace(SMALL, seconds=0.5)) as opened:
+    with running_recorder(tmp_path, replace(SMALL, seconds=0.5)) as opened:
         folder = Path(opened.start_recording("long"))
         for begin in range(0, 60, 10):
-            feed(opened, *map(update, range(begin, begin + 10)))
+            send_updates(opened, *map(make_update, range(begin, begin + 10)))
             wait_until(partial(has_written, folder, begin + 5))
         opened.stop_recording()
-    assert len(replayed(folder)) == 60
+    assert len(read_recording(folder)) == 60
 
 
 def test_closing_the_service_ends_a_recording_in_order(tmp_path: Path) -> None:
-    with recorder(tmp_path, SMALL) as opened:
+    with running_recorder(tmp_path, SMALL) as opened:
         folder = Path(opened.start_recording("desk"))
-        feed(opened, *map(update, range(4)))
-    assert len(replayed(folder)) == 4
+        send_updates(opened, *map(make_update, range(4)))
+    assert len(read_recording(folder)) == 4
 
 
 def test_a_recording_without_a_frame_makes_no_folder(tmp_path: Path) -> None:
-    with recorder(tmp_path, SMALL) as opened:
+    with running_recorder(tmp_path, SMALL) as opened:
         folder = Path(opened.start_recording("nothing"))
         opened.stop_recording()
     assert not folder.exists()
@@ -81,32 +87,32 @@ def test_a_recording_without_a_frame_makes_no_folder(tmp_path: Path) -> None:
 
 def test_names_that_will_not_do_are_refused(tmp_path: Path) -> None:
     (tmp_path / "recordings" / "old").mkdir(parents=True)
-    with recorder(tmp_path, SMALL) as opened:
+    with running_recorder(tmp_path, SMALL) as opened:
         for name in ("", "../desk", "a/b", ".hidden", "a b", "x" * 65, "a\n"):
-            assert refusal(partial(opened.start_recording, name)).startswith("bad-request")
-        assert "there is a recording 'old' already" in refusal(
+            assert command_error(partial(opened.start_recording, name)).startswith("bad-request")
+        assert "there is a recording 'old' already" in command_error(
             lambda: opened.start_recording("old")
         )
         folder = opened.start_recording("new")
-        assert folder in refusal(lambda: opened.start_recording("newer"))
+        assert folder in command_error(lambda: opened.start_recording("newer"))
 
 
 def test_another_camera_ends_the_recording_and_the_reason_is_said(tmp_path: Path) -> None:
     other = PinholeCamera(32, 24, 30.0, 30.0, 15.5, 11.5)
-    with recorder(tmp_path, SMALL) as opened:
+    with running_recorder(tmp_path, SMALL) as opened:
         folder = Path(opened.start_recording("desk"))
-        feed(opened, update(0), update(1), update(2, camera=other))
+        send_updates(opened, make_update(0), make_update(1), make_update(2, camera=other))
         wait_until(lambda: opened.recording == "")
         assert "the camera changed while it was recorded" in opened.warning
-    assert len(replayed(folder)) == 2
+    assert len(read_recording(folder)) == 2
 
 
 def test_a_process_that_dies_ends_the_recording_and_that_is_said(tmp_path: Path) -> None:
-    with recorder(tmp_path, SMALL) as opened:
+    with running_recorder(tmp_path, SMALL) as opened:
         folder = Path(opened.start_recording("desk"))
-        feed(opened, *map(update, range(4)))
+        send_updates(opened, *map(make_update, range(4)))
         wait_until((folder / "associations.txt").exists)
-        (child,) = children()
+        (child,) = child_pids()
         os.kill(child, signal.SIGKILL)
         wait_until(lambda: opened.recording == "")
         assert opened.warning == f"recorder: its process ended and cut off {folder}"
@@ -116,16 +122,16 @@ class _Ring:
     """A ring in this process, and a recording of it."""
 
     def __init__(self, folder: Path) -> None:
-        self.ends: list[RecordingEnded] = []
-        self.writer = RingWriter("trial", 0.2, 1 << 22)
-        self.reader = RingReader(self.writer.memory)
+        self.ends: list[RecordingResult] = []
+        self.writer = RecordRingWriter("trial", 0.2, 1 << 22)
+        self.reader = RecordRingReader(self.writer.memory)
         self.folder = folder
 
-    def record(self, frames: int) -> RecordingEnded:
+    def record(self, frames: int) -> RecordingResult:
         """What came of a recording that begins when all the frames have been put."""
         for seq in range(frames):
-            put_frame(self.writer, update(seq), pack_depth)
-        Recording(self.reader, 0, self.folder, self.ends.append).stop(frames)
+            write_frame(self.writer, make_update(seq), pack_depth)
+        RecordingWriter(self.reader, 0, self.folder, self.ends.append).stop(frames)
         return self.ends[-1]
 
 
@@ -133,10 +139,10 @@ def test_frames_that_were_overwritten_before_they_could_be_written_are_counted(
     tmp_path: Path,
 ) -> None:
     end = _Ring(tmp_path / "slow").record(frames=40)
-    assert end.trouble == ""
-    assert 0 < end.frames < 40
-    assert end.frames + end.missed == 40
-    assert len(replayed(end.folder)) == end.frames
+    assert end.error == ""
+    assert 0 < end.frame_count < 40
+    assert end.frame_count + end.missed_frames == 40
+    assert len(read_recording(end.folder)) == end.frame_count
 
 
 def test_a_disk_with_too_little_left_ends_it_with_the_reason(
@@ -144,6 +150,6 @@ def test_a_disk_with_too_little_left_ends_it_with_the_reason(
 ) -> None:
     monkeypatch.setattr(recording_module, "LEFT_FREE_BYTES", 10**18)
     end = _Ring(tmp_path / "full").record(frames=2)
-    assert end.frames == 0
-    assert "are left on the disk; free some space" in end.trouble
+    assert end.frame_count == 0
+    assert "are left on the disk; free some space" in end.error
     assert not end.folder.exists()

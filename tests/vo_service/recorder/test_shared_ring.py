@@ -10,18 +10,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.full_disk import files_up_to
+from tests.full_disk import limit_file_size
 from tests.waiting import wait_until
-from vo_service.recorder.shared_ring import RingReader, RingWriter
+from vo_service.recorder.shared_ring import RecordRingReader, RecordRingWriter
 
 MOST = 4096
 
 
 @contextmanager
-def ring(seconds: float = 1.0, most_bytes: int = MOST) -> Iterator[tuple[RingWriter, RingReader]]:
+def ring(
+    seconds: float = 1.0, most_bytes: int = MOST
+) -> Iterator[tuple[RecordRingWriter, RecordRingReader]]:
     """Both ends."""
-    writer = RingWriter("trial", seconds, most_bytes)
-    reader = RingReader(writer.memory)
+    writer = RecordRingWriter("trial", seconds, most_bytes)
+    reader = RecordRingReader(writer.memory)
     try:
         yield writer, reader
     finally:
@@ -29,7 +31,7 @@ def ring(seconds: float = 1.0, most_bytes: int = MOST) -> Iterator[tuple[RingWri
         writer.close()
 
 
-def put(writer: RingWriter, number: int, length: int, time_s: float, bound: int = 0) -> None:
+def put(writer: RecordRingWriter, number: int, length: int, time_s: float, bound: int = 0) -> None:
     """A record whose every byte says which one it is."""
     note = str(number).encode()
     bound = max(bound, length + len(note))
@@ -38,15 +40,18 @@ def put(writer: RingWriter, number: int, length: int, time_s: float, bound: int 
     writer.commit(length, note, bound, time_s)
 
 
-def held(reader: RingReader, last: int = 1000) -> list[int]:
+def held(reader: RecordRingReader, last: int = 1000) -> list[int]:
     """Numbers of those of the last records that are there; fails if one is not whole."""
     numbers = []
-    end = reader.count
-    for number in range(max(reader.oldest, end - last), end):
-        record = reader.record(number)
+    end = reader.record_count
+    for number in range(max(reader.oldest_number, end - last), end):
+        record = reader.read_record(number)
         if record is not None:
-            assert record.note == str(number).encode()
-            assert reader.note(number) in (record.note, None)  # None: it has just been overwritten
+            assert record.metadata == str(number).encode()
+            assert reader.read_metadata(number) in (
+                record.metadata,
+                None,
+            )  # None: it has just been overwritten
             assert set(record.payload) <= {number % 251}
             numbers.append(number)
     return numbers
@@ -66,7 +71,7 @@ def test_it_holds_what_was_written_in_the_time_given_and_takes_no_more_memory() 
         for number in range(300):
             put(writer, number, 100_000, number / 30)
         assert 30 <= len(held(reader)) <= 40
-        assert not writer.is_short
+        assert not writer.is_limited_by_bytes
         assert writer.used_bytes < 45 * 100_000
 
 
@@ -75,7 +80,7 @@ def test_of_too_little_memory_it_makes_the_most_and_says_so() -> None:
         for number in range(100):
             put(writer, number, 500, number / 30)
         assert 5 <= len(held(reader)) <= 8
-        assert writer.is_short
+        assert writer.is_limited_by_bytes
         assert writer.used_bytes == MOST
 
 
@@ -105,8 +110,8 @@ def test_records_before_the_clock_was_set_do_not_keep_newer_ones_from_room() -> 
 
 
 def test_memory_that_cannot_be_had_is_an_error_at_once() -> None:
-    with files_up_to(1000), pytest.raises(OSError, match="File too large"):
-        RingWriter("trial", 1.0, MOST)
+    with limit_file_size(1000), pytest.raises(OSError, match="File too large"):
+        RecordRingWriter("trial", 1.0, MOST)
 
 
 @pytest.mark.slow
@@ -124,7 +129,7 @@ def test_a_reader_beside_a_hurried_writer_never_sees_half_a_record() -> None:
         thread = threading.Thread(target=write)
         thread.start()
         try:
-            wait_until(lambda: reader.count > 0)
+            wait_until(lambda: reader.record_count > 0)
             seen = sum(len(held(reader, last=3)) for _ in range(2000))
         finally:
             stop.set()

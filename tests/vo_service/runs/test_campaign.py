@@ -10,16 +10,16 @@ import pytest
 
 from drivers.errors import InputError
 from tests.conftest import FRAMES
-from tests.vo_service.runs.trial_methods import Trial
-from vo_service.config import OdometrySettings
-from vo_service.runs.campaign import Entry, Plan, run_all
-from vo_service.runs.key import run_key
-from vo_service.runs.listening import NOBODY, ListenerRecipe, LoopsRecipe
-from vo_service.runs.method_recipe import MethodRecipe
-from vo_service.runs.recipe import Recipe
+from tests.vo_service.runs.trial_methods import FaultyMethodFactory
+from vo_service.config import OdometryConfig
+from vo_service.runs.campaign import BatchPlan, BatchResult, run_batch
+from vo_service.runs.key import make_cache_key
+from vo_service.runs.listening import NULL_OBSERVER, LoopClosureObserverFactory, ObserverFactory
+from vo_service.runs.method_recipe import ConfiguredMethodFactory
+from vo_service.runs.recipe import MethodFactory
 from vo_service.runs.run import RunState
 from vo_service.runs.sequence import open_recordings
-from vo_service.settings import MapSettings
+from vo_service.settings import MapConfig
 from vo_service.terminal import Terminal
 
 CopyRecording = Callable[..., Path]
@@ -27,7 +27,7 @@ VERSIONS = {"numpy": "2"}
 LIMIT_S = 100.0
 
 
-class Screen(io.StringIO):
+class FakeBatchTerminal(io.StringIO):
     """A terminal that remembers."""
 
     def isatty(self) -> bool:
@@ -37,21 +37,21 @@ class Screen(io.StringIO):
 def compare(
     folder: Path,
     output: Path,
-    recipes: Mapping[str, Recipe],
+    recipes: Mapping[str, MethodFactory],
     stopped: bool = False,
     again: bool = False,
-    listener: ListenerRecipe = NOBODY,
-) -> tuple[list[Entry], str]:
+    listener: ObserverFactory = NULL_OBSERVER,
+) -> tuple[list[BatchResult], str]:
     """All runs, and what was to be seen."""
-    screen = Screen()
+    screen = FakeBatchTerminal()
     stop = threading.Event()
     if stopped:
         stop.set()
-    plan = Plan(open_recordings([folder], None), recipes, output, LIMIT_S, again, listener)
-    return list(run_all(plan, Terminal(screen), stop)), screen.getvalue()
+    plan = BatchPlan(open_recordings([folder], None), recipes, output, LIMIT_S, again, listener)
+    return list(run_batch(plan, Terminal(screen), stop)), screen.getvalue()
 
 
-def states(entries: list[Entry]) -> list[RunState]:
+def states(entries: list[BatchResult]) -> list[RunState]:
     return [entry.outcome.state for entry in entries]
 
 
@@ -60,12 +60,16 @@ def states(entries: list[Entry]) -> list[RunState]:
 def test_a_failure_does_not_keep_the_others_from_running_and_is_tried_again(
     recording: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    entries, _ = compare(recording, tmp_path, {"bad": Trial("segfault"), "good": Trial()})
+    entries, _ = compare(
+        recording, tmp_path, {"bad": FaultyMethodFactory("segfault"), "good": FaultyMethodFactory()}
+    )
     assert states(entries) == [RunState.CRASHED, RunState.DONE]
     assert "corner, bad (run 1 of 2): crashed (signal 11" in caplog.text
-    kept, _ = compare(recording, tmp_path, {"bad": Trial("segfault")}, stopped=True)
+    kept, _ = compare(recording, tmp_path, {"bad": FaultyMethodFactory("segfault")}, stopped=True)
     assert states(kept) == [RunState.CRASHED]  # known from before, and not run
-    entries, seen = compare(recording, tmp_path, {"bad": Trial("segfault"), "good": Trial()})
+    entries, seen = compare(
+        recording, tmp_path, {"bad": FaultyMethodFactory("segfault"), "good": FaultyMethodFactory()}
+    )
     assert states(entries) == [RunState.CRASHED, RunState.DONE]
     assert "bad (run 1 of 2): starting" in seen
     assert "good (run 2 of 2): kept from before" in seen
@@ -76,19 +80,19 @@ def test_a_failure_does_not_keep_the_others_from_running_and_is_tried_again(
 def test_what_is_kept_is_made_anew_when_asked_for_or_when_the_settings_change(
     recording: Path, tmp_path: Path
 ) -> None:
-    first, _ = compare(recording, tmp_path, {"trial": Trial()})
-    kept, seen = compare(recording, tmp_path, {"trial": Trial()})
+    first, _ = compare(recording, tmp_path, {"trial": FaultyMethodFactory()})
+    kept, seen = compare(recording, tmp_path, {"trial": FaultyMethodFactory()})
     assert "kept from before" in seen
     assert kept[0].outcome.run.wall_s == first[0].outcome.run.wall_s
-    _, seen = compare(recording, tmp_path, {"trial": Trial()}, again=True)
+    _, seen = compare(recording, tmp_path, {"trial": FaultyMethodFactory()}, again=True)
     assert "starting" in seen
-    changed, seen = compare(recording, tmp_path, {"trial": Trial("lose it")})
+    changed, seen = compare(recording, tmp_path, {"trial": FaultyMethodFactory("lose it")})
     assert "starting" in seen
     assert changed[0].outcome.run.failed == 9
 
 
 def test_after_a_stop_nothing_is_begun(recording: Path, tmp_path: Path) -> None:
-    recipes = {"one": Trial(), "two": Trial()}
+    recipes = {"one": FaultyMethodFactory(), "two": FaultyMethodFactory()}
     entries, seen = compare(recording, tmp_path, recipes, stopped=True)
     assert states(entries) == [RunState.NOT_RUN, RunState.NOT_RUN]
     assert "starting" not in seen
@@ -97,17 +101,17 @@ def test_after_a_stop_nothing_is_begun(recording: Path, tmp_path: Path) -> None:
 
 def key(
     folder: Path,
-    recipe: Recipe,
+    recipe: MethodFactory,
     versions: Mapping[str, str] = VERSIONS,
-    listener: ListenerRecipe = NOBODY,
+    listener: ObserverFactory = NULL_OBSERVER,
 ) -> str:
-    return run_key(open_recordings([folder], None)[0], recipe, versions, listener)
+    return make_cache_key(open_recordings([folder], None)[0], recipe, versions, listener)
 
 
 def test_the_key_changes_with_whatever_changes_the_result(copy_recording: CopyRecording) -> None:
-    folder, recipe = copy_recording(), MethodRecipe(OdometrySettings())
+    folder, recipe = copy_recording(), ConfiguredMethodFactory(OdometryConfig())
     keys = [key(folder, recipe)]
-    keys.append(key(folder, MethodRecipe(OdometrySettings(feature_count=500))))
+    keys.append(key(folder, ConfiguredMethodFactory(OdometryConfig(feature_count=500))))
     keys.append(key(folder, recipe, {"numpy": "3"}))
     os.utime(folder / "depth" / "0.200000.png", (1, 1))
     keys.append(key(folder, recipe))
@@ -119,33 +123,48 @@ def test_the_key_changes_with_whatever_changes_the_result(copy_recording: CopyRe
 
 
 def test_runs_with_loops_are_told_apart_from_those_without(recording: Path) -> None:
-    listeners = (NOBODY, LoopsRecipe(MapSettings()), LoopsRecipe(MapSettings(places_mb=20)))
-    keys = [key(recording, Trial(), listener=listener) for listener in listeners]
+    listeners = (
+        NULL_OBSERVER,
+        LoopClosureObserverFactory(MapConfig()),
+        LoopClosureObserverFactory(MapConfig(places_mb=20)),
+    )
+    keys = [key(recording, FaultyMethodFactory(), listener=listener) for listener in listeners]
     assert len(set(keys)) == 3
-    assert key(recording, Trial(), listener=LoopsRecipe(MapSettings(enabled=False))) == keys[1]
+    assert (
+        key(
+            recording,
+            FaultyMethodFactory(),
+            listener=LoopClosureObserverFactory(MapConfig(enabled=False)),
+        )
+        == keys[1]
+    )
 
 
 @pytest.mark.subprocess
 @pytest.mark.usefixtures("preloaded_runs")
 def test_a_run_with_loops_is_kept_with_them(recording: Path, tmp_path: Path) -> None:
-    loops = LoopsRecipe(MapSettings())
-    first, _ = compare(recording, tmp_path, {"trial": Trial()}, listener=loops)
-    kept, seen = compare(recording, tmp_path, {"trial": Trial()}, listener=loops)
+    loops = LoopClosureObserverFactory(MapConfig())
+    first, _ = compare(recording, tmp_path, {"trial": FaultyMethodFactory()}, listener=loops)
+    kept, seen = compare(recording, tmp_path, {"trial": FaultyMethodFactory()}, listener=loops)
     assert "kept from before" in seen
-    with_loops, before = kept[0].outcome.run.with_loops, first[0].outcome.run.with_loops
+    with_loops, before = kept[0].outcome.run.loop_closure, first[0].outcome.run.loop_closure
     assert with_loops is not None
     assert before is not None
-    assert (with_loops.places, with_loops.loops, with_loops.cpu_ms) == (1, 0, before.cpu_ms)
+    assert (with_loops.map_keyframes, with_loops.loop_closures, with_loops.cpu_ms_per_frame) == (
+        1,
+        0,
+        before.cpu_ms_per_frame,
+    )
     assert len(with_loops.trajectory) == FRAMES
-    without, seen = compare(recording, tmp_path, {"trial": Trial()})
+    without, seen = compare(recording, tmp_path, {"trial": FaultyMethodFactory()})
     assert "starting" in seen
-    assert without[0].outcome.run.with_loops is None
-    assert [entry.has_loops for entry in (*kept, *without)] == [True, False]
+    assert without[0].outcome.run.loop_closure is None
+    assert [entry.has_loop_closure for entry in (*kept, *without)] == [True, False]
 
 
 def test_the_truth_is_in_the_key_only_where_it_is_used(copy_recording: CopyRecording) -> None:
     folder = copy_recording()
-    blind, cheat = Trial(), Trial(uses_truth=True)
+    blind, cheat = FaultyMethodFactory(), FaultyMethodFactory(uses_truth=True)
     before = key(folder, blind), key(folder, cheat)
     truth = folder / "groundtruth.txt"
     truth.write_text("\n".join(truth.read_text().splitlines()[:-1]) + "\n")

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.trajectory import StampedPoses
+from drivers.trajectory import Trajectory
 from tests.conftest import FRAMES
-from vo_service.odometry.stopwatch import Stopwatch
-from vo_service.runs.excerpt import Excerpt
-from vo_service.runs.following import WARM_UP_FRAMES, CompiledFirst, follow
-from vo_service.runs.messages import Job, Preparing
-from vo_service.runs.run import Run
+from vo_service.odometry.stopwatch import StageTimer
+from vo_service.runs.excerpt import FrameSelection
+from vo_service.runs.following import WARM_UP_FRAMES, KernelsCompiledFirst, run_method
+from vo_service.runs.messages import RunPreparing, RunRequest
+from vo_service.runs.run import CompletedRun
 from vo_service.types import Estimate
 
 BURNT_S = 0.02
@@ -43,7 +43,7 @@ class Watched:
     def prepare(self, tell: Callable[[str], None]) -> None:
         tell("nothing")
 
-    def make(self, stopwatch: Stopwatch, truth: StampedPoses | None) -> "Watching":
+    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> "Watching":
         self.seen.append([])
         return Watching(self.seen[-1], self.act)
 
@@ -61,10 +61,13 @@ class Watching:
         return Estimate(True, "", np.eye(4), np.eye(4), np.zeros((6, 6)))
 
 
-def followed(folder: Path, recipe: Watched, first: int | None = None) -> Run:
+def followed(folder: Path, recipe: Watched, first: int | None = None) -> CompletedRun:
     words: list[object] = []
-    run = follow(Job(folder, None, recipe, logging.WARNING, Excerpt(first=first)), words.append)
-    assert words[:2] == [Preparing("nothing"), Preparing("first frames")]
+    run = run_method(
+        RunRequest(folder, None, recipe, logging.WARNING, FrameSelection(max_frames=first)),
+        words.append,
+    )
+    assert words[:2] == [RunPreparing("nothing"), RunPreparing("first frames")]
     return run
 
 
@@ -90,11 +93,11 @@ def test_where_kernels_had_to_be_compiled_no_frame_is_counted_unless_it_has_to(
     recording: Path,
 ) -> None:
     recipe = Watched(_compile_a_kernel)
-    with pytest.raises(CompiledFirst):
+    with pytest.raises(KernelsCompiledFirst):
         followed(recording, recipe)
     assert recipe.seen == [list(range(WARM_UP_FRAMES))]
-    job = Job(recording, None, recipe, logging.WARNING, may_end_compiled=False)
-    assert len(follow(job, lambda word: None).frames) == FRAMES
+    job = RunRequest(recording, None, recipe, logging.WARNING, stop_after_compiling=False)
+    assert len(run_method(job, lambda word: None).frames) == FRAMES
 
 
 @pytest.mark.subprocess

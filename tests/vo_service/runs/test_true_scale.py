@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from drivers.trajectory import StampedPoses
-from tests.vo_service.evaluation.walks import moving
-from vo_service.runs.true_scale import TrueDistance
+from drivers.trajectory import Trajectory
+from tests.vo_service.evaluation.walks import moving_along_x
+from vo_service.runs.true_scale import GroundTruthDistance
 
-WALK = StampedPoses(10.0 + np.array([0.0, 0.01, 0.02, 0.5]), moving([1.0, 1.1, 1.3, 9.0]))
+WALK = Trajectory(10.0 + np.array([0.0, 0.01, 0.02, 0.5]), moving_along_x([1.0, 1.1, 1.3, 9.0]))
 
 
 @pytest.mark.parametrize(
@@ -17,9 +17,9 @@ WALK = StampedPoses(10.0 + np.array([0.0, 0.01, 0.02, 0.5]), moving([1.0, 1.1, 1
     [(10.0, 10.02, 0.3), (10.02, 10.0, 0.3), (10.005, 10.015, 0.15), (10.0, 10.0, 0.0)],
 )
 def test_places_lie_between_the_true_poses(from_s: float, to_s: float, metres: float) -> None:
-    assert TrueDistance(WALK)(from_s, to_s) == pytest.approx(metres, abs=1e-9)
+    assert GroundTruthDistance(WALK)(from_s, to_s) == pytest.approx(metres, abs=1e-9)
 
 
 @pytest.mark.parametrize("to_s", [9.9, 10.2, 10.6])
 def test_where_the_truth_is_not_known_there_is_no_distance(to_s: float) -> None:
-    assert math.isnan(TrueDistance(WALK)(10.0, to_s))
+    assert math.isnan(GroundTruthDistance(WALK)(10.0, to_s))

@@ -12,9 +12,9 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.errors import UserFacingError
-from drivers.trajectory import StampedPoses
-from vo_service.odometry.stopwatch import Stopwatch
-from vo_service.runs.recipe import Recipe
+from drivers.trajectory import Trajectory
+from vo_service.odometry.stopwatch import StageTimer
+from vo_service.runs.recipe import MethodFactory
 from vo_service.types import Estimate
 
 
@@ -23,7 +23,7 @@ def _same(number: int) -> int:
 
 
 @dataclass(frozen=True)
-class Trial:
+class FaultyMethodFactory:
     """A recipe whose method stands still, until it comes to frame 3.
 
     act  what it does there: "go on", "lose it" (and every frame after it), "raise", "refuse",
@@ -31,26 +31,26 @@ class Trial:
          is kept
     """
 
-    act: str = "go on"
+    action: str = "go on"
     uses_truth: bool = False
 
     @property
     def settings(self) -> Mapping[str, object]:
-        return {"act": self.act}
+        return {"act": self.action}
 
     def prepare(self, tell: Callable[[str], None]) -> None:
         tell("nothing")
-        if self.act == "compile":
+        if self.action == "compile":
             numba.njit("i8(i8)", cache=True)(_same)
 
-    def make(self, stopwatch: Stopwatch, truth: StampedPoses | None) -> "Standing":
-        return Standing(self.act, stopwatch)
+    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> "FaultyMethod":
+        return FaultyMethod(self.action, stopwatch)
 
 
-class Standing:
-    """The method of a `Trial`."""
+class FaultyMethod:
+    """The method of a `FaultyMethodFactory`."""
 
-    def __init__(self, act: str, stopwatch: Stopwatch) -> None:
+    def __init__(self, act: str, stopwatch: StageTimer) -> None:
         self._act = act
         self._stopwatch = stopwatch
 
@@ -58,7 +58,7 @@ class Standing:
         with self._stopwatch.stage("standing"):
             is_lost = frame.seq >= 3 and self._act == "lose it"
             if frame.seq == 3:
-                ACTS[self._act]()
+                ACTIONS[self._act]()
         reason = "7 of 20 matches agree" if is_lost else ""
         return Estimate(not is_lost, reason, np.eye(4), np.eye(4), np.zeros((6, 6)), inliers=50)
 
@@ -79,7 +79,7 @@ def _nothing() -> None:
     pass
 
 
-ACTS: Mapping[str, Callable[[], object]] = {
+ACTIONS: Mapping[str, Callable[[], object]] = {
     "go on": _nothing,
     "lose it": _nothing,
     "raise": _divide,
@@ -91,6 +91,6 @@ ACTS: Mapping[str, Callable[[], object]] = {
 }
 
 
-def trials(**acts: str) -> Callable[..., dict[str, Recipe]]:
+def make_faulty_factories(**acts: str) -> Callable[..., dict[str, MethodFactory]]:
     """Trials in place of the methods asked for."""
-    return lambda *_: {method: Trial(act) for method, act in acts.items()}
+    return lambda *_: {method: FaultyMethodFactory(act) for method, act in acts.items()}

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.vo_service.outputs.conftest import make_update, status
-from tests.vo_service.security.tls_network import Network, Robot, make_keys, new_network
-from vo_service.types import PoseUpdate
+from tests.vo_service.security.tls_network import TlsNetwork, TlsRobot, make_keys, make_network
+from vo_service.types import OdometryUpdate
 
 __all__ = ["make_update", "status"]
 
@@ -20,15 +20,15 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def network(keys: Path, tmp_path: Path) -> Network:
+def network(keys: Path, tmp_path: Path) -> TlsNetwork:
     """Copies of the keys, and free ports."""
-    return new_network(keys, tmp_path)
+    return make_network(keys, tmp_path)
 
 
 @pytest.fixture
-def robot(network: Network, make_update: Callable[..., PoseUpdate]) -> Iterator[Robot]:
+def robot(network: TlsNetwork, make_update: Callable[..., OdometryUpdate]) -> Iterator[TlsRobot]:
     """A robot with robot-tls.json5: thirty poses a second, and every command is done."""
-    robot = Robot(network.file("robot-tls.json5", network.server), make_update)
+    robot = TlsRobot(network.file("robot-tls.json5", network.server_identity), make_update)
     thread = threading.Thread(target=robot.run)
     thread.start()
     yield robot

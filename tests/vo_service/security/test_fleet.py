@@ -5,37 +5,37 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from tests.vo_service.security.tls_network import Network, answers
+from tests.vo_service.security.tls_network import TlsNetwork, query_replies
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.zenoh
 
 
 @pytest.fixture
-def router(network: Network) -> Iterator[zenoh.Session]:
-    with network.session("fleet-router.json5", network.server) as session:
+def router(network: TlsNetwork) -> Iterator[zenoh.Session]:
+    with network.open_session("fleet-router.json5", network.server_identity) as session:
         yield session
 
 
 @pytest.fixture
-def robot1(network: Network, router: zenoh.Session) -> Iterator[zenoh.Session]:
+def robot1(network: TlsNetwork, router: zenoh.Session) -> Iterator[zenoh.Session]:
     """Answers a command and a question, and is alive."""
-    with network.session("fleet-robot.json5", "ours/robot1") as session:
+    with network.open_session("fleet-robot.json5", "ours/robot1") as session:
         for key in ("robot1/command/reset", "robot1/latest"):
             session.declare_queryable(key, lambda query: query.reply(query.key_expr, b"done"))
         with session.liveliness().declare_token("robot1/alive"):
             yield session
 
 
-def reader(network: Network) -> zenoh.Session:
-    return network.session("reader-tls.json5", "ours/reader")
+def reader(network: TlsNetwork) -> zenoh.Session:
+    return network.open_session("reader-tls.json5", "ours/reader")
 
 
 @pytest.mark.subprocess
-def test_one_subscriber_reads_all_robots(network: Network, robot1: zenoh.Session) -> None:
+def test_one_subscriber_reads_all_robots(network: TlsNetwork, robot1: zenoh.Session) -> None:
     heard: set[str] = set()
     with (
-        network.session("fleet-robot.json5", "ours/robot2") as robot2,
+        network.open_session("fleet-robot.json5", "ours/robot2") as robot2,
         reader(network) as session,
         session.declare_subscriber("*/odom", lambda sample: heard.add(str(sample.key_expr))),
     ):
@@ -49,7 +49,7 @@ def test_one_subscriber_reads_all_robots(network: Network, robot1: zenoh.Session
 
 
 def test_a_robot_cannot_publish_below_the_prefix_of_another(
-    network: Network, robot1: zenoh.Session
+    network: TlsNetwork, robot1: zenoh.Session
 ) -> None:
     heard: list[tuple[str, bytes]] = []
     with (
@@ -69,36 +69,36 @@ def test_a_robot_cannot_publish_below_the_prefix_of_another(
     assert set(heard) == {("robot1/odom", b"own")}
 
 
-def test_a_robot_cannot_answer_for_another(network: Network, robot1: zenoh.Session) -> None:
+def test_a_robot_cannot_answer_for_another(network: TlsNetwork, robot1: zenoh.Session) -> None:
     with (
-        network.session("fleet-robot.json5", "ours/robot2") as robot2,
+        network.open_session("fleet-robot.json5", "ours/robot2") as robot2,
         robot2.declare_queryable(
             "robot1/latest", lambda query: query.reply(query.key_expr, b"forged")
         ),
         reader(network) as session,
     ):
-        assert answers(session, "robot1/latest") == [b"done"]
+        assert query_replies(session, "robot1/latest") == [b"done"]
 
 
 def test_operators_command_a_robot_and_readers_do_not(
-    network: Network, robot1: zenoh.Session
+    network: TlsNetwork, robot1: zenoh.Session
 ) -> None:
     with reader(network) as session:
-        wait_until(lambda: answers(session, "robot1/latest") == [b"done"])
-        assert answers(session, "robot1/command/reset") == []
+        wait_until(lambda: query_replies(session, "robot1/latest") == [b"done"])
+        assert query_replies(session, "robot1/command/reset") == []
         session.put("robot1/odom", b"forged")
-    with network.session("operator-tls.json5", "ours/operator") as operator:
-        wait_until(lambda: answers(operator, "robot1/command/reset") == [b"done"])
+    with network.open_session("operator-tls.json5", "ours/operator") as operator:
+        wait_until(lambda: query_replies(operator, "robot1/command/reset") == [b"done"])
 
 
-def test_a_robot_commands_no_other(network: Network, robot1: zenoh.Session) -> None:
-    with network.session("fleet-robot.json5", "ours/robot2") as robot2:
+def test_a_robot_commands_no_other(network: TlsNetwork, robot1: zenoh.Session) -> None:
+    with network.open_session("fleet-robot.json5", "ours/robot2") as robot2:
         wait_until(lambda: bool(robot2.info.links()))
-        assert answers(robot2, "robot1/command/reset") == []
-        assert answers(robot2, "robot1/latest") == []
+        assert query_replies(robot2, "robot1/command/reset") == []
+        assert query_replies(robot2, "robot1/latest") == []
 
 
-def test_readers_see_which_robots_are_there(network: Network, robot1: zenoh.Session) -> None:
+def test_readers_see_which_robots_are_there(network: TlsNetwork, robot1: zenoh.Session) -> None:
     def alive() -> list[str]:
         replies = session.liveliness().get("*/alive", timeout=60)
         return [str(reply.ok.key_expr) for reply in replies if reply.ok]
@@ -108,10 +108,10 @@ def test_readers_see_which_robots_are_there(network: Network, robot1: zenoh.Sess
 
 
 def test_a_robot_of_another_authority_is_not_taken_in(
-    network: Network, router: zenoh.Session
+    network: TlsNetwork, router: zenoh.Session
 ) -> None:
     strange = network.folder / "strange/operator"
     (strange / "ca.pem").write_bytes((network.folder / "ours/robot1/ca.pem").read_bytes())
-    with network.session("fleet-robot.json5", "strange/operator") as stranger:
-        assert answers(stranger, "robot1/latest") == []
+    with network.open_session("fleet-robot.json5", "strange/operator") as stranger:
+        assert query_replies(stranger, "robot1/latest") == []
         assert list(router.info.links()) == []

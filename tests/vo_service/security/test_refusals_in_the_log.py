@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests import preloaded
-from tests.vo_service.security.tls_network import HOST, Network, answers, connects
+from tests.vo_service.security.tls_network import HOST, TlsNetwork, can_connect, query_replies
 from tests.waiting import wait_until
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
@@ -30,11 +30,14 @@ class RunningRouter:
 
 
 @contextmanager
-def running_router(network: Network, *options: str) -> Iterator[RunningRouter]:
-    file, log = network.file("fleet-router.json5", network.server), network.folder / "log.txt"
+def running_router(network: TlsNetwork, *options: str) -> Iterator[RunningRouter]:
+    file, log = (
+        network.file("fleet-router.json5", network.server_identity),
+        network.folder / "log.txt",
+    )
     with log.open("wb") as said:
         command = [*preloaded.KINECT_VO, "router", str(file), *options]
-        process = preloaded.Preloaded(command, stdout=said, stderr=said)
+        process = preloaded.ForkedProcess(command, stdout=said, stderr=said)
     try:
         router = RunningRouter(process, log)
         router.until_said("listening at")
@@ -44,7 +47,7 @@ def running_router(network: Network, *options: str) -> Iterator[RunningRouter]:
         process.wait()
 
 
-def test_strangers_are_named_by_what_is_wrong_with_them(network: Network) -> None:
+def test_strangers_are_named_by_what_is_wrong_with_them(network: TlsNetwork) -> None:
     ours = network.folder / "ours/reader"
     (network.folder / "strange/operator/ca.pem").write_bytes((ours / "ca.pem").read_bytes())
     with running_router(network) as router:
@@ -52,7 +55,7 @@ def test_strangers_are_named_by_what_is_wrong_with_them(network: Network) -> Non
             with socket.create_connection((HOST, network.tls_port)) as stranger:
                 stranger.sendall(payload)
         for identity in ("strange/operator", "ours/late"):
-            assert not connects(network.file("reader-tls.json5", identity))
+            assert not can_connect(network.file("reader-tls.json5", identity))
         router.until_said("refused a connection: it does not speak TLS")
         router.until_said("refused a connection: it left before it had said who it is")
         router.until_said("refused a connection: its certificate is from an unknown authority")
@@ -61,11 +64,11 @@ def test_strangers_are_named_by_what_is_wrong_with_them(network: Network) -> Non
         assert "TRACE" not in router.log
 
 
-def test_who_lacks_a_rule_is_named_with_what_was_asked(network: Network) -> None:
+def test_who_lacks_a_rule_is_named_with_what_was_asked(network: TlsNetwork) -> None:
     with running_router(network) as router:
-        with network.session("reader-tls.json5", "ours/reader") as reader:
+        with network.open_session("reader-tls.json5", "ours/reader") as reader:
             reader.declare_subscriber("*/odom", lambda sample: None)
-            assert answers(reader, "robot1/command/reset") == []
+            assert query_replies(reader, "robot1/command/reset") == []
             reader.put("robot1/odom", b"forged")
         router.until_said('denied "reader": query on robot1/command/reset')
         router.until_said('denied "reader": put on robot1/odom')
@@ -73,9 +76,9 @@ def test_who_lacks_a_rule_is_named_with_what_was_asked(network: Network) -> None
     assert len(denied) == 2  # what it may do is not complained of
 
 
-def test_a_flood_is_a_few_lines(network: Network) -> None:
+def test_a_flood_is_a_few_lines(network: TlsNetwork) -> None:
     with running_router(network) as router:
-        with network.session("reader-tls.json5", "ours/reader") as reader:
+        with network.open_session("reader-tls.json5", "ours/reader") as reader:
             for number in range(3000):
                 reader.put(f"robot1/odom/{number % 300}", b"forged")
         router.until_said("denied")
@@ -85,14 +88,14 @@ def test_a_flood_is_a_few_lines(network: Network) -> None:
     assert "Unable to write" not in router.log
 
 
-def test_who_comes_and_goes_is_told_when_asked_for(network: Network) -> None:
+def test_who_comes_and_goes_is_told_when_asked_for(network: TlsNetwork) -> None:
     with running_router(network, "--verbose") as router:
-        network.session("reader-tls.json5", "ours/reader").close()  # type: ignore[no-untyped-call]
+        network.open_session("reader-tls.json5", "ours/reader").close()  # type: ignore[no-untyped-call]
         router.until_said("gone")
     assert re.search(r"zenoh: reader, tls/127\.0\.0\.1:\d+: connected", router.log)
 
 
-def test_a_file_that_is_no_routers_is_refused(network: Network) -> None:
+def test_a_file_that_is_no_routers_is_refused(network: TlsNetwork) -> None:
     file = network.file("fleet-robot.json5", "ours/robot1")
     done = preloaded.run([*preloaded.KINECT_VO, "router", str(file)])
     assert done.returncode == 2

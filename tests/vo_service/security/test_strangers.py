@@ -10,12 +10,12 @@ import pytest
 
 from tests.vo_service.security.tls_network import (
     HOST,
-    Network,
-    Robot,
-    answers,
-    are_all,
-    connects,
-    heard_poses,
+    TlsNetwork,
+    TlsRobot,
+    can_connect,
+    is_contiguous,
+    query_replies,
+    receive_pose_numbers,
 )
 from tests.waiting import wait_until
 from vo_service.outputs.zenoh_session import open_session
@@ -26,33 +26,35 @@ pytestmark = pytest.mark.zenoh
 FLOOD = Path(__file__).with_name("command_flood.py")
 
 
-def test_a_certificate_of_another_authority_is_refused(network: Network, robot: Robot) -> None:
+def test_a_certificate_of_another_authority_is_refused(
+    network: TlsNetwork, robot: TlsRobot
+) -> None:
     strange, ours = network.folder / "strange/operator", network.folder / "ours/operator"
     (strange / "ca.pem").write_bytes((ours / "ca.pem").read_bytes())  # it trusts us, not we it
-    assert not connects(network.file("operator-tls.json5", "strange/operator"))
-    assert connects(network.file("operator-tls.json5", "ours/operator"))
+    assert not can_connect(network.file("operator-tls.json5", "strange/operator"))
+    assert can_connect(network.file("operator-tls.json5", "ours/operator"))
 
 
-def test_no_certificate_is_refused(network: Network, robot: Robot) -> None:
+def test_no_certificate_is_refused(network: TlsNetwork, robot: TlsRobot) -> None:
     file = network.file("reader-tls.json5", "ours/reader")
     lines = file.read_text().splitlines()
     file.write_text("\n".join(line for line in lines if "connect_" not in line))
-    assert not connects(file)
+    assert not can_connect(file)
 
 
-def test_plain_tcp_to_the_encrypted_port_is_refused(network: Network, robot: Robot) -> None:
+def test_plain_tcp_to_the_encrypted_port_is_refused(network: TlsNetwork, robot: TlsRobot) -> None:
     file = network.file("reader-tls.json5", "ours/reader")
     file.write_text(file.read_text().replace("tls/", "tcp/"))
-    assert not connects(file)
+    assert not can_connect(file)
 
 
-def test_a_reader_reads_but_cannot_command(network: Network, robot: Robot) -> None:
-    with network.session("reader-tls.json5", "ours/reader") as reader:
-        with heard_poses(reader):
-            assert answers(reader, "kinect/latest")
-            assert answers(reader, "kinect/map_odom")
-            assert answers(reader, "kinect/command/reset") == []
-            assert answers(reader, "kinect/command/pause") == []
+def test_a_reader_reads_but_cannot_command(network: TlsNetwork, robot: TlsRobot) -> None:
+    with network.open_session("reader-tls.json5", "ours/reader") as reader:
+        with receive_pose_numbers(reader):
+            assert query_replies(reader, "kinect/latest")
+            assert query_replies(reader, "kinect/map_odom")
+            assert query_replies(reader, "kinect/command/reset") == []
+            assert query_replies(reader, "kinect/command/pause") == []
         assert [
             str(reply.ok.key_expr)
             for reply in reader.liveliness().get("*/alive", timeout=60)
@@ -61,76 +63,81 @@ def test_a_reader_reads_but_cannot_command(network: Network, robot: Robot) -> No
     assert robot.obeyed == []
 
 
-def test_an_operator_is_obeyed(network: Network, robot: Robot) -> None:
-    with network.session("operator-tls.json5", "ours/operator") as operator:
-        (answer,) = answers(operator, "kinect/command/reset")
+def test_an_operator_is_obeyed(network: TlsNetwork, robot: TlsRobot) -> None:
+    with network.open_session("operator-tls.json5", "ours/operator") as operator:
+        (answer,) = query_replies(operator, "kinect/command/reset")
     assert json.loads(answer)["schema"] == 1
     assert len(robot.obeyed) == 1
 
 
-def test_a_certificate_that_no_rule_names_gets_nothing(network: Network, robot: Robot) -> None:
+def test_a_certificate_that_no_rule_names_gets_nothing(
+    network: TlsNetwork, robot: TlsRobot
+) -> None:
     with (
-        network.session("reader-tls.json5", "ours/robot1") as nobody,
-        network.session("reader-tls.json5", "ours/reader") as reader,
+        network.open_session("reader-tls.json5", "ours/robot1") as nobody,
+        network.open_session("reader-tls.json5", "ours/reader") as reader,
     ):
         heard: list[object] = []
         with nobody.declare_subscriber("kinect/odom", heard.append):
-            assert answers(nobody, "kinect/latest") == []
-            assert answers(nobody, "kinect/map_odom") == []
-            assert answers(nobody, "kinect/status") == []
-            with heard_poses(reader) as others:
+            assert query_replies(nobody, "kinect/latest") == []
+            assert query_replies(nobody, "kinect/map_odom") == []
+            assert query_replies(nobody, "kinect/status") == []
+            with receive_pose_numbers(reader) as others:
                 wait_until(lambda: len(others) > 10)
     assert heard == []
 
 
-def test_nobody_else_can_publish_poses(network: Network, robot: Robot) -> None:
+def test_nobody_else_can_publish_poses(network: TlsNetwork, robot: TlsRobot) -> None:
     with (
-        network.session("operator-tls.json5", "ours/operator") as operator,
-        network.session("reader-tls.json5", "ours/reader") as reader,
-        heard_poses(reader) as heard,
+        network.open_session("operator-tls.json5", "ours/operator") as operator,
+        network.open_session("reader-tls.json5", "ours/reader") as reader,
+        receive_pose_numbers(reader) as heard,
     ):
         for count in range(1, 21):
             operator.put("kinect/odom", b"forged")
             wait_until(partial(_are_more_than, heard, count))
-    assert are_all(heard)
+    assert is_contiguous(heard)
 
 
 def _are_more_than(heard: list[int], count: int) -> bool:
     return len(heard) > count
 
 
-def test_programs_on_the_robot_need_no_certificate(network: Network, robot: Robot) -> None:
+def test_programs_on_the_robot_need_no_certificate(network: TlsNetwork, robot: TlsRobot) -> None:
     here = ZenohConfig(listen=(), connect=(f"tcp/{HOST}:{network.local_port}",))
-    with open_session(here) as session, heard_poses(session):
-        assert answers(session, "kinect/command/reset")
+    with open_session(here) as session, receive_pose_numbers(session):
+        assert query_replies(session, "kinect/command/reset")
 
 
 @pytest.mark.parametrize("payload", [b"{", b"[1]", b'{"T_odom_base": 7}', b"\xff\xfe", b" " * 5000])
 def test_a_command_that_is_malformed_is_answered_with_an_error(
-    network: Network, robot: Robot, payload: bytes
+    network: TlsNetwork, robot: TlsRobot, payload: bytes
 ) -> None:
-    with network.session("operator-tls.json5", "ours/operator") as operator:
-        (answer,) = answers(operator, "kinect/command/reset", payload)
+    with network.open_session("operator-tls.json5", "ours/operator") as operator:
+        (answer,) = query_replies(operator, "kinect/command/reset", payload)
     assert json.loads(answer)["error"] == "bad-request"
     assert robot.obeyed == []
 
 
 def test_a_command_of_enormous_size_never_reaches_the_service(
-    network: Network, robot: Robot
+    network: TlsNetwork, robot: TlsRobot
 ) -> None:
-    with network.session("operator-tls.json5", "ours/operator") as operator:
-        assert answers(operator, "kinect/command/reset", b" " * 100_000) == []
-        assert answers(operator, "kinect/command/reset")
+    with network.open_session("operator-tls.json5", "ours/operator") as operator:
+        assert query_replies(operator, "kinect/command/reset", b" " * 100_000) == []
+        assert query_replies(operator, "kinect/command/reset")
     assert len(robot.obeyed) == 1
 
 
 @pytest.mark.subprocess
 @pytest.mark.parametrize("flooder", ["operator", "reader"])
 def test_a_flood_of_commands_costs_a_healthy_subscriber_no_pose(
-    network: Network, robot: Robot, flooder: str
+    network: TlsNetwork, robot: TlsRobot, flooder: str
 ) -> None:
     file = network.file(f"{flooder}-tls.json5", f"ours/{flooder}")
-    with network.session("reader-tls.json5", "ours/reader") as reader, heard_poses(reader) as heard:
+    with (
+        network.open_session("reader-tls.json5", "ours/reader") as reader,
+        receive_pose_numbers(reader) as heard,
+    ):
         done = subprocess.run(
             [sys.executable, str(FLOOD), str(file), "1.5"],
             capture_output=True,
@@ -139,7 +146,7 @@ def test_a_flood_of_commands_costs_a_healthy_subscriber_no_pose(
         )
         sent = int(done.stdout)
         wait_until(lambda: len(heard) >= 50)
-    assert are_all(heard)
+    assert is_contiguous(heard)
     assert sent > 200
     assert len(robot.obeyed) < 60
     assert flooder == "operator" or not robot.obeyed

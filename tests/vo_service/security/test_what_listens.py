@@ -5,16 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.belongings import children_of
+from tests.belongings import child_pids_of
 from tests.vo_service.outputs.conftest import listening
-from tests.vo_service.played_service import PlayedService, running_service
+from tests.vo_service.played_service import ServiceProcess, running_service
 from tests.waiting import wait_until
 
 __all__ = ["listening"]
 
 
 @pytest.fixture(scope="module")
-def service(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlayedService]:
+def service(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
     """``kinect-vo run`` with all its defaults but the number of the port."""
     folder = tmp_path_factory.mktemp("service")
     with running_service(folder, {}, source=f"tum:{recording}") as service:
@@ -22,25 +22,25 @@ def service(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterat
         yield service
 
 
-def processes(service: PlayedService) -> list[int]:
+def processes(service: ServiceProcess) -> list[int]:
     """The service and all that it has started."""
     found = [service.process.pid]
     for process in found:
-        found += children_of(process)
+        found += child_pids_of(process)
     return found
 
 
 @pytest.mark.subprocess
 @pytest.mark.zenoh
 def test_it_listens_on_loopback_alone(
-    service: PlayedService, listening: Callable[[int], set[str]]
+    service: ServiceProcess, listening: Callable[[int], set[str]]
 ) -> None:
     addresses = {address for process in processes(service) for address in listening(process)}
     assert addresses == {"127.0.0.1"}
 
 
 @pytest.mark.slow
-def test_it_has_no_udp_socket_and_so_is_in_no_multicast_group(service: PlayedService) -> None:
+def test_it_has_no_udp_socket_and_so_is_in_no_multicast_group(service: ServiceProcess) -> None:
     datagrams = {
         line.split()[9]
         for table in ("udp", "udp6", "raw", "raw6")

@@ -12,34 +12,34 @@ import zenoh
 
 from drivers.errors import UserFacingError
 from tests.ports import free_port
-from tests.vo_service.made_up_map import a_map
-from vo_service.certificates.authority import Authority
-from vo_service.control.inbox import Inbox
-from vo_service.outputs.zenoh_commands import commands_for
-from vo_service.outputs.zenoh_output import Extras, ZenohOutput
+from tests.vo_service.made_up_map import make_map
+from vo_service.certificates.authority import CertificateAuthority
+from vo_service.control.inbox import CommandQueue
+from vo_service.outputs.zenoh_commands import make_command_endpoint
+from vo_service.outputs.zenoh_output import ExtraEndpoints, ZenohOutput
 from vo_service.outputs.zenoh_session import open_session
-from vo_service.settings import CommandSettings, ZenohConfig
-from vo_service.types import Command, PoseUpdate
+from vo_service.settings import CommandConfig, ZenohConfig
+from vo_service.types import Command, OdometryUpdate
 
-FILES = Path(__file__).parents[3] / "config" / "zenoh"
+ZENOH_FILES = Path(__file__).parents[3] / "config" / "zenoh"
 HOST = "127.0.0.1"
 CLIENTS = ("reader", "operator", "robot1", "robot2")
-DAYS = 2
+VALIDITY_DAYS = 2
 
 
 def make_keys(folder: Path) -> Path:
     """An authority with a server, its clients, and a stranger's authority beside it."""
-    ours, strange = Authority(folder / "ours"), Authority(folder / "strange")
-    ours.certify_client("late", 0)  # over as soon as it is made
-    ours.certify_server([HOST, "localhost"], DAYS)
+    ours, strange = CertificateAuthority(folder / "ours"), CertificateAuthority(folder / "strange")
+    ours.issue_client_certificate("late", 0)  # over as soon as it is made
+    ours.issue_server_certificate([HOST, "localhost"], VALIDITY_DAYS)
     for name in CLIENTS:
-        ours.certify_client(name, DAYS)
-    strange.certify_client("operator", DAYS)
+        ours.issue_client_certificate(name, VALIDITY_DAYS)
+    strange.issue_client_certificate("operator", VALIDITY_DAYS)
     return folder
 
 
 @dataclass(frozen=True)
-class Network:
+class TlsNetwork:
     """Where the files are, and the ports that stand for the ones that robot-tls.json5 names."""
 
     folder: Path
@@ -48,7 +48,7 @@ class Network:
 
     def file(self, name: str, identity: str) -> Path:
         """A Zenoh file of the project, beside the keys of ours/NAME or strange/NAME."""
-        text = (FILES / name).read_text()
+        text = (ZENOH_FILES / name).read_text()
         # Robots of a fleet are many on this one computer.
         local_port = self.local_port if name == "robot-tls.json5" else free_port()
         for written, here in {
@@ -63,17 +63,17 @@ class Network:
         file.write_text(text)
         return file
 
-    def session(self, name: str, identity: str) -> zenoh.Session:
+    def open_session(self, name: str, identity: str) -> zenoh.Session:
         """A session as a user would have it with that file and those keys."""
         return open_session(ZenohConfig(config_file=self.file(name, identity), listen=()))
 
     @property
-    def server(self) -> str:
+    def server_identity(self) -> str:
         """Whose keys the listening side has."""
         return f"ours/{HOST}"
 
 
-def connects(file: Path) -> bool:
+def can_connect(file: Path) -> bool:
     """Whether a client with this Zenoh file is taken in."""
     try:
         open_session(ZenohConfig(config_file=file, listen=())).close()  # type: ignore[no-untyped-call]
@@ -82,41 +82,41 @@ def connects(file: Path) -> bool:
     return True
 
 
-def new_network(keys: Path, folder: Path) -> Network:
+def make_network(keys: Path, folder: Path) -> TlsNetwork:
     """Copies of the keys, which a test may change, and free ports."""
     shutil.copytree(keys, folder, dirs_exist_ok=True)
-    return Network(folder, free_port(), free_port())
+    return TlsNetwork(folder, free_port(), free_port())
 
 
-class Robot:
+class TlsRobot:
     """The service's publisher, thirty poses a second, with a loop that carries out any command.
 
     Every pose has the same map.
     """
 
-    def __init__(self, file: Path, make_update: Callable[..., PoseUpdate]) -> None:
+    def __init__(self, file: Path, make_update: Callable[..., OdometryUpdate]) -> None:
         self.stop = threading.Event()
         self.obeyed: list[Command] = []
         self._make_update = make_update
-        self._inbox: Inbox[Command] = Inbox()
-        commands = commands_for(CommandSettings(), self._inbox)
+        self._inbox: CommandQueue[Command] = CommandQueue()
+        commands = make_command_endpoint(CommandConfig(), self._inbox)
         config = ZenohConfig(config_file=file)
-        self._output = ZenohOutput(config, extras=Extras(commands))
+        self._output = ZenohOutput(config, extra_endpoints=ExtraEndpoints(commands))
 
     def run(self) -> None:
         """Until `stop` is set."""
-        seq, the_map = 0, a_map()
+        seq, the_map = 0, make_map()
         while not self.stop.wait(1 / 30):
-            self._output.pose(replace(self._make_update(seq), map=the_map))
+            self._output.on_update(replace(self._make_update(seq), map=the_map))
             seq += 1
-            for ticket in self._inbox.take():
+            for ticket in self._inbox.take_pending():
                 self.obeyed.append(ticket.command)
-                ticket.done({})
+                ticket.set_result({})
         self._output.close()
 
 
 @contextmanager
-def heard_poses(session: zenoh.Session) -> Iterator[list[int]]:
+def receive_pose_numbers(session: zenoh.Session) -> Iterator[list[int]]:
     """Numbers of the poses that come while the block runs, once the first has come."""
     heard: list[int] = []
     first = threading.Event()
@@ -131,12 +131,12 @@ def heard_poses(session: zenoh.Session) -> Iterator[list[int]]:
         yield heard
 
 
-def are_all(heard: list[int]) -> bool:
+def is_contiguous(heard: list[int]) -> bool:
     """Whether none is missing between the first and the last, and none came twice."""
     return heard == list(range(heard[0], heard[0] + len(heard)))
 
 
-def answers(session: zenoh.Session, key: str, payload: bytes = b"{}") -> list[bytes]:
+def query_replies(session: zenoh.Session, key: str, payload: bytes = b"{}") -> list[bytes]:
     """What comes back for a question: answers and typed errors alike."""
     replies = session.get(key, payload=payload, timeout=60.0)
     return [(reply.ok or reply.err).payload.to_bytes() for reply in replies]  # type: ignore[union-attr]

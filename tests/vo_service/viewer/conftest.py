@@ -2,4 +2,4 @@
 
 from tests.vo_service.outputs.conftest import free_port, listening, make_update, status
 
-__all__ = ["free_port", "listening", "make_update", "status"]
+__all__ = ["listening", "make_update", "free_port", "status"]

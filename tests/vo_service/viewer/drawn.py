@@ -9,52 +9,52 @@ from typing import Any
 
 from rerun.chunk import RrdReader
 
-from drivers.trajectory import StampedPoses
-from vo_service.types import PoseUpdate, Status
-from vo_service.viewer.drawing import Drawing
-from vo_service.viewer.messages import Job, Note
+from drivers.trajectory import Trajectory
+from vo_service.types import OdometryUpdate, Status
+from vo_service.viewer.drawing import RotatingRecording
+from vo_service.viewer.messages import RerunWorkerConfig, TextLog
 from vo_service.viewer.page import rerun_binary
 from vo_service.viewer.sinks import Sink
-from vo_service.viewer.sketching import Sketcher
+from vo_service.viewer.sketching import UpdateEncoder
 
-PICTURE_PERIOD_S = 0.1
+IMAGE_PERIOD_S = 0.1
 
 
-def job(sink: Sink) -> Job:
+def make_config(sink: Sink) -> RerunWorkerConfig:
     """What a process would be told first."""
-    return Job(sink, 80, 300, "recording", logging.WARNING)
+    return RerunWorkerConfig(sink, 80, 300, "recording", logging.WARNING)
 
 
 def draw(
     sink: Sink,
-    items: Iterable[PoseUpdate | Status | Note],
-    truth: StampedPoses | None = None,
-) -> Drawing:
+    items: Iterable[OdometryUpdate | Status | TextLog],
+    truth: Trajectory | None = None,
+) -> RotatingRecording:
     """Draw all of it, to the end."""
-    sketcher = Sketcher(sink, PICTURE_PERIOD_S, lambda: truth)
-    drawing = Drawing(job(sink))
+    sketcher = UpdateEncoder(sink, IMAGE_PERIOD_S, lambda: truth)
+    drawing = RotatingRecording(make_config(sink))
     for item in items:
         match item:
-            case PoseUpdate():
-                for message in sketcher.of_pose(item):
-                    drawing.draw(message)
+            case OdometryUpdate():
+                for message in sketcher.encode_update(item):
+                    drawing.log(message)
             case Status():
-                drawing.draw(sketcher.of_status(item))
-            case Note():
-                drawing.draw(item)
-    for message in sketcher.rest():
-        drawing.draw(message)
+                drawing.log(sketcher.encode_status(item))
+            case TextLog():
+                drawing.log(item)
+    for message in sketcher.encode_pending():
+        drawing.log(message)
     drawing.finish()
     return drawing
 
 
-def is_whole(path: Path) -> bool:
+def is_complete(path: Path) -> bool:
     """Whether Rerun finds nothing wrong with the file, its end included."""
     command = [str(rerun_binary()), "rrd", "verify", str(path)]
     return subprocess.run(command, capture_output=True, timeout=100).returncode == 0
 
 
-def rows(path: Path) -> Counter[str]:
+def count_rows(path: Path) -> Counter[str]:
     """How often each entity was logged."""
     counter: Counter[str] = Counter()
     for chunk in RrdReader(path).stream():
@@ -62,7 +62,7 @@ def rows(path: Path) -> Counter[str]:
     return counter
 
 
-def column(path: Path, entity: str, component: str) -> list[Any]:
+def read_column(path: Path, entity: str, component: str) -> list[Any]:
     """Everything logged as one component of an entity."""
     batches = [c.to_record_batch() for c in RrdReader(path).stream() if c.entity_path == entity]
     with_it = [batch for batch in batches if component in batch.schema.names]

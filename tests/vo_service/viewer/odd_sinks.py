@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 
-class _Memory(LiveSink):
+class _InMemorySink(LiveSink):
     """Takes everything in."""
 
     def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
@@ -18,7 +18,7 @@ class _Memory(LiveSink):
         self._kept = stream.memory_recording()
 
 
-class Stuck(_Memory):
+class BlockingSink(_InMemorySink):
     """A viewer that takes no data: Rerun blocks, for ever."""
 
     address = "stuck"
@@ -28,7 +28,7 @@ class Stuck(_Memory):
         threading.Event().wait()
 
 
-class Glutton(_Memory):
+class LeakingSink(_InMemorySink):
     """Data that nobody takes: each picture leaves some megabytes more."""
 
     address = "glutton"
@@ -42,7 +42,7 @@ class Glutton(_Memory):
         self._more.append(b"x" * (self._mb * 1_000_000))
 
 
-class FullDisk(_Memory):
+class FullDiskSink(_InMemorySink):
     """A disk that fills up with the first picture."""
 
     address = "full"

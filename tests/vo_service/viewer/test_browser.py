@@ -10,13 +10,13 @@ import pytest
 import rerun as rr
 
 from tests import ports
-from tests.belongings import children, is_alive
-from vo_service.types import PoseUpdate
+from tests.belongings import child_pids, is_alive
+from vo_service.types import OdometryUpdate
 from vo_service.viewer import targets
-from vo_service.viewer.blueprint import blueprint
-from vo_service.viewer.browser import Browser
-from vo_service.viewer.output import ViewerOutput, open_viewer
-from vo_service.viewer.page import free_port as any_port
+from vo_service.viewer.blueprint import make_blueprint
+from vo_service.viewer.browser import BrowserSink
+from vo_service.viewer.output import RerunOutput, open_rerun_output
+from vo_service.viewer.page import pick_free_port as any_port
 from vo_service.viewer.sinks import PortTakenError
 
 pytestmark = pytest.mark.subprocess
@@ -37,10 +37,10 @@ def get(port: int, path: str) -> tuple[HTTPResponse, bytes]:
 
 
 def test_the_page_is_served_and_may_reach_only_this_computer(
-    free_port: int, other_port: int, make_update: Callable[..., PoseUpdate]
+    free_port: int, other_port: int, make_update: Callable[..., OdometryUpdate]
 ) -> None:
-    output = ViewerOutput(Browser(free_port, other_port))
-    output.pose(make_update(0))
+    output = RerunOutput(BrowserSink(free_port, other_port))
+    output.on_update(make_update(0))
     response, page = get(other_port, output.address.split(str(other_port))[1])
     policy = str(response.headers["Content-Security-Policy"])
     assert (response.status, response.headers["Content-Type"]) == (200, "text/html")
@@ -59,8 +59,8 @@ def test_everything_listens_on_loopback_alone(
     free_port: int, other_port: int, listening: Callable[[int], set[str]]
 ) -> None:
     before = listening(os.getpid())
-    output = ViewerOutput(Browser(free_port, other_port))
-    (process,) = children()
+    output = RerunOutput(BrowserSink(free_port, other_port))
+    (process,) = child_pids()
     get(other_port, "/")
     assert listening(process) == {"127.0.0.1"}
     assert listening(os.getpid()) == before
@@ -75,7 +75,7 @@ def test_a_taken_port_is_one_line(free_port: int, which: str) -> None:
         busy = taken.getsockname()[1]
         ports = (busy, free_port) if which == "data" else (free_port, busy)
         with pytest.raises(PortTakenError, match=rf"127\.0\.0\.1:{busy}") as caught:
-            Browser(*ports).attach(rr.RecordingStream("taken"), blueprint())
+            BrowserSink(*ports).attach(rr.RecordingStream("taken"), make_blueprint())
     assert "\n" not in str(caught.value)
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
 
@@ -87,6 +87,6 @@ def test_a_port_that_somebody_takes_in_between_is_no_trouble(
         busy = taken.getsockname()[1]
         found = [busy, busy]
         monkeypatch.setattr(targets, "free_port", lambda wish: found.pop() if found else any_port())
-        output = open_viewer("serve")
+        output = open_rerun_output("serve")
         assert str(busy) not in output.address
         output.close()

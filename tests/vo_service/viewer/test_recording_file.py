@@ -15,36 +15,34 @@ import rerun as rr
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
-from drivers.camera import Pace
+from drivers.camera import PlaybackMode
 from drivers.errors import InputError, UserFacingError
-from drivers.trajectory import StampedPoses
-from tests.belongings import resident_kb
-from tests.full_disk import files_up_to
-from tests.vo_service.viewer.drawn import column, draw, is_whole, job, rows
+from drivers.trajectory import Trajectory
+from tests.belongings import resident_memory_kb
+from tests.full_disk import limit_file_size
+from tests.vo_service.viewer.drawn import count_rows, draw, is_complete, make_config, read_column
 from tests.waiting import wait_until
-from vo_service.numbered_files import put_aside
-from vo_service.types import PoseUpdate
+from vo_service.numbered_files import rotate_file
+from vo_service.types import OdometryUpdate
 from vo_service.viewer import drawing, recording_file
-from vo_service.viewer.blueprint import blueprint
-from vo_service.viewer.drawing import Drawing
-from vo_service.viewer.output import ViewerOutput
-from vo_service.viewer.recording_file import RecordingFile
+from vo_service.viewer.blueprint import make_blueprint
+from vo_service.viewer.drawing import RotatingRecording
+from vo_service.viewer.output import RerunOutput
+from vo_service.viewer.recording_file import RrdFileSink
 
 pytestmark = pytest.mark.rerun
 
-MakeUpdate = Callable[..., PoseUpdate]
+MakeUpdate = Callable[..., OdometryUpdate]
 
 
 @pytest.fixture
-def heavy(make_update: MakeUpdate) -> Callable[[int], PoseUpdate]:
+def heavy(make_update: MakeUpdate) -> Callable[[int], OdometryUpdate]:
     """Results with a picture of noise, a megabyte each: ``heavy(seq)``."""
     noise = np.random.default_rng(0).integers(0, 255, (960, 1280, 3), np.uint8)
 
-    def make(seq: int) -> PoseUpdate:
+    def make(seq: int) -> OdometryUpdate:
         update = make_update(3 * seq)
-        return dataclasses.replace(
-            update, frame=dataclasses.replace(update.frame, colour_bgr=noise)
-        )
+        return dataclasses.replace(update, frame=dataclasses.replace(update.frame, color_bgr=noise))
 
     return make
 
@@ -69,7 +67,7 @@ def written_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RERUN_FLUSH_TICK_SECS", "0.01")
 
 
-def paced(updates: Iterable[PoseUpdate], folder: Path) -> Iterator[PoseUpdate]:
+def paced(updates: Iterable[OdometryUpdate], folder: Path) -> Iterator[OdometryUpdate]:
     """Results no faster than Rerun writes them to the files of a folder."""
     for update in updates:
         before = sizes(folder)
@@ -89,28 +87,28 @@ def _differ(folder: Path, before: dict[str, int]) -> bool:
 @pytest.mark.subprocess
 @pytest.mark.usefixtures("written_at_once")
 def test_a_full_file_is_followed_by_the_next_and_the_oldest_goes(
-    tmp_path: Path, heavy: Callable[[int], PoseUpdate]
+    tmp_path: Path, heavy: Callable[[int], OdometryUpdate]
 ) -> None:
     path = tmp_path / "out.rrd"
-    draw(RecordingFile(path, file_mb=1, files_kept=3), paced(map(heavy, range(20)), tmp_path))
+    draw(RrdFileSink(path, file_mb=1, files_kept=3), paced(map(heavy, range(20)), tmp_path))
     names = sorted(file.name for file in tmp_path.iterdir())
     assert len(names) == 3
     assert names[-1] == "out.rrd"
     newest = int(names[1][4:8])
     assert names[0] == f"out-{newest - 1:04d}.rrd"
     assert newest > 2
-    assert all(map(is_whole, tmp_path.iterdir()))
+    assert all(map(is_complete, tmp_path.iterdir()))
 
 
 @pytest.mark.usefixtures("written_at_once")
-def test_every_file_opens_by_itself(tmp_path: Path, heavy: Callable[[int], PoseUpdate]) -> None:
+def test_every_file_opens_by_itself(tmp_path: Path, heavy: Callable[[int], OdometryUpdate]) -> None:
     updates = [heavy(seq) for seq in range(8)]
     stamps_s = np.array([update.stamp_s for update in updates])
-    truth = StampedPoses(stamps_s, np.array([update.T_world_camera for update in updates]))
-    draw(RecordingFile(tmp_path / "out.rrd", file_mb=1), paced(updates, tmp_path), truth=truth)
+    truth = Trajectory(stamps_s, np.array([update.T_world_camera for update in updates]))
+    draw(RrdFileSink(tmp_path / "out.rrd", file_mb=1), paced(updates, tmp_path), truth=truth)
     assert len(list(tmp_path.iterdir())) > 1
     for file in tmp_path.iterdir():
-        counted = rows(file)
+        counted = count_rows(file)
         for entity in ("world", "world/ground_truth", "plots/counts/inliers"):
             assert counted[f"/{entity}"] > 0, (file.name, entity)
         assert counted["/log"] == 1  # the state, said anew
@@ -118,32 +116,35 @@ def test_every_file_opens_by_itself(tmp_path: Path, heavy: Callable[[int], PoseU
 
 
 def test_file_after_file_takes_no_more_memory(tmp_path: Path) -> None:
-    stream, files = rr.RecordingStream("rotating"), RecordingFile(tmp_path / "out.rrd")
+    stream, files = rr.RecordingStream("rotating"), RrdFileSink(tmp_path / "out.rrd")
     taken_kb = []
     for _ in range(25):
-        files.attach(stream, blueprint())
+        files.attach(stream, make_blueprint())
         stream.log("word", rr.TextLog("one"))
         files.check(stream)
         stream.disconnect()
-        taken_kb.append(resident_kb(os.getpid()))
+        taken_kb.append(resident_memory_kb(os.getpid()))
     assert taken_kb[-1] - taken_kb[4] < 10_000
 
 
 @pytest.mark.usefixtures("written_at_once")
 def test_the_trajectory_goes_on_in_the_next_file(
-    tmp_path: Path, heavy: Callable[[int], PoseUpdate]
+    tmp_path: Path, heavy: Callable[[int], OdometryUpdate]
 ) -> None:
-    draw(RecordingFile(tmp_path / "out.rrd", file_mb=1), paced(map(heavy, range(8)), tmp_path))
-    so_far = column(tmp_path / "out.rrd", "/world/trajectory/so_far", "LineStrips3D:strips")
+    draw(RrdFileSink(tmp_path / "out.rrd", file_mb=1), paced(map(heavy, range(8)), tmp_path))
+    so_far = read_column(tmp_path / "out.rrd", "/world/trajectory/so_far", "LineStrips3D:strips")
     assert len(so_far[0][0]) > 2
     assert so_far[0][0][0] == [0.0, 0.0, 0.0]
 
 
 def test_what_is_there_already_is_kept(tmp_path: Path, make_update: MakeUpdate) -> None:
     for number in range(3):
-        draw(RecordingFile(tmp_path / "out.rrd"), [make_update(number)])
-    assert [rows(tmp_path / name)["/log"] for name in ("out-0001.rrd", "out-0002.rrd")] == [1, 1]
-    positions = column(tmp_path / "out.rrd", "/world/camera", "Transform3D:translation")
+        draw(RrdFileSink(tmp_path / "out.rrd"), [make_update(number)])
+    assert [count_rows(tmp_path / name)["/log"] for name in ("out-0001.rrd", "out-0002.rrd")] == [
+        1,
+        1,
+    ]
+    positions = read_column(tmp_path / "out.rrd", "/world/camera", "Transform3D:translation")
     assert positions[0][0][2] == pytest.approx(0.04)
 
 
@@ -163,7 +164,7 @@ def test_room_is_made_among_our_own_files_alone(
 ) -> None:
     for name in there:
         (tmp_path / name).touch()
-    put_aside(tmp_path / "out.rrd", kept)
+    rotate_file(tmp_path / "out.rrd", kept)
     assert {file.name for file in tmp_path.iterdir()} == set(left)
 
 
@@ -173,35 +174,35 @@ def test_a_disk_that_fills_up_ends_the_file_in_order_and_begins_another_when_the
 ) -> None:
     path = tmp_path / "out.rrd"
     free_bytes[:] = [10**12] * 4 + [10**6, 10**6, 10**12]
-    drawn = draw(RecordingFile(path), [make_update(3 * seq) for seq in range(10)])
-    assert drawn.trouble == ""
-    assert "out.rrd: the disk is full" in drawn.incomplete
-    assert is_whole(path)
-    assert is_whole(tmp_path / "out-0001.rrd")
-    assert rows(tmp_path / "out-0001.rrd")["/depth"] == 3
-    assert rows(path)["/depth"] == 5
+    drawn = draw(RrdFileSink(path), [make_update(3 * seq) for seq in range(10)])
+    assert drawn.fault == ""
+    assert "out.rrd: the disk is full" in drawn.data_loss
+    assert is_complete(path)
+    assert is_complete(tmp_path / "out-0001.rrd")
+    assert count_rows(tmp_path / "out-0001.rrd")["/depth"] == 3
+    assert count_rows(path)["/depth"] == 5
 
 
 def test_a_disk_that_is_full_at_the_start_is_trouble_but_no_refusal(
     tmp_path: Path, make_update: MakeUpdate, free_bytes: list[int]
 ) -> None:
     free_bytes[:] = [10**6]
-    drawn = draw(RecordingFile(tmp_path / "out.rrd"), [make_update(0)])
-    assert "the disk is full" in drawn.trouble
+    drawn = draw(RrdFileSink(tmp_path / "out.rrd"), [make_update(0)])
+    assert "the disk is full" in drawn.fault
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.subprocess
 def test_a_file_that_cannot_grow_can_be_read_up_to_there(
-    tmp_path: Path, heavy: Callable[[int], PoseUpdate]
+    tmp_path: Path, heavy: Callable[[int], OdometryUpdate]
 ) -> None:
     path = tmp_path / "out.rrd"
-    with files_up_to(5_000_000):
-        output = ViewerOutput(RecordingFile(path), pace=Pace.LOCKSTEP)
+    with limit_file_size(5_000_000):
+        output = RerunOutput(RrdFileSink(path), playback_mode=PlaybackMode.LOCKSTEP)
     updates = map(heavy, count())
 
     def is_told_after_another() -> bool:
-        output.pose(next(updates))
+        output.on_update(next(updates))
         # Rerun gathers for a while, and all that it has gathered must not be too long at once.
         time.sleep(0.4)
         return "the recording stops after" in output.warning
@@ -210,7 +211,7 @@ def test_a_file_that_cannot_grow_can_be_read_up_to_there(
     with pytest.raises(UserFacingError, match="the recording is not complete"):
         output.close()
     with pytest.warns(RerunWarning, match="no footer"):
-        assert rows(path)["/world/camera/image"] > 0
+        assert count_rows(path)["/world/camera/image"] > 0
     assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
 
 
@@ -218,7 +219,7 @@ def test_a_name_that_is_no_text_is_one_line_and_what_is_there_stays(tmp_path: Pa
     path = tmp_path / "not\udcffutf8.rrd"
     path.touch()
     with pytest.raises(InputError, match="cannot write the Rerun recording") as caught:
-        Drawing(job(RecordingFile(path)))
+        RotatingRecording(make_config(RrdFileSink(path)))
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == [path]
 
@@ -242,7 +243,7 @@ def test_a_file_that_cannot_be_written_is_told_with_its_own_cause(
     (tmp_path / "file").touch()
     there = set(tmp_path.rglob("*"))
     with pytest.raises(InputError, match="cannot write the Rerun recording") as caught:
-        Drawing(job(RecordingFile(tmp_path / name)))
+        RotatingRecording(make_config(RrdFileSink(tmp_path / name)))
     assert cause in str(caught.value)
     assert set(tmp_path.rglob("*")) == there
 
@@ -257,5 +258,5 @@ def test_a_folder_that_takes_no_new_file_keeps_what_is_there(
     path = tmp_path / "out.rrd"
     path.touch()
     with pytest.raises(InputError, match="takes no new file: Read-only file system"):
-        Drawing(job(RecordingFile(path)))
+        RotatingRecording(make_config(RrdFileSink(path)))
     assert list(tmp_path.iterdir()) == [path]

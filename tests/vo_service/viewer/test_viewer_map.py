@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.geometry import Array, inverse, rigid_transform, rotation_from_vector
-from tests.vo_service.made_up_map import a_map
-from tests.vo_service.viewer.drawn import column, draw, rows
-from vo_service.types import MapSnapshot, PoseUpdate
-from vo_service.viewer.map_sketch import MapSketch
-from vo_service.viewer.recording_file import RecordingFile
+from drivers.geometry import Array, inverse, rigid_transform, so3_exp
+from tests.vo_service.made_up_map import make_map
+from tests.vo_service.viewer.drawn import count_rows, draw, read_column
+from vo_service.types import MapSnapshot, OdometryUpdate
+from vo_service.viewer.map_sketch import MapEncoder
+from vo_service.viewer.recording_file import RrdFileSink
 
-MakeUpdate = Callable[..., PoseUpdate]
+MakeUpdate = Callable[..., OdometryUpdate]
 # Any place of the camera in `odom`, and of the odometry's world in it.
-T_ODOM_WORLD = rigid_transform(rotation_from_vector([0.3, -1.2, 0.8]), [1.0, 2.0, 3.0])
+T_ODOM_WORLD = rigid_transform(so3_exp([0.3, -1.2, 0.8]), [1.0, 2.0, 3.0])
 
 
-def with_map(update: PoseUpdate, the_map: MapSnapshot) -> PoseUpdate:
+def with_map(update: OdometryUpdate, the_map: MapSnapshot) -> OdometryUpdate:
     return replace(update, T_odom_camera=T_ODOM_WORLD @ update.T_world_camera, map=the_map)
 
 
@@ -38,20 +38,20 @@ def places_at(T_world_cameras: Sequence[Array], T_map_odom: Array, **changes: An
     )
 
 
-def seen(updates: Sequence[PoseUpdate]) -> MapSketch:
-    sketch = MapSketch()
+def seen(updates: Sequence[OdometryUpdate]) -> MapEncoder:
+    sketch = MapEncoder()
     for update in updates:
-        sketch.see(update)
+        sketch.update(update)
     return sketch
 
 
 @pytest.mark.rerun
 def test_places_and_what_joins_them_are_drawn(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
-    the_map = a_map(5)
-    draw(RecordingFile(path), [replace(make_update(seq), map=the_map) for seq in range(3)])
+    the_map = make_map(5)
+    draw(RrdFileSink(path), [replace(make_update(seq), map=the_map) for seq in range(3)])
     ((places,), (motions,), (loops,)) = (
-        column(path, f"/world/map/{part}", component)
+        read_column(path, f"/world/map/{part}", component)
         for part, component in (
             ("places", "Points3D:positions"),
             ("motions", "LineStrips3D:strips"),
@@ -66,8 +66,8 @@ def test_places_and_what_joins_them_are_drawn(tmp_path: Path, make_update: MakeU
 @pytest.mark.rerun
 def test_without_a_map_nothing_is_drawn_of_one(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
-    draw(RecordingFile(path), [make_update(seq) for seq in range(40)])
-    assert [entity for entity in rows(path) if entity.startswith("/world/map")] == []
+    draw(RrdFileSink(path), [make_update(seq) for seq in range(40)])
+    assert [entity for entity in count_rows(path) if entity.startswith("/world/map")] == []
 
 
 def test_a_map_that_agrees_with_odometry_lies_on_its_trajectory(make_update: MakeUpdate) -> None:
@@ -75,16 +75,18 @@ def test_a_map_that_agrees_with_odometry_lies_on_its_trajectory(make_update: Mak
     poses = [update.T_world_camera for update in updates]
     sketch = seen([with_map(updates[5], places_at(poses, np.eye(4)))])
     np.testing.assert_allclose(sketch.graph.positions, [T[:3, 3] for T in poses], atol=1e-6)
-    np.testing.assert_allclose(sketch.graph.motions[0], sketch.graph.positions[:2])
+    np.testing.assert_allclose(sketch.graph.odometry_edges[0], sketch.graph.positions[:2])
 
 
 def test_what_is_corrected_moves_and_the_rest_of_the_map_stays(make_update: MakeUpdate) -> None:
     updates = [make_update(seq) for seq in range(6)]
     poses = [update.T_world_camera for update in updates]
     before = places_at(poses[:5], np.eye(4))
-    corrected = np.array(before.T_map_place)
+    corrected = np.array(before.T_map_keyframe)
     corrected[3:, :3, 3] += [0.0, 0.0, 0.5]
-    after = replace(before, T_map_place=corrected, T_map_odom=rigid_transform(np.eye(3), [0, 0, 9]))
+    after = replace(
+        before, T_map_keyframe=corrected, T_map_odom=rigid_transform(np.eye(3), [0, 0, 9])
+    )
     first = seen([with_map(updates[4], before)])
     both = seen([with_map(updates[4], before), with_map(updates[5], after)])
     np.testing.assert_allclose(both.graph.positions[:3], first.graph.positions[:3])
@@ -97,9 +99,9 @@ def test_a_loaded_map_is_hung_up_anew_once_it_is_known_where_odom_lies_in_it(
 ) -> None:
     updates = [make_update(seq) for seq in range(3)]
     poses = [update.T_world_camera for update in updates]
-    T_map_odom = rigid_transform(rotation_from_vector([0, 0, 2.0]), [7.0, 0.0, 0.0])
+    T_map_odom = rigid_transform(so3_exp([0, 0, 2.0]), [7.0, 0.0, 0.0])
     located = places_at(poses, T_map_odom)
-    guessed = replace(located, T_map_odom=np.eye(4), is_located=False)
+    guessed = replace(located, T_map_odom=np.eye(4), is_localized=False)
     sketch = seen([with_map(updates[0], guessed), with_map(updates[2], located)])
     np.testing.assert_allclose(sketch.graph.positions, [T[:3, 3] for T in poses], atol=1e-6)
 
@@ -121,7 +123,7 @@ def test_where_the_camera_is_in_the_map_is_where_it_was_last_seen_to_be(
     start = with_map(update, places_at([update.T_world_camera], np.eye(4)))
     drift = rigid_transform(np.eye(3), [0.0, 0.0, 0.25])
     now = with_map(make_update(30), replace(start.map, T_map_odom=drift))
-    (corrected,) = seen([start, now]).corrected(now)
+    (corrected,) = seen([start, now]).encode_corrected_position(now)
     T_world_map = inverse(T_ODOM_WORLD)
     expected = (T_world_map @ drift @ now.T_odom_camera)[:3, 3]
     np.testing.assert_allclose(corrected.position, expected, atol=1e-9)
@@ -130,10 +132,10 @@ def test_where_the_camera_is_in_the_map_is_where_it_was_last_seen_to_be(
 def test_a_map_of_the_epoch_before_does_not_say_where_the_camera_is(
     make_update: MakeUpdate,
 ) -> None:
-    update = with_map(make_update(0), a_map())
+    update = with_map(make_update(0), make_map())
     sketch = seen([update])
-    assert len(list(sketch.corrected(update))) == 1
-    assert list(sketch.corrected(replace(update, epoch=2))) == []
+    assert len(list(sketch.encode_corrected_position(update))) == 1
+    assert list(sketch.encode_corrected_position(replace(update, epoch=2))) == []
 
 
 @pytest.mark.rerun
@@ -142,10 +144,10 @@ def test_a_map_that_changes_all_the_time_is_drawn_once_a_second_and_at_the_end(
 ) -> None:
     path = tmp_path / "out.rrd"
     draw(
-        RecordingFile(path),
-        [replace(make_update(seq), map=a_map(seq + 2)) for seq in range(75)],
+        RrdFileSink(path),
+        [replace(make_update(seq), map=make_map(seq + 2)) for seq in range(75)],
     )
-    drawn = column(path, "/world/map/places", "Points3D:positions")
+    drawn = read_column(path, "/world/map/places", "Points3D:positions")
     assert [len(places) for places in drawn] == [2, 29, 57, 76]
 
 
@@ -154,9 +156,9 @@ def test_a_map_that_rests_is_drawn_again_now_and_then_for_who_comes_late(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
     path = tmp_path / "out.rrd"
-    the_map = a_map()
-    draw(RecordingFile(path), [replace(make_update(seq), map=the_map) for seq in range(0, 750, 3)])
-    counted = rows(path)
+    the_map = make_map()
+    draw(RrdFileSink(path), [replace(make_update(seq), map=the_map) for seq in range(0, 750, 3)])
+    counted = count_rows(path)
     assert counted["/world/map/places"] == 3  # 250 pictures
     assert counted["/world/map/latest"] == 250
 
@@ -164,15 +166,15 @@ def test_a_map_that_rests_is_drawn_again_now_and_then_for_who_comes_late(
 @pytest.mark.rerun
 def test_the_next_file_has_the_map_too(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
-    the_map = a_map()
+    the_map = make_map()
     noisy = [replace(make_update(seq), map=the_map) for seq in range(0, 300, 3)]
     draw(SmallFile(path), noisy)
     files = sorted(tmp_path.glob("*.rrd"))
     assert len(files) > 1
-    assert all(rows(file)["/world/map/places"] == 1 for file in files)
+    assert all(count_rows(file)["/world/map/places"] == 1 for file in files)
 
 
-class SmallFile(RecordingFile):
+class SmallFile(RrdFileSink):
     """Full after its first second."""
 
     _checks = 0

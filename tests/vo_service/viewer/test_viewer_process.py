@@ -12,21 +12,21 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import Pace
+from drivers.camera import PlaybackMode
 from drivers.errors import InputError, UserFacingError
-from tests.belongings import belongings, children, is_alive, resident_kb
-from tests.vo_service.viewer.drawn import column, is_whole, rows
-from tests.vo_service.viewer.odd_sinks import FullDisk, Glutton, Stuck
+from tests.belongings import child_pids, is_alive, resident_memory_kb, resources_in_use
+from tests.vo_service.viewer.drawn import count_rows, is_complete, read_column
+from tests.vo_service.viewer.odd_sinks import BlockingSink, FullDiskSink, LeakingSink
 from tests.waiting import wait_until
-from vo_service.settings import RerunSettings
-from vo_service.types import PoseUpdate, Status
-from vo_service.viewer.output import ViewerOutput, open_viewer
-from vo_service.viewer.recording_file import RecordingFile
+from vo_service.settings import RerunConfig
+from vo_service.types import OdometryUpdate, Status
+from vo_service.viewer.output import RerunOutput, open_rerun_output
+from vo_service.viewer.recording_file import RrdFileSink
 from vo_service.viewer.sinks import Sink
 
 pytestmark = pytest.mark.subprocess
 
-MakeUpdate = Callable[..., PoseUpdate]
+MakeUpdate = Callable[..., OdometryUpdate]
 # Far more than any call takes that does not wait for the viewer, on a busy computer too.
 AT_ONCE_S = 10.0
 
@@ -34,34 +34,34 @@ AT_ONCE_S = 10.0
 @contextmanager
 def shown(
     sink: Sink,
-    settings: RerunSettings = RerunSettings(),  # noqa: B008 (frozen)
-    pace: Pace = Pace.REALTIME,
-) -> Iterator[tuple[ViewerOutput, int]]:
+    settings: RerunConfig = RerunConfig(),  # noqa: B008 (frozen)
+    pace: PlaybackMode = PlaybackMode.REALTIME,
+) -> Iterator[tuple[RerunOutput, int]]:
     """An output with its process."""
-    before = set(children())
-    output = ViewerOutput(sink, settings, pace=pace)
+    before = set(child_pids())
+    output = RerunOutput(sink, settings, playback_mode=pace)
     try:
-        (process,) = set(children()) - before
+        (process,) = set(child_pids()) - before
         yield output, process
     finally:
         output.close()
 
 
-def flood(output: ViewerOutput, update: PoseUpdate) -> float:
+def flood(output: RerunOutput, update: OdometryUpdate) -> float:
     """More results than any pipe holds; the longest time that one took to hand over."""
     longest_s = 0.0
     for seq in range(200):
         start_s = time.monotonic()
-        output.pose(replace(update, seq=seq))
+        output.on_update(replace(update, seq=seq))
         longest_s = max(longest_s, time.monotonic() - start_s)
     return longest_s
 
 
-def show_until(output: ViewerOutput, update: PoseUpdate, warning: str) -> None:
+def show_until(output: RerunOutput, update: OdometryUpdate, warning: str) -> None:
     """Result after result, as from a camera, until it warns of this."""
 
     def warned() -> bool:
-        output.pose(update)
+        output.on_update(update)
         return output.warning == warning
 
     wait_until(warned)
@@ -70,21 +70,21 @@ def show_until(output: ViewerOutput, update: PoseUpdate, warning: str) -> None:
 def test_results_reach_the_file_and_nothing_is_left(
     tmp_path: Path, make_update: MakeUpdate, status: Status
 ) -> None:
-    before = belongings()
+    before = resources_in_use()
     path = tmp_path / "out.rrd"
-    with shown(RecordingFile(path), pace=Pace.LOCKSTEP) as (output, process):
+    with shown(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, process):
         for seq in range(60):
-            output.pose(make_update(seq))
+            output.on_update(make_update(seq))
             if seq == 30:  # Ctrl-C and a stop of the unit are the service's affair
                 os.kill(process, signal.SIGINT)
                 os.kill(process, signal.SIGTERM)
-        output.status(status)
+        output.on_status(status)
         assert os.getpgid(process) != os.getpgrp()
     assert (output.dropped, output.warning) == (0, "")
-    assert is_whole(path)
-    assert (rows(path)["/world/camera"], rows(path)["/depth"]) == (60, 20)
+    assert is_complete(path)
+    assert (count_rows(path)["/world/camera"], count_rows(path)["/depth"]) == (60, 20)
     assert not is_alive(process)
-    assert belongings() <= before
+    assert resources_in_use() <= before
 
 
 def test_rerun_stays_out_of_the_service(tmp_path: Path) -> None:
@@ -101,8 +101,8 @@ def test_rerun_stays_out_of_the_service(tmp_path: Path) -> None:
 def test_a_frozen_process_holds_nothing_up(
     tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
-    output = ViewerOutput(RecordingFile(tmp_path / "out.rrd"))
-    (process,) = children()
+    output = RerunOutput(RrdFileSink(tmp_path / "out.rrd"))
+    (process,) = child_pids()
     os.kill(process, signal.SIGSTOP)
     assert flood(output, make_update(0)) < AT_ONCE_S
     assert output.dropped > 20
@@ -118,18 +118,18 @@ def test_a_killed_process_comes_back_and_draws_what_was_there(
     tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "out.rrd"
-    with shown(RecordingFile(path), pace=Pace.LOCKSTEP) as (output, process):
+    with shown(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, process):
         for seq in range(0, 60, 3):
-            output.pose(make_update(seq))
+            output.on_update(make_update(seq))
         wait_until(lambda: path.stat().st_size > 10_000)
         os.kill(process, signal.SIGKILL)
         wait_until(lambda: "crashed (signal 9, Killed)" in output.warning)
         wait_until(lambda: output.warning == "")
         for seq in range(60, 90, 3):
-            output.pose(make_update(seq))
+            output.on_update(make_update(seq))
     assert caplog.text.count("crashed (signal 9, Killed); starting it again") == 1
-    assert is_whole(path)
-    (so_far,) = column(path, "/world/trajectory/so_far", "LineStrips3D:strips")
+    assert is_complete(path)
+    (so_far,) = read_column(path, "/world/trajectory/so_far", "LineStrips3D:strips")
     assert so_far[0][0] == [0.0, 0.0, 0.0]
     assert len(so_far[0]) > 5
     assert (tmp_path / "out-0001.rrd").exists()
@@ -150,7 +150,7 @@ def test_the_process_ends_with_a_service_that_is_killed(tmp_path: Path) -> None:
 
 
 def test_a_process_that_is_stuck_in_rerun_says_so(make_update: MakeUpdate) -> None:
-    with shown(Stuck()) as (output, _):
+    with shown(BlockingSink()) as (output, _):
         show_until(output, make_update(0), "rerun: stuck does not take its data")
         assert flood(output, make_update(0)) < AT_ONCE_S
 
@@ -158,13 +158,13 @@ def test_a_process_that_is_stuck_in_rerun_says_so(make_update: MakeUpdate) -> No
 def test_a_process_that_grows_too_large_is_started_again(
     make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
-    settings = RerunSettings(memory_mb=300)
+    settings = RerunConfig(memory_mb=300)
     sizes_mb = []
-    with shown(Glutton(100), settings) as (output, process):
+    with shown(LeakingSink(100), settings) as (output, process):
 
         def has_ended() -> bool:
             sizes_mb.append(resident_mb(process))
-            output.pose(make_update(0))
+            output.on_update(make_update(0))
             return not is_alive(process)
 
         wait_until(has_ended)
@@ -176,7 +176,7 @@ def test_a_process_that_grows_too_large_is_started_again(
 
 def resident_mb(process: int) -> float:
     try:
-        return resident_kb(process) * 1024 / 1e6
+        return resident_memory_kb(process) * 1024 / 1e6
     except (OSError, AssertionError):  # it has just ended
         return 0.0
 
@@ -184,9 +184,9 @@ def resident_mb(process: int) -> float:
 def test_what_could_not_be_kept_is_said_while_it_lasts_and_at_the_end(
     make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
-    output = ViewerOutput(FullDisk())
+    output = RerunOutput(FullDiskSink())
     show_until(output, make_update(0), "rerun: full: the disk is full")
-    output.pose(make_update(30))
+    output.on_update(make_update(30))
     with pytest.raises(UserFacingError, match="full: the recording is not complete"):
         output.close()
     output.close()
@@ -197,13 +197,13 @@ def test_while_it_rests_nothing_is_drawn_and_the_log_says_so(
     tmp_path: Path, make_update: MakeUpdate
 ) -> None:
     path = tmp_path / "out.rrd"
-    with shown(RecordingFile(path), pace=Pace.LOCKSTEP) as (output, _):
+    with shown(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, _):
         for is_resting in (False, True, True, False):
-            output.rest(is_resting)
+            output.set_paused(is_resting)
             for seq in range(3):
-                output.pose(make_update(seq))
-    assert rows(path)["/world/camera"] == 6
-    texts = [text for (text,) in column(path, "/log", "TextLog:text")]
+                output.on_update(make_update(seq))
+    assert count_rows(path)["/world/camera"] == 6
+    texts = [text for (text,) in read_column(path, "/log", "TextLog:text")]
     assert texts == ["tracking (epoch 1)", "resting: the machine is too slow", "drawing again"]
 
 
@@ -216,11 +216,11 @@ def test_while_it_rests_nothing_is_drawn_and_the_log_says_so(
 )  # fmt: skip
 def test_a_bad_target_is_one_line(tmp_path: Path, target: str) -> None:
     name = str(tmp_path / target) if "/" in target else target
-    before = belongings()
+    before = resources_in_use()
     with pytest.raises(InputError) as caught:
-        open_viewer(name)
+        open_rerun_output(name)
     assert "\n" not in str(caught.value)
-    assert belongings() <= before
+    assert resources_in_use() <= before
 
 
 def test_without_rerun_it_says_how_to_install_it(
@@ -228,4 +228,4 @@ def test_without_rerun_it_says_how_to_install_it(
 ) -> None:
     monkeypatch.setattr("vo_service.viewer.targets.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"pip install 'kinect-vo\[rerun\]'"):
-        open_viewer(str(tmp_path / "out.rrd"))
+        open_rerun_output(str(tmp_path / "out.rrd"))

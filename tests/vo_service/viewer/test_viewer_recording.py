@@ -7,29 +7,29 @@ import numpy as np
 import pytest
 
 from drivers.geometry import rigid_transform, transform_points
-from drivers.trajectory import StampedPoses
-from tests.vo_service.viewer.drawn import column, draw, is_whole, rows
-from vo_service.types import PoseUpdate, Status
-from vo_service.viewer.messages import Note
-from vo_service.viewer.recording_file import RecordingFile
+from drivers.trajectory import Trajectory
+from tests.vo_service.viewer.drawn import count_rows, draw, is_complete, read_column
+from vo_service.types import OdometryUpdate, Status
+from vo_service.viewer.messages import TextLog
+from vo_service.viewer.recording_file import RrdFileSink
 from vo_service.viewer.scene import back_project
 from vo_service.viewer.throttle import Throttle
 
 pytestmark = pytest.mark.rerun
 
-MakeUpdate = Callable[..., PoseUpdate]
+MakeUpdate = Callable[..., OdometryUpdate]
 
 
-def record(path: Path, updates: list[PoseUpdate], truth: StampedPoses | None = None) -> None:
-    draw(RecordingFile(path), updates, truth=truth)
+def record(path: Path, updates: list[OdometryUpdate], truth: Trajectory | None = None) -> None:
+    draw(RrdFileSink(path), updates, truth=truth)
 
 
 @pytest.mark.subprocess
 def test_a_recording_is_whole_and_holds_everything(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
     record(path, [make_update(seq) for seq in range(30)])
-    assert is_whole(path)
-    counted = rows(path)
+    assert is_complete(path)
+    counted = count_rows(path)
     assert counted["/world/camera"] == 30
     assert counted["/plots/stages/surf"] == 30
     for entity in ("image", "image/features", "image/inliers", "image/outliers", "points"):
@@ -43,10 +43,10 @@ def test_poses_and_counts_come_back_as_they_went_in(
     path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(5)]
     record(path, updates)
-    positions = column(path, "/world/camera", "Transform3D:translation")
+    positions = read_column(path, "/world/camera", "Transform3D:translation")
     expected = [[u.T_world_camera[:3, 3].tolist()] for u in updates]
     np.testing.assert_allclose(np.array(positions), np.array(expected), atol=1e-6)
-    assert column(path, "/plots/counts/inliers", "Scalars:scalars") == [[7.0]] * 5
+    assert read_column(path, "/plots/counts/inliers", "Scalars:scalars") == [[7.0]] * 5
 
 
 def test_a_long_trajectory_is_not_sent_again_with_each_point(
@@ -55,8 +55,8 @@ def test_a_long_trajectory_is_not_sent_again_with_each_point(
     path = tmp_path / "out.rrd"
     updates = [make_update(seq) for seq in range(0, 3 * 250, 3)]
     record(path, updates)
-    latest = column(path, "/world/trajectory/latest", "LineStrips3D:strips")
-    so_far = column(path, "/world/trajectory/so_far", "LineStrips3D:strips")
+    latest = read_column(path, "/world/trajectory/latest", "LineStrips3D:strips")
+    so_far = read_column(path, "/world/trajectory/so_far", "LineStrips3D:strips")
     assert len(latest) == 250
     assert max(len(strips[0]) for strips in latest) == 101  # goes on from the one before
     assert [sum(map(len, strips)) for strips in so_far] == [1, 100, 200]
@@ -68,17 +68,17 @@ def test_truth_starts_where_the_estimate_does(tmp_path: Path, make_update: MakeU
     T_truth_world = rigid_transform(np.diag([-1.0, -1.0, 1.0]), [5.0, 6.0, 7.0])
     stamps = np.array([update.stamp_s for update in updates])
     poses = np.array([T_truth_world @ update.T_world_camera for update in updates])
-    record(path, updates, StampedPoses(stamps, poses))
-    (strips,) = column(path, "/world/ground_truth", "LineStrips3D:strips")
+    record(path, updates, Trajectory(stamps, poses))
+    (strips,) = read_column(path, "/world/ground_truth", "LineStrips3D:strips")
     expected = [update.T_world_camera[:3, 3] for update in updates]
     np.testing.assert_allclose(np.array(strips)[0], expected, atol=1e-5)
 
 
 def test_truth_of_another_time_is_not_drawn(tmp_path: Path, make_update: MakeUpdate) -> None:
     path = tmp_path / "out.rrd"
-    truth = StampedPoses(np.array([1.0, 2.0]), np.array([np.eye(4), np.eye(4)]))
+    truth = Trajectory(np.array([1.0, 2.0]), np.array([np.eye(4), np.eye(4)]))
     record(path, [make_update(0)], truth)
-    assert rows(path)["/world/ground_truth"] == 0
+    assert count_rows(path)["/world/ground_truth"] == 0
 
 
 def test_only_changes_of_state_are_written_down(
@@ -86,8 +86,8 @@ def test_only_changes_of_state_are_written_down(
 ) -> None:
     path = tmp_path / "out.rrd"
     updates = [make_update(seq, ok=ok) for seq, ok in enumerate([True, True, False, False])]
-    draw(RecordingFile(path), [*updates, status, status, Note("resting")])
-    assert column(path, "/log", "TextLog:text") == [
+    draw(RrdFileSink(path), [*updates, status, status, TextLog("resting")])
+    assert read_column(path, "/log", "TextLog:text") == [
         ["tracking (epoch 1)"],
         ["lost: too few matches (epoch 1)"],
         ["degraded: few inliers (epoch 1)"],
@@ -109,6 +109,6 @@ def test_points_fall_back_onto_their_pixels(make_update: MakeUpdate) -> None:
 def test_pictures_come_at_most_once_a_period_and_again_after_a_clock_step() -> None:
     throttle = Throttle(0.1)
     stamps_s = [0.0, 0.033, 0.066, 0.0999, 0.12, -50.0, -49.99, -49.8]
-    assert [throttle.due(stamp_s) for stamp_s in stamps_s] == [
+    assert [throttle.allow(stamp_s) for stamp_s in stamps_s] == [
         True, False, False, True, False, True, False, True,
     ]  # fmt: skip

@@ -13,24 +13,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.belongings import children, resident_kb
+from tests.belongings import child_pids, resident_memory_kb
 from tests.waiting import wait_until
-from vo_service.settings import RerunSettings
-from vo_service.types import PoseUpdate
-from vo_service.viewer.output import ViewerOutput, open_viewer
+from vo_service.settings import RerunConfig
+from vo_service.types import OdometryUpdate
+from vo_service.viewer.output import RerunOutput, open_rerun_output
 from vo_service.viewer.page import rerun_binary
-from vo_service.viewer.presence import ViewerPresence, Watch
+from vo_service.viewer.presence import GrpcViewerProbe, ViewerHealthMonitor
 
-MakeUpdate = Callable[..., PoseUpdate]
+MakeUpdate = Callable[..., OdometryUpdate]
 ABSENT = "no viewer answers at"
 
 
 @contextmanager
-def closing_presence(port: int) -> Iterator[ViewerPresence]:
+def closing_presence(port: int) -> Iterator[GrpcViewerProbe]:
     """What asks for a viewer, and lets go in the end."""
-    presence = ViewerPresence("127.0.0.1", port)
+    presence = GrpcViewerProbe("127.0.0.1", port)
     yield presence
-    presence.end()
+    presence.disconnect()
 
 
 @contextmanager
@@ -40,46 +40,46 @@ def viewer(port: int) -> Iterator["subprocess.Popen[bytes]"]:
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         try:
             with closing_presence(port) as presence:
-                wait_until(presence.begin)
+                wait_until(presence.connect)
             yield process
         finally:
             process.kill()
 
 
 @pytest.fixture
-def output(free_port: int) -> Iterator[ViewerOutput]:
+def output(free_port: int) -> Iterator[RerunOutput]:
     """Shows its results to a viewer at the free port."""
-    output = open_viewer(f"connect:127.0.0.1:{free_port}", RerunSettings(memory_mb=400))
+    output = open_rerun_output(f"connect:127.0.0.1:{free_port}", RerunConfig(memory_mb=400))
     yield output
     output.close()
 
 
 def processes() -> list[int]:
     """Those that draw: with some memory of their own, unlike one that is being started."""
-    return [each for each in children() if resident_of(each) > 50_000]
+    return [each for each in child_pids() if resident_of(each) > 50_000]
 
 
 def test_a_viewer_that_never_comes_costs_no_process(
-    output: ViewerOutput, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+    output: RerunOutput, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
 ) -> None:
     for seq in range(30):
-        output.pose(make_update(seq))
+        output.on_update(make_update(seq))
     assert ABSENT in output.warning
-    assert children() == []
+    assert child_pids() == []
     logged = [record.message for record in caplog.get_records("setup") + caplog.records]
     assert sum(ABSENT in message for message in logged) == 1
 
 
 @pytest.mark.subprocess
 def test_a_viewer_that_comes_late_goes_and_comes_again_is_fed(
-    free_port: int, output: ViewerOutput, make_update: MakeUpdate
+    free_port: int, output: RerunOutput, make_update: MakeUpdate
 ) -> None:
-    output.pose(make_update(0))
+    output.on_update(make_update(0))
     for _ in range(2):
         assert ABSENT in output.warning
         with viewer(free_port):
             wait_until(lambda: output.warning == "")
-            output.pose(make_update(30))
+            output.on_update(make_update(30))
             assert len(processes()) >= 1
         wait_until(lambda: ABSENT in output.warning)
 
@@ -90,18 +90,18 @@ def test_a_frozen_viewer_is_given_up_and_memory_stays_bounded(
 ) -> None:
     update = make_update(0)
     noise = np.random.default_rng(0).integers(0, 255, (960, 1280, 3), np.uint8)
-    update = replace(update, frame=replace(update.frame, colour_bgr=noise))
-    settings = RerunSettings(memory_mb=400, picture_hz=1000.0)
+    update = replace(update, frame=replace(update.frame, color_bgr=noise))
+    settings = RerunConfig(memory_mb=400, picture_hz=1000.0)
     with viewer(free_port) as frozen:
-        output = open_viewer(f"connect:127.0.0.1:{free_port}", settings)
+        output = open_rerun_output(f"connect:127.0.0.1:{free_port}", settings)
         wait_until(lambda: output.warning == "")
-        (process,) = set(children()) - {frozen.pid}
+        (process,) = set(child_pids()) - {frozen.pid}
         frozen.send_signal(signal.SIGSTOP)
         sizes_kb, took_s = [0], [0.0]
 
         def is_given_up() -> bool:
             start_s = time.monotonic()
-            output.pose(update)
+            output.on_update(update)
             took_s.append(time.monotonic() - start_s)
             sizes_kb.append(resident_of(process))
             return ABSENT in output.warning or "memory_mb" in output.warning
@@ -115,14 +115,14 @@ def test_a_frozen_viewer_is_given_up_and_memory_stays_bounded(
 def resident_of(process: int) -> int:
     """Memory of a process that may have ended."""
     try:
-        return resident_kb(process)
+        return resident_memory_kb(process)
     except (OSError, AssertionError):
         return 0
 
 
 def test_something_that_accepts_and_never_answers_is_no_viewer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as mute:
-        assert not ViewerPresence(*mute.getsockname()).begin()
+        assert not GrpcViewerProbe(*mute.getsockname()).connect()
 
 
 def test_something_that_speaks_another_protocol_is_no_viewer() -> None:
@@ -133,7 +133,7 @@ def test_something_that_speaks_another_protocol_is_no_viewer() -> None:
                 connection.sendall(b"HTTP/1.1 505 no\r\n\r\n")
 
         threading.Thread(target=answer).start()
-        assert not ViewerPresence(*server.getsockname()).begin()
+        assert not GrpcViewerProbe(*server.getsockname()).connect()
 
 
 @pytest.mark.slow
@@ -148,8 +148,8 @@ def test_something_that_talks_on_and_on_is_no_viewer() -> None:
 
         thread = threading.Thread(target=talk)
         thread.start()
-        presence = ViewerPresence(*server.getsockname())
-        assert not presence.begin()
+        presence = GrpcViewerProbe(*server.getsockname())
+        assert not presence.connect()
         has_ended.set()
         thread.join()
 
@@ -161,22 +161,22 @@ def test_something_that_sends_a_frame_nobody_may_send_is_given_up_at_once() -> N
         closing_presence(server.getsockname()[1]) as presence,
         ThreadPoolExecutor(1) as pool,
     ):
-        has_begun = pool.submit(presence.begin)
+        has_begun = pool.submit(presence.connect)
         with server.accept()[0] as connection:
             connection.sendall(settings + too_large)
             assert has_begun.result()
             with pytest.raises(ConnectionError):
-                presence.answers()
+                presence.is_responding()
 
 
 @pytest.mark.subprocess
 def test_a_viewer_that_is_replaced_by_another_is_noticed_at_once(free_port: int) -> None:
     with closing_presence(free_port) as presence:
         with viewer(free_port):
-            assert presence.begin()
-            assert presence.answers()
+            assert presence.connect()
+            assert presence.is_responding()
         with viewer(free_port), pytest.raises(ConnectionError):
-            presence.answers()
+            presence.is_responding()
 
 
 class Patchy:
@@ -185,18 +185,18 @@ class Patchy:
     def __init__(self, *answers: bool | Exception) -> None:
         self._answers = list(answers)
 
-    def begin(self) -> bool:
+    def connect(self) -> bool:
         """It is there."""
         return True
 
-    def answers(self) -> bool:
+    def is_responding(self) -> bool:
         """The next answer."""
         answer = self._answers.pop(0)
         if isinstance(answer, Exception):
             raise answer
         return answer
 
-    def end(self) -> None:
+    def disconnect(self) -> None:
         """Nothing to let go of."""
 
 
@@ -204,6 +204,8 @@ def test_a_viewer_that_is_slow_to_answer_is_given_another_chance(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("vo_service.viewer.presence.PERIOD_S", 0.0)
-    watch = Watch(Patchy(True, False, False, True, False, False, False, ConnectionError()))
-    assert watch.begin()
+    watch = ViewerHealthMonitor(
+        Patchy(True, False, False, True, False, False, False, ConnectionError())
+    )
+    assert watch.connect()
     assert [watch.has_gone() for _ in range(8)] == [False] * 6 + [True, True]

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vo_service.odometry.parameters import SurfParameters
-from vo_service.odometry.stopwatch import Stopwatch
+from vo_service.odometry.stopwatch import StageTimer
 from vo_service.odometry.surf import Features
 from vo_service.odometry.surf_odometry import SurfOdometry
 
 # Lowe's ratio, on the distance that is each method's own: ORB's is the number of bits that
 # differ, which is the square of the distance between vectors of 0 and 1.
-RATIO = 0.8
+MATCH_RATIO = 0.8
 
 
 class OpenCvExtractor:
@@ -50,22 +50,22 @@ class OpenCvExtractor:
             direction=np.column_stack([np.cos(angle_rad), np.sin(angle_rad)]).astype(np.float32),
             response=np.array([k.response for k in keypoints], np.float32),
             sign=np.ones(n, np.float32),
-            descriptor=self._as_vectors(table),
+            descriptor=self._to_vectors(table),
         )
 
-    def _as_vectors(self, table: NDArray[np.generic]) -> NDArray[np.float32]:
+    def _to_vectors(self, table: NDArray[np.generic]) -> NDArray[np.float32]:
         if self._binary:
             return np.unpackbits(table.astype(np.uint8), axis=1).astype(np.float32)
         return table.astype(np.float32)
 
 
-def sift_odometry(count: int, stopwatch: Stopwatch) -> SurfOdometry:
+def sift_odometry(count: int, stopwatch: StageTimer) -> SurfOdometry:
     """`SurfOdometry`, fed by SIFT (Lowe 2004)."""
     extractor = OpenCvExtractor(cv2.SIFT_create, count)  # type: ignore[attr-defined]
-    return SurfOdometry(extractor, SurfParameters(match_ratio=RATIO), stopwatch=stopwatch)
+    return SurfOdometry(extractor, SurfParameters(match_ratio=MATCH_RATIO), timer=stopwatch)
 
 
-def orb_odometry(count: int, stopwatch: Stopwatch) -> SurfOdometry:
+def orb_odometry(count: int, stopwatch: StageTimer) -> SurfOdometry:
     """`SurfOdometry`, fed by ORB (Rublee et al. 2011)."""
     extractor = OpenCvExtractor(cv2.ORB_create, count, binary=True)  # type: ignore[attr-defined]
-    return SurfOdometry(extractor, SurfParameters(match_ratio=sqrt(RATIO)), stopwatch=stopwatch)
+    return SurfOdometry(extractor, SurfParameters(match_ratio=sqrt(MATCH_RATIO)), timer=stopwatch)

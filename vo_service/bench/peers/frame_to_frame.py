@@ -24,7 +24,7 @@ class PairwiseMethod(Protocol):
         ...
 
 
-class FrameToFrame:
+class FrameToFrameOdometry:
     """Each frame against the last good one; it expects the motion to go on as it was.
 
     A frame that fails is left out of the chain.
@@ -32,35 +32,35 @@ class FrameToFrame:
 
     def __init__(self, method: PairwiseMethod) -> None:
         self._method = method
-        self._last: Any = None
-        self._T_world_last = np.eye(4)
-        self._step = np.eye(4)
+        self._reference: Any = None
+        self._T_world_reference = np.eye(4)
+        self._T_reference_camera = np.eye(4)
         self._failures = 0
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Where the camera is, from this frame and the last good one."""
         view = self._method.prepare(frame)
-        if self._last is None:
-            return self._go_on(view, np.eye(4))
-        step = self._method.align(self._last, view, self._step)
-        return self._fail(view) if step is None else self._go_on(view, step)
+        if self._reference is None:
+            return self._accept(view, np.eye(4))
+        step = self._method.align(self._reference, view, self._T_reference_camera)
+        return self._reject(view) if step is None else self._accept(view, step)
 
-    def _go_on(self, view: Any, step: Array, restarted: bool = False) -> Estimate:
-        self._last = view
-        self._step = step
-        self._T_world_last = self._T_world_last @ step
+    def _accept(self, prepared: Any, step: Array, restarted: bool = False) -> Estimate:
+        self._reference = prepared
+        self._T_reference_camera = step
+        self._T_world_reference = self._T_world_reference @ step
         self._failures = 0
-        return self._answer("", step, restarted)
+        return self._make_estimate("", step, restarted)
 
-    def _fail(self, view: Any) -> Estimate:
+    def _reject(self, prepared: Any) -> Estimate:
         self._failures += 1
-        self._step = np.eye(4)
+        self._T_reference_camera = np.eye(4)
         if self._failures > MAX_FAILURES:
-            return self._go_on(view, np.eye(4), restarted=True)
-        return self._answer("no alignment", np.eye(4))
+            return self._accept(prepared, np.eye(4), restarted=True)
+        return self._make_estimate("no alignment", np.eye(4))
 
-    def _answer(self, reason: str, step: Array, restarted: bool = False) -> Estimate:
+    def _make_estimate(self, reason: str, step: Array, restarted: bool = False) -> Estimate:
         """These methods say nothing of their covariance."""
         unknown = np.zeros((6, 6))
-        pose = self._T_world_last.copy()
-        return Estimate(not reason, reason, pose, step, unknown, restarted=restarted)
+        pose = self._T_world_reference.copy()
+        return Estimate(not reason, reason, pose, step, unknown, is_reset=restarted)

@@ -11,12 +11,12 @@ from drivers.geometry import Array
 
 # Voxels of this size, normals from this many neighbours within this distance, and pairs no
 # further apart than this. Voxels of 3 cm cost three times as much for the same accuracy.
-VOXEL_M, NEIGHBOURS, NORMAL_RADIUS_M, PAIR_M = 0.05, 30, 0.125, 0.1
+VOXEL_M, NORMAL_NEIGHBORS, NORMAL_RADIUS_M, MAX_PAIR_DISTANCE_M = 0.05, 30, 0.125, 0.1
 ITERATIONS = 30
 # Of its points, so many at least find a pair; else the frame has failed.
-LEAST_FITNESS = 0.3
+MIN_FITNESS = 0.3
 # What the hybrid odometry cuts off: a Kinect's depth beyond is mostly noise.
-FARTHEST_M = 4.0
+MAX_DEPTH_M = 4.0
 
 
 class Open3dIcp:
@@ -33,23 +33,23 @@ class Open3dIcp:
             _intrinsics(o3d, frame.camera),
             depth_scale=frame.depth_factor,
         ).voxel_down_sample(VOXEL_M)
-        near = o3d.geometry.KDTreeSearchParamHybrid(NORMAL_RADIUS_M, NEIGHBOURS)
+        near = o3d.geometry.KDTreeSearchParamHybrid(NORMAL_RADIUS_M, NORMAL_NEIGHBORS)
         cloud.estimate_normals(near)
         return cloud
 
     def align(self, earlier: Any, later: Any, T_earlier_later: Array) -> Array | None:
         """Nearest neighbours, point to plane."""
         registration = self._o3d.pipelines.registration
-        kernel = registration.TukeyLoss(k=PAIR_M / 2)
+        kernel = registration.TukeyLoss(k=MAX_PAIR_DISTANCE_M / 2)
         found = registration.registration_icp(
             later,
             earlier,
-            PAIR_M,
+            MAX_PAIR_DISTANCE_M,
             T_earlier_later,
             registration.TransformationEstimationPointToPlane(kernel),
             registration.ICPConvergenceCriteria(max_iteration=ITERATIONS),
         )
-        good = found.fitness >= LEAST_FITNESS
+        good = found.fitness >= MIN_FITNESS
         return np.array(found.transformation, np.float64) if good else None
 
 
@@ -69,12 +69,12 @@ class Open3dHybrid:
         o3d = self._o3d
         if self._intrinsics is None:
             self._intrinsics = _intrinsics(o3d, frame.camera)
-        colour_rgb = cv2.cvtColor(frame.colour_bgr, cv2.COLOR_BGR2RGB)
+        colour_rgb = cv2.cvtColor(frame.color_bgr, cv2.COLOR_BGR2RGB)
         return o3d.geometry.RGBDImage.create_from_color_and_depth(
             o3d.geometry.Image(colour_rgb),
             o3d.geometry.Image(frame.depth_raw),
             depth_scale=frame.depth_factor,
-            depth_trunc=FARTHEST_M,
+            depth_trunc=MAX_DEPTH_M,
         )
 
     def align(self, earlier: Any, later: Any, T_earlier_later: Array) -> Array | None:
@@ -89,7 +89,7 @@ class Open3dHybrid:
         )
         # It calls nearly everything a success; its information matrix ends with the pairs' number.
         readings = np.count_nonzero(np.asarray(later.depth))
-        good = found and information[5, 5] > LEAST_FITNESS * readings > 0
+        good = found and information[5, 5] > MIN_FITNESS * readings > 0
         return np.array(T_found, np.float64) if good else None
 
 

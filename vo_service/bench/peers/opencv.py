@@ -26,7 +26,7 @@ class OpenCvOdometry:
             settings.setCameraMatrix(frame.camera.K.astype(np.float32))
             self._odometry = cv2.Odometry(self._kind, settings, cv2.OdometryAlgoType_COMMON)
         depth_m = np.where(frame.depth_m > 0, frame.depth_m, np.float32(np.nan))
-        prepared = cv2.OdometryFrame(depth_m, frame.colour_bgr)
+        prepared = cv2.OdometryFrame(depth_m, frame.color_bgr)
         self._odometry.prepareFrame(prepared)
         return prepared
 

@@ -12,9 +12,9 @@ from drivers.geometry import Array
 # Every so many-th pixel each way, thinned to one point a voxel; covariances from so many
 # neighbours; pairs no further apart than this. Of those tried (2 and 4 pixels, 3 and 5 cm, 10 and
 # 20 neighbours) the most accurate on a real and a rendered recording, at a middling cost.
-PIXELS, VOXEL_M, NEIGHBOURS, PAIR_M = 4, 0.03, 20, 0.1
+PIXEL_STEP, VOXEL_M, COVARIANCE_NEIGHBORS, MAX_PAIR_DISTANCE_M = 4, 0.03, 20, 0.1
 # Of its points, so many at least find a pair; else the frame has failed.
-LEAST_FITNESS = 0.3
+MIN_FITNESS = 0.3
 
 
 class SmallGicp:
@@ -26,7 +26,9 @@ class SmallGicp:
     def prepare(self, frame: RgbdFrame) -> Any:
         """A thinned cloud with covariances, and its tree."""
         return self._gicp.preprocess_points(
-            points_of(frame), downsampling_resolution=VOXEL_M, num_neighbors=NEIGHBOURS
+            sample_points(frame),
+            downsampling_resolution=VOXEL_M,
+            num_neighbors=COVARIANCE_NEIGHBORS,
         )
 
     def align(self, earlier: Any, later: Any, T_earlier_later: Array) -> Array | None:
@@ -40,18 +42,18 @@ class SmallGicp:
             tree,
             T_earlier_later,
             registration_type="GICP",
-            max_correspondence_distance=PAIR_M,
+            max_correspondence_distance=MAX_PAIR_DISTANCE_M,
         )
-        good = found.converged and found.num_inliers >= LEAST_FITNESS * source.size()
+        good = found.converged and found.num_inliers >= MIN_FITNESS * source.size()
         return np.array(found.T_target_source, np.float64) if good else None
 
 
-def points_of(frame: RgbdFrame) -> NDArray[np.float64]:
+def sample_points(frame: RgbdFrame) -> NDArray[np.float64]:
     """(N, 3) points in the camera's axes, of every fourth pixel each way that has a reading."""
     camera = frame.camera
-    z_m = frame.depth_m[::PIXELS, ::PIXELS].astype(np.float64)
+    z_m = frame.depth_m[::PIXEL_STEP, ::PIXEL_STEP].astype(np.float64)
     v, u = np.nonzero(z_m)
     z_m = z_m[v, u]
-    x_m = (PIXELS * u - camera.cx) / camera.fx * z_m
-    y_m = (PIXELS * v - camera.cy) / camera.fy * z_m
+    x_m = (PIXEL_STEP * u - camera.cx) / camera.fx * z_m
+    y_m = (PIXEL_STEP * v - camera.cy) / camera.fy * z_m
     return np.column_stack([x_m, y_m, z_m])

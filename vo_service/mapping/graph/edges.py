@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.geometry import Array, carried, inverse, orthonormal
+from drivers.geometry import Array, inverse, orthonormalize, transport_covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,29 +25,29 @@ class Edge:
     length_m: float
 
     @property
-    def spread_m2(self) -> float:
+    def variance_m2(self) -> float:
         """How unsure it is, as one number: the variance of points that are a metre away."""
         return float(np.trace(self.covariance))
 
-    def other(self, end: int) -> int:
+    def other_end(self, end: int) -> int:
         """The end that is not this one."""
         return self.a + self.b - end
 
-    def starting_at(self, end: int) -> "Edge":
+    def oriented_from(self, end: int) -> "Edge":
         """The same edge, told from this end."""
         if end == self.a:
             return self
         T_b_a = inverse(self.T_a_b)
-        covariance = carried(self.covariance, T_b_a)
+        covariance = transport_covariance(self.covariance, T_b_a)
         return Edge(self.b, self.a, T_b_a, covariance, self.is_loop, self.length_m)
 
-    def then(self, onward: "Edge") -> "Edge":
+    def compose(self, following: "Edge") -> "Edge":
         """One edge of this one and another that starts where it ends; a loop if either is."""
         return Edge(
             self.a,
-            onward.b,
-            orthonormal(self.T_a_b @ onward.T_a_b),
-            carried(self.covariance, onward.T_a_b) + onward.covariance,
-            self.is_loop or onward.is_loop,
-            self.length_m + onward.length_m,
+            following.b,
+            orthonormalize(self.T_a_b @ following.T_a_b),
+            transport_covariance(self.covariance, following.T_a_b) + following.covariance,
+            self.is_loop or following.is_loop,
+            self.length_m + following.length_m,
         )

@@ -5,38 +5,41 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from vo_service.mapping.graph.edges import Edge
-from vo_service.mapping.graph.routes import shortest
+from vo_service.mapping.graph.routes import shortest_path_length
 
 
-def passed_on(number: int, edges: Sequence[Edge]) -> list[Edge]:
+def marginalize_edges(number: int, edges: Sequence[Edge]) -> list[Edge]:
     """What the edges of this place say of the others, motions first, then loops, the surest first.
 
     One neighbour inherits: every other edge now starts from there, by way of what joined the two.
     A motion makes a better heir than a loop, which may be wrong; then the surest does.
     """
-    way = way_to_heir(number, edges)
+    way = edge_to_neighbor(number, edges)
     if way is None:
         return []
-    from_heir = way.starting_at(way.b)
-    its = (edge.starting_at(number) for edge in edges if number in (edge.a, edge.b))
-    return sorted((from_heir.then(edge) for edge in its if edge.b != way.b), key=_rank)
+    from_heir = way.oriented_from(way.b)
+    its = (edge.oriented_from(number) for edge in edges if number in (edge.a, edge.b))
+    return sorted((from_heir.compose(edge) for edge in its if edge.b != way.b), key=_edge_priority)
 
 
-def way_to_heir(number: int, edges: Sequence[Edge]) -> Edge | None:
+def edge_to_neighbor(number: int, edges: Sequence[Edge]) -> Edge | None:
     """The edge from this place to the one that inherits; None where nothing joins it to others."""
-    its = (edge.starting_at(number) for edge in edges if number in (edge.a, edge.b))
-    return min(its, key=_rank, default=None)
+    its = (edge.oriented_from(number) for edge in edges if number in (edge.a, edge.b))
+    return min(its, key=_edge_priority, default=None)
 
 
-def tells_something_new(loop: Edge, around: Mapping[int, list[Edge]]) -> bool:
+def is_informative(loop: Edge, adjacency: Mapping[int, list[Edge]]) -> bool:
     """True if no way over the edges around the places (see `neighbours`) is as sure as the loop.
 
     Of the loops that are passed on again and again, only these are kept: else there would be more
     and more of them.
     """
-    own_m2 = loop.spread_m2
-    return shortest(loop.a, loop.b, around, lambda edge: edge.spread_m2, own_m2) == np.inf
+    own_m2 = loop.variance_m2
+    return (
+        shortest_path_length(loop.a, loop.b, adjacency, lambda edge: edge.variance_m2, own_m2)
+        == np.inf
+    )
 
 
-def _rank(edge: Edge) -> tuple[bool, float]:
-    return edge.is_loop, edge.spread_m2
+def _edge_priority(edge: Edge) -> tuple[bool, float]:
+    return edge.is_loop, edge.variance_m2

@@ -9,51 +9,51 @@ import numpy as np
 from vo_service.mapping.graph.edges import Edge
 
 # The edges at each place that has any.
-Around = MutableMapping[int, list[Edge]]
+Adjacency = MutableMapping[int, list[Edge]]
 
 
-def neighbours(edges: Iterable[Edge]) -> Around:
+def build_adjacency(edges: Iterable[Edge]) -> Adjacency:
     """The edges at each place that has any."""
-    around: Around = defaultdict(list)
+    around: Adjacency = defaultdict(list)
     for edge in edges:
-        connect(around, edge)
+        add_to_adjacency(around, edge)
     return around
 
 
-def connect(around: Around, edge: Edge) -> None:
+def add_to_adjacency(adjacency: Adjacency, edge: Edge) -> None:
     """Add an edge to what `neighbours` found."""
-    around[edge.a].append(edge)
-    around[edge.b].append(edge)
+    adjacency[edge.a].append(edge)
+    adjacency[edge.b].append(edge)
 
 
-def parts(numbers: Iterable[int], edges: Iterable[Edge]) -> list[set[int]]:
+def connected_components(numbers: Iterable[int], edges: Iterable[Edge]) -> list[set[int]]:
     """The places, parted by what edges connect; the part with the oldest place comes first."""
-    around = neighbours(edges)
+    around = build_adjacency(edges)
     left, found = set(numbers), []
     while left:
-        part = _reached(min(left), around)
+        part = _reachable_nodes(min(left), around)
         found.append(part)
         left -= part
     return found
 
 
-def _reached(start: int, around: Mapping[int, list[Edge]]) -> set[int]:
+def _reachable_nodes(start: int, adjacency: Mapping[int, list[Edge]]) -> set[int]:
     """The places that edges lead to from this one, itself among them."""
     found, waiting = {start}, [start]
     while waiting:
         place = waiting.pop()
-        new = {edge.other(place) for edge in around.get(place, ())} - found
+        new = {edge.other_end(place) for edge in adjacency.get(place, ())} - found
         found |= new
         waiting += new
     return found
 
 
-def shortest(
+def shortest_path_length(
     start: int,
     goal: int,
-    around: Mapping[int, list[Edge]],
+    adjacency: Mapping[int, list[Edge]],
     length: Callable[[Edge], float],
-    at_most: float = np.inf,
+    max_length: float = np.inf,
 ) -> float:
     """Length of the shortest way over edges; infinite where none is as short as asked for.
 
@@ -69,9 +69,9 @@ def shortest(
             return so_far
         if so_far > far[place]:
             continue
-        for edge in around.get(place, ()):
-            next_place, there = edge.other(place), so_far + length(edge)
-            if there <= at_most and there < far.get(next_place, np.inf):
+        for edge in adjacency.get(place, ()):
+            next_place, there = edge.other_end(place), so_far + length(edge)
+            if there <= max_length and there < far.get(next_place, np.inf):
                 far[next_place] = there
                 heapq.heappush(waiting, (there, next_place))
     return np.inf

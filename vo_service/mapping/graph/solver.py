@@ -15,23 +15,28 @@ from scipy.sparse.linalg import splu
 
 from drivers.geometry import Array
 from vo_service.mapping.graph.edges import Edge
-from vo_service.mapping.graph.stacks import inverses, moved, rotation_vectors, skew_matrices
+from vo_service.mapping.graph.stacks import (
+    invert_poses,
+    retract_poses,
+    skew_matrices,
+    so3_log_batch,
+)
 
 # A loop is believed whose squared error, in standard deviations, is at most this: so are 99.9 % of
 # right ones (chi squared, six degrees of freedom). There it weighs half.
-BELIEVED = 22.5
-MOST_STEPS = 30
-FIRST_DAMPING, LARGEST_DAMPING = 1e-6, 1e3
+INLIER_CHI2 = 22.5
+MAX_ITERATIONS = 30
+INITIAL_DAMPING, MAX_DAMPING = 1e-6, 1e3
 # Enough when a step changes the cost by less than this share.
-SMALLEST_GAIN = 1e-4
+MIN_COST_DECREASE_RATIO = 1e-4
 # Nothing is surer than this, in metres and radians.
-LEAST_SIGMA = 1e-5
+MIN_SIGMA = 1e-5
 
 Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Measurements:
+class EdgeMeasurements:
     """The edges as arrays.
 
     a, b       (E,) rows of the poses that they join
@@ -48,54 +53,54 @@ class Measurements:
 
 
 @dataclass(frozen=True)
-class _System:
+class _LinearizedGraph:
     """Poses (N, 4, 4), their cost, and the normal equations there of the poses that are free."""
 
-    T_map: Array
+    T_map_keyframe: Array
     cost: float
     H: csr_array
     gradient: Array
 
 
-def measurements(edges: Sequence[Edge], rows: dict[int, int]) -> Measurements:
+def collect_measurements(edges: Sequence[Edge], rows: dict[int, int]) -> EdgeMeasurements:
     """What the edges say; `rows` tells the row of each place."""
-    covariance = np.array([edge.covariance for edge in edges]) + LEAST_SIGMA**2 * np.eye(6)
-    return Measurements(
+    covariance = np.array([edge.covariance for edge in edges]) + MIN_SIGMA**2 * np.eye(6)
+    return EdgeMeasurements(
         np.array([rows[edge.a] for edge in edges]),
         np.array([rows[edge.b] for edge in edges]),
-        inverses(np.array([edge.T_a_b for edge in edges])),
+        invert_poses(np.array([edge.T_a_b for edge in edges])),
         np.linalg.inv(np.linalg.cholesky(covariance)),
         np.array([edge.is_loop for edge in edges]),
     )
 
 
-def squared_errors(T_map: Array, measured: Measurements) -> Array:
+def squared_errors(T_map_keyframe: Array, measured: EdgeMeasurements) -> Array:
     """(E,) squared errors of the edges in standard deviations, the places being at T_map."""
-    squared: Array = np.sum(_errors(T_map, measured) ** 2, axis=1)
+    squared: Array = np.sum(_whitened_errors(T_map_keyframe, measured) ** 2, axis=1)
     return squared
 
 
-def solve(T_map: Array, measured: Measurements, is_held: NDArray[np.bool_]) -> Array:
+def solve(T_map_keyframe: Array, measured: EdgeMeasurements, is_fixed: NDArray[np.bool_]) -> Array:
     """The poses (N, 4, 4) that agree best, near those given; those that are held stay.
 
     is_held  (N,), at least one pose of all that are connected
     """
-    damping = FIRST_DAMPING
-    now = _linearise(T_map, measured, is_held)
-    for _ in range(MOST_STEPS):
-        then = _linearise(_stepped(now, is_held, damping), measured, is_held)
+    damping = INITIAL_DAMPING
+    now = _linearize(T_map_keyframe, measured, is_fixed)
+    for _ in range(MAX_ITERATIONS):
+        then = _linearize(_take_step(now, is_fixed, damping), measured, is_fixed)
         gain = now.cost - then.cost
-        is_enough = abs(gain) <= SMALLEST_GAIN * (1.0 + now.cost)
+        is_enough = abs(gain) <= MIN_COST_DECREASE_RATIO * (1.0 + now.cost)
         if gain > 0.0:
             now, damping = then, 0.1 * damping
         else:
             damping *= 10.0
-        if is_enough or damping > LARGEST_DAMPING:
+        if is_enough or damping > MAX_DAMPING:
             break
-    return now.T_map
+    return now.T_map_keyframe
 
 
-def _stepped(now: _System, is_held: NDArray[np.bool_], damping: float) -> Array:
+def _take_step(now: _LinearizedGraph, is_fixed: NDArray[np.bool_], damping: float) -> Array:
     """The poses after one damped step."""
     damped = now.H + diags_array(damping * now.H.diagonal())
     # Symmetric and positive: no pivot need be looked for, which keeps the factor sparse.
@@ -105,39 +110,45 @@ def _stepped(now: _System, is_held: NDArray[np.bool_], damping: float) -> Array:
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    T_map = now.T_map.copy()
-    T_map[~is_held] = moved(T_map[~is_held], -factor.solve(now.gradient).reshape(-1, 6))
+    T_map = now.T_map_keyframe.copy()
+    T_map[~is_fixed] = retract_poses(T_map[~is_fixed], -factor.solve(now.gradient).reshape(-1, 6))
     return T_map
 
 
-def _linearise(T_map: Array, measured: Measurements, is_held: NDArray[np.bool_]) -> _System:
-    errors = _errors(T_map, measured)
+def _linearize(
+    T_map_keyframe: Array, measured: EdgeMeasurements, is_fixed: NDArray[np.bool_]
+) -> _LinearizedGraph:
+    errors = _whitened_errors(T_map_keyframe, measured)
     squared = np.sum(errors**2, axis=1)
-    costs = np.where(measured.is_loop, BELIEVED * np.log1p(squared / BELIEVED), squared)
-    weights = np.where(measured.is_loop, 1.0 / (1.0 + squared / BELIEVED), 1.0)
+    costs = np.where(measured.is_loop, INLIER_CHI2 * np.log1p(squared / INLIER_CHI2), squared)
+    weights = np.where(measured.is_loop, 1.0 / (1.0 + squared / INLIER_CHI2), 1.0)
     roots = np.sqrt(weights)[:, None]
-    J = _sparse(
-        roots[..., None] * measured.whitening @ _derivatives(T_map, measured), measured, is_held
+    J = _sparse_jacobian(
+        roots[..., None] * measured.whitening @ _jacobian_blocks(T_map_keyframe, measured),
+        measured,
+        is_fixed,
     )
-    return _System(T_map, float(np.sum(costs)), J.T @ J, J.T @ (roots * errors).ravel())
+    return _LinearizedGraph(
+        T_map_keyframe, float(np.sum(costs)), J.T @ J, J.T @ (roots * errors).ravel()
+    )
 
 
-def _errors(T_map: Array, measured: Measurements) -> Array:
+def _whitened_errors(T_map_keyframe: Array, measured: EdgeMeasurements) -> Array:
     """(E, 6) how far each b is from where it was measured, in standard deviations."""
-    T = measured.T_b_a @ inverses(T_map[measured.a]) @ T_map[measured.b]
-    errors = np.concatenate([T[:, :3, 3], rotation_vectors(T[:, :3, :3])], axis=1)
+    T = measured.T_b_a @ invert_poses(T_map_keyframe[measured.a]) @ T_map_keyframe[measured.b]
+    errors = np.concatenate([T[:, :3, 3], so3_log_batch(T[:, :3, :3])], axis=1)
     whitened: Array = (measured.whitening @ errors[..., None])[..., 0]
     return whitened
 
 
-def _derivatives(T_map: Array, measured: Measurements) -> Array:
+def _jacobian_blocks(T_map_keyframe: Array, measured: EdgeMeasurements) -> Array:
     """(E, 6, 12) of the errors in metres and radians by small steps of a and of b (see `moved`)."""
-    T_a_b = inverses(T_map[measured.a]) @ T_map[measured.b]
+    T_a_b = invert_poses(T_map_keyframe[measured.a]) @ T_map_keyframe[measured.b]
     R_b_a = measured.T_b_a[:, :3, :3]
     R_error = R_b_a @ T_a_b[:, :3, :3]
     # Of the rotation vector by a small turn afterwards: the inverse of the right Jacobian of SO(3),
     # up to the third power.
-    K = skew_matrices(rotation_vectors(R_error))
+    K = skew_matrices(so3_log_batch(R_error))
     by_turn = np.eye(3) + K / 2.0 + K @ K / 12.0
     J = np.zeros((len(T_a_b), 6, 12))
     J[:, :3, :3] = -R_b_a
@@ -148,13 +159,15 @@ def _derivatives(T_map: Array, measured: Measurements) -> Array:
     return J
 
 
-def _sparse(blocks: Array, measured: Measurements, is_held: NDArray[np.bool_]) -> csr_array:
+def _sparse_jacobian(
+    blocks: Array, measured: EdgeMeasurements, is_fixed: NDArray[np.bool_]
+) -> csr_array:
     """(6 E, 6 free) matrix of blocks (E, 6, 12), without the columns of what is held."""
-    place = np.empty(len(is_held), np.int32)
-    place[np.argsort(is_held, kind="stable")] = np.arange(len(is_held), dtype=np.int32)
+    place = np.empty(len(is_fixed), np.int32)
+    place[np.argsort(is_fixed, kind="stable")] = np.arange(len(is_fixed), dtype=np.int32)
     first = 6 * place[np.stack([measured.a, measured.b], axis=1)]
     columns = (first[..., None] + np.arange(6, dtype=np.int32)).reshape(-1, 1, 12)
     indices = np.broadcast_to(columns, blocks.shape).ravel()
     starts = np.arange(0, blocks.size + 1, 12)
-    J = csr_array((blocks.ravel(), indices, starts), shape=(len(starts) - 1, 6 * len(is_held)))
-    return J[:, : 6 * np.count_nonzero(~is_held)]
+    J = csr_array((blocks.ravel(), indices, starts), shape=(len(starts) - 1, 6 * len(is_fixed)))
+    return J[:, : 6 * np.count_nonzero(~is_fixed)]

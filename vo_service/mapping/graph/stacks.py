@@ -5,7 +5,7 @@ import numpy as np
 from drivers.geometry import Array
 
 
-def inverses(T: Array) -> Array:
+def invert_poses(T: Array) -> Array:
     """Inverses of rigid transforms (..., 4, 4)."""
     transposed = np.swapaxes(T[..., :3, :3], -1, -2)
     result = np.zeros_like(T)
@@ -23,7 +23,7 @@ def skew_matrices(v: Array) -> Array:
     return np.stack(rows, axis=-1).reshape(*v.shape[:-1], 3, 3)
 
 
-def rotations(vectors_rad: Array) -> Array:
+def so3_exp_batch(vectors_rad: Array) -> Array:
     """Rodrigues' formula: (..., 3, 3) rotations about vectors (..., 3) by their lengths."""
     turn = np.linalg.norm(vectors_rad, axis=-1)[..., None, None] / np.pi
     K = skew_matrices(vectors_rad)
@@ -31,7 +31,7 @@ def rotations(vectors_rad: Array) -> Array:
     return R
 
 
-def rotation_vectors(R: Array) -> Array:
+def so3_log_batch(R: Array) -> Array:
     """Axis times angle (..., 3), radians, of rotations (..., 3, 3) by less than half a turn."""
     twice = np.stack(
         [
@@ -47,14 +47,14 @@ def rotation_vectors(R: Array) -> Array:
     return vectors_rad
 
 
-def moved(T: Array, steps: Array) -> Array:
+def retract_poses(T: Array, steps: Array) -> Array:
     """Rigid transforms (..., 4, 4) after steps (..., 6) in their own axes.
 
     A step is (translation m, rotation rad). One of Newton's iteration keeps the rotations
     orthonormal, however often they are moved.
     """
     R = T[..., :3, :3]
-    turned = R @ rotations(steps[..., 3:])
+    turned = R @ so3_exp_batch(steps[..., 3:])
     result = T.copy()
     result[..., :3, :3] = 0.5 * turned @ (3.0 * np.eye(3) - np.swapaxes(turned, -1, -2) @ turned)
     result[..., :3, 3] += (R @ steps[..., :3, None])[..., 0]

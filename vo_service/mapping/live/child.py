@@ -10,47 +10,49 @@ from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from drivers.isolation.outbox import Outbox, log_to_service
-from vo_service.background.child import step_back
-from vo_service.background.messages import End
-from vo_service.mapping.live.desk import Desk
-from vo_service.mapping.live.messages import Job
+from drivers.isolation.outbox import ParentConnection, forward_logs
+from vo_service.background.child import configure_background_process
+from vo_service.background.messages import Shutdown
+from vo_service.mapping.live.desk import MapperWorker
+from vo_service.mapping.live.messages import MapperWorkerConfig
 
-FACTS_EVERY_S = 1.0
-LOOK_EVERY_S = 0.2
+STATUS_PERIOD_S = 1.0
+POLL_PERIOD_S = 0.2
 
 
 def main(connection: "Connection[Any, Any]") -> None:
-    """Work until the service says `End` or is gone; what is being made then is given up."""
-    step_back()
-    outbox = Outbox(connection)
+    """Work until the service says `Shutdown` or is gone; what is being made then is given up."""
+    configure_background_process()
+    outbox = ParentConnection(connection)
     with suppress(EOFError, OSError):  # also: gone before it said what to do
-        job: Job = connection.recv()
-        log_to_service(outbox, job.log_level)
-        desk = Desk(job, outbox.tell, connection.close)
+        job: MapperWorkerConfig = connection.recv()
+        forward_logs(outbox, job.log_level)
+        desk = MapperWorker(job, outbox.send, connection.close)
         try:
             _serve(connection, desk, outbox)
         finally:
-            desk.give_up()
+            desk.cancel_jobs()
 
 
-def _serve(connection: "Connection[Any, Any]", desk: Desk, outbox: Outbox) -> None:
-    """Take in keyframes and orders until `End`. Raises EOFError or OSError without a service."""
+def _serve(
+    connection: "Connection[Any, Any]", worker: MapperWorker, parent: ParentConnection
+) -> None:
+    """Take in keyframes and orders until `Shutdown`. Raises EOFError or OSError without a service."""
     told_s = -math.inf
-    while outbox.is_heard:
-        is_due = time.monotonic() - told_s >= FACTS_EVERY_S
-        if desk.take_in() or is_due:
+    while parent.is_connected:
+        is_due = time.monotonic() - told_s >= STATUS_PERIOD_S
+        if worker.process_frames() or is_due:
             told_s = time.monotonic()
-            outbox.tell(desk.facts)
-        ready = wait([connection, *desk.sources], LOOK_EVERY_S)
+            parent.send(worker.status)
+        ready = wait([connection, *worker.result_connections], POLL_PERIOD_S)
         if connection in ready:
             order = connection.recv()
-            if isinstance(order, End):
+            if isinstance(order, Shutdown):
                 return
-            desk.take_in()  # what came before the order counts
-            desk.take(order)
+            worker.process_frames()  # what came before the order counts
+            worker.handle(order)
         elif ready:
-            desk.tell_ended()
+            worker.send_job_results()
 
 
 if __name__ == "__main__":

@@ -6,68 +6,74 @@ from collections.abc import Callable
 from dataclasses import replace
 from re import fullmatch
 
-from drivers.isolation.messages import LogLine
-from vo_service.background.keeper import Helper, Keeper
-from vo_service.background.trouble import Trouble
-from vo_service.mapping.live.maps_folder import MapsFolder
+from drivers.isolation.messages import LogMessage
+from vo_service.background.keeper import BackgroundWorkerSpec, WorkerSupervisor
+from vo_service.background.trouble import FaultReporter
+from vo_service.mapping.live.maps_folder import MapStore
 from vo_service.mapping.live.messages import (
-    Facts,
-    Job,
-    LoadMap,
-    MapEnded,
-    MapLoaded,
-    SaveMap,
-    Word,
+    LoadMapRequest,
+    LoadMapResult,
+    MapperMessage,
+    MapperStatus,
+    MapperWorkerConfig,
+    SaveMapRequest,
+    SaveMapResult,
 )
-from vo_service.odometry.relocalising import Located
-from vo_service.settings import MapSettings
+from vo_service.odometry.relocalising import RelocalizationResult
+from vo_service.settings import MapConfig
 from vo_service.types import NAME_PATTERN, CommandError, ErrorCode, MapSnapshot, MapState
 
 logger = logging.getLogger(__name__)
 
 NAME = "map"
-HELPER = Helper("vo_service.mapping.live.child", NAME)
+WORKER_SPEC = BackgroundWorkerSpec("vo_service.mapping.live.child", NAME)
 
 
-class MapClerk:
+class MapperClient:
     """Passes on what is asked for, at once; refuses what cannot be. Safe from any thread."""
 
     def __init__(
         self,
-        job: Job,
-        hear: Callable[[MapSnapshot | Located], None],
-        look_anew: Callable[[], None],
-        begin_anew: Callable[[], int],
+        config: MapperWorkerConfig,
+        on_map_message: Callable[[MapSnapshot | RelocalizationResult], None],
+        on_map_loaded: Callable[[], None],
+        on_worker_died: Callable[[], int],
     ) -> None:
         """`hear` gets what the process says of places.
 
-        `look_anew` is called when a map has been loaded, `begin_anew` when all is lost: the number
+        `on_map_loaded` is called when a map has been loaded, `begin_anew` when all is lost: the number
         of the next frame that counts.
         """
-        self._folder = MapsFolder(job.maps)
-        self._hear_of_places = hear
-        self._look_anew, self._begin_anew = look_anew, begin_anew
+        self._store = MapStore(config.maps_folder)
+        self._on_map_message = on_map_message
+        self._on_map_loaded, self._on_worker_died = on_map_loaded, on_worker_died
         self._lock = threading.Lock()
-        self._taken: frozenset[str] = frozenset()
-        self._with_places: frozenset[str] = frozenset()
-        self._maps, self._folders, self._loads = Trouble(NAME), Trouble(NAME), Trouble(NAME)
-        self._process_trouble = ""
+        self._map_names: frozenset[str] = frozenset()
+        self._loadable_names: frozenset[str] = frozenset()
+        self._save_faults, self._folder_faults, self._load_faults = (
+            FaultReporter(NAME),
+            FaultReporter(NAME),
+            FaultReporter(NAME),
+        )
+        self._process_fault = ""
         self.state = MapState()
         with self._lock:  # a process that dies at once waits until there is a keeper
-            self._keeper = Keeper(HELPER, job, self._hear, self._died)
+            self._supervisor = WorkerSupervisor(
+                WORKER_SPEC, config, self._handle_message, self._handle_worker_death
+            )
 
     @property
-    def is_up(self) -> bool:
+    def is_ready(self) -> bool:
         """Whether the process takes orders."""
-        return self._keeper.is_up
+        return self._supervisor.is_ready
 
     @property
     def warning(self) -> str:
         """One clause; "" while all is well."""
-        if self._keeper.is_up and self._keeper.is_silent:
+        if self._supervisor.is_ready and self._supervisor.is_unresponsive:
             return f"{NAME}: its process does not answer; is the disk hung?"
         troubles = (
-            self._process_trouble, self._maps.text, self._folders.text, self._loads.text
+            self._process_fault, self._save_faults.text, self._folder_faults.text, self._load_faults.text
         )  # fmt: skip
         trouble = "; ".join(filter(None, troubles))
         return f"{NAME}: {trouble}" if trouble else ""
@@ -76,100 +82,104 @@ class MapClerk:
         """Have a map made. Raises CommandError if that cannot be."""
         _check_name(name)
         with self._lock:
-            self._check_answers()
+            self._check_responsive()
             if self.state.saving:
-                raise _not_possible(f"a map is being made already: {self.state.saving}")
-            if name in self._taken:
-                raise _not_possible(f"there is a map {name!r} already; give another name")
+                raise _not_possible_error(f"a map is being made already: {self.state.saving}")
+            if name in self._map_names:
+                raise _not_possible_error(f"there is a map {name!r} already; give another name")
             if not self.state.keyframes:
-                raise _not_possible("the map is empty: no frame has been tracked yet")
-            self._maps.note("")
-            self.state = replace(self.state, saving=str(self._folder.file(name)))
-            self._keeper.tell(SaveMap(name))
+                raise _not_possible_error("the map is empty: no frame has been tracked yet")
+            self._save_faults.set("")
+            self.state = replace(self.state, saving=str(self._store.mesh_file(name)))
+            self._supervisor.send(SaveMapRequest(name))
             return self.state
 
     def load(self, name: str) -> MapState:
         """Have the places of a map loaded. Raises CommandError if that cannot be."""
         _check_name(name)
         with self._lock:
-            self._check_answers()
+            self._check_responsive()
             if self.state.loading:
-                raise _not_possible(f"a map is being loaded already: {self.state.loading}")
-            if name not in self._with_places:
-                known = ", ".join(sorted(self._with_places)) or "none"
-                raise _not_possible(f"there is no map {name!r} with places; there are: {known}")
-            self._loads.note("")
-            self.state = replace(self.state, loading=str(self._folder.places_file(name)))
-            self._keeper.tell(LoadMap(name))
+                raise _not_possible_error(f"a map is being loaded already: {self.state.loading}")
+            if name not in self._loadable_names:
+                known = ", ".join(sorted(self._loadable_names)) or "none"
+                raise _not_possible_error(
+                    f"there is no map {name!r} with places; there are: {known}"
+                )
+            self._load_faults.set("")
+            self.state = replace(self.state, loading=str(self._store.map_file(name)))
+            self._supervisor.send(LoadMapRequest(name))
             return self.state
 
-    def configure(self, settings: MapSettings) -> None:
+    def configure(self, settings: MapConfig) -> None:
         """For the keyframes from now on, and the next map."""
-        self._keeper.job = replace(self._keeper.job, settings=settings)
-        self._keeper.tell(settings)
+        self._supervisor.config = replace(self._supervisor.config, map_config=settings)
+        self._supervisor.send(settings)
 
     def close(self) -> None:
         """End the process; a map that is being made is given up."""
-        self._keeper.close()
+        self._supervisor.close()
         if self.state.saving:
             logger.warning("%s: the service ends; %s is given up", NAME, self.state.saving)
 
-    def _hear(self, word: Word) -> None:
-        match word:
-            case Facts(keyframes, maps, places, trouble):
+    def _handle_message(self, message: MapperMessage) -> None:
+        match message:
+            case MapperStatus(keyframes, maps, places, trouble):
                 with self._lock:
-                    self._taken, self._with_places, self._process_trouble = maps, places, ""
+                    self._map_names, self._loadable_names, self._process_fault = maps, places, ""
                     self.state = replace(self.state, keyframes=keyframes)
-                self._folders.note(trouble)
-            case MapEnded():
-                self._take_ended(word)
-            case MapLoaded():
-                self._take_loaded(word)
-            case MapSnapshot() | Located():
-                self._hear_of_places(word)
-            case LogLine(level, name, text):
+                self._folder_faults.set(trouble)
+            case SaveMapResult():
+                self._handle_save_result(message)
+            case LoadMapResult():
+                self._handle_load_result(message)
+            case MapSnapshot() | RelocalizationResult():
+                self._on_map_message(message)
+            case LogMessage(level, name, text):
                 logging.getLogger(name).log(level, "%s: %s", NAME, text)
 
-    def _take_ended(self, ended: MapEnded) -> None:
-        file, trouble = ended.file, ended.trouble
+    def _handle_save_result(self, result: SaveMapResult) -> None:
+        file, trouble = result.file, result.error
         if not trouble:
             said = "%s: %s: %d triangles from %d keyframes"
-            logger.info(said, NAME, file, ended.triangles, ended.keyframes)
-        if ended.is_cut_off:
+            logger.info(said, NAME, file, result.triangle_count, result.keyframe_count)
+        if result.is_truncated:
             trouble = f"{file} lacks what did not fit into map.making_mb; raise that or map.voxel_m"
-        self._maps.note(trouble)
+        self._save_faults.set(trouble)
         with self._lock:
-            saved = self.state.saved if ended.trouble else str(file)
-            taken = self._taken if ended.trouble else self._taken | {file.stem}
-            self._taken, self.state = taken, replace(self.state, saving="", saved=saved)
+            saved = self.state.saved if result.error else str(file)
+            taken = self._map_names if result.error else self._map_names | {file.stem}
+            self._map_names, self.state = taken, replace(self.state, saving="", saved=saved)
 
-    def _take_loaded(self, loaded: MapLoaded) -> None:
-        if not loaded.trouble:
-            logger.info("%s: %s: %d places are known", NAME, loaded.file, loaded.places)
-        self._loads.note(loaded.trouble)
+    def _handle_load_result(self, result: LoadMapResult) -> None:
+        if not result.error:
+            logger.info("%s: %s: %d places are known", NAME, result.file, result.keyframe_count)
+        self._load_faults.set(result.error)
         with self._lock:
-            file = self.state.loaded if loaded.trouble else str(loaded.file)
+            file = self.state.loaded if result.error else str(result.file)
             self.state = replace(self.state, loading="", loaded=file)
-            if not loaded.trouble:  # a process that is started again begins in it as well
-                settings = replace(self._keeper.job.settings, load=loaded.file.stem)
-                self._keeper.job = replace(self._keeper.job, settings=settings)
-        if not loaded.trouble:
-            self._look_anew()
+            if not result.error:  # a process that is started again begins in it as well
+                settings = replace(self._supervisor.config.map_config, load=result.file.stem)
+                self._supervisor.config = replace(self._supervisor.config, map_config=settings)
+        if not result.error:
+            self._on_map_loaded()
 
-    def _check_answers(self) -> None:
+    def _check_responsive(self) -> None:
         """Raises CommandError where orders would be lost. Called with the lock held."""
-        if not self._keeper.is_up or self._keeper.is_silent:
-            raise _not_possible("the map's process does not answer; try again in a moment")
+        if not self._supervisor.is_ready or self._supervisor.is_unresponsive:
+            raise _not_possible_error("the map's process does not answer; try again in a moment")
 
-    def _died(self) -> None:
+    def _handle_worker_death(self) -> None:
         with self._lock:
             saving = self.state.saving
             self.state = replace(self.state, keyframes=0, saving="", loading="", loaded="")
-            self._process_trouble = "its process ended and is started again; the map begins anew"
-            self._keeper.job = replace(self._keeper.job, first=self._begin_anew())
-        logger.warning("%s: %s", NAME, self._process_trouble)
+            self._process_fault = "its process ended and is started again; the map begins anew"
+            self._supervisor.config = replace(
+                self._supervisor.config, first_frame=self._on_worker_died()
+            )
+        logger.warning("%s: %s", NAME, self._process_fault)
         if saving:
-            self._maps.note(f"{saving} was cut off")
+            self._save_faults.set(f"{saving} was cut off")
 
 
 def _check_name(name: str) -> None:
@@ -180,5 +190,5 @@ def _check_name(name: str) -> None:
         )
 
 
-def _not_possible(reason: str) -> CommandError:
+def _not_possible_error(reason: str) -> CommandError:
     return CommandError(ErrorCode.NOT_POSSIBLE, reason)

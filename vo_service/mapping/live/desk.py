@@ -8,129 +8,140 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from drivers.errors import InputError, UserFacingError
-from drivers.full_disk import obstacle
-from vo_service.mapping.live.keyframes import Keyframe, Keyframes
-from vo_service.mapping.live.making import Making, make_map
-from vo_service.mapping.live.maps_folder import MapsFolder
+from drivers.full_disk import check_writable
+from vo_service.mapping.live.keyframes import MeshKeyframe, MeshKeyframeStore
+from vo_service.mapping.live.making import MeshJob, build_mesh
+from vo_service.mapping.live.maps_folder import MapStore
 from vo_service.mapping.live.messages import (
-    Facts,
-    Job,
-    LoadMap,
-    MapEnded,
-    MapLoaded,
-    SaveMap,
-    Tell,
+    LoadMapRequest,
+    LoadMapResult,
+    MapperStatus,
+    MapperWorkerConfig,
+    SaveMapRequest,
+    SaveMapResult,
+    SendMapperMessage,
 )
-from vo_service.mapping.live.place_opening import open_place_desk
-from vo_service.recorder.frame_record import note_of
-from vo_service.recorder.shared_ring import Record, RingReader
-from vo_service.settings import MEGABYTE, MapSettings
+from vo_service.mapping.live.place_opening import open_loop_closure_worker
+from vo_service.recorder.frame_record import decode_metadata
+from vo_service.recorder.shared_ring import RecordRingReader, RingRecord
+from vo_service.settings import MEGABYTE, MapConfig
 from vo_service.types import TrackingState
 
 
-class Desk:
+class MapperWorker:
     """Keeps the keyframes, and has a map made of them, one at a time."""
 
-    def __init__(self, job: Job, tell: Tell, leave: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        config: MapperWorkerConfig,
+        send: SendMapperMessage,
+        close_inherited: Callable[[], None],
+    ) -> None:
         """`leave` is called in each process that makes a map, to let go of what is ours."""
-        self._settings, self._tell, self._leave = job.settings, tell, leave
-        self._ring, self._next = RingReader(job.frames), job.first
-        self._keyframes = Keyframes(job.settings.max_mb * MEGABYTE)
-        self._folder = MapsFolder(job.maps)
-        self._places = open_place_desk(job.settings, tell)
-        self._making: list[Making] = []  # one at most
+        self._settings, self._send, self._close_inherited = config.map_config, send, close_inherited
+        self._ring, self._next_record = RecordRingReader(config.frame_ring), config.first_frame
+        self._keyframes = MeshKeyframeStore(config.map_config.max_mb * MEGABYTE)
+        self._store = MapStore(config.maps_folder)
+        self._loop_closure = open_loop_closure_worker(config.map_config, send)
+        self._mesh_jobs: list[MeshJob] = []  # one at most
         with suppress(OSError):  # the facts tell what is wrong with the folder
-            self._folder.clean_up()
-        if job.settings.load is not None:
-            self._load(job.settings.load)
+            self._store.clean_up()
+        if config.map_config.load is not None:
+            self._load_map(config.map_config.load)
 
     @property
-    def facts(self) -> Facts:
+    def status(self) -> MapperStatus:
         """What is told every second."""
         names = with_places = frozenset[str]()
         with suppress(OSError):  # it is the trouble
-            names, with_places = self._folder.names, self._folder.names_with_places
-        return Facts(len(self._keyframes), names, with_places, obstacle(self._folder.folder))
+            names, with_places = self._store.names, self._store.loadable_names
+        return MapperStatus(
+            len(self._keyframes), names, with_places, check_writable(self._store.folder)
+        )
 
     @property
-    def sources(self) -> "list[Connection[Any, Any]]":
+    def result_connections(self) -> "list[Connection[Any, Any]]":
         """Of which one is ready when a map has ended."""
-        return [making.source for making in self._making]
+        return [making.result_connection for making in self._mesh_jobs]
 
-    def take_in(self) -> bool:
+    def process_frames(self) -> bool:
         """Take the frames that have come, and answer what was asked; whether there were any."""
-        end = self._ring.count
-        begin, self._next = max(self._next, self._ring.oldest), end
+        end = self._ring.record_count
+        begin, self._next_record = max(self._next_record, self._ring.oldest_number), end
         for number in range(begin, end):
-            record = self._ring.record(number)
+            record = self._ring.read_record(number)
             if record is not None:  # else they came too fast: the next is not far
-                self._take_in(record)
-        self._places.answer()
+                self._process_record(record)
+        self._loop_closure.answer_query()
         return begin < end
 
-    def take(self, order: SaveMap | LoadMap | MapSettings) -> None:
+    def handle(self, request: SaveMapRequest | LoadMapRequest | MapConfig) -> None:
         """Begin what is ordered; how it ends is told."""
-        match order:
-            case SaveMap(name):
-                self._save(name)
-            case LoadMap(name):
-                self._load(name)
-            case MapSettings():
-                self._settings = order
-                self._keyframes.hold_at_most(order.max_mb * MEGABYTE)
+        match request:
+            case SaveMapRequest(name):
+                self._save_map(name)
+            case LoadMapRequest(name):
+                self._load_map(name)
+            case MapConfig():
+                self._settings = request
+                self._keyframes.set_max_bytes(request.max_mb * MEGABYTE)
 
-    def tell_ended(self) -> None:
+    def send_job_results(self) -> None:
         """Tell of a map that has ended; waits for it."""
-        while self._making:
-            self._tell(self._making.pop().ended())
+        while self._mesh_jobs:
+            self._send(self._mesh_jobs.pop().wait_for_result())
 
-    def give_up(self) -> None:
+    def cancel_jobs(self) -> None:
         """End what is being made, and leave nothing of it."""
-        while self._making:
-            self._making.pop().give_up()
+        while self._mesh_jobs:
+            self._mesh_jobs.pop().kill()
         with suppress(OSError):
-            self._folder.clean_up()
+            self._store.clean_up()
 
-    def _take_in(self, record: Record) -> None:
-        for removal in self._places.take_in(record):
-            self._keyframes.carry_over(removal)
-        said = note_of(record.note).said
+    def _process_record(self, record: RingRecord) -> None:
+        for removal in self._loop_closure.process_record(record):
+            self._keyframes.re_anchor(removal)
+        said = decode_metadata(record.metadata).published
         is_sure = said.state is TrackingState.TRACKING  # else it was only asked about
-        if is_sure and self._keyframes.wants(said.epoch, said.T_world_camera):
-            self._keyframes.add(Keyframe.of(record, self._places.from_last(said.T_world_camera)))
+        if is_sure and self._keyframes.accepts(said.epoch, said.T_world_camera):
+            self._keyframes.add(
+                MeshKeyframe.from_record(
+                    record, self._loop_closure.anchor_to_last_keyframe(said.T_world_camera)
+                )
+            )
 
-    def _load(self, name: str) -> None:
+    def _load_map(self, name: str) -> None:
         """Know the places of a map. Keyframes of before lie in a map that is no more."""
-        file = self._folder.places_file(name)
+        file = self._store.map_file(name)
         try:
-            places = self._places.load(file)
+            places = self._loop_closure.load(file)
         except InputError as error:
-            self._tell(MapLoaded(file, trouble=str(error)))
+            self._send(LoadMapResult(file, error=str(error)))
             return
-        self._keyframes.forget()
-        self._tell(MapLoaded(file, places))
+        self._keyframes.clear()
+        self._send(LoadMapResult(file, places))
 
-    def _save(self, name: str) -> None:
+    def _save_map(self, name: str) -> None:
         """Write the places, and begin to make the surface."""
-        file = self._folder.file(name)
+        file = self._store.mesh_file(name)
         try:
-            self._places.save(self._folder, name, self._settings.total_mb * MEGABYTE)
+            self._loop_closure.save(self._store, name, self._settings.total_mb * MEGABYTE)
         except UserFacingError as error:
-            self._tell(MapEnded(file, trouble=str(error)))
+            self._send(SaveMapResult(file, error=str(error)))
             return
-        self._make(name)
+        self._start_mesh_job(name)
 
-    def _make(self, name: str) -> None:
-        file = self._folder.file(name)
+    def _start_mesh_job(self, name: str) -> None:
+        file = self._store.mesh_file(name)
         keyframes = [
-            replace(each, T_odom_camera=self._places.T_map_camera(each.from_place))
+            replace(each, T_odom_camera=self._loop_closure.T_map_camera(each.anchored_pose))
             for each in self._keyframes
         ]
         if not keyframes:
-            self._tell(MapEnded(file, trouble=f"{file}: there is no keyframe yet"))
+            self._send(SaveMapResult(file, error=f"{file}: there is no keyframe yet"))
             return
-        make = partial(make_map, self._folder, name, keyframes, self._settings)
+        make = partial(build_mesh, self._store, name, keyframes, self._settings)
         try:
-            self._making.append(Making(file, make, self._leave))
+            self._mesh_jobs.append(MeshJob(file, make, self._close_inherited))
         except OSError as error:
-            self._tell(MapEnded(file, trouble=f"{file}: cannot be begun: {error.strerror}"))
+            self._send(SaveMapResult(file, error=f"{file}: cannot be begun: {error.strerror}"))

@@ -12,22 +12,22 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array
-from vo_service.mapping.loops.from_place import FromPlace
-from vo_service.mapping.spacing import steps_between
+from vo_service.mapping.loops.from_place import AnchoredPose
+from vo_service.mapping.spacing import pose_distance_steps
 from vo_service.recorder.depth_unpacking import unpack_depth
-from vo_service.recorder.frame_record import frame_of, note_of
-from vo_service.recorder.shared_ring import Record
+from vo_service.recorder.frame_record import decode_frame, decode_metadata
+from vo_service.recorder.shared_ring import RingRecord
 
 if TYPE_CHECKING:  # its libraries are slow to load
-    from vo_service.mapping.graph.pose_graph import Removal
+    from vo_service.mapping.graph.pose_graph import NodeRemoval
 
 JPEG_QUALITY = 90
 # How much further apart keyframes are after each thinning.
-_WIDER = math.sqrt(2.0)
+_SPACING_GROWTH = math.sqrt(2.0)
 
 
 @dataclass(frozen=True)
-class Keyframe:
+class MeshKeyframe:
     """One view: colour as JPEG, depth without loss, and where the camera was.
 
     from_place  the same pose, for when the map is corrected
@@ -39,31 +39,31 @@ class Keyframe:
     depth_factor: float
     jpeg: bytes
     packed_depth: bytes
-    from_place: FromPlace
+    anchored_pose: AnchoredPose
 
     @classmethod
-    def of(cls, record: Record, from_place: FromPlace) -> Self:
+    def from_record(cls, record: RingRecord, anchored_pose: AnchoredPose) -> Self:
         """From a frame in the ring, whose `T_world_camera` leads to `odom`."""
-        note = note_of(record.note)
-        colour_bgr = frame_of(record, 0.0).colour_bgr
+        note = decode_metadata(record.metadata)
+        colour_bgr = decode_frame(record, 0.0).color_bgr
         options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         return cls(
-            epoch=note.said.epoch,
-            T_odom_camera=note.said.T_world_camera,
+            epoch=note.published.epoch,
+            T_odom_camera=note.published.T_world_camera,
             camera=note.camera,
             depth_factor=note.depth_factor,
             jpeg=cv2.imencode(".jpg", colour_bgr, options)[1].tobytes(),
             packed_depth=zlib.compress(record.payload[: note.depth_bytes], level=1),
-            from_place=from_place,
+            anchored_pose=anchored_pose,
         )
 
     @property
-    def size(self) -> int:
+    def size_bytes(self) -> int:
         """Bytes of both images."""
         return len(self.jpeg) + len(self.packed_depth)
 
     @property
-    def colour_bgr(self) -> NDArray[np.uint8]:
+    def color_bgr(self) -> NDArray[np.uint8]:
         """(height, width, 3) uint8, nearly as it was."""
         data = np.frombuffer(self.jpeg, np.uint8)
         colour: NDArray[np.uint8] = cv2.imdecode(data, cv2.IMREAD_COLOR)  # type: ignore[assignment]
@@ -77,65 +77,66 @@ class Keyframe:
         return depth_raw * np.float32(1.0 / self.depth_factor)
 
 
-class Keyframes:
+class MeshKeyframeStore:
     """Those of one epoch, no two closer than `spacing` steps, in the order they were taken."""
 
-    def __init__(self, most_bytes: int) -> None:
-        self.spacing = 1.0
-        self.bytes = 0
-        self._most_bytes = most_bytes
-        self._kept: list[Keyframe] = []
+    def __init__(self, max_bytes: int) -> None:
+        self.spacing_steps = 1.0
+        self.size_bytes = 0
+        self._max_bytes = max_bytes
+        self._keyframes: list[MeshKeyframe] = []
 
     def __len__(self) -> int:
-        return len(self._kept)
+        return len(self._keyframes)
 
-    def __iter__(self) -> Iterator[Keyframe]:
-        return iter(self._kept)
+    def __iter__(self) -> Iterator[MeshKeyframe]:
+        return iter(self._keyframes)
 
     @property
     def epoch(self) -> int | None:
         """The epoch they are of; None while there are none."""
-        return self._kept[-1].epoch if self._kept else None
+        return self._keyframes[-1].epoch if self._keyframes else None
 
-    def wants(self, epoch: int, T_odom_camera: Array) -> bool:
+    def accepts(self, epoch: int, T_odom_camera: Array) -> bool:
         """Whether a view from there would be kept: to be asked before it is packed."""
-        return epoch != self.epoch or self._is_apart(T_odom_camera)
+        return epoch != self.epoch or self._is_far_from_all(T_odom_camera)
 
-    def add(self, keyframe: Keyframe) -> None:
+    def add(self, keyframe: MeshKeyframe) -> None:
         """Take a keyframe, unless there is one from nearly there; the first of an epoch empties."""
         if keyframe.epoch != self.epoch:
-            self.forget()
-        if self._is_apart(keyframe.T_odom_camera):
-            self._keep(keyframe)
-            self.hold_at_most(self._most_bytes)
+            self.clear()
+        if self._is_far_from_all(keyframe.T_odom_camera):
+            self._append(keyframe)
+            self.set_max_bytes(self._max_bytes)
 
-    def carry_over(self, removal: "Removal") -> None:
+    def re_anchor(self, removal: "NodeRemoval") -> None:
         """The same, when a place is no more."""
-        self._kept = [
-            replace(each, from_place=each.from_place.carried_over(removal)) for each in self._kept
+        self._keyframes = [
+            replace(each, anchored_pose=each.anchored_pose.re_anchor(removal))
+            for each in self._keyframes
         ]
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """All of them."""
-        self._kept, self.bytes, self.spacing = [], 0, 1.0
+        self._keyframes, self.size_bytes, self.spacing_steps = [], 0, 1.0
 
-    def hold_at_most(self, most_bytes: int) -> None:
+    def set_max_bytes(self, max_bytes: int) -> None:
         """From now on; wider apart if they are too many. The first of all stays."""
-        self._most_bytes = most_bytes
-        while self.bytes > most_bytes and len(self._kept) > 1:
-            self.spacing *= _WIDER
-            before, self._kept, self.bytes = self._kept, [], 0
+        self._max_bytes = max_bytes
+        while self.size_bytes > max_bytes and len(self._keyframes) > 1:
+            self.spacing_steps *= _SPACING_GROWTH
+            before, self._keyframes, self.size_bytes = self._keyframes, [], 0
             for keyframe in before:
-                if self._is_apart(keyframe.T_odom_camera):
-                    self._keep(keyframe)
+                if self._is_far_from_all(keyframe.T_odom_camera):
+                    self._append(keyframe)
 
-    def _keep(self, keyframe: Keyframe) -> None:
-        self._kept.append(keyframe)
-        self.bytes += keyframe.size
+    def _append(self, keyframe: MeshKeyframe) -> None:
+        self._keyframes.append(keyframe)
+        self.size_bytes += keyframe.size_bytes
 
-    def _is_apart(self, T_odom_camera: Array) -> bool:
+    def _is_far_from_all(self, T_odom_camera: Array) -> bool:
         """Whether no keyframe is from nearly there."""
-        if not self._kept:
+        if not self._keyframes:
             return True
-        others = np.array([kept.T_odom_camera for kept in self._kept])
-        return bool(steps_between(T_odom_camera, others).min() >= self.spacing)
+        others = np.array([kept.T_odom_camera for kept in self._keyframes])
+        return bool(pose_distance_steps(T_odom_camera, others).min() >= self.spacing_steps)

@@ -8,64 +8,66 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import inverse
-from vo_service.mapping.live.messages import Asked
-from vo_service.odometry.relocalising import Located, RelocalisingOdometry
-from vo_service.types import NO_MAP, MapSnapshot, Odometry, PoseUpdate
+from vo_service.mapping.live.messages import RelocalizationQuery
+from vo_service.odometry.relocalising import RelocalizationResult, RelocalizingOdometry
+from vo_service.types import NO_MAP, MapSnapshot, Odometry, OdometryUpdate
 
 # Answers that nobody has come for.
-_MOST_ANSWERS = 10
+_MAX_PENDING_RESULTS = 10
 
 
-class LiveLoops:
-    """The finder of a `RelocalisingOdometry`, and the map as the process told it last.
+class AsynchronousLoopClosure:
+    """The finder of a `RelocalizingOdometry`, and the map as the process told it last.
 
     `hear` and `begin_anew` are called on another thread than the rest.
     """
 
-    def __init__(self, put: Callable[[PoseUpdate, Asked], None]) -> None:
+    def __init__(self, submit: Callable[[OdometryUpdate, RelocalizationQuery], None]) -> None:
         """`put` passes a frame on to the process, soon."""
-        self._put = put
+        self._submit = submit
         # From `odom` to the odometry's own world, and the epoch that this is for.
         self._T_world_odom, self._epoch = np.eye(4), 0
-        self._last: PoseUpdate | None = None
-        self._answers: deque[Located] = deque(maxlen=_MOST_ANSWERS)
+        self._last_update: OdometryUpdate | None = None
+        self._results: deque[RelocalizationResult] = deque(maxlen=_MAX_PENDING_RESULTS)
         self.snapshot: MapSnapshot = NO_MAP
 
-    def around(self, odometry: Odometry) -> Odometry:
-        """As `Loops`."""
-        return RelocalisingOdometry(odometry, self)
+    def wrap(self, odometry: Odometry) -> Odometry:
+        """As `LoopClosure`."""
+        return RelocalizingOdometry(odometry, self)
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Remember how the odometry's world lies in `odom`."""
-        self._last = update
+        self._last_update = update
         if update.estimate.ok:
             self._T_world_odom = update.T_world_camera @ inverse(update.T_odom_camera)
             self._epoch = update.epoch
 
     @property
-    def knows_places(self) -> bool:
-        """As `PlaceFinder`."""
-        return self.snapshot.places > 0
+    def has_map(self) -> bool:
+        """As `Relocalizer`."""
+        return self.snapshot.keyframes > 0
 
-    def look(self, frame: RgbdFrame) -> None:
-        """As `PlaceFinder`."""
-        if self._last is not None:
-            self._put(replace(self._last, frame=frame, epoch=self._epoch), Asked())
+    def query(self, frame: RgbdFrame) -> None:
+        """As `Relocalizer`."""
+        if self._last_update is not None:
+            self._submit(
+                replace(self._last_update, frame=frame, epoch=self._epoch), RelocalizationQuery()
+            )
 
-    def answers(self) -> Sequence[Located]:
-        """As `PlaceFinder`."""
+    def poll_results(self) -> Sequence[RelocalizationResult]:
+        """As `Relocalizer`."""
         found = []
-        while self._answers:
-            found.append(self._answers.popleft().carried(self._T_world_odom))
+        while self._results:
+            found.append(self._results.popleft().transform_to(self._T_world_odom))
         return found
 
-    def hear(self, said: Located | MapSnapshot) -> None:
+    def handle_message(self, message: RelocalizationResult | MapSnapshot) -> None:
         """What the process has found out."""
-        if isinstance(said, Located):
-            self._answers.append(said)
+        if isinstance(message, RelocalizationResult):
+            self._results.append(message)
         else:
-            self.snapshot = said
+            self.snapshot = message
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """The process has lost its places."""
         self.snapshot = NO_MAP

@@ -14,25 +14,25 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import UserFacingError
-from vo_service.background.child import be_ended_first
-from vo_service.mapping.live.keyframes import Keyframe
-from vo_service.mapping.live.maps_folder import MapsFolder
-from vo_service.mapping.live.messages import MapEnded
-from vo_service.settings import MEGABYTE, MapSettings
+from vo_service.background.child import set_oom_score
+from vo_service.mapping.live.keyframes import MeshKeyframe
+from vo_service.mapping.live.maps_folder import MapStore
+from vo_service.mapping.live.messages import SaveMapResult
+from vo_service.settings import MEGABYTE, MapConfig
 
 # Of all processes it is the one that takes most, and that can best be done without.
 OOM_SCORE = 1000
-REAPED_S = 5.0
+JOIN_TIMEOUT_S = 5.0
 
 
-class Making:
+class MeshJob:
     """One map on its way to its file."""
 
     def __init__(
         self,
         file: Path,
-        make: Callable[[], MapEnded],
-        forget: Callable[[], None],
+        build: Callable[[], SaveMapResult],
+        close_inherited: Callable[[], None],
     ) -> None:
         """Start. `make` runs in the new process; `forget` there before, to leave our things.
 
@@ -42,82 +42,84 @@ class Making:
         context = get_context("fork")
         self._result, theirs = context.Pipe(duplex=False)
         with theirs:
-            self._process = context.Process(target=_run, args=(theirs, make, forget))
+            self._process = context.Process(target=_run_job, args=(theirs, build, close_inherited))
             self._process.start()
 
     @property
-    def source(self) -> "Connection[Any, Any]":
+    def result_connection(self) -> "Connection[Any, Any]":
         """Becomes ready when it has ended."""
         return self._result
 
-    def ended(self) -> MapEnded:
+    def wait_for_result(self) -> SaveMapResult:
         """How; waits for it."""
         try:
-            end: MapEnded = self._result.recv()
+            end: SaveMapResult = self._result.recv()
         except EOFError:
-            end = MapEnded(self._file, trouble=f"{self._file}: its process was ended; memory?")
+            end = SaveMapResult(self._file, error=f"{self._file}: its process was ended; memory?")
         self._release()
         return end
 
-    def give_up(self) -> None:
+    def kill(self) -> None:
         """End it now."""
         self._process.kill()
         self._release()
 
     def _release(self) -> None:
-        self._process.join(REAPED_S)
+        self._process.join(JOIN_TIMEOUT_S)
         self._result.close()
 
 
-def make_map(
-    folder: MapsFolder, name: str, keyframes: Sequence[Keyframe], settings: MapSettings
-) -> MapEnded:
+def build_mesh(
+    store: MapStore, name: str, keyframes: Sequence[MeshKeyframe], settings: MapConfig
+) -> SaveMapResult:
     """Fuse the keyframes and write the surface; how it ended."""
-    be_ended_first(OOM_SCORE)
-    file = folder.file(name)
+    set_oom_score(OOM_SCORE)
+    file = store.mesh_file(name)
     try:
-        return _made(folder, name, keyframes, settings)
+        return _fuse_keyframes(store, name, keyframes, settings)
     except UserFacingError as error:
-        return MapEnded(file, trouble=str(error))
+        return SaveMapResult(file, error=str(error))
     except MemoryError:
-        return MapEnded(file, trouble=f"{file}: there is not enough memory; lower map.making_mb")
+        return SaveMapResult(file, error=f"{file}: there is not enough memory; lower map.making_mb")
 
 
-def _made(
-    folder: MapsFolder, name: str, keyframes: Sequence[Keyframe], settings: MapSettings
-) -> MapEnded:
+def _fuse_keyframes(
+    store: MapStore, name: str, keyframes: Sequence[MeshKeyframe], settings: MapConfig
+) -> SaveMapResult:
     # It compiles kernels: only whoever makes a map needs the memory for that.
-    from vo_service.mapping.fusion import Fusion
-    from vo_service.mapping.fusion_settings import FusionSettings
+    from vo_service.mapping.fusion import TsdfVolume
+    from vo_service.mapping.fusion_settings import TsdfConfig
     from vo_service.mapping.ply import write_ply
 
-    file = folder.file(name)
-    fusion = Fusion(FusionSettings(voxel_m=settings.voxel_m, memory_mb=settings.making_mb))
+    file = store.mesh_file(name)
+    fusion = TsdfVolume(TsdfConfig(voxel_m=settings.voxel_m, memory_mb=settings.making_mb))
     for keyframe in keyframes:
         begin_cpu_s = time.process_time()
-        depth_m, colour_bgr = keyframe.depth_m, keyframe.colour_bgr
-        if fusion.has_depth(depth_m):
-            fusion.add(depth_m, colour_bgr, keyframe.camera, keyframe.T_odom_camera)
-        _check_is_wanted()
+        depth_m, colour_bgr = keyframe.depth_m, keyframe.color_bgr
+        if fusion.has_depth_in_range(depth_m):
+            fusion.integrate(depth_m, colour_bgr, keyframe.camera, keyframe.T_odom_camera)
+        _exit_if_orphaned()
         # Half of one processor is enough: the poses need the rest, where `nice` is forbidden too.
         time.sleep(time.process_time() - begin_cpu_s)
-    mesh = fusion.mesh()
+    mesh = fusion.extract_mesh()
     if not len(mesh.triangles):
         raise UserFacingError(f"{file}: no surface was seen well enough")
-    _check_is_wanted()
-    folder.write(file, settings.total_mb * MEGABYTE, partial(write_ply, mesh=mesh))
-    return MapEnded(file, len(keyframes), len(mesh.triangles), fusion.is_full)
+    _exit_if_orphaned()
+    store.write(file, settings.total_mb * MEGABYTE, partial(write_ply, mesh=mesh))
+    return SaveMapResult(file, len(keyframes), len(mesh.triangles), fusion.is_full)
 
 
-def _check_is_wanted() -> None:
+def _exit_if_orphaned() -> None:
     """End, leaving nothing, where the mapper's process has been killed."""
     mapper = parent_process()
     if mapper is None or not mapper.is_alive():
         os._exit(1)
 
 
-def _run(
-    result: "Connection[Any, Any]", make: Callable[[], MapEnded], forget: Callable[[], None]
+def _run_job(
+    result: "Connection[Any, Any]",
+    build: Callable[[], SaveMapResult],
+    close_inherited: Callable[[], None],
 ) -> None:
-    forget()
-    result.send(make())
+    close_inherited()
+    result.send(build())

@@ -4,16 +4,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.isolation.messages import LogLine
-from vo_service.background.messages import End, SignOfLife
-from vo_service.odometry.relocalising import Located
-from vo_service.recorder.shared_ring import RingMemory
-from vo_service.settings import MapSettings
+from drivers.isolation.messages import LogMessage
+from vo_service.background.messages import Heartbeat, Shutdown
+from vo_service.odometry.relocalising import RelocalizationResult
+from vo_service.recorder.shared_ring import RecordRingMemory
+from vo_service.settings import MapConfig
 from vo_service.types import MapSnapshot
 
 
 @dataclass(frozen=True)
-class Job:
+class MapperWorkerConfig:
     """To the mapper, first and once.
 
     frames     the ring that keyframes come through
@@ -22,45 +22,45 @@ class Job:
     log_level  of the service's log
     """
 
-    frames: RingMemory
-    first: int
-    maps: Path
-    settings: MapSettings
+    frame_ring: RecordRingMemory
+    first_frame: int
+    maps_folder: Path
+    map_config: MapConfig
     log_level: int
 
     @property
     def fds(self) -> tuple[int, ...]:
         """The ring."""
-        return (self.frames.fd,)
+        return (self.frame_ring.fd,)
 
 
 @dataclass(frozen=True)
-class Asked:
+class RelocalizationQuery:
     """In the note of a frame in the ring, to ask where it was taken.
 
-    A frame whose note has a `Hop` is to be a place; one with neither is a keyframe alone.
+    A frame whose note has a `OdometryConstraint` is to be a place; one with neither is a keyframe alone.
     """
 
 
 @dataclass(frozen=True)
-class SaveMap:
+class SaveMapRequest:
     """To the mapper: make a map of what there is now, and write it under this name."""
 
     name: str
 
 
 @dataclass(frozen=True)
-class LoadMap:
+class LoadMapRequest:
     """To the mapper: forget all places, and know those of the map of this name."""
 
     name: str
 
 
-Order = SaveMap | LoadMap | MapSettings | End
+MapperRequest = SaveMapRequest | LoadMapRequest | MapConfig | Shutdown
 
 
 @dataclass(frozen=True)
-class Facts(SignOfLife):
+class MapperStatus(Heartbeat):
     """From the mapper, every second and after each keyframe.
 
     keyframes  how many it has
@@ -69,35 +69,37 @@ class Facts(SignOfLife):
     trouble    why nothing can be kept in the folder; "" while all is well
     """
 
-    keyframes: int
-    maps: frozenset[str]
-    places: frozenset[str]
-    trouble: str = ""
+    keyframe_count: int
+    map_names: frozenset[str]
+    loadable_names: frozenset[str]
+    error: str = ""
 
 
 @dataclass(frozen=True)
-class MapEnded:
+class SaveMapResult:
     """From the mapper: how a `SaveMap` ended. `trouble` is "" if the file is there.
 
     is_cut_off  True if there was not enough memory for all that was seen
     """
 
     file: Path
-    keyframes: int = 0
-    triangles: int = 0
-    is_cut_off: bool = False
-    trouble: str = ""
+    keyframe_count: int = 0
+    triangle_count: int = 0
+    is_truncated: bool = False
+    error: str = ""
 
 
 @dataclass(frozen=True)
-class MapLoaded:
+class LoadMapResult:
     """From the mapper: how a `LoadMap` ended. `trouble` is "" if its places are known now."""
 
     file: Path
-    places: int = 0
-    trouble: str = ""
+    keyframe_count: int = 0
+    error: str = ""
 
 
 # A snapshot comes when the map has changed, a place where a frame was taken when that is known.
-Word = Facts | MapEnded | MapLoaded | MapSnapshot | Located | LogLine
-Tell = Callable[[Word], object]
+MapperMessage = (
+    MapperStatus | SaveMapResult | LoadMapResult | MapSnapshot | RelocalizationResult | LogMessage
+)
+SendMapperMessage = Callable[[MapperMessage], object]

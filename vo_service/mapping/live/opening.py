@@ -4,16 +4,16 @@ import logging
 
 from drivers.errors import UserFacingError
 from vo_service.folders import state_folder
-from vo_service.settings import MapSettings
-from vo_service.types import Mapper, NoMapper
+from vo_service.settings import MapConfig
+from vo_service.types import Mapper, NullMapper
 
 logger = logging.getLogger(__name__)
 
 
-def open_mapper(settings: MapSettings) -> Mapper:
+def open_mapper(settings: MapConfig) -> Mapper:
     """The mapper that the settings ask for. The service goes on without where it cannot be had."""
     if not settings.enabled:
-        return NoMapper("the map is switched off (map.enabled)")
+        return NullMapper("the map is switched off (map.enabled)")
     # It compiles kernels: `kinect-vo --help` is spared them.
     from vo_service.mapping.live.mapper import LiveMapper
 
@@ -24,4 +24,4 @@ def open_mapper(settings: MapSettings) -> Mapper:
     except OSError as error:
         reason = f"map: switched off: its memory cannot be had: {error.strerror}"
     logger.warning("%s", reason)
-    return NoMapper(reason, reason)
+    return NullMapper(reason, reason)

@@ -9,28 +9,28 @@ import numpy as np
 from drivers.geometry import Array
 
 if TYPE_CHECKING:  # its libraries are slow to load
-    from vo_service.mapping.graph.pose_graph import Removal
+    from vo_service.mapping.graph.pose_graph import NodeRemoval
 
 
 @dataclass(frozen=True, eq=False)
-class FromPlace:
+class AnchoredPose:
     """A pose of the camera.
 
     place           number of the last place before it; None where there is none
     T_place_camera  4x4, from there; from the map where there is none
     """
 
-    place: int | None
-    T_place_camera: Array
+    keyframe_number: int | None
+    T_keyframe_camera: Array
 
-    def carried_over(self, removal: "Removal") -> "FromPlace":
+    def re_anchor(self, removal: "NodeRemoval") -> "AnchoredPose":
         """The same when a place is no more: its own is told from a neighbour of that."""
-        if self.place != removal.number:
+        if self.keyframe_number != removal.number:
             return self
-        return FromPlace(removal.neighbour, removal.T_neighbour_removed @ self.T_place_camera)
+        return AnchoredPose(removal.neighbor, removal.T_neighbor_removed @ self.T_keyframe_camera)
 
-    def in_map(self, T_map: Callable[[int], Array]) -> Array:
-        """4x4 T_map_camera, the places being where `T_map` says."""
-        if self.place is None:
-            return self.T_place_camera
-        return np.asarray(T_map(self.place) @ self.T_place_camera)
+    def to_map(self, T_map_keyframe: Callable[[int], Array]) -> Array:
+        """4x4 T_map_camera, the places being where `T_map_keyframe` says."""
+        if self.keyframe_number is None:
+            return self.T_keyframe_camera
+        return np.asarray(T_map_keyframe(self.keyframe_number) @ self.T_keyframe_camera)

@@ -6,79 +6,81 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import inverse
-from drivers.trajectory import StampedPoses
-from vo_service.mapping.loops.corrected import CorrectedTrajectory
-from vo_service.mapping.loops.hop import Hops
-from vo_service.mapping.loops.loop_closer import LoopCloser, Sight
-from vo_service.mapping.places.place import Place
-from vo_service.odometry.relocalising import Located, RelocalisingOdometry
-from vo_service.types import Odometry, PoseUpdate, Status
+from drivers.trajectory import Trajectory
+from vo_service.mapping.loops.corrected import OptimizedTrajectory
+from vo_service.mapping.loops.hop import ConstraintAccumulator
+from vo_service.mapping.loops.loop_closer import KeyframeObservation, LoopCloser
+from vo_service.mapping.places.place import MapKeyframe
+from vo_service.odometry.relocalising import RelocalizationResult, RelocalizingOdometry
+from vo_service.types import Odometry, OdometryUpdate, Status
 
 
-class InlineLoops:
-    """An output that makes places of the frames, and the finder of a `RelocalisingOdometry`.
+class SynchronousLoopClosure:
+    """An output that makes places of the frames, and the finder of a `RelocalizingOdometry`.
 
     The world of its places is `odom`, as that of the poses that go out.
     """
 
     warning = ""
 
-    def __init__(self, closer: LoopCloser) -> None:
-        self.closer = closer
+    def __init__(self, loop_closer: LoopCloser) -> None:
+        self.loop_closer = loop_closer
         self._T_world_odom = np.eye(4)  # from `odom` to the odometry's own world
-        self._hops = Hops()
-        self._place: Place | None = None  # the last
-        self._answers: list[Located] = []
-        self._corrected = CorrectedTrajectory(closer.graph)
-        self.snapshot = closer.snapshot  # as `Loops`
+        self._constraints = ConstraintAccumulator()
+        self._last_keyframe: MapKeyframe | None = None  # the last
+        self._answers: list[RelocalizationResult] = []
+        self._optimized_trajectory = OptimizedTrajectory(loop_closer.graph)
+        self.snapshot = loop_closer.snapshot  # as `LoopClosure`
 
     @property
-    def trajectory(self) -> StampedPoses:
+    def trajectory(self) -> Trajectory:
         """Poses of all good frames in the map as it is known by now; the first is identity."""
-        return self._corrected.trajectory
+        return self._optimized_trajectory.trajectory
 
-    def around(self, odometry: Odometry) -> Odometry:
-        """As `Loops`."""
-        return RelocalisingOdometry(odometry, self)
+    def wrap(self, odometry: Odometry) -> Odometry:
+        """As `LoopClosure`."""
+        return RelocalizingOdometry(odometry, self)
 
-    def pose(self, update: PoseUpdate) -> None:
+    def on_update(self, update: OdometryUpdate) -> None:
         """Take one result; make a place of it where it is one."""
-        T_odom_camera, hop = update.T_odom_camera, self._hops.next(update)
+        T_odom_camera, hop = update.T_odom_camera, self._constraints.update(update)
         if hop is not None:
-            self._see(Sight(update.frame, update.epoch, T_odom_camera, hop))
-        place = self._place
-        if update.estimate.ok and place is not None and place.world == update.epoch:
+            self._process_keyframe(
+                KeyframeObservation(update.frame, update.epoch, T_odom_camera, hop)
+            )
+        place = self._last_keyframe
+        if update.estimate.ok and place is not None and place.world_id == update.epoch:
             self._T_world_odom = update.T_world_camera @ inverse(T_odom_camera)
-            T_place_camera = inverse(place.T_world_place) @ T_odom_camera
-            self._corrected.add(update.frame.stamp_s, place.number, T_place_camera)
+            T_place_camera = inverse(place.T_world_keyframe) @ T_odom_camera
+            self._optimized_trajectory.add(update.frame.stamp_s, place.number, T_place_camera)
 
-    def status(self, status: Status) -> None:
+    def on_status(self, status: Status) -> None:
         """Nothing to remember."""
 
     def close(self) -> None:
         """No more frames come: the last loops count as well."""
-        self.closer.correct()
-        self.snapshot = self.closer.snapshot
+        self.loop_closer.optimize()
+        self.snapshot = self.loop_closer.snapshot
 
     @property
-    def knows_places(self) -> bool:
-        """As `PlaceFinder`."""
-        return len(self.closer.places) > 0
+    def has_map(self) -> bool:
+        """As `Relocalizer`."""
+        return len(self.loop_closer.database) > 0
 
-    def look(self, frame: RgbdFrame) -> None:
-        """As `PlaceFinder`."""
-        located = self.closer.locate(frame)
+    def query(self, frame: RgbdFrame) -> None:
+        """As `Relocalizer`."""
+        located = self.loop_closer.relocalize(frame)
         if located is not None:
-            self._answers.append(located.carried(self._T_world_odom))
+            self._answers.append(located.transform_to(self._T_world_odom))
 
-    def answers(self) -> Sequence[Located]:
-        """As `PlaceFinder`."""
+    def poll_results(self) -> Sequence[RelocalizationResult]:
+        """As `Relocalizer`."""
         answers, self._answers = self._answers, []
         return answers
 
-    def _see(self, sight: Sight) -> None:
-        change = self.closer.see(sight)
+    def _process_keyframe(self, observation: KeyframeObservation) -> None:
+        change = self.loop_closer.process_keyframe(observation)
         for removal in change.removals:
-            self._corrected.carry_over(removal)
-        self._place = change.place
-        self.snapshot = self.closer.snapshot
+            self._optimized_trajectory.re_anchor(removal)
+        self._last_keyframe = change.keyframe
+        self.snapshot = self.loop_closer.snapshot

@@ -3,34 +3,36 @@
 from dataclasses import replace
 
 from vo_service.mapping.graph.pose_graph import PoseGraph
-from vo_service.mapping.loops.inline import InlineLoops
+from vo_service.mapping.loops.inline import SynchronousLoopClosure
 from vo_service.mapping.loops.loop_closer import LoopCloser
 from vo_service.mapping.places.map_file import MapContents
-from vo_service.mapping.places.places import Places
-from vo_service.mapping.places.recognition import Recogniser
-from vo_service.settings import MEGABYTE, MapSettings
+from vo_service.mapping.places.places import KeyframeDatabase
+from vo_service.mapping.places.recognition import PlaceRecognizer
+from vo_service.settings import MEGABYTE, MapConfig
 
 
-def open_inline_loops(settings: MapSettings) -> InlineLoops:
+def create_synchronous_loop_closure(settings: MapConfig) -> SynchronousLoopClosure:
     """Loops on the caller's own thread, that know no place yet."""
-    return InlineLoops(new_closer(settings))
+    return SynchronousLoopClosure(create_loop_closer(settings))
 
 
-def new_closer(settings: MapSettings) -> LoopCloser:
+def create_loop_closer(settings: MapConfig) -> LoopCloser:
     """A loop closer that knows no place yet."""
-    return LoopCloser(Recogniser(), Places(settings.places_mb * MEGABYTE), PoseGraph())
+    return LoopCloser(
+        PlaceRecognizer(), KeyframeDatabase(settings.places_mb * MEGABYTE), PoseGraph()
+    )
 
 
-def closer_in(contents: MapContents, settings: MapSettings) -> LoopCloser:
+def create_loop_closer_from_map(contents: MapContents, settings: MapConfig) -> LoopCloser:
     """A loop closer that knows the places of a map that was kept.
 
     Its worlds get negative numbers: those of today are counted from 0.
     """
-    worlds = sorted({place.world for place in contents.places})
+    worlds = sorted({place.world_id for place in contents.keyframes})
     today = {world: rank - len(worlds) for rank, world in enumerate(worlds)}
-    places = Places(settings.places_mb * MEGABYTE)
-    for place in contents.places:
-        places.add(replace(place, world=today[place.world]))
-    nodes = (replace(node, world=today[node.world]) for node in contents.nodes)
+    places = KeyframeDatabase(settings.places_mb * MEGABYTE)
+    for place in contents.keyframes:
+        places.add(replace(place, world_id=today[place.world_id]))
+    nodes = (replace(node, world_id=today[node.world_id]) for node in contents.nodes)
     graph = PoseGraph(nodes, contents.edges)
-    return LoopCloser(Recogniser(), places, graph, contents.next_number)
+    return LoopCloser(PlaceRecognizer(), places, graph, contents.next_number)

@@ -6,34 +6,34 @@ from collections.abc import Callable
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from vo_service.mapping.loops.hop import Hop
-from vo_service.mapping.loops.loop_closer import Sight
-from vo_service.mapping.loops.opening import new_closer
-from vo_service.settings import MapSettings
+from vo_service.mapping.loops.hop import OdometryConstraint
+from vo_service.mapping.loops.loop_closer import KeyframeObservation
+from vo_service.mapping.loops.opening import create_loop_closer
+from vo_service.settings import MapConfig
 from vo_service.types import Estimate
-from vo_service.warm_up import try_out
+from vo_service.warm_up import run_warm_up_frames
 
 
-def warm_up_loops(tell: Callable[[str], None]) -> float:
+def warm_up_loop_closure(report_stage: Callable[[str], None]) -> float:
     """See made-up places, and know them again; returns the seconds that took.
 
     `tell` gets the name of the only stage as it begins.
     """
     begin_s = time.monotonic()
-    tell("places")
-    try_out(_Looker)
+    report_stage("places")
+    run_warm_up_frames(_StationaryOdometry)
     return time.monotonic() - begin_s
 
 
-class _Looker:
+class _StationaryOdometry:
     """An odometry that stands still; each frame is a place, in a world of its own."""
 
     def __init__(self) -> None:
-        self._closer = new_closer(MapSettings())
+        self._loop_closer = create_loop_closer(MapConfig())
 
     def estimate(self, frame: RgbdFrame) -> Estimate:
         """Make a place of the frame, and look for it."""
-        hop = Hop(np.zeros(6), np.eye(6), 0.0)
-        self._closer.see(Sight(frame, frame.seq, np.eye(4), hop))
-        self._closer.locate(frame)
+        hop = OdometryConstraint(np.zeros(6), np.eye(6), 0.0)
+        self._loop_closer.process_keyframe(KeyframeObservation(frame, frame.seq, np.eye(4), hop))
+        self._loop_closer.relocalize(frame)
         return Estimate(True, "", np.eye(4), np.eye(4), np.zeros((6, 6)))

@@ -18,36 +18,36 @@ Number = TypeVar("Number", bound=np.generic)
 Arrays = Mapping[str, NDArray[np.generic]]
 
 # Length of the index, in front of it.
-_LENGTH = struct.Struct("<Q")
+_INDEX_LENGTH = struct.Struct("<Q")
 # Kinds of numbers, as NumPy names them, all little-endian.
-KINDS = frozenset({"|b1", "|i1", "<i8", "<f2", "<f4", "<f8"})
+SUPPORTED_DTYPES = frozenset({"|b1", "|i1", "<i8", "<f2", "<f4", "<f8"})
 # No side of an array is longer.
-LONGEST = 2**40
+MAX_DIMENSION = 2**40
 # Any length, where an array may be as long as it likes.
-ANY = -1
+ANY_LENGTH = -1
 
 
-def pack(arrays: Arrays) -> bytes:
+def pack_arrays(arrays: Arrays) -> bytes:
     """Arrays of the kinds above, one after the other."""
     index = {name: [array.dtype.str, list(array.shape)] for name, array in arrays.items()}
     text = json.dumps(index).encode()
-    return b"".join([_LENGTH.pack(len(text)), text, *(a.tobytes() for a in arrays.values())])
+    return b"".join([_INDEX_LENGTH.pack(len(text)), text, *(a.tobytes() for a in arrays.values())])
 
 
-def unpack(data: bytes) -> dict[str, NDArray[np.generic]]:
+def unpack_arrays(data: bytes) -> dict[str, NDArray[np.generic]]:
     """The arrays again, each with memory of its own.
 
     Raises ValueError for anything that `pack` did not make. No memory is taken by a number in the
     data before that many bytes are known to be there.
     """
-    if len(data) < _LENGTH.size:
+    if len(data) < _INDEX_LENGTH.size:
         raise ValueError("ends in its index")
-    length = _LENGTH.unpack_from(data)[0]
-    position = _LENGTH.size + length
+    length = _INDEX_LENGTH.unpack_from(data)[0]
+    position = _INDEX_LENGTH.size + length
     if position > len(data):
         raise ValueError("ends in its index")
     arrays = {}
-    for name, (kind, shape) in _index(data[_LENGTH.size : position]).items():
+    for name, (kind, shape) in _parse_index(data[_INDEX_LENGTH.size : position]).items():
         count = prod(shape)
         size = count * np.dtype(kind).itemsize
         if size > len(data) - position:
@@ -59,43 +59,45 @@ def unpack(data: bytes) -> dict[str, NDArray[np.generic]]:
     return arrays
 
 
-def _index(text: bytes) -> dict[str, tuple[str, list[int]]]:
+def _parse_index(text: bytes) -> dict[str, tuple[str, list[int]]]:
     try:
         index = json.loads(text)
     except (ValueError, RecursionError):
         raise ValueError("its index is no JSON") from None
-    if not isinstance(index, dict) or not all(map(_is_entry, index.values())):
+    if not isinstance(index, dict) or not all(map(_is_index_entry, index.values())):
         raise ValueError("its index is none of arrays")
     return index
 
 
-def _is_entry(entry: object) -> bool:
+def _is_index_entry(entry: object) -> bool:
     match entry:
         case [str(kind), list(shape)]:
-            return kind in KINDS and all(
-                type(side) is int and 0 <= side <= LONGEST for side in shape
+            return kind in SUPPORTED_DTYPES and all(
+                type(side) is int and 0 <= side <= MAX_DIMENSION for side in shape
             )
         case _:
             return False
 
 
-def take(arrays: Arrays, name: str, kind: type[Number], shape: tuple[int, ...]) -> NDArray[Number]:
+def require_array(
+    arrays: Arrays, name: str, dtype: type[Number], shape: tuple[int, ...]
+) -> NDArray[Number]:
     """An array of finite numbers of this kind and shape. Raises ValueError if there is none."""
     if name not in arrays:
         raise ValueError(f"has no {name}")
     array = arrays[name]
     is_of_shape = array.ndim == len(shape) and all(
-        wanted in (ANY, side) for wanted, side in zip(shape, array.shape, strict=True)
+        wanted in (ANY_LENGTH, side) for wanted, side in zip(shape, array.shape, strict=True)
     )
-    if array.dtype != kind or not is_of_shape or not np.all(np.isfinite(array)):
+    if array.dtype != dtype or not is_of_shape or not np.all(np.isfinite(array)):
         raise ValueError(f"has a {name} that cannot be")
-    typed: NDArray[Number] = array.astype(kind, copy=False)
+    typed: NDArray[Number] = array.astype(dtype, copy=False)
     return typed
 
 
-def take_poses(arrays: Arrays, name: str, count: int) -> Array:
+def require_poses(arrays: Arrays, name: str, count: int) -> Array:
     """Rigid transforms (count, 4, 4). Raises ValueError if they are none."""
-    T = take(arrays, name, np.float64, (count, 4, 4))
+    T = require_array(arrays, name, np.float64, (count, 4, 4))
     if not all(map(is_rigid, T)):
         raise ValueError(f"has a {name} that cannot be")
     return T

@@ -9,14 +9,18 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.depth_noise import depth_sigma_m, lateral_sigma_m
-from vo_service.odometry.keyframe.movement import at_constant, later, moved
+from vo_service.odometry.keyframe.movement import (
+    constant_velocity_motion,
+    propagate_motion,
+    propagate_point,
+)
 from vo_service.odometry.keyframe.rows import row_time
-from vo_service.odometry.points import FeaturePoints, locate_features
+from vo_service.odometry.points import FeaturePoints, backproject_features
 from vo_service.odometry.surf import SurfExtractor
 
 
 @dataclass(frozen=True, eq=False)
-class Landmarks:
+class DepthFeatures:
     """SURF features and where they are, strongest first.
 
     look        (N, 64) int8: descriptors, whole numbers; the few beyond 127 are cut
@@ -24,24 +28,24 @@ class Landmarks:
     position_m  (N, 3) float32 in the camera's axes at the stamp
     """
 
-    look: NDArray[np.int8]
+    descriptor_int8: NDArray[np.int8]
     sign: NDArray[np.int8]
     position_m: NDArray[np.float32]
 
     def __len__(self) -> int:
-        return len(self.look)
+        return len(self.descriptor_int8)
 
     @property
     def descriptor(self) -> NDArray[np.float32]:
         """(N, 64) as they are matched."""
-        return self.look.astype(np.float32)
+        return self.descriptor_int8.astype(np.float32)
 
     @property
-    def bytes(self) -> int:
+    def size_bytes(self) -> int:
         """What they take."""
-        return self.look.nbytes + self.sign.nbytes + self.position_m.nbytes
+        return self.descriptor_int8.nbytes + self.sign.nbytes + self.position_m.nbytes
 
-    def points(self, focal_px: float) -> FeaturePoints:
+    def to_feature_points(self, focal_px: float) -> FeaturePoints:
         """The same in space, with how far off they are."""
         depth_m = self.position_m[:, 2].astype(np.float64)
         return FeaturePoints(
@@ -52,34 +56,34 @@ class Landmarks:
         )
 
 
-def find_landmarks(
-    frame: RgbdFrame, extractor: SurfExtractor, velocity: Array, most: int
-) -> Landmarks:
+def extract_depth_features(
+    frame: RgbdFrame, extractor: SurfExtractor, velocity: Array, max_features: int
+) -> DepthFeatures:
     """The strongest features with depth.
 
     velocity  (6,) twist of the camera in its own axes, m/s and rad/s: rows that were taken earlier
               or later are brought to the stamp
     """
-    features = extractor.extract(frame.grey)
-    points = locate_features(features, frame)
-    chosen = np.flatnonzero(points.has_depth)[:most]
-    position_m = at_stamp(
+    features = extractor.extract(frame.gray)
+    points = backproject_features(features, frame)
+    chosen = np.flatnonzero(points.has_depth)[:max_features]
+    position_m = compensate_rolling_shutter(
         points.position_m[chosen],
         features.position_px[chosen, 1].astype(np.float64),
         frame.camera.height,
         frame.readout_s,
-        at_constant(velocity),
+        constant_velocity_motion(velocity),
     )
-    return Landmarks(
-        look=np.clip(features.descriptor[chosen], -127, 127).astype(np.int8),
+    return DepthFeatures(
+        descriptor_int8=np.clip(features.descriptor[chosen], -127, 127).astype(np.int8),
         sign=features.sign[chosen].astype(np.int8),
         position_m=position_m.astype(np.float32),
     )
 
 
 @kernel
-def at_stamp(
-    position_m: Array, row_px: Array, height: int, readout_s: float, movement: Array
+def compensate_rolling_shutter(
+    position_m: Array, row_px: Array, height: int, readout_s: float, motion: Array
 ) -> Array:
     """Points (N, 3), each seen by its row (N,), as they are at the instant of the middle row.
 
@@ -89,5 +93,7 @@ def at_stamp(
     for n in range(len(position_m)):
         x, y, z = position_m[n]
         tau = row_time(row_px[n], height, readout_s)
-        settled[n, 0], settled[n, 1], settled[n, 2] = moved(later(movement, tau), x, y, z, -tau)
+        settled[n, 0], settled[n, 1], settled[n, 2] = propagate_point(
+            propagate_motion(motion, tau), x, y, z, -tau
+        )
     return settled

@@ -11,21 +11,25 @@ from pathlib import Path
 import numpy as np
 
 from drivers.errors import InputError, UserFacingError
-from drivers.full_disk import is_full
+from drivers.full_disk import is_disk_full
 from vo_service.mapping.graph.edges import Edge
 from vo_service.mapping.graph.pose_graph import Node
-from vo_service.mapping.places.array_bytes import pack, take, unpack
-from vo_service.mapping.places.graph_arrays import arrays_of_graph, edges_of, nodes_of
-from vo_service.mapping.places.place import Place
-from vo_service.mapping.places.place_arrays import arrays_of_places, places_of
+from vo_service.mapping.places.array_bytes import pack_arrays, require_array, unpack_arrays
+from vo_service.mapping.places.graph_arrays import (
+    edges_from_arrays,
+    graph_to_arrays,
+    nodes_from_arrays,
+)
+from vo_service.mapping.places.place import MapKeyframe
+from vo_service.mapping.places.place_arrays import keyframes_from_arrays, keyframes_to_arrays
 
 SCHEMA = 1
 # In front of everything: what the file is, its schema, how many bytes follow, and their SHA-256.
 MAGIC = b"kinect-vo map\n\x00\x00"
 HEADER = struct.Struct("<16sIQ32s")
 # No map is larger: so much is read at most.
-MOST_BYTES = 4 * 2**30
-WHAT_TO_DO = "name another map, or begin a new one"
+MAX_FILE_BYTES = 4 * 2**30
+REMEDY = "name another map, or begin a new one"
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,7 @@ class MapContents:
     next_number  of the place that is made next: no number is used twice
     """
 
-    places: Sequence[Place]
+    keyframes: Sequence[MapKeyframe]
     nodes: Sequence[Node]
     edges: Sequence[Edge]
     next_number: int
@@ -50,7 +54,7 @@ def write_map(path: Path, contents: MapContents) -> None:
     Whatever happens, even to the power, the file is the old one or the new one. Raises
     UserFacingError if it cannot be written.
     """
-    data = _packed(contents)
+    data = _serialize(contents)
     header = HEADER.pack(MAGIC, SCHEMA, len(data), hashlib.sha256(data).digest())
     part = path.with_name(f".{path.name}.part")
     try:
@@ -64,7 +68,7 @@ def write_map(path: Path, contents: MapContents) -> None:
     except OSError as error:
         with suppress(OSError):
             part.unlink(missing_ok=True)
-        cause = "the disk is full" if is_full(error) else error.strerror
+        cause = "the disk is full" if is_disk_full(error) else error.strerror
         raise UserFacingError(
             f"{path}: the map cannot be written: {cause}; mend that and save it again"
         ) from error
@@ -72,61 +76,60 @@ def write_map(path: Path, contents: MapContents) -> None:
 
 def read_map(path: Path) -> MapContents:
     """Read a map. Raises InputError for whatever is none, damaged, or of another version."""
-    data = _read_checked(path)
+    data = _read_verified(path)
     try:
-        return _unpacked(data)
+        return _deserialize(data)
     except ValueError as error:
-        raise InputError(f"{path}: no map of this program: it {error}; {WHAT_TO_DO}") from None
+        raise InputError(f"{path}: no map of this program: it {error}; {REMEDY}") from None
 
 
-def _packed(contents: MapContents) -> bytes:
-    return pack(
+def _serialize(contents: MapContents) -> bytes:
+    return pack_arrays(
         {
             "next_number": np.array(contents.next_number, np.int64),
-            **arrays_of_places(contents.places),
-            **arrays_of_graph(contents.nodes, contents.edges),
+            **keyframes_to_arrays(contents.keyframes),
+            **graph_to_arrays(contents.nodes, contents.edges),
         }
     )
 
 
-def _unpacked(data: bytes) -> MapContents:
-    arrays = unpack(data)
-    places, nodes = places_of(arrays), nodes_of(arrays)
+def _deserialize(data: bytes) -> MapContents:
+    arrays = unpack_arrays(data)
+    places, nodes = keyframes_from_arrays(arrays), nodes_from_arrays(arrays)
     numbers = {place.number for place in places}
     if len(nodes) != len(places) or numbers != {node.number for node in nodes}:
         raise ValueError("has places that are not in its graph")
-    next_number = int(take(arrays, "next_number", np.int64, ()))
+    next_number = int(require_array(arrays, "next_number", np.int64, ()))
     if next_number <= max(numbers, default=-1):
         raise ValueError("has used the number of its next place")
-    return MapContents(places, nodes, edges_of(arrays, numbers), next_number)
+    return MapContents(places, nodes, edges_from_arrays(arrays, numbers), next_number)
 
 
-def _read_checked(path: Path) -> bytes:
+def _read_verified(path: Path) -> bytes:
     """What follows the header. Raises InputError."""
     try:
         if not path.is_file():
-            raise InputError(f"{path}: there is no such file; {WHAT_TO_DO}")
+            raise InputError(f"{path}: there is no such file; {REMEDY}")
         with path.open("rb") as file:
             header, size = file.read(HEADER.size), os.fstat(file.fileno()).st_size
-            digest = _digest(path, header, size)
+            digest = _check_header(path, header, size)
             data = file.read(size - HEADER.size)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; {WHAT_TO_DO}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror}; {REMEDY}") from error
     if hashlib.sha256(data).digest() != digest:
-        raise InputError(f"{path}: a damaged map: its checksum is wrong; {WHAT_TO_DO}")
+        raise InputError(f"{path}: a damaged map: its checksum is wrong; {REMEDY}")
     return data
 
 
-def _digest(path: Path, header: bytes, size: int) -> bytes:
+def _check_header(path: Path, header: bytes, size: int) -> bytes:
     """The SHA-256 that a header tells. Raises InputError if it is none, or of another version."""
     if len(header) < HEADER.size or not header.startswith(MAGIC):
-        raise InputError(f"{path}: no map of kinect-vo; {WHAT_TO_DO}")
+        raise InputError(f"{path}: no map of kinect-vo; {REMEDY}")
     _, schema, length, digest = HEADER.unpack(header)
     if schema != SCHEMA:
         raise InputError(
-            f"{path}: a map of version {schema}, and this program reads version {SCHEMA}; "
-            f"{WHAT_TO_DO}"
+            f"{path}: a map of version {schema}, and this program reads version {SCHEMA}; {REMEDY}"
         )
-    if HEADER.size + length != size or size > MOST_BYTES:
-        raise InputError(f"{path}: a damaged map: its length is wrong; {WHAT_TO_DO}")
+    if HEADER.size + length != size or size > MAX_FILE_BYTES:
+        raise InputError(f"{path}: a damaged map: its length is wrong; {REMEDY}")
     return bytes(digest)

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array
-from vo_service.mapping.places.landmarks import Landmarks
-from vo_service.odometry.keyframe.points import BRIGHTNESS
+from vo_service.mapping.places.landmarks import DepthFeatures
+from vo_service.odometry.keyframe.points import POINT_BRIGHTNESS
 
 # Of the levels with more points than this, every second one is kept: the error grows by a
 # fifteenth, the memory and the time of an alignment fall by two fifths.
-MANY_POINTS = 700
+DECIMATION_MIN_POINTS = 700
 # The largest number of half precision, and a little less.
-LARGEST_HALF = 65000.0
+MAX_FLOAT16 = 65000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,27 +28,27 @@ class PackedPoints:
     """
 
     position_m: NDArray[np.float32]
-    rest: NDArray[np.float16]
+    attributes: NDArray[np.float16]
 
     @classmethod
-    def of(cls, points: Array) -> Self:
+    def pack(cls, points: Array) -> Self:
         """Pack (N, COLUMNS); of many every second one."""
-        kept = points[:: 2 if len(points) > MANY_POINTS else 1]
-        rest = np.clip(kept[:, BRIGHTNESS:], -LARGEST_HALF, LARGEST_HALF)
-        return cls(kept[:, :BRIGHTNESS].astype(np.float32), rest.astype(np.float16))
+        kept = points[:: 2 if len(points) > DECIMATION_MIN_POINTS else 1]
+        rest = np.clip(kept[:, POINT_BRIGHTNESS:], -MAX_FLOAT16, MAX_FLOAT16)
+        return cls(kept[:, :POINT_BRIGHTNESS].astype(np.float32), rest.astype(np.float16))
 
-    def unpacked(self) -> Array:
+    def unpack(self) -> Array:
         """(N, COLUMNS) float64."""
-        return np.hstack([self.position_m, self.rest], dtype=np.float64)
+        return np.hstack([self.position_m, self.attributes], dtype=np.float64)
 
     @property
-    def bytes(self) -> int:
+    def size_bytes(self) -> int:
         """What they take."""
-        return self.position_m.nbytes + self.rest.nbytes
+        return self.position_m.nbytes + self.attributes.nbytes
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class MapKeyframe:
     """A view that the map knows again.
 
     number           rises; never used twice in a map
@@ -63,22 +63,22 @@ class Place:
     """
 
     number: int
-    world: int
+    world_id: int
     stamp_s: float
-    T_world_place: Array
+    T_world_keyframe: Array
     camera: PinholeCamera
-    landmarks: Landmarks
-    summary: NDArray[np.int8]
+    features: DepthFeatures
+    vlad_descriptor: NDArray[np.int8]
     packed_points: tuple[PackedPoints, ...]
     mean_brightness: float
 
     @property
-    def keyframe_points(self) -> Sequence[Array]:
+    def alignment_points(self) -> Sequence[Array]:
         """(N, COLUMNS) of each level, in the camera's axes at the stamp."""
-        return tuple(points.unpacked() for points in self.packed_points)
+        return tuple(points.unpack() for points in self.packed_points)
 
     @property
-    def bytes(self) -> int:
+    def size_bytes(self) -> int:
         """What it takes, but for a few hundred."""
-        points = sum(points.bytes for points in self.packed_points)
-        return points + self.landmarks.bytes + self.summary.nbytes
+        points = sum(points.size_bytes for points in self.packed_points)
+        return points + self.features.size_bytes + self.vlad_descriptor.nbytes

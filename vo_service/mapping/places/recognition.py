@@ -10,52 +10,52 @@ from types import MappingProxyType
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, are_near, inverse
-from vo_service.mapping.places.landmarks import find_landmarks
-from vo_service.mapping.places.place import PackedPoints, Place
-from vo_service.mapping.places.view import FOLLOWED, PlaceView
-from vo_service.mapping.places.words import Words
+from drivers.geometry import Array, inverse, poses_close
+from vo_service.mapping.places.landmarks import extract_depth_features
+from vo_service.mapping.places.place import MapKeyframe, PackedPoints
+from vo_service.mapping.places.view import TRACKED_VELOCITY_SIGMA, QueryFrame
+from vo_service.mapping.places.words import VladVocabulary
 from vo_service.odometry.keyframe.alignment import (
-    Alignment,
-    Tie,
+    DirectAlignment,
+    MotionPrior,
     align,
-    all_alike,
-    known_within,
+    uniform_weights,
+    velocity_information,
 )
-from vo_service.odometry.keyframe.cells import ALL_STILL
-from vo_service.odometry.keyframe.certainty import certainty
-from vo_service.odometry.keyframe.confidence import cover, doubt
-from vo_service.odometry.keyframe.features import IS_SIGHTED
-from vo_service.odometry.keyframe.images import make_images
+from vo_service.odometry.keyframe.cells import ALL_STATIC
+from vo_service.odometry.keyframe.certainty import estimate_uncertainty
+from vo_service.odometry.keyframe.confidence import occlusion_reason, rejection_reason
+from vo_service.odometry.keyframe.features import FEATURE_MATCH_VERIFIER
+from vo_service.odometry.keyframe.images import build_image_pyramid
 from vo_service.odometry.keyframe.measure import IN_IMAGE
-from vo_service.odometry.keyframe.movement import at_constant, in_axes
+from vo_service.odometry.keyframe.movement import change_frame, constant_velocity_motion
 from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
-from vo_service.odometry.keyframe.points import find_points
+from vo_service.odometry.keyframe.points import select_points
 from vo_service.odometry.matching import match_features
 from vo_service.odometry.parameters import SurfParameters
 from vo_service.odometry.points import pair_points
 from vo_service.odometry.ransac import find_consensus
-from vo_service.odometry.refinement import refine_motion
+from vo_service.odometry.refinement import refine_rigid_motion
 from vo_service.odometry.surf import SurfExtractor
 
 # Features sought in a view, and those kept of them that have depth.
-SOUGHT, KEPT = 800, 500
+MAX_EXTRACTED_FEATURES, MAX_STORED_FEATURES = 800, 500
 # This share of the place at least is in view.
-LEAST_IN_VIEW = 0.3
+MIN_OVERLAP = 0.3
 # Features and the dense alignment agree to this,
-MOST_APART_M, MOST_APART_RAD = 0.04, np.radians(1.0)
+MAX_ALIGNMENT_SHIFT_M, MAX_ALIGNMENT_SHIFT_RAD = 0.04, np.radians(1.0)
 # and the place is known to this: the standard deviation in space.
-MOST_SIGMA_M = 0.015
+MAX_SIGMA_M = 0.015
 # Another place with this share of the best one's features is a rival if the camera would be so far
 # from where the best one puts it: rooms may have corners that look the same.
-RIVAL, ELSEWHERE_M, ELSEWHERE_RAD = 0.5, 0.5, np.radians(30.0)
+MIN_RIVAL_INLIER_RATIO, MIN_RIVAL_DISTANCE_M, MIN_RIVAL_DISTANCE_RAD = 0.5, 0.5, np.radians(30.0)
 
-Poses = Mapping[int, Array]
-NOWHERE: Poses = MappingProxyType({})
+KeyframePoses = Mapping[int, Array]
+NO_POSES: KeyframePoses = MappingProxyType({})
 
 
 @dataclass(frozen=True)
-class Recognition:
+class PlaceMatch:
     """That a view shows a place, and from where.
 
     number          of the place
@@ -64,116 +64,139 @@ class Recognition:
     inliers         features that agree
     """
 
-    number: int
-    T_place_camera: Array
+    keyframe_number: int
+    T_keyframe_camera: Array
     covariance: Array
     inliers: int
 
 
 @dataclass(frozen=True)
-class Sighting:
+class MatchCandidate:
     """A place that features of a view agree with, and the motion (4x4) that they give."""
 
-    place: Place
-    T_place_camera: Array
+    keyframe: MapKeyframe
+    T_keyframe_camera: Array
     inliers: int
 
 
-class Recogniser:
+class PlaceRecognizer:
     """Makes views and places of frames, and knows places again."""
 
     def __init__(self) -> None:
-        self._extractor = SurfExtractor(SOUGHT)
-        self._words = Words.shipped()
+        self._extractor = SurfExtractor(MAX_EXTRACTED_FEATURES)
+        self._vocabulary = VladVocabulary.default()
         self._parameters = SurfParameters()
 
-    def view(
-        self, frame: RgbdFrame, velocity: Array, known_to: tuple[float, float] = FOLLOWED
-    ) -> PlaceView:
-        """Look at a frame; the velocity and how well it is known are as in `PlaceView`."""
-        landmarks = find_landmarks(frame, self._extractor, velocity, KEPT)
-        summary = self._words.summary(landmarks.look)
-        return PlaceView(landmarks, summary, make_images(frame), velocity, known_to)
+    def create_query(
+        self,
+        frame: RgbdFrame,
+        velocity: Array,
+        velocity_sigma: tuple[float, float] = TRACKED_VELOCITY_SIGMA,
+    ) -> QueryFrame:
+        """Look at a frame; the velocity and how well it is known are as in `QueryFrame`."""
+        landmarks = extract_depth_features(frame, self._extractor, velocity, MAX_STORED_FEATURES)
+        summary = self._vocabulary.describe(landmarks.descriptor_int8)
+        return QueryFrame(landmarks, summary, build_image_pyramid(frame), velocity, velocity_sigma)
 
-    def place(self, view: PlaceView, number: int, world: int, T_world_place: Array) -> Place:
+    def create_keyframe(
+        self, query: QueryFrame, number: int, world_id: int, T_world_keyframe: Array
+    ) -> MapKeyframe:
         """Make a place of a view."""
-        points = find_points(view.images, at_constant(view.velocity), ALL_STILL)
-        return Place(
+        points = select_points(
+            query.image_pyramid, constant_velocity_motion(query.velocity), ALL_STATIC
+        )
+        return MapKeyframe(
             number=number,
-            world=world,
-            stamp_s=view.stamp_s,
-            T_world_place=T_world_place,
-            camera=view.camera,
-            landmarks=view.landmarks,
-            summary=view.summary,
-            packed_points=tuple(PackedPoints.of(level) for level in points),
-            mean_brightness=view.images.mean_brightness,
+            world_id=world_id,
+            stamp_s=query.stamp_s,
+            T_world_keyframe=T_world_keyframe,
+            camera=query.camera,
+            features=query.features,
+            vlad_descriptor=query.vlad_descriptor,
+            packed_points=tuple(PackedPoints.pack(level) for level in points),
+            mean_brightness=query.image_pyramid.mean_brightness,
         )
 
-    def recognise(
-        self, view: PlaceView, places: Sequence[Place], T_map_place: Poses = NOWHERE
-    ) -> Recognition | None:
+    def recognize(
+        self,
+        query: QueryFrame,
+        keyframes: Sequence[MapKeyframe],
+        T_map_keyframe: KeyframePoses = NO_POSES,
+    ) -> PlaceMatch | None:
         """The place that most features agree with, if the view can be laid on it.
 
         T_map_place  4x4 by number, as far as it is known where the places are: if another place
                      says about as clearly that the camera is elsewhere, none is recognised
         """
-        sightings = list(self.sightings(view, places))
+        sightings = list(self.find_candidates(query, keyframes))
         if not sightings:
             return None
         best = max(sightings, key=lambda sighting: sighting.inliers)
-        if any(_contradict(best, other, T_map_place) for other in sightings):
+        if any(_contradicts(best, other, T_map_keyframe) for other in sightings):
             return None
-        return self.confirm(view, best)
+        return self.verify(query, best)
 
-    def sightings(self, view: PlaceView, places: Sequence[Place]) -> Iterator[Sighting]:
+    def find_candidates(
+        self, query: QueryFrame, keyframes: Sequence[MapKeyframe]
+    ) -> Iterator[MatchCandidate]:
         """The places that features agree with beyond chance."""
         parameters = self._parameters
-        points = view.landmarks.points(view.camera.fx)
-        for place in places:
-            pairs = match_features(view.landmarks, place.landmarks, parameters.match_ratio)
-            matches = pair_points(points, place.landmarks.points(place.camera.fx), pairs)
+        points = query.features.to_feature_points(query.camera.fx)
+        for place in keyframes:
+            pairs = match_features(query.features, place.features, parameters.match_ratio)
+            matches = pair_points(points, place.features.to_feature_points(place.camera.fx), pairs)
             consensus = find_consensus(matches, parameters.max_hypotheses, parameters.seed)
-            motion = refine_motion(consensus, matches)
+            motion = refine_rigid_motion(consensus, matches)
             inliers = int(motion.inlier.sum())
-            if inliers >= parameters.min_inliers and IS_SIGHTED.is_passed(inliers, len(matches)):
-                yield Sighting(place, motion.T_reference_camera, inliers)
+            if inliers >= parameters.min_inliers and FEATURE_MATCH_VERIFIER.accepts(
+                inliers, len(matches)
+            ):
+                yield MatchCandidate(place, motion.T_reference_camera, inliers)
 
-    def confirm(self, view: PlaceView, sighting: Sighting) -> Recognition | None:
+    def verify(self, query: QueryFrame, candidate: MatchCandidate) -> PlaceMatch | None:
         """Lay the view on the place, and believe it only where nothing speaks against it."""
-        place, points = sighting.place, sighting.place.keyframe_points
-        tie = _tie(view, sighting.T_place_camera)
-        start = inverse(sighting.T_place_camera)
-        light = (view.images.light_against(place), 0.0)
-        found = align(points, view.images, [start], tie, light, all_alike())
+        place, points = candidate.keyframe, candidate.keyframe.alignment_points
+        tie = _motion_prior(query, candidate.T_keyframe_camera)
+        start = inverse(candidate.T_keyframe_camera)
+        light = (query.image_pyramid.brightness_ratio(place), 0.0)
+        found = align(points, query.image_pyramid, [start], tie, light, uniform_weights())
         T_place_camera = inverse(found.T_camera_keyframe)
-        if _is_doubtful(found) or not are_near(
-            T_place_camera, sighting.T_place_camera, MOST_APART_M, MOST_APART_RAD
+        if _is_unreliable(found) or not poses_close(
+            T_place_camera,
+            candidate.T_keyframe_camera,
+            MAX_ALIGNMENT_SHIFT_M,
+            MAX_ALIGNMENT_SHIFT_RAD,
         ):
             return None
-        sure = certainty(points, view.images, found, tie, np.array(VELOCITY_SIGMA))
-        if sure.doubt or np.trace(sure.covariance[:3, :3]) > MOST_SIGMA_M**2:
+        sure = estimate_uncertainty(
+            points, query.image_pyramid, found, tie, np.array(VELOCITY_SIGMA)
+        )
+        if sure.rejection_reason or np.trace(sure.covariance[:3, :3]) > MAX_SIGMA_M**2:
             return None
-        return Recognition(place.number, T_place_camera, sure.covariance, sighting.inliers)
+        return PlaceMatch(place.number, T_place_camera, sure.covariance, candidate.inliers)
 
 
-def _contradict(best: Sighting, other: Sighting, T_map_place: Poses) -> bool:
+def _contradicts(
+    best: MatchCandidate, other: MatchCandidate, T_map_keyframe: KeyframePoses
+) -> bool:
     """Whether another sighting of about as many features puts the camera elsewhere in the map."""
-    if other.inliers < RIVAL * best.inliers or not (
-        best.place.number in T_map_place and other.place.number in T_map_place
+    if other.inliers < MIN_RIVAL_INLIER_RATIO * best.inliers or not (
+        best.keyframe.number in T_map_keyframe and other.keyframe.number in T_map_keyframe
     ):
         return False
-    T, T_other = (T_map_place[s.place.number] @ s.T_place_camera for s in (best, other))
-    return not are_near(T, T_other, ELSEWHERE_M, ELSEWHERE_RAD)
+    T, T_other = (T_map_keyframe[s.keyframe.number] @ s.T_keyframe_camera for s in (best, other))
+    return not poses_close(T, T_other, MIN_RIVAL_DISTANCE_M, MIN_RIVAL_DISTANCE_RAD)
 
 
-def _tie(view: PlaceView, T_place_camera: Array) -> Tie:
+def _motion_prior(query: QueryFrame, T_keyframe_camera: Array) -> MotionPrior:
     """What is known of the velocity: no frame before ties it to the motion."""
-    movement = in_axes(at_constant(-view.velocity), T_place_camera)
-    return Tie(T_place_camera, 0.0, movement, known_within(np.array(view.known_to)))
+    movement = change_frame(constant_velocity_motion(-query.velocity), T_keyframe_camera)
+    return MotionPrior(
+        T_keyframe_camera, 0.0, movement, velocity_information(np.array(query.velocity_sigma))
+    )
 
 
-def _is_doubtful(found: Alignment) -> bool:
+def _is_unreliable(alignment: DirectAlignment) -> bool:
     """Whether an alignment says too little: stricter than the odometry, which knows the way."""
-    in_view = found.counts[IN_IMAGE] / max(len(found.readings), 1)
-    return bool(doubt(found) or cover(found) or in_view < LEAST_IN_VIEW)
+    in_view = alignment.counts[IN_IMAGE] / max(len(alignment.samples), 1)
+    return bool(rejection_reason(alignment) or occlusion_reason(alignment) or in_view < MIN_OVERLAP)

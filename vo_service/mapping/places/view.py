@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
 from drivers.geometry import Array
-from vo_service.mapping.places.landmarks import Landmarks
-from vo_service.odometry.keyframe.images import Images
+from vo_service.mapping.places.landmarks import DepthFeatures
+from vo_service.odometry.keyframe.images import ImagePyramid
 
 # How well the camera's velocity is known, m/s and rad/s: where the odometry followed it up to this
 # frame, and where it was lost.
-FOLLOWED, LOST = (0.01, 0.03), (0.3, 1.0)
+TRACKED_VELOCITY_SIGMA, LOST_VELOCITY_SIGMA = (0.01, 0.03), (0.3, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class PlaceView:
+class QueryFrame:
     """What is made of a frame to know its place again, or to make a place of it.
 
     landmarks  in the camera's axes at the stamp
@@ -26,18 +26,18 @@ class PlaceView:
     known_to   how well the velocity is known, m/s and rad/s
     """
 
-    landmarks: Landmarks
-    summary: NDArray[np.int8]
-    images: Images
+    features: DepthFeatures
+    vlad_descriptor: NDArray[np.int8]
+    image_pyramid: ImagePyramid
     velocity: Array
-    known_to: tuple[float, float]
+    velocity_sigma: tuple[float, float]
 
     @property
     def stamp_s(self) -> float:
         """Of the frame."""
-        return self.images.stamp_s
+        return self.image_pyramid.stamp_s
 
     @property
     def camera(self) -> PinholeCamera:
         """Intrinsics of the frame."""
-        return self.images.camera
+        return self.image_pyramid.camera

@@ -7,5 +7,5 @@ from dataclasses import dataclass
 class IcpParameters:
     """How much is looked at, and what happens when frames fail."""
 
-    planes: int = 4000  # of a reference, at most, on each level
+    max_planes: int = 4000  # of a reference, at most, on each level
     max_failures: int = 30  # frames in a row; then the pose is held and tracking starts afresh

@@ -16,21 +16,21 @@ from drivers.jit import inline_kernel, kernel
 MAX_STEP_PER_M = 0.04
 # A surface that is seen nearly edge-on from the new place tells nothing reliable.
 MIN_COSINE = 0.1
-NEAREST_M = 0.05
+MIN_DEPTH_M = 0.05
 # What a plane's point may come to lie on.
-NOTHING, EDGE, SURFACE = 0, 1, 2
+NO_READING, EDGE, SURFACE = 0, 1, 2
 # Degrees of freedom of Student's t, which the residuals are taken to follow: many are outliers.
-FREEDOM = 5.0
+DEGREES_OF_FREEDOM = 5.0
 
 
 @inline_kernel
-def robust_cost(sigmas: float) -> float:
+def robust_cost(normalized_residual: float) -> float:
     """Of a residual that is so many sigma, by Student's t."""
-    return float(np.log(1.0 + sigmas * sigmas / FREEDOM))
+    return float(np.log(1.0 + normalized_residual * normalized_residual / DEGREES_OF_FREEDOM))
 
 
 @kernel
-def sum_system(
+def accumulate_normal_equations(
     planes: Array,
     T_camera_reference: Array,
     inverse_depth: NDArray[np.float32],
@@ -57,14 +57,14 @@ def sum_system(
     worst = robust_cost(gate / sigma)
     for n in range(len(planes)):
         found, r, scale = _residual(planes[n], T_camera_reference, s, inverse_depth, intrinsics)
-        if found == NOTHING:
+        if found == NO_READING:
             continue
         counts[0] += 1.0
         if found == EDGE or abs(r) > gate:
             counts[4] += worst
             continue
         squared = r * r / (sigma * sigma)
-        w = (FREEDOM + 1.0) / (FREEDOM + squared)
+        w = (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + squared)
         counts[1] += 1.0
         counts[2] += squared <= 9.0
         counts[3] += w * r * r
@@ -80,13 +80,13 @@ def sum_system(
         for i in range(4):
             for j in range(i, 4):
                 moments[i, j] += variance * q[i] * q[j]
-    _mirror(H)
-    _mirror(moments)
+    _copy_upper_to_lower(H)
+    _copy_upper_to_lower(moments)
     return H, g, moments, counts
 
 
 @kernel
-def locate(
+def compute_residuals(
     planes: Array,
     T_camera_reference: Array,
     inverse_depth: NDArray[np.float32],
@@ -101,9 +101,9 @@ def locate(
     s = _translation_in_reference(T_camera_reference)
     height, width = inverse_depth.shape
     for n in range(len(planes)):
-        x, y, z = _moved(planes[n], T_camera_reference)
+        x, y, z = _transform_point(planes[n], T_camera_reference)
         u, v = intrinsics[0] * x / z + intrinsics[2], intrinsics[1] * y / z + intrinsics[3]
-        if z < NEAREST_M or not (0.0 <= u <= width - 1 and 0.0 <= v <= height - 1):
+        if z < MIN_DEPTH_M or not (0.0 <= u <= width - 1 and 0.0 <= v <= height - 1):
             continue
         found[n, 0], found[n, 1] = u, v
         kind, r, _ = _residual(planes[n], T_camera_reference, s, inverse_depth, intrinsics)
@@ -115,7 +115,7 @@ def locate(
 
 
 @inline_kernel
-def _mirror(A: Array) -> None:
+def _copy_upper_to_lower(A: Array) -> None:
     for i in range(len(A)):
         for j in range(i):
             A[i, j] = A[j, i]
@@ -130,7 +130,7 @@ def _translation_in_reference(T: Array) -> Array:
 
 
 @inline_kernel
-def _moved(plane: Array, T: Array) -> tuple[float, float, float]:
+def _transform_point(plane: Array, T: Array) -> tuple[float, float, float]:
     px, py, pz = plane[0], plane[1], plane[2]
     return (
         T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3],
@@ -151,28 +151,30 @@ def _residual(
 
     s  (3,) the translation in the reference's axes: n . s is how much further away the plane is
     """
-    x, y, z = _moved(plane, T_camera_reference)
+    x, y, z = _transform_point(plane, T_camera_reference)
     distance = plane[6] + plane[3] * s[0] + plane[4] * s[1] + plane[5] * s[2]
-    if z < NEAREST_M or distance < MIN_COSINE * np.sqrt(x * x + y * y + z * z):
-        return NOTHING, 0.0, 0.0
+    if z < MIN_DEPTH_M or distance < MIN_COSINE * np.sqrt(x * x + y * y + z * z):
+        return NO_READING, 0.0, 0.0
     u = intrinsics[0] * x / z + intrinsics[2]
     v = intrinsics[1] * y / z + intrinsics[3]
-    found, w = _reading(inverse_depth, u, v)
+    found, w = _interpolate_inverse_depth(inverse_depth, u, v)
     return found, w - 1.0 / z, 1.0 / (distance * z)
 
 
 @inline_kernel
-def _reading(inverse_depth: NDArray[np.float32], u: float, v: float) -> tuple[int, float]:
+def _interpolate_inverse_depth(
+    inverse_depth: NDArray[np.float32], u: float, v: float
+) -> tuple[int, float]:
     """What four pixels show, and 1/z between them; nothing beside a pixel without reading."""
     height, width = inverse_depth.shape
     if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
-        return NOTHING, 0.0
+        return NO_READING, 0.0
     column, row = int(u), int(v)
     a, b = inverse_depth[row, column], inverse_depth[row, column + 1]
     c, d = inverse_depth[row + 1, column], inverse_depth[row + 1, column + 1]
     lowest = min(min(a, b), min(c, d))
     if lowest <= 0.0:
-        return NOTHING, 0.0
+        return NO_READING, 0.0
     if max(max(a, b), max(c, d)) - lowest > MAX_STEP_PER_M:
         return EDGE, 0.0
     right, down = u - column, v - row

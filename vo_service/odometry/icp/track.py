@@ -4,22 +4,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.geometry import Array, carried, inverse
-from vo_service.odometry.directions import KNOWN
-from vo_service.odometry.icp.alignment import Alignment, Planes
-from vo_service.odometry.icp.confidence import covariance
+from drivers.geometry import Array, inverse, transport_covariance
+from vo_service.odometry.directions import MIN_OBSERVABILITY
+from vo_service.odometry.icp.alignment import IcpAlignment, PlanePyramid
+from vo_service.odometry.icp.confidence import alignment_covariance
 from vo_service.odometry.icp.planes import find_planes
 from vo_service.odometry.icp.pyramid import DepthPyramid
 
 # A reference is replaced when less than this share of its planes is seen, ...
-RENEW_SEEN = 0.75
+RENEW_SHARE = 0.75
 # ... but while the view says little of some direction, only when it is less than this.
-KEEP_SEEN = 0.5
-CLEAR = 2.0 * KNOWN
+MIN_SHARE = 0.5
+GOOD_OBSERVABILITY = 2.0 * MIN_OBSERVABILITY
 
 
 @dataclass(frozen=True)
-class Track:
+class IcpTrack:
     """A reference that several frames are laid on, and the last of them.
 
     planes              the reference's, an array for each level
@@ -29,36 +29,40 @@ class Track:
                         last camera's axes; zero while it is the reference itself
     """
 
-    planes: Planes
-    last: DepthPyramid
+    planes: PlanePyramid
+    last_frame: DepthPyramid
     T_camera_reference: Array
     covariance: Array
 
-    def moved(self, view: DepthPyramid, found: Alignment) -> "Track":
+    def advance(self, view: DepthPyramid, alignment: IcpAlignment) -> "IcpTrack":
         """The same reference, seen from the next good frame."""
-        return Track(self.planes, view, found.T_camera_reference, covariance(found))
+        return IcpTrack(
+            self.planes, view, alignment.T_camera_reference, alignment_covariance(alignment)
+        )
 
-    def step_to(self, after: "Track") -> tuple[Array, Array]:
+    def relative_motion(self, after: "IcpTrack") -> tuple[Array, Array]:
         """4x4 T_last_camera between the last frames of two tracks of one reference, and its 6x6.
 
         The errors of both frames count, each as seen from its own camera.
         """
         T_last_camera = self.T_camera_reference @ inverse(after.T_camera_reference)
-        return T_last_camera, carried(self.covariance, T_last_camera) + after.covariance
+        return T_last_camera, transport_covariance(
+            self.covariance, T_last_camera
+        ) + after.covariance
 
 
-def track_from(view: DepthPyramid, budget: int) -> Track:
+def start_track(view: DepthPyramid, max_planes: int) -> IcpTrack:
     """A track whose reference is this frame; at most `budget` planes of each level."""
-    planes = tuple(find_planes(level, budget) for level in view.levels)
-    return Track(planes, view, np.eye(4), np.zeros((6, 6)))
+    planes = tuple(find_planes(level, max_planes) for level in view.levels)
+    return IcpTrack(planes, view, np.eye(4), np.zeros((6, 6)))
 
 
-def is_used_up(found: Alignment) -> bool:
+def needs_new_reference(alignment: IcpAlignment) -> bool:
     """Whether the next frames had better have a newer reference.
 
     A view that says little of some direction makes a poor one: the old one is kept for longer.
     """
-    seen = found.seen / found.planes
-    if seen >= RENEW_SEEN:
+    seen = alignment.num_in_gate / alignment.num_planes
+    if seen >= RENEW_SHARE:
         return False
-    return seen < KEEP_SEEN or bool(found.directions.clarity[0] >= CLEAR)
+    return seen < MIN_SHARE or bool(alignment.degeneracy.observability[0] >= GOOD_OBSERVABILITY)

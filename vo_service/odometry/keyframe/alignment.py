@@ -6,42 +6,47 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array, orthonormal
+from drivers.geometry import Array, orthonormalize
 from vo_service.odometry.keyframe import measure
 from vo_service.odometry.keyframe import readings as reading_columns
-from vo_service.odometry.keyframe.cells import CELLS
-from vo_service.odometry.keyframe.descent import FIRST_SWEEPS, descend
-from vo_service.odometry.keyframe.images import FINE_LEVELS, Images
-from vo_service.odometry.keyframe.movement import ACCELERATION, COLUMNS, at_rest, body_movement
-from vo_service.odometry.keyframe.parameters import (
-    SPANS_S,
-    SPREADS,
-    VELOCITY_RANGE,
-    VELOCITY_SIGMA,
+from vo_service.odometry.keyframe.cells import NUM_CELLS
+from vo_service.odometry.keyframe.descent import INITIAL_SWEEPS, solve_level
+from vo_service.odometry.keyframe.images import NUM_FINE_LEVELS, ImagePyramid
+from vo_service.odometry.keyframe.movement import (
+    ACCELERATION_START,
+    MOTION_SIZE,
+    body_motion,
+    zero_motion,
 )
-from vo_service.odometry.keyframe.readings import read_points
+from vo_service.odometry.keyframe.parameters import (
+    INITIAL_SIGMAS,
+    TIME_SPANS_S,
+    VELOCITY_SIGMA,
+    VELOCITY_SIGMA_RANGE,
+)
+from vo_service.odometry.keyframe.readings import warp_and_sample
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import (
     GAIN,
     OFFSET,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
-    fit_light,
+    fit_affine_brightness,
 )
 
-Points = Sequence[Array]
+PointPyramid = Sequence[Array]
 
 # In this time a hand's turning changes by as much as from one frame to the next.
-TREMOR_S, *_ = SPANS_S
+TREMOR_SPAN_S, *_ = TIME_SPANS_S
 # Steps at most, by level.
-STEPS = (24, 24, 15, 12)
+MAX_STEPS = (24, 24, 15, 12)
 # A step of so few metres and radians is the last one of its level: of the finest it is well below
 # the noise, of the others below what the next finer one mends.
-LAST_STEPS = (2e-4, 7e-4, 2e-3, 4e-3)
+MIN_STEP_SIZES = (2e-4, 7e-4, 2e-3, 4e-3)
 
 
 @dataclass(frozen=True)
-class Tie:
+class MotionPrior:
     """What is known of the movement before a frame is looked at.
 
     T_keyframe_last  4x4, camera to keyframe, of the frame before
@@ -52,28 +57,28 @@ class Tie:
 
     T_keyframe_last: Array
     rate_hz: float
-    movement: Array
+    motion: Array
     information: Array
 
-    def loosened(self) -> "Tie":
+    def relaxed(self) -> "MotionPrior":
         """Where the way since the last frame is not known: a velocity that may have changed."""
-        sigma = VELOCITY_RANGE[1] * np.array(VELOCITY_SIGMA)
-        return replace(self, rate_hz=0.0, information=known_within(sigma))
+        sigma = VELOCITY_SIGMA_RANGE[1] * np.array(VELOCITY_SIGMA)
+        return replace(self, rate_hz=0.0, information=velocity_information(sigma))
 
 
 # Of a frame laid on itself.
-STANDING = Tie(np.eye(4), 0.0, at_rest(), np.full(COLUMNS, 1e6))
+STATIC_PRIOR = MotionPrior(np.eye(4), 0.0, zero_motion(), np.full(MOTION_SIZE, 1e6))
 
 
-def known_within(sigma: Array) -> Array:
+def velocity_information(sigma: Array) -> Array:
     """(9,) information of a movement whose velocity is known to sigma (2,), m/s and rad/s."""
     translation, rotation = sigma**-2.0
-    acceleration = rotation * TREMOR_S**2
+    acceleration = rotation * TREMOR_SPAN_S**2
     return np.repeat([translation, rotation, acceleration], 3)
 
 
 @dataclass(frozen=True)
-class Alignment:
+class DirectAlignment:
     """Where a keyframe's points came to lie.
 
     T_camera_keyframe  4x4
@@ -85,67 +90,67 @@ class Alignment:
     """
 
     T_camera_keyframe: Array
-    movement: Array
-    fit: Array
+    motion: Array
+    residual_model: Array
     counts: Array
-    readings: Array
-    weights: Array
+    samples: Array
+    cell_weights: Array
 
     @property
-    def camera_movement(self) -> Array:
+    def camera_motion(self) -> Array:
         """(9,) of the camera in its own axes, see `movement`."""
-        return body_movement(self.T_camera_keyframe, self.movement)
+        return body_motion(self.T_camera_keyframe, self.motion)
 
     @property
     def camera_velocity(self) -> Array:
         """(6,) twist of the camera in its own axes, m/s and rad/s."""
-        return self.camera_movement[:ACCELERATION]
+        return self.camera_motion[:ACCELERATION_START]
 
     @property
-    def is_still(self) -> NDArray[np.bool_]:
+    def is_static(self) -> NDArray[np.bool_]:
         """(CELLS,) which cells of the image fit as well as most do."""
-        still: NDArray[np.bool_] = self.weights.max(axis=0) >= measure.LEAST_WEIGHT
+        still: NDArray[np.bool_] = self.cell_weights.max(axis=0) >= measure.MIN_STATIC_WEIGHT
         return still
 
     @property
-    def light(self) -> tuple[float, float]:
+    def affine_brightness(self) -> tuple[float, float]:
         """Gain and offset of the frame's brightness against the keyframe's."""
-        return float(self.fit[GAIN]), float(self.fit[OFFSET])
+        return float(self.residual_model[GAIN]), float(self.residual_model[OFFSET])
 
     @property
-    def by_brightness(self) -> bool:
+    def uses_brightness(self) -> bool:
         """Whether brightness counted at all."""
-        return bool(self.weights[0].any())
+        return bool(self.cell_weights[0].any())
 
 
-def all_alike() -> Array:
+def uniform_weights() -> Array:
     """(2, CELLS): every cell counts, by brightness and by depth."""
-    return np.ones((2, CELLS))
+    return np.ones((2, NUM_CELLS))
 
 
-def depth_alone() -> Array:
+def depth_only_weights() -> Array:
     """(2, CELLS): brightness does not count."""
-    weights = np.ones((2, CELLS))
+    weights = np.ones((2, NUM_CELLS))
     weights[0] = 0.0
     return weights
 
 
-def start_fit(light: tuple[float, float] = (1.0, 0.0)) -> Array:
+def initial_residual_model(affine_brightness: tuple[float, float] = (1.0, 0.0)) -> Array:
     """A fit to begin with."""
     fit = np.empty(4)
-    fit[GAIN], fit[OFFSET] = light
-    fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = SPREADS
+    fit[GAIN], fit[OFFSET] = affine_brightness
+    fit[SIGMA_BRIGHTNESS], fit[SIGMA_DEPTH] = INITIAL_SIGMAS
     return fit
 
 
 def align(
-    points: Points,
-    images: Images,
-    starts: Sequence[Array],
-    tie: Tie,
-    light: tuple[float, float],
-    weights: Array,
-) -> Alignment:
+    points: PointPyramid,
+    images: ImagePyramid,
+    initial_guesses: Sequence[Array],
+    prior: MotionPrior,
+    affine_brightness: tuple[float, float],
+    cell_weights: Array,
+) -> DirectAlignment:
     """Lay a keyframe's points, an array for each level, on a frame.
 
     starts    4x4 motions T_camera_keyframe; it begins at the one that fits best
@@ -154,13 +159,13 @@ def align(
     """
     # A camera that comes back may have images of another size.
     coarsest = min(len(images.grey), len(points)) - 1
-    fit = start_fit(light)
-    costs = [_cost(points, images, T, tie.movement, fit, coarsest) for T in starts]
-    T, movement = starts[int(np.argmin(costs))], tie.movement
+    fit = initial_residual_model(affine_brightness)
+    costs = [_mean_cost(points, images, T, prior.motion, fit, coarsest) for T in initial_guesses]
+    T, movement = initial_guesses[int(np.argmin(costs))], prior.motion
     # Coarse levels have too few points to tell regions by: those of the start are taken there.
-    at_start = _regions(points, images, T, movement, fit.copy(), weights)
+    at_start = _initial_region_weights(points, images, T, movement, fit.copy(), cell_weights)
     for level in range(coarsest, -1, -1):
-        T, movement = descend(
+        T, movement = solve_level(
             points[level],
             images.grey[level],
             images.intrinsics[level + 1],
@@ -168,59 +173,73 @@ def align(
             images.intrinsics[0],
             images.shutter.readout_s,
             images.shutter.skew_s,
-            images.falloff,
+            images.vignetting,
             T,
             movement,
-            tie.T_keyframe_last,
-            tie.rate_hz,
-            tie.information,
-            weights if level < FINE_LEVELS else at_start,
+            prior.T_keyframe_last,
+            prior.rate_hz,
+            prior.information,
+            cell_weights if level < NUM_FINE_LEVELS else at_start,
             fit,
-            STEPS[level],
-            LAST_STEPS[level],
+            MAX_STEPS[level],
+            MIN_STEP_SIZES[level],
         )
-    T = orthonormal(T)
-    readings = look_at(points, images, T, movement, 0)
-    by_region = weigh_regions(points[0], readings, fit, weights)
-    counts = measure.count(points[0], readings, fit, by_region)
-    return Alignment(T, movement, fit, counts, readings, by_region)
+    T = orthonormalize(T)
+    readings = sample_points(points, images, T, movement, 0)
+    by_region = weigh_regions(points[0], readings, fit, cell_weights)
+    counts = measure.count_residuals(points[0], readings, fit, by_region)
+    return DirectAlignment(T, movement, fit, counts, readings, by_region)
 
 
-def _regions(
-    points: Points, images: Images, T: Array, movement: Array, fit: Array, weights: Array
+def _initial_region_weights(
+    points: PointPyramid,
+    images: ImagePyramid,
+    T: Array,
+    motion: Array,
+    residual_model: Array,
+    cell_weights: Array,
 ) -> Array:
     """(2, CELLS) weights by how regions fit where the motion is begun."""
-    level = min(FINE_LEVELS, len(images.grey)) - 1
-    readings = look_at(points, images, T, movement, level)
-    for _ in range(FIRST_SWEEPS):
-        fit_light(points[level], readings, weights, fit)
-    return weigh_regions(points[level], readings, fit, weights)
+    level = min(NUM_FINE_LEVELS, len(images.grey)) - 1
+    readings = sample_points(points, images, T, motion, level)
+    for _ in range(INITIAL_SWEEPS):
+        fit_affine_brightness(points[level], readings, cell_weights, residual_model)
+    return weigh_regions(points[level], readings, residual_model, cell_weights)
 
 
-def look_at(points: Points, images: Images, T: Array, movement: Array, level: int) -> Array:
+def sample_points(
+    points: PointPyramid, images: ImagePyramid, T: Array, motion: Array, level: int
+) -> Array:
     """(N, COLUMNS) readings of a level's points at a motion that is given."""
-    readings = np.empty((len(points[level]), reading_columns.COLUMNS))
-    read_points(
+    readings = np.empty((len(points[level]), reading_columns.NUM_SAMPLE_COLUMNS))
+    warp_and_sample(
         points[level],
         T,
-        body_movement(T, movement),
+        body_motion(T, motion),
         images.grey[level],
         images.intrinsics[level + 1],
         images.inverse_depth,
         images.intrinsics[0],
         images.shutter.readout_s,
         images.shutter.skew_s,
-        images.falloff,
+        images.vignetting,
         readings,
     )
     return readings
 
 
-def _cost(
-    points: Points, images: Images, T: Array, movement: Array, fit: Array, level: int
+def _mean_cost(
+    points: PointPyramid,
+    images: ImagePyramid,
+    T: Array,
+    motion: Array,
+    residual_model: Array,
+    level: int,
 ) -> float:
     """Mean robust cost of all points; those out of view cost as much as the worst."""
-    readings = look_at(points, images, T, movement, level)
-    counts = measure.count(points[level], readings, fit, all_alike())
+    readings = sample_points(points, images, T, motion, level)
+    counts = measure.count_residuals(points[level], readings, residual_model, uniform_weights())
     missing = len(points[level]) - counts[measure.IN_IMAGE]
-    return float(counts[measure.COST] + measure.MOST_COST * missing) / max(len(points[level]), 1)
+    return float(counts[measure.COST] + measure.MAX_POINT_COST * missing) / max(
+        len(points[level]), 1
+    )

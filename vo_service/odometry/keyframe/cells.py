@@ -5,13 +5,13 @@ import numpy as np
 from drivers.jit import inline_kernel
 
 CELL_ROWS, CELL_COLUMNS = 6, 8
-CELLS = CELL_ROWS * CELL_COLUMNS
-ALL_STILL = np.ones(CELLS, np.bool_)
+NUM_CELLS = CELL_ROWS * CELL_COLUMNS
+ALL_STATIC = np.ones(NUM_CELLS, np.bool_)
 
 
 @inline_kernel
-def cell_of(across: float, down: float) -> int:
+def cell_index(u_share: float, v_share: float) -> int:
     """Number of the cell at a place in the image, given as shares of its width and its height."""
-    row = min(max(int(down * CELL_ROWS), 0), CELL_ROWS - 1)
-    column = min(max(int(across * CELL_COLUMNS), 0), CELL_COLUMNS - 1)
+    row = min(max(int(v_share * CELL_ROWS), 0), CELL_ROWS - 1)
+    column = min(max(int(u_share * CELL_COLUMNS), 0), CELL_COLUMNS - 1)
     return row * CELL_COLUMNS + column

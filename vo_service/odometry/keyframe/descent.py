@@ -6,22 +6,26 @@ from numpy.typing import NDArray
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
-from vo_service.odometry.keyframe.movement import ACCELERATION, COLUMNS, body_movement
+from vo_service.odometry.keyframe.movement import ACCELERATION_START, MOTION_SIZE, body_motion
 from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
-from vo_service.odometry.keyframe.readings import read_points
+from vo_service.odometry.keyframe.readings import warp_and_sample
 from vo_service.odometry.keyframe.regions import weigh_regions
-from vo_service.odometry.keyframe.system import fit_light, sum_bands, with_times
-from vo_service.odometry.keyframe.twists import exponential, logarithm, product
+from vo_service.odometry.keyframe.system import (
+    accumulate,
+    expand_rolling_shutter,
+    fit_affine_brightness,
+)
+from vo_service.odometry.keyframe.twists import compose, se3_exp, se3_log
 
 # The spreads are found with the first step, in so many sweeps; then once a step.
-FIRST_SWEEPS = 3
+INITIAL_SWEEPS = 3
 # Directions that nothing in view settles are left alone: steps along them cost as if they were
 # known to what the velocity makes of them in this time.
-LOOSE_S = 1.0
+DAMPING_SPAN_S = 1.0
 
 
 @kernel
-def descend(
+def solve_level(
     points: Array,
     grey: NDArray[np.uint8],
     intrinsics: Array,
@@ -29,87 +33,89 @@ def descend(
     depth_intrinsics: Array,
     readout_s: float,
     skew_s: float,
-    falloff: float,
+    vignetting: float,
     T_camera_keyframe: Array,
-    movement: Array,
+    motion: Array,
     T_keyframe_last: Array,
     rate_hz: float,
-    information: Array,
-    basic_weights: Array,
-    fit: Array,
-    steps: int,
-    last_step: float,
+    prior_information: Array,
+    base_weights: Array,
+    residual_model: Array,
+    max_steps: int,
+    min_step_size: float,
 ) -> tuple[Array, Array]:
     """T_camera_keyframe and the movement after some steps.
 
     movement         (9,) expected, of the motion in the keyframe's axes, see `movement`
-    falloff          see `read_points`
+    falloff          see `warp_and_sample`
     T_keyframe_last  4x4, camera to keyframe, of the frame before
     rate_hz          frames a second since that; 0 ties the velocity to nothing but itself
     information      (9,) how well the movement is known by the way since the frame before
     fit              see `system`; in and out
     last_step        a step as small as this, in m and rad, is the last
     """
-    T, expected, movement = T_camera_keyframe.copy(), movement.copy(), movement.copy()
-    readings = np.empty((len(points), reading_columns.COLUMNS))
-    for step in range(steps):
-        read_points(
+    T, expected, motion = T_camera_keyframe.copy(), motion.copy(), motion.copy()
+    readings = np.empty((len(points), reading_columns.NUM_SAMPLE_COLUMNS))
+    for step in range(max_steps):
+        warp_and_sample(
             points,
             T,
-            body_movement(T, movement),
+            body_motion(T, motion),
             grey,
             intrinsics,
             inverse_depth,
             depth_intrinsics,
             readout_s,
             skew_s,
-            falloff,
+            vignetting,
             readings,
         )
-        cell_weights = weigh_regions(points, readings, fit, basic_weights)
-        for _ in range(FIRST_SWEEPS if step == 0 else 1):
-            fit_light(points, readings, cell_weights, fit)
-        bands = sum_bands(points, readings, cell_weights, fit)
-        H, g = with_times(bands, readout_s, skew_s)
+        cell_weights = weigh_regions(points, readings, residual_model, base_weights)
+        for _ in range(INITIAL_SWEEPS if step == 0 else 1):
+            fit_affine_brightness(points, readings, cell_weights, residual_model)
+        bands = accumulate(points, readings, cell_weights, residual_model)
+        H, g = expand_rolling_shutter(bands, readout_s, skew_s)
         if rate_hz != 0.0:
-            expected[:ACCELERATION] = logarithm(product(T_keyframe_last, T)) * rate_hz
-        tie_movement(H, g, movement - expected, rate_hz, information)
-        hold_loosely(H)
-        x = solve(H, g)
-        T = product(T, exponential(-x[:6]))
-        movement -= x[6:]
-        if np.max(np.abs(x[:6])) < last_step:
+            expected[:ACCELERATION_START] = se3_log(compose(T_keyframe_last, T)) * rate_hz
+        add_motion_prior(H, g, motion - expected, rate_hz, prior_information)
+        add_damping(H)
+        x = solve_cholesky(H, g)
+        T = compose(T, se3_exp(-x[:6]))
+        motion -= x[6:]
+        if np.max(np.abs(x[:6])) < min_step_size:
             break
-    return T, movement
+    return T, motion
 
 
 @kernel
-def hold_loosely(H: Array) -> None:
-    """Leave alone what nothing in view settles: see `LOOSE_S`."""
+def add_damping(H: Array) -> None:
+    """Leave alone what nothing in view settles: see `DAMPING_SPAN_S`."""
     for i in range(3):
-        H[i, i] += 1.0 / (LOOSE_S * VELOCITY_SIGMA[0]) ** 2
-        H[3 + i, 3 + i] += 1.0 / (LOOSE_S * VELOCITY_SIGMA[1]) ** 2
+        H[i, i] += 1.0 / (DAMPING_SPAN_S * VELOCITY_SIGMA[0]) ** 2
+        H[3 + i, 3 + i] += 1.0 / (DAMPING_SPAN_S * VELOCITY_SIGMA[1]) ** 2
 
 
 @kernel
-def tie_movement(H: Array, g: Array, off: Array, rate_hz: float, information: Array) -> None:
+def add_motion_prior(
+    H: Array, g: Array, motion_error: Array, rate_hz: float, prior_information: Array
+) -> None:
     """Add what is known of the movement: its velocity is about the mean since the frame before.
 
     off  (9,) how far it is from that now
     """
-    for i in range(COLUMNS):
-        P = information[i]
+    for i in range(MOTION_SIZE):
+        P = prior_information[i]
         H[6 + i, 6 + i] += P
-        g[6 + i] += P * off[i]
-        if i < ACCELERATION:
+        g[6 + i] += P * motion_error[i]
+        if i < ACCELERATION_START:
             H[6 + i, i] -= P * rate_hz
             H[i, 6 + i] -= P * rate_hz
             H[i, i] += P * rate_hz * rate_hz
-            g[i] -= P * rate_hz * off[i]
+            g[i] -= P * rate_hz * motion_error[i]
 
 
 @kernel
-def solve(A: Array, b: Array) -> Array:
+def solve_cholesky(A: Array, b: Array) -> Array:
     """Solve A x = b by Cholesky's factors; A is symmetric and positive definite."""
     n = len(b)
     L = np.zeros((n, n))

@@ -5,31 +5,33 @@ from numpy.typing import NDArray
 
 from drivers.geometry import Array
 from vo_service.odometry.keyframe import readings as columns
-from vo_service.odometry.keyframe.alignment import Alignment
-from vo_service.odometry.keyframe.local_map import Keyframe
-from vo_service.odometry.keyframe.measure import is_agreeing
-from vo_service.types import Evidence
+from vo_service.odometry.keyframe.alignment import DirectAlignment
+from vo_service.odometry.keyframe.local_map import DirectKeyframe
+from vo_service.odometry.keyframe.measure import find_inliers
+from vo_service.types import TrackingDebug
 
 # There are more points than anybody needs to see.
-EACH = 4
+POINT_STRIDE = 4
 
 
-def draw(keyframe: Keyframe, found: Alignment) -> Evidence:
+def make_tracking_debug(keyframe: DirectKeyframe, alignment: DirectAlignment) -> TrackingDebug:
     """Every fourth point in view; matches are those with a reading."""
-    readings = found.readings[::EACH]
-    pixels = readings[:, [columns.U, columns.V]].astype(np.float32)
-    is_read = ~np.isnan(readings[:, columns.BRIGHTNESS])
-    return Evidence(
-        keypoints_px=pixels[readings[:, columns.CELL] >= 0],
+    readings = alignment.samples[::POINT_STRIDE]
+    pixels = readings[:, [columns.SAMPLE_U, columns.SAMPLE_V]].astype(np.float32)
+    is_read = ~np.isnan(readings[:, columns.SAMPLE_BRIGHTNESS])
+    return TrackingDebug(
+        keypoints_px=pixels[readings[:, columns.SAMPLE_CELL] >= 0],
         matches_px=pixels[is_read],
-        reference_matches_px=draw_points(keyframe)[is_read],
-        inlier=is_agreeing(keyframe.points[0][::EACH], readings, found.fit)[is_read],
+        reference_matches_px=project_keyframe_points(keyframe)[is_read],
+        inlier=find_inliers(keyframe.points[0][::POINT_STRIDE], readings, alignment.residual_model)[
+            is_read
+        ],
     )
 
 
-def draw_points(keyframe: Keyframe) -> NDArray[np.float32]:
+def project_keyframe_points(keyframe: DirectKeyframe) -> NDArray[np.float32]:
     """(N, 2) pixels of every fourth of a keyframe's own points in its image."""
     fx, fy, cx, cy = keyframe.images.intrinsics[0]
-    x, y, z = keyframe.points[0][::EACH, :3].T
+    x, y, z = keyframe.points[0][::POINT_STRIDE, :3].T
     pixels: Array = np.column_stack([fx * x / z + cx, fy * y / z + cy])
     return pixels.astype(np.float32)

@@ -13,21 +13,25 @@ import numpy as np
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
-from vo_service.odometry.keyframe.alignment import Alignment
-from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.local_map import Keyframe
-from vo_service.odometry.keyframe.parameters import FADING, FREEDOM, HALF, SLIGHT
-from vo_service.odometry.keyframe.points import BRIGHTNESS, HAS_TEXTURE, VARIANCE
-from vo_service.odometry.keyframe.readings import further_out
+from vo_service.odometry.keyframe.alignment import DirectAlignment
+from vo_service.odometry.keyframe.images import ImagePyramid
+from vo_service.odometry.keyframe.local_map import DirectKeyframe
+from vo_service.odometry.keyframe.parameters import DECAY, DEGREES_OF_FREEDOM, HALF, SLIGHT
+from vo_service.odometry.keyframe.points import (
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_VARIANCE,
+)
+from vo_service.odometry.keyframe.readings import squared_radius_change
 from vo_service.odometry.keyframe.system import GAIN, OFFSET, SIGMA_BRIGHTNESS
 
 # A single view is off by this (sigma), how many readings it may have: surfaces shine, and lamps are
 # near.
-OF_A_VIEW = HALF * SLIGHT
+VIEW_SIGMA = HALF * SLIGHT
 
 
 @dataclass(frozen=True)
-class Falloff:
+class VignettingEstimate:
     """What is known of it.
 
     value        0 for none
@@ -37,38 +41,48 @@ class Falloff:
     value: float = 0.0
     information: float = SLIGHT**-2
 
-    def with_view(self, keyframe: Keyframe, images: Images, found: Alignment) -> "Falloff":
+    def update(
+        self, keyframe: DirectKeyframe, images: ImagePyramid, alignment: DirectAlignment
+    ) -> "VignettingEstimate":
         """The same, by a view in which the keyframe's points have moved far."""
         H, g = _regress(
-            keyframe.points[0], found.readings, found.weights, found.fit, images.intrinsics[0]
+            keyframe.points[0],
+            alignment.samples,
+            alignment.cell_weights,
+            alignment.residual_model,
+            images.intrinsics[0],
         )
         if H[2, 2] <= 0.0:
             return self
         inverse = np.linalg.inv(H + 1e-9 * np.diag(np.diag(H)) + 1e-9 * np.eye(3))
-        told = images.falloff + float(inverse[2] @ g)
-        known = FADING * self.information
-        more = 1.0 / (OF_A_VIEW**2 + float(inverse[2, 2]))
+        told = images.vignetting + float(inverse[2] @ g)
+        known = DECAY * self.information
+        more = 1.0 / (VIEW_SIGMA**2 + float(inverse[2, 2]))
         value = (known * self.value + more * told) / (known + more)
-        return Falloff(min(max(value, -HALF), HALF), known + more)
+        return VignettingEstimate(min(max(value, -HALF), HALF), known + more)
 
 
 @kernel
 def _regress(
-    points: Array, readings: Array, weights: Array, fit: Array, intrinsics: Array
+    points: Array, samples: Array, cell_weights: Array, residual_model: Array, intrinsics: Array
 ) -> tuple[Array, Array]:
     """Normal equations (3, 3) and (3,) of changes of gain, offset and falloff."""
     H, g, J = np.zeros((3, 3)), np.zeros(3), np.ones(3)
     for i in range(len(points)):
-        brightness = readings[i, reading_columns.BRIGHTNESS]
+        brightness = samples[i, reading_columns.SAMPLE_BRIGHTNESS]
         if np.isnan(brightness) or points[i, HAS_TEXTURE] == 0:
             continue
-        u, v = readings[i, reading_columns.U], readings[i, reading_columns.V]
-        mine = fit[GAIN] * points[i, BRIGHTNESS]
-        residual = brightness - mine - fit[OFFSET]
-        of_this = fit[SIGMA_BRIGHTNESS] ** 2 + points[i, VARIANCE]
-        w = (FREEDOM + 1.0) / (FREEDOM + residual * residual / of_this) / of_this
-        w *= weights[0, int(readings[i, reading_columns.CELL])]
-        J[0], J[2] = mine, -mine * further_out(u, v, intrinsics, points[i])
+        u, v = samples[i, reading_columns.SAMPLE_U], samples[i, reading_columns.SAMPLE_V]
+        mine = residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
+        residual = brightness - mine - residual_model[OFFSET]
+        of_this = residual_model[SIGMA_BRIGHTNESS] ** 2 + points[i, POINT_BRIGHTNESS_VARIANCE]
+        w = (
+            (DEGREES_OF_FREEDOM + 1.0)
+            / (DEGREES_OF_FREEDOM + residual * residual / of_this)
+            / of_this
+        )
+        w *= cell_weights[0, int(samples[i, reading_columns.SAMPLE_CELL])]
+        J[0], J[2] = mine, -mine * squared_radius_change(u, v, intrinsics, points[i])
         for a in range(3):
             for b in range(3):
                 H[a, b] += w * J[a] * J[b]

@@ -6,28 +6,28 @@ from weakref import WeakKeyDictionary
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
-from vo_service.odometry.chance import ChanceTest
-from vo_service.odometry.grey_frame import GreyFrame
-from vo_service.odometry.keyframe.local_map import Keyframe
-from vo_service.odometry.keyframe.parameters import SIGHTED
+from vo_service.odometry.chance import MatchVerifier
+from vo_service.odometry.gray_frame import GrayFrame
+from vo_service.odometry.keyframe.local_map import DirectKeyframe
+from vo_service.odometry.keyframe.parameters import FEATURE_INLIER_SHARES
 from vo_service.odometry.matching import match_features
 from vo_service.odometry.parameters import SurfParameters
-from vo_service.odometry.points import locate_features, pair_points
+from vo_service.odometry.points import backproject_features, pair_points
 from vo_service.odometry.ransac import find_consensus
-from vo_service.odometry.refinement import refine_motion
+from vo_service.odometry.refinement import refine_rigid_motion
 from vo_service.odometry.surf import SurfExtractor
-from vo_service.odometry.view import View, with_depth
+from vo_service.odometry.view import FeatureView, select_pairs_with_depth
 
 # A sighting is only where an alignment begins, which then shows whether it is right. A shutter that
 # rolls bends what is seen: few of the matches agree with any one motion.
-IS_SIGHTED = ChanceTest(*SIGHTED)
+FEATURE_MATCH_VERIFIER = MatchVerifier(*FEATURE_INLIER_SHARES)
 
 
 @dataclass(frozen=True)
-class Sighting:
+class KeyframeMatch:
     """A keyframe that is in view, and the motion T_camera_keyframe (4x4) that features give."""
 
-    keyframe: Keyframe
+    keyframe: DirectKeyframe
     T_camera_keyframe: Array
 
 
@@ -37,30 +37,38 @@ class FeatureSearch:
     def __init__(self, extractor: SurfExtractor) -> None:
         self.extractor = extractor
         self._parameters = SurfParameters()
-        self._views: WeakKeyDictionary[Keyframe, View] = WeakKeyDictionary()
+        self._views: WeakKeyDictionary[DirectKeyframe, FeatureView] = WeakKeyDictionary()
 
-    def find(self, frame: RgbdFrame, keyframes: Sequence[Keyframe]) -> Iterator[Sighting]:
+    def find_matches(
+        self, frame: RgbdFrame, keyframes: Sequence[DirectKeyframe]
+    ) -> Iterator[KeyframeMatch]:
         """The keyframes that enough features of a frame agree with, in their order."""
-        view = self._view(frame)
+        view = self._make_view(frame)
         for keyframe in keyframes:
             if keyframe not in self._views:
-                self._views[keyframe] = self._view(keyframe.frame)
-            T_keyframe_camera = self._motion(view, self._views[keyframe])
+                self._views[keyframe] = self._make_view(keyframe.frame)
+            T_keyframe_camera = self._estimate_motion(view, self._views[keyframe])
             if T_keyframe_camera is not None:
-                yield Sighting(keyframe, inverse(T_keyframe_camera))
+                yield KeyframeMatch(keyframe, inverse(T_keyframe_camera))
 
-    def _view(self, frame: RgbdFrame | GreyFrame) -> View:
-        features = self.extractor.extract(frame.grey)
-        return View(features, locate_features(features, frame), frame.camera, frame.stamp_s)
+    def _make_view(self, frame: RgbdFrame | GrayFrame) -> FeatureView:
+        features = self.extractor.extract(frame.gray)
+        return FeatureView(
+            features, backproject_features(features, frame), frame.camera, frame.stamp_s
+        )
 
-    def _motion(self, view: View, reference: View) -> Array | None:
+    def _estimate_motion(self, view: FeatureView, reference: FeatureView) -> Array | None:
         """4x4 T_reference_camera; None if features that agree may do so by chance."""
         parameters = self._parameters
         pairs = match_features(view.features, reference.features, parameters.match_ratio)
-        matches = pair_points(view.points, reference.points, with_depth(view, reference, pairs))
+        matches = pair_points(
+            view.points, reference.points, select_pairs_with_depth(view, reference, pairs)
+        )
         consensus = find_consensus(matches, parameters.max_hypotheses, parameters.seed)
-        motion = refine_motion(consensus, matches)
+        motion = refine_rigid_motion(consensus, matches)
         inliers = int(motion.inlier.sum())
-        if inliers < parameters.min_inliers or not IS_SIGHTED.is_passed(inliers, len(matches)):
+        if inliers < parameters.min_inliers or not FEATURE_MATCH_VERIFIER.accepts(
+            inliers, len(matches)
+        ):
             return None
         return motion.T_reference_camera

@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
-from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.movement import in_axes, through
-from vo_service.odometry.keyframe.recovery import Found
-from vo_service.odometry.keyframe.way import Way
+from vo_service.odometry.keyframe.images import ImagePyramid
+from vo_service.odometry.keyframe.movement import change_frame, fit_through_poses
+from vo_service.odometry.keyframe.recovery import TrackingResult
+from vo_service.odometry.keyframe.way import MotionState
 
 
 @dataclass(frozen=True)
-class GoodFrame:
+class TrackedFrame:
     """A frame, and where it was found.
 
     way      up to the good frame before it
@@ -24,43 +24,49 @@ class GoodFrame:
     """
 
     frame: RgbdFrame
-    images: Images
-    found: Found
-    way: Way
-    is_held: bool
+    images: ImagePyramid
+    result: TrackingResult
+    motion_state: MotionState
+    is_well_constrained: bool
 
-    def with_falloff(self, falloff: float) -> "GoodFrame":
-        """The same, by what is known of the lens's light now: see `Falloff`."""
-        return replace(self, images=replace(self.images, falloff=falloff))
+    def with_vignetting(self, vignetting: float) -> "TrackedFrame":
+        """The same, by what is known of the lens's light now: see `VignettingEstimate`."""
+        return replace(self, images=replace(self.images, vignetting=vignetting))
 
-    def with_movement(self, movement: Array) -> "GoodFrame":
+    def with_motion(self, motion: Array) -> "TrackedFrame":
         """The same with another movement (9,) of the camera in its own axes, see `movement`."""
-        alignment = self.found.alignment
-        in_keyframe = in_axes(-movement, inverse(alignment.T_camera_keyframe))
-        found = replace(self.found, alignment=replace(alignment, movement=in_keyframe))
-        return replace(self, found=found)
+        alignment = self.result.alignment
+        in_keyframe = change_frame(-motion, inverse(alignment.T_camera_keyframe))
+        found = replace(self.result, alignment=replace(alignment, motion=in_keyframe))
+        return replace(self, result=found)
 
 
-def movement_before(before: GoodFrame | None, now: GoodFrame) -> Array | None:
+def estimate_previous_motion(before: TrackedFrame | None, now: TrackedFrame) -> Array | None:
     """(9,) movement of the camera in the frame before, by the poses around it, see `movement`.
 
     None where nothing is bent, or where these tell nothing.
     """
-    if before is None or now.images.shutter.is_instant or not _are_alike(before, now):
+    if before is None or now.images.shutter.is_instant or not _are_comparable(before, now):
         return None
-    poses = before.way.T_world_camera, before.found.T_world_camera, now.found.T_world_camera
-    return through(poses, (before.way.stamp_s, before.images.stamp_s, now.images.stamp_s))
+    poses = (
+        before.motion_state.T_world_camera,
+        before.result.T_world_camera,
+        now.result.T_world_camera,
+    )
+    return fit_through_poses(
+        poses, (before.motion_state.stamp_s, before.images.stamp_s, now.images.stamp_s)
+    )
 
 
-def _are_alike(before: GoodFrame, now: GoodFrame) -> bool:
+def _are_comparable(before: TrackedFrame, now: TrackedFrame) -> bool:
     """Whether both, and the one before them, were laid well on one keyframe, soon after another."""
     return (
-        before.found.keyframe is now.found.keyframe
-        and before.is_held
-        and now.is_held
-        and not before.way.is_carried_on
-        and not before.found.lack
-        and before.way.is_soon(before.images.stamp_s)
-        and now.way.is_soon(now.images.stamp_s)
-        and not before.way.is_long_ago(now.images.stamp_s)
+        before.result.keyframe is now.result.keyframe
+        and before.is_well_constrained
+        and now.is_well_constrained
+        and not before.motion_state.is_extrapolated
+        and not before.result.degradation
+        and before.motion_state.is_recent(before.images.stamp_s)
+        and now.motion_state.is_recent(now.images.stamp_s)
+        and not before.motion_state.is_stale(now.images.stamp_s)
     )

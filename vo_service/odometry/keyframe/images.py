@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import Array
 from drivers.jit import kernel
-from vo_service.odometry.keyframe.limits import GAINS
-from vo_service.odometry.keyframe.parameters import BLOCKS_PX
+from vo_service.odometry.keyframe.limits import GAIN_RANGE
+from vo_service.odometry.keyframe.parameters import POINT_BLOCKS_PX
 
 # Brightness in a half, a quarter, an eighth and a sixteenth of the frame's size. The whole size
 # gains nothing: a Kinect's colours are interpolated, and edges in it are 2 pixels wide.
-LEVELS = len(BLOCKS_PX)
+NUM_LEVELS = len(POINT_BLOCKS_PX)
 # Of these, those on which regions that move by themselves are told, and a motion that is nearly
 # right is made exact.
-FINE_LEVELS = 2
+NUM_FINE_LEVELS = 2
 # Smaller images than this are left out, but for the largest.
-SMALLEST_PX = 12
+MIN_IMAGE_PX = 12
 
 
 @dataclass(frozen=True)
-class Shutter:
+class ImageTiming:
     """When rows were taken, counted from the instant of the colour image's middle row.
 
     readout_s  from the first row to the last, of both images
@@ -41,7 +41,7 @@ class Shutter:
         return self.readout_s == 0.0 and self.skew_s == 0.0
 
 
-class Lit(Protocol):
+class HasMeanBrightness(Protocol):
     """Something of which the mean brightness is known, in grey levels."""
 
     @property
@@ -49,7 +49,7 @@ class Lit(Protocol):
 
 
 @dataclass(frozen=True)
-class Images:
+class ImagePyramid:
     """What is read of a frame.
 
     grey           (H / 2, W / 2) uint8 and smaller ones, each half the size of the one before
@@ -61,21 +61,21 @@ class Images:
     grey: tuple[NDArray[np.uint8], ...]
     inverse_depth: NDArray[np.float32]
     camera: PinholeCamera
-    shutter: Shutter
+    shutter: ImageTiming
     stamp_s: float
-    falloff: float = 0.0
+    vignetting: float = 0.0
 
     @cached_property
     def intrinsics(self) -> tuple[Array, ...]:
         """(4,) fx, fy, cx, cy of the whole size, then of each grey image."""
         camera = self.camera
         whole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-        return tuple(at_level(whole, level) for level in range(len(self.grey) + 1))
+        return tuple(scale_intrinsics(whole, level) for level in range(len(self.grey) + 1))
 
-    def light_against(self, other: Lit) -> float:
+    def brightness_ratio(self, other: HasMeanBrightness) -> float:
         """How many times as bright as another view, within what is believed of a gain."""
         ratio = (self.mean_brightness + 1.0) / (other.mean_brightness + 1.0)
-        return float(min(max(ratio, GAINS[0]), GAINS[1]))
+        return float(min(max(ratio, GAIN_RANGE[0]), GAIN_RANGE[1]))
 
     @cached_property
     def mean_brightness(self) -> float:
@@ -83,33 +83,33 @@ class Images:
         return float(self.grey[-1].mean())
 
 
-def at_level(intrinsics: Array, level: int) -> Array:
+def scale_intrinsics(intrinsics: Array, level: int) -> Array:
     """Intrinsics of an image halved so many times; the centre of its first pixel is (0, 0)."""
     fx, fy, cx, cy = intrinsics
     scale = 2.0**-level
     return np.array([fx * scale, fy * scale, (cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5])
 
 
-def make_images(frame: RgbdFrame, falloff: float = 0.0) -> Images:
+def build_image_pyramid(frame: RgbdFrame, vignetting: float = 0.0) -> ImagePyramid:
     """Prepare a frame."""
     depth_raw = frame.depth_raw.view()
     depth_raw.flags.writeable = False  # as some cameras' are: one kind of array is compiled
-    return Images(
-        grey=_pyramid(frame.grey),
-        inverse_depth=invert(depth_raw, float(frame.depth_factor)),
+    return ImagePyramid(
+        grey=_downscale(frame.gray),
+        inverse_depth=invert_depth(depth_raw, float(frame.depth_factor)),
         camera=frame.camera,
-        shutter=Shutter(frame.readout_s, frame.skew_s),
+        shutter=ImageTiming(frame.readout_s, frame.skew_s),
         stamp_s=frame.stamp_s,
-        falloff=falloff,
+        vignetting=vignetting,
     )
 
 
-def _pyramid(grey: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
+def _downscale(grey: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
     levels: list[NDArray[np.uint8]] = []
     height, width = grey.shape
-    for _ in range(LEVELS):
+    for _ in range(NUM_LEVELS):
         height, width = max(height // 2, 1), max(width // 2, 1)
-        if levels and min(height, width) < SMALLEST_PX:
+        if levels and min(height, width) < MIN_IMAGE_PX:
             break
         last = levels[-1] if levels else grey
         cut = last[: 2 * height, : 2 * width]
@@ -118,7 +118,7 @@ def _pyramid(grey: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
 
 
 @kernel
-def invert(depth_raw: NDArray[np.uint16], depth_factor: float) -> NDArray[np.float32]:
+def invert_depth(depth_raw: NDArray[np.uint16], depth_factor: float) -> NDArray[np.float32]:
     """(H, W) inverse depth in 1/m of the sensor's values; 0 where there is no reading."""
     inverse_depth = np.empty(depth_raw.shape, np.float32)
     height, width = depth_raw.shape

@@ -8,19 +8,19 @@ from numpy.typing import NDArray
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, inverse
 from drivers.jit import kernel
-from vo_service.odometry.grey_frame import GreyFrame
-from vo_service.odometry.keyframe.images import FINE_LEVELS, Images
-from vo_service.odometry.keyframe.parameters import KEYFRAMES
-from vo_service.odometry.keyframe.points import find_points
-from vo_service.odometry.keyframe.readings import NEAREST_M
+from vo_service.odometry.gray_frame import GrayFrame
+from vo_service.odometry.keyframe.images import NUM_FINE_LEVELS, ImagePyramid
+from vo_service.odometry.keyframe.parameters import KEYFRAME_COUNTS
+from vo_service.odometry.keyframe.points import select_points
+from vo_service.odometry.keyframe.readings import MIN_DEPTH_M
 from vo_service.odometry.keyframe.rows import project
-from vo_service.odometry.keyframe.twists import transformed
+from vo_service.odometry.keyframe.twists import transform_point
 
-*_, MOST_KEYFRAMES = KEYFRAMES
+*_, MAX_KEYFRAMES = KEYFRAME_COUNTS
 
 
 @dataclass(frozen=True, eq=False)
-class Keyframe:
+class DirectKeyframe:
     """A frame that others are laid on.
 
     points            (N, COLUMNS) of each level, in its camera's axes at its stamp
@@ -30,26 +30,26 @@ class Keyframe:
     """
 
     points: tuple[Array, ...]
-    images: Images
+    images: ImagePyramid
     T_world_keyframe: Array
-    movement: Array
-    frame: GreyFrame
+    motion: Array
+    frame: GrayFrame
 
 
 def make_keyframe(
-    frame: RgbdFrame | GreyFrame,
-    images: Images,
+    frame: RgbdFrame | GrayFrame,
+    images: ImagePyramid,
     T_world_keyframe: Array,
-    movement: Array,
-    is_still: NDArray[np.bool_],
-) -> Keyframe:
-    """A keyframe of a frame whose pose and movement are known; see `find_points`."""
-    points = find_points(images, movement, is_still)
-    return Keyframe(points, images, T_world_keyframe, movement, GreyFrame.of(frame))
+    motion: Array,
+    is_static: NDArray[np.bool_],
+) -> DirectKeyframe:
+    """A keyframe of a frame whose pose and movement are known; see `select_points`."""
+    points = select_points(images, motion, is_static)
+    return DirectKeyframe(points, images, T_world_keyframe, motion, GrayFrame.of(frame))
 
 
 @dataclass(frozen=True)
-class Overlap:
+class KeyframeOverlap:
     """How much of a keyframe a camera sees.
 
     share    of its points that lie in the image, 0 to 1
@@ -64,47 +64,51 @@ class LocalMap:
     """The last keyframes of one world."""
 
     def __init__(self) -> None:
-        self.keyframes: list[Keyframe] = []
+        self.keyframes: list[DirectKeyframe] = []
 
-    def begin(self, keyframe: Keyframe) -> None:
+    def reset(self, keyframe: DirectKeyframe) -> None:
         """The first one; those of another world are forgotten."""
         self.keyframes = [keyframe]
 
-    def add(self, keyframe: Keyframe) -> None:
+    def add(self, keyframe: DirectKeyframe) -> None:
         """The next one; the one that was longest out of use goes."""
-        self.keyframes = [*self.keyframes, keyframe][-MOST_KEYFRAMES:]
+        self.keyframes = [*self.keyframes, keyframe][-MAX_KEYFRAMES:]
 
-    def use(self, keyframe: Keyframe) -> None:
+    def move_to_newest(self, keyframe: DirectKeyframe) -> None:
         """It is in use again."""
         self.keyframes = [each for each in self.keyframes if each is not keyframe]
         self.add(keyframe)
 
-    def in_view(self, T_world_camera: Array) -> list[tuple[Keyframe, Overlap]]:
+    def rank_by_overlap(
+        self, T_world_camera: Array
+    ) -> list[tuple[DirectKeyframe, KeyframeOverlap]]:
         """All of them, the one that the camera sees most of first."""
         T_camera_world = inverse(T_world_camera)
-        found = [(k, overlap(k, T_camera_world @ k.T_world_keyframe)) for k in self.keyframes]
+        found = [
+            (k, compute_overlap(k, T_camera_world @ k.T_world_keyframe)) for k in self.keyframes
+        ]
         return sorted(found, key=lambda pair: -pair[1].share)
 
 
-def overlap(keyframe: Keyframe, T_camera_keyframe: Array) -> Overlap:
+def compute_overlap(keyframe: DirectKeyframe, T_camera_keyframe: Array) -> KeyframeOverlap:
     """How much of a keyframe the same camera sees from elsewhere."""
     # The finest of the coarse levels: few points, and enough of them.
-    level = min(FINE_LEVELS, len(keyframe.points) - 1)
+    level = min(NUM_FINE_LEVELS, len(keyframe.points) - 1)
     camera = keyframe.images.camera
     size = np.array([camera.width, camera.height], np.float64)
-    seen, squared = _project(
+    seen, squared = _measure_flow(
         keyframe.points[level], T_camera_keyframe, keyframe.images.intrinsics[0], size
     )
-    return Overlap(seen / max(len(keyframe.points[level]), 1), float(np.sqrt(squared)))
+    return KeyframeOverlap(seen / max(len(keyframe.points[level]), 1), float(np.sqrt(squared)))
 
 
 @kernel
-def _project(points: Array, T: Array, intrinsics: Array, size: Array) -> tuple[int, float]:
+def _measure_flow(points: Array, T: Array, intrinsics: Array, size: Array) -> tuple[int, float]:
     """How many points lie in the image, and the mean square of how far they have moved."""
     seen, total = 0, 0.0
     for n in range(len(points)):
-        x, y, z = transformed(T, points[n, 0], points[n, 1], points[n, 2])
-        if z < NEAREST_M:
+        x, y, z = transform_point(T, points[n, 0], points[n, 1], points[n, 2])
+        if z < MIN_DEPTH_M:
             continue
         u, v = project(x, y, z, intrinsics)
         if not (0.0 <= u < size[0] and 0.0 <= v < size[1]):

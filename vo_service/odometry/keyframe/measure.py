@@ -8,9 +8,14 @@ from numpy.typing import NDArray
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
-from vo_service.odometry.keyframe.parameters import FREEDOM, HALF, SIGMAS
-from vo_service.odometry.keyframe.points import BRIGHTNESS, HAS_SHAPE, HAS_TEXTURE, VARIANCE
-from vo_service.odometry.keyframe.readings import HIDDEN
+from vo_service.odometry.keyframe.parameters import DEGREES_OF_FREEDOM, GATE_SIGMAS, HALF
+from vo_service.odometry.keyframe.points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_VARIANCE,
+)
+from vo_service.odometry.keyframe.readings import OCCLUDED
 from vo_service.odometry.keyframe.system import (
     GAIN,
     OFFSET,
@@ -24,57 +29,80 @@ from vo_service.odometry.keyframe.system import (
 IN_IMAGE, DISREGARDED, WITH_DEPTH, DEPTH_AGREES, WITH_BRIGHTNESS, BRIGHTNESS_AGREES, COST = range(7)
 # As many squared standard deviations as a reading may be off and agree. What is off by more
 # counts as if by so many.
-AGREEING = SIGMAS**2
+MAX_SQUARED_RESIDUAL = GATE_SIGMAS**2
 # What a point costs at most, whose brightness and depth are both wrong.
-MOST_COST = 2.0 * log(1.0 + AGREEING / FREEDOM)
+MAX_POINT_COST = 2.0 * log(1.0 + MAX_SQUARED_RESIDUAL / DEGREES_OF_FREEDOM)
 # A region of less weight hardly counts.
-LEAST_WEIGHT = HALF
+MIN_STATIC_WEIGHT = HALF
 
 
 @kernel
-def count(points: Array, readings: Array, fit: Array, weights: Array) -> Array:
+def count_residuals(
+    points: Array, samples: Array, residual_model: Array, cell_weights: Array
+) -> Array:
     """Counts (7,). What another surface is seen through costs the most; what one hides, nothing."""
     counts = np.zeros(7)
-    variance, variance_depth = fit[SIGMA_BRIGHTNESS] ** 2, fit[SIGMA_DEPTH] ** 2
+    variance, variance_depth = (
+        residual_model[SIGMA_BRIGHTNESS] ** 2,
+        residual_model[SIGMA_DEPTH] ** 2,
+    )
     for i in range(len(points)):
-        cell = int(readings[i, reading_columns.CELL])
-        if cell < 0 or readings[i, reading_columns.OTHER] == HIDDEN:
+        cell = int(samples[i, reading_columns.SAMPLE_CELL])
+        if cell < 0 or samples[i, reading_columns.SAMPLE_OCCLUSION] == OCCLUDED:
             continue
-        by_brightness, by_depth = weights[0, cell], weights[1, cell]
+        by_brightness, by_depth = cell_weights[0, cell], cell_weights[1, cell]
         counts[IN_IMAGE] += 1.0
-        counts[DISREGARDED] += max(by_brightness, by_depth) < LEAST_WEIGHT
-        brightness = readings[i, reading_columns.BRIGHTNESS]
-        depth = readings[i, reading_columns.DEPTH]
+        counts[DISREGARDED] += max(by_brightness, by_depth) < MIN_STATIC_WEIGHT
+        brightness = samples[i, reading_columns.SAMPLE_BRIGHTNESS]
+        depth = samples[i, reading_columns.SAMPLE_DEPTH_RESIDUAL]
         is_other = np.isnan(brightness)
         if points[i, HAS_SHAPE] > 0 and (is_other or not np.isnan(depth)):
-            squared = AGREEING if is_other else min(depth * depth / variance_depth, AGREEING)
+            squared = (
+                MAX_SQUARED_RESIDUAL
+                if is_other
+                else min(depth * depth / variance_depth, MAX_SQUARED_RESIDUAL)
+            )
             counts[WITH_DEPTH] += by_depth
-            counts[DEPTH_AGREES] += by_depth * (squared < AGREEING)
-            counts[COST] += by_depth * np.log(1.0 + squared / FREEDOM)
+            counts[DEPTH_AGREES] += by_depth * (squared < MAX_SQUARED_RESIDUAL)
+            counts[COST] += by_depth * np.log(1.0 + squared / DEGREES_OF_FREEDOM)
         if points[i, HAS_TEXTURE] > 0:
-            squared = AGREEING
+            squared = MAX_SQUARED_RESIDUAL
             if not is_other:
-                residual = brightness - fit[GAIN] * points[i, BRIGHTNESS] - fit[OFFSET]
-                squared = min(residual * residual / (variance + points[i, VARIANCE]), AGREEING)
+                residual = (
+                    brightness
+                    - residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
+                    - residual_model[OFFSET]
+                )
+                squared = min(
+                    residual * residual / (variance + points[i, POINT_BRIGHTNESS_VARIANCE]),
+                    MAX_SQUARED_RESIDUAL,
+                )
             counts[WITH_BRIGHTNESS] += by_brightness
-            counts[BRIGHTNESS_AGREES] += by_brightness * (squared < AGREEING)
-            counts[COST] += by_brightness * np.log(1.0 + squared / FREEDOM)
+            counts[BRIGHTNESS_AGREES] += by_brightness * (squared < MAX_SQUARED_RESIDUAL)
+            counts[COST] += by_brightness * np.log(1.0 + squared / DEGREES_OF_FREEDOM)
     return counts
 
 
 @kernel
-def is_agreeing(points: Array, readings: Array, fit: Array) -> NDArray[np.bool_]:
+def find_inliers(points: Array, samples: Array, residual_model: Array) -> NDArray[np.bool_]:
     """(N,) whether what is read of a point, of brightness and of depth, agrees with it."""
     agreeing = np.zeros(len(points), np.bool_)
-    variance, variance_depth = fit[SIGMA_BRIGHTNESS] ** 2, fit[SIGMA_DEPTH] ** 2
+    variance, variance_depth = (
+        residual_model[SIGMA_BRIGHTNESS] ** 2,
+        residual_model[SIGMA_DEPTH] ** 2,
+    )
     for i in range(len(points)):
-        brightness = readings[i, reading_columns.BRIGHTNESS]
-        depth = readings[i, reading_columns.DEPTH]
+        brightness = samples[i, reading_columns.SAMPLE_BRIGHTNESS]
+        depth = samples[i, reading_columns.SAMPLE_DEPTH_RESIDUAL]
         if np.isnan(brightness):
             continue
-        residual = brightness - fit[GAIN] * points[i, BRIGHTNESS] - fit[OFFSET]
-        is_lit = residual * residual < AGREEING * (variance + points[i, VARIANCE])
-        is_there = np.isnan(depth) or depth * depth < AGREEING * variance_depth
+        residual = (
+            brightness - residual_model[GAIN] * points[i, POINT_BRIGHTNESS] - residual_model[OFFSET]
+        )
+        is_lit = residual * residual < MAX_SQUARED_RESIDUAL * (
+            variance + points[i, POINT_BRIGHTNESS_VARIANCE]
+        )
+        is_there = np.isnan(depth) or depth * depth < MAX_SQUARED_RESIDUAL * variance_depth
         agreeing[i] = (is_lit or points[i, HAS_TEXTURE] == 0) and (
             is_there or points[i, HAS_SHAPE] == 0
         )

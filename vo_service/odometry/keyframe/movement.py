@@ -9,55 +9,57 @@ import numpy as np
 
 from drivers.geometry import Array, adjoint, inverse
 from drivers.jit import inline_kernel, kernel
-from vo_service.odometry.keyframe.twists import logarithm
+from vo_service.odometry.keyframe.twists import se3_log
 
-COLUMNS = 9
+MOTION_SIZE = 9
 # Of the acceleration among them; and among the unknowns of a step: motion, velocity, acceleration.
-ACCELERATION = 6
-UNKNOWNS = 6 + COLUMNS
+ACCELERATION_START = 6
+NUM_UNKNOWNS = 6 + MOTION_SIZE
 
 
-def at_rest() -> Array:
+def zero_motion() -> Array:
     """(9,) of a camera that stands still."""
-    return np.zeros(COLUMNS)
+    return np.zeros(MOTION_SIZE)
 
 
-def at_constant(velocity: Array) -> Array:
+def constant_velocity_motion(velocity: Array) -> Array:
     """(9,) of a velocity (6,) that stays as it is."""
     return np.concatenate([velocity, np.zeros(3)])
 
 
-def through(poses: tuple[Array, Array, Array], stamps_s: tuple[float, float, float]) -> Array:
+def fit_through_poses(
+    poses: tuple[Array, Array, Array], stamps_s: tuple[float, float, float]
+) -> Array:
     """(9,) of a camera in its own axes at the second of three poses T_world_camera (4x4).
 
     As if the way through them were a parabola.
     """
     before, now, after = poses
     since_s, until_s = stamps_s[1] - stamps_s[0], stamps_s[2] - stamps_s[1]
-    since = logarithm(inverse(before) @ now) / since_s
-    until = logarithm(inverse(now) @ after) / until_s
+    since = se3_log(inverse(before) @ now) / since_s
+    until = se3_log(inverse(now) @ after) / until_s
     velocity = (until_s * since + since_s * until) / (since_s + until_s)
     acceleration = 2.0 * (until - since) / (since_s + until_s)
     return np.concatenate([velocity, acceleration[3:]])
 
 
-def in_axes(movement: Array, T: Array) -> Array:
+def change_frame(motion: Array, T: Array) -> Array:
     """(9,) the same movement in the axes that T (4x4) leads to."""
     Ad = adjoint(T)
-    turned = Ad[3:, 3:] @ movement[ACCELERATION:]
-    return np.concatenate([Ad @ movement[:ACCELERATION], turned])
+    turned = Ad[3:, 3:] @ motion[ACCELERATION_START:]
+    return np.concatenate([Ad @ motion[:ACCELERATION_START], turned])
 
 
 @kernel
-def body_movement(T_camera_keyframe: Array, movement: Array) -> Array:
+def body_motion(T_camera_keyframe: Array, motion: Array) -> Array:
     """The camera's movement in its own axes (9,), of that of the motion in the keyframe's axes.
 
     The points move through the camera's axes as the camera does not: minus the adjoint.
     """
     T = T_camera_keyframe
-    own = np.empty(COLUMNS)
+    own = np.empty(MOTION_SIZE)
     for first in (0, 3, 6):
-        x, y, z = movement[first], movement[first + 1], movement[first + 2]
+        x, y, z = motion[first], motion[first + 1], motion[first + 2]
         for i in range(3):
             own[first + i] = -(T[i, 0] * x + T[i, 1] * y + T[i, 2] * z)
     tx, ty, tz = T[0, 3], T[1, 3], T[2, 3]
@@ -68,22 +70,22 @@ def body_movement(T_camera_keyframe: Array, movement: Array) -> Array:
 
 
 @inline_kernel
-def later(movement: Array, delay_s: float) -> Array:
+def propagate_motion(motion: Array, delay_s: float) -> Array:
     """(9,) the movement after some time: it turns otherwise by then."""
-    then = movement.copy()
+    then = motion.copy()
     for i in range(3):
-        then[3 + i] += delay_s * movement[ACCELERATION + i]
+        then[3 + i] += delay_s * motion[ACCELERATION_START + i]
     return then
 
 
 @inline_kernel
-def moved(
-    movement: Array, x: float, y: float, z: float, delay_s: float
+def propagate_point(
+    motion: Array, x: float, y: float, z: float, delay_s: float
 ) -> tuple[float, float, float]:
     """Where a standing point is in the camera's axes after some time, to the second order."""
-    vx, vy, vz = movement[0], movement[1], movement[2]
-    wx, wy, wz = movement[3], movement[4], movement[5]
-    bx, by, bz = movement[6], movement[7], movement[8]
+    vx, vy, vz = motion[0], motion[1], motion[2]
+    wx, wy, wz = motion[3], motion[4], motion[5]
+    bx, by, bz = motion[6], motion[7], motion[8]
     # What the point does in the camera's axes: minus (v + w x p), which itself turns with the axes,
     # and faster by b.
     ax, ay, az = wz * y - wy * z - vx, wx * z - wz * x - vy, wy * x - wx * y - vz

@@ -4,107 +4,112 @@ from dataclasses import replace
 from math import sqrt
 
 from drivers.geometry import inverse
-from vo_service.odometry.keyframe.confidence import hidden, lack
-from vo_service.odometry.keyframe.good_frame import GoodFrame, movement_before
+from vo_service.odometry.keyframe.confidence import degradation_reason, occluded_fraction
+from vo_service.odometry.keyframe.good_frame import TrackedFrame, estimate_previous_motion
 from vo_service.odometry.keyframe.joint import align_jointly
-from vo_service.odometry.keyframe.limits import MOST
+from vo_service.odometry.keyframe.limits import MIN_CONSISTENT_SHARE
 from vo_service.odometry.keyframe.local_map import (
-    Keyframe,
+    DirectKeyframe,
+    KeyframeOverlap,
     LocalMap,
-    Overlap,
+    compute_overlap,
     make_keyframe,
-    overlap,
 )
 from vo_service.odometry.keyframe.parameters import (
+    GATE_SIGMAS,
     HALF,
-    KEYFRAME_FLOW_PX,
-    KEYFRAMES,
+    KEYFRAME_COUNTS,
     LITTLE,
-    OTHER_LIGHT,
-    SIGMAS,
+    MAX_BRIGHTNESS_RATIO,
+    MAX_KEYFRAME_FLOW_PX,
 )
-from vo_service.odometry.keyframe.strangers import without_strangers
+from vo_service.odometry.keyframe.strangers import remove_dynamic_points
 
 # So many others have a say in where the next one is.
-JOINT_KEYFRAMES, *_ = KEYFRAMES
+MAX_JOINT_KEYFRAMES, *_ = KEYFRAME_COUNTS
 # One that is used again has moved by no more in the image. Where frames come seldom the next one is
 # far on, and the next keyframe is due when the last has moved by more.
-NEAR_PX = KEYFRAME_FLOW_PX / sqrt(2.0)
+MAX_REUSE_FLOW_PX = MAX_KEYFRAME_FLOW_PX / sqrt(2.0)
 
 
-def is_due(good: GoodFrame, clarity: float, clarity_at_first: float) -> bool:
+def needs_keyframe(
+    tracked: TrackedFrame, observability: float, initial_observability: float
+) -> bool:
     """Whether the keyframe in use is going out of view, or says little, or knows but the dark.
 
     clarity  of the direction that the view says the least of, now and in the keyframe's first view;
              the ratio of entropies of Kerl, Sturm and Cremers (IROS 2013), where it matters
     """
-    found, images = good.found, good.images
+    found, images = tracked.result, tracked.images
     # Where the light is back there is texture that a keyframe without it does not know of.
-    if lack(found.alignment) and images.light_against(found.keyframe.images) > OTHER_LIGHT:
+    if (
+        degradation_reason(found.alignment)
+        and images.brightness_ratio(found.keyframe.images) > MAX_BRIGHTNESS_RATIO
+    ):
         return True
-    if SIGMAS <= clarity < min(2.0 * SIGMAS, HALF * clarity_at_first):
+    if GATE_SIGMAS <= observability < min(2.0 * GATE_SIGMAS, HALF * initial_observability):
         return True
-    seen = overlap(found.keyframe, found.alignment.T_camera_keyframe)
-    is_seldom = good.way.is_long_ago(images.stamp_s)
-    return not _is_near(seen, NEAR_PX if is_seldom else KEYFRAME_FLOW_PX)
+    seen = compute_overlap(found.keyframe, found.alignment.T_camera_keyframe)
+    is_seldom = tracked.motion_state.is_stale(images.stamp_s)
+    return not _has_large_overlap(seen, MAX_REUSE_FLOW_PX if is_seldom else MAX_KEYFRAME_FLOW_PX)
 
 
-def settle(
-    before: GoodFrame | None, now: GoodFrame, local_map: LocalMap
-) -> tuple[GoodFrame, GoodFrame]:
+def refine(
+    before: TrackedFrame | None, now: TrackedFrame, local_map: LocalMap
+) -> tuple[TrackedFrame, TrackedFrame]:
     """The frame to make the next keyframe of, laid on others in view as well; and now, from there.
 
     before  the good frame before this one: a rolling shutter's keyframe is made of that, for by now
             it is known how the camera moved in it
     """
-    movement = movement_before(before, now)
+    movement = estimate_previous_motion(before, now)
     if before is None or movement is None:
-        settled = _settled(now, local_map)
+        settled = _refine_jointly(now, local_map)
         return settled, settled
-    settled = _settled(before, local_map)
-    T_before_now = inverse(before.found.T_world_camera) @ now.found.T_world_camera
-    T_world_camera = settled.found.T_world_camera @ T_before_now
-    found = now.found.moved(T_world_camera, now.found.alignment.camera_velocity)
-    return settled.with_movement(movement), replace(now, found=found)
+    settled = _refine_jointly(before, local_map)
+    T_before_now = inverse(before.result.T_world_camera) @ now.result.T_world_camera
+    T_world_camera = settled.result.T_world_camera @ T_before_now
+    found = now.result.with_pose(T_world_camera, now.result.alignment.camera_velocity)
+    return settled.with_motion(movement), replace(now, result=found)
 
 
-def _settled(good: GoodFrame, local_map: LocalMap) -> GoodFrame:
+def _refine_jointly(tracked: TrackedFrame, local_map: LocalMap) -> TrackedFrame:
     """The same on other keyframes in view as well; as it is where the view is plain."""
-    if not good.is_held:
-        return good
-    keyframe, alignment = good.found.keyframe, good.found.alignment
+    if not tracked.is_well_constrained:
+        return tracked
+    keyframe, alignment = tracked.result.keyframe, tracked.result.alignment
     others = [
         other
-        for other, seen in local_map.in_view(good.found.T_world_camera)
+        for other, seen in local_map.rank_by_overlap(tracked.result.T_world_camera)
         if other is not keyframe and seen.share >= HALF
-    ][:JOINT_KEYFRAMES]
-    T = align_jointly(keyframe, others, good.images, alignment)
-    found = replace(good.found, alignment=replace(alignment, T_camera_keyframe=T))
-    return replace(good, found=found)
+    ][:MAX_JOINT_KEYFRAMES]
+    T = align_jointly(keyframe, others, tracked.images, alignment)
+    found = replace(tracked.result, alignment=replace(alignment, T_camera_keyframe=T))
+    return replace(tracked, result=found)
 
 
-def choose(good: GoodFrame, local_map: LocalMap) -> Keyframe:
+def select(tracked: TrackedFrame, local_map: LocalMap) -> DirectKeyframe:
     """One of the map that is near enough, else the frame itself, which joins the map."""
-    found, alignment = good.found, good.found.alignment
-    for other, seen in local_map.in_view(found.T_world_camera):
-        if other is not found.keyframe and _is_near(seen, NEAR_PX):
-            local_map.use(other)
+    found, alignment = tracked.result, tracked.result.alignment
+    for other, seen in local_map.rank_by_overlap(found.T_world_camera):
+        if other is not found.keyframe and _has_large_overlap(seen, MAX_REUSE_FLOW_PX):
+            local_map.move_to_newest(other)
             return other
-    if hidden(alignment) > LITTLE:
+    if occluded_fraction(alignment) > LITTLE:
         return found.keyframe
     keyframe = make_keyframe(
-        good.frame,
-        good.images,
+        tracked.frame,
+        tracked.images,
         found.T_world_camera,
-        alignment.camera_movement,
-        alignment.is_still,
+        alignment.camera_motion,
+        alignment.is_static,
     )
-    keyframe = without_strangers(keyframe, local_map.keyframes)
+    keyframe = remove_dynamic_points(keyframe, local_map.keyframes)
     if len(keyframe.points[0]) < LITTLE * len(found.keyframe.points[0]):
         return found.keyframe
     local_map.add(keyframe)
     return keyframe
 
 
-def _is_near(seen: Overlap, flow_px: float) -> bool:
-    return seen.share >= MOST and seen.flow_px <= flow_px
+def _has_large_overlap(overlap: KeyframeOverlap, max_flow_px: float) -> bool:
+    return overlap.share >= MIN_CONSISTENT_SHARE and overlap.flow_px <= max_flow_px

@@ -9,33 +9,33 @@ iterations end.
 
 # THE POINTS OF A KEYFRAME
 # One a block of so many pixels, by level: the one of the steepest brightness.
-BLOCKS_PX = (5, 3, 3, 2)
+POINT_BLOCKS_PX = (5, 3, 3, 2)
 # Interpolated brightness is as wrong as a shift by this many pixels of the whole image.
 INTERPOLATION_PX = 0.15
 # The plane around a point has depth readings up to so many pixels away, in both directions.
 PLANE_RADIUS_PX = 6
 # At least this share of them is of the same surface.
-LEAST_SUPPORT = 0.6
+MIN_PLANE_SUPPORT = 0.6
 # Noise of its slopes, a pixel: of brightness, grey levels, and of depth, 1/m.
 SLOPE_NOISE = (0.7, 8.9e-5)
 
 # WHAT READINGS WEIGH
 # The sensor's noise: no spread is less.
-NOISE = (1.0, 6e-4)
+SENSOR_SIGMAS = (1.0, 6e-4)
 # What readings are off by before anything is known, of noise, interpolation and planes together.
-SPREADS = (10.0, 3e-3)
+INITIAL_SIGMAS = (10.0, 3e-3)
 # Student's t: degrees of freedom, and what brightness weighs beside depth.
-FREEDOM = 3.0
-BRIGHTNESS_SHARE = 0.45
+DEGREES_OF_FREEDOM = 3.0
+BRIGHTNESS_WEIGHT = 0.45
 # What is off by more standard deviations does not agree; or surprises; or is more than noise.
-SIGMAS = 3.0
+GATE_SIGMAS = 3.0
 # Brightness so many times as great, or one part in so many, is another light.
-OTHER_LIGHT = 1.5
+MAX_BRIGHTNESS_RATIO = 1.5
 # What is known of the lens, see `falloff`, fades by this factor a view; of how the camera moves, a
 # frame.
-FADING = 0.9
+DECAY = 0.9
 # A cell of the image is a region that moves by itself if it fits so many times worse than others.
-ODD_REGION = 1.8
+MAX_REGION_COST_RATIO = 1.8
 
 # WHERE THE CAMERA IS SOUGHT
 # The camera's velocity differs from the mean since the last frame by so much, in m/s and rad/s.
@@ -43,14 +43,14 @@ ODD_REGION = 1.8
 VELOCITY_SIGMA = (0.03, 0.1)
 # It does so by this share of that at least, even when it stands; and by so many times as much where
 # the last frame does not tell it.
-VELOCITY_RANGE = (0.003, 10.0)
+VELOCITY_SIGMA_RANGE = (0.003, 10.0)
 # In the first of these times a hand's turning changes by as much as from one frame to the next: the
 # shutter's rows show it. After more seconds than the second the camera may be far from where it is
 # expected, and another place near to that may fit: features tell. At the sensor's 30 Hz, this is
 # two frames without a pose. After more than the third, the last frames say nothing of the velocity;
 # and a view that leaves directions of motion open is not believed so long after the last one that
 # did not.
-SPANS_S = (0.01, 0.08, 0.4)
+TIME_SPANS_S = (0.01, 0.08, 0.4)
 
 # SHARES
 # What is worth a second look: of the view that does not fit, of a change of brightness, of a better
@@ -72,19 +72,19 @@ HALF = 0.5
 # WHETHER IT IS RIGHT, AND WHAT ELSE IS TRIED
 # Fewer points or readings tell nothing of a motion; half as many nothing of a spread, and twice as
 # many make a first keyframe.
-FEWEST_POINTS = 100
+MIN_POINTS = 100
 # A feature that matches agrees with a right motion, and by chance with a wrong one, this often.
-SIGHTED = (0.2, 0.03)
+FEATURE_INLIER_SHARES = (0.2, 0.03)
 # How many keyframes: have a say in where the next one is; are laid on a frame, of those that
 # features have found; are searched for features; and are kept.
-KEYFRAMES = (2, 3, 8, 30)
+KEYFRAME_COUNTS = (2, 3, 8, 30)
 # Patience, in frames. The first: features that changed nothing are asked again after so many odd
 # frames, for blur lasts, and so does the dark; and a first keyframe is given up that so many did
 # not fit. The second: so do all keyframes.
-PATIENCE_FRAMES = (3, 60)
+FAILURE_LIMITS_FRAMES = (3, 60)
 # The next keyframe is due when the last has moved by so much in the image.
-KEYFRAME_FLOW_PX = 70.0
+MAX_KEYFRAME_FLOW_PX = 70.0
 
 # HOW SURE IT IS
 # What all of the image is wrong about alike does not show: so many times what does.
-SHARED = 2.0
+COVARIANCE_INFLATION = 2.0

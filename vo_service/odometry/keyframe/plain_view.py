@@ -10,30 +10,37 @@ from dataclasses import replace
 import numpy as np
 
 from drivers.geometry import adjoint, inverse
-from vo_service.odometry.keyframe.certainty import Certainty
+from vo_service.odometry.keyframe.certainty import MotionUncertainty
 from vo_service.odometry.keyframe.parameters import VELOCITY_SIGMA
-from vo_service.odometry.keyframe.recovery import Found
-from vo_service.odometry.keyframe.twists import exponential, logarithm
-from vo_service.odometry.keyframe.way import Way
+from vo_service.odometry.keyframe.recovery import TrackingResult
+from vo_service.odometry.keyframe.twists import se3_exp, se3_log
+from vo_service.odometry.keyframe.way import MotionState
 
 
-def carried_on(found: Found, sure: Certainty, way: Way, stamp_s: float) -> tuple[Found, Certainty]:
+def fuse_with_prediction(
+    result: TrackingResult,
+    uncertainty: MotionUncertainty,
+    motion_state: MotionState,
+    stamp_s: float,
+) -> tuple[TrackingResult, MotionUncertainty]:
     """The same between what was expected and what was found, which says so, and as sure as both.
 
     The longer ago a view held the camera, the less is expected of it.
     """
-    T_world_expected = way.expected(stamp_s)
-    off = logarithm(inverse(T_world_expected) @ found.T_world_camera)
-    change = found.alignment.camera_velocity - way.velocity
-    T_camera_keyframe = found.alignment.T_camera_keyframe
-    W = sure.directions.without_noise
+    T_world_expected = motion_state.predict_pose(stamp_s)
+    off = se3_log(inverse(T_world_expected) @ result.T_world_camera)
+    change = result.alignment.camera_velocity - motion_state.velocity
+    T_camera_keyframe = result.alignment.T_camera_keyframe
+    W = uncertainty.degeneracy.noise_suppression
     W = adjoint(T_camera_keyframe) @ W @ adjoint(inverse(T_camera_keyframe))
-    information = W.T @ np.linalg.inv(sure.covariance) @ W
-    strayed = (stamp_s - way.held_s) * np.array(VELOCITY_SIGMA)
+    information = W.T @ np.linalg.inv(uncertainty.covariance) @ W
+    strayed = (stamp_s - motion_state.well_constrained_stamp_s) * np.array(VELOCITY_SIGMA)
     covariance = np.linalg.inv(np.diag(np.repeat(strayed**-2.0, 3)) + information)
     share = covariance @ information
-    found = found.moved(T_world_expected @ exponential(share @ off), way.velocity + share @ change)
+    result = result.with_pose(
+        T_world_expected @ se3_exp(share @ off), motion_state.velocity + share @ change
+    )
     return (
-        replace(found, lack=sure.doubt),
-        replace(sure, covariance=0.5 * (covariance + covariance.T)),
+        replace(result, degradation=uncertainty.rejection_reason),
+        replace(uncertainty, covariance=0.5 * (covariance + covariance.T)),
     )

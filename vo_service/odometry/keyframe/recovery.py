@@ -6,118 +6,161 @@ from math import log
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, adjoint, inverse
-from vo_service.odometry.keyframe.alignment import Alignment, Tie, align, all_alike, depth_alone
-from vo_service.odometry.keyframe.confidence import doubt, doubt_anywhere, misfit, oddness
+from vo_service.odometry.keyframe.alignment import (
+    DirectAlignment,
+    MotionPrior,
+    align,
+    depth_only_weights,
+    uniform_weights,
+)
+from vo_service.odometry.keyframe.confidence import (
+    outlier_score,
+    rejection_reason,
+    residual_score,
+    strict_rejection_reason,
+)
 from vo_service.odometry.keyframe.features import FeatureSearch
-from vo_service.odometry.keyframe.images import Images
-from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap
-from vo_service.odometry.keyframe.movement import ACCELERATION
-from vo_service.odometry.keyframe.parameters import KEYFRAMES, OTHER_LIGHT, PATIENCE_FRAMES, SLIGHT
-from vo_service.odometry.keyframe.way import Way
+from vo_service.odometry.keyframe.images import ImagePyramid
+from vo_service.odometry.keyframe.local_map import DirectKeyframe, LocalMap
+from vo_service.odometry.keyframe.movement import ACCELERATION_START
+from vo_service.odometry.keyframe.parameters import (
+    FAILURE_LIMITS_FRAMES,
+    KEYFRAME_COUNTS,
+    MAX_BRIGHTNESS_RATIO,
+    SLIGHT,
+)
+from vo_service.odometry.keyframe.way import MotionState
 from vo_service.odometry.surf import SurfExtractor
 
 # So many are searched for features, and so many that are found are followed up: a thing that moves
 # may be seen in the best of them.
-_, MOST_SIGHTINGS, SEARCHED_KEYFRAMES, _ = KEYFRAMES
+_, MAX_FEATURE_MATCHES, MAX_SEARCHED_KEYFRAMES, _ = KEYFRAME_COUNTS
 # After a try that changed nothing, so many odd frames are taken as they are.
-REST_FRAMES = PATIENCE_FRAMES[0]
+RETRY_INTERVAL_FRAMES = FAILURE_LIMITS_FRAMES[0]
 
 
 @dataclass(frozen=True)
-class Found:
+class TrackingResult:
     """An alignment, of which keyframe, and what it had to do without ("" = nothing)."""
 
-    keyframe: Keyframe
-    alignment: Alignment
-    tie: Tie
-    lack: str = ""
+    keyframe: DirectKeyframe
+    alignment: DirectAlignment
+    prior: MotionPrior
+    degradation: str = ""
 
     @property
     def T_world_camera(self) -> Array:
         """4x4 pose of the camera."""
         return self.keyframe.T_world_keyframe @ inverse(self.alignment.T_camera_keyframe)
 
-    def moved(self, T_world_camera: Array, velocity: Array) -> "Found":
+    def with_pose(self, T_world_camera: Array, velocity: Array) -> "TrackingResult":
         """The same with another pose (4x4) and velocity (6,) of the camera in its own axes."""
         T_camera_keyframe = inverse(T_world_camera) @ self.keyframe.T_world_keyframe
-        movement = self.alignment.movement.copy()
-        movement[:ACCELERATION] = -adjoint(inverse(T_camera_keyframe)) @ velocity
-        moved = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, movement=movement)
+        movement = self.alignment.motion.copy()
+        movement[:ACCELERATION_START] = -adjoint(inverse(T_camera_keyframe)) @ velocity
+        moved = replace(self.alignment, T_camera_keyframe=T_camera_keyframe, motion=movement)
         return replace(self, alignment=moved)
 
     @property
-    def is_better_tried_again(self) -> bool:
+    def needs_recovery(self) -> bool:
         """Whether it is odd or not to be believed."""
-        return oddness(self.alignment) > 1.0 or bool(doubt(self.alignment))
+        return outlier_score(self.alignment) > 1.0 or bool(rejection_reason(self.alignment))
 
 
-class Recovery:
+class DirectRecovery:
     """Two more ways: features, and depth alone."""
 
     def __init__(self, extractor: SurfExtractor) -> None:
         self.features = FeatureSearch(extractor)
-        self._rest = 0
+        self._frames_to_retry = 0
 
-    def find(
-        self, frame: RgbdFrame, images: Images, first: Found, way: Way, local_map: LocalMap
-    ) -> Found:
+    def recover(
+        self,
+        frame: RgbdFrame,
+        images: ImagePyramid,
+        first: TrackingResult,
+        motion_state: MotionState,
+        local_map: LocalMap,
+    ) -> TrackingResult:
         """The first try, or what is clearly better."""
-        if self._rest > 0 and not way.is_long_ago(images.stamp_s):
-            self._rest -= 1
-            found = self._by_depth(images, first, way) if doubt(first.alignment) else first
-            if not doubt(found.alignment):
+        if self._frames_to_retry > 0 and not motion_state.is_stale(images.stamp_s):
+            self._frames_to_retry -= 1
+            found = (
+                self._recover_by_depth(images, first, motion_state)
+                if rejection_reason(first.alignment)
+                else first
+            )
+            if not rejection_reason(found.alignment):
                 return found
-        found = self._by_features(frame, images, first, way, local_map)
-        if doubt(found.alignment):
-            found = self._by_depth(images, found, way)
-        self._rest = REST_FRAMES if found is first or found.lack else 0
+        found = self._recover_by_features(frame, images, first, motion_state, local_map)
+        if rejection_reason(found.alignment):
+            found = self._recover_by_depth(images, found, motion_state)
+        self._frames_to_retry = RETRY_INTERVAL_FRAMES if found is first or found.degradation else 0
         return found
 
-    def _by_features(
-        self, frame: RgbdFrame, images: Images, best: Found, way: Way, local_map: LocalMap
-    ) -> Found:
+    def _recover_by_features(
+        self,
+        frame: RgbdFrame,
+        images: ImagePyramid,
+        best: TrackingResult,
+        motion_state: MotionState,
+        local_map: LocalMap,
+    ) -> TrackingResult:
         """The keyframe in use first, then those that were in use last."""
         others = [k for k in reversed(local_map.keyframes) if k is not best.keyframe]
-        keyframes = [best.keyframe, *others][:SEARCHED_KEYFRAMES]
-        for sighting in islice(self.features.find(frame, keyframes), MOST_SIGHTINGS):
+        keyframes = [best.keyframe, *others][:MAX_SEARCHED_KEYFRAMES]
+        for sighting in islice(self.features.find_matches(frame, keyframes), MAX_FEATURE_MATCHES):
             keyframe = sighting.keyframe
-            tie = way.tie(keyframe.T_world_keyframe, images.stamp_s)
-            start, light = sighting.T_camera_keyframe, (images.light_against(keyframe.images), 0.0)
-            again = align(keyframe.points, images, [start], tie, light, all_alike())
+            tie = motion_state.motion_prior(keyframe.T_world_keyframe, images.stamp_s)
+            start, light = (
+                sighting.T_camera_keyframe,
+                (images.brightness_ratio(keyframe.images), 0.0),
+            )
+            again = align(keyframe.points, images, [start], tie, light, uniform_weights())
             if _is_better(again, best.alignment):
-                best = Found(keyframe, again, tie)
-            if not doubted(again, way, images):
+                best = TrackingResult(keyframe, again, tie)
+            if not rejection_reason_after(again, motion_state, images):
                 break
         return best
 
-    def _by_depth(self, images: Images, best: Found, way: Way) -> Found:
+    def _recover_by_depth(
+        self, images: ImagePyramid, best: TrackingResult, motion_state: MotionState
+    ) -> TrackingResult:
         """Without brightness, where the light is quite another: it may be dark.
 
         In the same light, brightness that does not fit says that the depth is wrong as well. Where
         the camera may be anywhere by now, shapes alone say little: many places have the same.
         """
-        keyframe, tie = best.keyframe, best.tie
-        is_anywhere = not way.is_soon(images.stamp_s)
-        if is_anywhere or not is_other_light(images.light_against(keyframe.images)):
+        keyframe, tie = best.keyframe, best.prior
+        is_anywhere = not motion_state.is_recent(images.stamp_s)
+        if is_anywhere or not has_lighting_changed(images.brightness_ratio(keyframe.images)):
             return best
-        starts = way.starts(keyframe.T_world_keyframe, images.stamp_s)
-        again = align(keyframe.points, images, starts, tie, (1.0, 0.0), depth_alone())
-        if doubt(again):
+        starts = motion_state.initial_guesses(keyframe.T_world_keyframe, images.stamp_s)
+        again = align(keyframe.points, images, starts, tie, (1.0, 0.0), depth_only_weights())
+        if rejection_reason(again):
             return best
-        return Found(keyframe, again, tie, lack=f"by depth alone: {doubt(best.alignment)}")
+        return TrackingResult(
+            keyframe, again, tie, degradation=f"by depth alone: {rejection_reason(best.alignment)}"
+        )
 
 
-def doubted(found: Alignment, way: Way, images: Images) -> str:
+def rejection_reason_after(
+    alignment: DirectAlignment, motion_state: MotionState, images: ImagePyramid
+) -> str:
     """Why an alignment is not to be believed, by how long ago it was known where the camera is."""
-    return doubt(found) if way.is_soon(images.stamp_s) else doubt_anywhere(found)
+    return (
+        rejection_reason(alignment)
+        if motion_state.is_recent(images.stamp_s)
+        else strict_rejection_reason(alignment)
+    )
 
 
-def is_other_light(ratio: float) -> bool:
+def has_lighting_changed(ratio: float) -> bool:
     """Whether one view is so many times as bright as another that the light must have changed."""
-    return abs(log(ratio)) > log(OTHER_LIGHT)
+    return abs(log(ratio)) > log(MAX_BRIGHTNESS_RATIO)
 
 
-def _is_better(another: Alignment, best: Alignment) -> bool:
-    if bool(doubt(another)) != bool(doubt(best)):
-        return not doubt(another)
-    return misfit(another) < (1.0 - SLIGHT) * misfit(best)
+def _is_better(candidate: DirectAlignment, best: DirectAlignment) -> bool:
+    if bool(rejection_reason(candidate)) != bool(rejection_reason(best)):
+        return not rejection_reason(candidate)
+    return residual_score(candidate) < (1.0 - SLIGHT) * residual_score(best)

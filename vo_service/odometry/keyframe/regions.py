@@ -5,55 +5,69 @@ import numpy as np
 from drivers.geometry import Array
 from drivers.jit import kernel
 from vo_service.odometry.keyframe import readings as reading_columns
-from vo_service.odometry.keyframe.cells import CELLS
-from vo_service.odometry.keyframe.measure import AGREEING
-from vo_service.odometry.keyframe.parameters import ODD_REGION
-from vo_service.odometry.keyframe.points import BRIGHTNESS, HAS_SHAPE, HAS_TEXTURE, VARIANCE
-from vo_service.odometry.keyframe.readings import HIDDEN
+from vo_service.odometry.keyframe.cells import NUM_CELLS
+from vo_service.odometry.keyframe.measure import MAX_SQUARED_RESIDUAL
+from vo_service.odometry.keyframe.parameters import MAX_REGION_COST_RATIO
+from vo_service.odometry.keyframe.points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_VARIANCE,
+)
+from vo_service.odometry.keyframe.readings import OCCLUDED
 from vo_service.odometry.keyframe.system import GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH
 
 # Cells with fewer readings are not judged.
-FEWEST_READINGS = 10
+MIN_CELL_SAMPLES = 10
 
 
 @kernel
-def weigh_regions(points: Array, readings: Array, fit: Array, basic: Array) -> Array:
+def weigh_regions(
+    points: Array, samples: Array, residual_model: Array, base_weights: Array
+) -> Array:
     """(2, CELLS) weights: the basic ones, lowered where a cell fits worse than most cells do.
 
     A single reading that does not fit is an outlier, and robust statistics deal with it. Things
     that move by themselves are many readings that agree with each other: they have to be seen as
     regions.
     """
-    sums, counts = np.zeros(CELLS), np.zeros(CELLS)
-    variance, variance_depth = fit[SIGMA_BRIGHTNESS] ** 2, fit[SIGMA_DEPTH] ** 2
+    sums, counts = np.zeros(NUM_CELLS), np.zeros(NUM_CELLS)
+    variance, variance_depth = (
+        residual_model[SIGMA_BRIGHTNESS] ** 2,
+        residual_model[SIGMA_DEPTH] ** 2,
+    )
     for i in range(len(points)):
-        cell = int(readings[i, reading_columns.CELL])
-        if cell < 0 or readings[i, reading_columns.OTHER] == HIDDEN:
+        cell = int(samples[i, reading_columns.SAMPLE_CELL])
+        if cell < 0 or samples[i, reading_columns.SAMPLE_OCCLUSION] == OCCLUDED:
             continue
-        brightness = readings[i, reading_columns.BRIGHTNESS]
-        depth = readings[i, reading_columns.DEPTH]
+        brightness = samples[i, reading_columns.SAMPLE_BRIGHTNESS]
+        depth = samples[i, reading_columns.SAMPLE_DEPTH_RESIDUAL]
         if np.isnan(brightness):
-            sums[cell] += AGREEING
+            sums[cell] += MAX_SQUARED_RESIDUAL
             counts[cell] += 1.0
             continue
-        if points[i, HAS_TEXTURE] > 0 and basic[0, cell] > 0:
-            residual = brightness - fit[GAIN] * points[i, BRIGHTNESS] - fit[OFFSET]
-            squared = residual * residual / (variance + points[i, VARIANCE])
-            sums[cell] += min(squared, AGREEING)
+        if points[i, HAS_TEXTURE] > 0 and base_weights[0, cell] > 0:
+            residual = (
+                brightness
+                - residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
+                - residual_model[OFFSET]
+            )
+            squared = residual * residual / (variance + points[i, POINT_BRIGHTNESS_VARIANCE])
+            sums[cell] += min(squared, MAX_SQUARED_RESIDUAL)
             counts[cell] += 1.0
         if points[i, HAS_SHAPE] > 0 and not np.isnan(depth):
-            sums[cell] += min(depth * depth / variance_depth, AGREEING)
+            sums[cell] += min(depth * depth / variance_depth, MAX_SQUARED_RESIDUAL)
             counts[cell] += 1.0
-    means = np.full(CELLS, -1.0)
-    for cell in range(CELLS):
-        if counts[cell] >= FEWEST_READINGS:
+    means = np.full(NUM_CELLS, -1.0)
+    for cell in range(NUM_CELLS):
+        if counts[cell] >= MIN_CELL_SAMPLES:
             means[cell] = sums[cell] / counts[cell]
-    weights = basic.copy()
+    weights = base_weights.copy()
     judged = means[means >= 0.0]
     if len(judged) == 0:
         return weights
-    most = ODD_REGION * np.median(judged)
-    for cell in range(CELLS):
+    most = MAX_REGION_COST_RATIO * np.median(judged)
+    for cell in range(NUM_CELLS):
         if means[cell] > most:
             lowered = (most / means[cell]) ** 2
             weights[0, cell] *= lowered

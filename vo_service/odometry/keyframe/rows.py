@@ -2,10 +2,10 @@
 
 from drivers.geometry import Array
 from drivers.jit import inline_kernel
-from vo_service.odometry.keyframe.movement import moved
+from vo_service.odometry.keyframe.movement import propagate_point
 
 # A row's time depends on where the point is, and that on the time: so many rounds settle it.
-ROUNDS = 2
+ITERATIONS = 2
 
 
 @inline_kernel
@@ -24,15 +24,15 @@ def project(x: float, y: float, z: float, intrinsics: Array) -> tuple[float, flo
 
 
 @inline_kernel
-def project_moving(
-    movement: Array,
+def project_rolling_shutter(
+    motion: Array,
     x: float,
     y: float,
     z: float,
     intrinsics: Array,
     height: int,
     readout_s: float,
-    late_s: float,
+    skew_s: float,
 ) -> tuple[float, float, float]:
     """Pixel u, v and depth of a point in the row that sees it.
 
@@ -41,8 +41,8 @@ def project_moving(
     """
     u, v = project(x, y, z, intrinsics)
     z_then = z
-    for _ in range(ROUNDS):
-        delay_s = late_s + row_time(v, height, readout_s)
-        x_then, y_then, z_then = moved(movement, x, y, z, delay_s)
+    for _ in range(ITERATIONS):
+        delay_s = skew_s + row_time(v, height, readout_s)
+        x_then, y_then, z_then = propagate_point(motion, x, y, z, delay_s)
         u, v = project(x_then, y_then, z_then, intrinsics)
     return u, v, z_then

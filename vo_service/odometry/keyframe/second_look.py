@@ -13,52 +13,70 @@ import numpy as np
 
 from drivers.geometry import Array
 from vo_service.odometry.keyframe import measure
-from vo_service.odometry.keyframe.alignment import Alignment, align, all_alike
+from vo_service.odometry.keyframe.alignment import DirectAlignment, align, uniform_weights
 from vo_service.odometry.keyframe.cells import CELL_COLUMNS, CELL_ROWS
-from vo_service.odometry.keyframe.confidence import doubt
-from vo_service.odometry.keyframe.images import FINE_LEVELS, Images
-from vo_service.odometry.keyframe.parameters import FREEDOM, SIGMAS, SLIGHT
-from vo_service.odometry.keyframe.recovery import Found
+from vo_service.odometry.keyframe.confidence import rejection_reason
+from vo_service.odometry.keyframe.images import NUM_FINE_LEVELS, ImagePyramid
+from vo_service.odometry.keyframe.parameters import DEGREES_OF_FREEDOM, GATE_SIGMAS, SLIGHT
+from vo_service.odometry.keyframe.recovery import TrackingResult
 from vo_service.odometry.keyframe.regions import weigh_regions
 from vo_service.odometry.keyframe.system import SIGMA_BRIGHTNESS
-from vo_service.odometry.keyframe.way import Way
+from vo_service.odometry.keyframe.way import MotionState
 
 # Columns of cells that are left out: half of the view, on the left, in the middle, on the right.
-HALVES = (slice(0, 4), slice(2, 6), slice(4, 8))
+MASKED_COLUMNS = (slice(0, 4), slice(2, 6), slice(4, 8))
 
 
-def look_again(found: Found, images: Images, way: Way) -> Found:
+def retry_without_half(
+    result: TrackingResult, images: ImagePyramid, motion_state: MotionState
+) -> TrackingResult:
     """The same, or the motion without half of the view that fits better and surprises less."""
-    if way.surprise(found.alignment.camera_velocity, images.stamp_s) < SIGMAS:
-        return found
-    others = [_without(half, found, images, way) for half in HALVES]
-    motions = [found.alignment, *(other for other in others if not doubt(other))]
-    spreads = np.min([motion.fit for motion in motions], axis=0)[SIGMA_BRIGHTNESS:]
-    points = found.keyframe.points[0]
+    if (
+        motion_state.innovation_ratio(result.alignment.camera_velocity, images.stamp_s)
+        < GATE_SIGMAS
+    ):
+        return result
+    others = [_align_without(half, result, images, motion_state) for half in MASKED_COLUMNS]
+    motions = [result.alignment, *(other for other in others if not rejection_reason(other))]
+    spreads = np.min([motion.residual_model for motion in motions], axis=0)[SIGMA_BRIGHTNESS:]
+    points = result.keyframe.points[0]
 
-    def cost(motion: Alignment) -> float:
-        surprise = way.surprise(motion.camera_velocity, images.stamp_s)
-        return _misfit(points, motion, spreads) + SLIGHT * log(1 + surprise**2 / FREEDOM)
+    def cost(motion: DirectAlignment) -> float:
+        surprise = motion_state.innovation_ratio(motion.camera_velocity, images.stamp_s)
+        return _mean_cost(points, motion, spreads) + SLIGHT * log(
+            1 + surprise**2 / DEGREES_OF_FREEDOM
+        )
 
-    return replace(found, alignment=min(motions, key=cost))
+    return replace(result, alignment=min(motions, key=cost))
 
 
-def _without(half: slice, found: Found, images: Images, way: Way) -> Alignment:
+def _align_without(
+    masked_columns: slice, result: TrackingResult, images: ImagePyramid, motion_state: MotionState
+) -> DirectAlignment:
     """The motion of half of the view, then of all that fits it."""
-    points, tie = found.keyframe.points, found.tie
-    weights = all_alike()
-    weights.reshape(2, CELL_ROWS, CELL_COLUMNS)[:, :, half] = 0.0
-    expected = way.starts(found.keyframe.T_world_keyframe, images.stamp_s)[:1]
-    part = align(points, images, expected, tie, way.light_at(images), weights)
-    by_region = weigh_regions(points[0], part.readings, part.fit, all_alike())
-    fitting = (by_region >= measure.LEAST_WEIGHT).astype(np.float64)
-    return align(points[:FINE_LEVELS], images, [part.T_camera_keyframe], tie, part.light, fitting)
+    points, tie = result.keyframe.points, result.prior
+    weights = uniform_weights()
+    weights.reshape(2, CELL_ROWS, CELL_COLUMNS)[:, :, masked_columns] = 0.0
+    expected = motion_state.initial_guesses(result.keyframe.T_world_keyframe, images.stamp_s)[:1]
+    part = align(
+        points, images, expected, tie, motion_state.predict_affine_brightness(images), weights
+    )
+    by_region = weigh_regions(points[0], part.samples, part.residual_model, uniform_weights())
+    fitting = (by_region >= measure.MIN_STATIC_WEIGHT).astype(np.float64)
+    return align(
+        points[:NUM_FINE_LEVELS],
+        images,
+        [part.T_camera_keyframe],
+        tie,
+        part.affine_brightness,
+        fitting,
+    )
 
 
-def _misfit(points: Array, motion: Alignment, spreads: Array) -> float:
+def _mean_cost(points: Array, alignment: DirectAlignment, sigmas: Array) -> float:
     """Mean robust cost of a reading in all of the view, by spreads (2,) that are given."""
-    fit = motion.fit.copy()
-    fit[SIGMA_BRIGHTNESS:] = spreads
-    counts = measure.count(points, motion.readings, fit, all_alike())
+    fit = alignment.residual_model.copy()
+    fit[SIGMA_BRIGHTNESS:] = sigmas
+    counts = measure.count_residuals(points, alignment.samples, fit, uniform_weights())
     read = counts[measure.WITH_DEPTH] + counts[measure.WITH_BRIGHTNESS]
     return float(counts[measure.COST] / max(read, 1.0))

@@ -12,28 +12,32 @@ import numpy as np
 
 from drivers.geometry import Array, inverse
 from vo_service.odometry.keyframe.parameters import SLIGHT
-from vo_service.odometry.keyframe.recovery import Found
-from vo_service.odometry.keyframe.twists import exponential, logarithm
-from vo_service.odometry.keyframe.way import Way
+from vo_service.odometry.keyframe.recovery import TrackingResult
+from vo_service.odometry.keyframe.twists import se3_exp, se3_log
+from vo_service.odometry.keyframe.way import MotionState
 
 
-def steadied(found: Found, covariance: Array, way: Way, stamp_s: float) -> tuple[Found, float]:
+def alpha_beta_filter(
+    result: TrackingResult, covariance: Array, motion_state: MotionState, stamp_s: float
+) -> tuple[TrackingResult, float]:
     """The same between what was expected and what was found; and the unrest with it, see `Way`.
 
     covariance  6x6 of the pose that was found, as a small motion in the camera's axes
     """
-    T_world_expected = way.expected(stamp_s)
-    off = logarithm(inverse(T_world_expected) @ found.T_world_camera)
-    unrest = way.unrest_with(float(off @ np.linalg.solve(covariance, off)) / len(off))
-    of_pose, of_velocity = shares(unrest)
-    if of_pose == 1.0 or way.is_long_ago(stamp_s):
-        return found, unrest
-    change = found.alignment.camera_velocity - way.velocity
-    T_world_camera = T_world_expected @ exponential(of_pose * off)
-    return found.moved(T_world_camera, way.velocity + of_velocity * change), unrest
+    T_world_expected = motion_state.predict_pose(stamp_s)
+    off = se3_log(inverse(T_world_expected) @ result.T_world_camera)
+    unrest = motion_state.update_normalized_innovation(
+        float(off @ np.linalg.solve(covariance, off)) / len(off)
+    )
+    of_pose, of_velocity = filter_gains(unrest)
+    if of_pose == 1.0 or motion_state.is_stale(stamp_s):
+        return result, unrest
+    change = result.alignment.camera_velocity - motion_state.velocity
+    T_world_camera = T_world_expected @ se3_exp(of_pose * off)
+    return result.with_pose(T_world_camera, motion_state.velocity + of_velocity * change), unrest
 
 
-def shares(unrest: float) -> tuple[float, float]:
+def filter_gains(normalized_innovation: float) -> tuple[float, float]:
     """A frame's shares in the pose and in the velocity, up to 1: all where it is unexpected."""
-    of_pose = min(max(unrest - 1.0, SLIGHT), 1.0)
+    of_pose = min(max(normalized_innovation - 1.0, SLIGHT), 1.0)
     return of_pose, min(2.0 * (2.0 - of_pose) - 4.0 * sqrt(1.0 - of_pose), 1.0)

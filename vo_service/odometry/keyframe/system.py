@@ -11,52 +11,57 @@ import numpy as np
 from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.keyframe import readings as reading_columns
-from vo_service.odometry.keyframe.limits import GAINS, MOST_SPREADS
-from vo_service.odometry.keyframe.movement import UNKNOWNS
+from vo_service.odometry.keyframe.limits import GAIN_RANGE, MAX_SIGMAS
+from vo_service.odometry.keyframe.movement import NUM_UNKNOWNS
 from vo_service.odometry.keyframe.parameters import (
-    BRIGHTNESS_SHARE,
-    FEWEST_POINTS,
-    FREEDOM,
+    BRIGHTNESS_WEIGHT,
+    DEGREES_OF_FREEDOM,
     HALF,
-    NOISE,
+    MIN_POINTS,
+    SENSOR_SIGMAS,
 )
 from vo_service.odometry.keyframe.points import (
-    BRIGHTNESS,
     HAS_SHAPE,
     HAS_TEXTURE,
-    TO_BRIGHTNESS,
-    TO_DEPTH,
-    VARIANCE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_BRIGHTNESS_VARIANCE,
+    POINT_DEPTH_GRADIENT,
 )
-from vo_service.odometry.keyframe.readings import BANDS
+from vo_service.odometry.keyframe.readings import NUM_ROW_BANDS
 
 # The fit: what a keyframe's brightness is multiplied by and what is added, then the two spreads.
 GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH = 0, 1, 2, 3
 # Where the elements of a symmetric 6x6 matrix are in its upper triangle, row by row.
-UPPER = np.empty((6, 6), np.intp)
-UPPER[np.triu_indices(6)] = UPPER.T[np.triu_indices(6)] = np.arange(21)
+UPPER_TRIANGLE = np.empty((6, 6), np.intp)
+UPPER_TRIANGLE[np.triu_indices(6)] = UPPER_TRIANGLE.T[np.triu_indices(6)] = np.arange(21)
 # Rows of the cells' weights.
-_OF_BRIGHTNESS, _OF_DEPTH = 0, 1
-_R_BRIGHTNESS, _R_DEPTH = reading_columns.BRIGHTNESS, reading_columns.DEPTH
-_R_CELL = reading_columns.CELL
-_R_COLOUR_BAND, _R_DEPTH_BAND = reading_columns.COLOUR_BAND, reading_columns.DEPTH_BAND
+_BRIGHTNESS_ROW, _DEPTH_ROW = 0, 1
+_BRIGHTNESS, _DEPTH = reading_columns.SAMPLE_BRIGHTNESS, reading_columns.SAMPLE_DEPTH_RESIDUAL
+_CELL = reading_columns.SAMPLE_CELL
+_COLOR_BAND, _DEPTH_BAND = reading_columns.SAMPLE_COLOR_BAND, reading_columns.SAMPLE_DEPTH_BAND
 
 
 @kernel
-def fit_light(points: Array, readings: Array, cell_weights: Array, fit: Array) -> None:
+def fit_affine_brightness(
+    points: Array, samples: Array, cell_weights: Array, residual_model: Array
+) -> None:
     """One sweep towards gain, offset and spreads, in place, with weights by what they were."""
     n = chi = s = sk = sc = skk = skc = 0.0
     n_depth = chi_depth = 0.0
-    gain, offset = fit[GAIN], fit[OFFSET]
-    variance, variance_depth = fit[SIGMA_BRIGHTNESS] ** 2, fit[SIGMA_DEPTH] ** 2
+    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    variance, variance_depth = (
+        residual_model[SIGMA_BRIGHTNESS] ** 2,
+        residual_model[SIGMA_DEPTH] ** 2,
+    )
     for i in range(len(points)):
-        brightness, depth = readings[i, _R_BRIGHTNESS], readings[i, _R_DEPTH]
+        brightness, depth = samples[i, _BRIGHTNESS], samples[i, _DEPTH]
         if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
-            cell_weight = cell_weights[_OF_BRIGHTNESS, int(readings[i, _R_CELL])]
-            mine = points[i, BRIGHTNESS]
-            of_this = variance + points[i, VARIANCE]
+            cell_weight = cell_weights[_BRIGHTNESS_ROW, int(samples[i, _CELL])]
+            mine = points[i, POINT_BRIGHTNESS]
+            of_this = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
             squared = (brightness - gain * mine - offset) ** 2 / of_this
-            w = cell_weight * (FREEDOM + 1.0) / (FREEDOM + squared)
+            w = cell_weight * (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + squared)
             n += cell_weight
             chi += w * squared
             w /= of_this
@@ -66,62 +71,81 @@ def fit_light(points: Array, readings: Array, cell_weights: Array, fit: Array) -
             skk += w * mine * mine
             skc += w * mine * brightness
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
-            cell_weight = cell_weights[_OF_DEPTH, int(readings[i, _R_CELL])]
+            cell_weight = cell_weights[_DEPTH_ROW, int(samples[i, _CELL])]
             squared = depth * depth / variance_depth
             n_depth += cell_weight
-            chi_depth += cell_weight * squared * (FREEDOM + 1.0) / (FREEDOM + squared)
-    if n >= HALF * FEWEST_POINTS:
-        sigma = fit[SIGMA_BRIGHTNESS] * np.sqrt(chi / n)
-        fit[SIGMA_BRIGHTNESS] = min(max(sigma, NOISE[0]), MOST_SPREADS[0])
+            chi_depth += (
+                cell_weight * squared * (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + squared)
+            )
+    if n >= HALF * MIN_POINTS:
+        sigma = residual_model[SIGMA_BRIGHTNESS] * np.sqrt(chi / n)
+        residual_model[SIGMA_BRIGHTNESS] = min(max(sigma, SENSOR_SIGMAS[0]), MAX_SIGMAS[0])
         spread = skk - sk * sk / s
         if spread > 1e-9 * skk:
-            fit[GAIN] = min(max((skc - sk * sc / s) / spread, GAINS[0]), GAINS[1])
-        fit[OFFSET] = (sc - fit[GAIN] * sk) / s
-    if n_depth >= HALF * FEWEST_POINTS:
-        sigma = fit[SIGMA_DEPTH] * np.sqrt(chi_depth / n_depth)
-        fit[SIGMA_DEPTH] = min(max(sigma, NOISE[1]), MOST_SPREADS[1])
+            residual_model[GAIN] = min(
+                max((skc - sk * sc / s) / spread, GAIN_RANGE[0]), GAIN_RANGE[1]
+            )
+        residual_model[OFFSET] = (sc - residual_model[GAIN] * sk) / s
+    if n_depth >= HALF * MIN_POINTS:
+        sigma = residual_model[SIGMA_DEPTH] * np.sqrt(chi_depth / n_depth)
+        residual_model[SIGMA_DEPTH] = min(max(sigma, SENSOR_SIGMAS[1]), MAX_SIGMAS[1])
 
 
 @kernel
-def sum_bands(points: Array, readings: Array, cell_weights: Array, fit: Array) -> Array:
+def accumulate(points: Array, samples: Array, cell_weights: Array, residual_model: Array) -> Array:
     """(2 BANDS, 27) sums over the bands of the colour image, then over those of the depth image.
 
     With r = J d, d a small motion of the keyframe's points as a twist (translation m, rotation rad)
     in the keyframe's axes: the upper triangle of sum w J^T J, row by row, then sum w J^T r. Rows of
     a band are taken at one time: so little is lost, and so much less is summed.
     """
-    sums = np.zeros((2 * BANDS, 27))
+    sums = np.zeros((2 * NUM_ROW_BANDS, 27))
     J = np.empty(6)
-    gain, offset = fit[GAIN], fit[OFFSET]
-    variance, variance_depth = fit[SIGMA_BRIGHTNESS] ** 2, fit[SIGMA_DEPTH] ** 2
+    gain, offset = residual_model[GAIN], residual_model[OFFSET]
+    variance, variance_depth = (
+        residual_model[SIGMA_BRIGHTNESS] ** 2,
+        residual_model[SIGMA_DEPTH] ** 2,
+    )
     for i in range(len(points)):
-        brightness, depth = readings[i, _R_BRIGHTNESS], readings[i, _R_DEPTH]
+        brightness, depth = samples[i, _BRIGHTNESS], samples[i, _DEPTH]
         if not np.isnan(brightness) and points[i, HAS_TEXTURE] > 0:
-            residual = brightness - gain * points[i, BRIGHTNESS] - offset
-            of_this = variance + points[i, VARIANCE]
-            w = (FREEDOM + 1.0) / (FREEDOM + residual * residual / of_this) / of_this
-            w *= BRIGHTNESS_SHARE * cell_weights[_OF_BRIGHTNESS, int(readings[i, _R_CELL])]
-            jacobian(points[i], TO_BRIGHTNESS, gain, J)
-            _add(sums[int(readings[i, _R_COLOUR_BAND])], J, w, residual)
+            residual = brightness - gain * points[i, POINT_BRIGHTNESS] - offset
+            of_this = variance + points[i, POINT_BRIGHTNESS_VARIANCE]
+            w = (
+                (DEGREES_OF_FREEDOM + 1.0)
+                / (DEGREES_OF_FREEDOM + residual * residual / of_this)
+                / of_this
+            )
+            w *= BRIGHTNESS_WEIGHT * cell_weights[_BRIGHTNESS_ROW, int(samples[i, _CELL])]
+            fill_jacobian(points[i], POINT_BRIGHTNESS_GRADIENT, gain, J)
+            _add_to_sums(sums[int(samples[i, _COLOR_BAND])], J, w, residual)
         if not np.isnan(depth) and points[i, HAS_SHAPE] > 0:
-            w = (FREEDOM + 1.0) / (FREEDOM + depth * depth / variance_depth) / variance_depth
-            w *= cell_weights[_OF_DEPTH, int(readings[i, _R_CELL])]
-            jacobian(points[i], TO_DEPTH, 1.0, J)
-            _add(sums[BANDS + int(readings[i, _R_DEPTH_BAND])], J, w, depth)
+            w = (
+                (DEGREES_OF_FREEDOM + 1.0)
+                / (DEGREES_OF_FREEDOM + depth * depth / variance_depth)
+                / variance_depth
+            )
+            w *= cell_weights[_DEPTH_ROW, int(samples[i, _CELL])]
+            fill_jacobian(points[i], POINT_DEPTH_GRADIENT, 1.0, J)
+            _add_to_sums(sums[NUM_ROW_BANDS + int(samples[i, _DEPTH_BAND])], J, w, depth)
     return sums
 
 
 @inline_kernel
-def jacobian(point: Array, first: int, scale: float, J: Array) -> None:
+def fill_jacobian(point: Array, gradient_column: int, scale: float, J: Array) -> None:
     """Fill J (6,): scale times (p, x cross p) of the derivative p by the point's place x."""
     x, y, z = point[0], point[1], point[2]
-    px, py, pz = scale * point[first], scale * point[first + 1], scale * point[first + 2]
+    px, py, pz = (
+        scale * point[gradient_column],
+        scale * point[gradient_column + 1],
+        scale * point[gradient_column + 2],
+    )
     J[0], J[1], J[2] = px, py, pz
     J[3], J[4], J[5] = y * pz - z * py, z * px - x * pz, x * py - y * px
 
 
 @inline_kernel
-def _add(sums: Array, J: Array, w: float, residual: float) -> None:
+def _add_to_sums(sums: Array, J: Array, w: float, residual: float) -> None:
     """Upper triangle of w J J^T, row by row, then w J r."""
     k = 0
     for i in range(6):
@@ -135,25 +159,25 @@ def _add(sums: Array, J: Array, w: float, residual: float) -> None:
 @kernel
 def band_times(readout_s: float, skew_s: float) -> Array:
     """(2 BANDS,) when the middle of each band was taken, after the frame's stamp."""
-    times = np.empty(2 * BANDS)
-    for n in range(BANDS):
-        times[n] = ((n + 0.5) / BANDS - 0.5) * readout_s
-        times[BANDS + n] = times[n] + skew_s
+    times = np.empty(2 * NUM_ROW_BANDS)
+    for n in range(NUM_ROW_BANDS):
+        times[n] = ((n + 0.5) / NUM_ROW_BANDS - 0.5) * readout_s
+        times[NUM_ROW_BANDS + n] = times[n] + skew_s
     return times
 
 
 @kernel
-def with_times(sums: Array, readout_s: float, skew_s: float) -> tuple[Array, Array]:
+def expand_rolling_shutter(sums: Array, readout_s: float, skew_s: float) -> tuple[Array, Array]:
     """Information (15, 15) and vector (15,) of the motion and of the movement.
 
     With r = J (d + tau e + tau^2 f / 2), e and f small changes of the velocity and of the angular
     acceleration (this with J's rotation only), and tau when the reading was taken: J' = [J, tau J,
     tau^2 J / 2], and sum w J'^T J' and sum w J'^T r.
     """
-    H, g = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
+    H, g = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
     times = band_times(readout_s, skew_s)
     of_band = np.empty((6, 6))
-    for n in range(2 * BANDS):
+    for n in range(2 * NUM_ROW_BANDS):
         tau = times[n]
         half = 0.5 * tau * tau
         k = 0
@@ -177,7 +201,7 @@ def with_times(sums: Array, readout_s: float, skew_s: float) -> tuple[Array, Arr
             g[6 + i] += tau * r
             if i >= 3:
                 g[9 + i] += half * r
-    for i in range(UNKNOWNS):
+    for i in range(NUM_UNKNOWNS):
         for j in range(i):
             H[i, j] = H[j, i]
     return H, g

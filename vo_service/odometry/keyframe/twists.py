@@ -11,16 +11,16 @@ from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
 
 # Below this angle the series take over: their next term is beyond a double's precision.
-SMALL_RAD = 1e-3
+SMALL_ANGLE_RAD = 1e-3
 
 
 @kernel
-def exponential(twist: Array) -> Array:
+def se3_exp(twist: Array) -> Array:
     """4x4 rigid transform of a twist (6,)."""
     x, y, z = twist[3], twist[4], twist[5]
     squared = x * x + y * y + z * z
     angle = np.sqrt(squared)
-    if angle < SMALL_RAD:
+    if angle < SMALL_ANGLE_RAD:
         sine, cosine, rest = 1 - squared / 6, 0.5 - squared / 24, 1 / 6 - squared / 120
     else:
         sine = np.sin(angle) / angle
@@ -41,7 +41,7 @@ def exponential(twist: Array) -> Array:
 
 
 @inline_kernel
-def transformed(T: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+def transform_point(T: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A point in the axes that a rigid transform 4x4 leads to."""
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
@@ -51,7 +51,7 @@ def transformed(T: Array, x: float, y: float, z: float) -> tuple[float, float, f
 
 
 @kernel
-def product(A: Array, B: Array) -> Array:
+def compose(A: Array, B: Array) -> Array:
     """A B of two rigid transforms 4x4."""
     T = np.eye(4)
     for i in range(3):
@@ -62,14 +62,14 @@ def product(A: Array, B: Array) -> Array:
 
 
 @kernel
-def logarithm(T: Array) -> Array:
+def se3_log(T: Array) -> Array:
     """Twist (6,) of a rigid transform 4x4 that turns by less than half a turn."""
     twist = np.empty(6)
     x, y, z = 0.5 * (T[2, 1] - T[1, 2]), 0.5 * (T[0, 2] - T[2, 0]), 0.5 * (T[1, 0] - T[0, 1])
     sine = np.sqrt(x * x + y * y + z * z)
     angle = np.arctan2(sine, 0.5 * (T[0, 0] + T[1, 1] + T[2, 2] - 1))
     squared = angle * angle
-    if angle < SMALL_RAD:
+    if angle < SMALL_ANGLE_RAD:
         scale, rest = 1 + squared / 6, 1 / 12 + squared / 720
     else:
         scale = angle / sine

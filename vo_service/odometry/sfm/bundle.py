@@ -9,19 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.geometry import Array, orthonormal, rigid_transform, rotation_from_vector
-from vo_service.odometry.sfm.bundle_kernels import Indices, accumulate, move_points
+from drivers.geometry import Array, orthonormalize, rigid_transform, so3_exp
+from vo_service.odometry.sfm.bundle_kernels import Indices, accumulate_bundle, update_points
 
-ROUNDS = 6
-FIRST_DAMPING, LARGEST_DAMPING, SMALLEST_DAMPING = 1e-4, 1e2, 1e-9
+MAX_ITERATIONS = 6
+INITIAL_DAMPING, MAX_DAMPING, MIN_DAMPING = 1e-4, 1e2, 1e-9
 # Enough when a step gains less than this share of the cost.
-SMALLEST_GAIN = 1e-4
+MIN_RELATIVE_GAIN = 1e-4
 # Keeps a view that nothing is known of solvable.
-FLOOR = 1e-3
+INFORMATION_FLOOR = 1e-3
 
 
 @dataclass(frozen=True)
-class Sightings:
+class BundleObservations:
     """Who sees what where, ordered by point.
 
     view    (O,) which camera
@@ -32,12 +32,12 @@ class Sightings:
 
     view: Indices
     point: Indices
-    image: Array
+    ray: Array
     sigma: float
 
 
 @dataclass(frozen=True)
-class Adjusted:
+class BundleResult:
     """The result of an adjustment.
 
     T_view_world  (K, 4, 4)
@@ -49,11 +49,11 @@ class Adjusted:
     T_view_world: Array
     position_m: Array
     covariance: Array
-    squared: Array
+    squared_error: Array
 
 
 @dataclass(frozen=True)
-class _System:
+class _BundleSystem:
     """Poses and points, their cost, and the normal equations there."""
 
     T: Array
@@ -64,54 +64,58 @@ class _System:
     point_inverse: Array
     point_gradient: Array
     mixed: Array
-    squared: Array
+    squared_error: Array
 
 
-def adjust(T_view_world: Array, position_m: Array, sightings: Sightings) -> Adjusted:
+def adjust_bundle(
+    T_view_world: Array, position_m: Array, observations: BundleObservations
+) -> BundleResult:
     """The best poses (K, 4, 4) and points (L, 3); the first pose stays, the scale hardly moves."""
-    damping = FIRST_DAMPING
-    now = _linearise(T_view_world, position_m, sightings, damping)
-    for _ in range(ROUNDS):
-        then = _step(now, sightings, damping)
+    damping = INITIAL_DAMPING
+    now = _linearize(T_view_world, position_m, observations, damping)
+    for _ in range(MAX_ITERATIONS):
+        then = _take_step(now, observations, damping)
         if then.cost < now.cost:
-            is_enough = now.cost - then.cost < SMALLEST_GAIN * now.cost
-            now, damping = then, max(0.1 * damping, SMALLEST_DAMPING)
+            is_enough = now.cost - then.cost < MIN_RELATIVE_GAIN * now.cost
+            now, damping = then, max(0.1 * damping, MIN_DAMPING)
             if is_enough:
                 break
         else:
             damping *= 10.0
-            now = _linearise(now.T, now.position_m, sightings, damping)
-            if damping > LARGEST_DAMPING:
+            now = _linearize(now.T, now.position_m, observations, damping)
+            if damping > MAX_DAMPING:
                 break
-    return Adjusted(now.T, now.position_m, now.point_inverse, now.squared)
+    return BundleResult(now.T, now.position_m, now.point_inverse, now.squared_error)
 
 
-def _linearise(T: Array, position_m: Array, sightings: Sightings, damping: float) -> _System:
-    views, points, seen = len(T), len(position_m), len(sightings.view)
+def _linearize(
+    T: Array, position_m: Array, observations: BundleObservations, damping: float
+) -> _BundleSystem:
+    views, points, seen = len(T), len(position_m), len(observations.view)
     H, gradient = np.zeros((6 * views, 6 * views)), np.zeros(6 * views)
     inverse, of_point = np.zeros((points, 3, 3)), np.zeros((points, 3))
     mixed, squared = np.zeros((seen, 6, 3)), np.zeros(seen)
-    cost = accumulate(
-        T, position_m, sightings.view, sightings.point, sightings.image, sightings.sigma, damping,
+    cost = accumulate_bundle(
+        T, position_m, observations.view, observations.point, observations.ray, observations.sigma, damping,
         H, gradient, inverse, of_point, mixed, squared,
     )  # fmt: skip
-    return _System(T, position_m, cost, H, gradient, inverse, of_point, mixed, squared)
+    return _BundleSystem(T, position_m, cost, H, gradient, inverse, of_point, mixed, squared)
 
 
-def _step(now: _System, sightings: Sightings, damping: float) -> _System:
+def _take_step(
+    system: _BundleSystem, observations: BundleObservations, damping: float
+) -> _BundleSystem:
     """Where one damped step leads; the first view is held."""
-    free = now.H[6:, 6:].copy()
+    free = system.H[6:, 6:].copy()
     free[np.diag_indices_from(free)] *= 1.0 + damping
-    free[np.diag_indices_from(free)] += FLOOR
-    step = np.zeros(len(now.gradient))
-    step[6:] = np.linalg.solve(free, now.gradient[6:])
-    position_m = now.position_m.copy()
-    move_points(
-        position_m, sightings.view, sightings.point,
-        now.point_inverse, now.point_gradient, now.mixed, step,
+    free[np.diag_indices_from(free)] += INFORMATION_FLOOR
+    step = np.zeros(len(system.gradient))
+    step[6:] = np.linalg.solve(free, system.gradient[6:])
+    position_m = system.position_m.copy()
+    update_points(
+        position_m, observations.view, observations.point,
+        system.point_inverse, system.point_gradient, system.mixed, step,
     )  # fmt: skip
-    moves = [
-        rigid_transform(rotation_from_vector(each[3:]), each[:3]) for each in step.reshape(-1, 6)
-    ]
-    T = np.array([orthonormal(move @ pose) for move, pose in zip(moves, now.T, strict=True)])
-    return _linearise(T, position_m, sightings, 0.1 * damping)
+    moves = [rigid_transform(so3_exp(each[3:]), each[:3]) for each in step.reshape(-1, 6)]
+    T = np.array([orthonormalize(move @ pose) for move, pose in zip(moves, system.T, strict=True)])
+    return _linearize(T, position_m, observations, 0.1 * damping)

@@ -12,20 +12,20 @@ from drivers.geometry import Array
 from drivers.jit import inline_kernel, kernel
 
 # Squared errors, in standard deviations, count half from here on.
-HALF = 4.0
+CAUCHY_SCALE_SQUARED = 4.0
 # A point nearer than this before a camera, or behind it, cannot be seen.
-NEAREST_M = 1e-3
-NOT_SEEN = 1e9
+MIN_DEPTH_M = 1e-3
+UNSEEN_SQUARED_ERROR = 1e9
 # Keeps a point that nothing is known of solvable.
-POINT_FLOOR = 1e-3
+POINT_INFORMATION_FLOOR = 1e-3
 
 Indices = NDArray[np.int64]
 
 
 @kernel
-def accumulate(
-    T: Array, position_m: Array, view: Indices, point: Indices, image: Array, sigma: float,
-    damping: float, H: Array, gradient: Array, inverse: Array, of_point: Array, mixed: Array,
+def accumulate_bundle(
+    T: Array, position_m: Array, view: Indices, point: Indices, ray: Array, sigma: float,
+    damping: float, H: Array, gradient: Array, point_inverse: Array, point_gradient: Array, mixed: Array,
     squared: Array,
 ) -> float:  # fmt: skip
     """Fill the normal equations, the points eliminated; returns the cost.
@@ -40,35 +40,37 @@ def accumulate(
         end = begin
         V = np.zeros((3, 3))
         while end < len(point) and point[end] == point[begin]:
-            cost += _see(
-                T[view[end]], position_m[point[end]], image[end], sigma, J, A, V,
-                of_point[point[end]], H, gradient, 6 * view[end], mixed[end], squared, end,
+            cost += _add_observation(
+                T[view[end]], position_m[point[end]], ray[end], sigma, J, A, V,
+                point_gradient[point[end]], H, gradient, 6 * view[end], mixed[end], squared, end,
             )  # fmt: skip
             end += 1
         for a in range(3):
-            V[a, a] = V[a, a] * (1.0 + damping) + POINT_FLOOR
-        _invert(V, inverse[point[begin]])
-        _eliminate(H, gradient, inverse[point[begin]], of_point, mixed, view, point, begin, end)
+            V[a, a] = V[a, a] * (1.0 + damping) + POINT_INFORMATION_FLOOR
+        _invert_symmetric_3x3(V, point_inverse[point[begin]])
+        _eliminate_point(
+            H, gradient, point_inverse[point[begin]], point_gradient, mixed, view, point, begin, end
+        )
         begin = end
     return cost
 
 
 @inline_kernel
-def _see(
-    T: Array, P: Array, image: Array, sigma: float, J: Array, A: Array, V: Array, b: Array,
+def _add_observation(
+    T: Array, P: Array, ray: Array, sigma: float, J: Array, A: Array, V: Array, b: Array,
     H: Array, gradient: Array, row: int, mixed: Array, squared: Array, n: int,
 ) -> float:  # fmt: skip
     """Add one sighting to the equations of its view and its point; returns its cost."""
     x = T[0, 0] * P[0] + T[0, 1] * P[1] + T[0, 2] * P[2] + T[0, 3]
     y = T[1, 0] * P[0] + T[1, 1] * P[1] + T[1, 2] * P[2] + T[1, 3]
     z = T[2, 0] * P[0] + T[2, 1] * P[1] + T[2, 2] * P[2] + T[2, 3]
-    if z < NEAREST_M:
-        squared[n] = NOT_SEEN
-        return HALF * math.log(1.0 + NOT_SEEN / HALF)
+    if z < MIN_DEPTH_M:
+        squared[n] = UNSEEN_SQUARED_ERROR
+        return CAUCHY_SCALE_SQUARED * math.log(1.0 + UNSEEN_SQUARED_ERROR / CAUCHY_SCALE_SQUARED)
     u, v = x / z, y / z
-    du, dv = image[0] - u, image[1] - v
+    du, dv = ray[0] - u, ray[1] - v
     squared[n] = (du * du + dv * dv) / (sigma * sigma)
-    weight = 1.0 / (sigma * sigma * (1.0 + squared[n] / HALF))
+    weight = 1.0 / (sigma * sigma * (1.0 + squared[n] / CAUCHY_SCALE_SQUARED))
     J[0, 0], J[0, 1], J[0, 2] = 1.0 / z, 0.0, -u / z
     J[1, 0], J[1, 1], J[1, 2] = 0.0, 1.0 / z, -v / z
     J[0, 3], J[0, 4], J[0, 5] = -u * v, 1.0 + u * u, -v
@@ -86,11 +88,11 @@ def _see(
             H[row + a, row + c] += weight * (J[0, a] * J[0, c] + J[1, a] * J[1, c])
         for c in range(3):
             mixed[a, c] = weight * (J[0, a] * A[0, c] + J[1, a] * A[1, c])
-    return HALF * math.log(1.0 + squared[n] / HALF)
+    return CAUCHY_SCALE_SQUARED * math.log(1.0 + squared[n] / CAUCHY_SCALE_SQUARED)
 
 
 @inline_kernel
-def _invert(V: Array, inverse: Array) -> None:
+def _invert_symmetric_3x3(V: Array, inverse: Array) -> None:
     """Inverse of a symmetric 3x3 matrix, by its cofactors."""
     c0 = V[1, 1] * V[2, 2] - V[1, 2] * V[1, 2]
     c1 = V[0, 2] * V[1, 2] - V[0, 1] * V[2, 2]
@@ -105,19 +107,19 @@ def _invert(V: Array, inverse: Array) -> None:
 
 
 @inline_kernel
-def _eliminate(
-    H: Array, gradient: Array, inverse: Array, of_point: Array, mixed: Array,
+def _eliminate_point(
+    H: Array, gradient: Array, point_inverse: Array, point_gradient: Array, mixed: Array,
     view: Indices, point: Indices, begin: int, end: int,
 ) -> None:  # fmt: skip
     """Take one point, which the sightings from begin to end are of, out of the views' equations."""
     share = np.empty((6, 3))
-    b = of_point[point[begin]]
+    b = point_gradient[point[begin]]
     for i in range(begin, end):
         for a in range(6):
             for c in range(3):
                 share[a, c] = 0.0
                 for k in range(3):
-                    share[a, c] += mixed[i, a, k] * inverse[k, c]
+                    share[a, c] += mixed[i, a, k] * point_inverse[k, c]
                 gradient[6 * view[i] + a] -= share[a, c] * b[c]
         for j in range(begin, end):
             for a in range(6):
@@ -127,15 +129,15 @@ def _eliminate(
 
 
 @kernel
-def move_points(
-    position_m: Array, view: Indices, point: Indices, inverse: Array, of_point: Array,
+def update_points(
+    position_m: Array, view: Indices, point: Indices, point_inverse: Array, point_gradient: Array,
     mixed: Array, step: Array,
 ) -> None:  # fmt: skip
     """Move every point to where it fits best once the views have made their step."""
     begin = 0
     while begin < len(point):
         end = begin
-        left = of_point[point[begin]].copy()
+        left = point_gradient[point[begin]].copy()
         while end < len(point) and point[end] == point[begin]:
             for c in range(3):
                 for a in range(6):
@@ -143,5 +145,5 @@ def move_points(
             end += 1
         for a in range(3):
             for c in range(3):
-                position_m[point[begin], a] += inverse[point[begin], a, c] * left[c]
+                position_m[point[begin], a] += point_inverse[point[begin], a, c] * left[c]
         begin = end

@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
-from vo_service.odometry.sfm.sweep import Sweep
+from vo_service.odometry.sfm.sweep import ShutterMotion
 from vo_service.odometry.surf import Features
 
 # A point is known, and may carry the scale, if its depth is as sure as this, relative.
-KNOWN_TO = 0.2
+MAX_RELATIVE_DEPTH_SIGMA = 0.2
 # Standard deviation in pixels of where a feature is found again: of both images' errors together.
-SIGMA_PX = 0.7
+PAIR_SIGMA_PX = 0.7
 
 
 @dataclass(frozen=True)
-class ColourView:
+class MonoFrame:
     """What is kept of a frame.
 
     features  where they are in the image, and what they look like
@@ -34,11 +34,11 @@ class ColourView:
     ray: Array
     focal_px: float
     stamp_s: float
-    seen: Array
+    observed_ray: Array
     delay_s: Array
 
     @classmethod
-    def of(cls, features: Features, frame: RgbdFrame) -> Self:
+    def from_features(cls, features: Features, frame: RgbdFrame) -> Self:
         """The features of a frame, whose depth is not looked at, as of a camera at rest."""
         camera = frame.camera
         u, v = features.position_px.astype(np.float64).T
@@ -48,13 +48,17 @@ class ColourView:
         return cls(features, ray, (camera.fx + camera.fy) / 2.0, frame.stamp_s, ray, delay_s)
 
     @property
-    def rolls(self) -> bool:
+    def has_rolling_shutter(self) -> bool:
         """Whether the rows are of different instants."""
         return bool(self.delay_s.any())
 
-    def sweeping(self, sweep: Sweep) -> "ColourView":
+    def compensate_rolling_shutter(self, shutter_motion: ShutterMotion) -> "MonoFrame":
         """The same features, of a camera that moves like this."""
-        return replace(self, ray=sweep.undone(self.seen, self.delay_s)) if self.rolls else self
+        return (
+            replace(self, ray=shutter_motion.undistort_rays(self.observed_ray, self.delay_s))
+            if self.has_rolling_shutter
+            else self
+        )
 
 
 @dataclass(frozen=True)
@@ -78,11 +82,11 @@ class RayPairs:
         return len(self.ray)
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def has_known_depth(self) -> NDArray[np.bool_]:
         """(M,) bool: the depth is sure enough to carry the scale."""
-        return is_known(self.inverse_depth, self.information)
+        return is_depth_known(self.inverse_depth, self.information)
 
-    def only(self, chosen: NDArray[np.bool_]) -> "RayPairs":
+    def select(self, chosen: NDArray[np.bool_]) -> "RayPairs":
         """Those pairs of which `chosen` (M,) is True."""
         return RayPairs(
             self.ray[chosen],
@@ -93,7 +97,7 @@ class RayPairs:
         )
 
 
-def is_known(inverse_depth: Array, information: Array) -> NDArray[np.bool_]:
+def is_depth_known(inverse_depth: Array, information: Array) -> NDArray[np.bool_]:
     """(M,) bool: which depths are sure enough to carry the scale."""
-    known: NDArray[np.bool_] = inverse_depth**2 * information > 1.0 / KNOWN_TO**2
+    known: NDArray[np.bool_] = inverse_depth**2 * information > 1.0 / MAX_RELATIVE_DEPTH_SIGMA**2
     return known

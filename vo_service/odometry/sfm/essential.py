@@ -21,14 +21,14 @@ GATE_SIGMAS = 1.5
 MAX_HYPOTHESES = 1000
 CONFIDENCE = 0.9999
 # Fewer pairs than this say nothing: five make a hypothesis.
-FEWEST = 8
+MIN_PAIRS = 8
 # Between two frames of a film no camera turns further; the false twin of a motion always does,
 # as the two differ by half a turn.
-WIDEST_TURN_RAD = np.pi / 2
+MAX_ROTATION_RAD = np.pi / 2
 
 
 @dataclass(frozen=True)
-class Essential:
+class EssentialMatrix:
     """E with ray^T E ray_reference = 0, and the pairs (M,) that agree with it."""
 
     E: Array
@@ -36,7 +36,7 @@ class Essential:
 
 
 @dataclass(frozen=True)
-class Direction:
+class UnscaledMotion:
     """A motion but for its length: P_camera = R P_reference + length * t.
 
     R       3x3 from the reference's axes to the camera's
@@ -49,35 +49,35 @@ class Direction:
     inlier: NDArray[np.bool_]
 
 
-def find_direction(pairs: RayPairs, seed: int) -> Direction | None:
+def find_unscaled_motion(pairs: RayPairs, seed: int) -> UnscaledMotion | None:
     """The motion, but for its length, that most pairs agree with; None if there is none."""
     essential = find_essential(pairs, seed)
-    return None if essential is None else choose_direction(essential, pairs)
+    return None if essential is None else recover_unscaled_motion(essential, pairs)
 
 
-def find_essential(pairs: RayPairs, seed: int) -> Essential | None:
+def find_essential(pairs: RayPairs, seed: int) -> EssentialMatrix | None:
     """The essential matrix that most pairs agree with; None if there is none.
 
     OpenCV's USAC with the five-point solver, scored as in MSAC (Torr and Zisserman 2000), with a
     generator of its own: the same pairs give the same matrix.
     """
-    if len(pairs) < FEWEST:
+    if len(pairs) < MIN_PAIRS:
         return None
     K, no_distortion = np.eye(3), np.zeros(5)
     try:
         E, mask = cv2.findEssentialMat(
             np.ascontiguousarray(pairs.ray_reference[:, :2]),
             np.ascontiguousarray(pairs.ray[:, :2]),
-            K, K, no_distortion, no_distortion, _usac(GATE_SIGMAS * pairs.sigma, seed),
+            K, K, no_distortion, no_distortion, _usac_params(GATE_SIGMAS * pairs.sigma, seed),
         )  # fmt: skip
     except cv2.error:  # no five of the pairs make a hypothesis
         return None
     if E is None or E.shape != (3, 3) or not np.isfinite(E).all():
         return None
-    return Essential(np.asarray(E, np.float64), np.asarray(mask).ravel() > 0)
+    return EssentialMatrix(np.asarray(E, np.float64), np.asarray(mask).ravel() > 0)
 
 
-def _usac(threshold: float, seed: int) -> cv2.UsacParams:
+def _usac_params(threshold: float, seed: int) -> cv2.UsacParams:
     usac = cv2.UsacParams()
     usac.confidence = CONFIDENCE
     usac.isParallel = False
@@ -90,20 +90,22 @@ def _usac(threshold: float, seed: int) -> cv2.UsacParams:
     return usac
 
 
-def choose_direction(essential: Essential, pairs: RayPairs) -> Direction | None:
+def recover_unscaled_motion(essential: EssentialMatrix, pairs: RayPairs) -> UnscaledMotion | None:
     """The motion with most points before both cameras (cheirality); None if no turn is possible.
 
     Where nothing has parallax all points are as good as infinitely far, and t means nothing; R is
     right all the same.
     """
     R1, R2, t = cv2.decomposeEssentialMat(essential.E)
-    seen = pairs.only(essential.inlier)
+    seen = pairs.select(essential.inlier)
     best, most = None, -1
     for R in (np.asarray(R, np.float64) for R in (R1, R2)):
-        if rotation_angle_rad(R) > WIDEST_TURN_RAD:
+        if rotation_angle_rad(R) > MAX_ROTATION_RAD:
             continue
         for sign in (1.0, -1.0):
-            direction = Direction(R, sign * np.asarray(t, np.float64).ravel(), essential.inlier)
+            direction = UnscaledMotion(
+                R, sign * np.asarray(t, np.float64).ravel(), essential.inlier
+            )
             in_front = int((triangulate(R, direction.t, seen).inverse_depth > 0.0).sum())
             if in_front > most:
                 best, most = direction, in_front

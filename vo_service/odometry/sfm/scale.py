@@ -8,42 +8,45 @@ import numpy as np
 
 from drivers.geometry import Array, rigid_transform
 from vo_service.odometry.sfm.colour_view import RayPairs
-from vo_service.odometry.sfm.essential import Direction
+from vo_service.odometry.sfm.essential import UnscaledMotion
 from vo_service.odometry.sfm.triangulation import triangulate
 
 # Points that have moved by less than this, in standard deviations, say nothing of the length.
-MOVED_SIGMAS = 3.0
-FEWEST = 8
-ROUNDS = 6
+MIN_PARALLAX_SIGMAS = 3.0
+MIN_POINTS = 8
+ITERATIONS = 6
 
 
-def motions_to_scale(direction: Direction | None, pairs: RayPairs) -> list[Array]:
+def propose_scaled_motions(unscaled_motion: UnscaledMotion | None, pairs: RayPairs) -> list[Array]:
     """4x4 T_camera_reference in metres, by each way that works.
 
     With parallax the essential matrix knows the direction of the motion better than single
     points do. Without it (a short step, a turn on the spot) it knows the turn alone.
     """
-    if direction is None:
+    if unscaled_motion is None:
         return []
-    common = pairs.only(pairs.known & direction.inlier)
-    if len(common) < FEWEST:
+    common = pairs.select(pairs.has_known_depth & unscaled_motion.inlier)
+    if len(common) < MIN_POINTS:
         return []
-    ways = (_by_ratio(direction, common), _by_points(direction.R, common))
-    return [rigid_transform(direction.R, t) for t in ways if t is not None]
+    ways = (
+        _scale_by_depth_ratio(unscaled_motion, common),
+        _solve_translation(unscaled_motion.R, common),
+    )
+    return [rigid_transform(unscaled_motion.R, t) for t in ways if t is not None]
 
 
-def _by_ratio(direction: Direction, common: RayPairs) -> Array | None:
+def _scale_by_depth_ratio(unscaled_motion: UnscaledMotion, common: RayPairs) -> Array | None:
     """The direction, as long as makes the points as far as they are known to be (median)."""
-    found = triangulate(direction.R, direction.t, common)
-    has_moved = found.parallax_rad > MOVED_SIGMAS * common.sigma
+    found = triangulate(unscaled_motion.R, unscaled_motion.t, common)
+    has_moved = found.parallax_rad > MIN_PARALLAX_SIGMAS * common.sigma
     chosen = has_moved & (found.inverse_depth > 0.0)
-    if chosen.sum() < FEWEST:
+    if chosen.sum() < MIN_POINTS:
         return None
     length = float(np.median(found.inverse_depth[chosen] / common.inverse_depth[chosen]))
-    return direction.t * length
+    return unscaled_motion.t * length
 
 
-def _by_points(R: Array, common: RayPairs) -> Array:
+def _solve_translation(R: Array, common: RayPairs) -> Array:
     """(3,) translation that moves the known points to where they are seen, the turn being given.
 
     Linear in t; Cauchy's weights for those that do not fit.
@@ -54,7 +57,7 @@ def _by_points(R: Array, common: RayPairs) -> Array:
     A[:, 0, 0] = A[:, 1, 1] = common.inverse_depth
     A[:, :, 2] = -common.inverse_depth[:, None] * common.ray[:, :2]
     t = np.zeros(3)
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         error = (moved - A @ t) / common.sigma
         w = 1.0 / (1.0 + 0.25 * np.einsum("ni,ni->n", error, error))
         H = np.einsum("nij,n,nik->jk", A, w, A) + 1e-9 * np.eye(3)

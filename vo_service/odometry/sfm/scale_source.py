@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array
-from vo_service.odometry.points import locate_features
+from vo_service.odometry.points import backproject_features
 from vo_service.odometry.surf import Features
 
 # Fewer points than this with depth say too little, and so do two stamps of one place.
-FEWEST_POINTS = 15
-SHORTEST_BASELINE_M = 1e-3
+MIN_POINTS = 15
+MIN_BASELINE_M = 1e-3
 # From the median of the absolute deviations to a standard deviation; and how much less sure than
 # the mean of as many the median is (both of normal errors).
-SIGMAS_A_MAD, MEDIAN_SIGMAS_A_MEAN = 1.4826, 1.2533
+SIGMA_PER_MAD, MEDIAN_SIGMA_PER_MEAN_SIGMA = 1.4826, 1.2533
 # A baseline that is given is not exact either.
 BASELINE_SIGMA = 0.01
 
 
 @dataclass(frozen=True)
-class FirstPair:
+class InitialPair:
     """The first two views with parallax: their motion, of length 1, and the points in that unit.
 
     frame           of the first view
@@ -45,11 +45,11 @@ class FirstPair:
 
 
 @dataclass(frozen=True)
-class Scale:
+class MetricScale:
     """Metres a unit, and the standard deviation of the logarithm of it."""
 
     metres_per_unit: float
-    sigma: float
+    log_sigma: float
 
 
 class ScaleSource(Protocol):
@@ -60,28 +60,28 @@ class ScaleSource(Protocol):
         """For reports: "first depth", "given baseline"."""
         ...
 
-    def scale(self, pair: FirstPair) -> Scale | None:
+    def estimate_scale(self, pair: InitialPair) -> MetricScale | None:
         """How long the first motion is; None where it cannot be told."""
         ...
 
 
-class FirstDepth:
+class FirstDepthScale:
     """The depth image of the first frame: the median over the points of both."""
 
     name = "first depth"
 
-    def scale(self, pair: FirstPair) -> Scale | None:
+    def estimate_scale(self, pair: InitialPair) -> MetricScale | None:
         """See `ScaleSource`. None if fewer than 15 of the points have depth."""
-        depth_m = locate_features(pair.features, pair.frame).position_m[pair.index, 2]
+        depth_m = backproject_features(pair.features, pair.frame).position_m[pair.index, 2]
         ratio = (depth_m * pair.inverse_depth)[depth_m > 0.0]
         ratio = ratio[ratio > 0.0]
-        if len(ratio) < FEWEST_POINTS:
+        if len(ratio) < MIN_POINTS:
             return None
         metres_per_unit = float(np.median(ratio))
-        return Scale(metres_per_unit, median_sigma(np.log(ratio)))
+        return MetricScale(metres_per_unit, median_sigma(np.log(ratio)))
 
 
-class GivenBaseline:
+class GivenBaselineScale:
     """The distance between the places of two frames, by their stamps: motion capture, say."""
 
     name = "given baseline"
@@ -89,19 +89,19 @@ class GivenBaseline:
     def __init__(self, distance_m: Callable[[float, float], float]) -> None:
         self._distance_m = distance_m
 
-    def scale(self, pair: FirstPair) -> Scale | None:
+    def estimate_scale(self, pair: InitialPair) -> MetricScale | None:
         """See `ScaleSource`. None if the places are the same to within a millimetre.
 
         Raises what the function given raises.
         """
         distance_m = self._distance_m(pair.frame.stamp_s, pair.stamp_s)
-        if not SHORTEST_BASELINE_M < distance_m < np.inf:
+        if not MIN_BASELINE_M < distance_m < np.inf:
             return None
-        return Scale(distance_m, BASELINE_SIGMA)
+        return MetricScale(distance_m, BASELINE_SIGMA)
 
 
 def median_sigma(values: Array) -> float:
     """Standard deviation of the median of (N,) values, from their own spread; N at least 1."""
     deviation = np.abs(values - np.median(values))
-    spread = SIGMAS_A_MAD * float(np.median(deviation))
-    return MEDIAN_SIGMAS_A_MEAN * spread / float(np.sqrt(len(values)))
+    spread = SIGMA_PER_MAD * float(np.median(deviation))
+    return MEDIAN_SIGMA_PER_MEAN_SIGMA * spread / float(np.sqrt(len(values)))

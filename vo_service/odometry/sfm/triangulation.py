@@ -13,7 +13,7 @@ from vo_service.odometry.sfm.colour_view import RayPairs
 
 
 @dataclass(frozen=True)
-class Triangulated:
+class TriangulatedPoints:
     """Points by a motion between two views.
 
     inverse_depth  (M,) in the reference; below 0 where the rays only meet behind a camera
@@ -24,7 +24,7 @@ class Triangulated:
     parallax_rad: Array
 
 
-def triangulate(R: Array, t: Array, pairs: RayPairs) -> Triangulated:
+def triangulate(R: Array, t: Array, pairs: RayPairs) -> TriangulatedPoints:
     """Least squares in the camera's image of P_camera = R P_reference + t.
 
     With q = R ray_reference and inverse depth w the point is at (q + w t) / w, so that a camera's
@@ -39,4 +39,4 @@ def triangulate(R: Array, t: Array, pairs: RayPairs) -> Triangulated:
     inverse_depth[is_behind] = -1.0
     parallax_rad = np.arctan(np.abs(inverse_depth) * np.sqrt(squared))
     parallax_rad[is_behind] = 0.0
-    return Triangulated(inverse_depth, parallax_rad)
+    return TriangulatedPoints(inverse_depth, parallax_rad)

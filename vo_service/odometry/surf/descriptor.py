@@ -5,24 +5,24 @@ from numpy.typing import NDArray
 
 from drivers.jit import inline_kernel, kernel
 from vo_service.odometry.surf.maxima import SCALE, X, Y
-from vo_service.odometry.surf.orientation import GRID, dominant_direction
-from vo_service.odometry.surf.pyramid import level_of_scale, sample, turned_grid
+from vo_service.odometry.surf.orientation import GRID_SIDE, dominant_direction
+from vo_service.odometry.surf.pyramid import level_for_scale, rotate_grid, sample_bilinear
 
-SIZE = 64
-REGIONS = 4  # 4x4 square regions
-PER_REGION = 5  # of 5x5 samples each
-SIDE = REGIONS * PER_REGION  # the window is 20 s wide
-PATCH = SIDE + 1  # grey values a side: differences lie between them
+DESCRIPTOR_SIZE = 64
+REGIONS_PER_SIDE = 4  # 4x4 square regions
+SAMPLES_PER_REGION = 5  # of 5x5 samples each
+WINDOW_SIDE = REGIONS_PER_SIDE * SAMPLES_PER_REGION  # the window is 20 s wide
+PATCH_SIDE = WINDOW_SIDE + 1  # grey values a side: differences lie between them
 
 # Descriptors are rounded to whole numbers of this length: it loses nothing in matching, and dot
 # products of them are exact in float32, whatever order or number of threads adds them up.
-NORM = 300.0
+DESCRIPTOR_NORM = 300.0
 
 
 def patch_weights() -> NDArray[np.float32]:
     """(20 * 21,) Gaussian about the keypoint; 4.5 s matches better than the paper's 3.3 s."""
-    offsets = np.arange(PATCH) - (SIDE - 1) / 2
-    squared = offsets[:SIDE, None] ** 2 + offsets[None, :] ** 2
+    offsets = np.arange(PATCH_SIDE) - (WINDOW_SIDE - 1) / 2
+    squared = offsets[:WINDOW_SIDE, None] ** 2 + offsets[None, :] ** 2
     return np.exp(-squared / (2 * 4.5**2)).astype(np.float32).ravel()
 
 
@@ -45,18 +45,18 @@ def describe(
     Writes directions (N, 2) as (cos, sin), (1, 0) when upright, and descriptors (N, 64): for each
     region the sums of dx, dy, |dx| and |dy|, in the keypoint's own axes.
     """
-    us = np.empty(PATCH * PATCH, np.float32)
-    vs = np.empty(PATCH * PATCH, np.float32)
-    where = np.empty(PATCH * PATCH, np.int32)
-    squares = np.empty(PATCH * PATCH, np.uint32)
-    grey = np.empty(PATCH * PATCH, np.float32)
-    dx = np.empty((SIDE, PATCH), np.float32)
-    dy = np.empty((SIDE, PATCH), np.float32)
-    sums = np.empty((4, SIDE), np.float32)
-    cells = GRID * GRID
+    us = np.empty(PATCH_SIDE * PATCH_SIDE, np.float32)
+    vs = np.empty(PATCH_SIDE * PATCH_SIDE, np.float32)
+    where = np.empty(PATCH_SIDE * PATCH_SIDE, np.int32)
+    squares = np.empty(PATCH_SIDE * PATCH_SIDE, np.uint32)
+    grey = np.empty(PATCH_SIDE * PATCH_SIDE, np.float32)
+    dx = np.empty((WINDOW_SIDE, PATCH_SIDE), np.float32)
+    dy = np.empty((WINDOW_SIDE, PATCH_SIDE), np.float32)
+    sums = np.empty((4, WINDOW_SIDE), np.float32)
+    cells = GRID_SIDE * GRID_SIDE
     full_height, full_width = levels[0, 1], levels[0, 2]
     for n in range(len(keypoints)):
-        level = level_of_scale(keypoints[n, SCALE])
+        level = level_for_scale(keypoints[n, SCALE])
         offset, height, width = levels[level, 0], levels[level, 1], levels[level, 2]
         half = np.float32(0.5)
         zoom_x = np.float32(width) / np.float32(full_width)
@@ -66,17 +66,17 @@ def describe(
         spacing = keypoints[n, SCALE] * zoom_x
         co, si = np.float32(1.0), np.float32(0.0)
         if not upright:
-            turned_grid(x, y, spacing, np.float32(0.0), disc_grid, us[:cells], vs[:cells])
-            sample(
+            rotate_grid(x, y, spacing, np.float32(0.0), disc_grid, us[:cells], vs[:cells])
+            sample_bilinear(
                 packed, offset, height, width,
                 us[:cells], vs[:cells], where[:cells], squares[:cells], grey[:cells],
             )  # fmt: skip
             co, si = dominant_direction(grey[:cells], disc_weights, us, vs, where)
         directions[n, 0], directions[n, 1] = co, si
-        turned_grid(x, y, spacing * co, spacing * si, patch_grid, us, vs)
-        sample(packed, offset, height, width, us, vs, where, squares, grey)
+        rotate_grid(x, y, spacing * co, spacing * si, patch_grid, us, vs)
+        sample_bilinear(packed, offset, height, width, us, vs, where, squares, grey)
         _sum_regions(grey, patch_weights, dx, dy, sums, descriptors[n])
-        _normalise(descriptors[n])
+        _normalize(descriptors[n])
 
 
 @inline_kernel
@@ -94,42 +94,44 @@ def _sum_regions(
     """
     flat_dx, flat_dy = dx.reshape(-1), dy.reshape(-1)
     upper, upper_right = grey, grey[1:]
-    lower, lower_right = grey[PATCH:], grey[PATCH + 1 :]
-    for k in range(SIDE * PATCH - 1):
+    lower, lower_right = grey[PATCH_SIDE:], grey[PATCH_SIDE + 1 :]
+    for k in range(WINDOW_SIDE * PATCH_SIDE - 1):
         falling = lower_right[k] - upper[k]
         rising = upper_right[k] - lower[k]
         flat_dx[k] = weights[k] * (falling + rising)
         flat_dy[k] = weights[k] * (falling - rising)
-    for region_row in range(REGIONS):
-        r = region_row * PER_REGION
-        for k in range(SIDE):
+    for region_row in range(REGIONS_PER_SIDE):
+        r = region_row * SAMPLES_PER_REGION
+        for k in range(WINDOW_SIDE):
             x0, x1, x2, x3, x4 = dx[r, k], dx[r + 1, k], dx[r + 2, k], dx[r + 3, k], dx[r + 4, k]
             y0, y1, y2, y3, y4 = dy[r, k], dy[r + 1, k], dy[r + 2, k], dy[r + 3, k], dy[r + 4, k]
             sums[0, k] = x0 + x1 + x2 + x3 + x4
             sums[1, k] = y0 + y1 + y2 + y3 + y4
             sums[2, k] = abs(x0) + abs(x1) + abs(x2) + abs(x3) + abs(x4)
             sums[3, k] = abs(y0) + abs(y1) + abs(y2) + abs(y3) + abs(y4)
-        for region_column in range(REGIONS):
-            first = region_column * PER_REGION
+        for region_column in range(REGIONS_PER_SIDE):
+            first = region_column * SAMPLES_PER_REGION
             for kind in range(4):
                 total = np.float32(0.0)
-                for k in range(first, first + PER_REGION):
+                for k in range(first, first + SAMPLES_PER_REGION):
                     total += sums[kind, k]
-                out[4 * (region_row * REGIONS + region_column) + kind] = total
+                out[4 * (region_row * REGIONS_PER_SIDE + region_column) + kind] = total
 
 
 @inline_kernel
-def _normalise(descriptor: NDArray[np.float32]) -> None:
+def _normalize(descriptor: NDArray[np.float32]) -> None:
     """Signed square root, then constant length, then whole numbers.
 
     The square root (Arandjelovic and Zisserman, CVPR 2012) keeps a few strong gradients from
     deciding every match; 3 to 4 % more of the matches are right.
     """
     total = np.float32(0.0)
-    for k in range(SIZE):
+    for k in range(DESCRIPTOR_SIZE):
         total += abs(descriptor[k])
-    gain = np.float32(NORM) / np.float32(np.sqrt(total)) if total > 0 else np.float32(0.0)
-    for k in range(SIZE):
+    gain = (
+        np.float32(DESCRIPTOR_NORM) / np.float32(np.sqrt(total)) if total > 0 else np.float32(0.0)
+    )
+    for k in range(DESCRIPTOR_SIZE):
         v = descriptor[k]
         root = gain * np.float32(np.sqrt(abs(v)))
         rounded = np.float32(np.floor(root + np.float32(0.5)))

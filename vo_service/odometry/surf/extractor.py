@@ -6,18 +6,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vo_service.odometry.surf.descriptor import PATCH, SIZE, describe, patch_weights
+from vo_service.odometry.surf.descriptor import DESCRIPTOR_SIZE, PATCH_SIDE, describe, patch_weights
 from vo_service.odometry.surf.maxima import RESPONSE, SCALE, SIGN, X, Y
-from vo_service.odometry.surf.orientation import GRID, disc_weights
-from vo_service.odometry.surf.pyramid import build_pyramid, grid
+from vo_service.odometry.surf.orientation import GRID_SIDE, disc_weights
+from vo_service.odometry.surf.pyramid import build_pyramid, centered_grid
 from vo_service.odometry.surf.scale_space import ScaleSpace
 
 # Below this response (grey levels^2) a maximum is sensor noise.
-LOWEST_THRESHOLD = 10.0
+MIN_THRESHOLD = 10.0
 # The next search starts at this share of the weakest response kept, to find just enough.
-NEXT_THRESHOLD = 0.6
+NEXT_THRESHOLD_RATIO = 0.6
 # And every further search of the same image, when it found too few, at this share of the last.
-RETRY_THRESHOLD = 0.2
+RETRY_THRESHOLD_RATIO = 0.2
 
 
 @dataclass(frozen=True)
@@ -53,19 +53,24 @@ class SurfExtractor:
     def __init__(self, count: int = 1000, upright: bool = False) -> None:
         self.count = count
         self._upright = upright
-        self._threshold = LOWEST_THRESHOLD
+        self._threshold = MIN_THRESHOLD
         self._scale_space = ScaleSpace(0, 0)
         self._shape = (0, 0)
-        self._templates = (disc_weights(), grid(GRID), patch_weights(), grid(PATCH))
+        self._templates = (
+            disc_weights(),
+            centered_grid(GRID_SIDE),
+            patch_weights(),
+            centered_grid(PATCH_SIDE),
+        )
 
     def extract(self, grey: NDArray[np.uint8]) -> Features:
         """Features of a (H, W) uint8 image, at least 16x16."""
-        keypoints = self._strongest(self.detect(grey))
+        keypoints = self._select_strongest(self.detect(grey))
         directions = np.empty((len(keypoints), 2), np.float32)
-        descriptors = np.empty((len(keypoints), SIZE), np.float32)
+        descriptors = np.empty((len(keypoints), DESCRIPTOR_SIZE), np.float32)
         pyramid = build_pyramid(grey)
         describe(
-            pyramid.packed, pyramid.shape, keypoints, self._upright,
+            pyramid.packed, pyramid.level_table, keypoints, self._upright,
             *self._templates, directions, descriptors,
         )  # fmt: skip
         return Features(
@@ -82,17 +87,17 @@ class SurfExtractor:
         if grey.shape != self._shape:
             self._shape = (grey.shape[0], grey.shape[1])
             self._scale_space = ScaleSpace(*self._shape)
-        self._scale_space.fill(cv2.integral(grey))  # type: ignore[arg-type]
-        found = self._scale_space.find(self._threshold)
-        while len(found) < self.count and self._threshold > LOWEST_THRESHOLD:
-            self._threshold = max(RETRY_THRESHOLD * self._threshold, LOWEST_THRESHOLD)
-            found = self._scale_space.find(self._threshold)
+        self._scale_space.compute_responses(cv2.integral(grey))  # type: ignore[arg-type]
+        found = self._scale_space.find_maxima(self._threshold)
+        while len(found) < self.count and self._threshold > MIN_THRESHOLD:
+            self._threshold = max(RETRY_THRESHOLD_RATIO * self._threshold, MIN_THRESHOLD)
+            found = self._scale_space.find_maxima(self._threshold)
         return found
 
-    def _strongest(self, keypoints: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _select_strongest(self, keypoints: NDArray[np.float32]) -> NDArray[np.float32]:
         order = np.argsort(-keypoints[:, RESPONSE], kind="stable")[: self.count]
         chosen: NDArray[np.float32] = keypoints[order]
         if len(chosen) == self.count:
             weakest = float(chosen[-1, RESPONSE])
-            self._threshold = max(NEXT_THRESHOLD * weakest, LOWEST_THRESHOLD)
+            self._threshold = max(NEXT_THRESHOLD_RATIO * weakest, MIN_THRESHOLD)
         return chosen

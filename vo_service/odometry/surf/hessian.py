@@ -119,7 +119,7 @@ def _det_along_row(
 
 
 @inline_kernel
-def laplacian_is_positive(integral: NDArray[np.int32], r: int, c: int, lobe: int) -> bool:
+def is_laplacian_positive(integral: NDArray[np.int32], r: int, c: int, lobe: int) -> bool:
     """Sign of Dxx + Dyy: dark blobs on bright ground are positive (Section 4.3)."""
     half = lobe_margin(lobe)
     middle = lobe // 2

@@ -4,14 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.jit import inline_kernel, kernel
-from vo_service.odometry.surf.hessian import SCALE_PER_LOBE, laplacian_is_positive, lobe_margin
+from vo_service.odometry.surf.hessian import SCALE_PER_LOBE, is_laplacian_positive, lobe_margin
 
 # Columns of a keypoint table, float32, one keypoint a row.
 X, Y, SCALE, RESPONSE, SIGN = 0, 1, 2, 3, 4
-TABLE_WIDTH = 5
+NUM_COLUMNS = 5
 
 
-def most_maxima(rows: int, columns: int) -> int:
+def max_num_maxima(rows: int, columns: int) -> int:
     """How many maxima a layer can have: no two are neighbours, so one in a square of 2x2."""
     return -(-rows // 2) * -(-columns // 2)
 
@@ -32,7 +32,7 @@ def find_maxima(
 
     A maximum is above `threshold` and above its 26 neighbours in space and scale. Its position
     (pixels of the full image) and scale are those of the quadratic fitted to the 27 values.
-    The table must have room for `most_maxima` of the layer.
+    The table must have room for `max_num_maxima` of the layer.
     """
     rows, columns = middle.shape
     first = (lobe_margin(lobes[2]) + step - 1) // step + 1
@@ -58,7 +58,7 @@ def find_maxima(
                     entry = table[found]
                     if not _interpolate(below, middle, above, lobes, step, row, column, entry):
                         continue
-                    positive = laplacian_is_positive(integral, row * step, column * step, lobes[1])
+                    positive = is_laplacian_positive(integral, row * step, column * step, lobes[1])
                     entry[SIGN] = 1.0 if positive else -1.0
                     found += 1
     return found

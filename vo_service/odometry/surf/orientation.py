@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 from drivers.jit import inline_kernel
 
 RADIUS = 6  # Haar responses within 6 s of the keypoint
-GRID = 2 * RADIUS + 3  # samples a side: the responses and one more around them
-BINS = 72  # directions are kept to 5 degrees
-WINDOW = BINS // 6  # a sliding window of 60 degrees
+GRID_SIDE = 2 * RADIUS + 3  # samples a side: the responses and one more around them
+NUM_BINS = 72  # directions are kept to 5 degrees
+WINDOW_BINS = NUM_BINS // 6  # a sliding window of 60 degrees
 
 
 def disc_weights() -> NDArray[np.float32]:
@@ -33,9 +33,9 @@ def dominant_direction(
     or more.
     """
     side = 2 * RADIUS + 1
-    sum_x = np.zeros(BINS, np.float32)
-    sum_y = np.zeros(BINS, np.float32)
-    square = grey.reshape((GRID, GRID))
+    sum_x = np.zeros(NUM_BINS, np.float32)
+    sum_y = np.zeros(NUM_BINS, np.float32)
+    square = grey.reshape((GRID_SIDE, GRID_SIDE))
     for i in range(side):
         for j in range(side):
             k = i * side + j
@@ -46,7 +46,7 @@ def dominant_direction(
     for k in range(side * side):
         sum_x[bins[k]] += dxs[k]
         sum_y[bins[k]] += dys[k]
-    return _longest_window(sum_x, sum_y)
+    return _find_longest_window(sum_x, sum_y)
 
 
 @inline_kernel
@@ -63,22 +63,22 @@ def _direction_bin(dx: np.float32, dy: np.float32) -> np.int32:
     angle = np.float32(np.pi / 2) - angle if ay > ax else angle
     angle = np.float32(np.pi) - angle if dx < 0 else angle
     angle = np.float32(2 * np.pi) - angle if dy < 0 else angle
-    direction = np.int32(angle * np.float32(BINS / (2 * np.pi)))
-    return direction if direction < BINS else np.int32(BINS - 1)
+    direction = np.int32(angle * np.float32(NUM_BINS / (2 * np.pi)))
+    return direction if direction < NUM_BINS else np.int32(NUM_BINS - 1)
 
 
 @inline_kernel
-def _longest_window(
+def _find_longest_window(
     sum_x: NDArray[np.float32], sum_y: NDArray[np.float32]
 ) -> tuple[np.float32, np.float32]:
     wx = np.float32(0.0)
     wy = np.float32(0.0)
-    for k in range(WINDOW):
+    for k in range(WINDOW_BINS):
         wx += sum_x[k]
         wy += sum_y[k]
     best_x, best_y, best = wx, wy, wx * wx + wy * wy
-    for k in range(1, BINS):
-        last = (k + WINDOW - 1) % BINS
+    for k in range(1, NUM_BINS):
+        last = (k + WINDOW_BINS - 1) % NUM_BINS
         wx += sum_x[last] - sum_x[k - 1]
         wy += sum_y[last] - sum_y[k - 1]
         length = wx * wx + wy * wy

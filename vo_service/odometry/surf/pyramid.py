@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.jit import inline_kernel, kernel
 
-LEVELS = 4  # the largest keypoints (scale 14) are sampled at an eighth of the size
+NUM_LEVELS = 4  # the largest keypoints (scale 14) are sampled at an eighth of the size
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class PackedPyramid:
     """
 
     packed: NDArray[np.uint32]
-    shape: NDArray[np.int64]
+    level_table: NDArray[np.int64]
 
 
 def build_pyramid(grey: NDArray[np.uint8]) -> PackedPyramid:
     """Smooth a little, halve LEVELS - 1 times by area, pack. grey (H, W) uint8, at least 16x16."""
-    images = [_smoothed(grey)]
-    for _ in range(1, LEVELS):
-        images.append(_halved(images[-1]))
+    images = [_smooth(grey)]
+    for _ in range(1, NUM_LEVELS):
+        images.append(_halve(images[-1]))
     sizes = [image.size for image in images]
     offsets = np.concatenate(([0], np.cumsum(sizes)[:-1]))
     shape = np.array(
@@ -43,12 +43,12 @@ def build_pyramid(grey: NDArray[np.uint8]) -> PackedPyramid:
     return PackedPyramid(packed, shape)
 
 
-def _smoothed(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _smooth(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     smooth: NDArray[np.uint8] = cv2.GaussianBlur(image, (3, 3), 0.7)  # type: ignore[assignment]
     return smooth
 
 
-def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _halve(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     height, width = image.shape
     size = (max(width // 2, 1), max(height // 2, 1))
     half: NDArray[np.uint8] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
@@ -71,16 +71,16 @@ def _pack(image: NDArray[np.uint8], packed: NDArray[np.uint32]) -> None:
 
 
 @inline_kernel
-def level_of_scale(scale: np.float32) -> int:
+def level_for_scale(scale: np.float32) -> int:
     """Level at which a keypoint's sample spacing is between 0.9 and 1.8 pixels."""
     level = 0
-    while scale > 1.8 and level < LEVELS - 1:
+    while scale > 1.8 and level < NUM_LEVELS - 1:
         scale *= np.float32(0.5)
         level += 1
     return level
 
 
-def grid(side: int) -> NDArray[np.float32]:
+def centered_grid(side: int) -> NDArray[np.float32]:
     """(2, side * side) whole-number offsets (along, down) of a square grid from its middle."""
     offsets = np.arange(side, dtype=np.float32) - side // 2
     down, along = np.meshgrid(offsets, offsets, indexing="ij")
@@ -88,7 +88,7 @@ def grid(side: int) -> NDArray[np.float32]:
 
 
 @inline_kernel
-def turned_grid(
+def rotate_grid(
     x: np.float32,
     y: np.float32,
     co: np.float32,
@@ -104,7 +104,7 @@ def turned_grid(
 
 
 @inline_kernel
-def sample(
+def sample_bilinear(
     packed: NDArray[np.uint32],
     offset: int,
     height: int,

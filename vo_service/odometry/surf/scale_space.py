@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vo_service.odometry.surf.hessian import fill_responses
-from vo_service.odometry.surf.maxima import TABLE_WIDTH, find_maxima, most_maxima
+from vo_service.odometry.surf.maxima import NUM_COLUMNS, find_maxima, max_num_maxima
 
 
 @dataclass(frozen=True)
@@ -43,14 +43,14 @@ class ScaleSpace:
             for lobe in octave.lobes
         }
         room = sum(
-            most_maxima(*self._layers[octave.step, lobe].shape)
+            max_num_maxima(*self._layers[octave.step, lobe].shape)
             for octave in OCTAVES
             for lobe in octave.lobes[1:-1]
         )
         # Room for the worst image; memory that is never written to is never taken.
-        self._table = np.empty((room, TABLE_WIDTH), np.float32)
+        self._table = np.empty((room, NUM_COLUMNS), np.float32)
 
-    def fill(self, integral: NDArray[np.int32]) -> None:
+    def compute_responses(self, integral: NDArray[np.int32]) -> None:
         """Compute all layers of an image from its integral image, (H+1, W+1) int32."""
         self._integral = integral
         for (step, lobe), layer in self._layers.items():
@@ -60,7 +60,7 @@ class ScaleSpace:
             else:
                 layer[:] = finer[::step, ::step]
 
-    def find(self, threshold: float) -> NDArray[np.float32]:
+    def find_maxima(self, threshold: float) -> NDArray[np.float32]:
         """Keypoint table (N, 5) of the maxima above the threshold, valid until the next search.
 
         Order: octave, layer, row, column.

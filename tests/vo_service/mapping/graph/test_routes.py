@@ -3,19 +3,24 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import connected_components as scipy_connected_components
+from scipy.sparse.csgraph import dijkstra
 
 from drivers.geometry import Array
-from tests.vo_service.mapping.graph.rings import covariance
+from tests.vo_service.mapping.graph.rings import make_covariance
 from vo_service.mapping.graph.edges import Edge
-from vo_service.mapping.graph.routes import neighbours, parts, shortest
+from vo_service.mapping.graph.routes import (
+    build_adjacency,
+    connected_components,
+    shortest_path_length,
+)
 
 FEW = settings(max_examples=40)
 PLACES = 8
 
 
 def edge(a: int, b: int, length_m: float) -> Edge:
-    return Edge(a, b, np.eye(4), covariance((1e-3, 1e-3)), is_loop=False, length_m=length_m)
+    return Edge(a, b, np.eye(4), make_covariance((1e-3, 1e-3)), is_loop=False, length_m=length_m)
 
 
 def edges() -> st.SearchStrategy[list[Edge]]:
@@ -37,17 +42,17 @@ def table(edges: list[Edge]) -> Array:
 @FEW
 @given(edges())
 def test_the_shortest_way_is_found(edges: list[Edge]) -> None:
-    expected, around = dijkstra(table(edges)), neighbours(edges)
+    expected, around = dijkstra(table(edges)), build_adjacency(edges)
     for a in range(PLACES):
         for b in range(PLACES):
-            assert shortest(a, b, around, lambda edge: edge.length_m) == expected[a, b]
+            assert shortest_path_length(a, b, around, lambda edge: edge.length_m) == expected[a, b]
 
 
 @FEW
 @given(edges())
 def test_what_is_connected_is_one_part(edges: list[Edge]) -> None:
-    count, labels = connected_components(table(edges))
-    found = parts(range(PLACES), edges)
+    count, labels = scipy_connected_components(table(edges))
+    found = connected_components(range(PLACES), edges)
     assert sorted(place for part in found for place in part) == list(range(PLACES))
     assert len(found) == count
     assert all(len({labels[place] for place in part}) == 1 for part in found)
@@ -56,13 +61,13 @@ def test_what_is_connected_is_one_part(edges: list[Edge]) -> None:
 
 def test_a_way_over_loops_costs_nothing() -> None:
     edges = [edge(0, 1, 0.0), edge(1, 2, 0.0), edge(0, 2, 1.0)]
-    assert shortest(0, 2, neighbours(edges), lambda edge: edge.length_m) == 0.0
+    assert shortest_path_length(0, 2, build_adjacency(edges), lambda edge: edge.length_m) == 0.0
 
 
 @FEW
 @given(edges(), st.sampled_from([0.0, 0.25, 0.75, 2.0]))
 def test_no_way_is_found_that_is_longer_than_asked_for(edges: list[Edge], at_most: float) -> None:
-    expected, around = dijkstra(table(edges)), neighbours(edges)
+    expected, around = dijkstra(table(edges)), build_adjacency(edges)
     for b in range(PLACES):
-        found = shortest(0, b, around, lambda edge: edge.length_m, at_most)
+        found = shortest_path_length(0, b, around, lambda edge: edge.length_m, at_most)
         assert found == (expected[0, b] if expected[0, b] <= at_most else np.inf)

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from tests.vo_service.mapping.live.views import CAMERA, COARSE
-from vo_service.mapping.fusion import Fusion
-from vo_service.mapping.fusion_settings import FusionSettings
+from vo_service.mapping.fusion import TsdfVolume
+from vo_service.mapping.fusion_settings import TsdfConfig
 
 
 @pytest.fixture(scope="session")
 def kernels() -> None:
     """Those of the fusion, compiled and kept."""
-    fusion = Fusion(FusionSettings(COARSE.voxel_m, COARSE.making_mb))
+    fusion = TsdfVolume(TsdfConfig(COARSE.voxel_m, COARSE.making_mb))
     shape = (CAMERA.height, CAMERA.width)
     colour = np.zeros((*shape, 3), np.uint8)
-    fusion.add(np.full(shape, 2.0, np.float32), colour, CAMERA, np.eye(4))
-    assert len(fusion.mesh().triangles)
+    fusion.integrate(np.full(shape, 2.0, np.float32), colour, CAMERA, np.eye(4))
+    assert len(fusion.extract_mesh().triangles)

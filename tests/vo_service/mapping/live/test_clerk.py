@@ -7,55 +7,60 @@ from pathlib import Path
 import pytest
 
 from tests.vo_service.mapping.live.views import COARSE
-from vo_service.background.keeper import Helper
+from vo_service.background.keeper import BackgroundWorkerSpec
 from vo_service.mapping.live import clerk
-from vo_service.mapping.live.clerk import MapClerk
-from vo_service.mapping.live.messages import Facts, Job, MapLoaded, Word
-from vo_service.recorder.shared_ring import RingMemory
+from vo_service.mapping.live.clerk import MapperClient
+from vo_service.mapping.live.messages import (
+    LoadMapResult,
+    MapperMessage,
+    MapperStatus,
+    MapperWorkerConfig,
+)
+from vo_service.recorder.shared_ring import RecordRingMemory
 
 FIRST_AFTER = 77
 
 
 @dataclass
-class Keeper:
+class FakeSupervisor:
     """As the real one, with nobody behind it."""
 
-    helper: Helper
-    job: Job
-    hear: Callable[[Word], None]
+    helper: BackgroundWorkerSpec
+    job: MapperWorkerConfig
+    hear: Callable[[MapperMessage], None]
     died: Callable[[], None]
-    is_up: bool = True
-    is_silent: bool = False
+    is_ready: bool = True
+    is_unresponsive: bool = False
     told: list[object] = field(default_factory=list)
 
-    def tell(self, order: object) -> None:
+    def send(self, order: object) -> None:
         self.told.append(order)
 
 
 @dataclass
 class Desk:
-    clerk: MapClerk
-    keeper: Keeper
+    clerk: MapperClient
+    keeper: FakeSupervisor
     looked_anew: list[None]
 
     def load(self, name: str, trouble: str = "") -> None:
         self.clerk.load(name)
-        self.keeper.hear(MapLoaded(Path(f"/maps/{name}.places"), 4, trouble))
+        self.keeper.hear(LoadMapResult(Path(f"/maps/{name}.places"), 4, trouble))
 
 
 @pytest.fixture
 def desk(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Desk:
-    keepers: list[Keeper] = []
+    keepers: list[FakeSupervisor] = []
 
-    def keeper(*given: object) -> Keeper:
-        keepers.append(Keeper(*given))  # type: ignore[arg-type]
+    def keeper(*given: object) -> FakeSupervisor:
+        keepers.append(FakeSupervisor(*given))  # type: ignore[arg-type]
         return keepers[0]
 
     monkeypatch.setattr(clerk, "Keeper", keeper)
     looked: list[None] = []
-    job = Job(RingMemory(0, 0), 0, tmp_path, COARSE, 0)
-    made = MapClerk(job, lambda said: None, lambda: looked.append(None), lambda: FIRST_AFTER)
-    keepers[0].hear(Facts(3, frozenset(), frozenset({"home", "bad"})))
+    job = MapperWorkerConfig(RecordRingMemory(0, 0), 0, tmp_path, COARSE, 0)
+    made = MapperClient(job, lambda said: None, lambda: looked.append(None), lambda: FIRST_AFTER)
+    keepers[0].hear(MapperStatus(3, frozenset(), frozenset({"home", "bad"})))
     return Desk(made, keepers[0], looked)
 
 
@@ -64,8 +69,8 @@ def test_a_process_that_is_started_again_begins_in_the_map_that_was_loaded(desk:
     assert desk.clerk.state.loaded == "/maps/home.places"
     assert len(desk.looked_anew) == 1
     desk.keeper.died()
-    assert desk.keeper.job.settings.load == "home"
-    assert desk.keeper.job.first == FIRST_AFTER
+    assert desk.keeper.job.map_config.load == "home"
+    assert desk.keeper.job.first_frame == FIRST_AFTER
     assert desk.clerk.state.loaded == ""  # until it says so
 
 
@@ -73,7 +78,7 @@ def test_a_map_that_cannot_be_loaded_changes_nothing_and_is_told_until_the_next(
     desk.load("home")
     desk.load("bad", trouble="bad.places: a damaged map")
     assert desk.clerk.state.loaded == "/maps/home.places"
-    assert desk.keeper.job.settings.load == "home"
+    assert desk.keeper.job.map_config.load == "home"
     assert desk.clerk.warning == "map: bad.places: a damaged map"
     assert len(desk.looked_anew) == 1
     desk.clerk.load("home")

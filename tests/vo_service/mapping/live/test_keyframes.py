@@ -11,72 +11,72 @@ from hypothesis import strategies as st
 from drivers.geometry import rigid_transform
 from tests.vo_service.mapping.live.views import CAMERA
 from tests.vo_service.recorder import moments
-from vo_service.mapping.graph.pose_graph import Removal
-from vo_service.mapping.live.keyframes import Keyframe, Keyframes
-from vo_service.mapping.loops.from_place import FromPlace
+from vo_service.mapping.graph.pose_graph import NodeRemoval
+from vo_service.mapping.live.keyframes import MeshKeyframe, MeshKeyframeStore
+from vo_service.mapping.loops.from_place import AnchoredPose
 from vo_service.mapping.spacing import STEP_M
 from vo_service.recorder.depth_packing import pack_depth
-from vo_service.recorder.frame_record import put_frame
-from vo_service.recorder.shared_ring import RingReader, RingWriter
+from vo_service.recorder.frame_record import write_frame
+from vo_service.recorder.shared_ring import RecordRingReader, RecordRingWriter
 
 SIZE = 1000
 
 
 @pytest.fixture
-def ring() -> Iterator[RingWriter]:
-    writer = RingWriter("trial", 5.0, 1 << 22)
+def ring() -> Iterator[RecordRingWriter]:
+    writer = RecordRingWriter("trial", 5.0, 1 << 22)
     yield writer
     writer.close()
 
 
-def at(x_m: float, epoch: int = 0) -> Keyframe:
+def at(x_m: float, epoch: int = 0) -> MeshKeyframe:
     """A keyframe of `SIZE` bytes."""
     T = rigid_transform(np.eye(3), [x_m, 0.0, 0.0])
     images = b"j" * (SIZE // 2), b"d" * (SIZE // 2)
-    return Keyframe(epoch, T, CAMERA, 1000.0, *images, FromPlace(None, T))
+    return MeshKeyframe(epoch, T, CAMERA, 1000.0, *images, AnchoredPose(None, T))
 
 
-def places_m(keyframes: Keyframes) -> list[float]:
+def places_m(keyframes: MeshKeyframeStore) -> list[float]:
     return [round(float(keyframe.T_odom_camera[0, 3]), 6) for keyframe in keyframes]
 
 
-def test_depth_stays_exact_and_colour_nearly(ring: RingWriter) -> None:
-    update = moments.update(3)
-    smooth = np.full_like(update.frame.colour_bgr, (40, 80, 160))
-    update = replace(update, frame=replace(update.frame, colour_bgr=smooth))
-    put_frame(ring, update, pack_depth)
-    record = RingReader(ring.memory).record(0)
+def test_depth_stays_exact_and_colour_nearly(ring: RecordRingWriter) -> None:
+    update = moments.make_update(3)
+    smooth = np.full_like(update.frame.color_bgr, (40, 80, 160))
+    update = replace(update, frame=replace(update.frame, color_bgr=smooth))
+    write_frame(ring, update, pack_depth)
+    record = RecordRingReader(ring.memory).read_record(0)
     assert record is not None
-    keyframe = Keyframe.of(record, FromPlace(None, np.eye(4)))
+    keyframe = MeshKeyframe.from_record(record, AnchoredPose(None, np.eye(4)))
     np.testing.assert_array_equal(keyframe.depth_m, update.frame.depth_m)
-    assert np.abs(keyframe.colour_bgr.astype(int) - smooth).max() <= 4
+    assert np.abs(keyframe.color_bgr.astype(int) - smooth).max() <= 4
     assert (keyframe.epoch, keyframe.camera) == (update.epoch, update.frame.camera)
     np.testing.assert_array_equal(keyframe.T_odom_camera, update.T_world_camera)
-    assert keyframe.size < len(record.payload)
+    assert keyframe.size_bytes < len(record.payload)
 
 
 def test_what_was_seen_from_a_place_that_is_no_more_is_told_from_its_neighbour() -> None:
-    keyframes = Keyframes(100 * SIZE)
+    keyframes = MeshKeyframeStore(100 * SIZE)
     ahead = rigid_transform(np.eye(3), [0.0, 0.0, 0.2])
     for x_m, place in ((0.0, 4), (1.0, 5)):
-        keyframes.add(replace(at(x_m), from_place=FromPlace(place, ahead)))
-    keyframes.carry_over(Removal(5, 4, ahead))
-    kept, carried = (keyframe.from_place for keyframe in keyframes)
-    assert (kept.place, carried.place) == (4, 4)
-    np.testing.assert_allclose(kept.T_place_camera[2, 3], 0.2)
-    np.testing.assert_allclose(carried.T_place_camera[2, 3], 0.4)
+        keyframes.add(replace(at(x_m), anchored_pose=AnchoredPose(place, ahead)))
+    keyframes.re_anchor(NodeRemoval(5, 4, ahead))
+    kept, carried = (keyframe.anchored_pose for keyframe in keyframes)
+    assert (kept.keyframe_number, carried.keyframe_number) == (4, 4)
+    np.testing.assert_allclose(kept.T_keyframe_camera[2, 3], 0.2)
+    np.testing.assert_allclose(carried.T_keyframe_camera[2, 3], 0.4)
 
 
 def test_the_first_keyframe_of_an_epoch_begins_a_new_map() -> None:
-    keyframes = Keyframes(100 * SIZE)
+    keyframes = MeshKeyframeStore(100 * SIZE)
     for seq in range(3):
         keyframes.add(at(float(seq)))
     keyframes.add(at(0.0, epoch=1))
-    assert (len(keyframes), keyframes.epoch, keyframes.bytes) == (1, 1, SIZE)
+    assert (len(keyframes), keyframes.epoch, keyframes.size_bytes) == (1, 1, SIZE)
 
 
 def test_going_round_and_round_fills_no_memory() -> None:
-    keyframes = Keyframes(100 * SIZE)
+    keyframes = MeshKeyframeStore(100 * SIZE)
     for _ in range(50):
         for seq in range(10):
             keyframes.add(at(seq * 1.01 * STEP_M))
@@ -84,17 +84,17 @@ def test_going_round_and_round_fills_no_memory() -> None:
 
 
 def test_a_view_that_would_not_be_kept_need_not_be_packed() -> None:
-    keyframes = Keyframes(100 * SIZE)
+    keyframes = MeshKeyframeStore(100 * SIZE)
     here, near, there = (at(x_m).T_odom_camera for x_m in (0.0, 0.9 * STEP_M, 1.1 * STEP_M))
-    assert keyframes.wants(0, here)
+    assert keyframes.accepts(0, here)
     keyframes.add(at(0.0))
-    assert not keyframes.wants(0, near)
-    assert keyframes.wants(0, there)
-    assert keyframes.wants(1, near)
+    assert not keyframes.accepts(0, near)
+    assert keyframes.accepts(0, there)
+    assert keyframes.accepts(1, near)
 
 
 def test_when_it_is_full_every_part_of_the_way_is_thinned_out_alike() -> None:
-    keyframes = Keyframes(20 * SIZE)
+    keyframes = MeshKeyframeStore(20 * SIZE)
     for seq in range(200):
         keyframes.add(at(seq * 1.01 * STEP_M))
     gaps_m = np.diff(places_m(keyframes))
@@ -105,10 +105,10 @@ def test_when_it_is_full_every_part_of_the_way_is_thinned_out_alike() -> None:
 
 
 def test_a_lower_bound_counts_at_once() -> None:
-    keyframes = Keyframes(100 * SIZE)
+    keyframes = MeshKeyframeStore(100 * SIZE)
     for seq in range(20):
         keyframes.add(at(float(seq)))
-    keyframes.hold_at_most(5 * SIZE)
+    keyframes.set_max_bytes(5 * SIZE)
     assert 1 <= len(keyframes) <= 5
 
 
@@ -116,8 +116,8 @@ def test_a_lower_bound_counts_at_once() -> None:
 def test_there_is_never_more_than_fits_and_the_last_epoch_alone(
     way: list[tuple[float, int]],
 ) -> None:
-    keyframes = Keyframes(8 * SIZE)
+    keyframes = MeshKeyframeStore(8 * SIZE)
     for x_m, epoch in way:
         keyframes.add(at(x_m, epoch))
-        assert keyframes.bytes == SIZE * len(keyframes) <= 8 * SIZE
+        assert keyframes.size_bytes == SIZE * len(keyframes) <= 8 * SIZE
         assert {keyframe.epoch for keyframe in keyframes} == {epoch}

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from drivers.geometry import T_BODY_CAMERA, Array, inverse
-from tests.vo_service.mapping.live.views import COARSE, mapper, process
-from tests.vo_service.mapping.loops.corner_walk import STEPS, told, truth, update
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
-from tests.vo_service.recorder.moments import refusal
+from tests.vo_service.mapping.live.views import COARSE, mapper_pid, running_mapper
+from tests.vo_service.mapping.loops.corner_walk import STEPS, make_update, odometry_pose, true_pose
+from tests.vo_service.odometry.synthetic_views import render_corner
+from tests.vo_service.recorder.moments import command_error
 from tests.waiting import wait_until
-from vo_service.mapping.live.live_loops import LiveLoops
+from vo_service.mapping.live.live_loops import AsynchronousLoopClosure
 from vo_service.mapping.live.mapper import LiveMapper
-from vo_service.mapping.loops.warm_up import warm_up_loops
-from vo_service.odometry.relocalising import Located
+from vo_service.mapping.loops.warm_up import warm_up_loop_closure
+from vo_service.odometry.relocalising import RelocalizationResult
 
 pytestmark = pytest.mark.subprocess
 
@@ -31,21 +31,21 @@ NAME = "corner"
 @pytest.fixture(scope="module", autouse=True)
 def kernels() -> None:
     """Compiled and kept, before a process that is told of as silent needs them."""
-    warm_up_loops(lambda stage: None)
+    warm_up_loop_closure(lambda stage: None)
 
 
 @contextmanager
 def walking(folder: Path) -> Iterator[LiveMapper]:
     """A mapper that has been told of the way out: every second step is a place."""
-    with mapper(folder, WITH_PLACES) as opened:
+    with running_mapper(folder, WITH_PLACES) as opened:
         go(opened, 0, STEPS)
         yield opened
 
 
 def go(opened: LiveMapper, first: int, last: int, by: int = 2) -> None:
-    before = opened.loops.snapshot.places
+    before = opened.loop_closure.snapshot.keyframes
     for wanted, step in enumerate(range(first, last + 1, by), before + 1):
-        opened.pose(update(step))
+        opened.on_update(make_update(step))
         wait_until(partial(_has, opened, wanted), f"place {wanted}")
 
 
@@ -54,20 +54,20 @@ def _has_keyframes(opened: LiveMapper, keyframes: int) -> bool:
 
 
 def _has(opened: LiveMapper, places: int) -> bool:
-    return opened.loops.snapshot.places >= places
+    return opened.loop_closure.snapshot.keyframes >= places
 
 
-def asked(opened: LiveMapper, T_world_camera: Array) -> Located:
+def asked(opened: LiveMapper, T_world_camera: Array) -> RelocalizationResult:
     """Where a view is found to be."""
-    loops = opened.loops
-    assert isinstance(loops, LiveLoops)
-    answers: list[Located] = []
+    loops = opened.loop_closure
+    assert isinstance(loops, AsynchronousLoopClosure)
+    answers: list[RelocalizationResult] = []
 
     def has_come() -> bool:
-        answers.extend(loops.answers())
+        answers.extend(loops.poll_results())
         return bool(answers)
 
-    loops.look(view_of_a_corner(T_world_camera, 99))
+    loops.query(render_corner(T_world_camera, 99))
     wait_until(has_come, "an answer")
     return answers[0]
 
@@ -84,41 +84,43 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_view_of_a_known_place_is_located_by_the_process(tmp_path: Path) -> None:
     with walking(tmp_path / "maps") as opened:
-        located = asked(opened, truth(2))
+        located = asked(opened, true_pose(2))
         assert located.seq == 99
-        assert np.allclose(located.T_world_camera[:3, 3], told(2)[:3, 3], atol=0.01)
-        assert opened.loops.snapshot.is_located
+        assert np.allclose(located.T_world_camera[:3, 3], odometry_pose(2)[:3, 3], atol=0.01)
+        assert opened.loop_closure.snapshot.is_localized
         assert opened.warning == ""
 
 
 def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
     assert sorted(file.name for file in saved.iterdir()) == ["corner.places", "corner.ply"]
-    with mapper(saved, replace(WITH_PLACES, load=NAME)) as opened:
+    with running_mapper(saved, replace(WITH_PLACES, load=NAME)) as opened:
         wait_until(lambda: opened.state.loaded.endswith("corner.places"), "the map")
-        assert "bad-request" in refusal(lambda: opened.load("../corner"))
-        wait_until(lambda: "there are: corner" in refusal(lambda: opened.load("attic")))
-        assert not opened.loops.snapshot.is_located
-        places = opened.loops.snapshot.places
+        assert "bad-request" in command_error(lambda: opened.load("../corner"))
+        wait_until(lambda: "there are: corner" in command_error(lambda: opened.load("attic")))
+        assert not opened.loop_closure.snapshot.is_localized
+        places = opened.loop_closure.snapshot.keyframes
         assert places > STEPS // 2
         before = opened.state.keyframes
         for keyframes, step in enumerate((STEPS + 1, STEPS + 4, STEPS + 7), before + 1):
-            opened.pose(update(step))
+            opened.on_update(make_update(step))
             wait_until(partial(_has_keyframes, opened, keyframes), "a keyframe")
-        wait_until(lambda: opened.loops.snapshot.is_located, "a place that is known")
-        T_map_camera = opened.loops.snapshot.T_map_odom @ T_BODY_CAMERA @ told(STEPS + 7)
-        expected = T_BODY_CAMERA @ truth(STEPS + 7)
+        wait_until(lambda: opened.loop_closure.snapshot.is_localized, "a place that is known")
+        T_map_camera = (
+            opened.loop_closure.snapshot.T_map_odom @ T_BODY_CAMERA @ odometry_pose(STEPS + 7)
+        )
+        expected = T_BODY_CAMERA @ true_pose(STEPS + 7)
         assert np.linalg.norm((inverse(expected) @ T_map_camera)[:3, 3]) < 0.05
 
 
 def test_a_camera_that_stands_still_knows_where_it_is_in_a_map_that_is_loaded(saved: Path) -> None:
-    with mapper(saved, WITH_PLACES) as opened:
-        opened.pose(update(STEPS))
+    with running_mapper(saved, WITH_PLACES) as opened:
+        opened.on_update(make_update(STEPS))
         wait_until(lambda: opened.state.keyframes == 1, "a keyframe")
         opened.load(NAME)
         wait_until(lambda: opened.state.loaded.endswith("corner.places"), "the map")
         wait_until(lambda: opened.state.keyframes == 0, "the keyframe of before to go")
-        opened.pose(update(STEPS))
-        wait_until(lambda: opened.loops.snapshot.is_located, "a place that is known")
+        opened.on_update(make_update(STEPS))
+        wait_until(lambda: opened.loop_closure.snapshot.is_localized, "a place that is known")
         wait_until(lambda: opened.state.keyframes == 1, "a keyframe in that map")
 
 
@@ -128,7 +130,7 @@ def test_a_damaged_map_is_told_in_one_line_and_the_service_goes_on(
     data = bytearray((saved / "corner.places").read_bytes())
     data[len(data) // 2] ^= 1
     (tmp_path / "bad.places").write_bytes(data)
-    with mapper(tmp_path, replace(WITH_PLACES, load="bad")) as opened:
+    with running_mapper(tmp_path, replace(WITH_PLACES, load="bad")) as opened:
         wait_until(lambda: "bad.places: a damaged map" in opened.warning, "the warning")
         assert "\n" not in opened.warning
         go(opened, 0, 2)
@@ -137,17 +139,19 @@ def test_a_damaged_map_is_told_in_one_line_and_the_service_goes_on(
 
 def test_places_of_a_process_that_is_killed_are_forgotten_and_come_anew(tmp_path: Path) -> None:
     with walking(tmp_path / "maps") as opened:
-        first = process()
+        first = mapper_pid()
         os.kill(first, signal.SIGKILL)
-        wait_until(lambda: opened.loops.snapshot.places == 0, "the loss")
-        wait_until(lambda: opened.is_up and process() != first, "another process")
+        wait_until(lambda: opened.loop_closure.snapshot.keyframes == 0, "the loss")
+        wait_until(lambda: opened.is_ready and mapper_pid() != first, "another process")
         go(opened, STEPS, STEPS)
 
 
 def test_without_places_there_are_no_loops_and_no_map_can_be_loaded(tmp_path: Path) -> None:
-    with mapper(tmp_path, COARSE) as opened:
-        assert opened.loops.snapshot.places == 0
+    with running_mapper(tmp_path, COARSE) as opened:
+        assert opened.loop_closure.snapshot.keyframes == 0
         (tmp_path / "some.places").write_bytes(b"")
-        wait_until(lambda: "there are: some" in refusal(lambda: opened.load("x")), "the folder")
+        wait_until(
+            lambda: "there are: some" in command_error(lambda: opened.load("x")), "the folder"
+        )
         opened.load("some")
         wait_until(lambda: "no places are remembered" in opened.warning, "the warning")

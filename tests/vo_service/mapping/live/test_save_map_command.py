@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from tests import preloaded
-from tests.vo_service.live_stage import CAMERA, LiveStage, live_stage
-from tests.vo_service.mapping.live.views import vertices_m
-from tests.vo_service.played_service import START_LIMIT_S
+from tests.vo_service.live_stage import CAMERA, ServiceRunner, service_runner
+from tests.vo_service.mapping.live.views import read_vertices_m
+from tests.vo_service.played_service import START_TIMEOUT_S
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
@@ -19,13 +19,13 @@ SMALL = '\n[map]\nvoxel_m = 0.1\nmaking_mb = 50\n[log]\nlevel = "info"\n'
 
 
 @pytest.fixture
-def stage(films: Path, kernels: None, tmp_path: Path) -> Iterator[LiveStage]:
-    with live_stage(tmp_path / "stage", films, CAMERA + SMALL) as stage:
+def stage(films: Path, kernels: None, tmp_path: Path) -> Iterator[ServiceRunner]:
+    with service_runner(tmp_path / "stage", films, CAMERA + SMALL) as stage:
         yield stage
 
 
 def asked(
-    stage: LiveStage, name: str, command_name: str = "save-map"
+    stage: ServiceRunner, name: str, command_name: str = "save-map"
 ) -> "subprocess.CompletedProcess[str]":
     """What `kinect-vo command` says."""
     at = f"tcp/127.0.0.1:{stage.service.port}"
@@ -33,18 +33,18 @@ def asked(
     return preloaded.run([*preloaded.KINECT_VO, *command])
 
 
-def test_a_map_is_made_on_command_while_poses_go_on(stage: LiveStage) -> None:
+def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> None:
     service = stage.start()
-    service.until_streaming(time.monotonic(), START_LIMIT_S)
-    service.until(lambda status: status["map_keyframes"] == 1)  # the camera stands still
+    service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
+    service.wait_for_status(lambda status: status["map_keyframes"] == 1)  # the camera stands still
     first = len(service.heard.poses)
     answer = asked(stage, "kitchen")
     file = stage.state_folder / "maps" / "kitchen.ply"
     assert json.loads(answer.stdout) == {"file": str(file), "keyframes": 1}
-    service.until(lambda status: status["saved_map"] == str(file))
+    service.wait_for_status(lambda status: status["saved_map"] == str(file))
     assert len(service.heard.poses) > first
     assert service.status["saving_map"] == ""
-    assert len(vertices_m(file)) > 100
+    assert len(read_vertices_m(file)) > 100
     assert "triangles from 1 keyframes" in service.log
     again = asked(stage, "kitchen")
     assert again.returncode == 1
@@ -52,8 +52,10 @@ def test_a_map_is_made_on_command_while_poses_go_on(stage: LiveStage) -> None:
     assert asked(stage, "../kitchen").returncode == 2
     places = str(file.with_suffix(".places"))
     assert json.loads(asked(stage, "kitchen", "load-map").stdout) == {"file": places}
-    service.until(lambda status: status["loaded_map"] == places)
-    service.until(lambda status: status["places"] == 2)  # that of the map, and what is seen now
+    service.wait_for_status(lambda status: status["loaded_map"] == places)
+    service.wait_for_status(
+        lambda status: status["places"] == 2
+    )  # that of the map, and what is seen now
     assert {(pose.state, pose.epoch) for pose in service.heard.poses} == {("tracking", 0)}
-    assert service.end() == 0
+    assert service.stop() == 0
     stage.check()

@@ -11,34 +11,34 @@ from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.geometry import T_BODY_CAMERA, inverse, rigid_transform
-from tests.belongings import children
+from tests.belongings import child_pids
 from tests.vo_service.recorder import moments
 from tests.waiting import wait_until
 from vo_service.mapping.live.mapper import LiveMapper
-from vo_service.settings import MapSettings
-from vo_service.types import PoseUpdate, TrackingState
+from vo_service.settings import MapConfig
+from vo_service.types import OdometryUpdate, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 WALL_M = 2.0
-COARSE = MapSettings(loops=False, max_mb=10, voxel_m=0.05, making_mb=50)
+COARSE = MapConfig(loops=False, max_mb=10, voxel_m=0.05, making_mb=50)
 
 
-def view(
+def make_wall_update(
     seq: int, x_m: float = 0.0, *, epoch: int = 0, state: TrackingState = TrackingState.TRACKING
-) -> PoseUpdate:
+) -> OdometryUpdate:
     """The wall, seen from `x_m` to the right of where the camera began."""
     T_world_camera = rigid_transform(np.eye(3), [x_m, 0.0, 0.0])
     frame = RgbdFrame(
         seq=seq,
         stamp_s=100.0 + seq / 30,
-        arrival_s=0.0,
-        colour_bgr=np.full((CAMERA.height, CAMERA.width, 3), (40, 80, 160), np.uint8),
+        receive_time_s=0.0,
+        color_bgr=np.full((CAMERA.height, CAMERA.width, 3), (40, 80, 160), np.uint8),
         depth_raw=np.full((CAMERA.height, CAMERA.width), int(1000 * WALL_M), np.uint16),
         depth_factor=1000.0,
         camera=CAMERA,
     )
     return replace(
-        moments.update(seq, state),
+        moments.make_update(seq, state),
         epoch=epoch,
         T_world_camera=T_world_camera,
         T_odom_base=T_BODY_CAMERA @ T_world_camera @ inverse(T_BODY_CAMERA),
@@ -48,28 +48,28 @@ def view(
 
 
 @contextmanager
-def mapper(folder: Path, settings: MapSettings = COARSE) -> Iterator[LiveMapper]:
+def running_mapper(folder: Path, settings: MapConfig = COARSE) -> Iterator[LiveMapper]:
     """A mapper that is up, whose maps go into a folder; closed at the end."""
     opened = LiveMapper(settings, folder)
     try:
-        wait_until(lambda: opened.is_up, "the mapper's process")
+        wait_until(lambda: opened.is_ready, "the mapper's process")
         yield opened
     finally:
         opened.close()
 
 
-def walk(mapper: LiveMapper, steps: int, *, epoch: int = 0) -> None:
+def move_along_wall(mapper: LiveMapper, steps: int, *, epoch: int = 0) -> None:
     """Go along the wall, so that each frame is a keyframe; the map begins with the first."""
     for seq in range(steps):
-        mapper.pose(view(seq, 0.2 * seq, epoch=epoch))
-        wait_until(partial(_has, mapper, seq + 1), f"keyframe {seq}")
+        mapper.on_update(make_wall_update(seq, 0.2 * seq, epoch=epoch))
+        wait_until(partial(_has_keyframes, mapper, seq + 1), f"keyframe {seq}")
 
 
-def _has(mapper: LiveMapper, keyframes: int) -> bool:
+def _has_keyframes(mapper: LiveMapper, keyframes: int) -> bool:
     return mapper.state.keyframes == keyframes
 
 
-def saved(mapper: LiveMapper, name: str) -> Path:
+def save_map(mapper: LiveMapper, name: str) -> Path:
     """The file of a map that is asked for, when the mapper says that it is there."""
     file = mapper.save(name).saving
     wait_until(lambda: not mapper.state.saving, f"{file}")
@@ -77,7 +77,7 @@ def saved(mapper: LiveMapper, name: str) -> Path:
     return Path(file)
 
 
-def vertices_m(file: Path) -> NDArray[np.float32]:
+def read_vertices_m(file: Path) -> NDArray[np.float32]:
     """(N, 3) what a binary PLY of ours says of places."""
     header, _, data = file.read_bytes().partition(b"end_header\n")
     count = int(header.split(b"element vertex ")[1].split()[0])
@@ -86,11 +86,11 @@ def vertices_m(file: Path) -> NDArray[np.float32]:
     return found.reshape(-1, 3)
 
 
-def process() -> int:
+def mapper_pid() -> int:
     """Process number of the mapper that was started last."""
-    return max(children(), key=_started_at)
+    return max(child_pids(), key=_start_ticks)
 
 
-def _started_at(process: int) -> int:
+def _start_ticks(process: int) -> int:
     """On the kernel's clock."""
     return int(Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[19])

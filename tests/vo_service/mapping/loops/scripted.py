@@ -8,28 +8,33 @@ import numpy as np
 
 from drivers.camera import RgbdFrame
 from drivers.geometry import Array, rigid_transform
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+from tests.vo_service.odometry.synthetic_views import render_corner
 from vo_service.mapping.graph.pose_graph import PoseGraph
-from vo_service.mapping.loops.hop import Hop
-from vo_service.mapping.loops.loop_closer import LoopCloser, Sight
-from vo_service.mapping.places.place import Place
-from vo_service.mapping.places.places import Places
-from vo_service.mapping.places.recognition import NOWHERE, Poses, Recogniser, Recognition
-from vo_service.mapping.places.view import FOLLOWED, PlaceView
+from vo_service.mapping.loops.hop import OdometryConstraint
+from vo_service.mapping.loops.loop_closer import KeyframeObservation, LoopCloser
+from vo_service.mapping.places.place import MapKeyframe
+from vo_service.mapping.places.places import KeyframeDatabase
+from vo_service.mapping.places.recognition import (
+    NO_POSES,
+    KeyframePoses,
+    PlaceMatch,
+    PlaceRecognizer,
+)
+from vo_service.mapping.places.view import TRACKED_VELOCITY_SIGMA, QueryFrame
 
-OF_MOTIONS, OF_LOOPS = np.eye(6) * 1e-5, np.eye(6) * 1e-6
+ODOMETRY_COVARIANCE, LOOP_COVARIANCE = np.eye(6) * 1e-5, np.eye(6) * 1e-6
 STEP_M, VELOCITY = 0.3, np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])
-FRAME = view_of_a_corner(np.eye(4))
+FRAME = render_corner(np.eye(4))
 
 
 @cache
-def _seen() -> tuple[Recogniser, PlaceView]:
-    real = Recogniser()
-    return real, real.view(FRAME, np.zeros(6))
+def _described_corner() -> tuple[PlaceRecognizer, QueryFrame]:
+    real = PlaceRecognizer()
+    return real, real.create_query(FRAME, np.zeros(6))
 
 
 @dataclass
-class Scripted(Recogniser):
+class ScriptedRecognizer(PlaceRecognizer):
     """All views look the same, and show what `shows` says.
 
     shows          4x4 T_place_camera by number of the place
@@ -38,58 +43,70 @@ class Scripted(Recogniser):
     T_map_place    of the places that were asked about last
     """
 
-    shows: Mapping[int, Array] = field(default_factory=dict)
-    contradictory: bool = False
-    velocity: tuple[Array, tuple[float, float]] = field(default=(VELOCITY, FOLLOWED))
-    T_map_place: Poses = field(default_factory=lambda: NOWHERE)
+    matches: Mapping[int, Array] = field(default_factory=dict)
+    rejects_multiple: bool = False
+    velocity: tuple[Array, tuple[float, float]] = field(default=(VELOCITY, TRACKED_VELOCITY_SIGMA))
+    T_map_place: KeyframePoses = field(default_factory=lambda: NO_POSES)
 
-    def view(
-        self, frame: RgbdFrame, velocity: Array, known_to: tuple[float, float] = FOLLOWED
-    ) -> PlaceView:
+    def create_query(
+        self,
+        frame: RgbdFrame,
+        velocity: Array,
+        known_to: tuple[float, float] = TRACKED_VELOCITY_SIGMA,
+    ) -> QueryFrame:
         self.velocity = velocity, known_to
-        return _seen()[1]
+        return _described_corner()[1]
 
-    def place(self, view: PlaceView, number: int, world: int, T_world_place: Array) -> Place:
-        return replace(_place(), number=number, world=world, T_world_place=T_world_place)
+    def create_keyframe(
+        self, view: QueryFrame, number: int, world: int, T_world_place: Array
+    ) -> MapKeyframe:
+        return replace(
+            _corner_keyframe(), number=number, world_id=world, T_world_keyframe=T_world_place
+        )
 
-    def recognise(
-        self, view: PlaceView, places: Sequence[Place], T_map_place: Poses = NOWHERE
-    ) -> Recognition | None:
+    def recognize(
+        self, view: QueryFrame, places: Sequence[MapKeyframe], T_map_place: KeyframePoses = NO_POSES
+    ) -> PlaceMatch | None:
         self.T_map_place = T_map_place
-        shown = [place.number for place in places if place.number in self.shows]
-        if not shown or (self.contradictory and len(shown) > 1):
+        shown = [place.number for place in places if place.number in self.matches]
+        if not shown or (self.rejects_multiple and len(shown) > 1):
             return None
-        return Recognition(shown[0], self.shows[shown[0]], OF_LOOPS, 50)
+        return PlaceMatch(shown[0], self.matches[shown[0]], LOOP_COVARIANCE, 50)
 
 
 @cache
-def _place() -> Place:
-    real, view = _seen()
-    return real.place(view, 0, 0, np.eye(4))
+def _corner_keyframe() -> MapKeyframe:
+    real, view = _described_corner()
+    return real.create_keyframe(view, 0, 0, np.eye(4))
 
 
-def closer(most_places: int = 1000) -> tuple[LoopCloser, Scripted]:
+def make_loop_closer(max_keyframes: int = 1000) -> tuple[LoopCloser, ScriptedRecognizer]:
     """It knows no place yet, and never more than so many."""
-    scripted = Scripted()
-    places = Places(most_bytes=most_places * _place().bytes)
+    scripted = ScriptedRecognizer()
+    places = KeyframeDatabase(max_bytes=max_keyframes * _corner_keyframe().size_bytes)
     return LoopCloser(scripted, places, PoseGraph()), scripted
 
 
-def ahead(way_m: float) -> Array:
-    return rigid_transform(np.eye(3), [0.0, 0.0, way_m])
+def pose_ahead(distance_m: float) -> Array:
+    return rigid_transform(np.eye(3), [0.0, 0.0, distance_m])
 
 
-def sight(way_m: float, world: int = 0) -> Sight:
+def make_observation(distance_m: float, world: int = 0) -> KeyframeObservation:
     """From a camera that goes straight on, so far from where its world began."""
-    return Sight(FRAME, world, ahead(way_m), Hop(VELOCITY, OF_MOTIONS, STEP_M))
+    return KeyframeObservation(
+        FRAME,
+        world,
+        pose_ahead(distance_m),
+        OdometryConstraint(VELOCITY, ODOMETRY_COVARIANCE, STEP_M),
+    )
 
 
-def walked(off_m: float, steps: int = 9) -> tuple[LoopCloser, Scripted]:
+def closer_after_walk(error_m: float, steps: int = 9) -> tuple[LoopCloser, ScriptedRecognizer]:
     """Straight on; the last place shows the first, so much further away than the odometry says."""
-    made, scripted = closer()
+    made, scripted = make_loop_closer()
     for step in range(steps):
-        made.see(sight(STEP_M * step))
-    scripted.shows = {0: ahead(STEP_M * steps + off_m)}
-    made.see(sight(STEP_M * steps))
-    scripted.shows = {}
+        made.process_keyframe(make_observation(STEP_M * step))
+    scripted.matches = {0: pose_ahead(STEP_M * steps + error_m)}
+    made.process_keyframe(make_observation(STEP_M * steps))
+    scripted.matches = {}
     return made, scripted

@@ -5,15 +5,15 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vo_service.mapping.loops.correction_due import PLACES_BETWEEN, CorrectionDue
+from vo_service.mapping.loops.correction_due import MAX_PENDING_KEYFRAMES, OptimizationSchedule
 
 
 def corrections(places: int, loops: list[bool | None]) -> list[int]:
     """After which places a map is corrected; True: a loop that says that it is off; None: none."""
-    due, found = CorrectionDue(), []
+    due, found = OptimizationSchedule(), []
     for number, loop in enumerate(loops):
-        if due.next(places, has_loops=loop is not None, is_off=loop is True):
-            due.corrected()
+        if due.add_keyframe(places, has_loops=loop is not None, is_inconsistent=loop is True):
+            due.mark_optimized()
             found.append(number)
     return found
 
@@ -24,11 +24,11 @@ def test_a_map_that_is_off_is_corrected_at_once() -> None:
 
 def test_a_map_without_loops_never_is() -> None:
     assert corrections(50, [None] * 100) == []
-    assert not CorrectionDue().has_loops
+    assert not OptimizationSchedule().has_pending_loops
 
 
 def test_loops_that_say_little_wait_for_ten_places() -> None:
-    assert corrections(50, [False] + [None] * 30) == [PLACES_BETWEEN]
+    assert corrections(50, [False] + [None] * 30) == [MAX_PENDING_KEYFRAMES]
     assert corrections(50, [False] * 30) == [10, 21]
 
 
@@ -46,7 +46,7 @@ def test_a_loop_never_waits_longer_than_the_size_of_the_map_asks_for(
     places: int, loops: list[bool | None]
 ) -> None:
     found = corrections(places, loops)
-    longest = max(PLACES_BETWEEN, places // 100 + 1)
+    longest = max(MAX_PENDING_KEYFRAMES, places // 100 + 1)
     waiting = [n for n, loop in enumerate(loops) if loop is not None and n + longest < len(loops)]
     assert all(any(n <= at <= n + longest for at in found) for n in waiting)
     assert all(later - before >= places / 100 for before, later in pairwise(found))

@@ -4,16 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.geometry import rigid_transform, rotation_from_vector
-from tests.vo_service.mapping.live.views import view
-from vo_service.mapping.loops.hop import Hop, Hops, NoHops
+from drivers.geometry import rigid_transform, so3_exp
+from tests.vo_service.mapping.live.views import make_wall_update
+from vo_service.mapping.loops.hop import (
+    ConstraintAccumulator,
+    NullConstraintAccumulator,
+    OdometryConstraint,
+)
 from vo_service.types import TrackingState
 
 
-def hops_at(*xs_m: float, hops: Hops | None = None, epoch: int = 0) -> list[Hop | None]:
+def hops_at(
+    *xs_m: float, hops: ConstraintAccumulator | None = None, epoch: int = 0
+) -> list[OdometryConstraint | None]:
     """What is said of frames along the wall, 30 a second."""
-    hops = hops or Hops()
-    return [hops.next(view(seq, x_m, epoch=epoch)) for seq, x_m in enumerate(xs_m)]
+    hops = hops or ConstraintAccumulator()
+    return [hops.update(make_wall_update(seq, x_m, epoch=epoch)) for seq, x_m in enumerate(xs_m)]
 
 
 def test_a_place_is_thirty_centimetres_from_the_last() -> None:
@@ -40,27 +46,27 @@ def test_a_hop_counts_from_the_last_place_alone() -> None:
 
 def test_a_camera_that_turns_has_the_velocity_of_the_turn() -> None:
     turn_rad = np.array([0.01, 0.4, -0.02])
-    turned = rigid_transform(rotation_from_vector(turn_rad), np.zeros(3))
-    hops = Hops()
-    hops.next(view(0))
-    hop = hops.next(replace(view(1), T_world_camera=turned))
+    turned = rigid_transform(so3_exp(turn_rad), np.zeros(3))
+    hops = ConstraintAccumulator()
+    hops.update(make_wall_update(0))
+    hop = hops.update(replace(make_wall_update(1), T_world_camera=turned))
     assert hop is not None
     assert np.allclose(hop.velocity, [0.0, 0.0, 0.0, *(30 * turn_rad)])
 
 
 def test_after_a_gap_nothing_is_said_of_the_velocity() -> None:
-    hops = Hops()
-    hops.next(view(0))
+    hops = ConstraintAccumulator()
+    hops.update(make_wall_update(0))
     for seq in range(1, 9):  # no pose to go by: the last one is held
-        assert hops.next(view(seq, state=TrackingState.LOST)) is None
-    hop = hops.next(view(9, 0.4))
+        assert hops.update(make_wall_update(seq, state=TrackingState.LOST)) is None
+    hop = hops.update(make_wall_update(9, 0.4))
     assert hop is not None
     assert not hop.velocity.any()
     assert np.isclose(hop.length_m, 0.4)
 
 
 def test_a_new_epoch_counts_from_its_beginning() -> None:
-    hops = Hops()
+    hops = ConstraintAccumulator()
     (very_first, _) = hops_at(0.0, 0.1, hops=hops)
     (first,) = hops_at(5.0, hops=hops, epoch=1)
     assert very_first is not None
@@ -71,14 +77,14 @@ def test_a_new_epoch_counts_from_its_beginning() -> None:
 
 
 def test_what_is_not_tracked_or_not_remembered_is_no_place() -> None:
-    assert Hops().next(view(0, state=TrackingState.DEGRADED)) is None
-    assert Hops().next(view(0, state=TrackingState.LOST)) is None
-    NoHops().forget()
+    assert ConstraintAccumulator().update(make_wall_update(0, state=TrackingState.DEGRADED)) is None
+    assert ConstraintAccumulator().update(make_wall_update(0, state=TrackingState.LOST)) is None
+    NullConstraintAccumulator().force_keyframe()
     assert hops_at(0.0)[0] is not None
 
 
 def test_what_forgets_takes_the_next_frame() -> None:
-    hops = Hops()
+    hops = ConstraintAccumulator()
     assert hops_at(0.0, 0.0, hops=hops)[1] is None
-    hops.forget()
+    hops.force_keyframe()
     assert hops_at(0.0, hops=hops)[0] is not None

@@ -3,8 +3,8 @@
 import sys
 from typing import Any
 
-from tests.vo_service.mapping.loops.corner_walk import STEPS, closer_after
-from vo_service.mapping.loops.warm_up import warm_up_loops
+from tests.vo_service.mapping.loops.corner_walk import STEPS, make_loop_closer
+from vo_service.mapping.loops.warm_up import warm_up_loop_closure
 
 
 def kernels() -> dict[str, list[Any]]:
@@ -20,9 +20,9 @@ def kernels() -> dict[str, list[Any]]:
 
 def test_its_only_stage_is_told_and_a_loop_compiles_nothing_more() -> None:
     told: list[str] = []
-    assert warm_up_loops(told.append) > 0
+    assert warm_up_loop_closure(told.append) > 0
     assert told == ["places"]
     before = kernels()
     assert sum(map(bool, before.values())) > 5
-    assert closer_after(2 * STEPS + 1).loops > 0
+    assert make_loop_closer(2 * STEPS + 1).loop_count > 0
     assert kernels() == before

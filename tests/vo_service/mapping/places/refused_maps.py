@@ -8,7 +8,7 @@ from drivers.errors import InputError
 from vo_service.mapping.places.map_file import read_map
 
 
-def refusal(path: Path) -> str:
+def load_error(path: Path) -> str:
     """The one line that a map is refused with."""
     with pytest.raises(InputError) as refused:
         read_map(path)

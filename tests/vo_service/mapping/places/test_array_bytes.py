@@ -9,11 +9,18 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
-from vo_service.mapping.places.array_bytes import ANY, KINDS, pack, take, take_poses, unpack
+from vo_service.mapping.places.array_bytes import (
+    ANY_LENGTH,
+    SUPPORTED_DTYPES,
+    pack_arrays,
+    require_array,
+    require_poses,
+    unpack_arrays,
+)
 
 ARRAYS = st.dictionaries(
     st.text(max_size=8),
-    st.sampled_from(sorted(KINDS)).flatmap(
+    st.sampled_from(sorted(SUPPORTED_DTYPES)).flatmap(
         lambda kind: npst.arrays(kind, npst.array_shapes(min_dims=0, max_dims=3, min_side=0))
     ),
     max_size=4,
@@ -28,7 +35,7 @@ def with_index(index: object, rest: bytes = b"") -> bytes:
 @settings(max_examples=40)
 @given(ARRAYS)
 def test_arrays_come_back_as_they_were(arrays: dict[str, NDArray[np.generic]]) -> None:
-    again = unpack(pack(arrays))
+    again = unpack_arrays(pack_arrays(arrays))
     assert list(again) == list(arrays)
     for name, array in arrays.items():
         assert (again[name].dtype, again[name].shape) == (array.dtype, array.shape)
@@ -40,13 +47,13 @@ def test_arrays_come_back_as_they_were(arrays: dict[str, NDArray[np.generic]]) -
 def test_bytes_that_are_cut_or_changed_are_refused_or_read(
     arrays: dict[str, NDArray[np.generic]], data: st.DataObject
 ) -> None:
-    packed = bytearray(pack(arrays))
+    packed = bytearray(pack_arrays(arrays))
     place = data.draw(st.integers(0, len(packed) - 1))
     packed[place] ^= data.draw(st.integers(1, 255))
     with pytest.raises(ValueError):  # noqa: PT011 (of any text: it ends too early)
-        unpack(bytes(packed)[:place])
+        unpack_arrays(bytes(packed)[:place])
     with suppress(ValueError):
-        unpack(bytes(packed))
+        unpack_arrays(bytes(packed))
 
 
 @pytest.mark.parametrize(
@@ -66,18 +73,18 @@ def test_bytes_that_are_cut_or_changed_are_refused_or_read(
 )
 def test_an_index_of_something_else_is_refused(index: object) -> None:
     with pytest.raises(ValueError, match=r"index|ends|goes on|reshape|dimension"):
-        unpack(with_index(index, bytes(8)))
+        unpack_arrays(with_index(index, bytes(8)))
 
 
 def test_deep_nesting_is_refused() -> None:
     text = b"[" * 100_000
     with pytest.raises(ValueError, match="JSON"):
-        unpack(struct.pack("<Q", len(text)) + text)
+        unpack_arrays(struct.pack("<Q", len(text)) + text)
 
 
 def test_only_what_is_as_it_has_to_be_is_taken() -> None:
     arrays = {"a": np.ones((3, 2)), "b": np.array([np.nan])}
-    assert take(arrays, "a", np.float64, (ANY, 2)).shape == (3, 2)
+    assert require_array(arrays, "a", np.float64, (ANY_LENGTH, 2)).shape == (3, 2)
     for name, kind, shape in (
         ("a", np.float32, (3, 2)),
         ("a", np.float64, (2, 2)),
@@ -86,12 +93,12 @@ def test_only_what_is_as_it_has_to_be_is_taken() -> None:
         ("c", np.float64, (1,)),
     ):
         with pytest.raises(ValueError, match="has"):
-            take(arrays, name, kind, shape)
+            require_array(arrays, name, kind, shape)
 
 
 def test_poses_are_rigid() -> None:
     poses = np.tile(np.eye(4), (2, 1, 1))
-    assert np.array_equal(take_poses({"T": poses}, "T", 2), poses)
+    assert np.array_equal(require_poses({"T": poses}, "T", 2), poses)
     poses[1, 0, 0] = 1.1
     with pytest.raises(ValueError, match="cannot be"):
-        take_poses({"T": poses}, "T", 2)
+        require_poses({"T": poses}, "T", 2)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.vo_service.mapping.places.corner_places import HERE
-from tests.vo_service.mapping.places.refused_maps import refusal
+from tests.vo_service.mapping.places.refused_maps import load_error
 from vo_service.mapping.graph.pose_graph import Node
 from vo_service.mapping.places.map_file import MapContents, write_map
 
@@ -42,9 +42,9 @@ def _uneven(contents: MapContents) -> MapContents:
 
 
 def _without_focus(contents: MapContents) -> MapContents:
-    first, second = contents.places
+    first, second = contents.keyframes
     flat = replace(second.camera, fx=0.0)
-    return replace(contents, places=[first, replace(second, camera=flat)])
+    return replace(contents, keyframes=[first, replace(second, camera=flat)])
 
 
 def _edge_without_sense(contents: MapContents) -> MapContents:
@@ -56,17 +56,17 @@ def _number_used(contents: MapContents) -> MapContents:
 
 
 def _skewed(contents: MapContents) -> MapContents:
-    first, second = contents.places
-    return replace(contents, places=[first, replace(second, T_world_place=2 * np.eye(4))])
+    first, second = contents.keyframes
+    return replace(contents, keyframes=[first, replace(second, T_world_keyframe=2 * np.eye(4))])
 
 
 def _without_levels(contents: MapContents) -> MapContents:
-    first, second = contents.places
-    return replace(contents, places=[first, replace(second, packed_points=())])
+    first, second = contents.keyframes
+    return replace(contents, keyframes=[first, replace(second, packed_points=())])
 
 
 def _backwards(contents: MapContents) -> MapContents:
-    return replace(contents, places=contents.places[::-1])
+    return replace(contents, keyframes=contents.keyframes[::-1])
 
 
 @pytest.mark.parametrize(
@@ -90,4 +90,4 @@ def test_what_contradicts_itself_is_refused(
     tmp_path: Path, contents: MapContents, change: Changed
 ) -> None:
     write_map(tmp_path / "odd.map", change(contents))
-    assert "no map of this program: it has" in refusal(tmp_path / "odd.map")
+    assert "no map of this program: it has" in load_error(tmp_path / "odd.map")

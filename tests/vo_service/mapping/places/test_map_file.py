@@ -9,12 +9,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import InputError, UserFacingError
-from tests.vo_service.mapping.places.corner_places import BESIDE, ELSEWHERE, view_from
-from tests.vo_service.mapping.places.refused_maps import refusal
+from tests.vo_service.mapping.places.corner_places import BESIDE, ELSEWHERE, make_query
+from tests.vo_service.mapping.places.refused_maps import load_error
 from vo_service.mapping.graph.pose_graph import PoseGraph
 from vo_service.mapping.places.map_file import HEADER, MAGIC, MapContents, read_map, write_map
-from vo_service.mapping.places.place import Place
-from vo_service.mapping.places.recognition import Recogniser
+from vo_service.mapping.places.place import MapKeyframe
+from vo_service.mapping.places.recognition import PlaceRecognizer
 
 
 @pytest.fixture
@@ -33,12 +33,12 @@ def with_new_checksum(data: bytes) -> bytes:
 def test_a_map_comes_back_as_it_was(saved: Path, contents: MapContents) -> None:
     again = read_map(saved)
     assert again.next_number == 7
-    for was, now in zip(contents.places, again.places, strict=True):
-        assert (now.number, now.world, now.stamp_s) == (was.number, was.world, was.stamp_s)
+    for was, now in zip(contents.keyframes, again.keyframes, strict=True):
+        assert (now.number, now.world_id, now.stamp_s) == (was.number, was.world_id, was.stamp_s)
         assert now.camera == was.camera
-        assert np.array_equal(now.T_world_place, was.T_world_place)
-        assert np.array_equal(now.summary, was.summary)
-        for mine, theirs in zip(was.keyframe_points, now.keyframe_points, strict=True):
+        assert np.array_equal(now.T_world_keyframe, was.T_world_keyframe)
+        assert np.array_equal(now.vlad_descriptor, was.vlad_descriptor)
+        for mine, theirs in zip(was.alignment_points, now.alignment_points, strict=True):
             assert np.array_equal(mine, theirs)
     for edge, its in zip(contents.edges, again.edges, strict=True):
         assert (its.a, its.b, its.is_loop, its.length_m) == (
@@ -47,20 +47,20 @@ def test_a_map_comes_back_as_it_was(saved: Path, contents: MapContents) -> None:
         assert np.array_equal(its.T_a_b, edge.T_a_b)
         assert np.array_equal(its.covariance, edge.covariance)
     for node, its_node in zip(contents.nodes, again.nodes, strict=True):
-        assert (its_node.number, its_node.world) == (node.number, node.world)
-        assert np.array_equal(its_node.T_map_place, node.T_map_place)
-        assert np.array_equal(its_node.T_world_place, node.T_world_place)
+        assert (its_node.number, its_node.world_id) == (node.number, node.world_id)
+        assert np.array_equal(its_node.T_map_keyframe, node.T_map_keyframe)
+        assert np.array_equal(its_node.T_world_keyframe, node.T_world_keyframe)
 
 
 def test_a_place_is_recognised_the_same_after_a_restart(
-    recogniser: Recogniser, here: Place, saved: Path
+    recogniser: PlaceRecognizer, here: MapKeyframe, saved: Path
 ) -> None:
-    view = view_from(recogniser, BESIDE)
-    before = recogniser.recognise(view, [here])
-    after = Recogniser().recognise(view, read_map(saved).places[:1])
+    view = make_query(recogniser, BESIDE)
+    before = recogniser.recognize(view, [here])
+    after = PlaceRecognizer().recognize(view, read_map(saved).keyframes[:1])
     assert before is not None
     assert after is not None
-    assert before.T_place_camera.tobytes() == after.T_place_camera.tobytes()
+    assert before.T_keyframe_camera.tobytes() == after.T_keyframe_camera.tobytes()
 
 
 def test_covariances_that_rounding_made_uneven_come_back(
@@ -77,8 +77,8 @@ def test_covariances_that_rounding_made_uneven_come_back(
 def test_a_graph_goes_on_after_a_restart(saved: Path) -> None:
     again = read_map(saved)
     graph = PoseGraph(again.nodes, again.edges)
-    graph.optimise()
-    assert np.allclose(graph.T_map(1), ELSEWHERE, atol=1e-9)
+    graph.optimize()
+    assert np.allclose(graph.T_map_keyframe(1), ELSEWHERE, atol=1e-9)
 
 
 def test_a_map_without_places_is_a_map(tmp_path: Path) -> None:
@@ -118,25 +118,25 @@ def test_the_old_map_stays_where_the_disk_is_full(saved: Path) -> None:
 def test_another_file_is_no_map(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "other"
     path.write_bytes(data)
-    assert "no map of kinect-vo" in refusal(path) or "version 0" in refusal(path)
+    assert "no map of kinect-vo" in load_error(path) or "version 0" in load_error(path)
 
 
 def test_what_is_not_there_or_no_file_is_refused(tmp_path: Path) -> None:
-    assert "no such file" in refusal(tmp_path / "nowhere.map")
-    assert "no such file" in refusal(tmp_path)
+    assert "no such file" in load_error(tmp_path / "nowhere.map")
+    assert "no such file" in load_error(tmp_path)
 
 
 def test_another_version_is_refused(saved: Path) -> None:
     data = bytearray(saved.read_bytes())
     data[16] = 2
     saved.write_bytes(data)
-    assert "of version 2, and this program reads version 1" in refusal(saved)
+    assert "of version 2, and this program reads version 1" in load_error(saved)
 
 
 def test_a_map_cut_short_is_refused(saved: Path) -> None:
     data = saved.read_bytes()
     saved.write_bytes(data[: len(data) // 2])
-    assert "damaged map: its length" in refusal(saved)
+    assert "damaged map: its length" in load_error(saved)
 
 
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -147,7 +147,7 @@ def test_a_bit_that_has_turned_is_noticed(saved: Path, where: float, bit: int) -
     turned[int(where * len(data))] ^= 1 << bit
     damaged = saved.with_name("damaged.map")
     damaged.write_bytes(turned)
-    refusal(damaged)
+    load_error(damaged)
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -162,4 +162,4 @@ def test_a_changed_index_is_refused_even_with_the_right_checksum(
     try:
         read_map(changed)
     except InputError:
-        refusal(changed)
+        load_error(changed)

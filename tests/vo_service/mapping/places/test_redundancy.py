@@ -2,17 +2,17 @@ import numpy as np
 import pytest
 
 from drivers.geometry import Array
-from tests.vo_service.mapping.places.corner_places import pose
-from vo_service.mapping.places.redundancy import most_redundant
+from tests.vo_service.mapping.places.corner_places import make_pose
+from vo_service.mapping.places.redundancy import find_most_redundant
 
 
 def along(*ways_m: float) -> Array:
-    return np.array([pose((way_m, 0.0, 0.0)) for way_m in ways_m])
+    return np.array([make_pose((way_m, 0.0, 0.0)) for way_m in ways_m])
 
 
 def redundant(poses: Array) -> int:
     """Of places that are all connected."""
-    return most_redundant(poses, np.zeros(len(poses), np.int64))
+    return find_most_redundant(poses, np.zeros(len(poses), np.int64))
 
 
 def test_the_one_nearest_to_others_can_be_spared() -> None:
@@ -20,7 +20,7 @@ def test_the_one_nearest_to_others_can_be_spared() -> None:
 
 
 def test_a_turn_counts_as_a_way() -> None:
-    turned = [pose((0.0, 0.0, 0.0), (0.0, degrees, 0.0)) for degrees in (0, 60, 65, 120)]
+    turned = [make_pose((0.0, 0.0, 0.0), (0.0, degrees, 0.0)) for degrees in (0, 60, 65, 120)]
     assert redundant(np.array(turned)) == 2
 
 
@@ -33,5 +33,5 @@ def test_the_first_and_the_newest_are_never_spared() -> None:
 
 def test_what_is_not_connected_is_not_near() -> None:
     poses = along(0.0, 1.0, 1.5, 1.01, 1.02, 9.0)
-    assert most_redundant(poses, np.array([0, 0, 0, 1, 2, 3])) == 1
-    assert most_redundant(poses, np.array([0, 0, 0, 1, 0, 0])) in (1, 4)
+    assert find_most_redundant(poses, np.array([0, 0, 0, 1, 2, 3])) == 1
+    assert find_most_redundant(poses, np.array([0, 0, 0, 1, 0, 0])) in (1, 4)

@@ -11,12 +11,12 @@ from drivers.camera import RgbdFrame
 from drivers.geometry import (
     inverse,
     rigid_transform,
-    rotation_from_vector,
+    so3_exp,
 )
 from tests.vo_service.odometry.contract import (
-    assert_is_an_answer,
-    assert_is_the_world,
-    assert_rests_on_its_evidence,
+    assert_counts_consistent,
+    assert_starts_at_origin,
+    assert_valid_or_explained,
 )
 from tests.vo_service.odometry.icp.views import (
     CAMERA,
@@ -24,108 +24,112 @@ from tests.vo_service.odometry.icp.views import (
     ROOM,
     WALL,
     Plane,
-    frame_of,
-    noisy,
-    pose,
-    view_of,
-    with_holes,
+    add_noise,
+    hand_held_pose,
+    make_frame,
+    remove_blocks,
+    render_view,
 )
-from tests.vo_service.odometry.stage_names import StageNames
-from tests.vo_service.odometry.walk import assert_close, follow
+from tests.vo_service.odometry.stage_names import RecordingStageTimer
+from tests.vo_service.odometry.walk import assert_close, estimate_all
 from vo_service.odometry.icp.parameters import IcpParameters
 from vo_service.odometry.icp_odometry import IcpOdometry
 
-NO_DEPTH = frame_of(np.zeros((CAMERA.height, CAMERA.width)))
+NO_DEPTH = make_frame(np.zeros((CAMERA.height, CAMERA.width)))
 
 
 @pytest.fixture(scope="module")
 def views() -> list[RgbdFrame]:
-    return [noisy(view_of(ROOM, pose(k), k), seed=k) for k in range(8)]
+    return [add_noise(render_view(ROOM, hand_held_pose(k), k), seed=k) for k in range(8)]
 
 
 def test_a_camera_in_a_corner_of_a_room_is_followed_by_depth_alone(views: list[RgbdFrame]) -> None:
-    for k, estimate in enumerate(follow(IcpOdometry(), views)):
+    for k, estimate in enumerate(estimate_all(IcpOdometry(), views)):
         assert estimate.ok, estimate.reason
-        assert_close(estimate.T_world_camera, pose(k), 0.004, 0.2)
+        assert_close(estimate.T_world_camera, hand_held_pose(k), 0.004, 0.2)
 
 
 def test_poses_are_the_product_of_the_motions(views: list[RgbdFrame]) -> None:
     T = np.eye(4)
-    for estimate in follow(IcpOdometry(), views):
+    for estimate in estimate_all(IcpOdometry(), views):
         T = T @ estimate.T_reference_camera
         assert np.array_equal(estimate.T_world_camera, T)
 
 
 def test_the_first_frame_is_the_world(views: list[RgbdFrame]) -> None:
     first = IcpOdometry().estimate(views[0])
-    assert_is_the_world(first)
-    assert first.features == len(first.evidence.keypoints_px) > 200
+    assert_starts_at_origin(first)
+    assert first.features == len(first.debug.keypoints_px) > 200
 
 
 def test_an_estimate_says_what_it_rests_on(views: list[RgbdFrame]) -> None:
-    estimate = follow(IcpOdometry(), views[:2])[1]
-    evidence = estimate.evidence
-    assert_rests_on_its_evidence(estimate, 201)
+    estimate = estimate_all(IcpOdometry(), views[:2])[1]
+    evidence = estimate.debug
+    assert_counts_consistent(estimate, 201)
     assert evidence.keypoints_px.min() > -1
     assert (evidence.keypoints_px.max(axis=0) < (CAMERA.width, CAMERA.height)).all()
 
 
 def test_the_error_is_of_the_size_that_the_covariance_says(views: list[RgbdFrame]) -> None:
-    for k, estimate in enumerate(follow(IcpOdometry(), views)[1:], 1):
-        error = inverse(estimate.T_reference_camera) @ inverse(pose(k - 1)) @ pose(k)
+    for k, estimate in enumerate(estimate_all(IcpOdometry(), views)[1:], 1):
+        error = (
+            inverse(estimate.T_reference_camera)
+            @ inverse(hand_held_pose(k - 1))
+            @ hand_held_pose(k)
+        )
         sigma_m = np.sqrt(np.trace(estimate.covariance[:3, :3]))
         assert np.linalg.norm(error[:3, 3]) < 3 * sigma_m
         assert sigma_m < 0.02
 
 
 def test_the_same_frames_twice_give_the_same_bits(views: list[RgbdFrame]) -> None:
-    first, second = (follow(IcpOdometry(), views) for _ in range(2))
+    first, second = (estimate_all(IcpOdometry(), views) for _ in range(2))
     for a, b in zip(first, second, strict=True):
         assert np.array_equal(a.T_world_camera, b.T_world_camera)
         assert np.array_equal(a.covariance, b.covariance)
 
 
 def test_standing_still_does_not_drift() -> None:
-    still = [noisy(view_of(ROOM, np.eye(4), k), seed=k) for k in range(30)]
-    for estimate in follow(IcpOdometry(), still)[1:]:
+    still = [add_noise(render_view(ROOM, np.eye(4), k), seed=k) for k in range(30)]
+    for estimate in estimate_all(IcpOdometry(), still)[1:]:
         assert_close(estimate.T_world_camera, np.eye(4), 0.003, 0.12)
 
 
 def test_frozen_frames_are_no_motion(views: list[RgbdFrame]) -> None:
-    estimates = follow(IcpOdometry(), [views[0]] * 10)
+    estimates = estimate_all(IcpOdometry(), [views[0]] * 10)
     assert all(e.ok for e in estimates)
     assert_close(estimates[-1].T_world_camera, np.eye(4), 0.003, 0.1)
     assert_close(estimates[-1].T_world_camera, estimates[2].T_world_camera, 0.0002, 0.01)
 
 
 def test_fast_motion_is_followed() -> None:
-    frames = [view_of(ROOM, pose(3 * k), k) for k in range(5)]
-    estimates = follow(IcpOdometry(), frames)
+    frames = [render_view(ROOM, hand_held_pose(3 * k), k) for k in range(5)]
+    estimates = estimate_all(IcpOdometry(), frames)
     assert all(e.ok for e in estimates)
-    assert_close(estimates[-1].T_world_camera, pose(12), 0.006, 0.2)
+    assert_close(estimates[-1].T_world_camera, hand_held_pose(12), 0.006, 0.2)
 
 
 def test_half_of_the_depth_may_be_missing(views: list[RgbdFrame]) -> None:
-    estimates = follow(IcpOdometry(), [with_holes(v, 0.5, k) for k, v in enumerate(views)])
+    estimates = estimate_all(IcpOdometry(), [remove_blocks(v, 0.5, k) for k, v in enumerate(views)])
     assert [e.reason for e in estimates if not e.ok] == []
-    assert_close(estimates[-1].T_world_camera, pose(7), 0.01, 0.4)
+    assert_close(estimates[-1].T_world_camera, hand_held_pose(7), 0.01, 0.4)
 
 
 def test_a_long_way_passes_from_reference_to_reference() -> None:
-    stages = StageNames()
-    estimates = follow(
-        IcpOdometry(stopwatch=stages), [view_of(ROOM, pose(2 * k), k) for k in range(18)]
+    stages = RecordingStageTimer()
+    estimates = estimate_all(
+        IcpOdometry(timer=stages), [render_view(ROOM, hand_held_pose(2 * k), k) for k in range(18)]
     )
     assert all(e.ok for e in estimates)
     assert stages.names.count("planes") > 2
-    assert_close(estimates[-1].T_world_camera, pose(34), 0.006, 0.2)
+    assert_close(estimates[-1].T_world_camera, hand_held_pose(34), 0.006, 0.2)
 
 
 @pytest.mark.parametrize(("planes", "unknown"), [((WALL,), 3), ((WALL, FLOOR), 1)])
 def test_a_view_that_leaves_directions_open_is_no_place_to_start(
     planes: Sequence[Plane], unknown: int
 ) -> None:
-    frame = noisy(view_of(planes, np.eye(4)), seed=0)
+    frame = add_noise(render_view(planes, np.eye(4)), seed=0)
     estimate = IcpOdometry().estimate(frame)
     assert not estimate.ok
     assert estimate.reason.startswith(f"cannot start: too flat a view: depth leaves {unknown} of 6")
@@ -136,55 +140,59 @@ def test_it_does_not_slide_along_a_single_wall(views: list[RgbdFrame]) -> None:
     before = odometry.estimate(views[0])
     along = [rigid_transform(np.eye(3), [0.02 * k, 0.0, 0.0]) for k in range(1, 4)]
     for k, T in enumerate(along, 1):
-        estimate = odometry.estimate(noisy(view_of((WALL,), T, k), seed=k))
+        estimate = odometry.estimate(add_noise(render_view((WALL,), T, k), seed=k))
         assert not estimate.ok
         assert np.array_equal(estimate.T_world_camera, before.T_world_camera)
     after = odometry.estimate(views[4])
     assert after.ok
-    assert_close(after.T_world_camera, pose(4), 0.004, 0.2)
+    assert_close(after.T_world_camera, hand_held_pose(4), 0.004, 0.2)
 
 
 def test_a_direction_that_stays_open_for_a_while_does_not_make_it_creep() -> None:
     odometry = IcpOdometry()
-    sure = follow(odometry, [noisy(view_of(ROOM, pose(k), k), k) for k in range(4)])[-1]
+    sure = estimate_all(
+        odometry, [add_noise(render_view(ROOM, hand_held_pose(k), k), k) for k in range(4)]
+    )[-1]
     # The side wall has no depth for three frames; the camera goes on.
     for k in range(4, 7):
-        flat = odometry.estimate(without_the_right(noisy(view_of(ROOM, pose(k), k), k)))
+        flat = odometry.estimate(
+            without_the_right(add_noise(render_view(ROOM, hand_held_pose(k), k), k))
+        )
         assert "leaves 1 of 6 directions of motion open" in flat.reason
         assert np.array_equal(flat.T_world_camera, sure.T_world_camera)
-    found = odometry.estimate(noisy(view_of(ROOM, pose(7), 7), 7))
+    found = odometry.estimate(add_noise(render_view(ROOM, hand_held_pose(7), 7), 7))
     assert found.ok
-    assert_close(found.T_world_camera, pose(7), 0.004, 0.2)
+    assert_close(found.T_world_camera, hand_held_pose(7), 0.004, 0.2)
 
 
 def without_the_right(frame: RgbdFrame) -> RgbdFrame:
     depth_m = frame.depth_m.astype(np.float64)
     depth_m[:, 180:] = 0.0
-    return frame_of(depth_m, frame.seq)
+    return make_frame(depth_m, frame.seq)
 
 
 def test_no_depth_is_an_answer_and_is_left_out_of_the_chain(views: list[RgbdFrame]) -> None:
     odometry = IcpOdometry()
     assert odometry.estimate(NO_DEPTH).reason.startswith("cannot start: 0 of 0 surface points")
-    first, failed, after = follow(odometry, [views[0], NO_DEPTH, views[2]])
+    first, failed, after = estimate_all(odometry, [views[0], NO_DEPTH, views[2]])
     assert first.ok
     assert not failed.ok
     assert "surface points are in view" in failed.reason
     assert np.array_equal(failed.T_reference_camera, np.eye(4))
     assert after.ok
-    assert_close(after.T_reference_camera, pose(2), 0.004, 0.2)
+    assert_close(after.T_reference_camera, hand_held_pose(2), 0.004, 0.2)
 
 
 def test_after_too_many_failures_tracking_starts_afresh(views: list[RgbdFrame]) -> None:
     odometry = IcpOdometry(IcpParameters(max_failures=2))
-    before = follow(odometry, views[:2])[1]
-    away = rigid_transform(rotation_from_vector([0.0, 0.0, 3.0]), np.zeros(3))
-    turned = [view_of(ROOM, away @ pose(k), k) for k in range(2)]
-    lost = follow(odometry, [NO_DEPTH, NO_DEPTH, *turned])
+    before = estimate_all(odometry, views[:2])[1]
+    away = rigid_transform(so3_exp([0.0, 0.0, 3.0]), np.zeros(3))
+    turned = [render_view(ROOM, away @ hand_held_pose(k), k) for k in range(2)]
+    lost = estimate_all(odometry, [NO_DEPTH, NO_DEPTH, *turned])
     assert [e.ok for e in lost] == [False, False, True, True]
-    assert [e.restarted for e in lost] == [False, False, True, False]
+    assert [e.is_reset for e in lost] == [False, False, True, False]
     assert np.array_equal(lost[2].T_world_camera, before.T_world_camera)
-    assert_close(lost[3].T_reference_camera, pose(1), 0.004, 0.2)
+    assert_close(lost[3].T_reference_camera, hand_held_pose(1), 0.004, 0.2)
 
 
 @settings(deadline=None, max_examples=20)
@@ -193,7 +201,7 @@ def test_no_frame_is_an_error_and_every_pose_is_rigid(kinds: list[tuple[int, int
     odometry = IcpOdometry(IcpParameters(max_failures=1))
     for seed, kind in kinds:
         estimate = odometry.estimate(garbage(seed, kind))
-        assert_is_an_answer(estimate)
+        assert_valid_or_explained(estimate)
 
 
 def garbage(seed: int, kind: int) -> RgbdFrame:
@@ -208,5 +216,5 @@ def garbage(seed: int, kind: int) -> RgbdFrame:
     elif kind == 3:
         depth_m[:] = 0.01 + seed % 7
     elif kind == 4:
-        return with_holes(view_of(ROOM, pose(seed % 50), seed % 9), 0.5, seed)
-    return frame_of(depth_m)
+        return remove_blocks(render_view(ROOM, hand_held_pose(seed % 50), seed % 9), 0.5, seed)
+    return make_frame(depth_m)

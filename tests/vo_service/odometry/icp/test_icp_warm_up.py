@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from tests.vo_service.odometry.icp.views import ROOM, noisy, pose, view_of
-from vo_service.methods import METHODS, FeatureSettings
+from tests.vo_service.odometry.icp.views import ROOM, add_noise, hand_held_pose, render_view
+from vo_service.methods import METHODS, FeatureConfig
 from vo_service.odometry.icp import planes, pyramid, residuals
-from vo_service.odometry.stopwatch import NullStopwatch
+from vo_service.odometry.stopwatch import NullStageTimer
 from vo_service.warm_up import warm_up
 
 KERNELS = [
@@ -25,11 +25,11 @@ def test_every_stage_is_run_and_told() -> None:
 def test_a_warm_icp_compiles_nothing_more_for_a_real_frame() -> None:
     warm_up("icp", lambda _: None)
     before = [list(kernel.signatures) for kernel in KERNELS]
-    odometry = METHODS["icp"](FeatureSettings(), NullStopwatch())
-    frames = [noisy(view_of(ROOM, pose(k), k), k) for k in range(2)]
+    odometry = METHODS["icp"](FeatureConfig(), NullStageTimer())
+    frames = [add_noise(render_view(ROOM, hand_held_pose(k), k), k) for k in range(2)]
     # A frame that another process shares may be read alone.
     frames[1].depth_raw.flags.writeable = False
     assert all(odometry.estimate(frame).ok for frame in frames)
-    assert not odometry.estimate(view_of(ROOM[:1], np.eye(4), 2)).ok
+    assert not odometry.estimate(render_view(ROOM[:1], np.eye(4), 2)).ok
     assert KERNELS
     assert [list(kernel.signatures) for kernel in KERNELS] == before

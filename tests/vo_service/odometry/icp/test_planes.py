@@ -4,16 +4,23 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.vo_service.odometry.icp.views import FLOOR, ROOM, WALL, frame_of, pose, view_of
-from vo_service.odometry.icp.planes import balanced_choice, direction_bins, find_planes
-from vo_service.odometry.icp.pyramid import make_pyramid
+from tests.vo_service.odometry.icp.views import (
+    FLOOR,
+    ROOM,
+    WALL,
+    hand_held_pose,
+    make_frame,
+    render_view,
+)
+from vo_service.odometry.icp.planes import find_planes, normal_bins, sample_balanced
+from vo_service.odometry.icp.pyramid import build_depth_pyramid
 
 
 def test_planes_lie_on_the_surface_and_face_as_it_does() -> None:
-    T = pose(3)
+    T = hand_held_pose(3)
     normal, distance = np.array(WALL[0]), WALL[1]
     length = float(np.linalg.norm(normal))
-    for level in make_pyramid(view_of((WALL,), T)).levels:
+    for level in build_depth_pyramid(render_view((WALL,), T)).levels:
         planes = find_planes(level, 4000)
         assert len(planes) > 50
         np.testing.assert_allclose(
@@ -27,13 +34,13 @@ def test_planes_lie_on_the_surface_and_face_as_it_does() -> None:
 def test_no_plane_bridges_a_jump_of_depth() -> None:
     depth_m = np.full((240, 320), 1.0)
     depth_m[:, 160:] = 2.0
-    z = find_planes(make_pyramid(frame_of(depth_m)).levels[0], 4000)[:, 2]
+    z = find_planes(build_depth_pyramid(make_frame(depth_m)).levels[0], 4000)[:, 2]
     assert np.all((abs(z - 1.0) < 0.01) | (abs(z - 2.0) < 0.01))
     assert 0.3 < np.mean(z < 1.5) < 0.7
 
 
 def test_a_rare_direction_is_kept_when_few_may_be_chosen() -> None:
-    level = make_pyramid(view_of(ROOM, np.eye(4))).levels[0]
+    level = build_depth_pyramid(render_view(ROOM, np.eye(4))).levels[0]
     floor = np.array(FLOOR[0]) / np.linalg.norm(FLOOR[0])
     on_floor = [np.mean(find_planes(level, n)[:, 3:6] @ floor > 0.9) for n in (4000, 300)]
     assert on_floor[1] > 1.5 * on_floor[0] > 0.0
@@ -42,7 +49,7 @@ def test_a_rare_direction_is_kept_when_few_may_be_chosen() -> None:
 @given(st.lists(st.integers(0, 17), max_size=200), st.integers(1, 100))
 def test_a_choice_is_within_its_budget_and_unfair_to_no_bin(bins: list[int], budget: int) -> None:
     labels = np.array(bins, np.int64)
-    chosen = balanced_choice(labels, budget)
+    chosen = sample_balanced(labels, budget)
     assert np.all(np.diff(chosen) > 0)
     counts = np.bincount(labels, minlength=18)
     taken = np.bincount(labels[chosen], minlength=18)
@@ -58,5 +65,5 @@ def test_a_choice_is_within_its_budget_and_unfair_to_no_bin(bins: list[int], bud
 @given(st.floats(-np.pi, np.pi), st.floats(0.0, 1.4))
 def test_every_direction_that_faces_the_camera_has_a_bin(around: float, aside: float) -> None:
     normal = [np.sin(aside) * np.cos(around), np.sin(aside) * np.sin(around), np.cos(aside)]
-    (found,) = direction_bins(np.array([[0.0, 0.0, 1.0, *normal, 1.0]]))
+    (found,) = normal_bins(np.array([[0.0, 0.0, 1.0, *normal, 1.0]]))
     assert 0 <= found < 18

@@ -3,25 +3,42 @@
 import numpy as np
 
 from drivers.geometry import Array, inverse
-from tests.vo_service.odometry.keyframe.rolling_views import BRISK, seen, series_exponential
-from vo_service.odometry.keyframe.alignment import Alignment, start_fit
-from vo_service.odometry.keyframe.cells import ALL_STILL
-from vo_service.odometry.keyframe.images import make_images
+from tests.vo_service.odometry.keyframe.rolling_views import BRISK, render_view, series_exponential
+from vo_service.odometry.keyframe.alignment import DirectAlignment, initial_residual_model
+from vo_service.odometry.keyframe.cells import ALL_STATIC
+from vo_service.odometry.keyframe.images import build_image_pyramid
 from vo_service.odometry.keyframe.local_map import make_keyframe
-from vo_service.odometry.keyframe.movement import at_constant, at_rest, in_axes
-from vo_service.odometry.keyframe.recovery import Found
-from vo_service.odometry.keyframe.way import SAME_LIGHT, Way
+from vo_service.odometry.keyframe.movement import (
+    change_frame,
+    constant_velocity_motion,
+    zero_motion,
+)
+from vo_service.odometry.keyframe.recovery import TrackingResult
+from vo_service.odometry.keyframe.way import IDENTITY_BRIGHTNESS, MotionState
 
-T_WORLD_KEYFRAME = BRISK.at(-0.1)
-KEYFRAME = make_keyframe(seen(), make_images(seen()), T_WORLD_KEYFRAME, at_rest(), ALL_STILL)
-WAY = Way(BRISK.at(1.0), BRISK.velocity, 1.0, SAME_LIGHT, 120.0, held_s=1.0)
+T_WORLD_KEYFRAME = BRISK.pose_at(-0.1)
+KEYFRAME = make_keyframe(
+    render_view(), build_image_pyramid(render_view()), T_WORLD_KEYFRAME, zero_motion(), ALL_STATIC
+)
+MOTION = MotionState(
+    BRISK.pose_at(1.0),
+    BRISK.velocity,
+    1.0,
+    IDENTITY_BRIGHTNESS,
+    120.0,
+    well_constrained_stamp_s=1.0,
+)
 STAMP_S = 1.0 + 1 / 30
 
 
-def found_at(off: Array, faster: Array) -> Found:
+def make_result(off: Array, faster: Array) -> TrackingResult:
     """So far from where it is expected (6,), and with another velocity (6,)."""
-    T_camera_keyframe = inverse(BRISK.at(STAMP_S) @ series_exponential(off)) @ T_WORLD_KEYFRAME
-    movement = in_axes(-at_constant(BRISK.velocity + faster), inverse(T_camera_keyframe))
+    T_camera_keyframe = inverse(BRISK.pose_at(STAMP_S) @ series_exponential(off)) @ T_WORLD_KEYFRAME
+    movement = change_frame(
+        -constant_velocity_motion(BRISK.velocity + faster), inverse(T_camera_keyframe)
+    )
     nothing = np.zeros((0, 0))
-    alignment = Alignment(T_camera_keyframe, movement, start_fit(), nothing, nothing, nothing)
-    return Found(KEYFRAME, alignment, WAY.tie(T_WORLD_KEYFRAME, STAMP_S))
+    alignment = DirectAlignment(
+        T_camera_keyframe, movement, initial_residual_model(), nothing, nothing, nothing
+    )
+    return TrackingResult(KEYFRAME, alignment, MOTION.motion_prior(T_WORLD_KEYFRAME, STAMP_S))

@@ -40,7 +40,7 @@ def series_exponential(twist: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Hand:
+class MovingCamera:
     """A camera that moves by a twist (6,) in its own axes, m/s and rad/s.
 
     acceleration_rad_s2  (3,) of its rotation at the start; only there the movement is known
@@ -50,7 +50,7 @@ class Hand:
     T_world_start: Array = field(default_factory=lambda: np.eye(4))
     acceleration_rad_s2: Array = field(default_factory=lambda: np.zeros(3))
 
-    def at(self, time_s: float) -> Array:
+    def pose_at(self, time_s: float) -> Array:
         """4x4 T_world_camera."""
         twist = time_s * self.velocity
         twist[3:] += 0.5 * time_s**2 * self.acceleration_rad_s2
@@ -62,15 +62,15 @@ class Hand:
         return np.concatenate([self.velocity, self.acceleration_rad_s2])
 
 
-STILL = Hand()
+STILL = MovingCamera()
 # 0.3 m/s and 20 degrees/s, in no special direction.
-BRISK = Hand(np.array([0.2, -0.12, 0.18, -0.15, 0.25, 0.2]))
+BRISK = MovingCamera(np.array([0.2, -0.12, 0.18, -0.15, 0.25, 0.2]))
 # The same with the tremor of a hand that is tired.
-TREMBLING = Hand(BRISK.velocity, acceleration_rad_s2=np.array([15.0, -20.0, 12.0]))
+SHAKING = MovingCamera(BRISK.velocity, acceleration_rad_s2=np.array([15.0, -20.0, 12.0]))
 
 
-def seen(
-    hand: Hand = STILL,
+def render_view(
+    motion: MovingCamera = STILL,
     stamp_s: float = 0.0,
     planes: Sequence[Plane] = CORNER,
     readout_s: float = 0.0,
@@ -80,14 +80,14 @@ def seen(
 ) -> RgbdFrame:
     """A frame without noise. Paint 0: all is of one grey."""
     rows_s = readout_s * (np.arange(camera.height) / (camera.height - 1) - 0.5)
-    colour = _cast(planes, hand, stamp_s + rows_s, camera)
-    depth = _cast(planes, hand, stamp_s + skew_s + rows_s, camera) if skew_s else colour
-    grey = 128.0 + paint * (painted(colour.points) - 128.0)
+    colour = _cast_rays(planes, motion, stamp_s + rows_s, camera)
+    depth = _cast_rays(planes, motion, stamp_s + skew_s + rows_s, camera) if skew_s else colour
+    grey = 128.0 + paint * (texture_at(colour.points) - 128.0)
     return RgbdFrame(
         seq=round(stamp_s * 30),
         stamp_s=stamp_s,
-        arrival_s=stamp_s,
-        colour_bgr=_colour(grey),
+        receive_time_s=stamp_s,
+        color_bgr=_to_bgr(grey),
         depth_raw=np.rint(depth.z_m * DEPTH_FACTOR).astype(np.uint16),
         depth_factor=DEPTH_FACTOR,
         camera=camera,
@@ -96,61 +96,65 @@ def seen(
     )
 
 
-def film(hand: Hand, frames: int, readout_s: float = 0.0, skew_s: float = 0.0) -> list[RgbdFrame]:
+def render_sequence(
+    motion: MovingCamera, frames: int, readout_s: float = 0.0, skew_s: float = 0.0
+) -> list[RgbdFrame]:
     """So many frames of the corner, 30 a second."""
-    return [seen(hand, k / 30, readout_s=readout_s, skew_s=skew_s) for k in range(frames)]
+    return [render_view(motion, k / 30, readout_s=readout_s, skew_s=skew_s) for k in range(frames)]
 
 
-def noisy(frame: RgbdFrame, seed: int, times: float = 1.0) -> RgbdFrame:
+def add_noise(frame: RgbdFrame, seed: int, times: float = 1.0) -> RgbdFrame:
     """The same frame with a Kinect's noise."""
     random = np.random.default_rng(seed)
     shape = frame.depth_raw.shape
-    grey = frame.grey + random.normal(0.0, times * GREY_NOISE, shape)
+    grey = frame.gray + random.normal(0.0, times * GREY_NOISE, shape)
     w = frame.depth_factor / np.maximum(frame.depth_raw, 1)
     w += random.normal(0.0, times * DISPARITY_NOISE_PER_M, shape)
     depth_raw = np.clip(np.rint(frame.depth_factor / np.maximum(w, 0.1)), 0, 65535)
     depth_raw[frame.depth_raw == 0] = 0
-    return replace(frame, colour_bgr=_colour(grey), depth_raw=depth_raw.astype(np.uint16))
+    return replace(frame, color_bgr=_to_bgr(grey), depth_raw=depth_raw.astype(np.uint16))
 
 
-def lit(frame: RgbdFrame, gain: float, offset: float = 0.0) -> RgbdFrame:
+def change_lighting(frame: RgbdFrame, gain: float, offset: float = 0.0) -> RgbdFrame:
     """The same frame in another light."""
-    return replace(frame, colour_bgr=_colour(gain * frame.grey + offset))
+    return replace(frame, color_bgr=_to_bgr(gain * frame.gray + offset))
 
 
-def dark(frame: RgbdFrame) -> RgbdFrame:
+def remove_color(frame: RgbdFrame) -> RgbdFrame:
     """The same frame, with depth alone."""
-    return replace(frame, colour_bgr=np.zeros_like(frame.colour_bgr))
+    return replace(frame, color_bgr=np.zeros_like(frame.color_bgr))
 
 
-def without_depth(frame: RgbdFrame) -> RgbdFrame:
+def remove_depth(frame: RgbdFrame) -> RgbdFrame:
     """The same frame, with colour alone."""
     return replace(frame, depth_raw=np.zeros_like(frame.depth_raw))
 
 
-def nothing(frame: RgbdFrame) -> RgbdFrame:
+def make_empty_frame(frame: RgbdFrame) -> RgbdFrame:
     """Neither colour nor depth."""
-    return dark(without_depth(frame))
+    return remove_color(remove_depth(frame))
 
 
-def noise(frame: RgbdFrame) -> RgbdFrame:
+def make_noise_frame(frame: RgbdFrame) -> RgbdFrame:
     """Noise and nothing else, of its number's own."""
     shape = frame.depth_raw.shape
     random = np.random.default_rng(frame.seq)
     colour = np.repeat(random.integers(0, 256, (*shape, 1), np.uint8), 3, axis=2)
     depth = random.integers(0, 2**16, shape, np.uint16)
-    return replace(frame, colour_bgr=colour, depth_raw=depth)
+    return replace(frame, color_bgr=colour, depth_raw=depth)
 
 
 @dataclass(frozen=True, eq=False)
-class _Cast:
+class _RayHits:
     z_m: Array
     points: Array
 
 
-def _cast(planes: Sequence[Plane], hand: Hand, rows_s: Array, camera: PinholeCamera) -> _Cast:
+def _cast_rays(
+    planes: Sequence[Plane], motion: MovingCamera, rows_s: Array, camera: PinholeCamera
+) -> _RayHits:
     """What each pixel sees (H, W) and where that is (H, W, 3), each row at its own time."""
-    T_world_times = {time_s: hand.at(time_s) for time_s in set(rows_s.tolist())}
+    T_world_times = {time_s: motion.pose_at(time_s) for time_s in set(rows_s.tolist())}
     T_world_rows = np.array([T_world_times[time_s] for time_s in rows_s.tolist()])
     v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
     rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], -1)
@@ -162,10 +166,10 @@ def _cast(planes: Sequence[Plane], hand: Hand, rows_s: Array, camera: PinholeCam
             z = (distance - origins @ np.array(normal)) / (rays @ np.array(normal))
         z_m = np.where((z > 0) & (z < z_m), z, z_m)
     z_m = np.where(z_m < 4.0, z_m, 0.0)
-    return _Cast(z_m, origins + rays * z_m[..., None])
+    return _RayHits(z_m, origins + rays * z_m[..., None])
 
 
-def painted(places: Array) -> Array:
+def texture_at(places: Array) -> Array:
     """(...) brightness of places (..., 3) in the world."""
     random = np.random.default_rng(5)
     grey = np.full(places.shape[:-1], 128.0)
@@ -177,6 +181,6 @@ def painted(places: Array) -> Array:
     return grey
 
 
-def _colour(grey: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+def _to_bgr(grey: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
     whole = np.clip(np.rint(grey), 0, 255).astype(np.uint8)
     return np.repeat(whole[:, :, None], 3, axis=2)

@@ -6,44 +6,58 @@ import numpy as np
 import pytest
 
 from drivers.geometry import Array
-from tests.vo_service.odometry.keyframe.rolling_views import noisy, seen
+from tests.vo_service.odometry.keyframe.rolling_views import add_noise, render_view
 from vo_service.odometry.keyframe import measure, system
 from vo_service.odometry.keyframe import readings as columns
 from vo_service.odometry.keyframe.alignment import (
-    STANDING,
-    Alignment,
+    STATIC_PRIOR,
+    DirectAlignment,
     align,
-    all_alike,
-    depth_alone,
+    depth_only_weights,
+    uniform_weights,
 )
-from vo_service.odometry.keyframe.cells import ALL_STILL
-from vo_service.odometry.keyframe.confidence import agrees, cover, doubt, lack, misfit, oddness
-from vo_service.odometry.keyframe.images import make_images
-from vo_service.odometry.keyframe.movement import at_rest
-from vo_service.odometry.keyframe.points import find_points
+from vo_service.odometry.keyframe.cells import ALL_STATIC
+from vo_service.odometry.keyframe.confidence import (
+    degradation_reason,
+    is_consistent,
+    occlusion_reason,
+    outlier_score,
+    rejection_reason,
+    residual_score,
+)
+from vo_service.odometry.keyframe.images import build_image_pyramid
+from vo_service.odometry.keyframe.movement import zero_motion
+from vo_service.odometry.keyframe.points import select_points
 
-POINTS = find_points(make_images(noisy(seen(), 0)), at_rest(), ALL_STILL)
-GOOD = align(POINTS, make_images(noisy(seen(), 1)), [np.eye(4)], STANDING, (1.0, 0.0), all_alike())
+POINTS = select_points(build_image_pyramid(add_noise(render_view(), 0)), zero_motion(), ALL_STATIC)
+GOOD = align(
+    POINTS,
+    build_image_pyramid(add_noise(render_view(), 1)),
+    [np.eye(4)],
+    STATIC_PRIOR,
+    (1.0, 0.0),
+    uniform_weights(),
+)
 
 
-def counted(**counts: float) -> Alignment:
+def counted(**counts: float) -> DirectAlignment:
     changed = GOOD.counts.copy()
     for name, value in counts.items():
         changed[getattr(measure, name)] = value
     return replace(GOOD, counts=changed)
 
 
-def fitted(**fit: float) -> Alignment:
-    changed = GOOD.fit.copy()
+def fitted(**fit: float) -> DirectAlignment:
+    changed = GOOD.residual_model.copy()
     for name, value in fit.items():
         changed[getattr(system, name)] = value
-    return replace(GOOD, fit=changed)
+    return replace(GOOD, residual_model=changed)
 
 
 def test_a_good_alignment_is_believed_and_lacks_nothing() -> None:
-    assert doubt(GOOD) == lack(GOOD) == ""
-    assert agrees(GOOD.counts)
-    assert oddness(GOOD) < 1.0
+    assert rejection_reason(GOOD) == degradation_reason(GOOD) == ""
+    assert is_consistent(GOOD.counts)
+    assert outlier_score(GOOD) < 1.0
 
 
 @pytest.mark.parametrize(
@@ -59,41 +73,43 @@ def test_a_good_alignment_is_believed_and_lacks_nothing() -> None:
         (fitted(GAIN=9.0), "the light is quite another than the keyframe's"),
     ],
 )
-def test_what_does_not_fit_is_doubted_and_said(found: Alignment, reason: str) -> None:
-    assert reason in doubt(found)
+def test_what_does_not_fit_is_doubted_and_said(found: DirectAlignment, reason: str) -> None:
+    assert reason in rejection_reason(found)
 
 
 def test_brightness_that_does_not_count_is_not_doubted() -> None:
-    dark = replace(fitted(SIGMA_BRIGHTNESS=100.0, GAIN=9.0), weights=depth_alone())
-    assert doubt(dark) == ""
-    assert oddness(dark) < 1.0 < oddness(fitted(SIGMA_BRIGHTNESS=100.0))
+    dark = replace(fitted(SIGMA_BRIGHTNESS=100.0, GAIN=9.0), cell_weights=depth_only_weights())
+    assert rejection_reason(dark) == ""
+    assert outlier_score(dark) < 1.0 < outlier_score(fitted(SIGMA_BRIGHTNESS=100.0))
 
 
 def test_what_it_has_to_do_without_is_said() -> None:
-    assert "depth alone" in lack(counted(WITH_BRIGHTNESS=0))
-    assert "brightness alone" in lack(counted(WITH_DEPTH=0))
+    assert "depth alone" in degradation_reason(counted(WITH_BRIGHTNESS=0))
+    assert "brightness alone" in degradation_reason(counted(WITH_DEPTH=0))
 
 
 def count_of(readings: Array) -> Array:
-    return measure.count(POINTS[0], readings, GOOD.fit, all_alike())
+    return measure.count_residuals(POINTS[0], readings, GOOD.residual_model, uniform_weights())
 
 
 def test_readings_are_counted_by_what_they_say() -> None:
-    counts = count_of(GOOD.readings)
-    assert counts[measure.IN_IMAGE] == np.count_nonzero(GOOD.readings[:, columns.CELL] >= 0)
+    counts = count_of(GOOD.samples)
+    assert counts[measure.IN_IMAGE] == np.count_nonzero(GOOD.samples[:, columns.SAMPLE_CELL] >= 0)
     assert 0.9 * counts[measure.WITH_DEPTH] < counts[measure.DEPTH_AGREES]
     assert 0.9 * counts[measure.WITH_BRIGHTNESS] < counts[measure.BRIGHTNESS_AGREES]
     assert counts[measure.DISREGARDED] == 0
 
 
 def test_a_hidden_point_is_not_counted_and_one_seen_through_disagrees() -> None:
-    before, within = count_of(GOOD.readings), GOOD.readings[:, columns.CELL] < 16
-    hidden, through = GOOD.readings.copy(), GOOD.readings.copy()
-    for readings, sign in ((hidden, columns.HIDDEN), (through, -columns.HIDDEN)):
-        readings[within, columns.OTHER] = sign
-        readings[within, columns.BRIGHTNESS] = readings[within, columns.DEPTH] = np.nan
+    before, within = count_of(GOOD.samples), GOOD.samples[:, columns.SAMPLE_CELL] < 16
+    hidden, through = GOOD.samples.copy(), GOOD.samples.copy()
+    for readings, sign in ((hidden, columns.OCCLUDED), (through, -columns.OCCLUDED)):
+        readings[within, columns.SAMPLE_OCCLUSION] = sign
+        readings[within, columns.SAMPLE_BRIGHTNESS] = readings[
+            within, columns.SAMPLE_DEPTH_RESIDUAL
+        ] = np.nan
     assert count_of(hidden)[measure.IN_IMAGE] < before[measure.IN_IMAGE]
-    assert agrees(count_of(hidden))
+    assert is_consistent(count_of(hidden))
     assert count_of(hidden)[measure.COST] < before[measure.COST]
     assert count_of(through)[measure.IN_IMAGE] == before[measure.IN_IMAGE]
     assert count_of(through)[measure.DEPTH_AGREES] < 0.8 * before[measure.DEPTH_AGREES]
@@ -101,44 +117,46 @@ def test_a_hidden_point_is_not_counted_and_one_seen_through_disagrees() -> None:
 
 
 def test_points_agree_if_both_their_brightness_and_their_depth_do() -> None:
-    agreeing = measure.is_agreeing(POINTS[0], GOOD.readings, GOOD.fit)
+    agreeing = measure.find_inliers(POINTS[0], GOOD.samples, GOOD.residual_model)
     assert agreeing.mean() > 0.85
-    for column, by in ((columns.BRIGHTNESS, 200.0), (columns.DEPTH, 0.05)):
-        wrong = GOOD.readings.copy()
+    for column, by in ((columns.SAMPLE_BRIGHTNESS, 200.0), (columns.SAMPLE_DEPTH_RESIDUAL, 0.05)):
+        wrong = GOOD.samples.copy()
         wrong[::2, column] += by
-        now = measure.is_agreeing(POINTS[0], wrong, GOOD.fit)
+        now = measure.find_inliers(POINTS[0], wrong, GOOD.residual_model)
         assert now[::2].mean() < 0.3
         np.testing.assert_array_equal(now[1::2], agreeing[1::2])
 
 
-def covered(share: float) -> Alignment:
-    readings = GOOD.readings.copy()
-    readings[: int(share * len(readings)), columns.OTHER] = columns.HIDDEN
-    return replace(GOOD, readings=readings, counts=count_of(readings))
+def covered(share: float) -> DirectAlignment:
+    readings = GOOD.samples.copy()
+    readings[: int(share * len(readings)), columns.SAMPLE_OCCLUSION] = columns.OCCLUDED
+    return replace(GOOD, samples=readings, counts=count_of(readings))
 
 
 def test_a_view_that_something_covers_is_not_believed_however_well_the_rest_fits() -> None:
-    assert cover(GOOD) == cover(covered(0.4)) == ""
-    assert "of the view is covered" in cover(covered(0.7))
-    assert doubt(covered(0.7)) == ""
+    assert occlusion_reason(GOOD) == occlusion_reason(covered(0.4)) == ""
+    assert "of the view is covered" in occlusion_reason(covered(0.7))
+    assert rejection_reason(covered(0.7)) == ""
     unfit = counted(DISREGARDED=0.7 * GOOD.counts[measure.IN_IMAGE])
-    assert cover(unfit) == "70 % of the view is covered"
+    assert occlusion_reason(unfit) == "70 % of the view is covered"
 
 
 def test_a_view_that_is_covered_in_part_is_told() -> None:
-    assert lack(covered(0.1)) == ""
-    assert "of the view is covered" in lack(covered(0.4))
+    assert degradation_reason(covered(0.1)) == ""
+    assert "of the view is covered" in degradation_reason(covered(0.4))
 
 
 def test_what_fits_badly_all_over_is_worse_than_what_fits_but_for_a_corner() -> None:
     in_image = GOOD.counts[measure.IN_IMAGE]
-    all_over = fitted(SIGMA_BRIGHTNESS=5.0 * GOOD.fit[system.SIGMA_BRIGHTNESS])
+    all_over = fitted(SIGMA_BRIGHTNESS=5.0 * GOOD.residual_model[system.SIGMA_BRIGHTNESS])
     but_for_a_corner = counted(DISREGARDED=0.15 * in_image)
-    assert oddness(but_for_a_corner) > oddness(all_over)
-    assert misfit(GOOD) < misfit(but_for_a_corner) < misfit(all_over)
+    assert outlier_score(but_for_a_corner) > outlier_score(all_over)
+    assert residual_score(GOOD) < residual_score(but_for_a_corner) < residual_score(all_over)
 
 
 def test_what_disregards_half_of_the_view_does_not_fit_better_for_it() -> None:
     half = counted(DISREGARDED=0.5 * GOOD.counts[measure.IN_IMAGE])
-    better = 0.6 * GOOD.fit[[system.SIGMA_BRIGHTNESS, system.SIGMA_DEPTH]]
-    assert misfit(replace(half, fit=np.array([1.0, 0.0, *better]))) > misfit(GOOD)
+    better = 0.6 * GOOD.residual_model[[system.SIGMA_BRIGHTNESS, system.SIGMA_DEPTH]]
+    assert residual_score(
+        replace(half, residual_model=np.array([1.0, 0.0, *better]))
+    ) > residual_score(GOOD)

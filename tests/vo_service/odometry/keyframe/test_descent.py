@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from drivers.geometry import Array
-from vo_service.odometry.keyframe.descent import solve, tie_movement
+from vo_service.odometry.keyframe.descent import add_motion_prior, solve_cholesky
 
 FEW = settings(max_examples=30)
 MOVEMENTS = arrays(np.float64, 9, elements=st.floats(-1.0, 1.0, allow_subnormal=False))
@@ -17,11 +17,11 @@ def test_a_positive_system_is_solved(seed: int, size: int) -> None:
     random = np.random.default_rng(seed)
     A = random.normal(size=(size, 2 * size))
     A, b = A @ A.T, random.normal(size=size)
-    np.testing.assert_allclose(solve(A, b), np.linalg.solve(A, b), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(solve_cholesky(A, b), np.linalg.solve(A, b), rtol=1e-6, atol=1e-9)
 
 
 def test_a_system_that_says_nothing_has_an_answer() -> None:
-    assert np.all(np.isfinite(solve(np.zeros((6, 6)), np.zeros(6))))
+    assert np.all(np.isfinite(solve_cholesky(np.zeros((6, 6)), np.zeros(6))))
 
 
 @FEW
@@ -36,7 +36,7 @@ def test_the_tie_is_the_square_of_how_far_movement_and_way_are_apart(
     random = np.random.default_rng(seed)
     information, step = random.uniform(1.0, 100.0, 9), random.normal(size=15)
     H, g = np.zeros((15, 15)), np.zeros(15)
-    tie_movement(H, g, off, rate_hz, information)
+    add_motion_prior(H, g, off, rate_hz, information)
     value = step @ H @ step + 2 * g @ step + information @ off**2
     apart = off + step[6:]
     apart[:6] -= rate_hz * step[:6]

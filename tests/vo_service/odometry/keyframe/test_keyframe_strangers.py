@@ -6,18 +6,23 @@ import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
-from tests.vo_service.odometry.keyframe.found_motions import WAY
-from tests.vo_service.odometry.keyframe.rolling_views import CAMERA, Hand, noisy, seen
-from vo_service.odometry.keyframe.alignment import STANDING, align, all_alike
-from vo_service.odometry.keyframe.cells import ALL_STILL
-from vo_service.odometry.keyframe.good_frame import GoodFrame
-from vo_service.odometry.keyframe.images import make_images
-from vo_service.odometry.keyframe.local_map import Keyframe, LocalMap, make_keyframe
-from vo_service.odometry.keyframe.movement import at_rest
-from vo_service.odometry.keyframe.next_keyframe import choose
-from vo_service.odometry.keyframe.recovery import Found
-from vo_service.odometry.keyframe.strangers import without_strangers
+from drivers.geometry import Array, rigid_transform, so3_exp
+from tests.vo_service.odometry.keyframe.found_motions import MOTION
+from tests.vo_service.odometry.keyframe.rolling_views import (
+    CAMERA,
+    MovingCamera,
+    add_noise,
+    render_view,
+)
+from vo_service.odometry.keyframe.alignment import STATIC_PRIOR, align, uniform_weights
+from vo_service.odometry.keyframe.cells import ALL_STATIC
+from vo_service.odometry.keyframe.good_frame import TrackedFrame
+from vo_service.odometry.keyframe.images import build_image_pyramid
+from vo_service.odometry.keyframe.local_map import DirectKeyframe, LocalMap, make_keyframe
+from vo_service.odometry.keyframe.movement import zero_motion
+from vo_service.odometry.keyframe.next_keyframe import select
+from vo_service.odometry.keyframe.recovery import TrackingResult
+from vo_service.odometry.keyframe.strangers import remove_dynamic_points
 
 ROWS = slice(60, 160)
 THING_M = 0.6
@@ -31,24 +36,24 @@ def aside(by_m: float) -> Array:
 
 
 def turned(angle_rad: float) -> Array:
-    return rigid_transform(rotation_from_vector([0.0, angle_rad, 0.0]), np.zeros(3))
+    return rigid_transform(so3_exp([0.0, angle_rad, 0.0]), np.zeros(3))
 
 
 def with_a_thing(frame: RgbdFrame, left: int, right: int) -> RgbdFrame:
-    colour, depth = frame.colour_bgr.copy(), frame.depth_raw.copy()
+    colour, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
     colour[ROWS, left:right] = np.roll(colour, 90, axis=1)[ROWS, left:right]
     depth[ROWS, left:right] = round(THING_M * frame.depth_factor)
-    return replace(frame, colour_bgr=colour, depth_raw=depth)
+    return replace(frame, color_bgr=colour, depth_raw=depth)
 
 
-def keyframe_at(T: Array, thing: tuple[int, int] = (0, 0), seed: int = 0) -> Keyframe:
-    frame = noisy(with_a_thing(seen(Hand(T_world_start=T)), *thing), seed)
-    return make_keyframe(frame, make_images(frame), T, at_rest(), ALL_STILL)
+def keyframe_at(T: Array, thing: tuple[int, int] = (0, 0), seed: int = 0) -> DirectKeyframe:
+    frame = add_noise(with_a_thing(render_view(MovingCamera(T_world_start=T)), *thing), seed)
+    return make_keyframe(frame, build_image_pyramid(frame), T, zero_motion(), ALL_STATIC)
 
 
-def parts_kept(keyframe: Keyframe, others: list[Keyframe]) -> tuple[float, float]:
+def parts_kept(keyframe: DirectKeyframe, others: list[DirectKeyframe]) -> tuple[float, float]:
     """The least share, of any level, of points on the thing and of all others that are kept."""
-    kept = without_strangers(keyframe, others)
+    kept = remove_dynamic_points(keyframe, others)
     of_thing, of_room = [], []
     for before, after in zip(keyframe.points, kept.points, strict=True):
         is_thing = before[:, 2] < THING_M + 0.05, after[:, 2] < THING_M + 0.05
@@ -97,24 +102,24 @@ def test_who_was_there_first_is_believed() -> None:
 
 def test_all_is_kept_where_others_know_little_of_the_view() -> None:
     elsewhere = keyframe_at(turned(2.0))
-    assert without_strangers(EMPTY, [elsewhere]) is EMPTY
-    assert without_strangers(EMPTY, []) is EMPTY
+    assert remove_dynamic_points(EMPTY, [elsewhere]) is EMPTY
+    assert remove_dynamic_points(EMPTY, []) is EMPTY
 
 
 def test_a_camera_that_came_back_with_smaller_images_is_compared_all_the_same() -> None:
     small = PinholeCamera(160, 120, 145.0, 145.0, 79.5, 59.5)
-    frame = noisy(seen(camera=small), 1)
-    half = make_keyframe(frame, make_images(frame), np.eye(4), at_rest(), ALL_STILL)
+    frame = add_noise(render_view(camera=small), 1)
+    half = make_keyframe(frame, build_image_pyramid(frame), np.eye(4), zero_motion(), ALL_STATIC)
     assert parts_kept(half, [EMPTY])[1] > 0.9
 
 
 def test_a_frame_that_becomes_the_next_keyframe_has_no_points_of_what_came() -> None:
-    frame = noisy(with_a_thing(seen(), 150, 230), 1)
-    images, local_map = make_images(frame), LocalMap()
-    local_map.begin(EMPTY)
-    laid = align(EMPTY.points, images, [np.eye(4)], STANDING, (1.0, 0.0), all_alike())
-    found = Found(EMPTY, laid, STANDING)
-    chosen = choose(GoodFrame(frame, images, found, WAY, is_held=True), local_map)
+    frame = add_noise(with_a_thing(render_view(), 150, 230), 1)
+    images, local_map = build_image_pyramid(frame), LocalMap()
+    local_map.reset(EMPTY)
+    laid = align(EMPTY.points, images, [np.eye(4)], STATIC_PRIOR, (1.0, 0.0), uniform_weights())
+    found = TrackingResult(EMPTY, laid, STATIC_PRIOR)
+    chosen = select(TrackedFrame(frame, images, found, MOTION, is_well_constrained=True), local_map)
     assert chosen.frame.depth_raw is frame.depth_raw
     assert local_map.keyframes == [EMPTY, chosen]
     for level in chosen.points:

@@ -9,17 +9,17 @@ import numpy as np
 from drivers.camera import RgbdFrame
 from tests.vo_service.odometry.keyframe.rolling_views import (
     BRISK,
-    Hand,
-    dark,
-    film,
-    noisy,
-    seen,
+    MovingCamera,
+    add_noise,
+    remove_color,
+    render_sequence,
+    render_view,
 )
-from vo_service.methods import METHODS, FeatureSettings
+from vo_service.methods import METHODS, FeatureConfig
 from vo_service.odometry import keyframe, matching, points, ransac
-from vo_service.odometry.keyframe.budget import BUDGET_MS
+from vo_service.odometry.keyframe.budget import STAGE_BUDGET_MS
 from vo_service.odometry.surf import hessian, maxima, orientation
-from vo_service.warm_up import StageNames, warm_up
+from vo_service.warm_up import StageReporter, warm_up
 
 OWN = [f"{keyframe.__name__}.{each.name}" for each in pkgutil.iter_modules(keyframe.__path__)]
 MODULES = [*map(import_module, OWN), matching, points, ransac, hessian, maxima, orientation]
@@ -34,7 +34,7 @@ KERNELS = [
 def test_every_stage_of_the_method_is_run_and_told_and_has_a_budget() -> None:
     told: list[str] = []
     assert warm_up("keyframe", told.append) > 0
-    assert set(told) == set(BUDGET_MS)
+    assert set(told) == set(STAGE_BUDGET_MS)
 
 
 def compiled() -> list[tuple[str, list[object]]]:
@@ -43,18 +43,19 @@ def compiled() -> list[tuple[str, list[object]]]:
 
 def all_that_may_happen() -> list[RgbdFrame]:
     """Still, rolling, far aside and back, in the dark, and what is read alone."""
-    shared = noisy(seen(BRISK, 0.1), 3)
+    shared = add_noise(render_view(BRISK, 0.1), 3)
     shared.depth_raw.flags.writeable = False
-    shared.colour_bgr.flags.writeable = False
+    shared.color_bgr.flags.writeable = False
     aside = [
-        Hand(np.array([0.0, 0.0, 0.0, 0.0, angle_rad, 0.0])) for angle_rad in (0.2, 0.4, 0.5, 0.0)
+        MovingCamera(np.array([0.0, 0.0, 0.0, 0.0, angle_rad, 0.0]))
+        for angle_rad in (0.2, 0.4, 0.5, 0.0)
     ]
     return [
-        *film(BRISK, 3, readout_s=0.02, skew_s=0.01),
-        *film(BRISK, 3),
+        *render_sequence(BRISK, 3, readout_s=0.02, skew_s=0.01),
+        *render_sequence(BRISK, 3),
         shared,
-        *(replace(seen(hand, 1.0), stamp_s=0.2 + k / 30) for k, hand in enumerate(aside)),
-        replace(dark(seen()), stamp_s=0.5),
+        *(replace(render_view(hand, 1.0), stamp_s=0.2 + k / 30) for k, hand in enumerate(aside)),
+        replace(remove_color(render_view()), stamp_s=0.5),
     ]
 
 
@@ -62,8 +63,8 @@ def test_a_warm_method_compiles_nothing_more_for_real_frames() -> None:
     warm_up("keyframe", lambda _: None)
     told: list[str] = []
     before = compiled()
-    odometry = METHODS["keyframe"](FeatureSettings(), StageNames(told.append))
+    odometry = METHODS["keyframe"](FeatureConfig(), StageReporter(told.append))
     assert all(odometry.estimate(frame).ok for frame in all_that_may_happen())
-    assert set(told) == set(BUDGET_MS)
+    assert set(told) == set(STAGE_BUDGET_MS)
     assert KERNELS
     assert compiled() == before

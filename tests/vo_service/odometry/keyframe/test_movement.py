@@ -7,17 +7,17 @@ from hypothesis.extra.numpy import arrays
 from drivers.geometry import Array, adjoint, inverse, transform_points
 from tests.vo_service.odometry.keyframe.rolling_views import (
     BRISK,
-    TREMBLING,
-    Hand,
+    SHAKING,
+    MovingCamera,
     series_exponential,
 )
 from vo_service.odometry.keyframe.movement import (
-    at_constant,
-    body_movement,
-    in_axes,
-    later,
-    moved,
-    through,
+    body_motion,
+    change_frame,
+    constant_velocity_motion,
+    fit_through_poses,
+    propagate_motion,
+    propagate_point,
 )
 
 FEW = settings(max_examples=30)
@@ -32,8 +32,8 @@ def test_the_cameras_velocity_is_minus_that_of_the_motion_in_its_own_axes(
     twist: Array, velocity: Array
 ) -> None:
     T_camera_keyframe = series_exponential(twist)
-    own = body_movement(T_camera_keyframe, at_constant(velocity))
-    expected = at_constant(-adjoint(T_camera_keyframe) @ velocity)
+    own = body_motion(T_camera_keyframe, constant_velocity_motion(velocity))
+    expected = constant_velocity_motion(-adjoint(T_camera_keyframe) @ velocity)
     np.testing.assert_allclose(own, expected, atol=1e-12)
 
 
@@ -41,37 +41,41 @@ def test_the_cameras_velocity_is_minus_that_of_the_motion_in_its_own_axes(
 @given(TWISTS, MOVEMENTS)
 def test_a_movement_is_the_same_in_other_axes_and_back(twist: Array, movement: Array) -> None:
     T = series_exponential(twist)
-    there = in_axes(movement, inverse(T))
-    np.testing.assert_allclose(body_movement(T, -there), movement, atol=1e-12)
-    acceleration = in_axes(movement, T)[6:]
+    there = change_frame(movement, inverse(T))
+    np.testing.assert_allclose(body_motion(T, -there), movement, atol=1e-12)
+    acceleration = change_frame(movement, T)[6:]
     assert np.linalg.norm(acceleration) == pytest.approx(np.linalg.norm(movement[6:]))
 
 
 def test_the_velocity_is_that_of_the_camera_that_moves() -> None:
     """T_camera_keyframe(t) = T exp(t velocity): its own twist is a difference in time."""
-    T, velocity, step_s = inverse(BRISK.at(0.7)), np.array([0.1, 0.3, -0.2, 0.4, -0.1, 0.2]), 1e-6
+    T, velocity, step_s = (
+        inverse(BRISK.pose_at(0.7)),
+        np.array([0.1, 0.3, -0.2, 0.4, -0.1, 0.2]),
+        1e-6,
+    )
     after = T @ series_exponential(step_s * velocity)
     rate = (T @ inverse(after) - np.eye(4)) / step_s
-    own = body_movement(T, at_constant(velocity))
+    own = body_motion(T, constant_velocity_motion(velocity))
     np.testing.assert_allclose(rate[:3, 3], own[:3], atol=1e-5)
     np.testing.assert_allclose([rate[2, 1], rate[0, 2], rate[1, 0]], own[3:6], atol=1e-5)
 
 
 @pytest.mark.parametrize("delay_s", [-0.012, -0.005, 0.006, 0.012])
 def test_a_point_is_where_a_trembling_camera_sees_it_later(delay_s: float) -> None:
-    (exact,) = transform_points(inverse(TREMBLING.at(delay_s)), POINT[None])
-    there = moved(TREMBLING.movement, X, Y, Z, delay_s)
-    without = moved(at_constant(TREMBLING.velocity), X, Y, Z, delay_s)
+    (exact,) = transform_points(inverse(SHAKING.pose_at(delay_s)), POINT[None])
+    there = propagate_point(SHAKING.movement, X, Y, Z, delay_s)
+    without = propagate_point(constant_velocity_motion(SHAKING.velocity), X, Y, Z, delay_s)
     np.testing.assert_allclose(there, exact, atol=1.5e-5)
     assert np.linalg.norm(without - exact) > 20 * np.linalg.norm(there - exact)
 
 
 @pytest.mark.parametrize("early_s", [-0.012, 0.012])
 def test_what_was_seen_at_another_time_is_brought_back(early_s: float) -> None:
-    ((x, y, z),) = transform_points(inverse(TREMBLING.at(early_s)), POINT[None])
-    back = moved(later(TREMBLING.movement, early_s), x, y, z, -early_s)
+    ((x, y, z),) = transform_points(inverse(SHAKING.pose_at(early_s)), POINT[None])
+    back = propagate_point(propagate_motion(SHAKING.movement, early_s), x, y, z, -early_s)
     np.testing.assert_allclose(back, POINT, atol=3e-5)
-    wrong = moved(TREMBLING.movement, x, y, z, -early_s)
+    wrong = propagate_point(SHAKING.movement, x, y, z, -early_s)
     assert np.linalg.norm(wrong - POINT) > 1e-3
 
 
@@ -81,14 +85,16 @@ def test_three_poses_on_the_way_of_a_constant_twist_tell_it(start: Array, veloci
     stamps_s = (10.0, 10.03, 10.07)
     T = series_exponential(start)
     before, now, after = (T @ series_exponential(t * velocity) for t in stamps_s)
-    told = through((before, now, after), stamps_s)
-    np.testing.assert_allclose(told, at_constant(velocity), atol=1e-9)
+    told = fit_through_poses((before, now, after), stamps_s)
+    np.testing.assert_allclose(told, constant_velocity_motion(velocity), atol=1e-9)
 
 
 @pytest.mark.parametrize("until_s", [0.03, 0.05])
 def test_three_poses_of_a_hand_that_turns_ever_faster_tell_its_acceleration(until_s: float) -> None:
     turning = np.array([0.3, -0.4, 0.5])
-    hand = Hand(np.concatenate([np.zeros(3), turning]), acceleration_rad_s2=20.0 * turning)
+    hand = MovingCamera(np.concatenate([np.zeros(3), turning]), acceleration_rad_s2=20.0 * turning)
     stamps_s = (-0.03, 0.0, until_s)
-    before, now, after = (hand.at(t) for t in stamps_s)
-    np.testing.assert_allclose(through((before, now, after), stamps_s), hand.movement, atol=1e-9)
+    before, now, after = (hand.pose_at(t) for t in stamps_s)
+    np.testing.assert_allclose(
+        fit_through_poses((before, now, after), stamps_s), hand.movement, atol=1e-9
+    )

@@ -7,35 +7,40 @@ from numpy.typing import NDArray
 from drivers.geometry import Array
 from tests.vo_service.odometry.keyframe.rolling_views import (
     BRISK,
-    seen,
+    render_view,
     series_exponential,
 )
-from vo_service.odometry.keyframe.alignment import Points, all_alike, look_at, start_fit
-from vo_service.odometry.keyframe.cells import ALL_STILL
-from vo_service.odometry.keyframe.images import make_images
-from vo_service.odometry.keyframe.movement import at_rest
+from vo_service.odometry.keyframe.alignment import (
+    PointPyramid,
+    initial_residual_model,
+    sample_points,
+    uniform_weights,
+)
+from vo_service.odometry.keyframe.cells import ALL_STATIC
+from vo_service.odometry.keyframe.images import build_image_pyramid
+from vo_service.odometry.keyframe.movement import zero_motion
 from vo_service.odometry.keyframe.points import (
     HAS_SHAPE,
     HAS_TEXTURE,
-    TO_BRIGHTNESS,
-    TO_DEPTH,
-    find_points,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_DEPTH_GRADIENT,
+    select_points,
 )
-from vo_service.odometry.keyframe.readings import BRIGHTNESS, DEPTH
+from vo_service.odometry.keyframe.readings import SAMPLE_BRIGHTNESS, SAMPLE_DEPTH_RESIDUAL
 from vo_service.odometry.keyframe.system import (
     GAIN,
     OFFSET,
     SIGMA_BRIGHTNESS,
     SIGMA_DEPTH,
-    fit_light,
-    jacobian,
-    sum_bands,
-    with_times,
+    accumulate,
+    expand_rolling_shutter,
+    fill_jacobian,
+    fit_affine_brightness,
 )
 
 READOUT_S, SKEW_S = 0.03, 0.012
-IMAGES = make_images(seen(readout_s=READOUT_S, skew_s=SKEW_S))
-POINTS: Points = find_points(IMAGES, at_rest(), ALL_STILL)
+IMAGES = build_image_pyramid(render_view(readout_s=READOUT_S, skew_s=SKEW_S))
+POINTS: PointPyramid = select_points(IMAGES, zero_motion(), ALL_STATIC)
 SMALL = 1e-4
 EVERY_DIRECTION = list(np.eye(6))
 
@@ -44,14 +49,14 @@ def jacobians(first: int, has: int) -> tuple[Array, NDArray[np.bool_]]:
     """(N, 6) rows, and which points have them."""
     rows, counts = np.empty((len(POINTS[0]), 6)), POINTS[0][:, has] > 0
     for point, row in zip(POINTS[0], rows, strict=True):
-        jacobian(point, first, 1.0, row)
+        fill_jacobian(point, first, 1.0, row)
     return rows, counts
 
 
 def change(column: int, direction: Array) -> Array:
     """(N,) how readings change as the keyframe's points move a little, by differences."""
     there, back = (
-        look_at(POINTS, IMAGES, series_exponential(s * SMALL * direction), at_rest(), 0)
+        sample_points(POINTS, IMAGES, series_exponential(s * SMALL * direction), zero_motion(), 0)
         for s in (1, -1)
     )
     return np.asarray((there[:, column] - back[:, column]) / (2 * SMALL))
@@ -59,8 +64,8 @@ def change(column: int, direction: Array) -> Array:
 
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
 def test_depth_changes_as_its_jacobian_says(direction: Array) -> None:
-    rows, counts = jacobians(TO_DEPTH, HAS_SHAPE)
-    told, true = rows @ direction, change(DEPTH, direction)
+    rows, counts = jacobians(POINT_DEPTH_GRADIENT, HAS_SHAPE)
+    told, true = rows @ direction, change(SAMPLE_DEPTH_RESIDUAL, direction)
     counts = counts & np.isfinite(true)
     off = np.abs(told - true)[counts]
     assert np.median(off) < 0.03 * np.abs(true[counts]).max()
@@ -68,8 +73,8 @@ def test_depth_changes_as_its_jacobian_says(direction: Array) -> None:
 
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
 def test_brightness_changes_as_its_jacobian_says(direction: Array) -> None:
-    rows, counts = jacobians(TO_BRIGHTNESS, HAS_TEXTURE)
-    told, true = rows @ direction, change(BRIGHTNESS, direction)
+    rows, counts = jacobians(POINT_BRIGHTNESS_GRADIENT, HAS_TEXTURE)
+    told, true = rows @ direction, change(SAMPLE_BRIGHTNESS, direction)
     counts = counts & np.isfinite(true)
     # The one is a slope over two pixels, the other one between two.
     assert np.corrcoef(told[counts], true[counts])[0, 1] > 0.9
@@ -77,9 +82,9 @@ def test_brightness_changes_as_its_jacobian_says(direction: Array) -> None:
 
 
 def system(T: Array, movement: Array) -> tuple[Array, Array]:
-    readings = look_at(POINTS, IMAGES, T, movement, 0)
-    bands = sum_bands(POINTS[0], readings, all_alike(), start_fit())
-    return with_times(bands, READOUT_S, SKEW_S)
+    readings = sample_points(POINTS, IMAGES, T, movement, 0)
+    bands = accumulate(POINTS[0], readings, uniform_weights(), initial_residual_model())
+    return expand_rolling_shutter(bands, READOUT_S, SKEW_S)
 
 
 def test_information_is_symmetric_and_positive() -> None:
@@ -92,16 +97,16 @@ def test_information_is_symmetric_and_positive() -> None:
 
 @pytest.mark.parametrize("direction", EVERY_DIRECTION)
 def test_the_vector_changes_by_the_information_as_the_motion_does(direction: Array) -> None:
-    H, _ = system(np.eye(4), at_rest())
+    H, _ = system(np.eye(4), zero_motion())
     (_, there), (_, back) = (
-        system(series_exponential(s * SMALL * direction), at_rest()) for s in (1, -1)
+        system(series_exponential(s * SMALL * direction), zero_motion()) for s in (1, -1)
     )
     assert_alike(H[:, :6] @ direction, (there - back) / (2 * SMALL), H)
 
 
 @pytest.mark.parametrize("direction", list(np.eye(9)))
 def test_the_vector_changes_by_the_information_as_the_movement_does(direction: Array) -> None:
-    H, _ = system(np.eye(4), at_rest())
+    H, _ = system(np.eye(4), zero_motion())
     # An acceleration has less time to act than a velocity.
     step = 1.0 if direction[6:].any() else 0.01
     (_, there), (_, back) = (system(np.eye(4), s * step * direction) for s in (1, -1))
@@ -116,23 +121,25 @@ def assert_alike(told: Array, true: Array, H: Array) -> None:
 
 
 def test_with_an_instant_shutter_the_velocity_has_no_say() -> None:
-    readings = look_at(POINTS, IMAGES, np.eye(4), at_rest(), 0)
-    H, g = with_times(sum_bands(POINTS[0], readings, all_alike(), start_fit()), 0.0, 0.0)
+    readings = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
+    H, g = expand_rolling_shutter(
+        accumulate(POINTS[0], readings, uniform_weights(), initial_residual_model()), 0.0, 0.0
+    )
     assert H[:6, :6].any()
     assert not H[:, 6:].any()
     assert not g[6:].any()
 
 
 def test_cells_of_no_weight_have_no_say() -> None:
-    readings = look_at(POINTS, IMAGES, np.eye(4), at_rest(), 0)
-    nothing = sum_bands(POINTS[0], readings, 0.0 * all_alike(), start_fit())
-    by_depth, by_brightness = all_alike(), all_alike()
+    readings = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
+    nothing = accumulate(POINTS[0], readings, 0.0 * uniform_weights(), initial_residual_model())
+    by_depth, by_brightness = uniform_weights(), uniform_weights()
     by_depth[0] = by_brightness[1] = 0.0
     either = [
-        sum_bands(POINTS[0], readings, weights, start_fit()).sum(axis=0)
+        accumulate(POINTS[0], readings, weights, initial_residual_model()).sum(axis=0)
         for weights in (by_depth, by_brightness)
     ]
-    both = sum_bands(POINTS[0], readings, all_alike(), start_fit()).sum(axis=0)
+    both = accumulate(POINTS[0], readings, uniform_weights(), initial_residual_model()).sum(axis=0)
     assert not nothing.any()
     np.testing.assert_allclose(either[0] + either[1], both, rtol=1e-9)
 
@@ -140,15 +147,15 @@ def test_cells_of_no_weight_have_no_say() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_light_and_spreads_are_found(seed: int) -> None:
     random = np.random.default_rng(seed)
-    readings = look_at(POINTS, IMAGES, np.eye(4), at_rest(), 0)
+    readings = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)
     n = len(readings)
-    readings[:, BRIGHTNESS] = 1.3 * POINTS[0][:, 3] - 12.0 + random.normal(0.0, 5.0, n)
-    readings[:, DEPTH] = random.normal(0.0, 2e-3, n)
+    readings[:, SAMPLE_BRIGHTNESS] = 1.3 * POINTS[0][:, 3] - 12.0 + random.normal(0.0, 5.0, n)
+    readings[:, SAMPLE_DEPTH_RESIDUAL] = random.normal(0.0, 2e-3, n)
     wrong = random.uniform(size=n) < 0.05
-    readings[wrong, BRIGHTNESS] = 255.0
-    fit = start_fit()
+    readings[wrong, SAMPLE_BRIGHTNESS] = 255.0
+    fit = initial_residual_model()
     for _ in range(20):
-        fit_light(POINTS[0], readings, all_alike(), fit)
+        fit_affine_brightness(POINTS[0], readings, uniform_weights(), fit)
     assert fit[GAIN] == pytest.approx(1.3, abs=0.04)
     assert fit[OFFSET] == pytest.approx(-12.0, abs=5.0)
     # Of Student's t, whose variance is greater than the square of its spread.
@@ -160,9 +167,9 @@ def test_light_and_spreads_are_found(seed: int) -> None:
 def test_too_few_readings_change_nothing(readings_each: int, is_enough: bool) -> None:
     both = (POINTS[0][:, HAS_TEXTURE] > 0) & (POINTS[0][:, HAS_SHAPE] > 0)
     chosen = np.flatnonzero(both)[:readings_each]
-    readings = look_at(POINTS, IMAGES, np.eye(4), at_rest(), 0)[chosen]
-    assert np.isfinite(readings[:, [BRIGHTNESS, DEPTH]]).all()
-    fit = start_fit()
-    fit_light(POINTS[0][chosen], readings, all_alike(), fit)
+    readings = sample_points(POINTS, IMAGES, np.eye(4), zero_motion(), 0)[chosen]
+    assert np.isfinite(readings[:, [SAMPLE_BRIGHTNESS, SAMPLE_DEPTH_RESIDUAL]]).all()
+    fit = initial_residual_model()
+    fit_affine_brightness(POINTS[0][chosen], readings, uniform_weights(), fit)
     for spread in (SIGMA_BRIGHTNESS, SIGMA_DEPTH):
-        assert bool(fit[spread] != start_fit()[spread]) is is_enough
+        assert bool(fit[spread] != initial_residual_model()[spread]) is is_enough

@@ -6,33 +6,31 @@ from functools import cache
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, rigid_transform, rotation_from_vector
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
+from drivers.geometry import Array, rigid_transform, so3_exp
+from tests.vo_service.odometry.synthetic_views import render_corner
 from tests.vo_service.odometry.walk import SHAPE
 
 # By the fourth frame the parallax of the first with the first reaches three degrees.
-FIRST_PLACED = 4
+FIRST_REGISTERED = 4
 FRAMES = 9
 
 
-def pose(k: int) -> Array:
+def sideways_pose(k: int) -> Array:
     """45 mm sideways and half a degree a frame."""
-    return rigid_transform(
-        rotation_from_vector([0.003 * k, -0.008 * k, 0.004 * k]), [0.045 * k, 0.0, 0.01 * k]
-    )
+    return rigid_transform(so3_exp([0.003 * k, -0.008 * k, 0.004 * k]), [0.045 * k, 0.0, 0.01 * k])
 
 
 @cache
-def view(k: int) -> RgbdFrame:
+def render_view(k: int) -> RgbdFrame:
     """The k-th frame."""
-    return view_of_a_corner(pose(k), k)
+    return render_corner(sideways_pose(k), k)
 
 
-def views(count: int = FRAMES) -> list[RgbdFrame]:
+def render_views(count: int = FRAMES) -> list[RgbdFrame]:
     """The first frames."""
-    return [view(k) for k in range(count)]
+    return [render_view(k) for k in range(count)]
 
 
-def without_depth(frame: RgbdFrame) -> RgbdFrame:
+def remove_depth(frame: RgbdFrame) -> RgbdFrame:
     """The same picture, the depth camera covered."""
     return replace(frame, depth_raw=np.zeros(SHAPE, np.uint16))

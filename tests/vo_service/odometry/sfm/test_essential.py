@@ -7,10 +7,14 @@ import pytest
 from hypothesis import assume, given, settings
 
 from drivers.geometry import Array, inverse, rigid_transform, rotation_angle_rad
-from drivers.geometry import rotation_from_vector as turn_by
-from tests.vo_service.odometry.sfm.ray_views import MOTION, SIGMA, pairs_of, small
+from drivers.geometry import so3_exp as turn_by
+from tests.vo_service.odometry.sfm.ray_views import MOTION, SIGMA, make_pairs, small_vectors
 from vo_service.odometry.sfm.colour_view import RayPairs
-from vo_service.odometry.sfm.essential import choose_direction, find_direction, find_essential
+from vo_service.odometry.sfm.essential import (
+    find_essential,
+    find_unscaled_motion,
+    recover_unscaled_motion,
+)
 
 
 def angle_deg(a: Array, b: Array) -> float:
@@ -20,12 +24,12 @@ def angle_deg(a: Array, b: Array) -> float:
 
 
 @settings(max_examples=20)
-@given(small(0.3), small(0.2))
+@given(small_vectors(0.3), small_vectors(0.2))
 def test_the_direction_of_any_motion_with_parallax_is_found(turn: Array, shift: Array) -> None:
     assume(np.linalg.norm(shift) > 0.05)
     T_reference_camera = rigid_transform(turn_by(turn), shift)
     T = inverse(T_reference_camera)
-    direction = find_direction(pairs_of(T_reference_camera), seed=1)
+    direction = find_unscaled_motion(make_pairs(T_reference_camera), seed=1)
     assert direction is not None
     assert np.degrees(rotation_angle_rad(direction.R @ T[:3, :3].T)) < 0.1
     assert angle_deg(direction.t, T[:3, 3]) < 2.0
@@ -33,10 +37,10 @@ def test_the_direction_of_any_motion_with_parallax_is_found(turn: Array, shift: 
 
 
 def test_pairs_that_do_not_belong_together_are_left_out() -> None:
-    pairs = pairs_of(MOTION, noise=0.3 * SIGMA)
+    pairs = make_pairs(MOTION, noise=0.3 * SIGMA)
     swapped = pairs.ray.copy()
     swapped[:50] = np.roll(swapped[:50], 1, axis=0)
-    direction = find_direction(replace(pairs, ray=swapped), seed=1)
+    direction = find_unscaled_motion(replace(pairs, ray=swapped), seed=1)
     assert direction is not None
     assert direction.inlier[50:].mean() > 0.95
     assert direction.inlier[:50].mean() < 0.1
@@ -45,40 +49,40 @@ def test_pairs_that_do_not_belong_together_are_left_out() -> None:
 
 def test_a_turn_on_the_spot_is_known_though_there_is_no_direction() -> None:
     T_reference_camera = rigid_transform(turn_by([0.05, 0.1, -0.04]), np.zeros(3))
-    direction = find_direction(pairs_of(T_reference_camera, noise=0.2 * SIGMA), seed=1)
+    direction = find_unscaled_motion(make_pairs(T_reference_camera, noise=0.2 * SIGMA), seed=1)
     assert direction is not None
     assert np.degrees(rotation_angle_rad(direction.R @ T_reference_camera[:3, :3])) < 0.3
 
 
 def test_a_camera_that_stands_still_has_not_turned() -> None:
-    direction = find_direction(pairs_of(np.eye(4)), seed=1)
+    direction = find_unscaled_motion(make_pairs(np.eye(4)), seed=1)
     assert direction is None or np.degrees(rotation_angle_rad(direction.R)) < 0.1
 
 
 def test_of_the_four_motions_the_points_are_before_both_cameras() -> None:
-    pairs = pairs_of(MOTION)
+    pairs = make_pairs(MOTION)
     essential = find_essential(pairs, seed=1)
     assert essential is not None
     for sign in (1.0, -1.0):
-        direction = choose_direction(replace(essential, E=sign * essential.E), pairs)
+        direction = recover_unscaled_motion(replace(essential, E=sign * essential.E), pairs)
         assert direction is not None
         assert angle_deg(direction.t, inverse(MOTION)[:3, 3]) < 1.0
 
 
 @pytest.mark.parametrize("count", [0, 1, 7])
 def test_too_few_pairs_say_nothing(count: int) -> None:
-    assert find_direction(pairs_of(MOTION, count=count), seed=1) is None
+    assert find_unscaled_motion(make_pairs(MOTION, count=count), seed=1) is None
 
 
 def test_pairs_that_are_all_one_are_no_error() -> None:
     one = np.tile([0.1, 0.2, 1.0], (20, 1))
     pairs = RayPairs(one, one, np.ones(20), np.zeros(20), SIGMA)
-    direction = find_direction(pairs, seed=1)
+    direction = find_unscaled_motion(pairs, seed=1)
     assert direction is None or np.isfinite(direction.R).all()
 
 
 def test_the_same_pairs_give_the_same_bits() -> None:
-    pairs = pairs_of(MOTION, noise=SIGMA)
+    pairs = make_pairs(MOTION, noise=SIGMA)
     first, second = find_essential(pairs, seed=1), find_essential(pairs, seed=1)
     assert first is not None
     assert second is not None

@@ -7,16 +7,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.geometry import is_rigid
-from tests.vo_service.odometry.contract import assert_is_an_answer
-from tests.vo_service.odometry.sfm.sideways import pose, view, views, without_depth
+from tests.vo_service.odometry.contract import assert_valid_or_explained
+from tests.vo_service.odometry.sfm.sideways import (
+    remove_depth,
+    render_view,
+    render_views,
+    sideways_pose,
+)
 from tests.vo_service.odometry.test_surf_odometry_failures import garbage
-from tests.vo_service.odometry.walk import BLACK, assert_close, elsewhere, follow
+from tests.vo_service.odometry.walk import BLACK, assert_close, estimate_all, render_elsewhere
 from vo_service.odometry.sfm.parameters import SfmParameters
 from vo_service.odometry.sfm_odometry import SfmOdometry
 
 
 def test_a_black_start_is_an_answer_and_the_next_good_frame_begins() -> None:
-    black, first = follow(SfmOdometry(), [BLACK, view(0)])
+    black, first = estimate_all(SfmOdometry(), [BLACK, render_view(0)])
     assert not black.ok
     assert "too few features" in black.reason
     assert first.ok
@@ -24,19 +29,19 @@ def test_a_black_start_is_an_answer_and_the_next_good_frame_begins() -> None:
 
 def test_a_failed_frame_holds_the_pose_and_is_left_out_of_the_chain() -> None:
     odometry = SfmOdometry()
-    before = follow(odometry, views(7))[-1]
-    failed, after = follow(odometry, [BLACK, view(8)])
+    before = estimate_all(odometry, render_views(7))[-1]
+    failed, after = estimate_all(odometry, [BLACK, render_view(8)])
     assert not failed.ok
     assert failed.reason == "0 of 0 matches are known points"
     assert np.array_equal(failed.T_world_camera, before.T_world_camera)
     assert np.array_equal(failed.T_reference_camera, np.eye(4))
     assert after.ok
-    assert_close(after.T_world_camera, pose(8), 0.03, 0.5)
+    assert_close(after.T_world_camera, sideways_pose(8), 0.03, 0.5)
 
 
 def test_a_motion_that_the_points_leave_open_is_not_told() -> None:
-    odometry = SfmOdometry(parameters=SfmParameters(max_doubt_rad=1e-5))
-    estimates = follow(odometry, views(8))
+    odometry = SfmOdometry(parameters=SfmParameters(max_sigma_rad=1e-5))
+    estimates = estimate_all(odometry, render_views(8))
     unsure = estimates[-1]
     assert sum(estimate.ok for estimate in estimates) == 2
     assert not unsure.ok
@@ -46,8 +51,8 @@ def test_a_motion_that_the_points_leave_open_is_not_told() -> None:
 
 def test_a_step_too_long_for_a_camera_is_not_told() -> None:
     odometry = SfmOdometry()
-    before = follow(odometry, views(7))[-1]
-    jump = odometry.estimate(replace(view(11), stamp_s=view(6).stamp_s + 0.01))
+    before = estimate_all(odometry, render_views(7))[-1]
+    jump = odometry.estimate(replace(render_view(11), stamp_s=render_view(6).stamp_s + 0.01))
     assert not jump.ok
     assert jump.reason.endswith("step too long for a camera")
     assert np.array_equal(jump.T_world_camera, before.T_world_camera)
@@ -55,14 +60,14 @@ def test_a_step_too_long_for_a_camera_is_not_told() -> None:
 
 def test_a_frozen_picture_waits_for_parallax_and_never_gives_up() -> None:
     odometry = SfmOdometry(parameters=SfmParameters(max_failures=1))
-    first, *frozen = follow(odometry, [view(0)] * 5)
+    first, *frozen = estimate_all(odometry, [render_view(0)] * 5)
     assert first.ok
     assert all("waiting for parallax" in e.reason for e in frozen)
-    assert not any(e.restarted for e in frozen)
+    assert not any(e.is_reset for e in frozen)
 
 
 def test_without_depth_there_is_no_first_scale() -> None:
-    estimates = follow(SfmOdometry(), map(without_depth, views(7)))
+    estimates = estimate_all(SfmOdometry(), map(remove_depth, render_views(7)))
     assert estimates[0].ok
     assert not any(e.ok for e in estimates[1:])
     assert estimates[-1].reason == "no first scale from the first depth"
@@ -70,24 +75,24 @@ def test_without_depth_there_is_no_first_scale() -> None:
 
 def test_after_too_many_failures_tracking_and_scale_begin_afresh() -> None:
     odometry = SfmOdometry(parameters=SfmParameters(max_failures=2))
-    before = follow(odometry, views(7))[-1]
-    lost = follow(odometry, [BLACK, BLACK, elsewhere(0)])
+    before = estimate_all(odometry, render_views(7))[-1]
+    lost = estimate_all(odometry, [BLACK, BLACK, render_elsewhere(0)])
     assert [e.ok for e in lost] == [False, False, True]
-    assert [e.restarted for e in lost] == [False, False, True]
+    assert [e.is_reset for e in lost] == [False, False, True]
     assert np.array_equal(lost[2].T_world_camera, before.T_world_camera)
-    waiting = odometry.estimate(replace(elsewhere(0), seq=1))
+    waiting = odometry.estimate(replace(render_elsewhere(0), seq=1))
     assert not waiting.ok
     assert "waiting for parallax" in waiting.reason
 
 
 def test_a_camera_that_turns_back_is_found_by_an_older_keyframe() -> None:
     odometry = SfmOdometry()
-    follow(odometry, views(9))
-    follow(odometry, [elsewhere(0)])
-    found = follow(odometry, [view(5)] * 4)[-1]
+    estimate_all(odometry, render_views(9))
+    estimate_all(odometry, [render_elsewhere(0)])
+    found = estimate_all(odometry, [render_view(5)] * 4)[-1]
     assert found.ok
-    assert not found.restarted
-    assert_close(found.T_world_camera, pose(5), 0.03, 0.5)
+    assert not found.is_reset
+    assert_close(found.T_world_camera, sideways_pose(5), 0.03, 0.5)
 
 
 @settings(max_examples=15)
@@ -96,12 +101,12 @@ def test_no_frame_is_an_error_and_every_pose_is_rigid(kinds: list[tuple[int, int
     odometry = SfmOdometry(parameters=SfmParameters(max_failures=1))
     for seed, kind in kinds:
         estimate = odometry.estimate(garbage(seed, kind))
-        assert_is_an_answer(estimate)
+        assert_valid_or_explained(estimate)
 
 
 def test_garbage_after_a_good_start_is_an_answer_each_time() -> None:
     odometry = SfmOdometry(parameters=SfmParameters(max_failures=3))
-    follow(odometry, views(7))
+    estimate_all(odometry, render_views(7))
     for seed in range(8):
         estimate = odometry.estimate(garbage(seed, seed % 5))
         assert is_rigid(estimate.T_world_camera)

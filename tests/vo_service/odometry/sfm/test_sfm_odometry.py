@@ -4,25 +4,25 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import inverse, rigid_transform, rotation_from_vector
-from tests.vo_service.odometry.contract import assert_rests_on_its_evidence
+from drivers.geometry import inverse, rigid_transform, so3_exp
+from tests.vo_service.odometry.contract import assert_counts_consistent
 from tests.vo_service.odometry.sfm.sideways import (
     FRAMES,
-    pose,
-    view,
-    views,
-    without_depth,
+    remove_depth,
+    render_view,
+    render_views,
+    sideways_pose,
 )
-from tests.vo_service.odometry.synthetic_views import view_of_a_corner
-from tests.vo_service.odometry.walk import assert_close, follow
-from vo_service.odometry.sfm.scale_source import FirstPair, GivenBaseline, Scale
+from tests.vo_service.odometry.synthetic_views import render_corner
+from tests.vo_service.odometry.walk import assert_close, estimate_all
+from vo_service.odometry.sfm.scale_source import GivenBaselineScale, InitialPair, MetricScale
 from vo_service.odometry.sfm_odometry import SfmOdometry
 from vo_service.types import Estimate
 
 
 @pytest.fixture(scope="module")
 def estimates() -> list[Estimate]:
-    return follow(SfmOdometry(), views())
+    return estimate_all(SfmOdometry(), render_views())
 
 
 def placed(estimates: list[Estimate]) -> list[int]:
@@ -33,7 +33,7 @@ def placed(estimates: list[Estimate]) -> list[int]:
 def test_the_first_frame_is_the_world(estimates: list[Estimate]) -> None:
     first = estimates[0]
     assert first.ok
-    assert not first.restarted
+    assert not first.is_reset
     assert np.array_equal(first.T_world_camera, np.eye(4))
     assert not first.covariance.any()
 
@@ -51,7 +51,7 @@ def test_from_then_on_every_frame_has_its_place_in_metres(estimates: list[Estima
     begin = placed(estimates)[0]
     assert placed(estimates) == list(range(begin, FRAMES))
     for k in range(begin, FRAMES):
-        assert_close(estimates[k].T_world_camera, pose(k), 0.025, 0.5)
+        assert_close(estimates[k].T_world_camera, sideways_pose(k), 0.025, 0.5)
 
 
 def test_poses_are_the_product_of_the_motions(estimates: list[Estimate]) -> None:
@@ -63,7 +63,7 @@ def test_poses_are_the_product_of_the_motions(estimates: list[Estimate]) -> None
 
 def test_an_estimate_says_what_it_rests_on(estimates: list[Estimate]) -> None:
     estimate = estimates[-1]
-    assert_rests_on_its_evidence(estimate, 15)
+    assert_counts_consistent(estimate, 15)
     assert estimate.features <= 1000
 
 
@@ -71,7 +71,7 @@ def test_the_error_of_a_step_is_of_the_size_that_the_covariance_says(
     estimates: list[Estimate],
 ) -> None:
     for k in placed(estimates)[1:]:
-        step = inverse(pose(k - 1)) @ pose(k)
+        step = inverse(sideways_pose(k - 1)) @ sideways_pose(k)
         error = inverse(estimates[k].T_reference_camera) @ step
         sigma_m = np.sqrt(np.trace(estimates[k].covariance[:3, :3]))
         assert np.linalg.norm(error[:3, 3]) < 4 * sigma_m
@@ -79,27 +79,29 @@ def test_the_error_of_a_step_is_of_the_size_that_the_covariance_says(
 
 
 def test_after_the_first_frame_no_depth_is_looked_at(estimates: list[Estimate]) -> None:
-    blind = follow(SfmOdometry(), [view(0), *map(without_depth, views()[1:])])
+    blind = estimate_all(SfmOdometry(), [render_view(0), *map(remove_depth, render_views()[1:])])
     for a, b in zip(estimates, blind, strict=True):
         assert np.array_equal(a.T_world_camera, b.T_world_camera)
         assert np.array_equal(a.covariance, b.covariance)
 
 
 def test_the_same_frames_twice_give_the_same_bits(estimates: list[Estimate]) -> None:
-    for a, b in zip(estimates, follow(SfmOdometry(), views()), strict=True):
+    for a, b in zip(estimates, estimate_all(SfmOdometry(), render_views()), strict=True):
         assert np.array_equal(a.T_world_camera, b.T_world_camera)
         assert np.array_equal(a.covariance, b.covariance)
         assert a.reason == b.reason
 
 
 def test_a_baseline_that_is_given_takes_the_place_of_the_depth() -> None:
-    source = GivenBaseline(
-        lambda from_s, to_s: float(np.linalg.norm(2.0 * pose(round(30 * (to_s - from_s)))[:3, 3]))
+    source = GivenBaselineScale(
+        lambda from_s, to_s: float(
+            np.linalg.norm(2.0 * sideways_pose(round(30 * (to_s - from_s)))[:3, 3])
+        )
     )
-    estimates = follow(SfmOdometry(scale_source=source), map(without_depth, views(7)))
+    estimates = estimate_all(SfmOdometry(scale_source=source), map(remove_depth, render_views(7)))
     assert estimates[-1].ok
     length_m = np.linalg.norm(estimates[-1].T_world_camera[:3, 3])
-    assert length_m == pytest.approx(2.0 * np.linalg.norm(pose(6)[:3, 3]), rel=0.05)
+    assert length_m == pytest.approx(2.0 * np.linalg.norm(sideways_pose(6)[:3, 3]), rel=0.05)
 
 
 def test_an_unsure_scale_makes_the_length_of_every_step_unsure(
@@ -108,10 +110,10 @@ def test_an_unsure_scale_makes_the_length_of_every_step_unsure(
     class Unsure:
         name = "a guess"
 
-        def scale(self, pair: FirstPair) -> Scale:
-            return Scale(0.2, sigma=0.5)
+        def estimate_scale(self, pair: InitialPair) -> MetricScale:
+            return MetricScale(0.2, log_sigma=0.5)
 
-    unsure = follow(SfmOdometry(scale_source=Unsure()), views())[-1]
+    unsure = estimate_all(SfmOdometry(scale_source=Unsure()), render_views())[-1]
     along = inverse(unsure.T_reference_camera)[:3, 3]
     length_m = float(np.linalg.norm(along))
     variance = along @ unsure.covariance[:3, :3] @ along / length_m**2
@@ -120,19 +122,19 @@ def test_an_unsure_scale_makes_the_length_of_every_step_unsure(
 
 def turning(k: int) -> RgbdFrame:
     """After the walk, a turn on the spot."""
-    turn = rigid_transform(rotation_from_vector([0.0, -0.02 * k, 0.01 * k]), np.zeros(3))
-    return view_of_a_corner(pose(FRAMES - 1) @ turn, FRAMES + k)
+    turn = rigid_transform(so3_exp([0.0, -0.02 * k, 0.01 * k]), np.zeros(3))
+    return render_corner(sideways_pose(FRAMES - 1) @ turn, FRAMES + k)
 
 
 def test_a_turn_on_the_spot_moves_nothing() -> None:
     odometry = SfmOdometry()
-    last = follow(odometry, views())[-1]
-    for k, estimate in enumerate(follow(odometry, map(turning, range(1, 4))), 1):
+    last = estimate_all(odometry, render_views())[-1]
+    for k, estimate in enumerate(estimate_all(odometry, map(turning, range(1, 4))), 1):
         assert estimate.ok, estimate.reason
         step = inverse(last.T_world_camera) @ estimate.T_world_camera
         assert_close(
             step,
-            rigid_transform(rotation_from_vector([0.0, -0.02 * k, 0.01 * k]), np.zeros(3)),
+            rigid_transform(so3_exp([0.0, -0.02 * k, 0.01 * k]), np.zeros(3)),
             0.01,
             0.3,
         )
@@ -140,7 +142,7 @@ def test_a_turn_on_the_spot_moves_nothing() -> None:
 
 def test_standing_still_is_no_motion() -> None:
     odometry = SfmOdometry()
-    moved = follow(odometry, views())[-1]
-    for estimate in follow(odometry, [view(FRAMES - 1)] * 3):
+    moved = estimate_all(odometry, render_views())[-1]
+    for estimate in estimate_all(odometry, [render_view(FRAMES - 1)] * 3):
         assert estimate.ok
         assert_close(estimate.T_world_camera, moved.T_world_camera, 0.005, 0.1)

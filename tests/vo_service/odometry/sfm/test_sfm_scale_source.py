@@ -4,50 +4,50 @@ import numpy as np
 import pytest
 
 from drivers.geometry import Array
-from tests.vo_service.odometry.sfm.sideways import view, without_depth
-from vo_service.odometry.points import locate_features
+from tests.vo_service.odometry.sfm.sideways import remove_depth, render_view
+from vo_service.odometry.points import backproject_features
 from vo_service.odometry.sfm.scale_source import (
-    FirstDepth,
-    FirstPair,
-    GivenBaseline,
+    FirstDepthScale,
+    GivenBaselineScale,
+    InitialPair,
     median_sigma,
 )
 from vo_service.odometry.surf import SurfExtractor
 
 
-def first_pair(with_depth: bool = True) -> FirstPair:
+def first_pair(with_depth: bool = True) -> InitialPair:
     """Points that are as far as they are, in units of a quarter of a metre."""
-    frame = view(0)
-    features = SurfExtractor(300).extract(frame.grey)
-    depth_m = locate_features(features, frame).position_m[:, 2]
+    frame = render_view(0)
+    features = SurfExtractor(300).extract(frame.gray)
+    depth_m = backproject_features(features, frame).position_m[:, 2]
     index = np.flatnonzero(depth_m)
-    shown = frame if with_depth else without_depth(frame)
-    return FirstPair(shown, features, frame.stamp_s + 0.2, index, 0.25 / depth_m[index])
+    shown = frame if with_depth else remove_depth(frame)
+    return InitialPair(shown, features, frame.stamp_s + 0.2, index, 0.25 / depth_m[index])
 
 
-def spoilt(pair: FirstPair) -> Array:
+def spoilt(pair: InitialPair) -> Array:
     inverse_depth = pair.inverse_depth.copy()
     inverse_depth[::4] *= 5.0
     return inverse_depth
 
 
 def test_the_first_depth_says_how_long_a_unit_is() -> None:
-    scale = FirstDepth().scale(first_pair())
+    scale = FirstDepthScale().estimate_scale(first_pair())
     assert scale is not None
     assert scale.metres_per_unit == pytest.approx(0.25, rel=1e-6)
-    assert scale.sigma < 1e-6
+    assert scale.log_sigma < 1e-6
 
 
 def test_points_that_are_wrong_do_not_change_it_much() -> None:
     pair = first_pair()
-    worse = FirstPair(pair.frame, pair.features, pair.stamp_s, pair.index, spoilt(pair))
-    scale = FirstDepth().scale(worse)
+    worse = InitialPair(pair.frame, pair.features, pair.stamp_s, pair.index, spoilt(pair))
+    scale = FirstDepthScale().estimate_scale(worse)
     assert scale is not None
     assert scale.metres_per_unit == pytest.approx(0.25, rel=0.01)
 
 
 def test_without_depth_it_cannot_be_told() -> None:
-    assert FirstDepth().scale(first_pair(with_depth=False)) is None
+    assert FirstDepthScale().estimate_scale(first_pair(with_depth=False)) is None
 
 
 def test_a_given_baseline_is_asked_for_the_two_stamps() -> None:
@@ -57,7 +57,7 @@ def test_a_given_baseline_is_asked_for_the_two_stamps() -> None:
         asked.append((from_s, to_s))
         return 0.3
 
-    scale = GivenBaseline(distance_m).scale(first_pair())
+    scale = GivenBaselineScale(distance_m).estimate_scale(first_pair())
     assert scale is not None
     assert scale.metres_per_unit == 0.3
     assert asked == [(0.0, 0.2)]
@@ -65,7 +65,7 @@ def test_a_given_baseline_is_asked_for_the_two_stamps() -> None:
 
 @pytest.mark.parametrize("distance_m", [0.0, 1e-4, float("nan"), float("inf")])
 def test_two_stamps_of_one_place_say_nothing(distance_m: float) -> None:
-    assert GivenBaseline(lambda _from, _to: distance_m).scale(first_pair()) is None
+    assert GivenBaselineScale(lambda _from, _to: distance_m).estimate_scale(first_pair()) is None
 
 
 def test_the_median_of_many_is_surer_than_that_of_few() -> None:

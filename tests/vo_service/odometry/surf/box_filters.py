@@ -25,18 +25,18 @@ def cross_filter(lobe: int) -> NDArray[np.int64]:
     return kernel
 
 
-def filtered(image: NDArray[np.uint8], kernel: NDArray[np.int64]) -> NDArray[np.int64]:
+def apply_filter(image: NDArray[np.uint8], kernel: NDArray[np.int64]) -> NDArray[np.int64]:
     """Sums of pixel times weight, where the kernel fits."""
     windows = sliding_window_view(image.astype(np.int64), kernel.shape)
     sums: NDArray[np.int64] = np.einsum("rcij,ij->rc", windows, kernel)
     return sums
 
 
-def products(image: NDArray[np.uint8], lobe: int) -> tuple[Array, Array]:
+def hessian_products(image: NDArray[np.uint8], lobe: int) -> tuple[Array, Array]:
     """Dxx Dyy and Dxy^2 of the whole image, normalised by a lobe pair's area; 0 at the border."""
     area = lobe * (2 * lobe - 1)
     tall = vertical_filter(lobe)
-    xx, yy = filtered(image, tall.T) / area, filtered(image, tall) / area
-    xy = filtered(image, cross_filter(lobe)) / area
+    xx, yy = apply_filter(image, tall.T) / area, apply_filter(image, tall) / area
+    xy = apply_filter(image, cross_filter(lobe)) / area
     border = 3 * lobe // 2
     return np.pad(xx * yy, border), np.pad(xy * xy, border)

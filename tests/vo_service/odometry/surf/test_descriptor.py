@@ -4,9 +4,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from drivers.geometry import Array
-from tests.vo_service.odometry.synthetic_views import blob_image, textured_image
+from tests.vo_service.odometry.synthetic_views import make_blob_image, make_textured_image
 from vo_service.odometry.surf import Features, SurfExtractor
-from vo_service.odometry.surf.descriptor import NORM, SIZE
+from vo_service.odometry.surf.descriptor import DESCRIPTOR_NORM, DESCRIPTOR_SIZE
 from vo_service.odometry.surf.pyramid import build_pyramid
 
 
@@ -15,7 +15,7 @@ def grey_patch(image: NDArray[np.uint8], features: Features, n: int) -> Array:
     scale = features.scale_px[n]
     level = min(3, max(0, int(np.ceil(np.log2(scale / 1.8)))))
     pyramid = build_pyramid(image)
-    offset, height, width = pyramid.shape[level]
+    offset, height, width = pyramid.level_table[level]
     packed = pyramid.packed[offset : offset + height * width]
     grey = (packed & 255).astype(float).reshape(height, width)
     zoom = np.array([width / image.shape[1], height / image.shape[0]])
@@ -50,7 +50,7 @@ def expected_descriptor(patch: Array) -> Array:
 def test_descriptors_are_those_of_a_slow_reading_of_the_paper(
     upright: bool, shape: tuple[int, int]
 ) -> None:
-    image = textured_image(*shape, seed=5)
+    image = make_textured_image(*shape, seed=5)
     features = SurfExtractor(400, upright).extract(image)
     largest = int(features.scale_px.argmax())
     for n in (0, 1, 50, 100, 200, len(features) - 1, largest):
@@ -61,32 +61,32 @@ def test_descriptors_are_those_of_a_slow_reading_of_the_paper(
 
 def test_a_turn_of_the_image_leaves_keypoints_beyond_its_edge_described() -> None:
     # The window of a keypoint near the border reaches outside: the border's pixels are repeated.
-    image = blob_image(60, 60, (20.0, 18.0), 4.0)
+    image = make_blob_image(60, 60, (20.0, 18.0), 4.0)
     features = SurfExtractor().extract(image)
     assert np.any(features.position_px.min(axis=1) < 10 * features.scale_px)
     assert np.all(np.isfinite(features.descriptor))
 
 
 def test_descriptors_are_whole_numbers_of_one_length() -> None:
-    descriptor = SurfExtractor().extract(textured_image(240, 320)).descriptor
-    assert descriptor.shape[1] == SIZE
+    descriptor = SurfExtractor().extract(make_textured_image(240, 320)).descriptor
+    assert descriptor.shape[1] == DESCRIPTOR_SIZE
     assert np.array_equal(descriptor, np.rint(descriptor))
-    assert np.linalg.norm(descriptor, axis=1) == pytest.approx(NORM, rel=0.01)
+    assert np.linalg.norm(descriptor, axis=1) == pytest.approx(DESCRIPTOR_NORM, rel=0.01)
 
 
 def test_brightness_changes_nothing() -> None:
-    image = textured_image(240, 320) // 2 + np.uint8(20)
+    image = make_textured_image(240, 320) // 2 + np.uint8(20)
     dark, bright = SurfExtractor().extract(image), SurfExtractor().extract(image + np.uint8(60))
     assert np.array_equal(dark.position_px, bright.position_px)
     assert np.abs(dark.descriptor - bright.descriptor).max() <= 1.0
 
 
 def test_contrast_changes_hardly_anything() -> None:
-    image = textured_image(240, 320) // 2 + np.uint8(20)
+    image = make_textured_image(240, 320) // 2 + np.uint8(20)
     stronger = (image * 1.5).astype(np.uint8)
     weak, strong = SurfExtractor(200).extract(image), SurfExtractor(200).extract(stronger)
     distance_px = np.linalg.norm(weak.position_px[:, None] - strong.position_px, axis=2)
     i = np.flatnonzero(distance_px.min(axis=1) < 0.3)
     assert len(i) > 150
     products = weak.descriptor[i] * strong.descriptor[distance_px.argmin(axis=1)[i]]
-    assert np.median(products.sum(axis=1)) / NORM**2 > 0.99
+    assert np.median(products.sum(axis=1)) / DESCRIPTOR_NORM**2 > 0.99

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.vo_service.odometry.synthetic_views import blob_image, textured_image
+from tests.vo_service.odometry.synthetic_views import make_blob_image, make_textured_image
 from vo_service.odometry.surf import Features, SurfExtractor
 
 SHAPE = (240, 320)
@@ -26,7 +26,7 @@ def bits(features: Features) -> bytes:
     return b"".join(getattr(features, field).tobytes() for field in FIELDS)
 
 
-@pytest.mark.parametrize("image", [textured_image(*SHAPE), raster(960, 1280), noise(480, 640)])
+@pytest.mark.parametrize("image", [make_textured_image(*SHAPE), raster(960, 1280), noise(480, 640)])
 @pytest.mark.parametrize("contrast", [1, 16, 60, 256])
 def test_features_do_not_depend_on_the_image_before(
     image: NDArray[np.uint8], contrast: int
@@ -39,21 +39,21 @@ def test_features_do_not_depend_on_the_image_before(
 
 def test_the_size_of_the_image_may_change() -> None:
     extractor = SurfExtractor()
-    images = [textured_image(*shape) for shape in (SHAPE, (120, 160), (241, 317), SHAPE)]
+    images = [make_textured_image(*shape) for shape in (SHAPE, (120, 160), (241, 317), SHAPE)]
     expected = [bits(SurfExtractor().extract(image)) for image in images]
     assert [bits(extractor.extract(image)) for image in images] == expected
 
 
 def test_what_was_returned_is_not_overwritten_by_the_next_image() -> None:
     extractor = SurfExtractor()
-    first = extractor.extract(textured_image(*SHAPE))
+    first = extractor.extract(make_textured_image(*SHAPE))
     before = bits(first)
-    extractor.extract(textured_image(*SHAPE, seed=1))
+    extractor.extract(make_textured_image(*SHAPE, seed=1))
     assert bits(first) == before
 
 
 def test_the_strongest_are_kept_strongest_first() -> None:
-    image = textured_image(*SHAPE)
+    image = make_textured_image(*SHAPE)
     all_of_them = SurfExtractor(100_000).extract(image)
     fifty = SurfExtractor(50).extract(image)
     assert len(all_of_them) > 200
@@ -63,7 +63,7 @@ def test_the_strongest_are_kept_strongest_first() -> None:
 
 
 def test_all_fields_are_float32_and_of_one_length() -> None:
-    features = SurfExtractor(123).extract(textured_image(*SHAPE))
+    features = SurfExtractor(123).extract(make_textured_image(*SHAPE))
     assert len(features) == 123
     assert all(len(getattr(features, field)) == 123 for field in FIELDS)
     assert all(getattr(features, field).dtype == np.float32 for field in FIELDS)
@@ -91,15 +91,15 @@ def test_the_noise_of_a_sensor_alone_gives_no_feature() -> None:
 
 
 def test_an_image_that_is_not_contiguous_is_the_same_image() -> None:
-    image = textured_image(*SHAPE)
+    image = make_textured_image(*SHAPE)
     wide = np.zeros((SHAPE[0], 2 * SHAPE[1]), np.uint8)
     wide[:, ::2] = image
     assert bits(SurfExtractor().extract(wide[:, ::2])) == bits(SurfExtractor().extract(image))
 
 
 def test_two_extractors_at_once_do_not_disturb_each_other() -> None:
-    images = [textured_image(*SHAPE, seed=seed) for seed in range(6)] + [
-        blob_image(*SHAPE, (100.0, 90.0), 5.0)
+    images = [make_textured_image(*SHAPE, seed=seed) for seed in range(6)] + [
+        make_blob_image(*SHAPE, (100.0, 90.0), 5.0)
     ]
 
     def extract_all() -> list[bytes]:

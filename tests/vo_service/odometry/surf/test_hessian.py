@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.vo_service.odometry.surf.box_filters import products
-from tests.vo_service.odometry.synthetic_views import blob_image
-from vo_service.odometry.surf.hessian import SCALE_PER_LOBE, fill_responses, laplacian_is_positive
+from tests.vo_service.odometry.surf.box_filters import hessian_products
+from tests.vo_service.odometry.synthetic_views import make_blob_image
+from vo_service.odometry.surf.hessian import SCALE_PER_LOBE, fill_responses, is_laplacian_positive
 
 
 def responses(image: NDArray[np.uint8], lobe: int, step: int = 1) -> NDArray[np.float32]:
@@ -35,7 +35,7 @@ def test_responses_are_those_of_filters_summed_pixel_by_pixel(
     lobe: int, height: int, width: int
 ) -> None:
     image = noise(height, width)
-    straight, crossed = products(image, lobe)
+    straight, crossed = hessian_products(image, lobe)
     error = np.abs(responses(image, lobe) - (straight - 1.2 * crossed))
     assert np.all(error <= 1e-6 * (np.abs(straight) + 1.2 * crossed))
 
@@ -85,8 +85,8 @@ def test_a_slope_has_no_response() -> None:
 @pytest.mark.parametrize("dark", [True, False])
 @pytest.mark.parametrize("lobe", [5, 9, 17])
 def test_the_laplacian_is_positive_on_dark_blobs_only(dark: bool, lobe: int) -> None:
-    image = blob_image(90, 80, (40.0, 45.0), SCALE_PER_LOBE * lobe, dark)
-    assert laplacian_is_positive(cv2.integral(image), 45, 40, lobe) is dark  # type: ignore[arg-type]
+    image = make_blob_image(90, 80, (40.0, 45.0), SCALE_PER_LOBE * lobe, dark)
+    assert is_laplacian_positive(cv2.integral(image), 45, 40, lobe) is dark  # type: ignore[arg-type]
 
 
 def test_the_9x9_filter_stands_for_a_gaussian_of_sigma_1_2() -> None:

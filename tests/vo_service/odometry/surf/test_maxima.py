@@ -6,14 +6,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.geometry import Array
-from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, blob_image
+from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_blob_image
 from vo_service.odometry.surf.maxima import (
+    NUM_COLUMNS,
     RESPONSE,
     SCALE,
     SIGN,
-    TABLE_WIDTH,
     find_maxima,
-    most_maxima,
+    max_num_maxima,
 )
 
 LOBES = (3, 5, 7)
@@ -27,7 +27,7 @@ def maxima(layers: Array, threshold: float, step: int = 1) -> NDArray[np.float32
     rows, columns = layers.shape[1:]
     below, middle, above = layers.astype(np.float32)
     flat = np.zeros((rows * step + 1, columns * step + 1), np.int32)
-    table = np.empty((most_maxima(rows, columns), TABLE_WIDTH), np.float32)
+    table = np.empty((max_num_maxima(rows, columns), NUM_COLUMNS), np.float32)
     found = find_maxima(flat, below, middle, above, LOBES, step, np.float32(threshold), table, 0)
     return table[:found]
 
@@ -141,13 +141,13 @@ def test_the_table_has_room_for_a_maximum_in_every_square_of_four() -> None:
     layers[1, FIRST:-FIRST:2, FIRST:-FIRST:2] = 1.0
     found = maxima(layers, 0.5)
     assert len(found) == 20 * 21
-    assert most_maxima(61, 63) >= len(found)
+    assert max_num_maxima(61, 63) >= len(found)
 
 
 @pytest.mark.parametrize(("dark", "sign"), [(True, 1.0), (False, -1.0)])
 def test_the_sign_tells_dark_blobs_from_bright_ones(dark: bool, sign: float) -> None:
-    image = blob_image(SIZE, SIZE, (20.0, 18.0), 3.0, dark)
-    table = np.empty((most_maxima(SIZE, SIZE), TABLE_WIDTH), np.float32)
+    image = make_blob_image(SIZE, SIZE, (20.0, 18.0), 3.0, dark)
+    table = np.empty((max_num_maxima(SIZE, SIZE), NUM_COLUMNS), np.float32)
     below, middle, above = hill(20.0, 18.0, 0.0).astype(np.float32)
     integral = cv2.integral(image)
     find_maxima(integral, below, middle, above, LOBES, 1, np.float32(50), table, 0)  # type: ignore[arg-type]

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.geometry import Array
-from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, textured_image
+from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_textured_image
 from vo_service.odometry.surf import Features, SurfExtractor
-from vo_service.odometry.surf.orientation import GRID, disc_weights, dominant_direction
+from vo_service.odometry.surf.orientation import GRID_SIDE, disc_weights, dominant_direction
 
 ANGLE_DEG = st.floats(0.0, 360.0)
 HEIGHT, WIDTH = 400, 480
@@ -18,7 +18,7 @@ MIDDLE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
 
 
 def direction_deg(grey: Array) -> float:
-    cells = (GRID - 2) ** 2
+    cells = (GRID_SIDE - 2) ** 2
     dxs, dys, bins = np.empty(cells, np.float32), np.empty(cells, np.float32), np.empty(cells, int)
     c, s = dominant_direction(
         grey.astype(np.float32).ravel(), disc_weights(), dxs, dys, bins.astype(np.int32)
@@ -33,7 +33,7 @@ def turn_deg(a: Array | float, b: Array | float) -> Array:
 
 def slope(angle_deg: float, steepness: float) -> Array:
     """Grey values that rise in a direction, about the middle of the keypoint's square."""
-    y, x = np.mgrid[:GRID, :GRID] - GRID // 2
+    y, x = np.mgrid[:GRID_SIDE, :GRID_SIDE] - GRID_SIDE // 2
     angle_rad = np.radians(angle_deg)
     grey: Array = steepness * (np.cos(angle_rad) * x + np.sin(angle_rad) * y)
     return grey
@@ -49,7 +49,7 @@ def test_a_slope_has_the_direction_in_which_it_rises(angle_deg: float, steepness
 @FIRST_CALL_COMPILES
 @given(ANGLE_DEG, st.integers(0, 1000))
 def test_noise_on_a_slope_hardly_turns_it(angle_deg: float, seed: int) -> None:
-    noise = np.random.default_rng(seed).normal(0.0, 1.0, (GRID, GRID))
+    noise = np.random.default_rng(seed).normal(0.0, 1.0, (GRID_SIDE, GRID_SIDE))
     assert turn_deg(direction_deg(128 + slope(angle_deg, 8.0) + noise), angle_deg) < 3.0
 
 
@@ -58,7 +58,7 @@ def test_noise_on_a_slope_hardly_turns_it(angle_deg: float, seed: int) -> None:
 def test_of_two_slopes_the_steeper_one_decides_alone(angle_deg: float, turn: float) -> None:
     # The valley between the halves runs through the middle: each half has its own slope, and a
     # window of 60 degrees never holds both.
-    y, x = np.mgrid[:GRID, :GRID] - GRID // 2
+    y, x = np.mgrid[:GRID_SIDE, :GRID_SIDE] - GRID_SIDE // 2
     steep, gentle = slope(angle_deg, 9.0), slope(angle_deg + turn, 4.0)
     along = np.cos(np.radians(angle_deg)) * x + np.sin(np.radians(angle_deg)) * y
     grey = np.where(along >= 0, steep, gentle)
@@ -66,7 +66,7 @@ def test_of_two_slopes_the_steeper_one_decides_alone(angle_deg: float, turn: flo
 
 
 def test_flat_ground_has_the_direction_of_the_image() -> None:
-    assert direction_deg(np.full((GRID, GRID), 77.0)) == 0.0
+    assert direction_deg(np.full((GRID_SIDE, GRID_SIDE), 77.0)) == 0.0
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Repeated:
 
 def turned_by(angle_deg: float, upright: bool = False) -> Repeated:
     """Features before and after the image is turned, x towards y, about its middle."""
-    image = textured_image(HEIGHT, WIDTH, 3)
+    image = make_textured_image(HEIGHT, WIDTH, 3)
     A = cv2.getRotationMatrix2D((float(MIDDLE[0]), float(MIDDLE[1])), -angle_deg, 1.0)
     turned = cv2.warpAffine(image, A, (WIDTH, HEIGHT), borderMode=cv2.BORDER_REFLECT)
     before = SurfExtractor(600, upright).extract(image)

@@ -4,7 +4,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.vo_service.odometry.surf.box_filters import cross_filter, vertical_filter
-from tests.vo_service.odometry.synthetic_views import blob_image
+from tests.vo_service.odometry.synthetic_views import make_blob_image
 from vo_service.odometry.surf.maxima import RESPONSE, SCALE, SIGN
 from vo_service.odometry.surf.scale_space import ScaleSpace
 
@@ -16,8 +16,8 @@ LOBES = np.arange(3, 49, 2)
 
 def strongest(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     scale_space = ScaleSpace(*image.shape)
-    scale_space.fill(cv2.integral(image))  # type: ignore[arg-type]
-    found = scale_space.find(10.0)
+    scale_space.compute_responses(cv2.integral(image))  # type: ignore[arg-type]
+    found = scale_space.find_maxima(10.0)
     keypoint: NDArray[np.float32] = found[found[:, RESPONSE].argmax()].copy()
     return keypoint
 
@@ -34,7 +34,7 @@ def response_at(image: NDArray[np.uint8], lobe: int, x: int, y: int) -> float:
 
 def expected_scale(sigma_px: float) -> float:
     """Scale of the filter that responds most to a blob, of all odd filters there could be."""
-    image = blob_image(SIZE, SIZE, (100.0, 100.0), sigma_px)
+    image = make_blob_image(SIZE, SIZE, (100.0, 100.0), sigma_px)
     values = [response_at(image, int(lobe), 100, 100) for lobe in LOBES]
     i = int(np.argmax(values))
     before, top, after = values[i - 1 : i + 2]
@@ -47,33 +47,35 @@ def expected_scale(sigma_px: float) -> float:
 def test_a_blob_is_found_at_its_centre_between_the_pixels(
     sigma_px: float, centre_px: tuple[float, float]
 ) -> None:
-    found = strongest(blob_image(SIZE, SIZE, centre_px, sigma_px))
+    found = strongest(make_blob_image(SIZE, SIZE, centre_px, sigma_px))
     assert found[:2] == pytest.approx(centre_px, abs=0.15)
 
 
 @pytest.mark.parametrize("sigma_px", SIGMAS_PX)
 def test_a_blob_is_found_at_the_scale_whose_filter_responds_most(sigma_px: float) -> None:
-    found = strongest(blob_image(SIZE, SIZE, (100.3, 99.6), sigma_px))
+    found = strongest(make_blob_image(SIZE, SIZE, (100.3, 99.6), sigma_px))
     # Between layers that lie half an octave apart a parabola is good to an eighth.
     assert found[SCALE] == pytest.approx(expected_scale(sigma_px), rel=0.125)
 
 
 def test_scale_is_proportional_to_the_size_of_the_blob() -> None:
     # Box filters are not Gaussians: their best scale is 0.7 sigma rather than sigma.
-    ratios = [strongest(blob_image(SIZE, SIZE, (100.3, 99.6), s))[SCALE] / s for s in SIGMAS_PX]
+    ratios = [
+        strongest(make_blob_image(SIZE, SIZE, (100.3, 99.6), s))[SCALE] / s for s in SIGMAS_PX
+    ]
     assert ratios == pytest.approx([0.71] * len(ratios), rel=0.08)
 
 
 @pytest.mark.parametrize("sigma_px", [3.0, 6.0, 10.0])
 def test_dark_blobs_are_found_as_bright_ones_are(sigma_px: float) -> None:
-    bright = strongest(blob_image(SIZE, SIZE, (100.3, 99.6), sigma_px))
-    dark = strongest(blob_image(SIZE, SIZE, (100.3, 99.6), sigma_px, dark=True))
+    bright = strongest(make_blob_image(SIZE, SIZE, (100.3, 99.6), sigma_px))
+    dark = strongest(make_blob_image(SIZE, SIZE, (100.3, 99.6), sigma_px, dark=True))
     assert dark[:SIGN] == pytest.approx(bright[:SIGN])
     assert (bright[SIGN], dark[SIGN]) == (-1.0, 1.0)
 
 
 def test_the_response_of_a_blob_is_that_of_its_best_filter() -> None:
-    image = blob_image(SIZE, SIZE, (100.0, 100.0), 3.0)
+    image = make_blob_image(SIZE, SIZE, (100.0, 100.0), 3.0)
     layers = [response_at(image, lobe, 100, 100) for lobe in (5, 7, 9, 13)]
     assert strongest(image)[RESPONSE] == pytest.approx(max(layers), rel=1e-5)
 
@@ -81,8 +83,8 @@ def test_the_response_of_a_blob_is_that_of_its_best_filter() -> None:
 def test_the_maxima_come_octave_by_octave_and_row_by_row() -> None:
     image = np.full((SIZE, SIZE), 40, np.uint8)
     for y, x, sigma_px in ((150, 60, 3.0), (60, 150, 3.0), (60, 60, 9.0)):
-        np.maximum(image, blob_image(SIZE, SIZE, (x, y), sigma_px), out=image)
+        np.maximum(image, make_blob_image(SIZE, SIZE, (x, y), sigma_px), out=image)
     scale_space = ScaleSpace(SIZE, SIZE)
-    scale_space.fill(cv2.integral(image))  # type: ignore[arg-type]
-    found = scale_space.find(5000.0)
+    scale_space.compute_responses(cv2.integral(image))  # type: ignore[arg-type]
+    found = scale_space.find_maxima(5000.0)
     assert np.rint(found[:, :2]).tolist() == [[150, 60], [60, 150], [60, 60]]

@@ -10,24 +10,24 @@ from drivers.camera import PinholeCamera, RgbdFrame
 
 
 @dataclass(frozen=True)
-class GreyFrame:
+class GrayFrame:
     """What features are found in and located with: a third of a frame's memory.
 
-    grey          (height, width) uint8 brightness
+    gray          (height, width) uint8 brightness
     depth_raw     (height, width) uint16 as the sensor gave it, 0 = no reading
     depth_factor  value of `depth_raw` per metre
     """
 
-    grey: NDArray[np.uint8]
+    gray: NDArray[np.uint8]
     depth_raw: NDArray[np.uint16]
     depth_factor: float
     camera: PinholeCamera
     stamp_s: float
 
     @classmethod
-    def of(cls, frame: "RgbdFrame | GreyFrame") -> Self:
+    def of(cls, frame: "RgbdFrame | GrayFrame") -> Self:
         """Share the images of `frame`, but for its colour."""
-        return cls(frame.grey, frame.depth_raw, frame.depth_factor, frame.camera, frame.stamp_s)
+        return cls(frame.gray, frame.depth_raw, frame.depth_factor, frame.camera, frame.stamp_s)
 
     @property
     def depth_m(self) -> NDArray[np.float32]:

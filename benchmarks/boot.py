@@ -17,11 +17,11 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from benchmarks.boot_again import SECOND_BOOT
-from benchmarks.boot_checks import FIRST_BOOT
 from benchmarks.boot_computer import BootedComputer
 from benchmarks.boot_container import bootstrap_tree, running_container, unsupported_reason
+from benchmarks.boot_first_checks import FIRST_BOOT
 from benchmarks.boot_listener import running_listener
+from benchmarks.boot_second_checks import SECOND_BOOT
 from tests.ports import free_port
 
 CHECKOUT = Path(__file__).parents[1]

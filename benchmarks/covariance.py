@@ -25,11 +25,11 @@ from pathlib import Path
 import cv2
 
 from benchmarks.covariance_measure import NormalizedErrors, measure
-from benchmarks.covariance_rooms import SEEDS, make_configs
-from benchmarks.rendered import render_all
-from drivers.errors import InputError, UserFacingError
-from vo_service.evaluation.consistency import NeesStatistics, summarize_nees
-from vo_service.methods import METHODS
+from benchmarks.covariance_sequences import SEEDS, make_configs
+from benchmarks.rendered_sequences import render_all
+from drivers.core.errors import InputError, UserFacingError
+from vo_service.odometry.registry import METHODS
+from vo_service.tools.evaluation.consistency import NeesStatistics, summarize_nees
 
 ConsistencyRow = Mapping[str, NeesStatistics | None]
 

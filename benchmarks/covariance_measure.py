@@ -7,15 +7,15 @@ import numpy as np
 
 from benchmarks.camera_frames import read_all_frames
 from drivers.camera import PlaybackMode
-from drivers.errors import InputError
-from drivers.geometry import Array, inverse
-from drivers.trajectory import Trajectory, nearest_indices
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, inverse
+from drivers.core.trajectory import Trajectory, nearest_indices
 from drivers.tum.camera import TumCamera
-from vo_service.evaluation.association import STAMP_ROUNDING_S
-from vo_service.evaluation.consistency import motion_error, nees
-from vo_service.methods import METHODS, FeatureConfig
-from vo_service.pose_covariance import CovarianceAccumulator
-from vo_service.stage_clock import CpuStageTimer
+from vo_service.odometry.covariance_accumulator import CovarianceAccumulator
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.tools.evaluation.association import STAMP_ROUNDING_S
+from vo_service.tools.evaluation.consistency import motion_error, nees
 from vo_service.types import Estimate
 
 

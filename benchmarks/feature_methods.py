@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.image_changes import Grey
+from benchmarks.image_transforms import Grey
 from vo_service.odometry.surf import SurfExtractor
 
 COUNT = 1000

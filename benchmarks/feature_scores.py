@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.feature_methods import FeatureSet, match
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 
 MAX_REPEAT_ERROR_PX = 2.0
 MAX_CORRECT_ERROR_PX = 3.0

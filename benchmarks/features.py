@@ -23,8 +23,8 @@ import numpy as np
 
 from benchmarks.feature_methods import FeatureMethod, make_all_methods
 from benchmarks.feature_scores import FeatureScore, score_features
-from benchmarks.image_changes import Grey, all_transforms
-from drivers.errors import InputError, UserFacingError
+from benchmarks.image_transforms import Grey, all_transforms
+from drivers.core.errors import InputError, UserFacingError
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.folder import read_frame_pairs
@@ -107,7 +107,7 @@ def sample_images(folder: Path, count: int) -> list[Path]:
     """The colour images of so many frames of a folder, from its first to its last."""
     pairs = read_frame_pairs(folder).pairs
     chosen = np.unique(np.linspace(0, len(pairs) - 1, max(count, 1)).round().astype(int))
-    return [pairs[i].colour.file for i in chosen]
+    return [pairs[i].color.file for i in chosen]
 
 
 def measure(method: FeatureMethod, images: list[Grey]) -> FeatureBenchmarkResult:

@@ -24,9 +24,9 @@ import numpy as np
 
 from benchmarks.fleet_files import write_fleet_files
 from benchmarks.processor_use import measure_processor_use
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 from tests.ports import free_port
-from tests.vo_service.played_service import KINECT_VO
+from tests.vo_service.service_process import KINECT_VO
 
 POSES_PER_SECOND = 30
 ROUTER = (KINECT_VO, "router")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from vo_service.certificates.authority import CertificateAuthority
+from vo_service.tools.certificates.authority import CertificateAuthority
 
 TEMPLATES = Path(__file__).parents[1] / "config" / "zenoh"
 HOST = "127.0.0.1"

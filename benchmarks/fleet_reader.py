@@ -13,9 +13,9 @@ from pathlib import Path
 
 import zenoh
 
-from vo_service.outputs.cdr import decode_odometry
-from vo_service.outputs.zenoh_session import open_session
-from vo_service.settings import ZenohConfig
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.cdr_odometry import decode_odometry
+from vo_service.outputs.zenoh.session import open_session
 
 
 def main(file: Path) -> None:

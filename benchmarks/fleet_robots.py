@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from vo_service.outputs.zenoh_output import LIVE_QOS, ZenohOutput
-from vo_service.settings import ZenohConfig
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
 from vo_service.types import Estimate, OdometryUpdate, TrackingState
 
 POSES_PER_SECOND = 30

@@ -16,9 +16,9 @@ import tempfile
 from pathlib import Path
 from statistics import median
 
-from benchmarks.freenect_ways import VARIANTS
-from tests.stand_ins.fixtures import FRAME_COUNT, pattern_frame
-from tests.stand_ins.played_kinect import IDENTITY, KinectSimulator, write_usb_frames
+from benchmarks.freenect_variants import VARIANTS
+from tests.simulators.fixtures import FRAME_COUNT, pattern_frame
+from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, write_usb_frames
 
 
 def main() -> None:
@@ -46,7 +46,7 @@ def main() -> None:
 
 def _measure_percent(variant: str, seconds: float, kinect: KinectSimulator) -> float:
     """Share of one core that the driver uses."""
-    command = [sys.executable, "-m", "benchmarks.freenect_ways", variant, str(seconds)]
+    command = [sys.executable, "-m", "benchmarks.freenect_variants", variant, str(seconds)]
     environment = os.environ | kinect.environment
     run = subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True, text=True)
     return float(run.stdout)

@@ -33,11 +33,11 @@ from benchmarks.fusion_volumes import (
     OpenCvHashVolume,
     ServiceVolume,
 )
-from benchmarks.true_surface import distances_m, make_solids
+from benchmarks.surface_error import distances_m, make_solids
 from benchmarks.virtual_room import render_with_truth, scaled_camera
 from drivers.camera import RgbdFrame
-from drivers.errors import UserFacingError
-from drivers.geometry import Array
+from drivers.core.errors import UserFacingError
+from drivers.core.geometry import Array
 from drivers.synthetic.config import SyntheticConfig
 
 MAX_POINTS = 200_000

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array, rigid_transform, transform_points
-from vo_service.mapping.fusion import TsdfVolume
-from vo_service.mapping.fusion_settings import TsdfConfig
+from drivers.core.geometry import Array, rigid_transform, transform_points
+from vo_service.reconstruction.tsdf_config import TsdfConfig
+from vo_service.reconstruction.tsdf_volume import TsdfVolume
 
 MAX_DEPTH_M = TsdfConfig().max_depth_m
 TRUNCATION_VOXELS = 4.0

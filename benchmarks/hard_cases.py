@@ -25,19 +25,19 @@ from pathlib import Path
 import cv2
 
 from benchmarks.hard_cases_measure import HardCaseResult, measure
-from benchmarks.rendered import render_all
+from benchmarks.rendered_sequences import render_all
 from benchmarks.slow_cases_measure import (
     CreepResult,
     StationaryResult,
     measure_creep,
     measure_stationary,
 )
-from benchmarks.still_views import StaticView
-from drivers.errors import UserFacingError
+from benchmarks.static_views import StaticView
+from drivers.core.errors import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
 from vo_service.config import read_config
-from vo_service.methods import METHODS
-from vo_service.warm_up import warm_up
+from vo_service.odometry.registry import METHODS
+from vo_service.odometry.warm_up import warm_up
 
 SEQUENCES = Path(__file__).parents[1] / "config" / "sequences"
 SLOW, STILL = "slow", "still"

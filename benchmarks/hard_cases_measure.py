@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from benchmarks.camera_frames import read_all_frames
 from benchmarks.odometry import evaluate_trajectory
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.geometry import Array
+from drivers.core.geometry import Array
+from drivers.core.trajectory import Trajectory
 from drivers.synthetic.config import SyntheticConfig
-from drivers.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
-from vo_service.evaluation.association import associate
-from vo_service.evaluation.gross_errors import count_gross_errors, tracked_steps
-from vo_service.evaluation.metrics import PosePairs
-from vo_service.methods import METHODS, FeatureConfig
-from vo_service.pose_tracker import OdomFrame, StampedFrame
-from vo_service.stage_clock import CpuStageTimer
+from vo_service.odom_frame import OdomFrame, StampedFrame
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.tools.evaluation.association import associate
+from vo_service.tools.evaluation.gross_errors import count_gross_errors, tracked_steps
+from vo_service.tools.evaluation.metrics import PosePairs
 from vo_service.types import Estimate, TrackingState
 
 MIN_POSES = 3

@@ -28,10 +28,10 @@ from benchmarks.camera_frames import read_all_frames
 from benchmarks.icp_methods import make_methods
 from benchmarks.odometry import evaluate_trajectory
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.errors import UserFacingError
-from drivers.trajectory import Trajectory
+from drivers.core.errors import UserFacingError
+from drivers.core.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
-from vo_service.evaluation import Evaluation
+from vo_service.tools.evaluation import Evaluation
 from vo_service.types import Estimate, Odometry
 
 # The first frames compile, load and set up; their times say nothing.

@@ -10,17 +10,17 @@ import cv2
 import numpy as np
 
 from drivers.camera import RgbdFrame
-from drivers.errors import InputError
-from drivers.geometry import Array, inverse
-from vo_service.bench.peers.frame_to_frame import FrameToFrameOdometry
-from vo_service.bench.peers.open3d_methods import Open3dIcp
-from vo_service.bench.peers.opencv import OpenCvOdometry
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, inverse
 from vo_service.odometry.icp.alignment import FINE_ONLY, align
-from vo_service.odometry.icp.confidence import rejection_reason
+from vo_service.odometry.icp.depth_pyramid import build_depth_pyramid
+from vo_service.odometry.icp.odometry import IcpOdometry
 from vo_service.odometry.icp.parameters import IcpParameters
-from vo_service.odometry.icp.pyramid import build_depth_pyramid
+from vo_service.odometry.icp.quality import rejection_reason
 from vo_service.odometry.icp.track import IcpTrack, start_track
-from vo_service.odometry.icp_odometry import IcpOdometry
+from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
+from vo_service.tools.benchmark.baselines.open3d_odometry import Open3dIcp
+from vo_service.tools.benchmark.baselines.opencv_odometry import OpenCvOdometry
 from vo_service.types import Odometry
 
 OURS, OURS_FRAME_TO_FRAME = "ours", "ours, frame to frame"

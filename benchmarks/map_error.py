@@ -19,15 +19,15 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.true_surface import SurfaceError, make_solids
-from drivers.errors import InputError, UserFacingError
-from drivers.geometry import Array, transform_points
+from benchmarks.surface_error import SurfaceError, make_solids
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.geometry import Array, transform_points
+from drivers.core.trajectory import Trajectory, read_trajectory
 from drivers.synthetic.solids import Solid
-from drivers.trajectory import Trajectory, read_trajectory
 from vo_service.config import read_config
-from vo_service.evaluation import evaluate
-from vo_service.evaluation.association import associate
-from vo_service.evaluation.metrics import first_pose_alignment
+from vo_service.tools.evaluation import evaluate
+from vo_service.tools.evaluation.association import associate
+from vo_service.tools.evaluation.metrics import first_pose_alignment
 
 # A vertex of `reconstruct`'s own: place, normal, colour.
 VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])

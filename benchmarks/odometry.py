@@ -25,11 +25,11 @@ from benchmarks.camera_frames import read_all_frames
 from benchmarks.odometry_methods import METHODS, make_odometry
 from benchmarks.odometry_table import STAGES, OdometryResult, format_table
 from drivers.camera import PlaybackMode
-from drivers.errors import InputError, UserFacingError
-from drivers.trajectory import Trajectory
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
-from vo_service.evaluation import Evaluation, evaluate
-from vo_service.stage_clock import CpuStageTimer
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.tools.evaluation import Evaluation, evaluate
 from vo_service.types import Estimate
 
 

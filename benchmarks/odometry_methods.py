@@ -1,10 +1,14 @@
 """SURF, SIFT and ORB: what the same odometry is fed with to compare them."""
 
-from vo_service.bench.peers.features import MATCH_RATIO, orb_odometry, sift_odometry
-from vo_service.odometry.parameters import SurfParameters
-from vo_service.odometry.stopwatch import StageTimer
+from vo_service.odometry.profiling import StageTimer
 from vo_service.odometry.surf import SurfExtractor
-from vo_service.odometry.surf_odometry import SurfOdometry
+from vo_service.odometry.surf.odometry import SurfOdometry
+from vo_service.odometry.surf.parameters import SurfParameters
+from vo_service.tools.benchmark.baselines.opencv_features import (
+    MATCH_RATIO,
+    orb_odometry,
+    sift_odometry,
+)
 
 METHODS = ("SURF", "SIFT", "ORB")
 COUNT = 1000

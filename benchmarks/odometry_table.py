@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vo_service.evaluation import Evaluation
+from vo_service.tools.evaluation import Evaluation
 
 STAGES = ("surf", "points", "match", "ransac", "svd")
 

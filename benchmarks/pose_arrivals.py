@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 import zenoh
 
-from drivers.geometry import Array
-from vo_service.outputs.cdr import decode_odometry
+from drivers.core.geometry import Array
+from vo_service.outputs.zenoh.cdr_odometry import decode_odometry
 
 KEY = "kinect/odom"
 STOP_TIMEOUT_S = 20.0

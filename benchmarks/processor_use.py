@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.belongings import child_pids_of
+from tests.resource_leaks import child_pids_of
 
 
 @dataclass(frozen=True)

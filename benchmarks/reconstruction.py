@@ -22,19 +22,19 @@ from dataclasses import asdict, dataclass
 import cv2
 import numpy as np
 
-from benchmarks.true_surface import SurfaceError, make_solids
+from benchmarks.surface_error import SurfaceError, make_solids
 from benchmarks.virtual_room import render_with_truth, scaled_camera
 from drivers.camera import RgbdFrame
-from drivers.errors import UserFacingError
-from drivers.geometry import Array
+from drivers.core.errors import UserFacingError
+from drivers.core.geometry import Array
+from drivers.core.trajectory import Trajectory
 from drivers.synthetic.config import SyntheticConfig
-from drivers.trajectory import Trajectory
-from vo_service.evaluation import evaluate
-from vo_service.mapping.frame_poses import FramePoses
-from vo_service.mapping.fusion import TsdfVolume
-from vo_service.mapping.fusion_settings import TsdfConfig
-from vo_service.methods import METHODS, FeatureConfig
-from vo_service.stage_clock import CpuStageTimer
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.reconstruction.frame_poses import FramePoses
+from vo_service.reconstruction.tsdf_config import TsdfConfig
+from vo_service.reconstruction.tsdf_volume import TsdfVolume
+from vo_service.tools.evaluation import evaluate
 
 
 @dataclass(frozen=True)

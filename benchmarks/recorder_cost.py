@@ -29,8 +29,8 @@ import numpy as np
 from benchmarks.camera_frames import read_all_frames
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.tum.camera import TumCamera
-from vo_service.recorder.recorder import FlightRecorder
-from vo_service.settings import RecorderConfig
+from vo_service.config_tables import RecorderConfig
+from vo_service.outputs.recorder.flight_recorder import FlightRecorder
 from vo_service.types import CommandError, Estimate, OdometryUpdate, TrackingState
 
 SOURCE_IMAGES = 60

@@ -23,23 +23,23 @@ from pathlib import Path
 import cv2
 
 from benchmarks.camera_frames import read_all_frames
-from benchmarks.damage import CORRUPTIONS, Frames
+from benchmarks.frame_corruption import CORRUPTIONS, Frames
 from benchmarks.odometry import evaluate_trajectory
 from drivers.camera import PlaybackMode
-from drivers.errors import UserFacingError
-from drivers.trajectory import Trajectory
+from drivers.core.errors import UserFacingError
+from drivers.core.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
-from vo_service.odometry.parameters import SurfParameters
-from vo_service.odometry.recovery import RecoveredPose, SurfRecovery
-from vo_service.odometry.surf_odometry import SurfOdometry
-from vo_service.odometry.view import FeatureView
-from vo_service.warm_up import warm_up
+from vo_service.odometry.feature_view import FeatureView
+from vo_service.odometry.surf.odometry import SurfOdometry
+from vo_service.odometry.surf.parameters import SurfParameters
+from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
+from vo_service.odometry.warm_up import warm_up
 
 
 class NullRecovery(SurfRecovery):
     """Finds nothing."""
 
-    def find(self, view: FeatureView, last: FeatureView, turn: int) -> RecoveredPose | None:
+    def recover(self, view: FeatureView, last: FeatureView, turn: int) -> RecoveredPose | None:
         """See `Recovery`."""
         return None
 

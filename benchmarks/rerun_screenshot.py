@@ -16,15 +16,15 @@ from urllib.parse import quote
 import cv2
 import numpy as np
 
-from vo_service.viewer.page import (
+from vo_service.outputs.rerun.scene import TRAJECTORY_COLOR
+from vo_service.outputs.rerun.sinks import LOOPBACK
+from vo_service.outputs.rerun.web_viewer_server import (
     WebViewerServer,
     no_telemetry_environment,
     pick_free_port,
     rerun_binary,
     wait_for_port,
 )
-from vo_service.viewer.scene import TRAJECTORY_COLOR
-from vo_service.viewer.sinks import LOOPBACK
 
 BROWSER = [
     "chromium",

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array
-from drivers.trajectory import Trajectory
-from vo_service.mapping.loops.inline import SynchronousLoopClosure
-from vo_service.mapping.loops.opening import create_synchronous_loop_closure
-from vo_service.methods import METHODS, FeatureConfig
-from vo_service.pose_tracker import OdomFrame, StampedFrame
-from vo_service.settings import MapConfig
-from vo_service.stage_clock import CpuStageTimer
+from drivers.core.geometry import Array
+from drivers.core.trajectory import Trajectory
+from vo_service.config_tables import MapConfig
+from vo_service.odom_frame import OdomFrame, StampedFrame
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.slam.loop_closure.factory import create_synchronous_loop_closure
+from vo_service.slam.loop_closure.synchronous_loop_closure import SynchronousLoopClosure
 from vo_service.types import Estimate, OdometryUpdate
 
 

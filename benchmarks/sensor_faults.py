@@ -15,11 +15,10 @@ import time
 from functools import partial
 from pathlib import Path
 
-from drivers.errors import UserFacingError
-from tests.stand_ins.played_kinect import KinectSimulator
-from tests.vo_service.corner_film import make_corner_kinect, write_corner_frames
-from tests.vo_service.played_service import ServiceProcess, running_service
-from tests.vo_service.service_faults import (
+from drivers.core.errors import UserFacingError
+from tests.simulators.kinect_simulator import KinectSimulator
+from tests.vo_service.corner_sequence import make_corner_kinect, write_corner_frames
+from tests.vo_service.sensor_faults import (
     MAX_RECOVERY_S,
     MAX_REPORT_S,
     NO_KINECT_REASON,
@@ -28,6 +27,7 @@ from tests.vo_service.service_faults import (
     SensorFault,
     run_fault,
 )
+from tests.vo_service.service_process import ServiceProcess, running_service
 
 # How much longer each fault lasts once it has been named: one after the other.
 DURATIONS_S = (0.0, 1.1, 2.7, 6.0)

@@ -19,8 +19,8 @@ from tests.drivers.freenect.replugging import (
     kinect_in_subprocess,
     replug,
 )
-from tests.stand_ins.fixtures import FRAME_COUNT, pattern_frame
-from tests.stand_ins.played_kinect import IDENTITY, KinectSimulator, write_usb_frames
+from tests.simulators.fixtures import FRAME_COUNT, pattern_frame
+from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, write_usb_frames
 
 # The images of one time alone would be 12 MB.
 MAX_GROWTH_KB = 10_000

@@ -23,15 +23,15 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.camera_frames import read_all_frames
+from drivers.calibration import find_calibration, format_calibration
 from drivers.camera import PlaybackMode
-from drivers.camera_file import find_calibration, format_calibration
-from drivers.trajectory import Trajectory, read_trajectory
+from drivers.core.trajectory import Trajectory, read_trajectory
 from drivers.tum.camera import TumCamera
-from tests.stand_ins.fakenect_dump import write_fakenect_dump
-from tests.stand_ins.film_sources import folder_frames, write_fitted_usb_frames
-from tests.stand_ins.oni_writer import frames_to_oni_images, write_oni
-from tests.stand_ins.played_kinect import IDENTITY, KinectSimulator, LoopMode
-from vo_service.evaluation import evaluate
+from tests.simulators.fakenect_dump import write_fakenect_dump
+from tests.simulators.frame_sources import folder_frames, write_fitted_usb_frames
+from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator, LoopMode
+from tests.simulators.oni_writer import frames_to_oni_images, write_oni
+from vo_service.tools.evaluation import evaluate
 
 RATE_HZ = 30.0
 # No pose for this long: the source has ended.

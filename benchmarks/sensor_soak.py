@@ -19,10 +19,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.belongings import resident_memory_kb
-from tests.stand_ins.played_kinect import KinectSimulator
-from tests.vo_service.corner_film import make_corner_kinect, write_corner_frames
-from tests.vo_service.played_service import ServiceProcess, running_service
+from tests.resource_leaks import resident_memory_kb
+from tests.simulators.kinect_simulator import KinectSimulator
+from tests.vo_service.corner_sequence import make_corner_kinect, write_corner_frames
+from tests.vo_service.service_process import ServiceProcess, running_service
 from tests.vo_service.subscriber import StatusContent, SubscribedPose
 
 WARM_UP_S = 3.0

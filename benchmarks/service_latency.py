@@ -26,14 +26,14 @@ from statistics import median
 
 import numpy as np
 
-from benchmarks.disturbances import CASES, InterferenceCase, InterferenceSetup
+from benchmarks.interference import CASES, InterferenceCase, InterferenceSetup
 from benchmarks.pose_arrivals import ArrivalRecorder, running_recorder
 from benchmarks.processor_use import ProcessorUse, descendants_of, measure_processor_use
+from drivers.core.paths import cache_folder
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.rendering import render_all
-from tests.vo_service.played_service import ServiceProcess, running_service
+from drivers.synthetic.frame_provider import render_all
+from tests.vo_service.service_process import ServiceProcess, running_service
 from tests.vo_service.subscriber import StatusContent
-from vo_service.folders import cache_folder
 from vo_service.terminal import Terminal
 
 WARM_UP_S = 4.0

@@ -9,11 +9,11 @@ import numpy as np
 from benchmarks.camera_frames import read_all_frames
 from benchmarks.hard_cases_measure import track
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.geometry import Array, inverse, rotation_angle_rad
+from drivers.core.geometry import Array, inverse, rotation_angle_rad
 from drivers.tum.camera import TumCamera
-from vo_service.evaluation.association import associate
-from vo_service.methods import METHODS, FeatureConfig
-from vo_service.stage_clock import CpuStageTimer
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.tools.evaluation.association import associate
 
 
 @dataclass(frozen=True)

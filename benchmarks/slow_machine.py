@@ -24,7 +24,7 @@ from statistics import mean
 from benchmarks.processor_limit import limit_processor
 from benchmarks.processor_use import descendants_of, measure_processor_use
 from benchmarks.service_latency import prerender_room
-from tests.vo_service.played_service import ServiceProcess, running_service
+from tests.vo_service.service_process import ServiceProcess, running_service
 
 WARM_UP_S = 6.0
 PERCENTS = (75.0, 60.0, 45.0)

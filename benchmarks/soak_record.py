@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 
 SLOPE_FRAMES = 10_000
 

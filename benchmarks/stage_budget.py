@@ -26,11 +26,11 @@ import numpy as np
 
 from benchmarks.camera_frames import read_all_frames
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.errors import UserFacingError
+from drivers.core.errors import UserFacingError
 from drivers.tum.camera import TumCamera
-from vo_service.methods import METHODS, STAGE_BUDGETS_MS, FeatureConfig
-from vo_service.stage_clock import CpuStageTimer
-from vo_service.warm_up import warm_up
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry.registry import METHODS, STAGE_BUDGETS_MS, FeatureConfig
+from vo_service.odometry.warm_up import warm_up
 
 WHOLE_FRAME = "whole frame"
 TIMES = ("median", "99 %", "most", "mean", "budget", "share")

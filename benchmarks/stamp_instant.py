@@ -20,13 +20,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.light_timing import find_lit_pixels, fit_timing
+from benchmarks.led_timing import find_lit_pixels, fit_timing
 from drivers.camera import Clock, FrameTimeout, PlaybackMode, RgbdFrame
-from drivers.errors import UserFacingError
-from drivers.freenect.recipes import make_kinect_camera
-from drivers.isolation.camera import SubprocessCamera
-from drivers.kinect_usb.kinect_base import KinectMotorUnit
-from drivers.sensor_settings import Led, SensorConfig
+from drivers.core.errors import UserFacingError
+from drivers.freenect.factory import make_kinect_camera
+from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
+from drivers.sensor_config import Led, SensorConfig
+from drivers.subprocess_camera.camera import SubprocessCamera
 
 # Between two switches: far longer than an exposure, and never in step with the frames.
 MIN_SWITCH_S, MAX_SWITCH_S = 0.25, 0.6

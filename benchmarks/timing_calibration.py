@@ -18,12 +18,12 @@ from pathlib import Path
 import cv2
 
 from benchmarks.camera_frames import read_all_frames
-from benchmarks.rendered import render_all
-from drivers.errors import UserFacingError
+from benchmarks.rendered_sequences import render_all
+from drivers.core.errors import UserFacingError
 from drivers.synthetic.config import MotionKind, ShutterTiming, SyntheticConfig
 from drivers.tum.camera import TumCamera
-from vo_service.calibration.timing import estimate_timing
-from vo_service.calibration.timing_pieces import FastestSegments
+from vo_service.tools.calibration.motion_segments import FastestSegments
+from vo_service.tools.calibration.timing import estimate_timing
 
 ROW = "| {:<10} | {:>11} | {:>14} | {:>8} | {:>14} | {:>7} |"
 

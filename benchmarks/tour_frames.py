@@ -7,12 +7,12 @@ import numpy as np
 
 from benchmarks.virtual_frames import THREADS, make_frame, prefetch
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 from drivers.synthetic.config import MotionKind, SyntheticConfig
-from drivers.synthetic.faults import RenderedImages
-from drivers.synthetic.motion import make_motion
-from drivers.synthetic.render import make_renderer
-from drivers.synthetic.scene import ROOM_HEIGHT_M
+from drivers.synthetic.fault_injection import RenderedImages
+from drivers.synthetic.motion.factory import make_motion
+from drivers.synthetic.renderer import make_renderer
+from drivers.synthetic.room import ROOM_HEIGHT_M
 
 
 def make_tour_config(seed: int, seconds: float, aliased_corners: bool) -> SyntheticConfig:

@@ -12,12 +12,12 @@ import numpy as np
 from benchmarks.runners import LoopClosureRecord, TrajectoryRunner
 from benchmarks.tour_record import TourRecord
 from drivers.camera import RgbdFrame
-from drivers.errors import InputError
-from drivers.geometry import Array, inverse, poses_close
-from drivers.trajectory import Trajectory
-from vo_service.evaluation import evaluate
-from vo_service.evaluation.association import associate
-from vo_service.evaluation.gross_errors import (
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, inverse, poses_close
+from drivers.core.trajectory import Trajectory
+from vo_service.tools.evaluation import evaluate
+from vo_service.tools.evaluation.association import associate
+from vo_service.tools.evaluation.gross_errors import (
     GROSS_ERROR_DEG,
     GROSS_ERROR_M,
     count_gross_errors,
@@ -33,9 +33,9 @@ class TourResult:
     """The figures of one tour. None: could not be computed.
 
     gross        steps off by more than 5 cm or 3 degrees that say nothing of it
-    ate_m        of the poses as they were given; ate_loops_m as they are corrected in the end
-    wrong_loops  those off by more than 5 cm or 3 degrees
-    cpu_ms, loops_ms, memory_mb  mean a frame in the first and in the last minute
+    ate_m        of the poses as they were given; ate_optimized_m as they are corrected in the end
+    wrong_loop_closures  those off by more than 5 cm or 3 degrees
+    cpu_ms, loop_closure_ms, memory_mb  mean a frame in the first and in the last minute
     """
 
     frames: int

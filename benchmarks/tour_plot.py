@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from benchmarks.tour_record import TourRecord
-from drivers.geometry import Array
-from drivers.trajectory import Trajectory
-from vo_service.evaluation.association import associate
-from vo_service.evaluation.metrics import best_alignment, position_errors_m
+from drivers.core.geometry import Array
+from drivers.core.trajectory import Trajectory
+from vo_service.tools.evaluation.association import associate
+from vo_service.tools.evaluation.metrics import best_alignment, position_errors_m
 
 # Times and memory are drawn as the mean, and the 99th percentile, of so many seconds.
 WINDOW_S = 10.0

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.runners import LoopClosureRecord
-from drivers.geometry import Array
-from drivers.trajectory import Trajectory
+from drivers.core.geometry import Array
+from drivers.core.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

@@ -28,17 +28,17 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks.kept_results import Json, ResultCache
+from benchmarks.result_cache import Json, ResultCache
 from benchmarks.runners import make_runner
 from benchmarks.tour_frames import compute_true_poses, make_tour_config, render_frames
 from benchmarks.tour_measure import run_tour, summarize
 from benchmarks.tour_plot import save_plot
 from benchmarks.tour_record import TourRecord
-from drivers.errors import UserFacingError
+from drivers.core.errors import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
-from vo_service.methods import METHODS
+from vo_service.odometry.registry import METHODS
+from vo_service.odometry.warm_up import warm_up
 from vo_service.terminal import Terminal
-from vo_service.warm_up import warm_up
 
 COLUMNS = ("frames", "cover %", "epochs", "gross", "ATE", "with loops", "loops", "wrong")
 PAIRS = f"{'CPU ms':>15}{'of loops':>15}{'MB':>13}"
@@ -121,12 +121,12 @@ def format_row(name: str, result: Json) -> str:
         f"{result['epochs']}",
         f"{result['gross']}",
         _format_mm(result["ate_m"]),
-        _format_mm(result["ate_loops_m"]),
-        f"{result['loops']}",
-        f"{result['wrong_loops']}",
+        _format_mm(result["ate_optimized_m"]),
+        f"{result['loop_closures']}",
+        f"{result['wrong_loop_closures']}",
     ]
     row = "".join(f"{cell:>11}" for cell in cells)
-    times = f"{_format_pair(result['cpu_ms'], 2):>15}{_format_pair(result['loops_ms'], 2):>15}"
+    times = f"{_format_pair(result['cpu_ms'], 2):>15}{_format_pair(result['loop_closure_ms'], 2):>15}"
     return f"{name:30}{row}{times}{_format_pair(result['memory_mb'], 0):>13}"
 
 

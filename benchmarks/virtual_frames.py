@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from drivers.camera import RgbdFrame
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.faults import RenderedImages
+from drivers.synthetic.fault_injection import RenderedImages
 
 THREADS = 2
 PREFETCH_COUNT = 6

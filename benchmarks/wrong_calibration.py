@@ -21,10 +21,10 @@ import cv2
 from benchmarks.camera_frames import read_all_frames
 from benchmarks.odometry import evaluate_trajectory
 from drivers.camera import PlaybackMode, RgbdFrame
-from drivers.errors import UserFacingError
+from drivers.core.errors import UserFacingError
 from drivers.tum.camera import TumCamera
-from vo_service.methods import DEFAULT_METHOD, METHODS, FeatureConfig
-from vo_service.odometry.stopwatch import NullStageTimer
+from vo_service.odometry.profiling import NullStageTimer
+from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, FeatureConfig
 
 CalibrationError = Callable[[RgbdFrame], RgbdFrame]
 

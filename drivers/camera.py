@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import CameraError
-from drivers.geometry import Array
-from drivers.sensor_settings import Led
-from drivers.strict_toml import required_field
-from drivers.trajectory import Trajectory
+from drivers.core.config import required_field
+from drivers.core.errors import CameraError
+from drivers.core.geometry import Array
+from drivers.core.trajectory import Trajectory
+from drivers.sensor_config import Led
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class RgbdFrame:
 
     seq             number of this frame at its source, from 0; a gap means frames not delivered
     stamp_s         instant of the colour image's middle row, on the clock named by the camera
-    arrival_s       CLOCK_MONOTONIC when the whole frame was in the host's hands
-    colour_bgr      (height, width, 3) uint8, OpenCV's channel order
+    receive_time_s       CLOCK_MONOTONIC when the whole frame was in the host's hands
+    color_bgr      (height, width, 3) uint8, OpenCV's channel order
     depth_raw       (height, width) uint16 as the sensor gave it, 0 = no reading
     depth_factor    value of `depth_raw` per metre
     camera          intrinsics of both images

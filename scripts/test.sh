@@ -21,12 +21,12 @@ compile_all() {
     python -c '
 import os
 
-from vo_service.folders import kernel_folder
+from drivers.core.paths import kernel_folder
 
 os.environ["NUMBA_CACHE_DIR"] = str(kernel_folder())  # before numba is imported
 
-from vo_service.methods import METHODS
-from vo_service.warm_up import warm_up
+from vo_service.odometry.registry import METHODS
+from vo_service.odometry.warm_up import warm_up
 
 for method in METHODS:
     warm_up(method, lambda stage: None)

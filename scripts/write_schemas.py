@@ -6,7 +6,7 @@ Usage: .venv/bin/python scripts/write_schemas.py
 import json
 from pathlib import Path
 
-from vo_service.outputs.zenoh_schemas import all_schemas
+from vo_service.outputs.zenoh.json_schemas import all_schemas
 
 SCHEMA_FOLDER = Path(__file__).parents[1] / "schemas"
 

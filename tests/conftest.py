@@ -1,7 +1,7 @@
 """A small recording that the whole line can follow, rendered once a session; and the real ones."""
 
 # As the program has it, and before numpy: tests run side by side, and idle threads would spin.
-import vo_service.runs.one_thread  # noqa: F401
+import vo_service.tools.benchmark.single_thread  # noqa: F401
 
 # isort: split
 
@@ -17,22 +17,22 @@ import hypothesis
 import numpy as np
 import pytest
 
-from vo_service.folders import kernel_folder
+from drivers.core.paths import kernel_folder
 
 # Before anything that compiles is imported; processes that tests start find the same kernels.
 os.environ.setdefault("NUMBA_CACHE_DIR", str(kernel_folder()))
 
-from drivers.geometry import Array, rigid_transform, so3_exp
-from drivers.trajectory import Trajectory
+from drivers.core.geometry import Array, rigid_transform, so3_exp
+from drivers.core.trajectory import Trajectory
 from drivers.tum.writer import TumWriter
-from tests.stand_ins.fixtures import (  # noqa: F401
+from tests.simulators.fixtures import (  # noqa: F401
     fakenect,
-    kinect_film,
+    kinect_frames,
     no_real_usb,
-    play_kinect,
-    played_libusb,
     real_libfreenect,
     real_openni2,
+    simulate_kinect,
+    simulated_libusb,
 )
 from tests.vo_service.odometry.synthetic_views import render_corner
 
@@ -48,7 +48,7 @@ hypothesis.settings.load_profile("patient")
 FRAMES = 12
 # Fixtures that give a marker to every test that asks for them, directly or through another.
 MARKING_FIXTURES = {
-    "hardware_simulator": {"played_libusb", "real_libfreenect", "real_openni2", "fakenect"},
+    "hardware_simulator": {"simulated_libusb", "real_libfreenect", "real_openni2", "fakenect"},
     "slow": {"photographs"},
 }
 

@@ -10,26 +10,28 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers.camera import PlaybackMode, RgbdCamera
-from drivers.errors import CameraError
-from drivers.memory import release_memory
+from drivers.core.errors import CameraError
+from drivers.core.memory import release_memory
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
+from vo_service.clock import make_publish_clock
+from vo_service.command_queue import CommandQueue
 from vo_service.config import Config, make_odometry
-from vo_service.control.control import Control
-from vo_service.control.inbox import CommandQueue
-from vo_service.feed import FrameSource, ReconnectingSource
-from vo_service.interrupts import StopSignal
-from vo_service.load.adjustable import ReconfigurableLoadShedder
+from vo_service.config_tables import CommandConfig, RerunConfig, ZenohConfig
+from vo_service.control import Control
+from vo_service.frame_source import FrameSource, ReconnectingSource
+from vo_service.load_shedding.load_shedder import ReconfigurableLoadShedder
 from vo_service.logs import set_log_level
-from vo_service.outputs.trajectory_output import TrajectoryFileOutput
-from vo_service.outputs.worker import BlockingQueue, BoundedQueue, DropOldestQueue
-from vo_service.outputs.zenoh_opening import ConnectOnce, ConnectPolicy
-from vo_service.outputs.zenoh_output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
-from vo_service.pose_tracker import OdomFrame
+from vo_service.odom_frame import OdomFrame
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.outputs.rerun.output import open_rerun_output
+from vo_service.outputs.rerun.targets import check_targets
+from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
+from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectPolicy
+from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ExtraEndpoints, ZenohOutput
 from vo_service.reload import ConfigChanges
 from vo_service.service import Service
-from vo_service.settings import CommandConfig, RerunConfig, ZenohConfig
-from vo_service.stage_clock import CpuStageTimer
-from vo_service.stamps import make_publish_clock
-from vo_service.statistics import ServiceStatistics
+from vo_service.service_statistics import ServiceStatistics
+from vo_service.signals import StopSignal
 from vo_service.types import (
     Command,
     GroundTruthSource,
@@ -45,8 +47,6 @@ from vo_service.types import (
     ReloadConfig,
     no_ground_truth,
 )
-from vo_service.viewer.output import open_rerun_output
-from vo_service.viewer.targets import check_targets
 
 # Lines of the trajectory that a robot's disk may owe: five minutes.
 MAX_QUEUED_TRAJECTORY_LINES = 9000

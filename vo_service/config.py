@@ -5,14 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.geometry import T_BODY_CAMERA, Array, transform_from_pose
-from drivers.sensor_settings import SensorConfig
-from drivers.strict_toml import config_field, read_toml
+from drivers.core.config import config_field, read_toml
+from drivers.core.geometry import T_BODY_CAMERA, Array, transform_from_pose
+from drivers.registry import CAMERA_USAGES
+from drivers.sensor_config import SensorConfig
 from drivers.synthetic.config import SyntheticConfig
-from vo_service.cameras import CAMERA_USAGES
-from vo_service.methods import DEFAULT_METHOD, METHODS, FeatureConfig
-from vo_service.odometry.stopwatch import StageTimer
-from vo_service.settings import (
+from vo_service.config_tables import (
     CommandConfig,
     LoadConfig,
     LogConfig,
@@ -22,6 +20,8 @@ from vo_service.settings import (
     Ros2Config,
     ZenohConfig,
 )
+from vo_service.odometry.profiling import StageTimer
+from vo_service.odometry.registry import DEFAULT_METHOD, METHODS, FeatureConfig
 from vo_service.types import Odometry
 
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-from drivers.errors import InputError
+from drivers.core.errors import InputError
 from vo_service.config import CameraConfig, Config, read_config
-from vo_service.settings import RecorderConfig, RerunConfig
+from vo_service.config_tables import RecorderConfig, RerunConfig
 
 
 def check_config(path: Path) -> list[str]:
@@ -29,7 +29,7 @@ def _check_camera(camera: CameraConfig, path: Path) -> None:
             f"{path}: key `camera.file`: the virtual Kinect knows its own camera; leave it out"
         )
     if camera.file is not None:
-        from drivers.camera_file import read_calibration
+        from drivers.calibration import read_calibration
 
         read_calibration(camera.file)
     is_recording = kind in ("tum", "fakenect") or argument.endswith(".oni")
@@ -38,7 +38,7 @@ def _check_camera(camera: CameraConfig, path: Path) -> None:
 
 
 def _check_rerun(rerun: RerunConfig, path: Path) -> None:
-    from vo_service.viewer.targets import check_targets
+    from vo_service.outputs.rerun.targets import check_targets
 
     try:
         check_targets(rerun.targets)
@@ -59,7 +59,7 @@ def _check_rerun(rerun: RerunConfig, path: Path) -> None:
 def _check_recorder(recorder: RecorderConfig, path: Path) -> None:
     if not recorder.enabled or recorder.folder is None:
         return
-    from drivers.full_disk import check_writable
+    from drivers.core.files import check_writable
 
     reason = check_writable(recorder.folder)
     if reason:
@@ -69,7 +69,7 @@ def _check_recorder(recorder: RecorderConfig, path: Path) -> None:
 
 
 def _check_zenoh(config: Config) -> Iterator[str]:
-    from vo_service.outputs.zenoh_check import check_session_config
+    from vo_service.outputs.zenoh.session_check import check_session_config
 
     warning = check_session_config(config.zenoh)
     if warning:

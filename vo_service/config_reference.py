@@ -10,7 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from drivers.strict_toml import SCHEMA_VERSION, FieldSpec
+from drivers.core.config import SCHEMA_VERSION, FieldSpec
 from vo_service.config import Config
 from vo_service.reload import RELOADABLE_KEYS
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from drivers.errors import UserFacingError
+from drivers.core.errors import UserFacingError
 from vo_service.config import Config
 
 # What somebody applies while the service runs; everything else takes effect at the next start.

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from drivers.camera import RgbdCamera, RgbdFrame
-from vo_service.control.control import Control
-from vo_service.feed import FrameSource
-from vo_service.load.governor import LoadShedder, NullLoadShedder
-from vo_service.load.meter import FrameCost
-from vo_service.methods import STAGE_BUDGETS_MS
-from vo_service.pose_tracker import OdomFrame, StampedFrame
-from vo_service.stage_clock import CpuStageTimer
-from vo_service.stamps import PublishClock, TimestampFilter
-from vo_service.statistics import ServiceStatistics
+from vo_service.clock import PublishClock, TimestampFilter
+from vo_service.control import Control
+from vo_service.frame_source import FrameSource
+from vo_service.load_shedding.load_meter import FrameCost
+from vo_service.load_shedding.load_shedder import LoadShedder, NullLoadShedder
+from vo_service.odom_frame import OdomFrame, StampedFrame
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.odometry.registry import STAGE_BUDGETS_MS
+from vo_service.service_statistics import ServiceStatistics
 from vo_service.types import (
     Estimate,
     HasWarning,

@@ -11,15 +11,15 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.errors import CameraError, CameraNotFoundError
-from drivers.freenect.depth import DepthFilter, ValidDepthMask, all_depths_to_10_m
-from drivers.freenect.faults import device_hung_error, packet_loss_message
-from drivers.freenect.images import KinectRectifier
-from drivers.freenect.mailbox import ImagePair
+from drivers.core.errors import CameraError, CameraNotFoundError
+from drivers.freenect.device_source import DeviceSource
+from drivers.freenect.error_messages import device_hung_error, packet_loss_message
+from drivers.freenect.frame_queue import ImagePair
+from drivers.freenect.rectify import KinectRectifier
 from drivers.freenect.session import CaptureSession, NullSession
-from drivers.freenect.source import DeviceSource
-from drivers.kinect_usb.base import MotorUnit
-from drivers.sensor_settings import Led, SensorConfig
+from drivers.freenect.valid_depth import DepthFilter, ValidDepthMask, all_depths_to_10_m
+from drivers.kinect_usb.motor_unit import MotorUnit
+from drivers.sensor_config import Led, SensorConfig
 
 # Longer than a supervisor that can kill the process waits.
 RELEASE_TIMEOUT_S = 10.0

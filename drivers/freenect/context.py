@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import CameraError
-from drivers.freenect.faults import start_failed_error
+from drivers.core.errors import CameraError
+from drivers.freenect.error_messages import start_failed_error
+from drivers.freenect.libfreenect_log import LibfreenectLog
 from drivers.freenect.library import (
     CAMERA_ONLY,
     FRAME_CALLBACK,
@@ -25,7 +26,6 @@ from drivers.freenect.library import (
     Flag,
     TimeValue,
 )
-from drivers.freenect.log import LibfreenectLog
 
 _log = logging.getLogger(__name__)
 RawFrameCallback = Callable[[int, int], None]  # address of the pixels, device stamp

@@ -8,11 +8,11 @@ from contextlib import closing
 from dataclasses import dataclass
 
 from drivers.freenect.context import FreenectContext, RawFrameCallback
-from drivers.freenect.depth import DepthFilter
-from drivers.freenect.faults import device_hung_error
+from drivers.freenect.device_source import DeviceSource
+from drivers.freenect.error_messages import device_hung_error
+from drivers.freenect.libfreenect_log import LibfreenectLog
 from drivers.freenect.library import DepthFormat, TimeValue
-from drivers.freenect.log import LibfreenectLog
-from drivers.freenect.source import DeviceSource
+from drivers.freenect.valid_depth import DepthFilter
 
 EVENTS_TIMEOUT = TimeValue(0, 20_000)
 # Longer than a supervisor that can kill the process waits.

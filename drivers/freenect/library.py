@@ -23,7 +23,7 @@ from ctypes import (
 from enum import IntEnum
 from typing import Any
 
-from drivers.errors import UserFacingError
+from drivers.core.errors import UserFacingError
 
 SONAME = "libfreenect.so.0.5"
 PACKAGE = "libfreenect0.5"

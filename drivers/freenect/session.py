@@ -7,15 +7,14 @@ from contextlib import suppress
 import numpy as np
 
 from drivers.camera import CameraCounters, FrameTimeout
-from drivers.device_clock import StampUnwrapper
+from drivers.freenect.device_source import DeviceSource
 from drivers.freenect.event_loop import FreenectEventLoop, StartedDevice, StreamCallbacks
+from drivers.freenect.frame_callback import BufferPool, FrameCallback
+from drivers.freenect.frame_queue import FrameQueueClosedError, ImagePair, PooledImage
+from drivers.freenect.libfreenect_log import LibfreenectLog
 from drivers.freenect.library import DepthFormat
-from drivers.freenect.log import LibfreenectLog
-from drivers.freenect.mailbox import FrameQueueClosedError, ImagePair, PooledImage
-from drivers.freenect.source import DeviceSource
-from drivers.freenect.streams import BufferPool, FrameCallback
 from drivers.freenect.watchdog import StreamWatchdog
-from drivers.nearest import NearestFramePairing
+from drivers.time_sync import NearestFramePairing, StampUnwrapper
 
 TICKS_PER_SECOND, STAMP_BITS = 60e6, 32
 

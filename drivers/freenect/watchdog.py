@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.freenect.faults import stream_not_started_error, stream_stalled_error
-from drivers.freenect.log import StreamHealth
+from drivers.freenect.error_messages import stream_not_started_error, stream_stalled_error
+from drivers.freenect.libfreenect_log import StreamHealth
 
 
 @dataclass(frozen=True)

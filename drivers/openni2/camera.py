@@ -10,11 +10,11 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
 from drivers.openni2.library import OpenNI2
-from drivers.openni2.live import LiveStream
-from drivers.openni2.optics import CalibrationFile
-from drivers.sensor_settings import SensorConfig
+from drivers.openni2.live_stream import LiveStream
+from drivers.openni2.rectify import CalibrationFile
+from drivers.sensor_config import SensorConfig
 
 
 class OpenNI2Camera(RgbdCamera):
@@ -22,7 +22,7 @@ class OpenNI2Camera(RgbdCamera):
 
     `wanted` is the sensor's URI or serial number, "" for the first one. The sensor is asked to
     register depth to colour and to take both at once, and the answer is checked:
-    `drivers.openni2.optics` has the rule. Depth and colour are paired by nearest stamp.
+    `drivers.openni2.rectify` has the rule. Depth and colour are paired by nearest stamp.
     """
 
     clock = Clock.MONOTONIC

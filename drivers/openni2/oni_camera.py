@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from drivers.camera import CameraCounters, Clock, PlaybackMode, RgbdCamera, RgbdFrame
-from drivers.errors import CameraError
+from drivers.core.errors import CameraError
 from drivers.openni2.library import OpenNI2
-from drivers.openni2.optics import CalibrationFile
-from drivers.openni2.playback import OniPlayback
-from drivers.sensor_settings import SensorConfig
+from drivers.openni2.oni_playback import OniPlayback
+from drivers.openni2.rectify import CalibrationFile
+from drivers.sensor_config import SensorConfig
 
 
 class OniCamera(RgbdCamera):
@@ -15,7 +15,7 @@ class OniCamera(RgbdCamera):
 
     Stamps are the recording's own (microseconds since it began, as a rule). Colour and depth are
     paired by nearest stamp over the whole file, so both paces deliver the same frames.
-    `drivers.openni2.optics` has the rule by which depth counts as registered. A recording that
+    `drivers.openni2.rectify` has the rule by which depth counts as registered. A recording that
     was taken mirrored is turned back (`settings.mirror` asks for it mirrored); the other settings
     have no meaning for it. A pair that cannot be read is skipped, counted and reported in the log.
     """

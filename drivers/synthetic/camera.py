@@ -17,19 +17,19 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
-from drivers.gravity import STANDARD_GRAVITY_M_S2, Vector
+from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError, InputError
+from drivers.core.gravity import STANDARD_GRAVITY_M_S2, Vector
+from drivers.core.trajectory import Trajectory
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.faults import FaultInjector, FaultKind
-from drivers.synthetic.motion import make_motion
-from drivers.synthetic.pacing import HostClock, make_pacer
-from drivers.synthetic.rendering import (
+from drivers.synthetic.fault_injection import FaultInjector, FaultKind
+from drivers.synthetic.frame_provider import (
     BackgroundFrameProvider,
     FrameProvider,
     OnDemandFrameProvider,
 )
-from drivers.synthetic.scene import ROOM_HEIGHT_M
-from drivers.trajectory import Trajectory
+from drivers.synthetic.motion.factory import make_motion
+from drivers.synthetic.pacing import HostClock, make_pacer
+from drivers.synthetic.room import ROOM_HEIGHT_M
 
 # How often a live reader looks which frame is due, while none is rendered.
 POLL_PERIOD_S = 0.02

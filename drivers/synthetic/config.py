@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Self
 
 from drivers.camera import PinholeCamera
-from drivers.errors import InputError
-from drivers.strict_toml import config_field, required_field
-from drivers.synthetic.faults import Fault
+from drivers.core.config import config_field, required_field
+from drivers.core.errors import InputError
+from drivers.synthetic.fault_injection import Fault
 
 KINECT_COLOR = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
-from drivers.geometry import Array
-from drivers.jit import kernel
+from drivers.core.geometry import Array
+from drivers.core.jit import kernel
 from drivers.synthetic.config import DepthSensorModel
-from drivers.synthetic.intersect import FAR_M
-from drivers.synthetic.raycast import Floats
+from drivers.synthetic.raytracing.intersect import FAR_M
+from drivers.synthetic.raytracing.raycast import Floats
 
 # The sensor matches windows of 9 x 9 pixels: neighbours share their errors.
 NOISE_BLUR_PX = 1.2

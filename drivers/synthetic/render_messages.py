@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drivers.errors import UserFacingError
+from drivers.core.errors import UserFacingError
 from drivers.synthetic.config import SyntheticConfig
 from drivers.synthetic.rendered_sequence import SequenceFiles
 

@@ -14,10 +14,9 @@ from typing import Any
 
 import cv2
 
-from drivers.errors import CameraError, UserFacingError
-from drivers.isolation.outbox import ParentConnection, ignore_terminal_signals
-from drivers.memory import release_memory
-from drivers.synthetic.render import make_renderer
+from drivers.core.errors import CameraError, UserFacingError
+from drivers.core.memory import release_memory
+from drivers.core.process.parent_connection import ParentConnection, ignore_terminal_signals
 from drivers.synthetic.render_messages import (
     ReaderPosition,
     RenderingComplete,
@@ -27,6 +26,7 @@ from drivers.synthetic.render_messages import (
 )
 from drivers.synthetic.render_schedule import RenderSchedule
 from drivers.synthetic.rendered_sequence import RenderedSequence
+from drivers.synthetic.renderer import make_renderer
 
 # Live readers of the frames come first.
 NICENESS = 10

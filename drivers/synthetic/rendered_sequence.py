@@ -20,9 +20,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import CameraError, InputError
+from drivers.core.errors import CameraError, InputError
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.faults import RenderedImages
+from drivers.synthetic.fault_injection import RenderedImages
 
 MAX_SEQUENCE_BYTES = 3 << 30
 MAX_FOLDER_BYTES = 4 << 30
@@ -81,7 +81,9 @@ def _key(config: SyntheticConfig) -> str:
     digest.update(f"{np.__version__} {cv2.__version__}".encode())
     here = Path(__file__).parent
     try:
-        for source in sorted([*here.glob("*.py"), *here.parent.glob("*.py")]):
+        drivers = here.parent
+        sources = [*here.rglob("*.py"), *drivers.glob("*.py"), *drivers.glob("core/*.py")]
+        for source in sorted(sources):
             digest.update(source.read_bytes())
         if config.track is not None:
             digest.update(config.track.read_bytes())

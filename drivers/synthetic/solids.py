@@ -7,8 +7,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array, rigid_transform, so3_exp
-from drivers.synthetic.textures import TexturePainter
+from drivers.core.geometry import Array, rigid_transform, so3_exp
+from drivers.synthetic.assets.textures import TexturePainter
 
 
 class SolidKind(IntEnum):

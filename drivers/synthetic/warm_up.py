@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from drivers.camera import PinholeCamera
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.render import make_renderer
+from drivers.synthetic.renderer import make_renderer
 
 CAMERA = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
 

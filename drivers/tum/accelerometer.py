@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.errors import InputError
-from drivers.geometry import Array
-from drivers.gravity import (
+from drivers.core.errors import InputError
+from drivers.core.files import AppendOnlyFile
+from drivers.core.geometry import Array
+from drivers.core.gravity import (
     Vector,
     accelerometer_from_gravity,
     gravity_from_accelerometer,
     is_gravity,
 )
-from drivers.tum.lists import read_rows
-from drivers.tum.whole_files import AppendOnlyFile
+from drivers.tum.index_files import read_rows
 
 ACCELEROMETER_FILE = "accelerometer.txt"
 COLUMNS = "timestamp ax ay az"

@@ -6,18 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, PlaybackMode, RgbdCamera, RgbdFrame
-from drivers.errors import InputError
-from drivers.trajectory import Trajectory
+from drivers.core.errors import InputError
+from drivers.core.trajectory import Trajectory
 from drivers.tum.decode import UnreadableFrameError
 from drivers.tum.folder import TumFolder, open_tum_folder
-from drivers.tum.frame_buffer import (
-    BufferClosedError,
-    FrameBuffer,
-    LockstepBuffer,
-    RealtimeBuffer,
-)
 from drivers.tum.frame_reader import TumFrameReader
-from drivers.tum.lists import FramePair
+from drivers.tum.index_files import FramePair
+from drivers.tum.prefetch import BufferClosedError, FrameBuffer, LockstepBuffer, RealtimeBuffer
 
 JOIN_TIMEOUT_S = 5.0
 _log = logging.getLogger(__name__)

@@ -9,8 +9,8 @@ import cv2
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.gravity import Vector
-from drivers.tum.lists import EXACT_CONTEXT
+from drivers.core.gravity import Vector
+from drivers.tum.index_files import EXACT_CONTEXT
 
 MICROSECOND = Decimal("1e-6")
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.camera_file import CameraCalibration, find_calibration
-from drivers.errors import InputError
-from drivers.trajectory import Trajectory, read_trajectory
+from drivers.calibration import CameraCalibration, find_calibration
+from drivers.core.errors import InputError
+from drivers.core.trajectory import Trajectory, read_trajectory
+from drivers.time_sync import StampsUs, pair_nearest
 from drivers.tum.accelerometer import GravitySeries, read_gravity
 from drivers.tum.decode import UnreadableFrameError, load_pair
-from drivers.tum.lists import FramePair, ListedImage, read_associations, read_image_list
-from drivers.tum.pairing import StampsUs, pair_nearest
+from drivers.tum.index_files import FramePair, ListedImage, read_associations, read_image_list
 
 MAX_PAIR_SKEW_US = 20_000
 

@@ -3,10 +3,10 @@
 import time
 
 from drivers.camera import RgbdFrame
+from drivers.rectify import make_undistorter
 from drivers.tum.decode import load_pair
 from drivers.tum.folder import TumFolder
-from drivers.tum.lists import FramePair
-from drivers.undistort import make_undistorter
+from drivers.tum.index_files import FramePair
 
 
 class TumFrameReader:

@@ -8,16 +8,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from drivers.camera import RgbdFrame
-from drivers.camera_file import (
+from drivers.calibration import (
     CAMERA_FILE_NAME,
     NO_DISTORTION,
     CameraCalibration,
     format_calibration,
 )
-from drivers.errors import InputError, UserFacingError
-from drivers.full_disk import is_disk_full
-from drivers.trajectory import Trajectory, format_pose_line
+from drivers.camera import RgbdFrame
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.files import AppendOnlyFile, atomic_write, is_disk_full
+from drivers.core.trajectory import Trajectory, format_pose_line
 from drivers.tum.accelerometer import AccelerometerWriter
 from drivers.tum.encode import (
     EARLIEST_STAMPS,
@@ -28,7 +28,6 @@ from drivers.tum.encode import (
     format_stamp,
     round_to_microseconds,
 )
-from drivers.tum.whole_files import AppendOnlyFile, atomic_write
 
 ENCODER_THREADS = 2
 MAX_PENDING_FRAMES = 4

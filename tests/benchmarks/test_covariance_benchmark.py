@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.covariance_measure import NormalizedErrorCollector
-from benchmarks.covariance_rooms import make_configs
-from drivers.geometry import Array, inverse, rigid_transform
+from benchmarks.covariance_sequences import make_configs
+from drivers.core.geometry import Array, inverse, rigid_transform
 from vo_service.types import Estimate
 
 SIGMA = 0.01

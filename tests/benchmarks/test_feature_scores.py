@@ -11,7 +11,7 @@ import pytest
 from benchmarks import features
 from benchmarks.feature_methods import FeatureSet, make_opencv_method
 from benchmarks.feature_scores import is_inside, scale_at, score_features, transform_points
-from benchmarks.image_changes import (
+from benchmarks.image_transforms import (
     Grey,
     ImageTransform,
     all_transforms,

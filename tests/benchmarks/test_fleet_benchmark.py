@@ -7,8 +7,8 @@ import pytest
 from benchmarks import fleet
 from benchmarks.fleet_files import write_fleet_files
 from tests.ports import free_port
-from vo_service.outputs.zenoh_check import check_session_config
-from vo_service.settings import ZenohConfig
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.session_check import check_session_config
 
 pytestmark = pytest.mark.subprocess
 

@@ -9,13 +9,13 @@ import pytest
 
 from benchmarks.hard_cases import CASES, case_config, format_row
 from benchmarks.hard_cases_measure import longest_gap_s, measure
-from benchmarks.rendered import render
+from benchmarks.rendered_sequences import render
 from benchmarks.slow_cases_measure import measure_creep, measure_stationary
 from drivers.camera import PinholeCamera, RgbdFrame
 from drivers.synthetic.config import MotionKind, SyntheticConfig
-from drivers.synthetic.faults import Fault, FaultKind
+from drivers.synthetic.fault_injection import Fault, FaultKind
 from tests.vo_service.fakes import make_frame
-from vo_service import methods
+from vo_service.odometry import registry
 from vo_service.types import Estimate
 
 pytestmark = pytest.mark.slow
@@ -58,7 +58,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def told(monkeypatch: pytest.MonkeyPatch, odometry: ScriptedEstimates) -> str:
     """The name of a method that is this odometry."""
-    monkeypatch.setitem(methods.METHODS, "told", lambda features, stopwatch: odometry)
+    monkeypatch.setitem(registry.METHODS, "told", lambda features, stopwatch: odometry)
     return "told"
 
 

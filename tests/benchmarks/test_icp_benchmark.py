@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.icp_methods import OPENCV, OURS, OURS_FRAME_TO_FRAME, make_methods
-from tests.vo_service.odometry.icp.views import (
+from tests.vo_service.odometry.icp.depth_views import (
     CAMERA,
     ROOM,
     add_noise,

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.map_error import MapError, measure
-from drivers.errors import InputError
-from drivers.geometry import Array, inverse, rigid_transform, so3_exp, transform_points
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp, transform_points
+from drivers.core.trajectory import Trajectory, format_pose_line
 from drivers.synthetic.solids import Solid, SolidKind
-from drivers.trajectory import Trajectory, format_pose_line
-from vo_service.mapping.mesh import Mesh
-from vo_service.mapping.ply import write_ply
+from vo_service.reconstruction.mesh import Mesh
+from vo_service.reconstruction.ply import write_ply
 
 BOX = Solid(SolidKind.BOX, np.eye(4), np.array([1.0, 1.0, 1.0]), ())
 # The first camera in the room, and a way from there.

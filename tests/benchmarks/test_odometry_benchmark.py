@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.odometry_methods import METHODS, make_odometry
 from tests.vo_service.odometry.synthetic_views import make_frame, render_corner
-from vo_service.odometry.stopwatch import NullStageTimer
+from vo_service.odometry.profiling import NullStageTimer
 
 pytestmark = pytest.mark.subprocess
 

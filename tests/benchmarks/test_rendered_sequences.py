@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.mocap_rooms import TIMINGS, make_configs
-from benchmarks.rendered import is_complete, render, render_all
-from benchmarks.still_views import StaticView
+from benchmarks.mocap_sequences import TIMINGS, make_configs
+from benchmarks.rendered_sequences import is_complete, render, render_all
+from benchmarks.static_views import StaticView
 from drivers.camera import PinholeCamera
-from drivers.errors import InputError
+from drivers.core.errors import InputError
 from drivers.synthetic.config import MotionKind, SyntheticConfig
-from drivers.synthetic.faults import Fault, FaultKind
+from drivers.synthetic.fault_injection import Fault, FaultKind
 from drivers.tum.folder import open_tum_folder
 
 pytestmark = pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import stage_budget
 from benchmarks.stage_budget import WHOLE_FRAME, StageTiming, compare_with_budget, format_table
-from vo_service import methods
+from vo_service.odometry import registry
 
 FRAMES_MS = [{"align": 2.0, WHOLE_FRAME: 3.0}] * 3 + [{"align": 6.0, "odd": 4.0, WHOLE_FRAME: 10.0}]
 
@@ -15,7 +15,7 @@ FRAMES_MS = [{"align": 2.0, WHOLE_FRAME: 3.0}] * 3 + [{"align": 6.0, "odd": 4.0,
 @pytest.fixture
 def stages(monkeypatch: pytest.MonkeyPatch) -> dict[str, StageTiming]:
     """A method that may take 2.5 ms to align, and 5 ms for what it never does."""
-    monkeypatch.setitem(methods.STAGE_BUDGETS_MS, "slow", {"align": 2.5, "rest": 5.0})
+    monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "slow", {"align": 2.5, "rest": 5.0})
     return compare_with_budget("slow", FRAMES_MS)
 
 
@@ -44,7 +44,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
 def test_a_recording_is_followed_and_what_it_cost_is_told(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(methods.STAGE_BUDGETS_MS, "keyframe", {"images": 1e6, "align": 0.0})
+    monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "keyframe", {"images": 1e6, "align": 0.0})
     assert run(monkeypatch, str(recording), "--json") == 1
     stages = json.loads(capsys.readouterr().out)[str(recording)]
     assert (stages["images"]["frames"], stages["align"]["frames"]) == (12, 11)
@@ -54,7 +54,7 @@ def test_a_recording_is_followed_and_what_it_cost_is_told(
 def test_every_nth_frame_within_its_budget_is_all_well(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(methods.STAGE_BUDGETS_MS, "keyframe", {"images": 1e6})
+    monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "keyframe", {"images": 1e6})
     assert run(monkeypatch, str(recording), "--every", "4") == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[:2] for line in lines[2:4]] == [["images", "3"], ["align", "2"]]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks import tours
-from benchmarks.kept_results import ResultCache
+from benchmarks.result_cache import ResultCache
 from benchmarks.runners import LoopClosureRecord, OdometryRunner
 from benchmarks.tour_frames import compute_true_poses, make_tour_config, render_frames
 from benchmarks.tour_measure import run_tour, summarize
@@ -18,11 +18,11 @@ from benchmarks.tour_plot import save_plot
 from benchmarks.tour_record import TourRecord
 from benchmarks.virtual_frames import PREFETCH_COUNT, prefetch
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.errors import InputError
-from drivers.geometry import Array, inverse
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, inverse
+from drivers.core.trajectory import Trajectory
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.render import make_renderer
-from drivers.trajectory import Trajectory
+from drivers.synthetic.renderer import make_renderer
 from tests.vo_service.fakes import make_frame
 from vo_service.types import Estimate
 
@@ -140,7 +140,7 @@ def test_what_was_measured_can_be_read_again_and_drawn(truth: Array, tmp_path: P
 def test_a_tour_that_is_finished_is_not_run_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(tours, "tour_config", tiny_tour)
+    monkeypatch.setattr(tours, "make_tour_config", tiny_tour)
     args = argparse.Namespace(
         folder=tmp_path / "new",
         seconds=0.2,
@@ -154,7 +154,7 @@ def test_a_tour_that_is_finished_is_not_run_again(
     assert list(first) == ["tour-0.2s-1-icp-alone", "tour-0.2s-2-icp-alone"]
     assert all(result["frames"] == 6 for result in first.values())
     assert (args.folder / "tour-0.2s-2-icp-alone.npz").exists()
-    monkeypatch.setattr(tours, "rendered_frames", lambda config: 1 / 0)
+    monkeypatch.setattr(tours, "render_frames", lambda config: 1 / 0)
     assert tours.run(args) == first
     assert capsys.readouterr().out.count("tour-0.2s-1-icp-alone") == 2
 

@@ -3,7 +3,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera
-from drivers.undistort import make_undistorter
+from drivers.rectify import make_undistorter
 
 CAMERA = PinholeCamera(640, 480, 517.3, 516.5, 318.6, 255.3)
 FREIBURG1 = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)

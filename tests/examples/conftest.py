@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from tests.conftest import FRAMES
-from tests.preloaded import ForkedProcess
-from tests.vo_service.client.published import find_free_endpoint
-from tests.vo_service.played_service import KINECT_VO_WITH_LONG_TIMEOUT, NO_MAP_CONFIG
+from tests.forked_process import ForkedProcess
+from tests.vo_service.client.fake_service import find_free_endpoint
+from tests.vo_service.service_process import KINECT_VO_WITH_LONG_TIMEOUT, NO_MAP_CONFIG
 from vo_service.client import PoseClient
 
 RATE_HZ = 30

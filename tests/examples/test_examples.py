@@ -14,10 +14,10 @@ from typing import Any
 
 import pytest
 
-from tests import preloaded
+from tests import forked_process
 from tests.examples.conftest import RATE_HZ, ProgramOutput
 from tests.json_schema import schema_errors
-from tests.vo_service.client.published import find_free_endpoint, running_fake_service
+from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
 from vo_service.client import CommandRefused, PoseClient, PoseUnavailable, PoseUnavailableReason
 
@@ -49,7 +49,7 @@ def finished(name: str, *arguments: object) -> "subprocess.CompletedProcess[str]
 
 def kinect_vo(*arguments: str) -> "subprocess.CompletedProcess[str]":
     """The command line."""
-    return preloaded.run([*preloaded.KINECT_VO, *arguments])
+    return forked_process.run([*forked_process.KINECT_VO, *arguments])
 
 
 def test_there_is_a_test_for_every_example() -> None:

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from tests.vo_service.commands.command_line import CommandResult, run_in_process
-from tests.vo_service.commands.test_bad_input import BROKEN, CopyRecording
+from tests.vo_service.cli.cli_runner import CommandResult, run_in_process
+from tests.vo_service.cli.test_bad_input import BROKEN, CopyRecording
 
 FILE = Path(__file__).with_name("bad_input.json")
 # In a folder with: `file`, `empty/`, two files of poses and four configurations.

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.render import Renderer, make_renderer
-from tests.drivers.synthetic.studio import fill_sequence
+from drivers.synthetic.renderer import Renderer, make_renderer
+from tests.drivers.synthetic.cached_cameras import fill_sequence
 from tests.golden.trajectories import (
     CASES,
     FILE,
@@ -17,7 +17,7 @@ from tests.golden.trajectories import (
     compute_digest,
     environment_info,
 )
-from tests.made_once import make_once
+from tests.shared_fixture import make_once
 
 # On another processor rounding differs, and with it what RANSAC draws.
 ROUGH_M = 0.005

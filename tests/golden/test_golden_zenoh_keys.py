@@ -5,13 +5,13 @@ from typing import Any
 import pytest
 import zenoh
 
-from vo_service.control.inbox import CommandQueue
-from vo_service.outputs.zenoh_commands import make_command_endpoint
-from vo_service.outputs.zenoh_messages import FrameIds
-from vo_service.outputs.zenoh_questions import LatestMessages, Queryables
-from vo_service.outputs.zenoh_session import open_session
-from vo_service.outputs.zenoh_station import EndpointConfig, SessionEndpoints
-from vo_service.settings import CommandConfig, Ros2Config, ZenohConfig
+from vo_service.command_queue import CommandQueue
+from vo_service.config_tables import CommandConfig, Ros2Config, ZenohConfig
+from vo_service.outputs.zenoh.command_server import make_command_endpoint
+from vo_service.outputs.zenoh.messages import FrameIds
+from vo_service.outputs.zenoh.queryables import LatestMessages, Queryables
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.outputs.zenoh.session_endpoints import EndpointConfig, SessionEndpoints
 
 pytestmark = pytest.mark.zenoh
 

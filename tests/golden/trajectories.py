@@ -8,7 +8,7 @@ tests.golden.trajectories``.
 """
 
 # As the program has it, and before numpy.
-import vo_service.runs.one_thread  # noqa: F401
+import vo_service.tools.benchmark.single_thread  # noqa: F401
 
 # isort: split
 
@@ -30,9 +30,9 @@ from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.camera import TumCamera
 from vo_service.app import run_replay
 from vo_service.config import Config, OdometryConfig
-from vo_service.feed import SinglePassSource
-from vo_service.interrupts import StopSignal
-from vo_service.methods import METHODS
+from vo_service.frame_source import SinglePassSource
+from vo_service.odometry.registry import METHODS
+from vo_service.signals import StopSignal
 from vo_service.types import OdometryUpdate, Status
 
 FILE = Path(__file__).with_name("trajectories.json")

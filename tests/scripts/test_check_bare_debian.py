@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.stand_ins.needed import skip_or_fail
+from tests.simulators.requirements import skip_or_fail
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess

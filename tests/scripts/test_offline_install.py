@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.stand_ins.needed import skip_or_fail
+from tests.simulators.requirements import skip_or_fail
 
 pytestmark = pytest.mark.subprocess
 

@@ -8,14 +8,13 @@ from typing import Any
 
 import pytest
 
-from drivers.isolation import process
-from tests import preloaded
-from tests.made_once import make_once
-from tests.vo_service.played_service import KINECT_VO, START_TIMEOUT_S
+from drivers.core.process import supervisor, worker_process
+from tests import forked_process
+from tests.shared_fixture import make_once
+from tests.vo_service.service_process import KINECT_VO, START_TIMEOUT_S
 from tests.waiting import DEFAULT_TIMEOUT_S
-from vo_service.background import keeper
-from vo_service.commands import run
-from vo_service.runs.running import RUN_WORKER
+from vo_service.cli import run
+from vo_service.tools.benchmark.subprocess_run import RUN_WORKER
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -26,22 +25,22 @@ def patience() -> Iterator[None]:
     service in this very process would be ended by force, and pytest with it.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(keeper, "ENDING_S", DEFAULT_TIMEOUT_S)
-        patch.setattr(keeper, "REAPED_S", DEFAULT_TIMEOUT_S)
-        patch.setattr(run, "LONGEST_ENDING_S", DEFAULT_TIMEOUT_S)
+        patch.setattr(supervisor, "SHUTDOWN_TIMEOUT_S", DEFAULT_TIMEOUT_S)
+        patch.setattr(supervisor, "REAP_TIMEOUT_S", DEFAULT_TIMEOUT_S)
+        patch.setattr(run, "MAX_SHUTDOWN_S", DEFAULT_TIMEOUT_S)
         yield
 
 
 @pytest.fixture
-def preloaded_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Processes of runs begin with what they need: see `tests.preloaded`."""
-    real = process.start_module
+def forked_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Processes of runs begin with what they need: see `tests.forked_process`."""
+    real = worker_process.start_module
 
     def start_module(module: str, *args: Any, **kwargs: Any) -> "subprocess.Popen[bytes]":
-        start = preloaded.start_module if module == RUN_WORKER.module else real
+        start = forked_process.start_module if module == RUN_WORKER.module else real
         return start(module, *args, **kwargs)
 
-    monkeypatch.setattr(process, "start_module", start_module)
+    monkeypatch.setattr(worker_process, "start_module", start_module)
 
 
 @pytest.fixture(scope="session")

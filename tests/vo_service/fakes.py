@@ -18,7 +18,7 @@ from drivers.camera import (
     RgbdCamera,
     RgbdFrame,
 )
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 from vo_service.types import Estimate, LevelSource, OdometryUpdate, Status, TrackingState
 
 CAMERA = PinholeCamera(8, 6, 8.0, 8.0, 3.5, 2.5)

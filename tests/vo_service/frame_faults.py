@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.camera import CameraCounters, Clock, EndOfStream, RgbdCamera, RgbdFrame
-from drivers.synthetic.faults import Fault, FaultInjector, FaultKind, RenderedImages
-from tests.vo_service.corner_film import corner_pose
+from drivers.synthetic.fault_injection import Fault, FaultInjector, FaultKind, RenderedImages
+from tests.vo_service.corner_sequence import corner_pose
 from tests.vo_service.odometry.synthetic_views import render_corner
 
 # Good frames before each fault, and after it.

@@ -12,8 +12,8 @@ from typing import Any, NoReturn
 import numpy as np
 import zenoh
 
-from drivers.geometry import Array
-from vo_service.outputs.cdr import OdometryMessage, decode_odometry
+from drivers.core.geometry import Array
+from vo_service.outputs.zenoh.cdr_odometry import OdometryMessage, decode_odometry
 
 StatusContent = Mapping[str, Any]
 

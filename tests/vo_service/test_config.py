@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.errors import InputError
-from drivers.geometry import R_BODY_OPTICAL, rigid_transform
+from drivers.core.errors import InputError
+from drivers.core.geometry import R_BODY_OPTICAL, rigid_transform
 from vo_service.config import Config, read_config
 
 WHOLE = """\

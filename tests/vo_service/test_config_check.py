@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import InputError
-from tests.belongings import count_open_files
+from drivers.core.errors import InputError
 from tests.ports import is_listening
+from tests.resource_leaks import count_open_files
 from tests.vo_service.security.tls_network import HOST, ZENOH_FILES, make_keys, make_network
 from vo_service.config_check import check_config
 

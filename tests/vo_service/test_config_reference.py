@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.vo_service.commands.command_line import run_in_process
+from tests.vo_service.cli.cli_runner import run_in_process
 from vo_service.config import Config, read_config
 from vo_service.config_reference import REFERENCE_COMMAND, render_reference
 from vo_service.reload import RELOADABLE_KEYS

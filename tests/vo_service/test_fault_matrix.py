@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.vo_service.environment_faults import ENVIRONMENT_FAULTS, EnvironmentFault
 from tests.vo_service.frame_faults import FRAME_FAULTS, FrameFault
-from tests.vo_service.live_faults import ENVIRONMENT_FAULTS, EnvironmentFault
-from tests.vo_service.service_faults import SENSOR_FAULTS, SensorFault
-from tests.vo_service.stages import STAGES
+from tests.vo_service.lifecycle_stages import STAGES
+from tests.vo_service.sensor_faults import SENSOR_FAULTS, SensorFault
 
 PAGE = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
 Fault = SensorFault | FrameFault | EnvironmentFault

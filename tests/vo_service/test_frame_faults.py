@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from drivers.geometry import R_BODY_OPTICAL, Array
+from drivers.core.geometry import R_BODY_OPTICAL, Array
 from tests.ports import free_port
-from tests.vo_service.corner_film import corner_pose
+from tests.vo_service.corner_sequence import corner_pose
 from tests.vo_service.fakes import CollectingOutput
 from tests.vo_service.frame_faults import (
     FRAME_FAULTS,
@@ -20,16 +20,16 @@ from tests.vo_service.frame_faults import (
     frame_span,
     view_index,
 )
-from tests.vo_service.heard_check import check_received
+from tests.vo_service.received_checks import check_received
 from tests.vo_service.subscriber import RecordingSubscriber, SubscribedPose
 from vo_service import app as session
+from vo_service.clock import LiveClock
 from vo_service.config import Config
-from vo_service.feed import SinglePassSource
-from vo_service.interrupts import StopSignal
-from vo_service.outputs.zenoh_output import LOCKSTEP_QOS, ZenohOutput
-from vo_service.outputs.zenoh_session import open_session
-from vo_service.settings import ZenohConfig
-from vo_service.stamps import LiveClock
+from vo_service.config_tables import ZenohConfig
+from vo_service.frame_source import SinglePassSource
+from vo_service.outputs.zenoh.output import LOCKSTEP_QOS, ZenohOutput
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.signals import StopSignal
 from vo_service.types import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh
@@ -116,7 +116,7 @@ def test_a_clock_that_is_set_begins_an_epoch_in_the_next_pose_and_moves_nothing_
 ) -> None:
     setter = ClockSetter({GOOD_FRAMES: step_s})
     clock = LiveClock(realtime_s=setter.now_s)
-    monkeypatch.setattr(session, "stamp_clock", lambda *_: clock)
+    monkeypatch.setattr(session, "make_publish_clock", lambda *_: clock)
     film = shown(FaultyCamera(faults=()), setter)
     before, after = film.heard.poses[GOOD_FRAMES : GOOD_FRAMES + 2]
     assert (after.epoch, after.reason) == (before.epoch + 1, "clock_step")

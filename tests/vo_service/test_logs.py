@@ -51,7 +51,7 @@ def test_a_person_reads_program_and_level(capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.mark.subprocess
 def test_the_journal_gets_the_level_as_a_number() -> None:
-    code = "set_level('debug'); l = logging.getLogger('x'); l.error('e'); l.warning('w'); "
+    code = "set_log_level('debug'); l = logging.getLogger('x'); l.error('e'); l.warning('w'); "
     lines = journal_of(code + "l.info('i'); l.debug('d'); l.critical('c')")
     assert lines == ["<3>e", "<4>w", "<6>i", "<7>d", "<3>c"]
 
@@ -59,7 +59,7 @@ def test_the_journal_gets_the_level_as_a_number() -> None:
 @pytest.mark.subprocess
 def test_an_announcement_is_shown_at_the_default_level_and_has_its_own() -> None:
     code = "from vo_service.announcements import announce; announce('shown'); "
-    assert journal_of(code + "set_level('error'); announce('hidden')") == ["<6>shown"]
+    assert journal_of(code + "set_log_level('error'); announce('hidden')") == ["<6>shown"]
 
 
 @pytest.mark.subprocess

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import InputError
-from drivers.sensor_settings import Led
+from drivers.core.errors import InputError
+from drivers.sensor_config import Led
 from vo_service.config import Config, read_config
 from vo_service.reload import RELOADABLE_KEYS, ConfigReloader, diff_configs
 

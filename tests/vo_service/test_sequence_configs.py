@@ -7,7 +7,7 @@ import pytest
 
 from drivers.synthetic.config import MotionKind, SyntheticConfig
 from drivers.tum.folder import open_tum_folder
-from tests.vo_service.commands.command_line import run_in_process
+from tests.vo_service.cli.cli_runner import run_in_process
 from vo_service.config import read_config
 
 FOLDER = Path(__file__).parents[2] / "config" / "sequences"

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from drivers.camera import CameraState, CameraStatus, FrameTimeout
-from drivers.errors import CameraLostError
+from drivers.core.errors import CameraLostError
 from tests.vo_service.fakes import (
     CollectingOutput,
     Delay,
@@ -22,12 +22,12 @@ from tests.vo_service.fakes import (
     good_estimate,
     make_frame,
 )
-from tests.vo_service.looping import make_service, run_loop
-from tests.vo_service.made_up_map import FixedLoopClosure, make_map
+from tests.vo_service.sample_map import FixedLoopClosure, make_map
+from tests.vo_service.service_loop import make_service, run_loop
 from vo_service import service as service_module
-from vo_service.feed import ReconnectingSource, SinglePassSource
-from vo_service.odometry.keyframe.budget import STAGE_BUDGET_MS
-from vo_service.stamps import LiveClock, RecordedClock
+from vo_service.clock import LiveClock, RecordedClock
+from vo_service.frame_source import ReconnectingSource, SinglePassSource
+from vo_service.odometry.direct.stage_budget import STAGE_BUDGET_MS
 from vo_service.types import Estimate, TrackingState
 
 
@@ -113,7 +113,7 @@ def test_every_pose_carries_the_map_and_the_status_says_what_there_is_of_it() ->
     camera, collector, the_map = (
         ScriptedCamera([make_frame(0)]),
         CollectingOutput(),
-        make_map(is_located=False),
+        make_map(is_localized=False),
     )
     with camera:
         loops = FixedLoopClosure(the_map)

@@ -12,10 +12,10 @@ from tests.vo_service.fakes import (
     ScriptedCamera,
     make_frame,
 )
-from tests.vo_service.looping import make_service
+from tests.vo_service.service_loop import make_service
 from vo_service import service as service_module
-from vo_service.control.inbox import CommandQueue
-from vo_service.feed import SinglePassSource
+from vo_service.command_queue import CommandQueue
+from vo_service.frame_source import SinglePassSource
 from vo_service.types import Command, OdometryUpdate, PauseCommand, ResetCommand, ResumeCommand
 
 

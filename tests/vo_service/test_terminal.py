@@ -115,7 +115,7 @@ def test_a_log_tells_of_nothing_that_is_quick(capsys: pytest.CaptureFixture[str]
 def test_a_log_tells_of_work_of_unknown_length_when_it_goes_on_and_when_it_ends(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(announcements, "LONG_S", 0.01)
+    monkeypatch.setattr(announcements, "SLOW_AFTER_S", 0.01)
     with log_to_stderr(), Terminal().busy("compiling"):
         told = ""
         while not told:

@@ -9,7 +9,7 @@
 Needs zenoh and numpy alone. `docs/messages.md` says what is behind it.
 """
 
-from drivers.errors import InputError
+from drivers.core.errors import InputError
 from vo_service.client.client import PoseClient
 from vo_service.client.errors import (
     CommandRefused,

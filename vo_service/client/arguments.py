@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from drivers.errors import InputError
-from drivers.geometry import Array, is_rigid, quaternion_from_rotation
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, is_rigid, quaternion_from_rotation
 
 # As far from a rotation as a matrix of 32-bit numbers may come to be.
 RIGID_TOLERANCE = 1e-3

@@ -7,7 +7,7 @@ from typing import Any
 
 import zenoh
 
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 from vo_service.client.arguments import (
     check_command_name,
     check_max_age,
@@ -15,15 +15,15 @@ from vo_service.client.arguments import (
     encode_arguments,
     reset_arguments,
 )
-from vo_service.client.asking import query
-from vo_service.client.connecting import BackgroundConnection
+from vo_service.client.connection import BackgroundConnection
 from vo_service.client.errors import ServiceUnavailable
-from vo_service.client.hearing import ServiceState, StatusMessage
-from vo_service.client.judging import MAX_SILENCE_S, pose_unavailable_error, require_fresh
+from vo_service.client.freshness import MAX_SILENCE_S, pose_unavailable_error, require_fresh
 from vo_service.client.map_odom import MapOdom, parse_map_odom
+from vo_service.client.message_parsing import JsonObject, check_fields, parse_json, parse_status
 from vo_service.client.pose import Pose, PoseReader, ThreadLocalReader, make_pose, parse_pose_sample
-from vo_service.client.reading import JsonObject, check_fields, parse_json, parse_status
-from vo_service.settings import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
+from vo_service.client.query import query
+from vo_service.client.subscription import ServiceState, StatusMessage
+from vo_service.config_tables import DEFAULT_ENDPOINT, ZenohConfig, check_prefix
 
 # The service gives its loop five seconds for a command.
 REPLY_TIMEOUT_S = 6.0

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import zenoh
 
-from drivers.geometry import Array
-from vo_service.client.reading import check_fields, parse_json
-from vo_service.outputs.cdr_transform import decode_transform
+from drivers.core.geometry import Array
+from vo_service.client.message_parsing import check_fields, parse_json
+from vo_service.outputs.zenoh.cdr_transform import decode_transform
 
 _ATTACHMENT_FIELDS = {"seq": int, "epoch": int, "is_located": bool, "places": int, "loops": int}
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import zenoh
 
-from drivers.geometry import Array, quaternion_from_rotation
-from vo_service.client.reading import check_fields, parse_json
-from vo_service.outputs.cdr import OdometryMessage, decode_odometry
+from drivers.core.geometry import Array, quaternion_from_rotation
+from vo_service.client.message_parsing import check_fields, parse_json
+from vo_service.outputs.zenoh.cdr_odometry import OdometryMessage, decode_odometry
 
 LOST = "lost"
 _ATTACHMENT_FIELDS = {"seq": int, "state": str, "epoch": int, "reason": str}

@@ -4,7 +4,7 @@ The sensor measures disparity, so the error of 1/z is about constant and that of
 (Khoshelham and Elberink, Sensors 12, 2012, eq. 10).
 """
 
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 
 # Standard deviation of 1/z of one reading, in 1/m. The Kinect reports disparity in steps of 1/8
 # pixel, which at a base of 75 mm and a focal length of 580 pixels is 2.9e-3 1/m; the noise is

@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.jit import kernel
+from drivers.core.jit import kernel
 
 
 class HasDescriptors(Protocol):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.geometry import Array, rigid_transform, so3_exp, so3_log
+from drivers.core.geometry import Array, rigid_transform, so3_exp, so3_log
 
 # The velocity is the mean over so many motions: one alone is noisy, many are out of date.
 MAX_MOTIONS = 3

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.jit import inline_kernel
+from drivers.core.jit import inline_kernel
 
 
 @inline_kernel

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array, transform_points
-from drivers.jit import inline_kernel, kernel
-from vo_service.odometry.points import PointPairs
+from drivers.core.geometry import Array, transform_points
+from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.feature_points import PointPairs
 
 # A pair agrees if its distance, in standard deviations of the two readings, is below this.
 GATE_SIGMAS = 3.0

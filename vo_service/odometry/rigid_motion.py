@@ -6,7 +6,7 @@ its Section 4, one function each. Points are rows: P, Q (N, 3); weights w (N,).
 
 import numpy as np
 
-from drivers.geometry import Array, rigid_transform
+from drivers.core.geometry import Array, rigid_transform
 
 
 def fit_rigid_motion(P: Array, Q: Array, w: Array) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 
 
 def _empty_pixels() -> NDArray[np.float32]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 
 
 @dataclass(frozen=True, eq=False)

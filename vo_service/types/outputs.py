@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import Protocol
 
-from drivers.trajectory import Trajectory
-from vo_service.settings import MapConfig, RecorderConfig
+from drivers.core.trajectory import Trajectory
+from vo_service.config_tables import MapConfig, RecorderConfig
 from vo_service.types.commands import CommandError, ErrorCode
 from vo_service.types.estimate import Odometry
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 from vo_service.types.estimate import Estimate
 from vo_service.types.map_snapshot import NO_MAP, MapSnapshot
 

@@ -8,22 +8,22 @@ from typing import Any
 import pytest
 
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.images import KinectRectifier
-from drivers.freenect.kinect import KinectSource
+from drivers.freenect.kinect_source import KinectSource
 from drivers.freenect.library import PACKAGE, SONAME
-from drivers.kinect_usb.base import MotorUnit, NullMotorUnit
-from drivers.sensor_settings import SensorConfig
-from tests.stand_ins.fixtures import SimulateKinect
-from tests.stand_ins.needed import require_library
-from tests.stand_ins.played_kinect import IDENTITY, KinectSimulator
+from drivers.freenect.rectify import KinectRectifier
+from drivers.kinect_usb.motor_unit import MotorUnit, NullMotorUnit
+from drivers.sensor_config import SensorConfig
+from tests.simulators.fixtures import SimulateKinect
+from tests.simulators.kinect_simulator import IDENTITY, KinectSimulator
+from tests.simulators.requirements import require_library
 
 MakeCamera = Callable[..., FreenectCamera]
 
 
 @pytest.fixture
-def kinect(play_kinect: SimulateKinect) -> KinectSimulator:
+def kinect(simulate_kinect: SimulateKinect) -> KinectSimulator:
     """A 1414 whose film is registered already, so that what comes back is known exactly."""
-    return plug_in(play_kinect)
+    return plug_in(simulate_kinect)
 
 
 @pytest.fixture
@@ -45,9 +45,9 @@ def make_camera() -> Iterator[MakeCamera]:
         yield make
 
 
-def plug_in(play_kinect: SimulateKinect, **options: Any) -> KinectSimulator:
+def plug_in(simulate_kinect: SimulateKinect, **options: Any) -> KinectSimulator:
     """Plug it in where this process sees it; skips without libfreenect."""
-    kinect = play_kinect(**{"registration": IDENTITY} | options)
+    kinect = simulate_kinect(**{"registration": IDENTITY} | options)
     kinect.activate()
     require_library(SONAME, PACKAGE)
     return kinect

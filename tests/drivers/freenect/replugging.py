@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from functools import partial
 
 from drivers.camera import CameraState, Clock, FrameTimeout, PlaybackMode
-from drivers.freenect.recipes import make_kinect_camera
-from drivers.isolation.camera import SubprocessCamera
-from drivers.isolation.limits import Timeouts
-from drivers.sensor_settings import SensorConfig
-from tests.belongings import child_pids, resident_memory_kb, resources_in_use_by
-from tests.stand_ins.played_kinect import KinectSimulator
+from drivers.core.process.timeouts import Timeouts
+from drivers.freenect.factory import make_kinect_camera
+from drivers.sensor_config import SensorConfig
+from drivers.subprocess_camera.camera import SubprocessCamera
+from tests.resource_leaks import child_pids, resident_memory_kb, resources_in_use_by
+from tests.simulators.kinect_simulator import KinectSimulator
 from tests.waiting import DEFAULT_TIMEOUT_S, wait_until
 
 # The back-off is not what is looked at, nor how busy the machine is.

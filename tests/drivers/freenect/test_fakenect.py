@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.stand_ins.fakenect_dump import write_fakenect_dump
-from tests.stand_ins.fixtures import pattern_frame
+from tests.simulators.fakenect_dump import write_fakenect_dump
+from tests.simulators.fixtures import pattern_frame
 
 FRAMES = 12
 
@@ -24,7 +24,7 @@ def film() -> list[tuple[Any, Any]]:
 
 
 def play(dump: Path, pace: str = "lockstep") -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "tests.drivers.freenect.play_dump"]
+    command = [sys.executable, "-m", "tests.drivers.freenect.play_fakenect_dump"]
     return subprocess.run(
         [*command, str(dump), pace, str(dump / "played.npz")],
         capture_output=True,

@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drivers.calibration import format_calibration
 from drivers.camera import CameraState, RgbdFrame
-from drivers.camera_file import format_calibration
-from drivers.errors import CameraLostError, CameraNotFoundError
-from drivers.freenect.images import DEFAULT_CALIBRATION
-from drivers.freenect.kinect import list_kinects
-from drivers.sensor_settings import SensorConfig
-from drivers.undistort import make_undistorter
+from drivers.core.errors import CameraLostError, CameraNotFoundError
+from drivers.freenect.kinect_source import list_kinects
+from drivers.freenect.rectify import DEFAULT_CALIBRATION
+from drivers.rectify import make_undistorter
+from drivers.sensor_config import SensorConfig
 from tests.drivers.freenect.conftest import MakeCamera, plug_in
-from tests.stand_ins.fixtures import FRAME_COUNT, SimulateKinect, pattern_frame
-from tests.stand_ins.kinect_registration import quantize_mm
-from tests.stand_ins.played_kinect import KinectModel, KinectSimulator
+from tests.simulators.fixtures import FRAME_COUNT, SimulateKinect, pattern_frame
+from tests.simulators.kinect_registration import quantize_mm
+from tests.simulators.kinect_simulator import KinectModel, KinectSimulator
 from tests.waiting import wait_until
 
 # Where the colour sensor's firmware keeps its automatic functions.
@@ -36,9 +36,9 @@ def cmos(kinect: KinectSimulator) -> Any:
 
 @pytest.mark.parametrize("model", list(KinectModel))
 def test_each_model_delivers_exactly_the_pixels_on_the_wire(
-    model: KinectModel, play_kinect: SimulateKinect, make_camera: MakeCamera
+    model: KinectModel, simulate_kinect: SimulateKinect, make_camera: MakeCamera
 ) -> None:
-    kinect = plug_in(play_kinect, model=model)
+    kinect = plug_in(simulate_kinect, model=model)
     with make_camera(kinect.serial) as camera:
         frames = [camera.read(3.0) for _ in range(3)]
     for frame in frames:

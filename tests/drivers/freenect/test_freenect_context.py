@@ -4,10 +4,10 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from drivers.errors import CameraError
+from drivers.core.errors import CameraError
 from drivers.freenect.context import FreenectContext
+from drivers.freenect.libfreenect_log import LibfreenectLog
 from drivers.freenect.library import TimeValue
-from drivers.freenect.log import LibfreenectLog
 
 
 def library(**answers: int) -> Any:

@@ -5,14 +5,14 @@ from itertools import pairwise
 import pytest
 
 from drivers.camera import CameraState, FrameTimeout, RgbdFrame
-from drivers.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
 from drivers.freenect.camera import FreenectCamera
-from drivers.freenect.kinect import list_kinects
+from drivers.freenect.kinect_source import list_kinects
 from drivers.freenect.library import load_library
-from tests.belongings import resources_in_use
 from tests.drivers.freenect.conftest import MakeCamera
-from tests.stand_ins.fixtures import FRAME_COUNT
-from tests.stand_ins.played_kinect import KinectSimulator, KinectStream
+from tests.resource_leaks import resources_in_use
+from tests.simulators.fixtures import FRAME_COUNT
+from tests.simulators.kinect_simulator import KinectSimulator, KinectStream
 from tests.waiting import wait_until
 
 

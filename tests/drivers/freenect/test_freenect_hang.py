@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tests.stand_ins.played_kinect import KinectSimulator
+from tests.simulators.kinect_simulator import KinectSimulator
 
 pytestmark = pytest.mark.subprocess
 
@@ -16,7 +16,7 @@ LIMIT_S = 100.0
 
 def started(kinect: KinectSimulator, argument: str) -> "subprocess.Popen[str]":
     return subprocess.Popen(
-        [sys.executable, "-m", "tests.drivers.freenect.hanging_kinect", argument],
+        [sys.executable, "-m", "tests.drivers.freenect.hung_kinect", argument],
         env=os.environ | kinect.environment,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,

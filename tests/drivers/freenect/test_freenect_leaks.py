@@ -1,6 +1,5 @@
 import pytest
 
-from tests.belongings import resources_in_use
 from tests.drivers.freenect.conftest import plug_in
 from tests.drivers.freenect.replugging import (
     HeldResources,
@@ -8,8 +7,9 @@ from tests.drivers.freenect.replugging import (
     kinect_in_subprocess,
     replug,
 )
-from tests.stand_ins.fixtures import SimulateKinect
-from tests.stand_ins.played_kinect import KinectModel
+from tests.resource_leaks import resources_in_use
+from tests.simulators.fixtures import SimulateKinect
+from tests.simulators.kinect_simulator import KinectModel
 from tests.waiting import wait_until
 
 pytestmark = pytest.mark.subprocess
@@ -26,9 +26,9 @@ def holds_no_more(now: HeldResources, before: HeldResources) -> bool:
 
 @pytest.mark.parametrize("model", [KinectModel.K1414, KinectModel.K1473])
 def test_a_kinect_that_comes_and_goes_leaves_nothing_in_either_process(
-    model: KinectModel, play_kinect: SimulateKinect
+    model: KinectModel, simulate_kinect: SimulateKinect
 ) -> None:
-    kinect = plug_in(play_kinect, model=model)
+    kinect = plug_in(simulate_kinect, model=model)
     before = resources_in_use()
     with kinect_in_subprocess() as camera:
         camera.read(100.0)

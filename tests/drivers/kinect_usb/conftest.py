@@ -5,15 +5,15 @@ from typing import Any
 
 import pytest
 
-from tests.stand_ins.played_kinect import KinectSimulator
+from tests.simulators.kinect_simulator import KinectSimulator
 
 
 @pytest.fixture
-def plug_in(play_kinect: Callable[..., KinectSimulator]) -> Callable[..., KinectSimulator]:
+def plug_in(simulate_kinect: Callable[..., KinectSimulator]) -> Callable[..., KinectSimulator]:
     """Plug in a Kinect: ``plug_in(model=Model.K1473)``."""
 
     def plug(**options: Any) -> KinectSimulator:
-        kinect = play_kinect(**options)
+        kinect = simulate_kinect(**options)
         kinect.activate()
         return kinect
 

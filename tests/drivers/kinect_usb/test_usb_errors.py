@@ -5,8 +5,8 @@ import errno
 import pytest
 import usb.core
 
-from drivers.errors import CameraError, CameraLostError, UserFacingError
-from drivers.kinect_usb.errors import translate_usb_errors
+from drivers.core.errors import CameraError, CameraLostError, UserFacingError
+from drivers.kinect_usb.usb_errors import translate_usb_errors
 
 
 def raised(error: Exception) -> UserFacingError:

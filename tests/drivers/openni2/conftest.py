@@ -10,7 +10,7 @@ import pytest
 from drivers.camera import EndOfStream, RgbdCamera, RgbdFrame
 from drivers.tum.camera import TumCamera
 from drivers.tum.writer import TumWriter
-from tests.stand_ins.oni_writer import OniImage, OniSensor, frames_to_oni_images, write_oni
+from tests.simulators.oni_writer import OniImage, OniSensor, frames_to_oni_images, write_oni
 
 SIZE = (64, 48)
 CAMERA_FILE = """schema = 1

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import InputError
+from drivers.core.errors import InputError
 from drivers.openni2.oni_camera import OniCamera
-from drivers.openni2.recording import read_oni_index
+from drivers.openni2.oni_index import read_oni_index
 from tests.drivers.openni2.conftest import make_image, make_images
-from tests.stand_ins.oni_writer import OniSensor, OniSettings, write_oni
+from tests.simulators.oni_writer import OniSensor, OniSettings, write_oni
 
 
 def complaint(path: Path, camera_file: Path | None = None) -> str:

@@ -11,17 +11,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
-from drivers.camera_file import format_calibration, read_calibration
-from drivers.errors import CameraError, InputError
-from drivers.openni2 import playback
+from drivers.core.errors import CameraError, InputError
+from drivers.openni2 import oni_playback
 from drivers.openni2.oni_camera import OniCamera
-from drivers.openni2.pace import RealtimeScheduler
-from drivers.sensor_settings import SensorConfig
+from drivers.playback import RealtimeScheduler
+from drivers.sensor_config import SensorConfig
 from drivers.tum.camera import TumCamera
-from tests.belongings import resources_in_use
 from tests.drivers.openni2.conftest import SIZE, make_image, make_images, read_all_frames
-from tests.stand_ins.oni_writer import (
+from tests.resource_leaks import resources_in_use
+from tests.simulators.oni_writer import (
     DEPTH_100_UM,
     OniImage,
     OniSensor,
@@ -29,7 +29,7 @@ from tests.stand_ins.oni_writer import (
     frames_to_oni_images,
     write_oni,
 )
-from vo_service.odometry.surf_odometry import SurfOdometry
+from vo_service.odometry.surf.odometry import SurfOdometry
 
 
 def written(path: Path, images: Sequence[OniImage], settings: OniSettings | None = None) -> Path:
@@ -135,7 +135,9 @@ def test_realtime_drops_what_is_not_taken_in_time_and_counts_it(
 ) -> None:
     path, now_s = written(tmp_path / "long.oni", make_images(30)), [100.0]
     pacer = partial(RealtimeScheduler, clock=lambda: now_s[0])
-    monkeypatch.setattr(playback, "make_pacer", lambda pace, stamps_s: pacer(stamps_s))
+    monkeypatch.setattr(
+        oni_playback, "make_playback_scheduler", lambda pace, stamps_s: pacer(stamps_s)
+    )
     with OniCamera(path, camera_file, PlaybackMode.REALTIME) as camera:
         first = camera.read(5.0)
         now_s[0] += 0.3

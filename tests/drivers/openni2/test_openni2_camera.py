@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import CameraState, Clock, FrameTimeout
-from drivers.camera_file import format_calibration, read_calibration
-from drivers.errors import (
+from drivers.core.errors import (
     CameraError,
     CameraLostError,
     CameraNotFoundError,
@@ -24,10 +24,10 @@ from drivers.errors import (
 )
 from drivers.openni2 import library
 from drivers.openni2.camera import OpenNI2Camera
-from drivers.openni2.finding import list_devices
-from drivers.sensor_settings import SensorConfig
+from drivers.openni2.enumeration import list_devices
+from drivers.sensor_config import SensorConfig
 from tests.drivers.openni2.conftest import CAMERA_FILE, DEPTH_CAMERA, make_image, make_images
-from tests.stand_ins.oni_writer import OniImage, OniSensor, OniSettings, write_oni
+from tests.simulators.oni_writer import OniImage, OniSensor, OniSettings, write_oni
 
 DUMMY = """
 import sys

@@ -7,10 +7,10 @@ import pytest
 
 from drivers.camera import PinholeCamera
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.motion import make_motion
-from drivers.synthetic.render import Renderer, RoomModel
-from drivers.synthetic.scene import ROOM_HEIGHT_M
-from tests.drivers.synthetic.studio import CachedCameras, RendererFactory
+from drivers.synthetic.motion.factory import make_motion
+from drivers.synthetic.renderer import Renderer, RoomModel
+from drivers.synthetic.room import ROOM_HEIGHT_M
+from tests.drivers.synthetic.cached_cameras import CachedCameras, RendererFactory
 
 SMALL = PinholeCamera(128, 96, 105.0, 105.0, 63.5, 47.5)
 
@@ -38,8 +38,8 @@ def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def studio(films: Path, shoot: RendererFactory) -> CachedCameras:
-    return CachedCameras(films, shoot)
+def cached_cameras(films: Path, shared_renderer: RendererFactory) -> CachedCameras:
+    return CachedCameras(films, shared_renderer)
 
 
 @pytest.fixture(scope="session")
@@ -50,6 +50,6 @@ def room() -> RoomModel:
 
 
 @pytest.fixture(scope="session")
-def shoot(room: RoomModel) -> RendererFactory:
+def shared_renderer(room: RoomModel) -> RendererFactory:
     """Renderers through that room, whatever their motion and their sensor are like."""
     return lambda variant: Renderer(variant, make_motion(variant, ROOM_HEIGHT_M), room)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.synthetic.faults import RenderedImages
+from drivers.synthetic.fault_injection import RenderedImages
 from drivers.synthetic.render_schedule import RenderSchedule
 from drivers.synthetic.rendered_sequence import RenderedSequence, SequenceFiles, create_sequence
 

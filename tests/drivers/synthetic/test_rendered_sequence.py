@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.errors import CameraError, InputError
+from drivers.core.errors import CameraError, InputError
 from drivers.synthetic import rendered_sequence
 from drivers.synthetic.config import MotionKind, SyntheticConfig
-from drivers.synthetic.faults import Fault, FaultKind, RenderedImages
+from drivers.synthetic.fault_injection import Fault, FaultKind, RenderedImages
 from drivers.synthetic.rendered_sequence import (
     RenderedSequence,
     SequenceFiles,

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from drivers.camera import Clock, FrameTimeout, PlaybackMode
-from drivers.errors import CameraLostError, InputError
+from drivers.core.errors import CameraLostError, InputError
 from drivers.synthetic.camera import RenderOptions, SyntheticCamera
 from drivers.synthetic.config import ColorSensorModel, ShutterTiming, SyntheticConfig
-from tests.drivers.synthetic.studio import CachedCameras, FakeHost, read_frames
+from tests.drivers.synthetic.cached_cameras import CachedCameras, FakeHost, read_frames
 
 pytestmark = pytest.mark.slow
 
 
 def test_lockstep_delivers_every_frame_under_fixed_stamps(
-    studio: CachedCameras, faulty: SyntheticConfig
+    cached_cameras: CachedCameras, faulty: SyntheticConfig
 ) -> None:
-    with studio.open_camera(faulty) as camera:
+    with cached_cameras.open_camera(faulty) as camera:
         frames = read_frames(camera)
         assert camera.clock is Clock.RECORDED
         assert camera.frame_count == len(frames) == 6
@@ -28,24 +28,24 @@ def test_lockstep_delivers_every_frame_under_fixed_stamps(
 
 
 def test_two_runs_give_the_same_bytes_whatever_the_threads(
-    studio: CachedCameras, faulty: SyntheticConfig
+    cached_cameras: CachedCameras, faulty: SyntheticConfig
 ) -> None:
     """Rendered as they are read, the room painted by one thread and by two, and from disk."""
     ways = (RenderOptions(threads=1), RenderOptions(threads=2))
-    runs = [studio.read_frames(faulty)]
+    runs = [cached_cameras.read_frames(faulty)]
     for way in ways:
         with SyntheticCamera(faulty, render_options=way) as camera:
             runs.append(read_frames(camera))
     for frames in zip(*runs, strict=True):
-        assert len({frame.colour_bgr.tobytes() for frame in frames}) == 1
+        assert len({frame.color_bgr.tobytes() for frame in frames}) == 1
         assert len({frame.depth_raw.tobytes() for frame in frames}) == 1
         assert len({frame.stamp_s for frame in frames}) == 1
 
 
 def test_ground_truth_is_stamped_like_the_frames(
-    studio: CachedCameras, ideal: SyntheticConfig
+    cached_cameras: CachedCameras, ideal: SyntheticConfig
 ) -> None:
-    camera = studio.open_camera(ideal)
+    camera = cached_cameras.open_camera(ideal)
     with camera:
         stamps = [frame.stamp_s for frame in read_frames(camera)]
     truth = camera.ground_truth
@@ -54,8 +54,8 @@ def test_ground_truth_is_stamped_like_the_frames(
     assert truth.T_world_camera.shape == (6, 4, 4)
 
 
-def test_opening_again_starts_over(studio: CachedCameras, ideal: SyntheticConfig) -> None:
-    camera = studio.open_camera(ideal)
+def test_opening_again_starts_over(cached_cameras: CachedCameras, ideal: SyntheticConfig) -> None:
+    camera = cached_cameras.open_camera(ideal)
     with camera:
         first = camera.read(1.0)
         camera.read(1.0)
@@ -69,9 +69,9 @@ def test_opening_again_starts_over(studio: CachedCameras, ideal: SyntheticConfig
 
 
 def test_a_loop_goes_on_for_ever_without_a_seam(
-    studio: CachedCameras, ideal: SyntheticConfig
+    cached_cameras: CachedCameras, ideal: SyntheticConfig
 ) -> None:
-    with studio.open_camera(replace(ideal, loop=True)) as camera:
+    with cached_cameras.open_camera(replace(ideal, loop=True)) as camera:
         frames = [camera.read(1.0) for _ in range(14)]
         assert camera.frame_count is None
         assert camera.ground_truth is None
@@ -81,10 +81,10 @@ def test_a_loop_goes_on_for_ever_without_a_seam(
 
 
 def test_live_frames_come_when_due_and_stamped_by_the_host(
-    studio: CachedCameras, faulty: SyntheticConfig
+    cached_cameras: CachedCameras, faulty: SyntheticConfig
 ) -> None:
     host = FakeHost()
-    with studio.open_camera(faulty, PlaybackMode.REALTIME, host) as camera:
+    with cached_cameras.open_camera(faulty, PlaybackMode.REALTIME, host) as camera:
         assert camera.clock is Clock.MONOTONIC
         with pytest.raises(FrameTimeout):
             camera.read(0.005)
@@ -97,11 +97,11 @@ def test_live_frames_come_when_due_and_stamped_by_the_host(
 
 
 def test_a_slow_reader_gets_the_newest_frame_and_the_rest_is_counted(
-    studio: CachedCameras,
+    cached_cameras: CachedCameras,
     faulty: SyntheticConfig,
 ) -> None:
     host = FakeHost()
-    with studio.open_camera(faulty, PlaybackMode.REALTIME, host) as camera:
+    with cached_cameras.open_camera(faulty, PlaybackMode.REALTIME, host) as camera:
         seqs = [camera.read(1.0).seq]
         host.sleep(0.11)
         seqs += [camera.read(1.0).seq, camera.read(1.0).seq]
@@ -128,8 +128,10 @@ def test_what_makes_no_sense_is_refused_by_name(change: dict[str, object], messa
         replace(SyntheticConfig(), **change)  # type: ignore[arg-type]
 
 
-def test_every_frame_knows_which_way_is_down(studio: CachedCameras, ideal: SyntheticConfig) -> None:
-    with studio.open_camera(ideal) as camera:
+def test_every_frame_knows_which_way_is_down(
+    cached_cameras: CachedCameras, ideal: SyntheticConfig
+) -> None:
+    with cached_cameras.open_camera(ideal) as camera:
         frames = read_frames(camera)
         truth = camera.ground_truth
     assert truth is not None

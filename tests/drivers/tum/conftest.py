@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers.calibration import CameraCalibration, format_calibration
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.camera_file import CameraCalibration, format_calibration
 
 WIDTH, HEIGHT = 64, 48
 PINHOLE = PinholeCamera(WIDTH, HEIGHT, 60.0, 61.0, 31.5, 23.5)
@@ -60,8 +60,8 @@ def make_frame() -> Callable[..., RgbdFrame]:
         values = {
             "seq": seq,
             "stamp_s": 1000.0 + seq / 30,
-            "arrival_s": 0.0,
-            "colour_bgr": color_image(seq),
+            "receive_time_s": 0.0,
+            "color_bgr": color_image(seq),
             "depth_raw": depth_image(seq),
             "depth_factor": 5000.0,
             "camera": PINHOLE,

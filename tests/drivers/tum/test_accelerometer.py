@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import RgbdFrame
-from drivers.errors import InputError
-from drivers.gravity import Vector
+from drivers.core.errors import InputError
+from drivers.core.gravity import Vector
 from drivers.tum.accelerometer import ACCELEROMETER_FILE, AccelerometerWriter, read_gravity
 from drivers.tum.camera import TumCamera
 from drivers.tum.writer import TumWriter

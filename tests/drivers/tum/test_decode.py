@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.tum.decode import PNG_SIGNATURE, UnreadableFrameError, load_pair
-from drivers.tum.lists import FramePair, ListedImage
+from drivers.tum.index_files import FramePair, ListedImage
 
 SIZE = (64, 48)
 COLOUR = np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)

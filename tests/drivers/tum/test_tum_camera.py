@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import CameraCounters, Clock, EndOfStream, FrameTimeout, PlaybackMode, RgbdFrame
-from drivers.camera_file import format_calibration, read_calibration
-from drivers.errors import CameraError, InputError
+from drivers.core.errors import CameraError, InputError
 from drivers.tum import frame_reader
 from drivers.tum.camera import TumCamera
 

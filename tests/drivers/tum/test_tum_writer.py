@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.calibration import format_calibration, read_calibration
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.camera_file import format_calibration, read_calibration
-from drivers.errors import InputError, UserFacingError
-from drivers.trajectory import Trajectory
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.trajectory import Trajectory
 from drivers.tum.camera import TumCamera
 from drivers.tum.encode import ColorFormat, FrameStamps, format_stamp
 from drivers.tum.writer import MAX_PENDING_FRAMES, TumWriter
-from tests.drivers.tum.replaying import read_recording
+from tests.drivers.tum.read_recording import read_recording
 
 FolderMaker = Callable[..., Path]
 FrameMaker = Callable[..., RgbdFrame]

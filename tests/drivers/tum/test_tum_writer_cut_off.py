@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.drivers.tum.replaying import read_recording
+from tests.drivers.tum.read_recording import read_recording
 
 pytestmark = pytest.mark.subprocess
 
@@ -18,7 +18,7 @@ import weakref
 from pathlib import Path
 import numpy as np
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.errors import UserFacingError
+from drivers.core.errors import UserFacingError
 from drivers.tum.writer import TumWriter
 
 noise = np.random.default_rng(0)

@@ -4,9 +4,13 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.vo_service.client.published import FakeService, find_free_endpoint, running_fake_service
+from tests.vo_service.client.fake_service import (
+    FakeService,
+    find_free_endpoint,
+    running_fake_service,
+)
 from tests.waiting import wait_until
-from vo_service.client import PoseClient, judging
+from vo_service.client import PoseClient, freshness
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +26,7 @@ def talk(
     both: tuple[FakeService, str], monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[tuple[FakeService, PoseClient]]:
     """A service and a client that hears it."""
-    monkeypatch.setattr(judging, "SILENCE_S", 60.0)  # a busy machine is no silence
+    monkeypatch.setattr(freshness, "MAX_SILENCE_S", 60.0)  # a busy machine is no silence
     publisher, endpoint = both
     with PoseClient(connect=endpoint) as client:
         assert client.wait_for_publisher(20)

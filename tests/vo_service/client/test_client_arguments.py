@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from drivers.geometry import rigid_transform, so3_exp
-from tests.vo_service.client.published import find_free_endpoint
+from drivers.core.geometry import rigid_transform, so3_exp
+from tests.vo_service.client.fake_service import find_free_endpoint
 from vo_service.client import InputError, PoseClient, ServiceUnavailable
 from vo_service.client.arguments import reset_arguments
 
@@ -29,7 +29,7 @@ def alone() -> Iterator[PoseClient]:
         lambda client: client.newest(max_age_s=-0.1),
         lambda client: client.poses(timeout_s=NAN),
         lambda client: client.wait_for_publisher(-1.0),
-        lambda client: client.latest(timeout_s=-1.0),
+        lambda client: client.query_latest(timeout_s=-1.0),
         lambda client: client.status(timeout_s=float("inf")),
         lambda client: client.reset(np.full((4, 4), NAN)),
         lambda client: client.reset(np.eye(3)),

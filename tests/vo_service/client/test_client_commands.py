@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 import zenoh
 
-from drivers.geometry import rigid_transform
-from tests.vo_service.client.published import FakeService, find_free_endpoint, running_fake_service
+from drivers.core.geometry import rigid_transform
+from tests.vo_service.client.fake_service import (
+    FakeService,
+    find_free_endpoint,
+    running_fake_service,
+)
 from tests.waiting import wait_until
 from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
-from vo_service.control.commands import COMMAND_NAMES, parse_command
+from vo_service.command_parser import COMMAND_NAMES, parse_command
 
 pytestmark = pytest.mark.zenoh
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import InputError
-from tests.vo_service.client.published import find_free_endpoint, running_fake_service
+from drivers.core.errors import InputError
+from tests.vo_service.client.fake_service import find_free_endpoint, running_fake_service
 from tests.waiting import wait_until
 from vo_service.client import PoseClient, PoseUnavailable, PoseUnavailableReason, ServiceUnavailable
 

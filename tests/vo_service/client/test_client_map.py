@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.vo_service.client.published import (
+from tests.vo_service.client.fake_service import (
     ServiceAndClient,
     find_free_endpoint,
     publish_and_receive,

@@ -16,10 +16,10 @@ from vo_service.client import (
     PoseUnavailable,
     PoseUnavailableReason,
     ServiceUnavailable,
-    connecting,
+    connection,
 )
-from vo_service.outputs.zenoh_session import open_session
-from vo_service.settings import ZenohConfig
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.session import open_session
 from vo_service.types import OdometryUpdate, PauseCommand
 
 pytestmark = pytest.mark.zenoh
@@ -79,7 +79,7 @@ def test_a_key_that_is_away_for_a_while_is_told_of_once_and_waited_for(
     caplog: pytest.LogCaptureFixture,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(connecting, "RETRY_S", 0.05)
+    monkeypatch.setattr(connection, "RETRY_S", 0.05)
     tries = counted(monkeypatch)
     file = network.file("reader-tls.json5", "ours/reader")
     certificate = file.with_name("tls.pem")
@@ -103,7 +103,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
         tries.append(config)
         return open_session(config)
 
-    monkeypatch.setattr(connecting, "open_session", open_and_count)
+    monkeypatch.setattr(connection, "open_session", open_and_count)
     return tries
 
 

@@ -6,7 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from tests.vo_service.client.published import ServiceAndClient, publish_and_receive, wait_for_pose
+from tests.vo_service.client.fake_service import (
+    ServiceAndClient,
+    publish_and_receive,
+    wait_for_pose,
+)
 from tests.waiting import wait_until
 from vo_service.client import Pose, PoseUnavailable, PoseUnavailableReason
 

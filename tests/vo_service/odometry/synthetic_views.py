@@ -8,7 +8,7 @@ from hypothesis import settings
 from numpy.typing import NDArray
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 
 # A kernel may have to be compiled before its first call returns.
 FIRST_CALL_COMPILES = settings(deadline=None)

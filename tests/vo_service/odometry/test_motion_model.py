@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.geometry import Array, rigid_transform, rotation_angle_rad, so3_exp
-from tests.vo_service.odometry.walk import assert_close
+from drivers.core.geometry import Array, rigid_transform, rotation_angle_rad, so3_exp
+from tests.vo_service.odometry.hand_held_sequence import assert_close
 from vo_service.odometry.motion_model import (
     MAX_SPEED_M_S,
     MAX_TURN_RATE_RAD_S,

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.jit import kernel
+from drivers.core.jit import kernel
 from vo_service.odometry.plane_fit import fit_plane
 
 WIDTH, HEIGHT = 40, 30

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drivers.geometry import (
+from drivers.core.geometry import (
     Array,
     inverse,
     is_rigid,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.camera import PinholeCamera, RgbdFrame
-from drivers.geometry import rigid_transform, so3_exp
+from drivers.core.geometry import rigid_transform, so3_exp
 from tests import ports
 from tests.vo_service.fakes import make_status
 from vo_service.types import (

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from drivers.camera import PlaybackMode
-from drivers.errors import InputError, UserFacingError
+from drivers.core.errors import InputError, UserFacingError
 from vo_service.app import OutputsConfig, open_outputs
-from vo_service.outputs.trajectory_output import TrajectoryFileOutput
-from vo_service.outputs.zenoh_opening import ConnectWithRetry
-from vo_service.outputs.zenoh_output import ZenohOutput
-from vo_service.settings import RerunConfig, ZenohConfig
+from vo_service.config_tables import RerunConfig, ZenohConfig
+from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
+from vo_service.outputs.zenoh.connection import ConnectWithRetry
+from vo_service.outputs.zenoh.output import ZenohOutput
 from vo_service.types import OdometryUpdate
 
 pytestmark = pytest.mark.zenoh

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from tests.vo_service.fakes import FakeClock
-from vo_service.outputs import state_log_output
-from vo_service.outputs.state_log_output import StateLogOutput
+from vo_service.outputs import state_log
+from vo_service.outputs.state_log import StateLogOutput
 from vo_service.types import Status, TrackingState
 
 TRACKING, DEGRADED, LOST, NO_CAMERA = (
@@ -40,7 +40,7 @@ def test_a_camera_that_takes_long_to_open_is_told_once_and_then_with_the_seconds
     status: Status, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = FakeClock()
-    monkeypatch.setattr(state_log_output, "time", clock)
+    monkeypatch.setattr(state_log, "time", clock)
     output = StateLogOutput()
     opening = replace(status, state=NO_CAMERA, reason="opening: preparing its room")
     with caplog.at_level("INFO"):

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import zenoh
 
-from drivers.errors import UserFacingError
+from drivers.core.errors import UserFacingError
 from tests.ports import free_port
-from tests.vo_service.made_up_map import make_map
-from vo_service.certificates.authority import CertificateAuthority
-from vo_service.control.inbox import CommandQueue
-from vo_service.outputs.zenoh_commands import make_command_endpoint
-from vo_service.outputs.zenoh_output import ExtraEndpoints, ZenohOutput
-from vo_service.outputs.zenoh_session import open_session
-from vo_service.settings import CommandConfig, ZenohConfig
+from tests.vo_service.sample_map import make_map
+from vo_service.command_queue import CommandQueue
+from vo_service.config_tables import CommandConfig, ZenohConfig
+from vo_service.outputs.zenoh.command_server import make_command_endpoint
+from vo_service.outputs.zenoh.output import ExtraEndpoints, ZenohOutput
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.tools.certificates.authority import CertificateAuthority
 from vo_service.types import Command, OdometryUpdate
 
 ZENOH_FILES = Path(__file__).parents[3] / "config" / "zenoh"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.geometry import (
+from drivers.core.geometry import (
     Array,
     inverse,
     orthonormalize,
@@ -13,8 +13,8 @@ from drivers.geometry import (
     rotation_angle_rad,
     so3_exp,
 )
-from vo_service.odometry.directions import DegeneracyAnalysis, analyze_degeneracy, point_information
-from vo_service.odometry.icp.pyramid import DepthPyramid
+from vo_service.odometry.degeneracy import DegeneracyAnalysis, analyze_degeneracy, point_information
+from vo_service.odometry.icp.depth_pyramid import DepthPyramid
 from vo_service.odometry.icp.residuals import accumulate_normal_equations, robust_cost
 
 PlanePyramid = Sequence[Array]

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array
-from drivers.jit import kernel
-from vo_service.odometry.icp.pyramid import DepthLevel
+from drivers.core.geometry import Array
+from drivers.core.jit import kernel
+from vo_service.odometry.icp.depth_pyramid import DepthLevel
 from vo_service.odometry.plane_fit import fit_plane
 
 # A plane is fitted over a square of (2 RADIUS + 1)^2 pixels, ...

@@ -9,8 +9,8 @@ over the point's depth. So measured, the sensor's noise is the same everywhere.
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array
-from drivers.jit import inline_kernel, kernel
+from drivers.core.geometry import Array
+from drivers.core.jit import inline_kernel, kernel
 
 # Readings around a projected point that are further apart than this in 1/m lie on an edge.
 MAX_STEP_PER_M = 0.04

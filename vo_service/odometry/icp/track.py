@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.geometry import Array, inverse, transport_covariance
-from vo_service.odometry.directions import MIN_OBSERVABILITY
+from drivers.core.geometry import Array, inverse, transport_covariance
+from vo_service.odometry.degeneracy import MIN_OBSERVABILITY
 from vo_service.odometry.icp.alignment import IcpAlignment, PlanePyramid
-from vo_service.odometry.icp.confidence import alignment_covariance
+from vo_service.odometry.icp.depth_pyramid import DepthPyramid
 from vo_service.odometry.icp.planes import find_planes
-from vo_service.odometry.icp.pyramid import DepthPyramid
+from vo_service.odometry.icp.quality import alignment_covariance
 
 # A reference is replaced when less than this share of its planes is seen, ...
 RENEW_SHARE = 0.75

@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array
-from drivers.jit import inline_kernel, kernel
+from drivers.core.geometry import Array
+from drivers.core.jit import inline_kernel, kernel
 
 # Squared errors, in standard deviations, count half from here on.
 CAUCHY_SCALE_SQUARED = 4.0

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array, rotation_angle_rad
-from vo_service.odometry.sfm.colour_view import RayPairs
+from drivers.core.geometry import Array, rotation_angle_rad
+from vo_service.odometry.sfm.mono_frame import RayPairs
 from vo_service.odometry.sfm.triangulation import triangulate
 
 # A pair agrees if it is within so many standard deviations of its epipolar line.

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.geometry import Array, inverse, transform_points
+from drivers.core.geometry import Array, inverse, transform_points
 from vo_service.odometry.matching import match_features
-from vo_service.odometry.sfm.colour_view import PAIR_SIGMA_PX, MonoFrame, RayPairs
+from vo_service.odometry.sfm.mono_frame import PAIR_SIGMA_PX, MonoFrame, RayPairs
 
 Indices = NDArray[np.int64]
 

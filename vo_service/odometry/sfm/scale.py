@@ -6,9 +6,9 @@ odometry, part I", IEEE Robotics and Automation Magazine 18 (2011), Section "2-D
 
 import numpy as np
 
-from drivers.geometry import Array, rigid_transform
-from vo_service.odometry.sfm.colour_view import RayPairs
+from drivers.core.geometry import Array, rigid_transform
 from vo_service.odometry.sfm.essential import UnscaledMotion
+from vo_service.odometry.sfm.mono_frame import RayPairs
 from vo_service.odometry.sfm.triangulation import triangulate
 
 # Points that have moved by less than this, in standard deviations, say nothing of the length.

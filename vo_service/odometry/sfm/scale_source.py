@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import Array
-from vo_service.odometry.points import backproject_features
+from drivers.core.geometry import Array
+from vo_service.odometry.feature_points import backproject_features
 from vo_service.odometry.surf import Features
 
 # Fewer points than this with depth say too little, and so do two stamps of one place.

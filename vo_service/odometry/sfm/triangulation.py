@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.geometry import Array
-from vo_service.odometry.sfm.colour_view import RayPairs
+from drivers.core.geometry import Array
+from vo_service.odometry.sfm.mono_frame import RayPairs
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.jit import inline_kernel, kernel
+from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.surf.maxima import SCALE, X, Y
 from vo_service.odometry.surf.orientation import GRID_SIDE, dominant_direction
-from vo_service.odometry.surf.pyramid import level_for_scale, rotate_grid, sample_bilinear
+from vo_service.odometry.surf.packed_pyramid import level_for_scale, rotate_grid, sample_bilinear
 
 DESCRIPTOR_SIZE = 64
 REGIONS_PER_SIDE = 4  # 4x4 square regions

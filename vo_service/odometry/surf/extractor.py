@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from vo_service.odometry.surf.descriptor import DESCRIPTOR_SIZE, PATCH_SIDE, describe, patch_weights
 from vo_service.odometry.surf.maxima import RESPONSE, SCALE, SIGN, X, Y
 from vo_service.odometry.surf.orientation import GRID_SIDE, disc_weights
-from vo_service.odometry.surf.pyramid import build_pyramid, centered_grid
+from vo_service.odometry.surf.packed_pyramid import build_pyramid, centered_grid
 from vo_service.odometry.surf.scale_space import ScaleSpace
 
 # Below this response (grey levels^2) a maximum is sensor noise.

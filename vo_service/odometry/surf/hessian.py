@@ -8,7 +8,7 @@ cost does not depend on the size of the filter.
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.jit import inline_kernel, kernel
+from drivers.core.jit import inline_kernel, kernel
 
 # Balances Dxy against Dxx and Dyy in det(H) = Dxx Dyy - w Dxy^2 (eq. 3). The paper's 0.9^2 is for
 # one common area normaliser; 1.2 matches more features at the same precision.

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.jit import inline_kernel, kernel
+from drivers.core.jit import inline_kernel, kernel
 from vo_service.odometry.surf.hessian import SCALE_PER_LOBE, is_laplacian_positive, lobe_margin
 
 # Columns of a keypoint table, float32, one keypoint a row.

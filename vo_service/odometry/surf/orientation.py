@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.jit import inline_kernel
+from drivers.core.jit import inline_kernel
 
 RADIUS = 6  # Haar responses within 6 s of the keypoint
 GRID_SIDE = 2 * RADIUS + 3  # samples a side: the responses and one more around them

@@ -8,17 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import (
-    inverse,
-    rigid_transform,
-    so3_exp,
-)
-from tests.vo_service.odometry.contract import (
+from drivers.core.geometry import inverse, rigid_transform, so3_exp
+from tests.vo_service.odometry.estimate_checks import (
     assert_counts_consistent,
     assert_starts_at_origin,
     assert_valid_or_explained,
 )
-from tests.vo_service.odometry.icp.views import (
+from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
+from tests.vo_service.odometry.icp.depth_views import (
     CAMERA,
     FLOOR,
     ROOM,
@@ -30,10 +27,9 @@ from tests.vo_service.odometry.icp.views import (
     remove_blocks,
     render_view,
 )
-from tests.vo_service.odometry.stage_names import RecordingStageTimer
-from tests.vo_service.odometry.walk import assert_close, estimate_all
+from tests.vo_service.odometry.recording_stage_timer import RecordingStageTimer
+from vo_service.odometry.icp.odometry import IcpOdometry
 from vo_service.odometry.icp.parameters import IcpParameters
-from vo_service.odometry.icp_odometry import IcpOdometry
 
 NO_DEPTH = make_frame(np.zeros((CAMERA.height, CAMERA.width)))
 

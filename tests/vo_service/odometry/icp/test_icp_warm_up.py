@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from tests.vo_service.odometry.icp.views import ROOM, add_noise, hand_held_pose, render_view
-from vo_service.methods import METHODS, FeatureConfig
-from vo_service.odometry.icp import planes, pyramid, residuals
-from vo_service.odometry.stopwatch import NullStageTimer
-from vo_service.warm_up import warm_up
+from tests.vo_service.odometry.icp.depth_views import ROOM, add_noise, hand_held_pose, render_view
+from vo_service.odometry.icp import depth_pyramid, planes, residuals
+from vo_service.odometry.profiling import NullStageTimer
+from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.warm_up import warm_up
 
 KERNELS = [
     each
-    for module in (planes, pyramid, residuals)
+    for module in (planes, depth_pyramid, residuals)
     for each in vars(module).values()
     if hasattr(each, "signatures") and hasattr(each, "py_func")
 ]

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.vo_service.odometry.icp.views import (
+from tests.vo_service.odometry.icp.depth_views import (
     FLOOR,
     ROOM,
     WALL,
@@ -12,8 +12,8 @@ from tests.vo_service.odometry.icp.views import (
     make_frame,
     render_view,
 )
+from vo_service.odometry.icp.depth_pyramid import build_depth_pyramid
 from vo_service.odometry.icp.planes import find_planes, normal_bins, sample_balanced
-from vo_service.odometry.icp.pyramid import build_depth_pyramid
 
 
 def test_planes_lie_on_the_surface_and_face_as_it_does() -> None:

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 
-from drivers.geometry import Array, inverse, rigid_transform, rotation_angle_rad
-from drivers.geometry import so3_exp as turn_by
-from tests.vo_service.odometry.sfm.ray_views import MOTION, SIGMA, make_pairs, small_vectors
-from vo_service.odometry.sfm.colour_view import RayPairs
+from drivers.core.geometry import Array, inverse, rigid_transform, rotation_angle_rad
+from drivers.core.geometry import so3_exp as turn_by
+from tests.vo_service.odometry.sfm.ray_pairs import MOTION, SIGMA, make_pairs, small_vectors
 from vo_service.odometry.sfm.essential import (
     find_essential,
     find_unscaled_motion,
     recover_unscaled_motion,
 )
+from vo_service.odometry.sfm.mono_frame import RayPairs
 
 
 def angle_deg(a: Array, b: Array) -> float:

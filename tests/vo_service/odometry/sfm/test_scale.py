@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivers.geometry import inverse, rigid_transform, so3_exp
-from tests.vo_service.odometry.sfm.ray_views import MOTION, SIGMA, make_pairs
+from drivers.core.geometry import inverse, rigid_transform, so3_exp
+from tests.vo_service.odometry.sfm.ray_pairs import MOTION, SIGMA, make_pairs
 from vo_service.odometry.sfm.essential import UnscaledMotion, find_unscaled_motion
 from vo_service.odometry.sfm.scale import propose_scaled_motions
 

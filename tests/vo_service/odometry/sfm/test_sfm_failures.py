@@ -6,18 +6,23 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.geometry import is_rigid
-from tests.vo_service.odometry.contract import assert_valid_or_explained
-from tests.vo_service.odometry.sfm.sideways import (
+from drivers.core.geometry import is_rigid
+from tests.vo_service.odometry.estimate_checks import assert_valid_or_explained
+from tests.vo_service.odometry.hand_held_sequence import (
+    BLACK,
+    assert_close,
+    estimate_all,
+    render_elsewhere,
+)
+from tests.vo_service.odometry.sfm.sideways_sequence import (
     remove_depth,
     render_view,
     render_views,
     sideways_pose,
 )
-from tests.vo_service.odometry.test_surf_odometry_failures import garbage
-from tests.vo_service.odometry.walk import BLACK, assert_close, estimate_all, render_elsewhere
+from tests.vo_service.odometry.surf.test_surf_odometry_failures import garbage
+from vo_service.odometry.sfm.odometry import SfmOdometry
 from vo_service.odometry.sfm.parameters import SfmParameters
-from vo_service.odometry.sfm_odometry import SfmOdometry
 
 
 def test_a_black_start_is_an_answer_and_the_next_good_frame_begins() -> None:

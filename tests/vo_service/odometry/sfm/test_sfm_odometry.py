@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from drivers.camera import RgbdFrame
-from drivers.geometry import inverse, rigid_transform, so3_exp
-from tests.vo_service.odometry.contract import assert_counts_consistent
-from tests.vo_service.odometry.sfm.sideways import (
+from drivers.core.geometry import inverse, rigid_transform, so3_exp
+from tests.vo_service.odometry.estimate_checks import assert_counts_consistent
+from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
+from tests.vo_service.odometry.sfm.sideways_sequence import (
     FRAMES,
     remove_depth,
     render_view,
@@ -14,9 +15,8 @@ from tests.vo_service.odometry.sfm.sideways import (
     sideways_pose,
 )
 from tests.vo_service.odometry.synthetic_views import render_corner
-from tests.vo_service.odometry.walk import assert_close, estimate_all
+from vo_service.odometry.sfm.odometry import SfmOdometry
 from vo_service.odometry.sfm.scale_source import GivenBaselineScale, InitialPair, MetricScale
-from vo_service.odometry.sfm_odometry import SfmOdometry
 from vo_service.types import Estimate
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from drivers.geometry import Array
-from tests.vo_service.odometry.sfm.sideways import remove_depth, render_view
-from vo_service.odometry.points import backproject_features
+from drivers.core.geometry import Array
+from tests.vo_service.odometry.sfm.sideways_sequence import remove_depth, render_view
+from vo_service.odometry.feature_points import backproject_features
 from vo_service.odometry.sfm.scale_source import (
     FirstDepthScale,
     GivenBaselineScale,

@@ -1,16 +1,16 @@
 """Compiling ahead of time: what structure from motion needs has been run by the warm-up."""
 
-from tests.vo_service.odometry.sfm.sideways import render_views
-from tests.vo_service.odometry.walk import estimate_all
-from vo_service.methods import METHODS, FeatureConfig
-from vo_service.odometry import matching, points
+from tests.vo_service.odometry.hand_held_sequence import estimate_all
+from tests.vo_service.odometry.sfm.sideways_sequence import render_views
+from vo_service.odometry import feature_points, matching
+from vo_service.odometry.profiling import NullStageTimer
+from vo_service.odometry.registry import METHODS, FeatureConfig
 from vo_service.odometry.sfm import bundle_kernels
-from vo_service.odometry.stopwatch import NullStageTimer
-from vo_service.warm_up import warm_up
+from vo_service.odometry.warm_up import warm_up
 
 KERNELS = [
     each
-    for module in (bundle_kernels, matching, points)
+    for module in (bundle_kernels, matching, feature_points)
     for each in vars(module).values()
     if hasattr(each, "signatures") and hasattr(each, "py_func")
 ]

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.geometry import Array, inverse, rigid_transform, so3_exp
-from tests.vo_service.odometry.sfm.ray_views import MOTION, make_cloud, make_pairs, small_vectors
+from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
+from tests.vo_service.odometry.sfm.ray_pairs import MOTION, make_cloud, make_pairs, small_vectors
 from vo_service.odometry.sfm.triangulation import triangulate
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 
 
 def vertical_filter(lobe: int) -> NDArray[np.int64]:

@@ -3,11 +3,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 from tests.vo_service.odometry.synthetic_views import make_blob_image, make_textured_image
 from vo_service.odometry.surf import Features, SurfExtractor
 from vo_service.odometry.surf.descriptor import DESCRIPTOR_NORM, DESCRIPTOR_SIZE
-from vo_service.odometry.surf.pyramid import build_pyramid
+from vo_service.odometry.surf.packed_pyramid import build_pyramid
 
 
 def grey_patch(image: NDArray[np.uint8], features: Features, n: int) -> Array:

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_blob_image
 from vo_service.odometry.surf.maxima import (
     NUM_COLUMNS,

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.geometry import Array
+from drivers.core.geometry import Array
 from tests.vo_service.odometry.synthetic_views import FIRST_CALL_COMPILES, make_textured_image
 from vo_service.odometry.surf import Features, SurfExtractor
 from vo_service.odometry.surf.orientation import GRID_SIDE, disc_weights, dominant_direction

@@ -1,0 +1,73 @@
+"""One row of `benchmarks.direct_sweep`: a process of its own, for its kernels are its own."""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import json
+import sys
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.camera_frames import read_all_frames
+from benchmarks.direct_sweep import BASELINE, parse_change
+from benchmarks.result_cache import Json
+from drivers.camera import PlaybackMode
+from drivers.core.errors import InputError
+from drivers.core.trajectory import Trajectory
+from drivers.tum.camera import TumCamera
+from vo_service.odometry.direct import parameters
+from vo_service.tools.evaluation import evaluate
+from vo_service.tools.evaluation.association import associate
+from vo_service.tools.evaluation.gross_errors import count_gross_errors, tracked_steps
+
+
+def main(change: str, recordings: Sequence[str]) -> int:
+    """Change the constant before anything is compiled with it, then follow every recording."""
+    cv2.setNumThreads(1)
+    if change != BASELINE:
+        name, value = parse_change(change)
+        if not hasattr(parameters, name):
+            sys.exit(f"{parameters.__name__} has no {name}")
+        setattr(parameters, name, value)
+    print(json.dumps({each: evaluate_recording(each) for each in recordings}))
+    return 0
+
+
+def evaluate_recording(recording: str) -> Json | None:
+    """Of FOLDER or FOLDER@EVERY; None where the odometry found no way through it."""
+    from vo_service.odometry.direct.odometry import DirectOdometry
+
+    folder, _, every = recording.partition("@")
+    stamps_s, poses, epochs, failed = [], [], [], 0
+    with TumCamera(Path(folder), None, PlaybackMode.LOCKSTEP) as camera:
+        odometry, epoch, truth = DirectOdometry(), 0, camera.ground_truth
+        for frame in islice(read_all_frames(camera), 0, None, int(every or 1)):
+            estimate = odometry.estimate(frame)
+            epoch += estimate.is_reset
+            failed += not estimate.ok
+            if estimate.ok:
+                stamps_s.append(frame.stamp_s)
+                poses.append(estimate.T_world_camera)
+                epochs.append(epoch)
+    assert truth is not None, f"{folder} has no ground truth"
+    try:
+        trajectory = Trajectory(np.array(stamps_s), np.array(poses))
+        matched, found = associate(trajectory, truth), evaluate(trajectory, truth)
+    except InputError:
+        return None
+    steps = tracked_steps(matched, trajectory.stamps_s, np.array(epochs))
+    return {
+        "ate_m": found.ate_rmse_m,
+        "global_m": found.mean_global_error_m,
+        "lost": failed,
+        "gross": count_gross_errors(matched, steps),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], sys.argv[2:]))

@@ -1,0 +1,147 @@
+"""Ways to spoil pieces of a recording: what a live camera does when something happens to it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, so3_exp
+
+Frames = list[RgbdFrame]
+Image = NDArray[np.integer[Any]]
+FrameTransform = Callable[
+    [Frames], Frames
+]  # a piece of frames as it comes through, perhaps shorter
+
+BLUR_SAMPLES = 9  # views within the exposure that are averaged for motion blur
+
+
+@dataclass(frozen=True)
+class SwingMotion:
+    """The camera swings about its own axes, away and back, and to the other side.
+
+    furthest_rad  (3,) rotation vector
+    """
+
+    max_rotation_rad: tuple[float, float, float]
+    rate_hz: float
+    exposure_s: float
+
+    def rotation_at(self, time_s: float) -> Array:
+        """R_mounting_camera, 3x3."""
+        furthest_rad = np.array(self.max_rotation_rad)
+        return so3_exp(furthest_rad * np.sin(2 * np.pi * self.rate_hz * time_s))
+
+
+@dataclass(frozen=True)
+class FrameCorruption:
+    """`pieces` pieces, evenly spread, of `frames` frames each, that `spoil` makes worse."""
+
+    corrupt: FrameTransform
+    frames: int
+    pieces: int
+
+    def apply(self, frames: Frames) -> Frames:
+        """What comes through; what lies between the pieces does as it is."""
+        out: Frames = []
+        begin = 0
+        for n in range(self.pieces):
+            first = (2 * n + 1) * len(frames) // (2 * self.pieces) - self.frames // 2
+            last = first + self.frames
+            out += frames[begin:first] + self.corrupt(frames[first:last])
+            begin = last
+        return out + frames[begin:]
+
+
+def blacken(piece: Frames) -> Frames:
+    """No light; depth needs none."""
+    return [replace(f, color_bgr=np.zeros_like(f.color_bgr)) for f in piece]
+
+
+def freeze(piece: Frames) -> Frames:
+    """The first picture again and again, under new stamps."""
+    first = piece[0]
+    return [replace(f, color_bgr=first.color_bgr, depth_raw=first.depth_raw) for f in piece]
+
+
+def replace_with_noise(piece: Frames) -> Frames:
+    """Nothing but noise in colour and depth."""
+    return [_noise_frame(f) for f in piece]
+
+
+def remove(piece: Frames) -> Frames:
+    """Nothing comes."""
+    return piece[:0]
+
+
+def add_swing(piece: Frames, motion: SwingMotion) -> Frames:
+    """The camera swings, and comes back to where it was; with motion blur."""
+    begin_s = piece[0].stamp_s
+    return [_rotate(f, motion, f.stamp_s - begin_s) for f in piece]
+
+
+def _noise_frame(frame: RgbdFrame) -> RgbdFrame:
+    random = np.random.default_rng(frame.seq)
+    shape = frame.color_bgr.shape
+    grey = random.integers(0, 256, (*shape[:2], 1), np.uint8)
+    farthest = int(5.0 * frame.depth_factor)
+    return replace(
+        frame,
+        color_bgr=np.repeat(grey, 3, axis=2),
+        depth_raw=random.integers(0, farthest, shape[:2]).astype(np.uint16),
+    )
+
+
+def _rotate(frame: RgbdFrame, swing: SwingMotion, time_s: float) -> RgbdFrame:
+    exposed_s = time_s + swing.exposure_s * np.linspace(-0.5, 0.5, BLUR_SAMPLES)
+    shots = [
+        _warp(frame.color_bgr, frame, swing.rotation_at(t), cv2.INTER_LINEAR) for t in exposed_s
+    ]
+    R = swing.rotation_at(time_s)
+    depth = _warp(frame.depth_raw, frame, R, cv2.INTER_NEAREST)
+    return replace(
+        frame,
+        color_bgr=np.mean(shots, axis=0).astype(np.uint8),
+        depth_raw=np.rint(depth * _depth_scale(frame, R)).astype(np.uint16),
+    )
+
+
+def _warp(image: Image, frame: RgbdFrame, R: Array, interpolation: int) -> Image:
+    """What the turned camera sees of an image: a pixel's ray, turned back, is where it was."""
+    K = frame.camera.K
+    size = frame.camera.width, frame.camera.height
+    flags = interpolation | cv2.WARP_INVERSE_MAP
+    mapping = K @ R @ np.linalg.inv(K)
+    return np.asarray(cv2.warpPerspective(image, mapping, size, flags=flags))
+
+
+def _depth_scale(frame: RgbdFrame, R: Array) -> Array:
+    """(H, W) depth along the turned camera's axis, of one metre along the old one's."""
+    camera = frame.camera
+    x = (np.arange(camera.width) - camera.cx) / camera.fx
+    y = (np.arange(camera.height) - camera.cy) / camera.fy
+    share: Array = 1.0 / (R[2, 0] * x[None, :] + R[2, 1] * y[:, None] + R[2, 2])
+    return share
+
+
+# A blow against the robot: 14 degrees a frame at most.
+SHAKE = SwingMotion((0.15, 0.4, 0.1), rate_hz=2.75, exposure_s=0.012)
+# A turn to one side and the other in a dim room: 4 degrees a frame at most.
+PAN = SwingMotion((0.15, 0.7, 0.1), rate_hz=0.5, exposure_s=0.025)
+
+CORRUPTIONS: Mapping[str, FrameCorruption] = {
+    "black 0.5 s": FrameCorruption(blacken, 15, 4),
+    "frozen 0.5 s": FrameCorruption(freeze, 15, 4),
+    "noise 0.5 s": FrameCorruption(replace_with_noise, 15, 4),
+    "shaken 1 s": FrameCorruption(partial(add_swing, motion=SHAKE), 30, 3),
+    "panned 2 s": FrameCorruption(partial(add_swing, motion=PAN), 60, 2),
+    "missing 0.5 s": FrameCorruption(remove, 15, 4),
+    "missing 1 s": FrameCorruption(remove, 30, 3),
+    "missing 2 s": FrameCorruption(remove, 60, 2),
+    "missing 3 s": FrameCorruption(remove, 90, 1),
+}

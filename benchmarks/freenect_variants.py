@@ -1,0 +1,120 @@
+"""Three ways to get a Kinect's images, each with its CPU time; see `freenect_cost`.
+
+python -m benchmarks.freenect_variants WAY SECONDS prints the share of one core in percent.
+"""
+
+import benchmarks.one_thread  # noqa: F401
+
+# isort: split
+
+import ctypes
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from benchmarks.kinect_without_motor import make_kinect_without_motor
+from drivers.camera import Clock, PlaybackMode
+from drivers.freenect.kinect_source import list_kinects
+from drivers.freenect.library import (
+    CAMERA_ONLY,
+    FRAME_CALLBACK,
+    RESOLUTION_640X480,
+    VIDEO_RGB,
+    DepthFormat,
+    TimeValue,
+    load_library,
+)
+from drivers.subprocess_camera.camera import SubprocessCamera
+
+WARM_UP_S = 2.0
+COLOUR_BYTES, DEPTH_BYTES = 640 * 480 * 3, 640 * 480 * 2
+
+
+def measure_bare_loop(seconds: float) -> float:
+    """A loop around libfreenect and callbacks that copy."""
+    library = load_library()
+    context, device = ctypes.c_void_p(), ctypes.c_void_p()
+    library.freenect_init(ctypes.byref(context), None)
+    library.freenect_select_subdevices(context, CAMERA_ONLY)
+    (serial,) = list_kinects()
+    library.freenect_open_device_by_camera_serial(context, ctypes.byref(device), serial.encode())
+    registered = library.freenect_find_depth_mode(RESOLUTION_640X480, DepthFormat.REGISTERED_MM)
+    library.freenect_set_depth_mode(device, registered)
+    rgb = library.freenect_find_video_mode(RESOLUTION_640X480, VIDEO_RGB)
+    library.freenect_set_video_mode(device, rgb)
+    callbacks = [_make_copying_callback(COLOUR_BYTES), _make_copying_callback(DEPTH_BYTES)]
+    library.freenect_set_video_callback(device, callbacks[0])
+    library.freenect_set_depth_callback(device, callbacks[1])
+    library.freenect_start_depth(device)
+    library.freenect_start_video(device)
+    step = partial(library.freenect_process_events_timeout, context, TimeValue(0, 20_000))
+    percent = _measure_percent(step, time.process_time, seconds)
+    library.freenect_stop_depth(device)
+    library.freenect_stop_video(device)
+    library.freenect_close_device(device)
+    library.freenect_shutdown(context)
+    return percent
+
+
+def measure_in_process(seconds: float) -> float:
+    """The camera, read in this process."""
+    with make_kinect_without_motor() as camera:
+        return _measure_percent(lambda: camera.read(5.0), time.process_time, seconds)
+
+
+def measure_subprocess(seconds: float) -> float:
+    """The camera in a process of its own, read from this one: that process counts."""
+    camera = SubprocessCamera(
+        "freenect", Clock.MONOTONIC, make_kinect_without_motor, PlaybackMode.REALTIME
+    )
+    with camera:
+        return _measure_percent(lambda: camera.read(20.0), _children_cpu_s, seconds)
+
+
+VARIANTS: dict[str, Callable[[float], float]] = {
+    "bare": measure_bare_loop,
+    "in process": measure_in_process,
+    "isolated": measure_subprocess,
+}
+
+
+def _make_copying_callback(size: int) -> Any:
+    buffer = ctypes.create_string_buffer(size)
+
+    def copy(_device: int, pixels: int, _stamp: int) -> None:
+        ctypes.memmove(buffer, pixels, size)
+
+    return FRAME_CALLBACK(copy)
+
+
+def _measure_percent(
+    step: Callable[[], object], cpu_s: Callable[[], float], seconds: float
+) -> float:
+    """CPU time of `seconds` seconds of steps, after the warming up, as a share of a core."""
+    _repeat(step, WARM_UP_S)
+    begin_s, begin_cpu_s = time.monotonic(), cpu_s()
+    _repeat(step, seconds)
+    return 100 * (cpu_s() - begin_cpu_s) / (time.monotonic() - begin_s)
+
+
+def _repeat(step: Callable[[], object], seconds: float) -> None:
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        step()
+
+
+def _children_cpu_s() -> float:
+    """CPU time used so far by the processes that this one has started and that still run."""
+    tasks = Path("/proc/self/task").glob("*/children")
+    children = [pid for task in tasks for pid in task.read_text().split()]
+    return sum(time.clock_gettime(~int(pid) << 3 | 2) for pid in children)
+
+
+if __name__ == "__main__":
+    cv2.setNumThreads(1)  # as in a driver's own process
+    print(VARIANTS[sys.argv[1]](float(sys.argv[2])))

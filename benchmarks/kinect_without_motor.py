@@ -1,0 +1,14 @@
+"""The Kinect's camera by itself, for processes that are told by name what to make."""
+
+from drivers.freenect.camera import FreenectCamera
+from drivers.freenect.kinect_source import KinectSource
+from drivers.freenect.rectify import KinectRectifier
+from drivers.kinect_usb.motor_unit import NullMotorUnit
+from drivers.sensor_config import SensorConfig
+
+
+def make_kinect_without_motor() -> FreenectCamera:
+    """The first one found, without its motor and accelerometer."""
+    settings = SensorConfig()
+    images = KinectRectifier(None, is_mirrored=False)
+    return FreenectCamera(KinectSource("", settings), images, NullMotorUnit(), settings)

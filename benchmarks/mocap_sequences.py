@@ -1,0 +1,100 @@
+"""Virtual rooms seen along recorded hand motions, as TUM folders with the exact ground truth.
+
+    python -m benchmarks.mocap_sequences TRACKS OUTPUT [--seeds 11 12 13] [--timing ideal rolling-12]
+
+TRACKS is a folder of trajectories in TUM format, NAME-groundtruth.txt, such as those of the TUM
+RGB-D benchmark. Each becomes OUTPUT/NAME-roomSEED-TIMING, another room for each seed. "ideal" takes
+all of a frame in one instant; "rolling-12" reads out for 20 ms and takes depth 12 ms after colour.
+What is there and whole is kept. All else of the sensor is as a Kinect's.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.rendered_sequences import render_all
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.trajectory import read_trajectory
+from drivers.synthetic.config import ShutterTiming, SyntheticConfig
+
+TRACK_SUFFIX = "-groundtruth.txt"
+SEEDS = (11, 12, 13)
+TIMINGS = {
+    "ideal": ShutterTiming(0.0, 0.0),
+    "rolling--12": ShutterTiming(0.020, -0.012),
+    "rolling-0": ShutterTiming(0.020, 0.0),
+    "rolling-12": ShutterTiming(0.020, 0.012),
+}
+# All of freiburg1's xyz, rpy and desk are brisk there.
+START_S, DURATION_S = 12.0, 10.0
+
+
+def main() -> int:
+    """Render."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.mocap_sequences",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("tracks", type=Path, help="folder of trajectories")
+    parser.add_argument("output", type=Path, help="folder to put the sequences into")
+    parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="of the rooms")
+    parser.add_argument("--timing", nargs="+", choices=TIMINGS, default=list(TIMINGS))
+    parser.add_argument("--start", type=float, default=START_S, help="where in the track, seconds")
+    parser.add_argument("--seconds", type=float, default=DURATION_S, help="of each, if it has them")
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    args = parser.parse_args()
+    begin_s = time.monotonic()
+    try:
+        shown = make_configs(args.tracks, args.seeds, args.timing, args.start, args.seconds)
+        wanted = {args.output / name: config for name, config in shown.items()}
+        args.output.mkdir(parents=True, exist_ok=True)
+        render_all(wanted, lambda line: print(line, flush=True), args.processes)
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    print(f"{len(wanted)} sequences in {args.output}, after {time.monotonic() - begin_s:.0f} s")
+    return 0
+
+
+def make_configs(
+    tracks: Path,
+    seeds: Sequence[int],
+    timings: Sequence[str],
+    start_s: float = START_S,
+    duration_s: float = DURATION_S,
+) -> dict[str, SyntheticConfig]:
+    """What to render, by name: `duration_s` of each track, or what it holds if that is less.
+
+    Raises InputError if there are no tracks, one is broken, or one ends before `start_s`.
+    """
+    files = sorted(tracks.glob(f"*{TRACK_SUFFIX}"))
+    if not files:
+        raise InputError(f"{tracks}: holds no *{TRACK_SUFFIX}; name a folder of TUM trajectories")
+    return {
+        f"{file.name.removesuffix(TRACK_SUFFIX)}-room{seed}-{timing}": SyntheticConfig(
+            seed=seed,
+            track=file.resolve(),
+            track_start_s=start_s,
+            duration_s=min(duration_s, _remaining_s(file, start_s)),
+            timing=TIMINGS[timing],
+        )
+        for file in files
+        for seed in seeds
+        for timing in timings
+    }
+
+
+def _remaining_s(track: Path, start_s: float) -> float:
+    stamps_s = read_trajectory(track).stamps_s
+    length_s = float(stamps_s[-1] - stamps_s[0])
+    if length_s <= start_s:
+        raise InputError(f"{track}: ends after {length_s:g} s; begin earlier than at {start_s:g} s")
+    return length_s - start_s
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,40 @@
+"""Results of long runs in a file, so that what is finished is not run again."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from drivers.core.errors import InputError
+
+Json = dict[str, Any]
+
+
+class ResultCache:
+    """JSON objects by name in FOLDER/results.json, written after each."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises InputError for a file that was not written here."""
+        self._file = folder / "results.json"
+        self._results: dict[str, Json] = {}
+        if self._file.exists():
+            self._results = _read(self._file)
+
+    def get_or_run(self, name: str, run: Callable[[], Json]) -> Json:
+        """The result of that name; made and kept where there is none yet."""
+        if name not in self._results:
+            self._results[name] = json.loads(json.dumps(run()))
+            part = self._file.with_name(self._file.name + ".part")
+            part.write_text(json.dumps(self._results, indent=1))
+            part.replace(self._file)
+        return self._results[name]
+
+
+def _read(file: Path) -> dict[str, Json]:
+    try:
+        results = json.loads(file.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file}: cannot be read ({error}); name another folder") from error
+    if not isinstance(results, dict):
+        raise InputError(f"{file}: holds no results; name another folder")
+    return results

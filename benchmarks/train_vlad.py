@@ -1,0 +1,74 @@
+"""Makes the words by which views are summed up, from recordings in TUM format.
+
+    python -m benchmarks.train_vlad FOLDER...
+
+Writes vo_service/slam/place_recognition/vlad_vocabulary.npy: the centres of clusters of SURF descriptors, found by
+k-means, as whole numbers. The same folders give the same words. Measure recognition on other
+recordings than these.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.camera_frames import read_all_frames
+from drivers.camera import PlaybackMode
+from drivers.core.errors import UserFacingError
+from drivers.tum.camera import TumCamera
+from vo_service.odometry.surf import SurfExtractor
+from vo_service.slam import place_recognition
+
+OUTPUT = Path(place_recognition.__file__).with_name("vlad_vocabulary.npy")
+CLUSTERS, FEATURES_PER_IMAGE, FRAME_STRIDE = 32, 500, 30
+# Of k-means: rounds at most, and how often it begins anew.
+MAX_ITERATIONS, ATTEMPTS = 100, 3
+
+
+def main() -> int:
+    """Make the words."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.train_vlad",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folders", nargs="+", type=Path, help="recordings to learn from")
+    parser.add_argument("--count", type=int, default=CLUSTERS, help="of words")
+    parser.add_argument("--output", type=Path, default=OUTPUT)
+    args = parser.parse_args()
+    try:
+        descriptors = np.concatenate([d for f in args.folders for d in extract_descriptors(f)])
+    except UserFacingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    np.save(args.output, fit_centers(descriptors, args.count))
+    print(f"{args.count} words of {len(descriptors)} features in {args.output}")
+    return 0
+
+
+def extract_descriptors(folder: Path) -> Iterator[NDArray[np.float32]]:
+    """SURF descriptors (N, 64) of every EVERY-th frame of a recording."""
+    extractor = SurfExtractor(FEATURES_PER_IMAGE)
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        for frame in read_all_frames(camera):
+            if frame.seq % FRAME_STRIDE == 0:
+                yield extractor.extract(frame.gray).descriptor
+
+
+def fit_centers(descriptors: NDArray[np.float32], count: int) -> NDArray[np.int8]:
+    """(count, 64) centres of as many clusters, in the order of their first numbers."""
+    cv2.setRNGSeed(1)
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, MAX_ITERATIONS, 0.01)
+    _, _, centres = cv2.kmeans(
+        descriptors, count, np.empty(0), criteria, ATTEMPTS, cv2.KMEANS_PP_CENTERS
+    )
+    whole = np.clip(np.rint(centres), -127, 127).astype(np.int8)
+    return whole[np.lexsort(whole.T[::-1])]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""What both packages use: geometry, errors, files, configuration, queues and processes."""

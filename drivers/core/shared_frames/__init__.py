@@ -1,0 +1,1 @@
+"""A ring of frames in shared memory, written by the service and read by its workers."""

@@ -1,0 +1,99 @@
+"""Between the thread that gets images and the one that reads frames."""
+
+import threading
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from drivers.camera import FrameTimeout
+from drivers.core.errors import CameraLostError
+from drivers.time_sync import StampedPair
+
+
+@dataclass(frozen=True, eq=False, slots=True, weakref_slot=True)
+class PooledImage:
+    """One image in its slot.
+
+    seq        number of the image in its stream, those that got lost included
+    receive_time_s  CLOCK_MONOTONIC when the host had all of it
+    pixels     (480, 640, 3) uint8 RGB or (480, 640) uint16
+    """
+
+    seq: int
+    receive_time_s: float
+    pixels: NDArray[Any]
+
+
+ImagePair = StampedPair[PooledImage, PooledImage]
+
+
+class FrameQueueClosedError(CameraLostError):
+    """Nobody reads any more, or should."""
+
+    def __init__(self) -> None:
+        super().__init__("the camera is not open; open it first")
+
+
+class FrameQueue(ABC):
+    """Room for one pair of images."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._pair: ImagePair | None = None
+        self._end: Exception | None = None
+        self.delivered = self.dropped = 0
+
+    @abstractmethod
+    def put(self, pair: ImagePair) -> None:
+        """Leave a pair for the reader. Raises MailboxClosedError after `close`, as `take` does."""
+
+    def get(self, timeout_s: float) -> ImagePair:
+        """Wait for a pair. Raises NoFrameYet, or what `finish` was given."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._pair or self._end, timeout_s)
+            pair, self._pair = self._pair, None
+            if pair is None:
+                raise self._end or FrameTimeout
+            self.delivered += 1
+            self._changed.notify_all()
+            return pair
+
+    def finish(self, exception: Exception) -> None:
+        """Nothing will follow: `end` is raised behind the last pair. Only the first one counts."""
+        with self._changed:
+            self._end = self._end or exception
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Nobody reads any more."""
+        with self._changed:
+            self._pair, self._end = None, FrameQueueClosedError()
+            self._changed.notify_all()
+
+    def _store(self, pair: ImagePair) -> None:
+        if isinstance(self._end, FrameQueueClosedError):
+            raise self._end
+        self._pair = pair
+        self._changed.notify_all()
+
+
+class LatestFrameQueue(FrameQueue):
+    """A newer pair replaces one that was not read in time."""
+
+    def put(self, pair: ImagePair) -> None:
+        """See `FrameQueue`; never waits."""
+        with self._changed:
+            self.dropped += self._pair is not None
+            self._store(pair)
+
+
+class BlockingFrameQueue(FrameQueue):
+    """Every pair: the source waits for the reader."""
+
+    def put(self, pair: ImagePair) -> None:
+        """See `FrameQueue`; waits while the pair before has not been read."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._pair is None or self._end)
+            self._store(pair)

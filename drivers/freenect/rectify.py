@@ -1,0 +1,110 @@
+"""How the Kinect's two images become a frame's: filter, registration, lens, mirror, unit."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.calibration import NO_DISTORTION, CameraCalibration, read_calibration
+from drivers.camera import PinholeCamera
+from drivers.core.errors import InputError
+from drivers.freenect.library import DepthFormat
+from drivers.freenect.valid_depth import DepthFilter
+from drivers.rectify import SoftwareRegistration, Undistorter, make_undistorter
+
+Pixel = TypeVar("Pixel", np.uint8, np.uint16)
+
+WIDTH, HEIGHT = 640, 480
+MILLIMETRES_PER_METRE = 1000.0
+# A camera file corrects the Kinect's scale by per cent; beyond this it is one for another unit.
+MAX_SCALE_CORRECTION = 1.25
+# The usual values for the colour camera, to which the Kinect's own registration maps.
+DEFAULT_CALIBRATION = CameraCalibration(
+    WIDTH, HEIGHT, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, MILLIMETRES_PER_METRE
+)
+
+
+@dataclass(frozen=True)
+class HardwareRegistration:
+    """libfreenect moves depth to where the colour camera sees it, lens distortion included."""
+
+    undistorter: Undistorter
+    depth_factor: float
+    depth_format = DepthFormat.REGISTERED_MM
+
+    def register(self, depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        """(480, 640) uint16: what the undistorted colour camera sees."""
+        return self.undistorter.undistort_depth(depth_mm)
+
+
+class KinectSoftwareRegistration(SoftwareRegistration):
+    """Depth as its own camera sees it, moved by the `[depth]` table of the camera file."""
+
+    depth_format = DepthFormat.MM
+
+
+class KinectRectifier:
+    """Makes what the reader gets of what the callbacks got.
+
+    Mirrored are the finished images: libfreenect's registration holds only for unmirrored depth.
+    """
+
+    def __init__(self, camera_file: Path | None, is_mirrored: bool) -> None:
+        """Raises InputError if the camera file does not fit the Kinect."""
+        file = DEFAULT_CALIBRATION if camera_file is None else read_calibration(camera_file)
+        _check_calibration(file, camera_file)
+        self._undistorter = make_undistorter(file.pinhole, file.distortion)
+        self._registration = _make_registration(file, self._undistorter)
+        self._is_mirrored = is_mirrored
+        self.camera = _mirror_intrinsics(file.pinhole) if is_mirrored else file.pinhole
+        self.depth_format = self._registration.depth_format
+        self.depth_factor = self._registration.depth_factor
+        self.readout_s, self.depth_offset_s = file.readout_s, file.depth_offset_s
+        self.intrinsics_source = "default" if camera_file is None else f"camera file {camera_file}"
+
+    def rectify_color(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(480, 640, 3) uint8 BGR of the pinhole `camera`, in memory of its own."""
+        bgr: NDArray[np.uint8] = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)  # type: ignore[assignment]
+        return self._mirror(self._undistorter.undistort_color(bgr))
+
+    def rectify_depth(
+        self, depth_mm: NDArray[np.uint16], depth_filter: DepthFilter
+    ) -> NDArray[np.uint16]:
+        """(480, 640) uint16 of the same camera, 0 = no reading, in memory of its own."""
+        return self._mirror(self._registration.register(depth_filter(depth_mm)))
+
+    def _mirror(self, image: NDArray[Pixel]) -> NDArray[Pixel]:
+        return cv2.flip(image, 1) if self._is_mirrored else image  # type: ignore[return-value]
+
+
+def _make_registration(
+    calibration: CameraCalibration, undistorter: Undistorter
+) -> HardwareRegistration | KinectSoftwareRegistration:
+    if calibration.depth is None:
+        return HardwareRegistration(undistorter, calibration.depth_factor)
+    return KinectSoftwareRegistration(
+        calibration.pinhole, calibration.depth, calibration.depth_factor
+    )
+
+
+def _mirror_intrinsics(camera: PinholeCamera) -> PinholeCamera:
+    return replace(camera, cx=camera.width - 1 - camera.cx)
+
+
+def _check_calibration(calibration: CameraCalibration, path: Path | None) -> None:
+    """Raise InputError where the file is of another camera."""
+    for what, table in (("", calibration), ("[depth] of ", calibration.depth)):
+        if table is not None and (table.width, table.height) != (WIDTH, HEIGHT):
+            raise InputError(
+                f"{path}: {what}this file is for {table.width}x{table.height}, but the Kinect's "
+                f"images are {WIDTH}x{HEIGHT}; give the camera file of this Kinect"
+            )
+    correction = calibration.depth_factor / MILLIMETRES_PER_METRE
+    if not 1 / MAX_SCALE_CORRECTION < correction < MAX_SCALE_CORRECTION:
+        raise InputError(
+            f"{path}: depth_factor is {calibration.depth_factor:g}, but the Kinect tells millimetres; "
+            f"set depth_factor = {MILLIMETRES_PER_METRE}"
+        )

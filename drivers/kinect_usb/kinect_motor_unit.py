@@ -1,0 +1,193 @@
+"""A Kinect's motor, light and accelerometer beside its camera, whatever becomes of either."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from drivers.core.errors import CameraError, UserFacingError
+from drivers.core.gravity import Vector
+from drivers.kinect_usb.accelerometer import GravityFilter
+from drivers.kinect_usb.audio_motor import AudioMotor
+from drivers.kinect_usb.kinect_1414_motor import Kinect1414Motor
+from drivers.kinect_usb.motor_unit import MotorDevice, MotorUnitReading
+from drivers.kinect_usb.usb_devices import find_kinect
+from drivers.kinect_usb.usb_ids import UsbRole
+from drivers.sensor_config import Led, SensorConfig
+
+READ_PERIOD_S, RECONNECT_PERIOD_S = 0.1, 2.0
+INITIAL_READINGS = 8
+# How long the head may take from one end to the other: until then, readings just past mislead.
+MAX_TILT_DURATION_S = 4.0
+JOIN_TIMEOUT_S = 3.0
+_log = logging.getLogger(__name__)
+
+
+def open_motor_device(serial: str) -> MotorDevice:
+    """The base of the Kinect `serial`, "" for the first one.
+
+    Raises CameraError (not there, no permission, no firmware), UserFacingError without libusb.
+    """
+    kinect = find_kinect(serial)
+    if kinect.motor_device is None:
+        raise CameraError(
+            f"{kinect.name}: its motor and accelerometer are not on the USB; unplug it and plug it "
+            "in again"
+        )
+    make = Kinect1414Motor if kinect.motor_device.id.role is UsbRole.MOTOR else AudioMotor
+    return make(kinect.motor_device.handle, f"{kinect.model} {kinect.motor_device.id.role}")
+
+
+class KinectMotorUnit:
+    """See `MotorUnit`. A thread of its own reads it, and looks for it again when it has gone."""
+
+    is_present = True
+
+    def __init__(self, open_device: Callable[[str], MotorDevice] = open_motor_device) -> None:
+        self._open_device = open_device
+        self._serial = ""
+        self._settings: SensorConfig | None = None
+        self._device: MotorDevice | None = None
+        self._lock = threading.Lock()  # one exchange with the device at a time
+        self._gravity_filter = GravityFilter()
+        self._fault_log = _FaultLog()
+        self._stop = threading.Event()
+        self._thread = threading.Thread()
+
+    @property
+    def gravity_m_s2(self) -> Vector | None:
+        """See `MotorUnit`; never waits. In a mirrored picture, left and right are swapped here too."""
+        gravity = self._gravity_filter.mean_at(time.monotonic())
+        settings = self._settings
+        if gravity is None or settings is None or not settings.mirror:
+            return gravity
+        return (-gravity[0], gravity[1], gravity[2])
+
+    def open(self, serial: str) -> None:
+        """See `MotorUnit`."""
+        self.close()
+        self._serial, self._settings, self._fault_log = serial, None, _FaultLog()
+        self._stop = threading.Event()
+        self._read_device(INITIAL_READINGS)
+        self._thread = threading.Thread(
+            target=self._run, args=(self._stop,), name="kinect-base", daemon=True
+        )
+        self._thread.start()
+
+    def apply(self, settings: SensorConfig) -> None:
+        """See `MotorUnit`."""
+        self._settings = settings
+        with self._lock:
+            if self._device is not None:
+                self._try_action(self._device, lambda device: self._configure(device, settings))
+
+    def set_led(self, led: Led) -> None:
+        """See `MotorUnit`."""
+        with self._lock:
+            self._store_settings(led=led)
+            self._require_device().set_led(led)
+
+    def set_tilt_deg(self, tilt_deg: float) -> None:
+        """See `MotorUnit`."""
+        with self._lock:
+            self._store_settings(tilt_deg=tilt_deg)
+            self._tilt(self._require_device(), tilt_deg)
+
+    def read(self) -> MotorUnitReading:
+        """Tilt and accelerometer now. Raises CameraError as `set_led`."""
+        with self._lock:
+            return self._require_device().read()
+
+    def close(self) -> None:
+        """See `MotorUnit`."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(JOIN_TIMEOUT_S)
+        self._gravity_filter.reset()
+
+    def _run(self, stop: threading.Event) -> None:
+        """Body of the thread; it lets go of the device itself, so that nobody waits for it."""
+        while not stop.wait(RECONNECT_PERIOD_S if self._device is None else READ_PERIOD_S):
+            self._read_device(1)
+        with self._lock:
+            if self._device is not None and self._settings is not None:
+                self._try_action(self._device, lambda device: device.set_led(Led.OFF))
+            self._disconnect()
+
+    def _read_device(self, readings: int) -> None:
+        """Read the device, found first where it was away."""
+        with self._lock:
+            try:
+                device = self._device or self._connect()
+            except UserFacingError as error:
+                self._fault_log.report(str(error))
+            else:
+                self._try_action(device, lambda device: self._read_gravity(device, readings))
+
+    def _connect(self) -> MotorDevice:
+        self._device = self._open_device(self._serial)
+        if self._settings is not None:
+            self._configure(self._device, self._settings)
+        return self._device
+
+    def _try_action(self, device: MotorDevice, action: Callable[[MotorDevice], None]) -> None:
+        try:
+            action(device)
+        except UserFacingError as error:
+            self._fault_log.report(str(error))
+            self._disconnect()
+
+    def _disconnect(self) -> None:
+        self._gravity_filter.reset()
+        if self._device is not None:
+            self._device.close()
+            self._device = None
+
+    def _require_device(self) -> MotorDevice:
+        if self._device is None:
+            raise CameraError("the Kinect's motor is not there now; it is being looked for")
+        return self._device
+
+    def _store_settings(self, **changed: Any) -> None:
+        """For when it is back; nothing is kept from before `apply`."""
+        if self._settings is not None:
+            self._settings = replace(self._settings, **changed)
+
+    def _configure(self, device: MotorDevice, settings: SensorConfig) -> None:
+        device.set_led(settings.led)
+        if settings.tilt_deg is not None:
+            self._tilt(device, settings.tilt_deg)
+
+    def _tilt(self, device: MotorDevice, tilt_deg: float) -> None:
+        device.set_tilt_deg(tilt_deg)
+        self._gravity_filter.ignore_until(until_s=time.monotonic() + MAX_TILT_DURATION_S)
+
+    def _read_gravity(self, device: MotorDevice, readings: int) -> None:
+        found = [self._add_reading(device.read()) for _ in range(readings)]
+        if any(found):
+            self._fault_log.clear(f"{device.name}: gives gravity again")
+        elif readings == INITIAL_READINGS:
+            self._fault_log.report(
+                f"{device.name}: gives no gravity; the first view counts as level"
+            )
+
+    def _add_reading(self, reading: MotorUnitReading) -> bool:
+        return self._gravity_filter.add(reading.gravity_m_s2, time.monotonic(), reading.is_moving)
+
+
+class _FaultLog:
+    """Says the first of a run of troubles, and when they are over."""
+
+    def __init__(self) -> None:
+        self._is_reported = False
+
+    def report(self, text: str) -> None:
+        _log.log(logging.DEBUG if self._is_reported else logging.WARNING, "%s", text)
+        self._is_reported = True
+
+    def clear(self, text: str) -> None:
+        if self._is_reported:
+            _log.info("%s", text)
+        self._is_reported = False

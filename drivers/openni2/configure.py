@@ -1,0 +1,78 @@
+"""How a sensor is set up for registered frames, and what came of it."""
+
+import logging
+
+from drivers.core.errors import InputError
+from drivers.openni2.decode import DEPTH_FACTORS
+from drivers.openni2.device import OpenNI2Device
+from drivers.openni2.library import OpenNI2Error, PixelFormat, SensorType, StreamProperty
+from drivers.openni2.rectify import CalibrationFile, DepthRegistration, SourceProperties
+from drivers.openni2.stream import OpenNI2Stream
+from drivers.openni2.video_modes import choose_video_mode
+from drivers.sensor_config import SensorConfig
+
+_log = logging.getLogger(__name__)
+
+
+def configure_device(
+    name: str, device: OpenNI2Device, calibration_file: CalibrationFile, settings: SensorConfig
+) -> SourceProperties:
+    """Create the streams of a device and choose how they deliver; what they will deliver.
+
+    Raises InputError if the device lacks what is needed, OpenNI2Error if a call fails.
+    """
+    colour, depth = (
+        _create_stream(name, device, sensor, calibration_file) for sensor in SensorType
+    )
+    is_registered = device.enable_depth_registration(not calibration_file.has_depth_camera)
+    if not device.enable_depth_color_sync():
+        _log.info("%s: does not take depth and colour together; they are paired by stamp", name)
+    for stream in (colour, depth):
+        _try_set_flag(stream, StreamProperty.MIRRORING, settings.mirror)
+    return SourceProperties(
+        name=name,
+        color_size=(colour.video_mode.width, colour.video_mode.height),
+        depth_size=(depth.video_mode.width, depth.video_mode.height),
+        color_fov_rad=colour.fov_rad,
+        depth_factor=DEPTH_FACTORS[PixelFormat(depth.video_mode.format)],
+        registration=DepthRegistration.YES if is_registered else DepthRegistration.NO,
+        flip_color=colour.is_mirrored != settings.mirror,
+        flip_depth=depth.is_mirrored != settings.mirror,
+    )
+
+
+def start_streams(device: OpenNI2Device, settings: SensorConfig) -> None:
+    """Start the streams, then set exposure and white balance: starting them may reset these.
+
+    Raises OpenNI2Error.
+    """
+    for stream in device.streams:
+        stream.start()
+    for stream in device.streams:
+        if stream.sensor is SensorType.COLOUR:
+            _try_set_flag(stream, StreamProperty.AUTO_EXPOSURE, settings.auto_exposure)
+            _try_set_flag(stream, StreamProperty.AUTO_WHITE_BALANCE, settings.auto_white_balance)
+
+
+def _create_stream(
+    name: str, device: OpenNI2Device, sensor: SensorType, calibration_file: CalibrationFile
+) -> OpenNI2Stream:
+    if not device.has_sensor(sensor):
+        raise InputError(
+            f"{name}: has no {sensor.name.lower()} sensor; colour and depth are both needed"
+        )
+    stream = device.create_stream(sensor)
+    stream.set_video_mode(
+        choose_video_mode(sensor, device.video_modes(sensor), calibration_file.calibration)
+    )
+    return stream
+
+
+def _try_set_flag(stream: OpenNI2Stream, prop: StreamProperty, is_on: bool) -> None:
+    """Set what this sensor has; one that refuses still delivers."""
+    if not stream.has_property(prop):
+        return
+    try:
+        stream.set_flag(prop, is_on)
+    except OpenNI2Error as error:
+        _log.warning("%s", error)

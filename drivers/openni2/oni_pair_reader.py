@@ -1,0 +1,62 @@
+"""Colour and depth that belong together, out of a file in which they lie apart."""
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.openni2.decode import IncompleteFrameError, decode_color, decode_depth
+from drivers.openni2.library import SensorType
+from drivers.openni2.oni_index import OniIndex
+from drivers.openni2.oni_player import OniPlayer
+
+
+class OniPairReader:
+    """Goes through a recording once, and keeps an image until its partner is there."""
+
+    def __init__(self, player: OniPlayer, index: OniIndex) -> None:
+        self._player, self._index = player, index
+        self._seq_of_image = {at: seq for seq, pair in enumerate(index.pairs) for at in pair}
+        self._position = 0
+        self._colors: dict[int, NDArray[np.uint8]] = {}
+        self._depths: dict[int, NDArray[np.uint16]] = {}
+        self._incomplete: dict[int, IncompleteFrameError] = {}
+
+    def read_pair(
+        self, seq: int, deadline_s: float
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
+        """Colour (height, width, 3) BGR and depth (height, width) of pair `seq`.
+
+        Pairs before it can no longer be had. Raises NoFrameYet at `deadline_s` (CLOCK_MONOTONIC),
+        TornFrameError if one of the two images is not whole, CameraError if the library does not
+        play the file as it should.
+        """
+        last = max(self._index.pairs[seq])
+        while self._position <= last:
+            self._read_image(seq, deadline_s)
+        self._discard_before(seq)
+        if seq in self._incomplete:
+            raise self._incomplete[seq]
+        return self._colors[seq], self._depths[seq]
+
+    def _read_image(self, min_seq: int, deadline_s: float) -> None:
+        """Play the next image; keep it if pair `wanted` or a later one needs it."""
+        seq = self._seq_of_image.get(self._position, -1)
+        expected = self._index.images[self._position]
+        self._player.wait_for_image(expected, deadline_s - time.monotonic())
+        with self._player.read_image(expected) as frame:
+            try:
+                if seq >= min_seq and frame.sensor == SensorType.COLOUR:
+                    self._colors[seq] = decode_color(frame)
+                elif seq >= min_seq:
+                    self._depths[seq] = decode_depth(frame)
+            except IncompleteFrameError as error:
+                self._incomplete[seq] = error
+        self._position += 1
+        if self._position == len(self._index.images):
+            self._player.stop()
+
+    def _discard_before(self, min_seq: int) -> None:
+        for kept in (self._colors, self._depths, self._incomplete):
+            for seq in [seq for seq in kept if seq < min_seq]:
+                del kept[seq]

@@ -1,0 +1,139 @@
+"""A recording being played by libOpenNI2, image by image, none left out."""
+
+import ctypes
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from drivers.camera import FrameTimeout
+from drivers.core.errors import CameraError, InputError
+from drivers.openni2.decode import DEPTH_FACTORS, TO_BGR, format_name
+from drivers.openni2.device import OpenNI2Device
+from drivers.openni2.library import (
+    DeviceProperty,
+    OniFrame,
+    OpenNI2,
+    OpenNI2Error,
+    PixelFormat,
+    SensorType,
+)
+from drivers.openni2.oni_index import IndexedImage
+from drivers.openni2.rectify import DepthRegistration, SourceProperties
+from drivers.openni2.stream import OpenNI2Stream
+
+# The next image is played only once it is asked for. (0 would be "as fast as it goes", and drops.)
+SPEED_ON_DEMAND = -1.0
+# It comes at once, unless the library has given up on the file.
+IMAGE_TIMEOUT_S = 2.0
+
+
+class OniPlayer:
+    """Plays a file whose index has been read."""
+
+    def __init__(self, openni2: OpenNI2, path: Path) -> None:
+        """Raises InputError if libOpenNI2 does not take the file."""
+        self._path = path
+        with ExitStack() as undo:
+            # A path of its own: the library shares one player among all who open the same path, and
+            # has no room for long ones.
+            uri = f"/proc/self/fd/{undo.enter_context(path.open('rb')).fileno()}"
+            try:
+                self._device = OpenNI2Device(openni2, uri)
+                undo.callback(self._device.close)
+                # Seeking hangs, and a file that begins again would need it: never repeat.
+                self._device.set_property(DeviceProperty.PLAYBACK_REPEAT, ctypes.c_int(0))
+                self._device.set_property(
+                    DeviceProperty.PLAYBACK_SPEED, ctypes.c_float(SPEED_ON_DEMAND)
+                )
+                self._streams = {
+                    sensor: self._device.create_stream(sensor) for sensor in SensorType
+                }
+            except OpenNI2Error as error:
+                raise InputError(f"{path}: libOpenNI2 does not take it: {error}") from error
+            for stream in self._streams.values():
+                _check_stream(stream, path)
+            self._exit_stack = undo.pop_all()
+        self._waited_s = 0.0
+
+    def read_properties(self, mirror: bool) -> SourceProperties:
+        """What the recording says of its images; `mirror` is how they are wanted."""
+        colour, depth = self._streams[SensorType.COLOUR], self._streams[SensorType.DEPTH]
+        return SourceProperties(
+            name=f"openni2:{self._path}",
+            color_size=(colour.video_mode.width, colour.video_mode.height),
+            depth_size=(depth.video_mode.width, depth.video_mode.height),
+            color_fov_rad=colour.fov_rad,
+            depth_factor=DEPTH_FACTORS[PixelFormat(depth.video_mode.format)],
+            registration=DepthRegistration.UNKNOWN,
+            flip_color=colour.is_mirrored != mirror,
+            flip_depth=depth.is_mirrored != mirror,
+        )
+
+    def start(self) -> None:
+        """Begin: then call `image` for every image of the index, in its order."""
+        for stream in self._streams.values():
+            stream.start()
+
+    def wait_for_image(self, expected: IndexedImage, timeout_s: float) -> None:
+        """Wait for the next image of the file.
+
+        Raises NoFrameYet after `timeout_s`, CameraError if it cannot be expected any more.
+        """
+        begin_s = time.monotonic()
+        stream = self._streams[expected.sensor]
+        if self._device.wait_for_any_stream([stream], timeout_s):
+            self._waited_s = 0.0
+            return
+        self._waited_s += time.monotonic() - begin_s
+        if self._waited_s > IMAGE_TIMEOUT_S:
+            raise CameraError(f"{self._path}: libOpenNI2 stopped before the {expected}")
+        raise FrameTimeout
+
+    @contextmanager
+    def read_image(self, expected: IndexedImage) -> Iterator[OniFrame]:
+        """The image that was waited for, valid within the block.
+
+        Raises CameraError if it is another one.
+        """
+        with self._streams[expected.sensor].read_frame() as frame:
+            if frame.stamp_us != expected.stamp_us:
+                raise CameraError(
+                    f"{self._path}: libOpenNI2 played {frame.stamp_us / 1e6:.6f} s instead of the "
+                    f"{expected}"
+                )
+            yield frame
+
+    def stop(self) -> None:
+        """Call it when the last image is there: the library would spin at the end of the file."""
+        self._device.stop()
+
+    def close(self) -> None:
+        """Stop and release everything. May be called twice."""
+        self._exit_stack.close()
+
+
+def _check_stream(stream: OpenNI2Stream, path: Path) -> None:
+    """Raise InputError for a stream that cannot be used."""
+    try:
+        mode, name = stream.video_mode, stream.sensor.name.lower()
+    except OpenNI2Error as error:
+        raise InputError(f"{path}: {error}; record it again") from error
+    known = DEPTH_FACTORS if stream.sensor is SensorType.DEPTH else TO_BGR
+    if mode.format not in known:
+        names = ", ".join(known_format.name for known_format in known)
+        raise InputError(
+            f"{path}: its {name} format ({format_name(mode)}) is not supported; record one of "
+            f"{names}"
+        )
+    cropping = stream.cropping
+    if cropping is None:
+        raise InputError(
+            f"{path}: its {name} stream lacks the cropping property, without which libOpenNI2 "
+            "plays no image; record it again from a real sensor"
+        )
+    if cropping.is_on:
+        raise InputError(
+            f"{path}: its {name} images are cropped to {cropping.width}x{cropping.height}; record "
+            "whole images"
+        )

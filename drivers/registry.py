@@ -1,0 +1,123 @@
+"""The cameras by name: the one place where a new backend is listed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from drivers.camera import Clock, PlaybackMode, RgbdCamera
+from drivers.core.errors import InputError
+from drivers.core.paths import cache_folder
+from drivers.sensor_config import SensorConfig
+from drivers.subprocess_camera.messages import CameraFactory
+from drivers.synthetic.config import SyntheticConfig
+
+ONI_SUFFIX = ".oni"
+
+
+@dataclass(frozen=True)
+class CameraRequest:
+    """What a camera is made from.
+
+    source     as `CAMERA_USAGES` says
+    file       camera file, for a sensor or for a recording without one of its own
+    pace       for sources that have a choice
+    sensor     a real sensor's settings
+    synthetic  the virtual Kinect's settings
+    """
+
+    source: str
+    camera_file: Path | None
+    playback_mode: PlaybackMode
+    sensor: SensorConfig
+    synthetic: SyntheticConfig
+
+
+def make_camera(request: CameraRequest) -> RgbdCamera:
+    """The camera that was asked for, not opened yet. Raises InputError for an unknown one."""
+    kind, _, argument = request.source.partition(":")
+    if kind not in CAMERA_FACTORIES:
+        raise InputError(
+            f"camera {request.source!r} is unknown; use one of: {', '.join(CAMERA_USAGES.values())}"
+        )
+    return CAMERA_FACTORIES[kind](argument, request)
+
+
+def _tum(argument: str, request: CameraRequest) -> RgbdCamera:
+    from drivers.tum.camera import TumCamera
+
+    if not argument:
+        raise InputError("camera 'tum' needs a folder: tum:FOLDER")
+    return TumCamera(Path(argument), request.camera_file, request.playback_mode)
+
+
+def _synthetic(argument: str, request: CameraRequest) -> RgbdCamera:
+    from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+
+    if argument:
+        raise InputError(
+            f"camera 'synthetic:{argument}': it takes nothing after its name; "
+            "set it up in the [synthetic] table of a configuration file"
+        )
+    if request.camera_file is not None:
+        raise InputError(
+            f"{request.camera_file}: the virtual Kinect knows its own camera; leave it out"
+        )
+    preparation = RenderOptions(cache_folder() / "films")
+    return SyntheticCamera(request.synthetic, request.playback_mode, preparation)
+
+
+def _freenect(argument: str, request: CameraRequest) -> RgbdCamera:
+    from drivers.freenect.factory import make_kinect_camera
+
+    recipe = partial(make_kinect_camera, argument, request.sensor, request.camera_file)
+    return _in_subprocess(request, Clock.MONOTONIC, recipe)
+
+
+def _fakenect(argument: str, request: CameraRequest) -> RgbdCamera:
+    from drivers.freenect.factory import make_fakenect_camera
+
+    if not argument:
+        raise InputError("camera 'fakenect' needs a dump's folder: fakenect:FOLDER")
+    recipe = partial(
+        make_fakenect_camera, Path(argument), request.camera_file, request.playback_mode
+    )
+    return _in_subprocess(request, Clock.RECORDED, recipe)
+
+
+def _openni2(argument: str, request: CameraRequest) -> RgbdCamera:
+    if not argument.lower().endswith(ONI_SUFFIX):
+        from drivers.openni2.camera import OpenNI2Camera
+
+        device = partial(OpenNI2Camera, argument, request.camera_file, request.sensor)
+        return _in_subprocess(request, Clock.MONOTONIC, device)
+
+    from drivers.openni2.oni_camera import OniCamera
+
+    recording = partial(
+        OniCamera, Path(argument), request.camera_file, request.playback_mode, request.sensor
+    )
+    return _in_subprocess(request, Clock.RECORDED, recording)
+
+
+def _in_subprocess(request: CameraRequest, clock: Clock, factory: CameraFactory) -> RgbdCamera:
+    """A camera on a native library, which may hang or crash: in a process of its own."""
+    from drivers.subprocess_camera.camera import SubprocessCamera
+
+    return SubprocessCamera(request.source, clock, factory, request.playback_mode)
+
+
+CAMERA_FACTORIES: dict[str, Callable[[str, CameraRequest], RgbdCamera]] = {
+    "freenect": _freenect,
+    "openni2": _openni2,
+    "fakenect": _fakenect,
+    "tum": _tum,
+    "synthetic": _synthetic,
+}
+CAMERA_USAGES = {
+    "freenect": "freenect[:SERIAL]",
+    "openni2": "openni2[:SERIAL] or openni2:FILE.oni",
+    "fakenect": "fakenect:FOLDER",
+    "tum": "tum:FOLDER",
+    "synthetic": "synthetic",
+}

@@ -1,0 +1,165 @@
+"""What the driver's process does with its camera: open it, pass frames on, open it again."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from drivers.camera import (
+    CameraCounters,
+    CameraState,
+    CameraStatus,
+    EndOfStream,
+    FrameTimeout,
+    RgbdCamera,
+)
+from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.core.process.timeouts import ExponentialBackoff, WorkerPhase
+from drivers.subprocess_camera.frame_ring import FrameRingWriter
+from drivers.subprocess_camera.messages import (
+    CameraFinished,
+    CameraHeartbeat,
+    CameraProperties,
+    CameraWorkerMessage,
+    StartCameraWorker,
+)
+
+POLL_S = 0.25
+
+
+class CaptureLoop:
+    """Runs until it is stopped, a recording ends, or an error comes that waiting will not mend.
+
+    A camera that fails again and again would say "opening, absent, opening, absent": what was said
+    last stays until something better is known.
+    """
+
+    def __init__(
+        self,
+        camera: RgbdCamera,
+        ring: FrameRingWriter,
+        config: StartCameraWorker,
+        send: Callable[[CameraWorkerMessage], object],
+        stop: threading.Event,
+    ) -> None:
+        self._camera, self._ring, self._send, self._stop = camera, ring, send, stop
+        self._is_live, self._timeouts = config.config.is_live, config.config.timeouts
+        self._backoff = ExponentialBackoff(config.config.timeouts)
+        self._earlier_counters, self._is_open = CameraCounters(), False
+        self._phase, self._status = WorkerPhase.LAUNCHING, config.status
+        self._last_heartbeat_s = 0.0
+
+    def run(self) -> None:
+        """Raises what the camera raised, unless it is opened again for it."""
+        while not self._stop.is_set():
+            try:
+                self._open()
+                self._stream()
+            except EndOfStream:
+                self._send(CameraFinished())
+                return
+            except CameraError as error:
+                if not self._is_live:
+                    raise
+                self._enter_phase(
+                    WorkerPhase.CLOSING, CameraStatus(self._state_after(error), str(error))
+                )
+            finally:
+                self._close()
+            self._wait_for_reconnect()
+
+    def _open(self) -> None:
+        self._enter_phase(WorkerPhase.OPENING, self._status)
+        self._camera.open()
+        self._is_open = True
+        is_flaky = self._status.state is CameraState.LOST
+        starting = self._status if is_flaky else CameraStatus(CameraState.STARTING)
+        self._enter_phase(WorkerPhase.STARTING, starting)
+        self._send_properties()
+
+    def _close(self) -> None:
+        self._enter_phase(WorkerPhase.CLOSING, self._status)
+        self._camera.close()
+        self._earlier_counters = self._counters()
+        self._is_open = False
+
+    def _stream(self) -> None:
+        """Pass frames on until stopped."""
+        waiting_since_s = time.monotonic()
+        while not self._stop.is_set():
+            self._send_heartbeat_if_due()
+            if not self._ring.acquire(POLL_S):
+                waiting_since_s = time.monotonic()
+                continue
+            try:
+                frame = self._camera.read(POLL_S)
+            except FrameTimeout:
+                self._check_first_frame(waiting_since_s)
+            else:
+                self._ring.put(frame)
+                self._enter_streaming()
+
+    def _check_first_frame(self, since_s: float) -> None:
+        """Raise CameraLostError if a live camera does not begin to send."""
+        is_late = time.monotonic() - since_s > self._timeouts.first_frame_s
+        if is_late and self._is_live and self._phase is WorkerPhase.STARTING:
+            limit_s = self._timeouts.first_frame_s
+            raise CameraLostError(
+                self._camera.status.reason
+                or f"{self._camera.name}: open, but sent no frame within {limit_s:g} s; "
+                "it is opened again"
+            )
+
+    def _enter_streaming(self) -> None:
+        if self._phase is WorkerPhase.STARTING:
+            self._backoff.reset()
+            self._enter_phase(WorkerPhase.STREAMING, CameraStatus(CameraState.STREAMING))
+            self._send_properties()
+
+    def _wait_for_reconnect(self) -> None:
+        """Until the next attempt."""
+        if not self._stop.is_set():
+            self._enter_phase(WorkerPhase.WAITING, self._status)
+            self._camera.wait_for_reconnect(self._backoff.next_s())
+
+    def _state_after(self, error: CameraError) -> CameraState:
+        if isinstance(error, CameraNotFoundError):
+            return CameraState.ABSENT
+        return CameraState.OPENING if self._phase is WorkerPhase.OPENING else CameraState.LOST
+
+    def _enter_phase(self, phase: WorkerPhase, status: CameraStatus) -> None:
+        self._phase, self._status = phase, status
+        self._send_heartbeat()
+
+    def _send_heartbeat_if_due(self) -> None:
+        """A sign of life, not too often."""
+        if time.monotonic() - self._last_heartbeat_s >= POLL_S:
+            self._send_heartbeat()
+
+    def _send_heartbeat(self) -> None:
+        self._last_heartbeat_s = time.monotonic()
+        self._send(CameraHeartbeat(self._phase, self._status_with_reason(), self._counters()))
+
+    def _status_with_reason(self) -> CameraStatus:
+        """What the camera has to say of its stream goes out as well: that most frames are torn."""
+        if self._phase is WorkerPhase.STREAMING:
+            return replace(self._status, reason=self._camera.status.reason)
+        return self._status
+
+    def _counters(self) -> CameraCounters:
+        """Totals; the camera's own count from 0 again whenever it is opened."""
+        return (
+            self._earlier_counters + self._camera.counters
+            if self._is_open
+            else self._earlier_counters
+        )
+
+    def _send_properties(self) -> None:
+        camera = self._camera
+        facts = CameraProperties(
+            intrinsics_source=camera.intrinsics_source,
+            frame_count=camera.frame_count,
+            has_motor=camera.has_motor,
+            ground_truth=camera.ground_truth,
+        )
+        self._send(facts)

@@ -1,0 +1,275 @@
+"""How whole frames lie in shared memory."""
+
+import math
+import mmap
+import os
+import select
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from struct import Struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import FrameTimeout, PinholeCamera, PlaybackMode, RgbdFrame
+from drivers.core.errors import UserFacingError
+
+SLOT_COUNT = 4
+# Room for 12 megapixels. Memory that is never touched is never used: 640x480 takes 1.5 MB a slot.
+SLOT_BYTES = 64 * 2**20
+# Ordinal in the ring, seq, lost_packets; stamps, skew, readout and depth factor; gravity; camera.
+_HEADER = Struct("=3q 6d 3d 2q 4d")
+_HEADER_BYTES = 256  # keeps the images aligned
+_NO_GRAVITY = (math.nan,) * 3
+
+
+class FrameSlots:
+    """`SLOTS` frames in one block of memory. Who may touch which slot is the ring's business."""
+
+    def __init__(self, memory_fd: int) -> None:
+        """Map the memory, SLOTS * SLOT_BYTES of it."""
+        self._memory = mmap.mmap(memory_fd, SLOT_COUNT * SLOT_BYTES)
+
+    def write(self, slot: int, ordinal: int, frame: RgbdFrame) -> None:
+        """Copy a frame into a slot. Raises UserFacingError if it is too large for any."""
+        camera = frame.camera
+        if _HEADER_BYTES + camera.width * camera.height * 5 > SLOT_BYTES:
+            raise UserFacingError(
+                f"frames of {camera.width}x{camera.height} are too large to come from a process "
+                "of its own; choose a smaller mode of the camera"
+            )
+        values = _pack_header(ordinal, frame)
+        _HEADER.pack_into(self._memory, slot * SLOT_BYTES, *values)
+        colour, depth = self._images(slot, camera.width, camera.height)
+        np.copyto(colour, frame.color_bgr)
+        np.copyto(depth, frame.depth_raw)
+
+    def read(self, slot: int) -> tuple[int, RgbdFrame]:
+        """The ordinal and a copy of the frame in a slot."""
+        values = _HEADER.unpack_from(self._memory, slot * SLOT_BYTES)
+        colour, depth = self._images(slot, *values[12:14])
+        return values[0], _make_frame(values, colour.copy(), depth.copy())
+
+    def close(self) -> None:
+        """Unmap the memory."""
+        # Ctrl-C may have come in the middle of a copy, and its traceback still hold the images:
+        # the memory is then unmapped when that is forgotten.
+        with suppress(BufferError):
+            self._memory.close()
+
+    def _images(
+        self, slot: int, width: int, height: int
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
+        """Colour and depth where they lie."""
+        begin = slot * SLOT_BYTES + _HEADER_BYTES
+        depth_begin = begin + 3 * width * height
+        depth_begin += depth_begin % 2
+        return (
+            np.ndarray((height, width, 3), np.uint8, self._memory, begin),
+            np.ndarray((height, width), np.uint16, self._memory, depth_begin),
+        )
+
+
+def _pack_header(ordinal: int, frame: RgbdFrame) -> tuple[float, ...]:
+    """What is not image, as numbers; NaN stands for None."""
+    device_stamp_s = math.nan if frame.device_stamp_s is None else frame.device_stamp_s
+    gravity = _NO_GRAVITY if frame.gravity_m_s2 is None else frame.gravity_m_s2
+    c = frame.camera
+    return (
+        *(ordinal, frame.seq, frame.lost_packets),
+        *(frame.stamp_s, frame.receive_time_s, device_stamp_s),
+        *(frame.skew_s, frame.readout_s, frame.depth_factor),
+        *gravity,
+        *(c.width, c.height, c.fx, c.fy, c.cx, c.cy),
+    )
+
+
+def _make_frame(
+    values: tuple[Any, ...], color: NDArray[np.uint8], depth: NDArray[np.uint16]
+) -> RgbdFrame:
+    _, seq, lost_packets, stamp_s, receive_time_s, device_stamp_s = values[:6]
+    skew_s, readout_s, depth_factor = values[6:9]
+    gravity = values[9:12]
+    return RgbdFrame(
+        seq=seq,
+        stamp_s=stamp_s,
+        receive_time_s=receive_time_s,
+        color_bgr=color,
+        depth_raw=depth,
+        depth_factor=depth_factor,
+        camera=PinholeCamera(*values[12:18]),
+        device_stamp_s=None if math.isnan(device_stamp_s) else device_stamp_s,
+        skew_s=skew_s,
+        lost_packets=lost_packets,
+        gravity_m_s2=None if math.isnan(gravity[0]) else gravity,
+        readout_s=readout_s,
+    )
+
+
+_END_TOKEN = SLOT_COUNT  # the token that says: no frame will follow
+_ALL_TOKENS = bytes(range(SLOT_COUNT))
+
+
+class FrameRingEndedError(Exception):
+    """No frame is left and none will follow."""
+
+
+@dataclass(frozen=True)
+class FrameRingFds:
+    """The file descriptors that a writer in another process needs; the same numbers there."""
+
+    memory_fd: int
+    free_read_fd: int
+    filled_read_fd: int
+    filled_write_fd: int
+
+    @property
+    def all(self) -> tuple[int, int, int, int]:
+        """Every one of them."""
+        return self.memory_fd, self.free_read_fd, self.filled_read_fd, self.filled_write_fd
+
+
+class FrameRingReader:
+    """The end that owns the ring. One thread takes; another may reset and finish it."""
+
+    def __init__(self, playback_mode: PlaybackMode) -> None:
+        self._max_tokens = 1 if playback_mode is PlaybackMode.LOCKSTEP else SLOT_COUNT + 1
+        self._lock = threading.Lock()
+        self._is_open = self._is_ended = self._has_allowed_writes = False
+        self._next_ordinal = 0
+        self.dropped = 0  # frames that were never taken, since `open`
+
+    def open(self) -> None:
+        """Make the ring. Nobody writes before `grant`, or the first `take`."""
+        memory = os.memfd_create("camera-frames")
+        os.ftruncate(memory, SLOT_COUNT * SLOT_BYTES)
+        self._slots = FrameSlots(memory)
+        free, self._free_write_fd = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        filled, filled_to_reader = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        self.fds = FrameRingFds(memory, free, filled, filled_to_reader)
+        self._poll = _make_poll(filled)
+        self._is_open, self._is_ended, self._has_allowed_writes = True, False, False
+        self._next_ordinal = self.dropped = 0
+
+    def allow_writes(self) -> None:
+        """Let the writer begin, if it has not been let yet."""
+        with self._lock:
+            if self._is_open and not self._has_allowed_writes:
+                self._has_allowed_writes = True
+                os.write(self._free_write_fd, _ALL_TOKENS)
+
+    def reset(self) -> None:
+        """Begin afresh, with every slot free, now that the writer is no more; `grant` it again."""
+        with self._lock:
+            if self._is_open:
+                unread = _read_tokens(self.fds.filled_read_fd, SLOT_COUNT)
+                if unread:
+                    self.dropped += self._slots.read(unread[-1])[0] + 1 - self._next_ordinal
+                _read_tokens(self.fds.free_read_fd, SLOT_COUNT)
+                self._has_allowed_writes = False
+                self._next_ordinal = 0
+
+    def finish(self) -> None:
+        """No frame will follow, as the writer is no more: `take` says so behind the last one."""
+        with self._lock:
+            if self._is_open:
+                os.write(self.fds.filled_write_fd, bytes([_END_TOKEN]))
+
+    def get(self, timeout_s: float) -> RgbdFrame:
+        """Copy out the frame that is next at this pace.
+
+        Raises NoFrameYet after `timeout_s`, RingEndedError if none is left and none will follow.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        self.allow_writes()
+        while True:
+            frame = self._try_get()
+            if frame is not None:
+                return frame
+            left_s = deadline_s - time.monotonic()
+            if left_s <= 0.0:
+                raise FrameTimeout
+            self._poll.poll(left_s * 1e3)
+
+    def close(self) -> None:
+        """Release everything. Safe to call twice."""
+        with self._lock:
+            if self._is_open:
+                self._is_open = False
+                self._slots.close()
+                for fd in (*self.fds.all, self._free_write_fd):
+                    os.close(fd)
+
+    def _try_get(self) -> RgbdFrame | None:
+        with self._lock:
+            if not self._is_open or self._is_ended:
+                raise FrameRingEndedError
+            tokens = _read_tokens(self.fds.filled_read_fd, self._max_tokens)
+            if _END_TOKEN in tokens:
+                self._is_ended = True
+                tokens = tokens.rstrip(bytes([_END_TOKEN]))
+                if not tokens:
+                    raise FrameRingEndedError
+            return self._copy_newest(tokens) if tokens else None
+
+    def _copy_newest(self, tokens: bytes) -> RgbdFrame:
+        try:
+            ordinal, frame = self._slots.read(tokens[-1])
+        finally:
+            os.write(self._free_write_fd, tokens)
+        self.dropped += ordinal - self._next_ordinal
+        self._next_ordinal = ordinal + 1
+        return frame
+
+
+class FrameRingWriter:
+    """The other end, in the process that has the camera."""
+
+    def __init__(self, fds: FrameRingFds, playback_mode: PlaybackMode) -> None:
+        self._slots = FrameSlots(fds.memory_fd)
+        self._filled_write_fd = fds.filled_write_fd
+        self._token_fds = (
+            (fds.free_read_fd,)
+            if playback_mode is PlaybackMode.LOCKSTEP
+            else (fds.free_read_fd, fds.filled_read_fd)
+        )
+        self._poll = _make_poll(*self._token_fds)
+        self._held_token = b""
+        self._ordinal = 0
+
+    def acquire(self, timeout_s: float) -> bool:
+        """Wait for a slot to write into; at once if there is one in hand."""
+        deadline_s = time.monotonic() + timeout_s
+        while not self._held_token:
+            self._held_token = next(
+                filter(None, (_read_tokens(fd, 1) for fd in self._token_fds)), b""
+            )
+            left_s = deadline_s - time.monotonic()
+            if self._held_token or left_s <= 0.0:
+                break
+            self._poll.poll(left_s * 1e3)
+        return bool(self._held_token)
+
+    def put(self, frame: RgbdFrame) -> None:
+        """Copy a frame into the slot in hand and pass it on."""
+        self._slots.write(self._held_token[0], self._ordinal, frame)
+        os.write(self._filled_write_fd, self._held_token)
+        self._held_token = b""
+        self._ordinal += 1
+
+
+def _read_tokens(fd: int, max_tokens: int) -> bytes:
+    """The tokens waiting in a pipe, up to so many."""
+    with suppress(BlockingIOError):
+        return os.read(fd, max_tokens)
+    return b""
+
+
+def _make_poll(*fds: int) -> select.poll:
+    poll = select.poll()
+    for fd in fds:
+        poll.register(fd, select.POLLIN)
+    return poll

@@ -1,0 +1,1 @@
+"""What stands in the virtual room, and the textures on it."""

@@ -1,0 +1,118 @@
+"""From the light that reaches the lens to an 8-bit picture: blur, vignette, exposure, noise."""
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from drivers.core.geometry import Array
+from drivers.core.jit import kernel
+from drivers.synthetic.config import ColorSensorModel
+from drivers.synthetic.raytracing.raycast import Floats
+
+MAX_BLUR_TAPS = 12
+# So many rows are exposed at a time: what is made on the way then stays in the cache.
+BAND_ROWS = 32
+MID_GREY = 128.0
+# A camera's automatic exposure hunts slowly: relative parts, and hertz.
+GAIN_WAVES = ((0.7, 0.11, 0.3), (0.3, 0.43, 1.9))
+
+
+def gain_at(sensor: ColorSensorModel, time_s: float, duration_s: float) -> float:
+    """Exposure gain at a time; whole periods in `duration_s`, so that it can be looped."""
+    total = 0.0
+    for part, frequency, phase in GAIN_WAVES:
+        periods = max(1.0, round(frequency * duration_s))
+        total += part * np.sin(2 * np.pi * periods * time_s / duration_s + phase)
+    return 1.0 + sensor.gain_drift * float(total)
+
+
+def vignetting_map(camera: PinholeCamera, loss: float) -> Floats:
+    """Brightness (H, W) kept at each pixel: `loss` is what is missing in the corners."""
+    x = (np.arange(camera.width) - camera.cx) / (0.5 * camera.width)
+    y = (np.arange(camera.height) - camera.cy) / (0.5 * camera.height)
+    kept = 1.0 - 0.5 * loss * (x**2 + (y**2)[:, None])
+    return kept.astype(np.float32)
+
+
+def expose(
+    image: Floats,
+    gain: float,
+    vignetting: Floats,
+    sensor: ColorSensorModel,
+    rng: np.random.Generator,
+) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8: half of the noise's power at mid grey is shot noise, half read-out."""
+    if sensor.softness_px > 0:
+        image = cv2.GaussianBlur(image, (0, 0), sensor.softness_px)  # type: ignore[assignment]
+    result = np.empty(image.shape, dtype=np.uint8)
+    for top in range(0, len(image), BAND_ROWS):
+        rows = slice(top, top + BAND_ROWS)
+        exposed = image[rows] * (np.float32(gain) * vignetting[rows])[..., None]
+        if sensor.noise_sigma > 0:
+            sigma = sensor.noise_sigma * np.sqrt(0.5 + exposed * np.float32(0.5 / MID_GREY))
+            exposed += sigma * rng.standard_normal(exposed.shape, dtype=np.float32)
+        result[rows] = np.clip(exposed + np.float32(0.5), 0, 255)
+    return result
+
+
+@kernel
+def motion_blur(
+    image: Floats,
+    rays: Array,
+    depth_m: Floats,
+    body: NDArray[np.int64],
+    T_opening_now: Array,
+    T_closing_now: Array,
+    focal_px: float,
+) -> Floats:
+    """Mean of `image` along each pixel's way from the shutter's opening to its closing.
+
+    `body` (H, W) is what each pixel sees. `T_opening_now`, `T_closing_now` (B, H, 4, 4) map a
+    body's points, in a row's camera coordinates at its own instant, to those when its exposure
+    begins and ends.
+    """
+    height, width = depth_m.shape
+    blurred = np.empty_like(image)
+    total = np.empty(3)
+    for v in range(height):
+        for u in range(width):
+            x, y, z = rays[v, u, 0], rays[v, u, 1], depth_m[v, u]
+            ax, ay = project_transformed(T_opening_now, body[v, u], v, x, y, z)
+            bx, by = project_transformed(T_closing_now, body[v, u], v, x, y, z)
+            du, dv = focal_px * (bx - ax), focal_px * (by - ay)
+            taps = 1 + min(MAX_BLUR_TAPS - 1, int(math.sqrt(du * du + dv * dv) + 0.5))
+            total[:] = 0.0
+            for k in range(taps):
+                # The light of this pixel came from where the surface was: against the motion.
+                along = (k + 0.5) / taps - 0.5
+                i = min(max(u - along * du, 0.0), width - 1.001)
+                j = min(max(v - along * dv, 0.0), height - 1.001)
+                column, row = int(i), int(j)
+                p, q = np.float32(i - column), np.float32(j - row)
+                w00, w01 = (1 - p) * (1 - q), p * (1 - q)
+                w10, w11 = (1 - p) * q, p * q
+                for c in range(3):
+                    total[c] += (
+                        w00 * image[row, column, c]
+                        + w01 * image[row, column + 1, c]
+                        + w10 * image[row + 1, column, c]
+                        + w11 * image[row + 1, column + 1, c]
+                    )
+            for c in range(3):
+                blurred[v, u, c] = total[c] / taps
+    return blurred
+
+
+@kernel
+def project_transformed(
+    T: Array, b: int, v: int, x: float, y: float, z: float
+) -> tuple[float, float]:
+    """Where on the plane z = 1 the point (x, y, 1) z is seen after the rigid motion T[b, v]."""
+    depth = T[b, v, 2, 0] * x + T[b, v, 2, 1] * y + T[b, v, 2, 2] + T[b, v, 2, 3] / z
+    return (
+        (T[b, v, 0, 0] * x + T[b, v, 0, 1] * y + T[b, v, 0, 2] + T[b, v, 0, 3] / z) / depth,
+        (T[b, v, 1, 0] * x + T[b, v, 1, 1] * y + T[b, v, 1, 2] + T[b, v, 1, 3] / z) / depth,
+    )

@@ -1,0 +1,129 @@
+"""Faults on request: what goes wrong with which frames, applied as the frames are played."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.config import config_field, required_field
+from drivers.core.errors import InputError
+
+Image = NDArray[np.uint8]
+Depth = NDArray[np.uint16]
+
+
+class FaultKind(StrEnum):
+    """What can go wrong."""
+
+    DROPPED = "dropped"  # the frame never comes
+    FROZEN = "frozen"  # the images of the last good frame again, under a new stamp
+    BLACK = "black"  # the colour image is black
+    TORN = "torn"  # upper half new, lower half of the frame before
+    DARK = "dark"  # the lights are off: hardly more than noise; depth needs no light
+    COVERED = "covered"  # something lies on the camera: colour is black, and no depth is read
+    NOISE = "noise"  # nothing but noise, in colour and in depth
+    STAMP_JUMP = "stamp-jump"  # stamps are off by `seconds`
+    STAMP_REPEAT = "stamp-repeat"  # the stamp of the frame before
+    UNPLUGGED = "unplugged"  # gone at this frame, back after `seconds`
+
+
+@dataclass(frozen=True)
+class Fault:
+    """`kind` strikes `count` frames from frame `first`; `seconds` where the kind asks for it."""
+
+    kind: FaultKind = required_field("what goes wrong")
+    first: int = required_field("number of the first frame that suffers, from 0", minimum=0)
+    count: int = config_field(1, "how many frames suffer", minimum=1)
+    seconds: float = config_field(
+        0.0, "how far stamps jump, or after how long an unplugged camera is back"
+    )
+
+    def __post_init__(self) -> None:
+        if self.first < 0 or self.count < 1:
+            raise InputError(f"fault {self.kind}: first must be at least 0 and count at least 1")
+        if self.kind is FaultKind.UNPLUGGED and self.seconds <= 0:
+            raise InputError("fault unplugged: give the seconds until the camera comes back")
+
+    def applies_to(self, index: int) -> bool:
+        """True if frame `index` is one of those that suffer."""
+        return self.first <= index < self.first + self.count
+
+
+@dataclass(frozen=True)
+class RenderedImages:
+    """Colour (H, W, 3) uint8 BGR and depth registered to it (H, W) uint16, both undistorted."""
+
+    color_bgr: Image
+    depth_raw: Depth
+
+
+ImageSource = Callable[[int], RenderedImages]
+
+DARK_GAIN = 0.02
+DARK_NOISE_SIGMA = 3.0
+
+
+@dataclass(frozen=True)
+class FaultInjector:
+    """The images and stamps of `source` as they come through when `faults` strike."""
+
+    source: ImageSource
+    faults: tuple[Fault, ...]
+    seed: int
+
+    def has_fault(self, kind: FaultKind, index: int) -> bool:
+        """True if frame `index` suffers from `kind`."""
+        return any(fault.kind is kind and fault.applies_to(index) for fault in self.faults)
+
+    def read_images(self, index: int) -> RenderedImages:
+        """What the driver is given as frame `index`."""
+        images = self.source(self._last_unaffected(FaultKind.FROZEN, index))
+        if self.has_fault(FaultKind.TORN, index):
+            images = _tear(images, self.source(max(index - 1, 0)))
+        if self.has_fault(FaultKind.DARK, index):
+            images = _darken(images, np.random.default_rng([self.seed, 6, index]))
+        if self.has_fault(FaultKind.BLACK, index):
+            images = RenderedImages(np.zeros_like(images.color_bgr), images.depth_raw)
+        if self.has_fault(FaultKind.COVERED, index):
+            images = RenderedImages(
+                np.zeros_like(images.color_bgr), np.zeros_like(images.depth_raw)
+            )
+        if self.has_fault(FaultKind.NOISE, index):
+            images = _replace_with_noise(images, np.random.default_rng([self.seed, 7, index]))
+        return images
+
+    def stamp_source(self, index: int) -> tuple[int, float]:
+        """The frame whose stamp frame `index` bears, and the seconds by which it is off."""
+        off_s = sum(
+            fault.seconds
+            for fault in self.faults
+            if fault.kind is FaultKind.STAMP_JUMP and fault.applies_to(index)
+        )
+        return self._last_unaffected(FaultKind.STAMP_REPEAT, index), off_s
+
+    def _last_unaffected(self, kind: FaultKind, index: int) -> int:
+        """The last frame before a repetition of that kind; `index` itself where there is none."""
+        while index > 0 and self.has_fault(kind, index):
+            index -= 1
+        return index
+
+
+def _tear(new: RenderedImages, old: RenderedImages) -> RenderedImages:
+    colour, depth = new.color_bgr.copy(), new.depth_raw.copy()
+    half = len(depth) // 2
+    colour[half:], depth[half:] = old.color_bgr[half:], old.depth_raw[half:]
+    return RenderedImages(colour, depth)
+
+
+def _darken(images: RenderedImages, rng: np.random.Generator) -> RenderedImages:
+    noise = DARK_NOISE_SIGMA * rng.standard_normal(images.color_bgr.shape, dtype=np.float32)
+    colour = np.clip(images.color_bgr * np.float32(DARK_GAIN) + noise + 0.5, 0, 255)
+    return RenderedImages(colour.astype(np.uint8), images.depth_raw)
+
+
+def _replace_with_noise(images: RenderedImages, rng: np.random.Generator) -> RenderedImages:
+    colour = rng.integers(0, 256, images.color_bgr.shape, np.uint8)
+    farthest = max(1, int(images.depth_raw.max()))
+    return RenderedImages(colour, rng.integers(0, farthest, images.depth_raw.shape, np.uint16))

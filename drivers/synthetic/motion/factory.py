@@ -1,0 +1,37 @@
+"""How the camera moves: the paths by name. All built-in ones can be looped."""
+
+import numpy as np
+
+from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.synthetic.motion.base import CameraMotion
+from drivers.synthetic.motion.handheld import ROOM_SWEEP, FloorMotion, HandheldMotion
+from drivers.synthetic.motion.orbit import OrbitMotion
+from drivers.synthetic.motion.recorded import RecordedMotion
+from drivers.synthetic.motion.scripted import CreepMotion, FastTurnMotion, WallMotion
+from drivers.synthetic.motion.tour import TourMotion
+
+
+def make_motion(config: SyntheticConfig, room_height_m: float) -> CameraMotion:
+    """The path that `config` asks for. Raises InputError if the track cannot be used."""
+    if config.track is not None:
+        return RecordedMotion.read(config.track, config, room_height_m)
+    rng, duration_s = np.random.default_rng([config.seed, 1]), config.duration_s
+    match config.motion:
+        case MotionKind.HAND_HELD:
+            return HandheldMotion(rng, duration_s, ROOM_SWEEP)
+        case MotionKind.SMOOTH:
+            return HandheldMotion(rng, duration_s, ROOM_SWEEP, tremor_scale=0.0)
+        case MotionKind.STILL:
+            return HandheldMotion(rng, duration_s, ROOM_SWEEP, sweep_scale=0.0, tremor_scale=0.0)
+        case MotionKind.FLOOR:
+            return FloorMotion(rng, duration_s)
+        case MotionKind.ORBIT:
+            return OrbitMotion(rng, duration_s)
+        case MotionKind.TOUR:
+            return TourMotion(rng, duration_s)
+        case MotionKind.WALL:
+            return WallMotion(rng, duration_s)
+        case MotionKind.FAST_TURN:
+            return FastTurnMotion(rng, duration_s)
+        case MotionKind.CREEP:
+            return CreepMotion(rng, duration_s if config.loop else np.inf)

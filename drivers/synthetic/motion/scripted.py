@@ -1,0 +1,99 @@
+"""Motions that are hard on purpose: to a bare wall, with fast turns, too slow to be seen."""
+
+import numpy as np
+
+from drivers.core.geometry import Array, so3_exp
+from drivers.synthetic.motion.base import CameraMotion, look_rotations, rotations_from_vectors
+from drivers.synthetic.motion.easing import cosine_ramp, smootherstep
+from drivers.synthetic.motion.handheld import ROOM_SWEEP, HandheldMotion, HandheldProfile
+
+# A hand that holds the camera level, two metres before the wall at +y.
+LEVEL_AT_WALL = HandheldProfile(
+    (
+        ((0.15, 0.10), (0.06, 0.20)),
+        ((0.08, 0.10),),
+        ((0.06, 0.10), (0.03, 0.25)),
+        ((0.08, 0.10), (0.04, 0.20)),
+        ((0.04, 0.10),),
+        ((0.04, 0.15),),
+    ),
+    camera_height_m=1.45,
+    pitch_down_rad=0.0,
+)
+TOWARD_WALL_M = 0.5
+LOOK_ASIDE_RAD = 1.15
+WALL_VIEW_PERIOD_S = 10.0
+# Two turns in so many seconds, there and back, each of them half a second long; how far they go, in
+# turns. Halfway through, the rate is pi times that: 2.5 and 3.8 radians a second.
+TURN_PAIR_PERIOD_S = 6.0
+TURN_S = 0.5
+TURN_ANGLES_RAD = (0.8, 1.2)
+CREEP_SPEED_M_S = 0.001
+
+
+class WallMotion(CameraMotion):
+    """Looks aside, then for a third of the time straight at the wall at +y, then aside again."""
+
+    def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
+        self._handheld = HandheldMotion(rng, duration_s, LEVEL_AT_WALL)
+        looks = max(1, round(duration_s / WALL_VIEW_PERIOD_S))
+        self._period_s = duration_s / looks
+
+    def poses(self, times_s: Array) -> Array:
+        """See `CameraMotion`."""
+        nearing = 0.5 - 0.5 * np.cos(2 * np.pi * times_s / self._period_s)
+        T = _rotate_yaw(
+            self._handheld.poses(times_s),
+            LOOK_ASIDE_RAD * (1.0 - smootherstep(2.0 * nearing - 0.5)),
+        )
+        T[:, 1, 3] += TOWARD_WALL_M
+        return T
+
+
+class FastTurnMotion(CameraMotion):
+    """A hand that sweeps about, and turns the camera away and back in no time."""
+
+    def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
+        self._handheld = HandheldMotion(rng, duration_s, ROOM_SWEEP, sweep_scale=0.5)
+        self._turn_pairs = max(1, round(duration_s / TURN_PAIR_PERIOD_S))
+        self._period_s = duration_s / self._turn_pairs
+
+    def poses(self, times_s: Array) -> Array:
+        """See `CameraMotion`."""
+        yaw_rad = np.zeros_like(times_s)
+        for pair in range(self._turn_pairs):
+            since_s = times_s - pair * self._period_s
+            away = cosine_ramp((since_s - 0.25 * self._period_s) / TURN_S)
+            back = cosine_ramp((since_s - 0.75 * self._period_s) / TURN_S)
+            yaw_rad += TURN_ANGLES_RAD[pair % len(TURN_ANGLES_RAD)] * (away - back)
+        return _rotate_yaw(self._handheld.poses(times_s), yaw_rad)
+
+
+class CreepMotion(CameraMotion):
+    """Straight on by a millimetre a second, without a tremor; and back, where it is looped."""
+
+    def __init__(self, rng: np.random.Generator, round_trip_s: float) -> None:
+        """`round_trip_s` may be infinite: it then never comes back."""
+        yaw_rad, sideways_rad = rng.uniform(-np.pi, np.pi, 2)
+        down_rad = ROOM_SWEEP.pitch_down_rad
+        self._R = look_rotations(np.array([yaw_rad]), np.array([down_rad]), np.zeros(1))[0]
+        self._direction = so3_exp([0.0, 0.0, sideways_rad]) @ [1.0, 0.0, 0.0]
+        self._round_trip_s = round_trip_s
+
+    def poses(self, times_s: Array) -> Array:
+        """See `CameraMotion`."""
+        along_m = CREEP_SPEED_M_S * np.minimum(times_s, self._round_trip_s - times_s)
+        T = np.tile(np.eye(4), (len(times_s), 1, 1))
+        T[:, :3, :3] = self._R
+        T[:, :3, 3] = along_m[:, None] * self._direction
+        T[:, 2, 3] += ROOM_SWEEP.camera_height_m
+        return T
+
+
+def _rotate_yaw(T_world_camera: Array, yaw_rad: Array) -> Array:
+    """Each pose (N, 4, 4) turned to the left where it stands, by its own angle (N,)."""
+    zero = np.zeros_like(yaw_rad)
+    turned = T_world_camera.copy()
+    turns = rotations_from_vectors(np.stack([zero, zero, yaw_rad], axis=1))
+    turned[:, :3, :3] = turns @ T_world_camera[:, :3, :3]
+    return turned

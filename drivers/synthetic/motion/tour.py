@@ -1,0 +1,90 @@
+"""A walk through a large room, lap after lap, now and then back the other way."""
+
+import numpy as np
+
+from drivers.core.geometry import Array
+from drivers.synthetic.motion.base import CameraMotion, look_rotations, rotations_from_vectors
+from drivers.synthetic.motion.easing import smootherstep, smootherstep_integral
+from drivers.synthetic.motion.sinusoidal import TREMOR, Sinusoids, SinusoidSum
+
+LAP_S = 30.0
+# Half of the walk's length and breadth; its laps are 14 m long.
+HALF_M = np.array([2.6, 1.8])
+CAMERA_HEIGHT_M = 1.35
+LOOK_DOWN_RAD = 0.25
+# Where it looks: so far from the middle of the room towards where it goes, that is past the side
+# of the room rather than along it.
+LOOK_AHEAD_RAD = 1.8
+# What differs from lap to lap: 0.3 to 0.6 metres a second, glances of up to 25 degrees.
+SWAY: tuple[Sinusoids, ...] = (
+    ((0.10, 0.07), (0.02, 0.23)),  # outwards
+    ((0.04, 0.11),),  # along the walk, radians
+    ((0.08, 0.09), (0.04, 0.21)),  # height
+    ((0.25, 0.11), (0.18, 0.17)),  # yaw
+    ((0.07, 0.13), (0.05, 0.19)),  # pitch
+    ((0.05, 0.15),),  # roll
+)
+# How far ahead and behind of an even walk, radians.
+PHASE_VARIATION_RAD = 0.25
+# Every so often it turns round, goes back for a while and turns round again.
+REVERSE_EVERY_S = 90.0
+REVERSE_S = 15.0
+TURN_S = 10.0
+
+
+class TourMotion(CameraMotion):
+    """Laps of about `LAP_S` around the middle, twice or more past the same places.
+
+    A film that is too short for a lap is a part of one, there and back.
+    """
+
+    def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
+        self._sway = SinusoidSum.random(rng, duration_s, SWAY)
+        self._tremor = SinusoidSum.random(rng, duration_s, TREMOR)
+        self._start_rad = rng.uniform(0.0, 2 * np.pi)
+        self._duration_s = duration_s
+        times = int(duration_s / REVERSE_EVERY_S)
+        middles_s = (np.arange(times) + 0.5) * duration_s / max(times, 1)
+        # When it is halfway round, away from its way and then back to it.
+        self._turn_times_s = np.stack(
+            [middles_s - REVERSE_S / 2, middles_s + REVERSE_S / 2], axis=1
+        )
+        self._forward_s = duration_s - 2 * REVERSE_S * times
+        self._laps = int(self._forward_s / LAP_S + 0.25)
+
+    def poses(self, times_s: Array) -> Array:
+        """See `CameraMotion`."""
+        sway, tremor = self._sway(times_s), self._tremor(times_s)
+        along = self._tour_angle_rad(times_s) + sway[:, 1]
+        out = np.stack([np.cos(along), np.sin(along)], axis=1)
+        T = np.tile(np.eye(4), (len(times_s), 1, 1))
+        T[:, :2, 3] = out * (HALF_M + sway[:, :1])
+        T[:, 2, 3] = CAMERA_HEIGHT_M + sway[:, 2]
+        T[:, :3, 3] += tremor[:, :3]
+        # Left of +y by the angle to the middle of the room, then aside to where it goes.
+        middle = along + np.pi / 2
+        yaw = middle - LOOK_AHEAD_RAD * self._direction(times_s) + sway[:, 3]
+        T[:, :3, :3] = look_rotations(yaw, LOOK_DOWN_RAD + sway[:, 4], sway[:, 5])
+        T[:, :3, :3] = T[:, :3, :3] @ rotations_from_vectors(tremor[:, 3:])
+        return T
+
+    def _direction(self, times_s: Array) -> Array:
+        """1 where it goes on, -1 where it goes back, and between while it turns round."""
+        turned = smootherstep(self._turn_progress(times_s))
+        result: Array = 1.0 - 2.0 * np.sum(turned[..., 0] - turned[..., 1], axis=1)
+        return result
+
+    def _tour_angle_rad(self, times_s: Array) -> Array:
+        """Where on the walk: `_direction` added up, at a pace that makes whole laps."""
+        turned_s = TURN_S * smootherstep_integral(self._turn_progress(times_s))
+        walked_s = times_s - 2.0 * np.sum(turned_s[..., 0] - turned_s[..., 1], axis=1)
+        uneven = min(PHASE_VARIATION_RAD, self._duration_s / LAP_S)
+        phase = 2 * np.pi * times_s / self._duration_s
+        pace = 2 * np.pi * self._laps / self._forward_s
+        result: Array = self._start_rad + pace * walked_s + uneven * np.sin(phase)
+        return result
+
+    def _turn_progress(self, times_s: Array) -> Array:
+        """(N, times back, 2) how much of turning round is over."""
+        parts: Array = (times_s[:, None, None] - self._turn_times_s) / TURN_S + 0.5
+        return parts

@@ -1,0 +1,1 @@
+"""Rays through the virtual room, and the light on what they meet."""

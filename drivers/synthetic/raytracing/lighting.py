@@ -1,0 +1,142 @@
+"""Light on the walls and the furniture, with soft shadows, worked out once on a coarse grid."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.geometry import Array
+from drivers.core.jit import kernel
+from drivers.synthetic.raytracing.intersect import intersect_box, intersect_sphere_or_cylinder
+from drivers.synthetic.raytracing.raycast import CYLINDER, ROOM, Floats
+from drivers.synthetic.solids import (
+    FACE_FLIP,
+    FACE_U_AXIS,
+    FACE_V_AXIS,
+    Solid,
+    SolidArrays,
+    SolidKind,
+)
+
+CELL_M = 0.08
+AMBIENT = 0.42
+LIGHTS_PER_LAMP = 3
+FALL_OFF_M = 2.0
+SURFACE_OFFSET_M = 0.01  # off the surface, lest it shadow itself
+
+
+def make_lights(rng: np.random.Generator, half_m: Array) -> Array:
+    """Points of light (B, 4): position in metres and power; two lamps and a window, each soft."""
+    x, y, high = half_m[0], half_m[1], 2 * half_m[2]
+    lamps = (
+        ((rng.uniform(-0.5, 0.5) * x, rng.uniform(-0.5, 0.5) * y, high - 0.15), 1.3),
+        ((rng.uniform(-0.8, 0.8) * x, rng.uniform(-0.8, 0.8) * y, high - 0.5), 0.7),
+        ((0.93 * x * rng.choice((-1, 1)), rng.uniform(-0.6, 0.6) * y, 0.65 * high), 1.2),
+    )
+    points = [
+        (*(np.array(position) + rng.normal(0.0, 0.10, 3) * (1, 1, 0.3)), power / LIGHTS_PER_LAMP)
+        for position, power in lamps
+        for _ in range(LIGHTS_PER_LAMP)
+    ]
+    return np.array(points)
+
+
+def compute_face_brightness(solid: Solid, face: int, solids: SolidArrays, lights: Array) -> Floats:
+    """Brightness (rows, columns) over a face, 1 is full light."""
+    wide, high = solid.face_size_m(face)
+    columns, rows = max(2, int(wide / CELL_M)), max(2, int(high / CELL_M))
+    s, t = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
+    unit, normal = _surface_points(solid.kind, face, s.ravel(), t.ravel())
+    R, centre = solid.T_world_solid[:3, :3], solid.T_world_solid[:3, 3]
+    points = (unit * solid.half_m) @ R.T + centre
+    normals = normal @ R.T
+    light = compute_brightness(
+        points, normals, lights, solids.kind, solids.to_unit, solids.centre_m
+    )
+    return light.reshape(rows, columns)
+
+
+def _surface_points(kind: SolidKind, face: int, s: Array, t: Array) -> tuple[Array, Array]:
+    """Points in the unit cube and outward normals where a skin's pixel (s, t in 0..1) lies."""
+    if kind in (SolidKind.CYLINDER, SolidKind.SPHERE):
+        angle, z = 2 * np.pi * (s - 0.5), 1.0 - 2.0 * t
+        radius = np.ones_like(z) if kind is SolidKind.CYLINDER else np.sqrt(1.0 - z * z)
+        unit = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+        return unit, unit * (1.0, 1.0, 0.0 if kind is SolidKind.CYLINDER else 1.0)
+    axis, side = face // 2, 2.0 * (face % 2) - 1.0
+    flip = side * FACE_FLIP[axis] * (-1.0 if kind is SolidKind.ROOM else 1.0)
+    unit = np.empty((len(s), 3))
+    unit[:, axis] = side
+    unit[:, FACE_U_AXIS[axis]] = flip * (2.0 * s - 1.0)
+    unit[:, FACE_V_AXIS[axis]] = 1.0 - 2.0 * t
+    normal = np.zeros_like(unit)
+    normal[:, axis] = side * (-1.0 if kind is SolidKind.ROOM else 1.0)
+    return unit, normal
+
+
+@kernel
+def compute_brightness(
+    points: Array,
+    normals: Array,
+    lights: Array,
+    kind: NDArray[np.int64],
+    to_unit: Array,
+    centre_m: Array,
+) -> Floats:
+    """Brightness (N,) at points (N, 3) with unit normals: ambient, and each bulb not hidden."""
+    light = np.full(len(points), AMBIENT, dtype=np.float32)
+    for i in range(len(points)):
+        p, n = points[i], normals[i]
+        for bulb in lights:
+            wx, wy, wz = bulb[0] - p[0], bulb[1] - p[1], bulb[2] - p[2]
+            distance_m = math.sqrt(wx * wx + wy * wy + wz * wz)
+            cosine = (wx * n[0] + wy * n[1] + wz * n[2]) / distance_m
+            if cosine <= 0.0:
+                continue
+            x, y, z = (
+                p[0] + SURFACE_OFFSET_M * n[0],
+                p[1] + SURFACE_OFFSET_M * n[1],
+                p[2] + SURFACE_OFFSET_M * n[2],
+            )
+            if not is_occluded(x, y, z, wx, wy, wz, kind, to_unit, centre_m):
+                light[i] += bulb[3] * cosine / (1.0 + (distance_m / FALL_OFF_M) ** 2)
+    return light
+
+
+@kernel
+def is_occluded(
+    x: float,
+    y: float,
+    z: float,
+    wx: float,
+    wy: float,
+    wz: float,
+    kind: NDArray[np.int64],
+    to_unit: Array,
+    centre_m: Array,
+) -> bool:
+    """True if a solid other than the room stands between (x, y, z) and that plus (wx, wy, wz)."""
+    for s in range(len(kind)):
+        if kind[s] == ROOM:
+            continue
+        M, c = to_unit[s], centre_m[s]
+        ax, ay, az = x - c[0], y - c[1], z - c[2]
+        ox, oy, oz = rotate(M, ax, ay, az)
+        dx, dy, dz = rotate(M, wx, wy, wz)
+        if kind[s] >= CYLINDER:
+            t = intersect_sphere_or_cylinder(ox, oy, oz, dx, dy, dz, kind[s] == CYLINDER)
+        else:
+            t = intersect_box(ox, oy, oz, dx, dy, dz, False)
+        if t < 1.0:
+            return True
+    return False
+
+
+@kernel
+def rotate(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """M (3, 3) times (x, y, z)."""
+    return (
+        M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
+        M[1, 0] * x + M[1, 1] * y + M[1, 2] * z,
+        M[2, 0] * x + M[2, 1] * y + M[2, 2] * z,
+    )

@@ -1,0 +1,224 @@
+"""Which surface each pixel sees, and how far away: rays against solids.
+
+A ray of a pixel is (x, y, 1) in camera axes, so the ray's parameter is the depth z in metres.
+Every row has a pose of its own (rolling shutter).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.geometry import Array
+from drivers.core.jit import kernel
+from drivers.synthetic.raytracing.intersect import (
+    FAR_M,
+    NEAR_M,
+    intersect_box,
+    intersect_sphere_or_cylinder,
+)
+from drivers.synthetic.solids import SolidArrays, SolidKind
+
+TILE = 16
+# How far a solid's outline may move between the three rows that were looked at, in tan(angle).
+OUTLINE_MARGIN = 0.01
+BOX, ROOM, CYLINDER = int(SolidKind.BOX), int(SolidKind.ROOM), int(SolidKind.CYLINDER)
+
+Floats = NDArray[np.float32]
+Indices = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class RaycastScene:
+    """Solids as seen from each row's pose: what rays are tested against.
+
+    `frames` (H, S, 3, 4) maps camera coordinates at that row to a solid's unit cube;
+    `candidates` (tiles down, tiles across, S) lists the solids that a tile may see, nearest first,
+    ended by -1; `nearby_error_m` (S,) is where each begins.
+    """
+
+    kind: NDArray[np.int64]
+    frames: Array
+    candidates: Indices
+    near_m: Array
+
+
+@dataclass(frozen=True)
+class RayGrid:
+    """Where each pixel looks: `rays` (H, W, 2) on the plane z = 1, and the bounds of each tile.
+
+    `bounds` (tiles down, tiles across, 4): least and greatest x, least and greatest y.
+    """
+
+    rays: Array
+    bounds: Array
+
+    @classmethod
+    def from_rays(cls, rays: Array) -> "RayGrid":
+        """The grid of `rays` (H, W, 2)."""
+        down, across = np.arange(0, rays.shape[0], TILE), np.arange(0, rays.shape[1], TILE)
+        bounds = [
+            ufunc.reduceat(ufunc.reduceat(rays[..., channel], down, axis=0), across, axis=1)
+            for channel in (0, 1)
+            for ufunc in (np.minimum, np.maximum)
+        ]
+        return cls(rays, np.stack(bounds, axis=-1))
+
+
+def prepare_scene(solids: SolidArrays, grid: RayGrid, T_body_camera: Array) -> RaycastScene:
+    """Prepare to cast the rays of `grid` from the poses of its rows in each body (B, H, 4, 4)."""
+    frames = unit_frames(solids.to_unit, solids.centre_m, solids.body, T_body_camera)
+    rows = np.array([0, len(grid.rays) // 2, len(grid.rays) - 1])
+    T_camera_body = np.asarray(np.linalg.inv(T_body_camera[:, rows]), np.float64)
+    outlines = project_outlines(solids.corners_m, solids.body, T_camera_body)
+    order = np.argsort(outlines[:, 0], kind="stable")
+    candidates = list_candidates(outlines, order, grid.bounds)
+    return RaycastScene(solids.kind, frames, candidates, outlines[:, 0].copy())
+
+
+@kernel
+def unit_frames(
+    to_unit: Array, centre_m: Array, body: NDArray[np.int64], T_body_camera: Array
+) -> Array:
+    """(H, S, 3, 4): camera coordinates of a row to each solid's unit cube."""
+    height = T_body_camera.shape[1]
+    frames = np.empty((height, len(to_unit), 3, 4))
+    for row in range(height):
+        for s in range(len(to_unit)):
+            M, T = to_unit[s], T_body_camera[body[s], row]
+            for i in range(3):
+                for j in range(3):
+                    frames[row, s, i, j] = M[i, 0] * T[0, j] + M[i, 1] * T[1, j] + M[i, 2] * T[2, j]
+                frames[row, s, i, 3] = (
+                    M[i, 0] * (T[0, 3] - centre_m[s, 0])
+                    + M[i, 1] * (T[1, 3] - centre_m[s, 1])
+                    + M[i, 2] * (T[2, 3] - centre_m[s, 2])
+                )
+    return frames
+
+
+@kernel
+def project_outlines(corners_m: Array, body: NDArray[np.int64], T_camera_body: Array) -> Array:
+    """(S, 5): nearest depth, then least and greatest x and y on the plane z = 1.
+
+    The union over the poses given. A solid wholly behind the camera has an empty range.
+    """
+    outlines = np.empty((len(corners_m), 5))
+    outlines[:] = np.inf
+    outlines[:, 2] = -np.inf
+    outlines[:, 4] = -np.inf
+    p = np.empty((8, 3))
+    for s in range(len(corners_m)):
+        outline = outlines[s]
+        for T in T_camera_body[body[s]]:
+            for i in range(8):
+                for j in range(3):
+                    c = corners_m[s, i]
+                    p[i, j] = T[j, 0] * c[0] + T[j, 1] * c[1] + T[j, 2] * c[2] + T[j, 3]
+            for i in range(8):
+                if p[i, 2] >= NEAR_M:
+                    _extend_outline(outline, p[i, 0], p[i, 1], p[i, 2])
+                for bit in (1, 2, 4):
+                    a, b = p[i], p[i ^ bit]
+                    if a[2] >= NEAR_M and b[2] < NEAR_M:
+                        k = (NEAR_M - a[2]) / (b[2] - a[2])
+                        _extend_outline(
+                            outline, a[0] + k * (b[0] - a[0]), a[1] + k * (b[1] - a[1]), NEAR_M
+                        )
+    return outlines
+
+
+@kernel
+def _extend_outline(outline: Array, x: float, y: float, z: float) -> None:
+    outline[0] = min(outline[0], z)
+    outline[1] = min(outline[1], x / z)
+    outline[2] = max(outline[2], x / z)
+    outline[3] = min(outline[3], y / z)
+    outline[4] = max(outline[4], y / z)
+
+
+@kernel
+def list_candidates(outlines: Array, order: NDArray[np.int64], bounds: Array) -> Indices:
+    """Candidates of each tile: see `View`."""
+    lists = np.full((bounds.shape[0], bounds.shape[1], len(order) + 1), -1, dtype=np.int32)
+    for i in range(bounds.shape[0]):
+        for j in range(bounds.shape[1]):
+            n = 0
+            for s in order:
+                apart_x = (
+                    outlines[s, 1] > bounds[i, j, 1] + OUTLINE_MARGIN
+                    or outlines[s, 2] < bounds[i, j, 0] - OUTLINE_MARGIN
+                )
+                apart_y = (
+                    outlines[s, 3] > bounds[i, j, 3] + OUTLINE_MARGIN
+                    or outlines[s, 4] < bounds[i, j, 2] - OUTLINE_MARGIN
+                )
+                if not (apart_x or apart_y):
+                    lists[i, j, n] = s
+                    n += 1
+    return lists
+
+
+# In the kernels below arrays are passed whole, with indices: a slice in an inner loop costs more
+# than the arithmetic, for its reference count is shared by all threads.
+
+
+@kernel
+def cast_rays(
+    rays: Array, kind: NDArray[np.int64], frames: Array, candidates: Indices, near_m: Array
+) -> tuple[Floats, Indices]:
+    """Depth (H, W) in metres and index of the solid (H, W) that each pixel sees."""
+    height, width = rays.shape[0], rays.shape[1]
+    depth_m = np.empty((height, width), dtype=np.float32)
+    solid = np.empty((height, width), dtype=np.int32)
+    for v in range(height):
+        for u in range(width):
+            x, y = rays[v, u, 0], rays[v, u, 1]
+            depth_m[v, u], solid[v, u] = cast_ray(x, y, v, u, kind, frames, candidates, near_m)
+    return depth_m, solid
+
+
+@kernel
+def cast_ray(
+    x: float,
+    y: float,
+    v: int,
+    u: int,
+    kind: NDArray[np.int64],
+    frames: Array,
+    candidates: Indices,
+    near_m: Array,
+) -> tuple[float, int]:
+    """Depth and index of the first solid that the ray (x, y, 1) of pixel (v, u) meets.
+
+    FAR_M and -1 if it meets none.
+    """
+    best, found = FAR_M, -1
+    i, j = v // TILE, u // TILE
+    for n in range(candidates.shape[2]):
+        s = candidates[i, j, n]
+        if s < 0 or near_m[s] >= best:
+            break
+        ox, oy, oz, dx, dy, dz = in_unit_cube(x, y, v, s, frames)
+        if kind[s] <= ROOM:
+            t = intersect_box(ox, oy, oz, dx, dy, dz, kind[s] == ROOM)
+        else:
+            t = intersect_sphere_or_cylinder(ox, oy, oz, dx, dy, dz, kind[s] == CYLINDER)
+        if t < best:
+            best, found = t, s
+    return best, found
+
+
+@kernel
+def in_unit_cube(
+    x: float, y: float, v: int, s: int, frames: Array
+) -> tuple[float, float, float, float, float, float]:
+    """Origin and direction of the ray (x, y, 1) of row v in the unit cube of solid s."""
+    return (
+        frames[v, s, 0, 3],
+        frames[v, s, 1, 3],
+        frames[v, s, 2, 3],
+        frames[v, s, 0, 0] * x + frames[v, s, 0, 1] * y + frames[v, s, 0, 2],
+        frames[v, s, 1, 0] * x + frames[v, s, 1, 1] * y + frames[v, s, 1, 2],
+        frames[v, s, 2, 0] * x + frames[v, s, 2, 1] * y + frames[v, s, 2, 2],
+    )

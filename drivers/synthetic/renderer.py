@@ -1,0 +1,224 @@
+"""One frame of the virtual Kinect, from the exact motion to the images that leave the driver."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from drivers.core.geometry import Array, rigid_transform
+from drivers.rectify import make_undistorter
+from drivers.synthetic import color_sensor, depth_sensor
+from drivers.synthetic.aliased_corners import symmetrize_lights
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.dynamic_objects import DynamicObject, make_dynamic_objects
+from drivers.synthetic.fault_injection import RenderedImages
+from drivers.synthetic.motion.base import CameraMotion
+from drivers.synthetic.motion.factory import make_motion
+from drivers.synthetic.raytracing.lighting import make_lights
+from drivers.synthetic.raytracing.raycast import RaycastScene, RayGrid, cast_rays, prepare_scene
+from drivers.synthetic.raytracing.shading import shade, smooth_edges
+from drivers.synthetic.raytracing.texture_atlas import TextureAtlas, paint_atlas
+from drivers.synthetic.room import ROOM_HEIGHT_M, build_room
+from drivers.synthetic.solids import SolidArrays
+
+CLEARANCE_CHECKS_PER_S = 10
+
+
+@dataclass(frozen=True)
+class RoomModel:
+    """What there is to see: solids and their painted skins, and what of them moves by itself."""
+
+    solids: SolidArrays
+    atlas: TextureAtlas
+    dynamic_objects: Sequence[DynamicObject]
+
+    @classmethod
+    def build(
+        cls,
+        config: SyntheticConfig,
+        motion: CameraMotion,
+        threads: int,
+        folder: FilePath | None = None,
+    ) -> "RoomModel":
+        """The room of `config`, free of furniture where `path` and what moves want it.
+
+        What moves is lit as it is halfway, and throws no shadow.
+        """
+        checks = max(2, int(config.duration_s * CLEARANCE_CHECKS_PER_S))
+        times_s = np.linspace(0.0, config.duration_s, checks)
+        movers = make_dynamic_objects(config, motion)
+        kept_free_m = [
+            motion.clearance_points_m(times_s),
+            *(mover.clearance_points_m(times_s) for mover in movers),
+        ]
+        free_m = np.concatenate(kept_free_m)
+        solids = build_room(config.seed, free_m, config.bare_wall, config.twin_corners)
+        lights = make_lights(np.random.default_rng([config.seed, 4]), solids[0].half_m)
+        if config.twin_corners:
+            lights = symmetrize_lights(lights)
+        all_solids = [*solids, *(solid for mover in movers for solid in mover.solids_at_midpoint)]
+        hiding = SolidArrays.pack(solids)
+        atlas = paint_atlas(
+            all_solids, hiding, lights, config.texel_m, config.seed, threads, folder
+        )
+        return cls(SolidArrays.pack(solids, *(mover.solids for mover in movers)), atlas, movers)
+
+    def poses_in_bodies(self, times_s: Array, T_world_camera: Array) -> Array:
+        """T_body_camera (B, N, 4, 4) of a camera (N, 4, 4): in the room, then in what moves."""
+        moved = [
+            np.linalg.inv(mover.poses(times_s)) @ T_world_camera for mover in self.dynamic_objects
+        ]
+        return np.stack([T_world_camera, *moved])
+
+
+def make_renderer(
+    config: SyntheticConfig, threads: int, folder: FilePath | None = None
+) -> "Renderer":
+    """Build the path and the room of `config`, its textures in `folder`, see `paint_atlas`.
+
+    Raises InputError if its track cannot be used.
+    """
+    path = make_motion(config, ROOM_HEIGHT_M)
+    return Renderer(config, path, RoomModel.build(config, path, threads, folder))
+
+
+@dataclass(frozen=True)
+class NoiselessFrame:
+    """What reaches the sensor of one frame, before it measures with its noise.
+
+    light   (H, W, 3) float32 BGR on the colour sensor, the lens's distortion in it
+    true_m  (H, W) float32 distance before the depth sensor
+    gain    exposure of the colour image
+    """
+
+    light_bgr: NDArray[np.float32]
+    depth_m: NDArray[np.float32]
+    gain: float
+
+
+class Renderer:
+    """A sensor moving through a room. It may be used on many threads."""
+
+    def __init__(self, config: SyntheticConfig, motion: CameraMotion, room: RoomModel) -> None:
+        self._config = config
+        self._motion = motion
+        self._room = room
+        camera, eye = config.camera, config.depth
+        self._distortion = np.array(config.colour.distortion)
+        self._undistort = make_undistorter(camera, config.colour.distortion)
+        self._color_grid = RayGrid.from_rays(pixel_rays(camera, self._distortion))
+        self._infrared = depth_sensor.infrared_camera(eye, camera)
+        self._depth_grid, eye_offset_m = self._color_grid, 0.0
+        if eye.registration:
+            self._depth_grid = RayGrid.from_rays(pixel_rays(self._infrared, np.zeros(5)))
+            eye_offset_m = eye.eye_offset_m
+        self._T_color_depth = rigid_transform(np.eye(3), (-eye_offset_m, 0.0, 0.0))
+        self._vignette = color_sensor.vignetting_map(camera, config.colour.vignetting)
+
+    def render(self, index: int) -> RenderedImages:
+        """Frame `index`: the same bytes whenever and wherever it is rendered."""
+        rng = np.random.default_rng([self._config.seed, 5, index])
+        return self.apply_sensor_noise(self.render_noiseless(index), rng)
+
+    def render_noiseless(self, index: int) -> NoiselessFrame:
+        """What frame `index` would show to a sensor without noise."""
+        stamp_s, config = index / self._config.rate_hz, self._config
+        return NoiselessFrame(
+            light_bgr=self._render_color(stamp_s),
+            depth_m=self._render_depth(stamp_s + config.timing.skew_s),
+            gain=color_sensor.gain_at(config.colour, stamp_s, config.duration_s),
+        )
+
+    def apply_sensor_noise(
+        self, noiseless: NoiselessFrame, rng: np.random.Generator
+    ) -> RenderedImages:
+        """What the sensor makes of it: other noise each time, if `rng` goes on."""
+        eye = self._config.colour
+        colour = color_sensor.expose(noiseless.light_bgr, noiseless.gain, self._vignette, eye, rng)
+        depth = self._measure_depth(noiseless.depth_m, rng)
+        return RenderedImages(
+            self._undistort.undistort_color(colour), self._undistort.undistort_depth(depth)
+        )
+
+    def _row_times(self, middle_s: float) -> Array:
+        height = self._config.camera.height
+        return middle_s + self._config.timing.readout_s * (np.arange(height) / (height - 1) - 0.5)
+
+    def _render_color(self, stamp_s: float) -> NDArray[np.float32]:
+        config, rays, times_s = self._config, self._color_grid.rays, self._row_times(stamp_s)
+        T_body_row = self._poses_in_bodies(times_s)
+        view = prepare_scene(self._room.solids, self._color_grid, T_body_row)
+        depth_m, solid = cast_rays(rays, view.kind, view.frames, view.candidates, view.near_m)
+        image = self._shade(view, depth_m, solid)
+        if config.colour.exposure_s == 0:
+            return image
+        half_s, body = config.colour.exposure_s / 2, self._room.solids.body[solid]
+        T_opening_now = np.linalg.inv(self._poses_in_bodies(times_s - half_s)) @ T_body_row
+        T_closing_now = np.linalg.inv(self._poses_in_bodies(times_s + half_s)) @ T_body_row
+        return color_sensor.motion_blur(
+            image, rays, depth_m, body, T_opening_now, T_closing_now, config.camera.fx
+        )
+
+    def _poses_in_bodies(self, times_s: Array) -> Array:
+        """T_body_camera (B, N, 4, 4) at `times_s` (N,)."""
+        return self._room.poses_in_bodies(times_s, self._motion.poses(times_s))
+
+    def _shade(
+        self, view: RaycastScene, depth_m: NDArray[np.float32], solid: NDArray[np.int32]
+    ) -> NDArray[np.float32]:
+        atlas, rays, pixel = self._room.atlas, self._color_grid.rays, 1.0 / self._config.camera.fx
+        image, surface = shade(
+            rays, depth_m, solid, view.kind, view.frames, atlas.texels, atlas.levels, pixel
+        )
+        if self._config.colour.smooth_edges:
+            smooth_edges(
+                image,
+                surface,
+                rays,
+                view.kind,
+                view.frames,
+                view.candidates,
+                view.near_m,
+                atlas.texels,
+                atlas.levels,
+                pixel,
+            )
+        return image
+
+    def _render_depth(self, middle_s: float) -> NDArray[np.float32]:
+        """(H, W) from the infrared camera; without registration, from the colour camera."""
+        T_body_row = self._poses_in_bodies(self._row_times(middle_s)) @ self._T_color_depth
+        grid = self._depth_grid
+        view = prepare_scene(self._room.solids, grid, T_body_row)
+        return cast_rays(grid.rays, view.kind, view.frames, view.candidates, view.near_m)[0]
+
+    def _measure_depth(
+        self, true_m: NDArray[np.float32], rng: np.random.Generator
+    ) -> NDArray[np.uint16]:
+        config, eye, camera = self._config, self._config.depth, self._config.camera
+        measured_m = depth_sensor.measure_depth(true_m, eye, rng)
+        if not eye.registration:
+            readings = np.minimum(measured_m * np.float32(config.depth_factor), 65535)
+            depth: NDArray[np.uint16] = np.rint(readings).astype(np.uint16)
+            return depth
+        return depth_sensor.register_depth(
+            measured_m,
+            (self._infrared.fx, self._infrared.cx, self._infrared.cy),
+            (camera.fx, camera.fy, camera.cx, camera.cy),
+            self._distortion,
+            eye.eye_offset_m,
+            config.depth_factor,
+        )
+
+
+def pixel_rays(camera: PinholeCamera, distortion: Array) -> Array:
+    """(H, W, 2): where on the plane z = 1 each pixel of the raw image looks."""
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    pixels = np.stack([u, v], axis=-1).reshape(-1, 1, 2).astype(np.float64)
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+    rays = cv2.undistortPoints(pixels, camera.K, distortion, criteria=criteria)
+    return np.ascontiguousarray(rays.reshape(camera.height, camera.width, 2), dtype=np.float64)

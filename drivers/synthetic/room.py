@@ -1,0 +1,122 @@
+"""A furnished room, another one for every seed: z up, origin on the middle of the floor."""
+
+import numpy as np
+
+from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp, transform_points
+from drivers.synthetic.aliased_corners import CORNER_SIZE_M, make_aliased_corners
+from drivers.synthetic.assets import furniture
+from drivers.synthetic.assets.prints import page, picture, poster
+from drivers.synthetic.assets.small_objects import Solids, random_print
+from drivers.synthetic.assets.textures import (
+    TexturePainter,
+    bricks,
+    collage,
+    fabric,
+    flat_color,
+    plaster,
+    random_color,
+)
+from drivers.synthetic.solids import Solid, SolidKind, make_solid
+
+ROOM_HEIGHT_M = 2.7
+MIN_HALF_M = np.array([2.9, 2.5])
+# Between the camera's path and the walls: a row of furniture, and to be out of its reach.
+WALL_MARGIN_M = 1.6
+CAMERA_CLEARANCE_M = 0.35
+BARE_WALL = 3  # the wall at +y
+
+
+def build_room(seed: int, clearance_points_m: Array, bare_wall: bool, twin_corners: bool) -> Solids:
+    """A room for a camera that needs the points `clearance_points_m` (N, 3): itself, then its furniture.
+
+    What would stand in the camera's way is left out. With `bare_wall` the wall at +y has neither
+    texture nor furniture. With `twin_corners` those at +x +y and -x -y look the same.
+    """
+    rng = np.random.default_rng([seed, 2])
+    half_m = np.maximum(MIN_HALF_M, np.abs(clearance_points_m[:, :2]).max(axis=0) + WALL_MARGIN_M)
+    solids = _make_center_furniture(rng)
+    for wall in range(4):
+        if not (bare_wall and wall == BARE_WALL):
+            solids += _place_along_wall(rng, wall, half_m, CORNER_SIZE_M if twin_corners else 0.0)
+    room = [
+        _make_shell(rng, half_m, bare_wall),
+        *(s for s in solids if _is_clear(s, clearance_points_m)),
+    ]
+    if twin_corners:
+        for here, there in make_aliased_corners(seed, half_m, ROOM_HEIGHT_M):
+            if _is_clear(here, clearance_points_m) and _is_clear(there, clearance_points_m):
+                room += [here, there]
+    return room
+
+
+def _make_shell(rng: np.random.Generator, half_m: Array, bare_wall: bool) -> Solid:
+    walls = [_make_wall_texture(rng) for _ in range(4)]
+    if bare_wall:
+        walls[BARE_WALL] = flat_color((186.0, 192.0, 196.0))
+    rugs = [(fabric(random_color(rng), random_color(rng)), rng.uniform(0.8, 2.0)) for _ in range(4)]
+    litter = [(random_print(rng), rng.uniform(0.15, 0.35)) for _ in range(9)]
+    floor = collage(furniture.random_wood(rng, 0.16), rugs + litter, 1.5)
+    ceiling = collage(plaster((225.0, 228.0, 230.0)), [(picture(0.5), 0.6)] * 3)
+    size = (2 * half_m[0], 2 * half_m[1], ROOM_HEIGHT_M)
+    return make_solid(
+        (0, 0, ROOM_HEIGHT_M / 2), size, (*walls, floor, ceiling), kind=SolidKind.ROOM
+    )
+
+
+def _make_wall_texture(rng: np.random.Generator) -> TexturePainter:
+    paint = random_color(rng, 0.25, 130.0, 220.0)
+    ground = bricks((70.0, 90.0, 150.0)) if rng.uniform() < 0.3 else plaster(paint)
+    sorts: tuple[TexturePainter, ...] = (poster(), poster(), picture(), page(0.05), page())
+    hung = [(sorts[rng.integers(len(sorts))], rng.uniform(0.2, 0.8)) for _ in range(9)]
+    return collage(ground, hung, 0.06)
+
+
+def _make_center_furniture(rng: np.random.Generator) -> Solids:
+    """Two tables side by side in the middle, with chairs."""
+    turn = rigid_transform(so3_exp([0, 0, rng.uniform(-0.4, 0.4)]), (0, 0, 0))
+    solids: Solids = []
+    for y, high in ((0.70, rng.uniform(0.62, 0.74)), (-0.10, rng.uniform(0.42, 0.55))):
+        place = turn @ rigid_transform(np.eye(3), (rng.uniform(-0.2, 0.2), y, 0.0))
+        piece = furniture.table(rng, rng.uniform(1.2, 1.6), rng.uniform(0.60, 0.70), high)
+        solids += [solid.transform(place) for solid in piece]
+    for _ in range(3):
+        yaw = rng.uniform(-np.pi, np.pi)
+        spot = rigid_transform(so3_exp([0, 0, yaw]), (1.45 * np.sin(yaw), -1.25 * np.cos(yaw), 0))
+        solids += [solid.transform(turn @ spot) for solid in furniture.chair(rng)]
+    return solids
+
+
+def _place_along_wall(
+    rng: np.random.Generator, wall: int, half_m: Array, corner_m: float
+) -> Solids:
+    """A row of furniture with its back to a wall (0 to 3: -x, +x, -y, +y), clear of corners.
+
+    It keeps `corner_m` from the corner at +x +y and the one at -x -y.
+    """
+    yaw = (np.pi / 2, -np.pi / 2, np.pi, 0.0)[wall]
+    away_m, reach_m = (half_m[0], half_m[1]) if wall < 2 else (half_m[1], half_m[0])
+    turn = rigid_transform(so3_exp([0, 0, yaw]), (0, 0, 0))
+    solids: Solids = []
+    # One side of each corner stays free for the row of the next wall.
+    beside_m = 0.75 if wall < 2 else 0.1
+    left = -reach_m + max(beside_m, corner_m if wall < 2 else 0.0)
+    right = reach_m - max(beside_m, corner_m if wall >= 2 else 0.0)
+    while True:
+        piece, breadth_m = furniture.WALL_FURNITURE[rng.integers(len(furniture.WALL_FURNITURE))]
+        if left + breadth_m > right:
+            return solids
+        place = turn @ rigid_transform(np.eye(3), (left + breadth_m / 2, away_m - 0.02, 0.0))
+        solids += [solid.transform(place) for solid in piece(rng)]
+        left += breadth_m + rng.uniform(0.0, 0.3)
+
+
+def _is_clear(solid: Solid, clearance_points_m: Array) -> bool:
+    """Whether a camera can pass at all points (N, 3)."""
+    return _distance_m(solid, clearance_points_m) > CAMERA_CLEARANCE_M
+
+
+def _distance_m(solid: Solid, points_m: Array) -> float:
+    """Least distance from the points to the box around a solid."""
+    local = transform_points(inverse(solid.T_world_solid), points_m)
+    outside = np.maximum(np.abs(local) - solid.half_m, 0.0)
+    return float(np.linalg.norm(outside, axis=1).min())

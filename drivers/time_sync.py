@@ -1,0 +1,209 @@
+"""A device's own clock: counted on through its wraps, and set against the host's."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Two good crystals differ by up to this much; an older minimum is trusted that much less.
+MAX_CLOCK_DRIFT = 20e-6
+DELAY_WINDOW_S = 20.0
+# Without a frame for this long, what was known of the two clocks is out of date.
+MAX_GAP_S = 30.0
+# While stamps are too far ahead, they go on at this share of the device's pace.
+MIN_CLOCK_RATE = 0.5
+
+
+class StampUnwrapper:
+    """Seconds of a counter that wraps; the first stamp is taken as it is.
+
+    The streams of one device share one counter and so share one object: each stamp is the one
+    nearest to the stamp before, of whichever stream, so that streams may come out of order even
+    around a wrap. Exact while neighbours are less than half a wrap apart (Kinect: 35.8 s).
+    """
+
+    def __init__(self, ticks_per_second: float, bits: int) -> None:
+        self._ticks_per_second = ticks_per_second
+        self._period_ticks = 1 << bits
+        self._ticks: int | None = None
+
+    def unwrap_s(self, stamp: int) -> float:
+        """Seconds since the counter's zero, `stamp` being the counter's value."""
+        if self._ticks is None:
+            self._ticks = stamp
+        half = self._period_ticks // 2
+        self._ticks += (stamp - self._ticks + half) % self._period_ticks - half
+        return self._ticks / self._ticks_per_second
+
+
+@dataclass(frozen=True)
+class _DelaySample:
+    """How late a frame came: its arrival minus its stamp, less the leak up to that stamp."""
+
+    device_s: float
+    delay_s: float
+
+
+class HostClockSync:
+    """Maps one stream's device seconds to CLOCK_MONOTONIC.
+
+    A frame can come late but never early. So the smallest difference between arrival and stamp
+    seen in the last 20 s is that of a frame which nothing held up, and such a frame needs
+    `readout_s` from the instant that the stamp marks until the host has all of it.
+    Stamps always rise: where the difference turns out to be smaller than thought, time goes on at
+    half its pace until that is made good. After a gap of 30 s everything is learnt anew.
+    """
+
+    def __init__(self, readout_s: float) -> None:
+        self._readout_s = readout_s
+        self._min_delays: deque[_DelaySample] = deque()
+        self._device_s = self._host_s = self._receive_time_s = -math.inf
+
+    def to_host_s(self, device_s: float, receive_time_s: float) -> float:
+        """The instant of `device_s`, of a frame that was whole at `receive_time_s`; frames in order."""
+        step_s = device_s - self._device_s
+        if abs(step_s) > MAX_GAP_S or receive_time_s - self._receive_time_s > MAX_GAP_S:
+            self._min_delays.clear()
+            step_s = 0.0
+        self._add_sample(
+            _DelaySample(device_s, receive_time_s - device_s - MAX_CLOCK_DRIFT * device_s)
+        )
+        instant_s = (
+            device_s + self._min_delays[0].delay_s + MAX_CLOCK_DRIFT * device_s - self._readout_s
+        )
+        earliest_s = self._host_s + MIN_CLOCK_RATE * max(step_s, 0.0)
+        self._device_s, self._receive_time_s = device_s, receive_time_s
+        self._host_s = max(instant_s, earliest_s)
+        return self._host_s
+
+    def _add_sample(self, sample: _DelaySample) -> None:
+        """Keep what is, or may later be, the soonest of the window: the first is the soonest."""
+        while self._min_delays and self._min_delays[-1].delay_s >= sample.delay_s:
+            self._min_delays.pop()
+        self._min_delays.append(sample)
+        while self._min_delays[0].device_s < sample.device_s - DELAY_WINDOW_S:
+            self._min_delays.popleft()
+
+
+# Images farther apart than this are of two different instants.
+MAX_PAIR_SKEW_S = 0.020
+# No stream of these sensors sends faster than 30 images a second; the rest is room for jitter.
+MIN_IMAGE_PERIOD_S = 0.030
+# How far, in images, one stream may be behind the other.
+MAX_HELD_IMAGES = 4
+
+C = TypeVar("C")
+D = TypeVar("D")
+
+
+@dataclass(frozen=True)
+class StampedPair(Generic[C, D]):
+    """A depth image and the colour image nearest to it."""
+
+    color_s: float
+    color: C
+    depth_s: float
+    depth: D
+
+    @property
+    def skew_s(self) -> float:
+        """Instant of depth minus instant of colour."""
+        return self.depth_s - self.color_s
+
+
+class NearestFramePairing(Generic[C, D]):
+    """Pairs images by their device stamps, in whichever order the two streams arrive.
+
+    A depth image is decided on as soon as no colour image still to come can be nearer: a colour
+    image at or after it is there, or one so shortly before it that the next must be farther. With
+    both streams at 30 a second it waits at most half a period (17 ms) for its partner, and never
+    has the farther neighbour. A colour image has at most one partner.
+    Each stream's stamps must rise. `unpaired` counts depth images without a partner, those from
+    before the first colour image left out: the streams do not start at the same instant.
+    """
+
+    def __init__(
+        self, max_skew_s: float = MAX_PAIR_SKEW_S, min_period_s: float = MIN_IMAGE_PERIOD_S
+    ) -> None:
+        self._max_skew_s = max_skew_s
+        self._half_min_period_s = min_period_s / 2
+        self._colors: deque[tuple[float, C]] = deque()
+        self._depths: deque[tuple[float, D]] = deque()
+        self._first_color_s, self._last_discarded_s = math.inf, -math.inf  # stamps of colour images
+        self.unpaired = 0
+
+    def add_color(self, stamp_s: float, image: C) -> list[StampedPair[C, D]]:
+        """The pairs that this colour image decides, in order."""
+        self._first_color_s = min(self._first_color_s, stamp_s)
+        self._colors.append((stamp_s, image))
+        pairs = self._pair_decidable()
+        if len(self._colors) > MAX_HELD_IMAGES:
+            self._last_discarded_s, _ = self._colors.popleft()
+        return pairs
+
+    def add_depth(self, stamp_s: float, image: D) -> list[StampedPair[C, D]]:
+        """The pairs that this depth image decides: itself, or none yet."""
+        self._depths.append((stamp_s, image))
+        pairs = self._pair_decidable()
+        if len(self._depths) > MAX_HELD_IMAGES:
+            self._count_unpaired(self._depths.popleft()[0])
+        return pairs
+
+    def finish(self) -> list[StampedPair[C, D]]:
+        """The pairs among what is still undecided; no image follows."""
+        return [pair for _ in range(len(self._depths)) for pair in self._pair_oldest()]
+
+    def _pair_decidable(self) -> list[StampedPair[C, D]]:
+        pairs: list[StampedPair[C, D]] = []
+        while self._depths and self._is_decidable(self._depths[0][0]):
+            pairs += self._pair_oldest()
+        return pairs
+
+    def _is_decidable(self, depth_s: float) -> bool:
+        return bool(self._colors) and depth_s - self._colors[-1][0] <= self._half_min_period_s
+
+    def _pair_oldest(self) -> list[StampedPair[C, D]]:
+        """The pair of the oldest depth image that waits, if it has a partner."""
+        depth_s, depth = self._depths.popleft()
+        stamps_s = [self._last_discarded_s, *(stamp_s for stamp_s, _ in self._colors)]
+        nearest = min(range(len(stamps_s)), key=lambda i: abs(stamps_s[i] - depth_s))
+        if nearest == 0 or abs(stamps_s[nearest] - depth_s) > self._max_skew_s:
+            self._count_unpaired(depth_s)
+            return []
+        for _ in range(nearest):  # nothing older can be nearest to a later depth image
+            self._last_discarded_s, colour = self._colors.popleft()
+        return [StampedPair(self._last_discarded_s, colour, depth_s, depth)]
+
+    def _count_unpaired(self, depth_s: float) -> None:
+        self.unpaired += depth_s >= self._first_color_s
+
+
+StampsUs = NDArray[np.int64]
+
+
+def pair_nearest(color_us: StampsUs, depth_us: StampsUs, max_skew_us: int) -> list[tuple[int, int]]:
+    """Pair two rising lists of stamps (microseconds), at most `max_skew_us` apart, one to one.
+
+    Greedy over all candidates, closest first, as the TUM RGB-D benchmark's own ``associate.py``;
+    of two equally close the earlier goes first. Only neighbours within reach are ever listed, so
+    time and memory grow with the length of the lists.
+
+    Returns (index in colour, index in depth), in order of time.
+    """
+    first = np.searchsorted(depth_us, color_us - max_skew_us, side="left")
+    last = np.searchsorted(depth_us, color_us + max_skew_us, side="right")
+    candidates = sorted(
+        (abs(int(color_us[i] - depth_us[j])), i, j)
+        for i in range(len(color_us))
+        for j in range(first[i], last[i])
+    )
+    partner: dict[int, int] = {}
+    taken: set[int] = set()
+    for _, i, j in candidates:
+        if i not in partner and j not in taken:
+            partner[i] = j
+            taken.add(j)
+    return sorted(partner.items())

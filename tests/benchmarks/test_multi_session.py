@@ -1,0 +1,82 @@
+"""The map of one day on the next: how a start is judged, and what is not measured twice."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import multi_session, multi_session_measure
+from benchmarks.multi_session_measure import (
+    SessionStartResult,
+    TourSequence,
+    build_map,
+    relocalize_in_map,
+)
+from benchmarks.tour_frames import compute_true_poses, make_tour_config
+from drivers.camera import PinholeCamera
+from drivers.core.geometry import T_BODY_CAMERA, inverse
+from drivers.synthetic.fault_injection import RenderedImages
+from drivers.synthetic.renderer import make_renderer
+
+pytestmark = pytest.mark.slow
+
+CAMERA = PinholeCamera(320, 240, 262.5, 262.5, 159.5, 119.5)
+# Two places, and back to the first.
+THERE = [*range(0, 40, 2)]
+WAY = THERE + THERE[::-1]
+
+
+@pytest.fixture(scope="module")
+def tour() -> TourSequence:
+    config = replace(make_tour_config(1, 60.0, False), camera=CAMERA, texel_m=0.008)
+    renderer, seen = make_renderer(config, 2), dict[int, RenderedImages]()
+
+    def film(number: int) -> RenderedImages:
+        shown = WAY[number]
+        return seen[shown] if shown in seen else seen.setdefault(shown, renderer.render(shown))
+
+    return TourSequence(config, film, compute_true_poses(config)[WAY])
+
+
+def test_a_camera_that_begins_where_it_was_the_day_before_is_known_there(
+    tour: TourSequence, tmp_path: Path
+) -> None:
+    file = tmp_path / "day.places"
+    T_room_map = build_map("keyframe", tour, file)
+    np.testing.assert_allclose(T_room_map, tour.T_room_camera[0] @ inverse(T_BODY_CAMERA))
+    outcome = relocalize_in_map("keyframe", tour, file, T_room_map, tour.second_half_start)
+    assert (outcome.frames, outcome.is_wrong) == (1, False)
+    assert 0.0 < outcome.error_m <= outcome.settled_error_m < 0.02
+    assert 0.0 < outcome.nearby_error_m < 0.02
+    # The same poses, but the room said to lie elsewhere.
+    aside = T_room_map.copy()
+    aside[0, 3] += 0.06
+    assert relocalize_in_map("keyframe", tour, file, aside, tour.second_half_start).is_wrong
+
+
+def test_starts_are_counted_by_what_became_of_them() -> None:
+    known, never = (
+        SessionStartResult(3, 0.004, 0.1, 0.003, 0.012, 0.2),
+        SessionStartResult(None, 0, 0, 0, 0, 0),
+    )
+    wrong = SessionStartResult(5, 0.006, 0.1, 0.002, 0.06, 0.2)
+    cells = multi_session.format_row("seed 1", [known, wrong, never]).split()
+    assert cells == ["seed", "1", "3", "2", "1", "4", "5.0", "6.0", "0.10", "3.0", "60.0", "0.20"]
+    assert multi_session.format_row("seed 1", [never]).split()[2:] == ["1", "0", "0"]
+
+
+def test_seeds_that_are_finished_are_not_measured_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tour: TourSequence
+) -> None:
+    monkeypatch.setattr(multi_session, "make_tour_config", lambda *choice: tour.config)
+    monkeypatch.setattr(multi_session, "open_cached_sequence", lambda *place: tour.images)
+    monkeypatch.setattr(multi_session, "compute_true_poses", lambda config: tour.T_room_camera)
+    monkeypatch.setattr(multi_session, "MAX_FRAMES", 10)
+    monkeypatch.setattr(multi_session_measure, "MAX_FRAMES", 10)
+    args = argparse.Namespace(folder=tmp_path, seeds=[1], starts=2, method="keyframe")
+    first = multi_session.run(args)
+    assert len(first) == 2
+    monkeypatch.setattr(multi_session, "compute_true_poses", lambda config: 1 / 0)
+    assert multi_session.run(args) == first

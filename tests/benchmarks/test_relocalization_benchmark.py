@@ -1,0 +1,248 @@
+"""Tries for relocalisation: cut out of a film by what was seen in it, and judged by the truth."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import relocalization
+from benchmarks.relocalization_measure import RelocalizationOutcome, evaluate_trial, summarize
+from benchmarks.relocalization_trials import (
+    FRAMES_AFTER,
+    FRAMES_BEFORE,
+    FRAMES_COVERED,
+    VIEW_STRIDE,
+    RelocalizationTrial,
+    choose_trials,
+    trial_frames,
+)
+from benchmarks.tour_frames import compute_true_poses, make_tour_config
+from benchmarks.view_overlap import ObservedView, max_overlap
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.fault_injection import RenderedImages
+from tests.vo_service.fakes import make_frame
+from vo_service.types import Estimate
+
+CAMERA = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
+TINY = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
+# Of a whole try, the first frame that is not covered any more.
+BACK = FRAMES_BEFORE + FRAMES_COVERED
+# The frame whose pose says where the old world lies.
+ALIKE = 300
+
+
+def wall(distance_m: float = 2.0) -> RgbdFrame:
+    depth = np.full((480, 640), round(1000 * distance_m), np.uint16)
+    return replace(
+        make_frame(0),
+        camera=CAMERA,
+        depth_factor=1000.0,
+        depth_raw=depth,
+        color_bgr=np.zeros((480, 640, 3), np.uint8),
+    )
+
+
+def test_what_two_views_share_is_what_both_of_them_see() -> None:
+    here = ObservedView.from_frame(wall(), np.eye(4))
+    assert here.overlap_with(here) == 1.0
+    half_a_view_m = 320 / 525 * 2.0
+    aside = ObservedView.from_frame(wall(), rigid_transform(np.eye(3), (half_a_view_m, 0.0, 0.0)))
+    assert here.overlap_with(aside) == pytest.approx(0.5, abs=0.06)
+    turned = rigid_transform(so3_exp([0.0, np.pi, 0.0]), (0.0, 0.0, 0.0))
+    assert here.overlap_with(ObservedView.from_frame(wall(), turned)) == 0.0
+    assert here.overlap_with(ObservedView.from_frame(wall(1.8), np.eye(4))) == 0.0
+    assert max_overlap(aside, [here, aside]) == 1.0
+    assert max_overlap(aside, []) == 0.0
+
+
+class NumberedView(ObservedView):
+    """A view of a numbered place, which shares nothing with other places."""
+
+    def overlap_with(self, other: ObservedView) -> float:
+        """All or nothing."""
+        return float(self.T_room_camera[0, 3] == other.T_room_camera[0, 3])
+
+
+def place(number: int) -> NumberedView:
+    T = np.eye(4)
+    T[0, 3] = number
+    return NumberedView(CAMERA, T, np.empty((0, 3)), np.empty((0, 0), np.float16))
+
+
+# Two laps past fifty places, and five seconds somewhere else.
+LAPS = [place(number % 50) for number in range(100)] + [place(99) for _ in range(10)]
+
+
+@pytest.mark.parametrize("unseen", [False, True])
+def test_a_try_comes_back_where_it_was_before_or_where_it_never_was(unseen: bool) -> None:
+    tries = choose_trials(LAPS, 10, unseen, np.random.default_rng(1))
+    assert len({each.first for each in tries}) == len(tries) == 10
+    for each in tries:
+        views = [LAPS[shown // VIEW_STRIDE] for shown in each.source_frames]
+        assert len(views) == FRAMES_BEFORE + FRAMES_COVERED + FRAMES_AFTER
+        assert each.return_frame >= each.first + BACK
+        assert each.first <= each.overlap_frame < each.first + FRAMES_BEFORE
+        is_alike = max_overlap(
+            LAPS[each.return_frame // VIEW_STRIDE], [LAPS[each.overlap_frame // VIEW_STRIDE]]
+        )
+        assert is_alike == (0.0 if unseen else 1.0)
+        is_known = [max_overlap(view, views[:FRAMES_BEFORE]) for view in views[BACK:]]
+        assert set(is_known[:30]) == {0.0 if unseen else 1.0}
+
+
+def test_there_are_no_more_tries_than_the_film_holds() -> None:
+    tries = choose_trials(LAPS[:60], 100, False, np.random.default_rng(1))
+    assert len(tries) < 20
+    assert choose_trials(LAPS[:48], 100, True, np.random.default_rng(1)) == []
+
+
+def test_while_it_is_covered_nothing_is_seen_and_time_goes_on() -> None:
+    config = replace(make_tour_config(1, 60.0, False), camera=TINY)
+
+    def film(number: int) -> RenderedImages:
+        return RenderedImages(
+            np.full((48, 64, 3), number % 251, np.uint8), np.full((48, 64), number, np.uint16)
+        )
+
+    frames = list(trial_frames(RelocalizationTrial(30, 900, 30), config, film))
+    assert [each.seq for each in frames] == list(range(len(frames)))
+    np.testing.assert_allclose(np.diff([each.stamp_s for each in frames]), 1 / 30, atol=2e-6)
+    assert [each.depth_raw.max() for each in frames[FRAMES_BEFORE - 1 : BACK + 2]] == [
+        30 + FRAMES_BEFORE - 1,
+        *[0] * FRAMES_COVERED,
+        900,
+        901,
+    ]
+    assert {each.color_bgr.max() for each in frames[FRAMES_BEFORE:BACK]} == {0}
+
+
+@dataclass
+class ScriptedTrial:
+    """Estimates of a whole try that are true but for what is told."""
+
+    truth: Array
+
+    def told(
+        self, waits: int, is_new: bool = False, off_m: float = 0.0, off_from: int = 0
+    ) -> list[Estimate]:
+        """The first pose after so many frames, off by so much from frame `off_from` on."""
+        T_old = inverse(self.truth[0])
+        T_new = inverse(self.truth[BACK + waits])
+        estimates = []
+        for number, T_room_camera in enumerate(self.truth):
+            is_after = number >= BACK + waits
+            T = (T_new if is_new and is_after else T_old) @ T_room_camera
+            if is_after and number >= BACK + waits + off_from:
+                T = rigid_transform(np.eye(3), (off_m, 0.0, 0.0)) @ T
+            estimates.append(
+                Estimate(
+                    number < FRAMES_BEFORE or is_after,
+                    "",
+                    T,
+                    np.eye(4),
+                    np.eye(6),
+                    is_reset=is_new and number == BACK + waits,
+                )
+            )
+        return estimates
+
+
+@pytest.fixture(scope="module")
+def story() -> ScriptedTrial:
+    return ScriptedTrial(
+        compute_true_poses(make_tour_config(1, 60.0, False))[
+            RelocalizationTrial(0, 900, 0).source_frames
+        ]
+    )
+
+
+def test_who_comes_back_into_the_old_world_is_judged_there(story: ScriptedTrial) -> None:
+    outcome = evaluate_trial(story.told(waits=4, off_m=0.03), story.truth, ALIKE)
+    assert (outcome.frames, outcome.is_old_map, outcome.is_wrong) == (5, True, False)
+    assert outcome.error_m == pytest.approx(0.03, abs=1e-6)
+    assert outcome.error_deg == pytest.approx(0.0, abs=1e-4)
+    assert evaluate_trial(story.told(waits=4, off_m=0.06), story.truth, ALIKE).is_wrong
+    assert evaluate_trial(story.told(waits=4, off_m=0.06, off_from=9), story.truth, ALIKE).is_wrong
+
+
+def test_what_drifted_elsewhere_is_no_error_of_coming_back(story: ScriptedTrial) -> None:
+    drift = rigid_transform(np.eye(3), (0.0, 0.2, 0.0))
+    estimates = [
+        replace(each, T_world_camera=drift @ each.T_world_camera) if ALIKE < n < BACK else each
+        for n, each in enumerate(story.told(waits=0))
+    ]
+    assert evaluate_trial(estimates, story.truth, ALIKE).error_m == pytest.approx(0.0, abs=1e-6)
+    assert evaluate_trial(estimates, story.truth, FRAMES_BEFORE - 1).error_m == pytest.approx(
+        0.2, abs=1e-6
+    )
+
+
+def test_a_new_world_is_judged_by_the_way_since_its_first_pose(story: ScriptedTrial) -> None:
+    outcome = evaluate_trial(story.told(waits=0, is_new=True, off_m=0.06), story.truth, ALIKE)
+    assert outcome == RelocalizationOutcome(True, 1, False, None, None, False)
+    assert evaluate_trial(
+        story.told(0, is_new=True, off_m=0.06, off_from=1), story.truth, ALIKE
+    ).is_wrong
+
+
+def test_who_never_comes_back_is_nowhere_but_not_wrong(story: ScriptedTrial) -> None:
+    estimates = [replace(each, ok=n < FRAMES_BEFORE) for n, each in enumerate(story.told(0))]
+    assert evaluate_trial(estimates, story.truth, ALIKE) == RelocalizationOutcome(
+        True, None, False, None, None, False
+    )
+
+
+def outcome(
+    frames: int | None, error_m: float | None = None, wrong: bool = False
+) -> RelocalizationOutcome:
+    error_deg = None if error_m is None else 0.5
+    return RelocalizationOutcome(True, frames, error_m is not None, error_m, error_deg, wrong)
+
+
+def test_all_tries_together_are_counted_by_what_became_of_them() -> None:
+    back = [outcome(3, 0.01), outcome(40, 0.02), outcome(2, 0.3, wrong=True)]
+    outcomes = [*back, outcome(1), outcome(None)]
+    all_of_them = summarize(outcomes)
+    assert (all_of_them.trials, all_of_them.old_map, all_of_them.prompt) == (5, 3, 2)
+    assert (all_of_them.new_map, all_of_them.nowhere, all_of_them.wrong) == (1, 1, 1)
+    assert (all_of_them.median_frames, all_of_them.largest_m) == (3.0, 0.3)
+    assert summarize([]).median_m is None
+    assert "300.0" in relocalization.format_row("together", all_of_them)
+
+
+@pytest.mark.slow
+def test_seeds_that_are_finished_are_not_measured_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def tiny(seed: int, seconds: float, twins: bool) -> SyntheticConfig:
+        return replace(make_tour_config(seed, seconds, twins), camera=TINY, texel_m=0.05)
+
+    monkeypatch.setattr(relocalization, "make_tour_config", tiny)
+    monkeypatch.setattr(relocalization, "SEQUENCE_S", 27.0)
+    monkeypatch.setattr(relocalization, "choose_trials", _two_tries)
+    args = argparse.Namespace(
+        folder=tmp_path,
+        tries=3,
+        seeds=[1],
+        unseen=False,
+        twins=False,
+        method="icp",
+        alone=True,
+        json=True,
+    )
+    first = relocalization.run(args)
+    assert first["together"].trials == 2
+    monkeypatch.setattr(relocalization, "compute_true_poses", lambda config: 1 / 0)
+    assert relocalization.run(args) == first
+
+
+def _two_tries(
+    views: Sequence[ObservedView], count: int, unseen: bool, rng: np.random.Generator
+) -> list[RelocalizationTrial]:
+    assert (len(views), count, unseen) == (54, 3, False)
+    return [RelocalizationTrial(0, 700, 0), RelocalizationTrial(15, 730, 15)]

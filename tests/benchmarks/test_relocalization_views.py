@@ -1,0 +1,44 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.relocalization_views import (
+    VIEW_OFFSETS,
+    PiecewiseMotion,
+    poses_around,
+    views_of_recording,
+)
+from drivers.core.errors import InputError
+from drivers.core.geometry import inverse, rigid_transform, rotation_angle_rad
+
+
+def test_views_around_a_spot_are_as_far_from_it_as_the_steps() -> None:
+    spot, *others = poses_around(
+        rigid_transform(np.eye(3), [1.0, 2.0, 3.0]), np.random.default_rng(1)
+    )
+    for T, (metres, degrees) in zip(others, VIEW_OFFSETS, strict=True):
+        step = inverse(spot) @ T
+        assert np.linalg.norm(step[:3, 3]) == pytest.approx(metres)
+        assert np.degrees(rotation_angle_rad(step[:3, :3])) == pytest.approx(degrees)
+
+
+def test_a_camera_moves_during_each_glance() -> None:
+    poses = [rigid_transform(np.eye(3), [x, 0.0, 0.0]) for x in (0.0, 5.0)]
+    path = PiecewiseMotion(poses, [np.array([0.3, 0, 0, 0, 0, 0]), np.zeros(6)], rate_hz=30.0)
+    x_m = path.poses(np.array([-0.01, 0.0, 0.01, 1 / 30, 1 / 30 + 0.01]))[:, 0, 3]
+    assert x_m == pytest.approx([-0.003, 0.0, 0.003, 5.0, 5.0])
+
+
+def test_views_of_a_recording_have_the_velocity_of_its_truth(recording: Path) -> None:
+    (glance,) = views_of_recording(recording)
+    assert np.linalg.norm(glance.velocity[:3]) > 0.0
+    assert np.isfinite(glance.T_world_camera).all()
+
+
+def test_a_recording_without_truth_is_refused(recording: Path, tmp_path: Path) -> None:
+    for each in recording.iterdir():
+        if each.name != "groundtruth.txt":
+            (tmp_path / each.name).symlink_to(each)
+    with pytest.raises(InputError, match="name a recording that has"):
+        next(views_of_recording(tmp_path))

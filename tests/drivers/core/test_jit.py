@@ -1,0 +1,40 @@
+"""Compiling numeric kernels: it can be interrupted, and loads no more than it needs."""
+
+import subprocess
+import sys
+
+import numba
+import pytest
+
+from drivers.core.jit import interruptible
+
+
+def stop() -> None:
+    raise KeyboardInterrupt
+
+
+def test_a_kernel_is_not_compiled_any_more_once_the_check_raises() -> None:
+    double = numba.njit(lambda x: 2 * x)
+    with pytest.raises(KeyboardInterrupt), interruptible(stop):
+        double(1)
+    assert double.signatures == []
+    assert double(1) == 2
+
+
+def test_a_kernel_that_is_compiled_already_is_not_checked() -> None:
+    double = numba.njit(lambda x: 2 * x)
+    double(1)
+    with interruptible(stop):
+        assert double(2) == 4
+
+
+def test_scipys_linear_algebra_is_loaded_by_those_alone_who_use_it() -> None:
+    code = """if True:
+        import sys, numba, numpy
+        from drivers.synthetic.depth_sensor import distort
+        distort(0.1, 0.2, numpy.zeros(5))
+        assert "scipy.linalg" not in sys.modules
+        numba.njit(lambda a: a @ a)(numpy.eye(3))
+        assert "scipy.linalg" in sys.modules
+    """
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,120 @@
+"""The hand-over between the odometry's thread and an output's."""
+
+import logging
+import threading
+
+import pytest
+
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue, WorkerThread
+
+
+class Gate:
+    """A handler that stops at each item until it is let through."""
+
+    def __init__(self) -> None:
+        self.handled: list[int] = []
+        self.entered = threading.Semaphore(0)
+        self.open = threading.Event()
+
+    def handle(self, item: int) -> None:
+        self.entered.release()
+        self.open.wait()
+        self.handled.append(item)
+
+
+def nothing() -> None:
+    pass
+
+
+def put_all(worker: WorkerThread[int], items: list[int]) -> None:
+    for item in items:
+        worker.put(item)
+
+
+def stuck_worker(hand_over: BoundedQueue[int]) -> tuple[Gate, WorkerThread[int]]:
+    """A worker that holds item 0 and stands still."""
+    gate = Gate()
+    worker = WorkerThread("test", hand_over, gate.handle, nothing)
+    worker.put(0)
+    gate.entered.acquire()
+    return gate, worker
+
+
+def test_items_are_handled_in_order_and_then_it_finishes() -> None:
+    seen: list[object] = []
+    worker: WorkerThread[int] = WorkerThread(
+        "test", BlockingQueue(2), seen.append, lambda: seen.append("finished")
+    )
+    for item in range(100):
+        worker.put(item)
+    assert worker.close(timeout_s=100)
+    assert seen == [*range(100), "finished"]
+
+
+def test_drop_oldest_keeps_the_newest_and_counts_the_rest() -> None:
+    gate, worker = stuck_worker(DropOldestQueue(2))
+    for item in range(1, 6):
+        worker.put(item)
+    gate.open.set()
+    assert worker.close(timeout_s=100)
+    assert gate.handled == [0, 4, 5]
+    assert worker.dropped == 3
+
+
+def test_wait_makes_the_giver_wait_and_drops_nothing() -> None:
+    gate, worker = stuck_worker(BlockingQueue(1))
+    giver = threading.Thread(target=put_all, args=(worker, [1, 2, 3]))
+    giver.start()
+    giver.join(0.05)
+    assert giver.is_alive()
+    gate.open.set()
+    giver.join(100)
+    assert worker.close(timeout_s=100)
+    assert (gate.handled, worker.dropped) == ([0, 1, 2, 3], 0)
+
+
+def test_closing_frees_a_giver_that_waits() -> None:
+    gate, worker = stuck_worker(BlockingQueue(1))
+    giver = threading.Thread(target=put_all, args=(worker, [1, 2]))
+    giver.start()
+    assert not worker.close(timeout_s=0.01)
+    giver.join(100)
+    assert not giver.is_alive()
+    gate.open.set()
+
+
+def test_a_stuck_handler_does_not_hold_up_close() -> None:
+    gate, worker = stuck_worker(DropOldestQueue(1))
+    assert not worker.close(timeout_s=0.01)
+    gate.open.set()
+
+
+def test_an_error_is_logged_once_and_the_rest_is_still_handled(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    handled: list[int] = []
+
+    def handle(item: int) -> None:
+        if item < 3:
+            raise ValueError(f"item {item} is bad")
+        handled.append(item)
+
+    worker: WorkerThread[int] = WorkerThread("pictures", BlockingQueue(8), handle, nothing)
+    for item in range(5):
+        worker.put(item)
+    assert worker.close(timeout_s=100)
+    assert (handled, worker.errors) == ([3, 4], 3)
+    assert [(r.levelno, r.message.split(" (")[0]) for r in caplog.records] == [
+        (logging.ERROR, "pictures: item 0 is bad")
+    ]
+
+
+def test_closing_twice_finishes_once_and_takes_nothing_more() -> None:
+    seen: list[object] = []
+    worker: WorkerThread[int] = WorkerThread(
+        "test", BlockingQueue(2), seen.append, lambda: seen.append("finished")
+    )
+    assert worker.close(timeout_s=100)
+    worker.put(1)
+    assert worker.close(timeout_s=100)
+    assert seen == ["finished"]

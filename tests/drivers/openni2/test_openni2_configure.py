@@ -1,0 +1,99 @@
+"""What is asked of a sensor and what is made of its answers; here the library itself is played."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from drivers.calibration import CameraCalibration
+from drivers.core.errors import InputError
+from drivers.openni2.device import OpenNI2Device
+from drivers.openni2.library import PixelFormat, SensorType, VideoMode
+from drivers.openni2.video_modes import choose_video_mode
+
+VGA = VideoMode(PixelFormat.RGB888, 640, 480, 30)
+FAST_VGA = VideoMode(PixelFormat.RGB888, 640, 480, 60)
+VGA_YUV = VideoMode(PixelFormat.YUV422, 640, 480, 30)
+QVGA = VideoMode(PixelFormat.RGB888, 320, 240, 30)
+DEPTH_MM = VideoMode(PixelFormat.DEPTH_1_MM, 640, 480, 30)
+DEPTH_FINE = VideoMode(PixelFormat.DEPTH_100_UM, 640, 480, 30)
+
+
+def device(registers: bool = True, obeys: bool = True, synchronises: bool = True) -> OpenNI2Device:
+    """A device of a library that answers as told."""
+    state: dict[str, Any] = {"registration": 0, "sync": False}
+
+    def set_property(_: Any, prop: int, value: Any, size: int) -> int:
+        if obeys:
+            state["registration"] = value._obj.value
+        return 0
+
+    def get_property(_: Any, prop: int, value: Any, size: Any) -> int:
+        value._obj.value = state["registration"]
+        return 0
+
+    def enable_sync(_: Any) -> int:
+        state["sync"] = synchronises
+        return 0
+
+    library: Any = SimpleNamespace(
+        oniDeviceOpen=lambda uri, handle: 0,
+        oniDeviceIsImageRegistrationModeSupported=lambda handle, mode: registers or mode == 0,
+        oniDeviceSetProperty=set_property,
+        oniDeviceGetProperty=get_property,
+        oniDeviceEnableDepthColorSync=enable_sync,
+        oniDeviceGetDepthColorSyncEnabled=lambda handle: state["sync"],
+    )
+    return OpenNI2Device(SimpleNamespace(calls=library), "played")  # type: ignore[arg-type]
+
+
+def file_of(width: int, height: int, depth_factor: float = 1000.0) -> CameraCalibration:
+    return CameraCalibration(width, height, 500.0, 500.0, 1.0, 1.0, (0.0,) * 5, depth_factor)
+
+
+def test_depth_counts_as_registered_only_if_the_device_says_so_afterwards() -> None:
+    assert device().enable_depth_registration(True)
+    assert not device(obeys=False).enable_depth_registration(True)
+    assert not device(registers=False).enable_depth_registration(True)
+
+
+def test_registration_can_be_turned_off() -> None:
+    sensor = device()
+    assert sensor.enable_depth_registration(True)
+    assert not sensor.enable_depth_registration(False)
+
+
+def test_sync_is_what_the_device_says_afterwards() -> None:
+    assert device().enable_depth_color_sync()
+    assert not device(synchronises=False).enable_depth_color_sync()
+
+
+@pytest.mark.parametrize("modes", [[QVGA, FAST_VGA, VGA], [VGA_YUV, VGA], [VGA, FAST_VGA]])
+def test_usual_mode_is_640x480_rgb_at_30(modes: list[VideoMode]) -> None:
+    assert bytes(choose_video_mode(SensorType.COLOUR, modes, None)) == bytes(VGA)
+
+
+def test_size_of_the_camera_file_is_chosen() -> None:
+    chosen = choose_video_mode(SensorType.COLOUR, [VGA, QVGA], file_of(320, 240))
+    assert (chosen.width, chosen.height) == (320, 240)
+
+
+def test_unit_of_the_camera_file_is_chosen() -> None:
+    modes = [DEPTH_FINE, DEPTH_MM]
+    assert choose_video_mode(SensorType.DEPTH, modes, None).format == PixelFormat.DEPTH_1_MM
+    fine = choose_video_mode(SensorType.DEPTH, modes, file_of(640, 480, 10000.0))
+    assert fine.format == PixelFormat.DEPTH_100_UM
+
+
+def test_size_that_the_sensor_lacks_is_refused_with_those_it_has() -> None:
+    with pytest.raises(InputError, match=r"no colour of 64x48.* it has 320x240, 640x480"):
+        choose_video_mode(SensorType.COLOUR, [VGA, QVGA], file_of(64, 48))
+
+
+def test_sensor_of_another_size_is_taken_without_a_camera_file() -> None:
+    assert choose_video_mode(SensorType.COLOUR, [QVGA], None).width == 320
+
+
+def test_unknown_formats_alone_are_refused() -> None:
+    with pytest.raises(InputError, match="no format that is supported"):
+        choose_video_mode(SensorType.COLOUR, [VideoMode(204, 640, 480, 30)], None)

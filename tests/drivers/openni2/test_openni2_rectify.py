@@ -1,0 +1,108 @@
+"""Whose intrinsics, whose unit, and whether depth is registered."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.calibration import CameraCalibration, DepthCameraCalibration, RigidTransform
+from drivers.core.errors import InputError
+from drivers.openni2.rectify import (
+    CalibrationFile,
+    DepthRegistration,
+    SourceProperties,
+    make_rectifier,
+)
+
+FOV = (2 * math.atan(320 / 570.3), 2 * math.atan(240 / 570.3))
+SENSOR = SourceProperties("openni2", (640, 480), (640, 480), FOV, 1000.0, DepthRegistration.YES)
+PLAIN = CameraCalibration(640, 480, 520.0, 521.0, 322.0, 241.0, (0.0, 0.0, 0.0, 0.0, 0.0), 1000.0)
+BESIDE = RigidTransform((-0.025, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+WITH_DEPTH = replace(
+    PLAIN,
+    depth=DepthCameraCalibration(fx=580.0, fy=580.0, cx=320.0, cy=240.0, T_color_depth=BESIDE),
+)
+NO_FILE = CalibrationFile(None, None)
+
+
+def choice(file: CameraCalibration) -> CalibrationFile:
+    return CalibrationFile(Path("c.toml"), file)
+
+
+def test_registered_sensor_tells_its_own_focal_lengths() -> None:
+    optics = make_rectifier(SENSOR, NO_FILE)
+    camera = optics.camera
+    assert (camera.fx, camera.fy) == pytest.approx((570.3, 570.3))
+    assert (camera.cx, camera.cy) == (319.5, 239.5)
+    assert optics.intrinsics_source == "factory"
+
+
+@pytest.mark.parametrize(("size", "focal"), [((640, 480), 525.0), ((320, 240), 262.5)])
+def test_sensor_that_does_not_tell_gets_the_usual_ones(size: tuple[int, int], focal: float) -> None:
+    silent = replace(SENSOR, color_fov_rad=(0.0, 0.0), color_size=size, depth_size=size)
+    optics = make_rectifier(silent, NO_FILE)
+    assert (optics.camera.fx, optics.camera.cx) == (focal, (size[0] - 1) / 2)
+    assert optics.intrinsics_source == "default"
+
+
+def test_camera_file_wins_over_the_sensor() -> None:
+    optics = make_rectifier(SENSOR, choice(PLAIN))
+    assert optics.camera == PLAIN.pinhole
+    assert optics.intrinsics_source == "camera file c.toml"
+
+
+@pytest.mark.parametrize("registered", [DepthRegistration.YES, DepthRegistration.UNKNOWN])
+def test_file_without_depth_table_says_that_depth_is_registered(
+    registered: DepthRegistration,
+) -> None:
+    optics = make_rectifier(replace(SENSOR, registration=registered), choice(PLAIN))
+    depth = np.full((480, 640), 2000, np.uint16)
+    assert optics.rectify_depth(depth) is depth
+
+
+@pytest.mark.parametrize("registered", [DepthRegistration.NO, DepthRegistration.UNKNOWN])
+def test_file_with_depth_table_registers_in_software(registered: DepthRegistration) -> None:
+    optics = make_rectifier(replace(SENSOR, registration=registered), choice(WITH_DEPTH))
+    moved = optics.rectify_depth(np.full((480, 640), 2000, np.uint16))
+    assert moved[240, 320] == 2000
+    assert moved[240, 0] == 0  # 580 pixels of focal length shrink to 520
+
+
+def test_scale_of_the_depth_table_is_in_the_factor() -> None:
+    assert WITH_DEPTH.depth is not None
+    scaled = replace(WITH_DEPTH, depth=replace(WITH_DEPTH.depth, scale=1.02))
+    optics = make_rectifier(replace(SENSOR, registration=DepthRegistration.NO), choice(scaled))
+    assert optics.depth_factor == pytest.approx(1000.0 / 1.02)
+
+
+def test_small_correction_of_the_unit_is_taken() -> None:
+    assert (
+        make_rectifier(SENSOR, choice(replace(PLAIN, depth_factor=1035.0))).depth_factor == 1035.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("source", "file", "complaint"),
+    [
+        (replace(SENSOR, registration=DepthRegistration.NO), None, "does not register its depth"),
+        (replace(SENSOR, registration=DepthRegistration.NO), PLAIN, "does not register its depth"),
+        (
+            replace(SENSOR, registration=DepthRegistration.UNKNOWN),
+            None,
+            "does not say whether its depth",
+        ),
+        (SENSOR, WITH_DEPTH, "registers its depth and cannot be told not to"),
+        (replace(SENSOR, depth_size=(320, 240)), None, "depth is 320x240, so it cannot"),
+        (replace(SENSOR, depth_size=(320, 240)), PLAIN, "depth is 320x240, so it cannot"),
+        (replace(SENSOR, color_size=(1280, 1024)), PLAIN, "colour is 1280x1024, but camera file"),
+        (SENSOR, replace(PLAIN, depth_factor=5000.0), "set depth_factor = 1000.0"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(
+    source: SourceProperties, file: CameraCalibration | None, complaint: str
+) -> None:
+    with pytest.raises(InputError, match=complaint) as error:
+        make_rectifier(source, NO_FILE if file is None else choice(file))
+    assert "\n" not in str(error.value)

@@ -1,0 +1,60 @@
+"""A puppet with a head and a light."""
+
+from pathlib import Path
+
+from drivers.core.errors import CameraError
+from drivers.sensor_config import Led
+from tests.drivers.subprocess_camera.scripted_cameras import FileScriptedCamera
+
+STUCK_DEG = -31.0
+
+
+class MotorizedCamera(FileScriptedCamera):
+    """Has a head and a light; a file beside the script tells what they do, a line each."""
+
+    def __init__(self, script: Path) -> None:
+        super().__init__(script)
+        self._commands: dict[str, str] = {}
+        self._is_open = False
+
+    @property
+    def has_motor(self) -> bool:
+        """It has."""
+        return True
+
+    def open(self) -> None:
+        """Do again what it was told."""
+        super().open()
+        self._is_open = True
+        for order in self._commands.values():
+            self._record(order)
+
+    def close(self) -> None:
+        """Forget nothing."""
+        super().close()
+        self._is_open = False
+
+    def set_tilt_deg(self, tilt_deg: float) -> None:
+        """Say so; a head that is told to look at its own feet is stuck."""
+        if tilt_deg == STUCK_DEG:
+            raise CameraError("the puppet's neck is stuck")
+        self._set("tilt", f"tilt {tilt_deg:g}")
+
+    def set_led(self, led: Led) -> None:
+        """Say so."""
+        self._set("light", f"light {led}")
+
+    def _set(self, kind: str, order: str) -> None:
+        self._commands[kind] = order
+        if not self._is_open:
+            raise CameraError("the puppet is in its box")
+        self._record(order)
+
+    def _record(self, order: str) -> None:
+        with action_log(self._script).open("a") as file:
+            file.write(f"{order}\n")
+
+
+def action_log(script: Path) -> Path:
+    """Where a nodding puppet writes what it does."""
+    return script.with_name("done")

@@ -1,0 +1,269 @@
+"""Live cameras in a process of their own: whatever they do there, the service goes on."""
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import CameraState, CameraStatus, FrameTimeout, RgbdFrame
+from drivers.core.errors import CameraLostError, InputError
+from drivers.core.process.timeouts import Timeouts
+from drivers.subprocess_camera.camera import SubprocessCamera
+from tests.drivers.subprocess_camera.conftest import LONG_TIMEOUTS, MakeSubprocessCamera
+from tests.drivers.subprocess_camera.scripted_cameras import (
+    LOST_PACKETS,
+    FileScriptedCamera,
+    SingleFrameCamera,
+    WarningCamera,
+    is_intact,
+)
+from tests.resource_leaks import child_pids, resources_in_use
+from tests.waiting import wait_until
+
+pytestmark = pytest.mark.subprocess
+
+STREAMING = CameraStatus(CameraState.STREAMING)
+SHORT = Timeouts(opening_s=1.0, heartbeat_s=1.0, closing_s=1.0, first_frame_s=0.5)
+
+
+def frames(camera: SubprocessCamera, count: int) -> list[RgbdFrame]:
+    return [camera.read(100.0) for _ in range(count)]
+
+
+def wait_for_reason(camera: SubprocessCamera, words: str) -> CameraStatus:
+    wait_until(lambda: words in camera.status.reason, f"{words!r}: {camera.status}")
+    return camera.status
+
+
+def assert_works_again(camera: SubprocessCamera, script: Path) -> None:
+    """The cause goes away: frames come, whole ones, and the condition says so."""
+    script.write_text("")
+    wait_until(lambda: camera.status == STREAMING, f"to stream: {camera.status}")
+    assert all(is_intact(frame) for frame in frames(camera, 5))
+
+
+def test_open_returns_at_once_and_frames_come_when_they_can(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path
+) -> None:
+    script.write_text("hang in open")
+    with make_subprocess_camera(limits=SHORT) as camera:
+        with pytest.raises(FrameTimeout):
+            camera.read(0.0)
+        assert camera.status.state is CameraState.OPENING
+        assert_works_again(camera, script)
+
+
+def test_an_unplugged_camera_is_away_and_then_back(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path
+) -> None:
+    with make_subprocess_camera(limits=LONG_TIMEOUTS) as camera:
+        before = frames(camera, 5)[-1]
+        script.write_text("absent")
+        missing = CameraStatus(CameraState.ABSENT, "no puppet found; plug one in")
+        wait_until(lambda: camera.status == missing)
+        assert_works_again(camera, script)
+        after = camera.read(100.0)
+    assert after.seq > before.seq
+    assert after.stamp_s > before.stamp_s
+    assert after.lost_packets == before.lost_packets  # one process, all the time
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("unplugged in read", CameraStatus(CameraState.LOST, "the puppet was unplugged")),
+        (
+            "busy",
+            CameraStatus(CameraState.OPENING, "the puppet is held by another process; end that"),
+        ),
+    ],
+)
+def test_the_condition_is_what_the_camera_said(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path, words: str, expected: CameraStatus
+) -> None:
+    with make_subprocess_camera() as camera:
+        frames(camera, 1)
+        script.write_text(words)
+        wait_until(lambda: camera.status == expected, str(camera.status))
+        assert_works_again(camera, script)
+
+
+@pytest.mark.parametrize(
+    ("words", "doing"),
+    [
+        ("hang in open", "opening the camera"),
+        ("hang and talk in read", "reading frames"),
+        ("hang with lock in read", "reading frames"),
+        ("hang in close", "closing the camera"),
+    ],
+)
+def test_a_hanging_driver_is_killed_and_started_again(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path, words: str, doing: str
+) -> None:
+    with make_subprocess_camera(
+        SingleFrameCamera if "read" not in words else FileScriptedCamera, limits=SHORT
+    ) as camera:
+        first = camera.read(100.0)
+        script.write_text(words)
+        found = wait_for_reason(camera, f"the driver hung while {doing}: no answer for 1 s")
+        assert found.state is (CameraState.OPENING if "open" in words else CameraState.LOST)
+        script.write_text("")
+        second = camera.read(100.0)
+    assert second.lost_packets != first.lost_packets  # another process
+    assert second.seq > first.seq
+    assert second.stamp_s > first.stamp_s
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (
+            "crash in read",
+            "the driver crashed (signal 11, Segmentation fault); "
+            "last line: libpuppet: cutting a string",
+        ),
+        ("exit in read", "the driver ended (exit code 1); last line: libpuppet: out of strings"),
+        (
+            "raise in read",
+            "the driver ended (exit code 1); last line: ValueError: strings in a tangle",
+        ),
+    ],
+)
+def test_a_driver_that_dies_is_started_again(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path, words: str, reason: str
+) -> None:
+    with make_subprocess_camera() as camera:
+        frames(camera, 1)
+        script.write_text(words)
+        assert wait_for_reason(camera, reason) == CameraStatus(CameraState.LOST, reason)
+        assert_works_again(camera, script)
+
+
+def test_a_driver_that_hangs_is_not_given_the_time_to_end_in_order(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path
+) -> None:
+    with make_subprocess_camera(limits=replace(SHORT, closing_s=3600.0)) as camera:
+        frames(camera, 1)
+        script.write_text("hang in read")
+        wait_for_reason(camera, "hung while reading frames")
+        assert_works_again(camera, script)
+
+
+def test_a_camera_that_opens_and_sends_nothing_counts_as_lost(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path
+) -> None:
+    script.write_text("silent in read")
+    with make_subprocess_camera(limits=SHORT) as camera:
+        assert wait_for_reason(camera, "sent no frame within 0.5 s").state is CameraState.LOST
+        assert_works_again(camera, script)
+
+
+def test_what_a_camera_says_of_its_frames_reaches_the_reader(
+    make_subprocess_camera: MakeSubprocessCamera,
+) -> None:
+    complaint = CameraStatus(CameraState.STREAMING, "losing strings: 3 of 5 frames torn")
+    with make_subprocess_camera(WarningCamera) as camera:
+        frames(camera, 1)
+        wait_until(lambda: camera.status == complaint)
+
+
+def test_a_camera_that_sends_nothing_is_asked_why(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path
+) -> None:
+    script.write_text("silent in read")
+    complaint = CameraStatus(CameraState.LOST, "losing strings: 3 of 5 frames torn")
+    with make_subprocess_camera(
+        WarningCamera, limits=replace(LONG_TIMEOUTS, first_frame_s=0.2)
+    ) as camera:
+        wait_until(lambda: camera.status == complaint)
+
+
+def test_what_is_wrong_for_good_reaches_the_reader(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path
+) -> None:
+    script.write_text("wrong")
+    with make_subprocess_camera() as camera:
+        for _ in range(2):
+            with pytest.raises(InputError, match="no such file"):
+                camera.read(100.0)
+        wait_until(lambda: child_pids() == [])
+
+
+def test_counts_go_on_over_openings_and_processes(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path
+) -> None:
+    with make_subprocess_camera() as camera:
+        frames(camera, 3)
+        script.write_text("unplugged in read")
+        wait_for_reason(camera, "unplugged")
+        assert_works_again(camera, script)
+        script.write_text("exit in read")
+        wait_for_reason(camera, "exit code 1")
+        assert_works_again(camera, script)
+        wait_until(lambda: camera.counters.lost_packets >= 3 * LOST_PACKETS)
+        assert camera.counters.delivered == 13
+    assert camera.counters.lost_packets % LOST_PACKETS == 0
+
+
+def test_in_realtime_frames_that_a_late_reader_missed_are_counted(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with make_subprocess_camera() as camera:
+        first = camera.read(100.0)
+        script.write_text("say in read")  # a line with every frame
+        wait_until(lambda: caplog.text.count("2 strings left") > 20)
+        seqs = [frame.seq for frame in frames(camera, 20)]
+        gaps = seqs[-1] - first.seq - 20
+        assert camera.counters.dropped >= gaps > 0
+
+
+def test_a_process_that_cannot_be_started_is_said_and_tried_again(
+    make_subprocess_camera: MakeSubprocessCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = resources_in_use()
+    with monkeypatch.context() as patch:
+        patch.setattr("sys.executable", "/nowhere/python")
+        camera = make_subprocess_camera()
+        camera.open()
+        wait_for_reason(camera, "the driver cannot be started: No such file or directory")
+    frames(camera, 1)
+    camera.close()
+    assert resources_in_use() <= before
+
+
+def test_a_camera_that_is_not_open_is_lost(make_subprocess_camera: MakeSubprocessCamera) -> None:
+    camera = make_subprocess_camera()
+    camera.close()
+    with pytest.raises(CameraLostError, match="puppet: not open; open it again"):
+        camera.read(1.0)
+
+
+def test_numbers_and_stamps_rise_over_close_and_open(
+    make_subprocess_camera: MakeSubprocessCamera,
+) -> None:
+    camera = make_subprocess_camera()
+    last = (-1, -1.0)
+    for _ in range(2):
+        with camera:
+            for frame in frames(camera, 10):
+                assert (frame.seq, frame.stamp_s) > last
+                assert frame.stamp_s > last[1]
+                last = (frame.seq, frame.stamp_s)
+
+
+def test_what_the_driver_logs_and_prints_reaches_the_log(
+    make_subprocess_camera: MakeSubprocessCamera, script: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG)
+    script.write_text("say in open")
+    with make_subprocess_camera() as camera:
+        camera.read(100.0)
+        wait_until(lambda: "libpuppet: mind the strings" in caplog.text)
+    said = {(record.name, record.levelname, record.getMessage()) for record in caplog.records}
+    assert ("puppet", "WARNING", "2 strings left") in said
+    assert (
+        "drivers.core.process.worker_process",
+        "DEBUG",
+        "driver: libpuppet: mind the strings",
+    ) in said

@@ -1,0 +1,70 @@
+"""Virtual cameras whose films are kept, and a host whose clock only moves when somebody sleeps."""
+
+import contextlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
+from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.fault_injection import Fault
+from drivers.synthetic.pacing import HostClock
+from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
+from drivers.synthetic.renderer import Renderer
+
+RendererFactory = Callable[[SyntheticConfig], Renderer]
+
+
+class FakeHost:
+    """A clock that moves only when someone sleeps."""
+
+    def __init__(self) -> None:
+        self.now_s = 5000.0
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+
+    @property
+    def clock(self) -> HostClock:
+        return HostClock(lambda: self.now_s, self.sleep)
+
+
+def read_frames(camera: SyntheticCamera) -> list[RgbdFrame]:
+    frames: list[RgbdFrame] = []
+    with contextlib.suppress(EndOfStream):
+        while len(frames) < 100:
+            frames.append(camera.read(60.0))
+    return frames
+
+
+def fill_sequence(config: SyntheticConfig, folder: Path, shared_renderer: RendererFactory) -> None:
+    """Render what is missing in this process: quicker than in another for a few frames."""
+    sequence = create_sequence(files_for_config(config, folder))
+    missing = sequence.missing_frames()
+    if missing.size:
+        renderer = shared_renderer(config)
+        for index in missing:
+            sequence.write(int(index), renderer.render(int(index)))
+    sequence.close()
+
+
+class CachedCameras:
+    """Cameras whose films are rendered once for all tests."""
+
+    def __init__(self, folder: Path, shared_renderer: RendererFactory) -> None:
+        self._films, self._shoot = folder, shared_renderer
+
+    def open_camera(
+        self,
+        config: SyntheticConfig,
+        pace: PlaybackMode = PlaybackMode.LOCKSTEP,
+        host: FakeHost | None = None,
+    ) -> SyntheticCamera:
+        fill_sequence(config, self._films, self._shoot)
+        clock = HostClock() if host is None else host.clock
+        return SyntheticCamera(config, pace, RenderOptions(cache_dir=self._films), clock)
+
+    def read_frames(self, config: SyntheticConfig, *faults: Fault) -> list[RgbdFrame]:
+        with self.open_camera(replace(config, faults=faults)) as camera:
+            return read_frames(camera)

@@ -1,0 +1,139 @@
+"""A walk several times past the same places, and two corners that cannot be told apart."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, rotation_angle_rad
+from drivers.synthetic.aliased_corners import HALF_TURN
+from drivers.synthetic.assets.small_objects import Solids
+from drivers.synthetic.config import MotionKind, SyntheticConfig
+from drivers.synthetic.motion.base import CameraMotion, look_rotations
+from drivers.synthetic.motion.factory import make_motion
+from drivers.synthetic.motion.tour import TourMotion
+from drivers.synthetic.renderer import Renderer, RoomModel
+from drivers.synthetic.room import ROOM_HEIGHT_M, build_room
+from drivers.synthetic.solids import Solid
+
+TOUR = SyntheticConfig(motion=MotionKind.TOUR, duration_s=60.0)
+
+
+def tour(seconds: float, seed: int = 1) -> tuple[Array, Array]:
+    """Times (N,) and poses (N, 4, 4), thirty a second."""
+    times_s = np.arange(round(30 * seconds)) / 30.0
+    config = replace(TOUR, duration_s=seconds, seed=seed)
+    return times_s, make_motion(config, ROOM_HEIGHT_M).poses(times_s)
+
+
+def around_rad(poses: Array) -> Array:
+    """How far round the middle of the room, on and on."""
+    result: Array = np.unwrap(np.arctan2(poses[:, 1, 3] / 1.8, poses[:, 0, 3] / 2.6))
+    return result
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_in_a_minute_it_comes_past_every_place_twice_and_goes_as_a_hand_or_a_robot(
+    seed: int,
+) -> None:
+    _, poses = tour(60.0, seed)
+    assert np.ptp(around_rad(poses)) == pytest.approx(4 * np.pi, abs=0.2)
+    speed_m_s = 30.0 * np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    assert 0.2 < np.percentile(speed_m_s, 2) < np.percentile(speed_m_s, 95) < 0.7
+    turns = np.linalg.solve(poses[:-1], poses[1:])[:, :3, :3]
+    rates = np.degrees([30.0 * rotation_angle_rad(turn) for turn in turns])
+    assert 10.0 < np.median(rates) < np.percentile(rates, 95) < 40.0
+
+
+def test_in_ten_minutes_it_makes_many_laps_and_goes_back_now_and_then() -> None:
+    _, poses = tour(600.0)
+    around = around_rad(poses)
+    assert around[-1] - around[0] == pytest.approx(14 * 2 * np.pi, abs=0.1)
+    is_back = np.diff(np.convolve(around, np.ones(60) / 60, "valid")) < 0
+    assert np.count_nonzero(np.diff(is_back.astype(int)) == 1) == 6
+    assert np.count_nonzero(is_back) / 30.0 == pytest.approx(6 * 15.0, rel=0.1)
+
+
+def test_it_looks_where_it_goes_on_and_back() -> None:
+    times_s, poses = tour(90.0)
+    velocity_m_s = np.gradient(poses[:, :2, 3], times_s, axis=0)
+    forwards = np.sum(velocity_m_s * poses[:, :2, 2], axis=1)
+    assert np.mean(forwards > 0.0) > 0.9
+    assert np.diff(around_rad(poses)).min() < -0.005
+
+
+def test_the_same_place_is_never_seen_just_the_same_on_another_lap() -> None:
+    _, poses = tour(60.0)
+    one, two = poses[:900], poses[900:]
+    apart_m = np.linalg.norm(one[:, None, :3, 3] - two[None, :, :3, 3], axis=2)
+    nearest = apart_m.argmin(axis=1)
+    assert apart_m.min(axis=1).max() < 0.5
+    turns = np.linalg.solve(one, two[nearest])[:, :3, :3]
+    angles_deg = np.degrees([rotation_angle_rad(turn) for turn in turns])
+    assert 3.0 < np.median(angles_deg) < 40.0
+
+
+class StationaryMotion(CameraMotion):
+    """Stands on one spot."""
+
+    def __init__(self, T_world_camera: Array) -> None:
+        self._T = T_world_camera
+
+    def poses(self, times_s: Array) -> Array:
+        """See `CameraMotion`."""
+        return np.tile(self._T, (len(times_s), 1, 1))
+
+
+def looking(towards_rad: float) -> Array:
+    """T_world_camera from near the middle of the room, so far to the left of +y."""
+    T = np.eye(4)
+    T[:3, :3] = look_rotations(np.array([towards_rad]), np.array([0.25]), np.zeros(1))[0]
+    T[:3, 3] = (-0.7 * np.sin(towards_rad), 0.7 * np.cos(towards_rad), 1.4)
+    return T
+
+
+@pytest.mark.slow
+def test_two_corners_look_the_same_and_the_other_two_do_not(ideal: SyntheticConfig) -> None:
+    config = replace(ideal, twin_corners=True, texel_m=0.03)
+    room = RoomModel.build(config, make_motion(config, ROOM_HEIGHT_M), threads=2)
+
+    def unlike(T: Array) -> tuple[float, float]:
+        """Mean difference of colour, and share of other depth, seen from T and from opposite."""
+        a, b = (
+            Renderer(config, StationaryMotion(each), room).render(0) for each in (T, HALF_TURN @ T)
+        )
+        return float(np.mean(cv2.absdiff(a.color_bgr, b.color_bgr))), float(
+            np.mean(a.depth_raw != b.depth_raw)
+        )
+
+    twins, others = unlike(looking(-0.75)), unlike(looking(0.75))
+    assert twins[0] < 1.0 < 10.0 < others[0]
+    assert twins[1] < 0.01 < 0.3 < others[1]
+
+
+def test_every_piece_of_a_twin_corner_has_another_just_opposite() -> None:
+    free_m = TourMotion(np.random.default_rng(1), 60.0).clearance_points_m(
+        np.linspace(0.0, 60.0, 600)
+    )
+    plain, twins = (build_room(1, free_m, bare_wall=False, twin_corners=on) for on in (False, True))
+    # The shell of the room is its own opposite.
+    assert count_of_pairs(plain[1:]) == 0
+    assert count_of_pairs(twins[1:]) > 20
+
+
+def count_of_pairs(solids: Solids) -> int:
+    """Pieces that have one of the same size just opposite."""
+    keys = {key(solid) for solid in solids}
+    return sum(key(solid.transform(HALF_TURN)) in keys for solid in solids) // 2
+
+
+def key(solid: Solid) -> tuple[float, ...]:
+    """Where it is and how large, to a millimetre."""
+    return tuple(np.round([*solid.T_world_solid[:3, 3], *solid.half_m], 3) + 0.0)
+
+
+def test_twins_need_all_four_walls() -> None:
+    with pytest.raises(InputError, match="twin_corners need all four walls"):
+        SyntheticConfig(twin_corners=True, bare_wall=True)

@@ -1,0 +1,138 @@
+"""Frames that a process renders ahead of the reader."""
+
+import os
+import signal
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.camera import CameraState, FrameTimeout, PlaybackMode, RgbdFrame
+from drivers.core.errors import CameraLostError
+from drivers.core.process.worker_process import WorkerSpec
+from drivers.synthetic import frame_provider
+from drivers.synthetic.camera import RenderOptions, SyntheticCamera
+from drivers.synthetic.config import SyntheticConfig
+from drivers.synthetic.fault_injection import RenderedImages
+from drivers.synthetic.rendered_sequence import create_sequence, files_for_config
+from tests.drivers.synthetic import idle_renderer
+from tests.drivers.synthetic.cached_cameras import (
+    FakeHost,
+    RendererFactory,
+    fill_sequence,
+    read_frames,
+)
+from tests.resource_leaks import child_pids
+from tests.waiting import wait_until
+
+pytestmark = pytest.mark.subprocess
+
+START_S = 60.0
+
+
+@contextmanager
+def opened(camera: SyntheticCamera) -> Iterator[RgbdFrame]:
+    """The first frame of a camera."""
+    with camera:
+        yield camera.read(START_S)
+
+
+def pixels(frames: list[RgbdFrame]) -> list[bytes]:
+    return [frame.color_bgr.tobytes() + frame.depth_raw.tobytes() for frame in frames]
+
+
+def test_the_frames_are_those_rendered_on_demand_and_no_process_is_left(
+    faulty: SyntheticConfig, tmp_path: Path
+) -> None:
+    with SyntheticCamera(faulty) as camera:
+        on_demand = pixels(read_frames(camera))
+    camera = SyntheticCamera(faulty, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path))
+    with opened(camera) as first:
+        assert pixels([first, *read_frames(camera)]) == on_demand
+    assert child_pids() == []
+    with SyntheticCamera(faulty, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path)) as again:
+        assert child_pids() == []  # all frames are there: none is rendered
+        assert pixels(read_frames(again)) == on_demand
+
+
+def test_the_camera_is_opening_until_the_room_is_painted(
+    faulty: SyntheticConfig, tmp_path: Path
+) -> None:
+    with SyntheticCamera(faulty, PlaybackMode.REALTIME, RenderOptions(tmp_path)) as camera:
+        with pytest.raises(FrameTimeout):
+            camera.read(0.0)
+        assert str(camera.status) == "opening: preparing its room"
+        assert camera.read(START_S).seq == 0
+        assert camera.status.state is CameraState.STREAMING
+
+
+def test_the_process_ends_while_a_live_reader_goes_on_when_all_is_rendered(
+    faulty: SyntheticConfig, tmp_path: Path
+) -> None:
+    looped = replace(faulty, loop=True)
+    with SyntheticCamera(looped, PlaybackMode.REALTIME, RenderOptions(tmp_path)) as camera:
+        wait_until(lambda: camera.read(START_S) and not child_pids())
+        assert camera.read(START_S).seq > 0
+
+
+@pytest.mark.parametrize(("due", "seq", "dropped"), [(4, 3, 2), (3, 3, 2), (2, 1, 0)])
+def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_counted(
+    faulty: SyntheticConfig,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    due: int,
+    seq: int,
+    dropped: int,
+) -> None:
+    """Frames 0, 1 and 3 are there; no other ever is."""
+    monkeypatch.setattr(frame_provider, "RENDERER", WorkerSpec(idle_renderer.__name__, "idle"))
+    host, black = (
+        FakeHost(),
+        RenderedImages(np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.uint16)),
+    )
+    sequence = create_sequence(files_for_config(faulty, tmp_path))
+    for index in (0, 1, 3):
+        sequence.write(index, black)
+    with SyntheticCamera(
+        faulty, PlaybackMode.REALTIME, RenderOptions(tmp_path), host.clock
+    ) as camera:
+        assert camera.read(1.0).seq == 0
+        host.sleep(due / faulty.rate_hz)
+        assert camera.read(1.0).seq == seq
+        assert camera.counters.dropped == dropped
+
+
+def test_a_damaged_frame_is_rendered_again(
+    faulty: SyntheticConfig, tmp_path: Path, shared_renderer: RendererFactory
+) -> None:
+    files = files_for_config(faulty, tmp_path)
+    fill_sequence(faulty, tmp_path, shared_renderer)
+    whole = files.frames.read_bytes()
+    with files.frames.open("r+b") as file:
+        file.seek(3 * files.frame_bytes + 100)
+        file.write(b"damaged")
+    with SyntheticCamera(faulty, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path)) as camera:
+        assert len(read_frames(camera)) == 6
+    assert files.frames.read_bytes() == whole
+
+
+def test_a_renderer_that_is_killed_is_reported_keeps_its_frames_and_is_started_again(
+    faulty: SyntheticConfig, tmp_path: Path
+) -> None:
+    long = replace(faulty, duration_s=60.0)
+    camera = SyntheticCamera(long, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path))
+    with opened(camera):
+        (renderer,) = child_pids()
+        os.kill(renderer, signal.SIGKILL)
+        with pytest.raises(CameraLostError, match="the renderer crashed"):
+            deque(iter(lambda: camera.read(START_S), None), maxlen=0)
+    sequence = create_sequence(files_for_config(long, tmp_path))
+    assert 0 < sequence.missing_frames().size < 1800
+    assert sequence.read(0) is not None
+    sequence.close()
+    with opened(camera) as first:
+        assert first.seq == 0

@@ -1,0 +1,212 @@
+"""Depth of a camera of its own, registered in software."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from drivers.calibration import DepthCameraCalibration, RigidTransform
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array, inverse, quaternion_from_rotation, rigid_transform, so3_exp
+from drivers.rectify import SoftwareRegistration
+from tests.vo_service.odometry.synthetic_views import CAMERA, FLOOR, WALL, render_corner
+from vo_service.odometry.surf.odometry import SurfOdometry
+
+COLOUR = PinholeCamera(160, 120, 131.0, 131.5, 80.2, 59.1)
+SAME = RigidTransform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+# The depth camera sits 2.5 cm to the left of the colour camera.
+BESIDE = RigidTransform((-0.025, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def table(camera: PinholeCamera, pose: RigidTransform) -> DepthCameraCalibration:
+    return DepthCameraCalibration(
+        fx=camera.fx,
+        fy=camera.fy,
+        cx=camera.cx,
+        cy=camera.cy,
+        T_color_depth=pose,
+        width=camera.width,
+        height=camera.height,
+    )
+
+
+def pose_of(T: Array) -> RigidTransform:
+    x, y, z = (float(value) for value in T[:3, 3])
+    qx, qy, qz, qw = (float(value) for value in quaternion_from_rotation(T[:3, :3]))
+    return RigidTransform((x, y, z), (qx, qy, qz, qw))
+
+
+def rays(camera: PinholeCamera) -> Array:
+    """(height, width, 3) directions with z = 1."""
+    v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
+    return np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, u * 0 + 1], axis=-1)
+
+
+def plane_depth_m(camera: PinholeCamera, T_plane_camera: Array, plane: Array) -> Array:
+    """Depth of the plane n.X = 1, given as n in its own frame, at every pixel."""
+    R, t = T_plane_camera[:3, :3], T_plane_camera[:3, 3]
+    depth_m: Array = (1.0 - plane @ t) / (rays(camera) @ R.T @ plane)
+    return depth_m
+
+
+def units(depth_m: Array, factor: float = 1000.0) -> NDArray[np.uint16]:
+    return np.rint(depth_m * factor).astype(np.uint16)
+
+
+@settings(max_examples=20, deadline=None)
+@given(depth=arrays(np.uint16, (COLOUR.height, COLOUR.width), fill=st.just(1500)))
+def test_a_depth_camera_that_is_the_colour_camera_changes_nothing(
+    depth: NDArray[np.uint16],
+) -> None:
+    registration = SoftwareRegistration(COLOUR, table(COLOUR, SAME), 1000.0)
+    np.testing.assert_array_equal(registration.register(depth), depth)
+
+
+small = st.floats(-1.0, 1.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    offset=st.tuples(small, small, small),
+    turn=st.tuples(small, small, small),
+    tilt=st.tuples(small, small),
+    distance_m=st.floats(0.6, 4.0),
+    # Between them, with pixels of one size, cracks are a pixel wide and stay open.
+    focal=st.floats(0.7, 0.95) | st.floats(1.1, 1.3),
+    factor=st.sampled_from([1000.0, 5000.0, 10000.0]),
+    scale=st.floats(0.9, 1.1),
+)
+def test_plane_gets_the_depth_at_which_the_colour_camera_sees_it(
+    offset: tuple[float, float, float],
+    turn: tuple[float, float, float],
+    tilt: tuple[float, float],
+    distance_m: float,
+    focal: float,
+    factor: float,
+    scale: float,
+) -> None:
+    T_colour_depth = rigid_transform(so3_exp(0.02 * np.array(turn)), 0.03 * np.array(offset))
+    eye = PinholeCamera(176, 132, COLOUR.fx * focal, COLOUR.fy * focal, 87.0, 66.0)
+    plane = np.array([0.3 * tilt[0], 0.3 * tilt[1], 1.0]) / distance_m
+    read_m = plane_depth_m(eye, T_colour_depth, plane) / scale
+    depth = replace(table(eye, pose_of(T_colour_depth)), scale=scale)
+    registration = SoftwareRegistration(COLOUR, depth, factor)
+    registered = registration.register(units(read_m, factor))
+    truth_m = plane_depth_m(COLOUR, np.eye(4), plane)
+    # A reading lands on the nearest pixel, and is spread where pixels are finer: how much does
+    # depth change on the way?
+    steepest_m = np.max(np.abs(np.gradient(truth_m))) * (1.5 if focal >= 1.0 else 3.0)
+    error_m = np.abs(registered / registration.depth_factor - truth_m)[registered > 0]
+    assert error_m.max() < steepest_m + 1.5 / factor
+    middle = registered[30:90, 40:120]
+    assert np.mean(middle == 0) < 0.02
+
+
+def test_what_is_nearer_hides_what_is_behind_it_and_leaves_a_shadow() -> None:
+    depth = np.full((COLOUR.height, COLOUR.width), 3000, np.uint16)
+    depth[:, 70:90] = 600
+    row = SoftwareRegistration(COLOUR, table(COLOUR, BESIDE), 1000.0).register(depth)[60]
+    moved_far, moved_near = round(131 * 0.025 / 3.0), round(131 * 0.025 / 0.6)
+    assert set(row.tolist()) == {0, 600, 3000}
+    assert np.all(row[70 - moved_near : 90 - moved_near] == 600)
+    assert np.all(row[90 - moved_near : 90 - moved_far] == 0)
+    assert np.all(row[: 70 - moved_near] == 3000)
+
+
+def test_holes_stay_holes() -> None:
+    depth = np.zeros((COLOUR.height, COLOUR.width), np.uint16)
+    registered = SoftwareRegistration(COLOUR, table(COLOUR, BESIDE), 1000.0).register(depth)
+    assert registered.dtype == np.uint16
+    assert not registered.any()
+
+
+def test_coarse_depth_fills_the_finer_colour_image() -> None:
+    half = PinholeCamera(80, 60, COLOUR.fx / 2, COLOUR.fy / 2, COLOUR.cx / 2, COLOUR.cy / 2)
+    depth = np.full((60, 80), 2000, np.uint16)
+    registered = SoftwareRegistration(COLOUR, table(half, SAME), 1000.0).register(depth)
+    assert registered.shape == (120, 160)
+    assert np.all(registered[2:-2, 2:-2] == 2000)
+
+
+def test_lens_of_the_depth_camera_is_taken_out() -> None:
+    distortion = (0.4, -0.3, 0.002, -0.002, 0.1)
+    plane = np.array([0.3, -0.2, 1.0]) / 1.5
+    v, u = np.mgrid[:120, :160].astype(np.float64)
+    pixels = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
+    seen = cv2.undistortPoints(pixels, COLOUR.K, np.array(distortion)).reshape(120, 160, 2)
+    distorted_m = 1.0 / (seen @ plane[:2] + plane[2])
+    depth = replace(table(COLOUR, SAME), distortion=distortion)
+    registered = SoftwareRegistration(COLOUR, depth, 1000.0).register(units(distorted_m))
+    truth_m = plane_depth_m(COLOUR, np.eye(4), plane)
+    has_depth = registered > 0
+    error_m = np.abs(registered / 1000.0 - truth_m)[has_depth]
+    # What is left is half a pixel of a steep plane.
+    assert error_m.max() < np.max(np.abs(np.gradient(truth_m))) + 0.001
+    assert np.mean(np.abs(distorted_m - truth_m)[has_depth]) > 4 * np.mean(error_m)
+    assert has_depth[20:100, 20:140].all()
+
+
+def test_readings_too_near_or_too_far_to_be_placed_are_dropped() -> None:
+    back = RigidTransform((0.0, 0.0, -0.05), (0.0, 0.0, 0.0, 1.0))
+    forth = RigidTransform((0.0, 0.0, 0.05), (0.0, 0.0, 0.0, 1.0))
+    for pose, reading in ((back, 40), (forth, 65500)):
+        depth = np.full((COLOUR.height, COLOUR.width), reading, np.uint16)
+        registered = SoftwareRegistration(COLOUR, table(COLOUR, pose), 1000.0).register(depth)
+        assert not registered.any()
+
+
+def test_depth_camera_that_looks_elsewhere_is_refused() -> None:
+    behind = RigidTransform((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="turns the depth camera away"):
+        SoftwareRegistration(COLOUR, table(COLOUR, behind), 1000.0)
+
+
+# A walk past a corner, by a sensor whose depth camera sits beside its colour camera.
+
+EYE = PinholeCamera(320, 240, 315.0, 316.0, 158.0, 121.5)
+EYE_POSE = RigidTransform((-0.025, 0.001, -0.002), (0.002, -0.003, 0.001, 0.999993))
+
+
+def walk(frames: int = 25) -> Iterator[tuple[Array, RgbdFrame]]:
+    """True poses, and frames whose depth is exact and registered."""
+    for seq in range(frames):
+        turn = so3_exp([0.002 * seq, 0.007 * seq, -0.003 * seq])
+        T = rigid_transform(turn, [0.012 * seq, -0.004 * seq, 0.014 * seq])
+        yield T, render_corner(T, seq)
+
+
+def eye_depth_mm(T_world_colour: Array) -> NDArray[np.uint16]:
+    """What the depth camera reads."""
+    T_world_eye = T_world_colour @ EYE_POSE.matrix
+    planes = [normal / distance for normal, distance in (WALL, FLOOR)]
+    depths_m = [plane_depth_m(EYE, T_world_eye, plane) for plane in planes]
+    seen_m = np.min([np.where(depth_m > 0, depth_m, np.inf) for depth_m in depths_m], axis=0)
+    return units(np.minimum(seen_m, 60.0))
+
+
+def error_m(frames: list[RgbdFrame], truth: list[Array]) -> float:
+    """Root mean square error of position; the walk begins at the origin of both."""
+    odometry = SurfOdometry()
+    found = [odometry.estimate(frame).T_world_camera for frame in frames]
+    away_m = [np.linalg.norm((inverse(T) @ F)[:3, 3]) for T, F in zip(truth, found, strict=True)]
+    return float(np.sqrt(np.mean(np.square(away_m))))
+
+
+def test_unregistered_sensor_registered_in_software_tracks_as_the_registered_one() -> None:
+    truth, frames = [list(part) for part in zip(*walk(), strict=True)]
+    registration = SoftwareRegistration(CAMERA, table(EYE, EYE_POSE), 1000.0)
+    in_mm = [
+        replace(f, depth_raw=units(f.depth_m.astype(float)), depth_factor=1000.0) for f in frames
+    ]
+    raw = [replace(f, depth_raw=eye_depth_mm(T)) for T, f in zip(truth, in_mm, strict=True)]
+    ours = [replace(f, depth_raw=registration.register(f.depth_raw)) for f in raw]
+    registered_m, software_m, raw_m = (error_m(each, truth) for each in (in_mm, ours, raw))
+    assert software_m < 1.2 * registered_m + 0.001
+    assert raw_m > 2 * software_m + 0.005

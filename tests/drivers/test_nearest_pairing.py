@@ -1,0 +1,71 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.time_sync import StampsUs, pair_nearest
+
+WITHIN = 20_000
+
+
+def rising(*stamps: int) -> StampsUs:
+    return np.array(stamps, dtype=np.int64)
+
+
+def brute_force(colour: StampsUs, depth: StampsUs, within: int) -> list[tuple[int, int]]:
+    """All pairs of all stamps, the closest free one first, again and again."""
+    pairs: list[tuple[int, int]] = []
+    free_colour, free_depth = set(range(len(colour))), set(range(len(depth)))
+    while True:
+        near = [
+            (abs(int(colour[i]) - int(depth[j])), i, j) for i in free_colour for j in free_depth
+        ]
+        if not near or min(near)[0] > within:
+            return sorted(pairs)
+        _, i, j = min(near)
+        pairs.append((i, j))
+        free_colour.remove(i)
+        free_depth.remove(j)
+
+
+stamps = st.sets(st.integers(0, 300), max_size=12).map(lambda s: rising(*sorted(s)))
+
+
+@given(stamps, stamps, st.integers(0, 60))
+def test_pairs_are_those_of_the_brute_force_greedy(
+    colour: StampsUs, depth: StampsUs, within: int
+) -> None:
+    assert pair_nearest(colour, depth, within) == brute_force(colour, depth, within)
+
+
+@given(stamps, stamps, st.integers(0, 60))
+def test_the_farther_neighbour_is_never_taken_while_the_nearer_is_free(
+    colour: StampsUs, depth: StampsUs, within: int
+) -> None:
+    pairs = pair_nearest(colour, depth, within)
+    of_colour, of_depth = dict(pairs), {j: i for i, j in pairs}
+    assert len(of_colour) == len(of_depth) == len(pairs)
+    for i in range(len(colour)):
+        for j in range(len(depth)):
+            gap = abs(colour[i] - depth[j])
+            mine = abs(colour[i] - depth[of_colour[i]]) if i in of_colour else within + 1
+            its = abs(colour[of_depth[j]] - depth[j]) if j in of_depth else within + 1
+            assert gap >= min(mine, its)
+
+
+def test_an_image_has_one_partner_only() -> None:
+    assert pair_nearest(rising(0, 10_000), rising(8_000), WITHIN) == [(1, 0)]
+
+
+def test_the_reach_is_inclusive() -> None:
+    assert pair_nearest(rising(0), rising(20_000), WITHIN) == [(0, 0)]
+    assert pair_nearest(rising(0), rising(20_001), WITHIN) == []
+
+
+def test_empty_lists_have_no_pairs() -> None:
+    assert pair_nearest(rising(), rising(1), WITHIN) == []
+
+
+def test_an_hour_at_30_hz_is_paired_in_a_moment() -> None:
+    """All against all would be 10^10 candidates: hours, and more memory than there is."""
+    colour = np.arange(108_000, dtype=np.int64) * 33_333
+    assert pair_nearest(colour, colour + 9_000, WITHIN) == [(k, k) for k in range(108_000)]

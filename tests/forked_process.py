@@ -1,0 +1,148 @@
+"""Processes of kinect-vo that start with its libraries and kernels loaded: forks of one process.
+
+A start costs a second of processor time, nearly all of it for what is the same each time. So the
+first of these processes is asked for the others: `template` says what it loads. They are children
+of this process all the same. Tests of the start itself use `subprocess`.
+"""
+
+import atexit
+import ctypes
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tests.waiting import DEFAULT_TIMEOUT_S
+
+ROOT = Path(__file__).parents[1]
+# The command as its script has it, for a `ForkedProcess` process.
+KINECT_VO = (sys.executable, "-c", "from vo_service import cli\ncli.main()\n")
+# Where a process whose parent has ended is given to the next of its ancestors, see prctl(2).
+_PR_SET_CHILD_SUBREAPER = 36
+_libc = ctypes.CDLL(None)
+
+
+class ForkedProcess(subprocess.Popen[Any]):
+    """As `subprocess.Popen`, for ``[python, "-c", PROGRAM, ...]``.
+
+    Of the options it takes the streams and their encoding, `pass_fds`, `env`, `cwd` and
+    `start_new_session`.
+    """
+
+    def _execute_child(
+        self, args: Sequence[str], executable: object, preexec_fn: object, close_fds: object,
+        pass_fds: Sequence[int], cwd: str | Path | None, env: Mapping[str, str] | None,
+        startupinfo: object, creationflags: object, shell: object,
+        p2cread: int, p2cwrite: int, c2pread: int, c2pwrite: int, errread: int, errwrite: int,
+        restore_signals: object, gid: object, gids: object, uid: object, umask: object,
+        start_new_session: bool, process_group: object,
+    ) -> None:  # fmt: skip
+        """Replaces the private method that forks and executes; its arguments are Python's."""
+        python, option, program, *arguments = args
+        assert (python, option) == (sys.executable, "-c")
+        request = {
+            "program": program,
+            "arguments": arguments,
+            "folder": str(Path.cwd() if cwd is None else cwd),
+            "environment": dict(os.environ if env is None else env),
+            "is_new_session": start_new_session,
+            "fds": [0, 1, 2, *pass_fds],
+        }
+        streams = [fd if fd >= 0 else k for k, fd in enumerate((p2cread, c2pwrite, errwrite))]
+        self.pid = _get_fork_server().start(request, [*streams, *pass_fds])
+        self._child_created = True
+        self._close_pipe_fds(p2cread, p2cwrite, c2pread, c2pwrite, errread, errwrite)  # type: ignore[attr-defined]
+
+
+def run(
+    command: Sequence[str], timeout_s: float = DEFAULT_TIMEOUT_S, **options: Any
+) -> "subprocess.CompletedProcess[str]":
+    """Run a `ForkedProcess` process to its end, and capture what it prints."""
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with ForkedProcess(command, **pipes, **options) as process:
+        try:
+            out, err = process.communicate(timeout=timeout_s)
+        finally:
+            process.kill()
+    return subprocess.CompletedProcess(command, process.returncode, out, err)
+
+
+def start_module(
+    module: str, fds: Sequence[int], stdout: int, stderr: int | None
+) -> "subprocess.Popen[bytes]":
+    """As the function of `drivers.core.process.worker_process`, by a `ForkedProcess` process."""
+    program = f"import runpy\nrunpy.run_module({module!r}, run_name='__main__', alter_sys=True)\n"
+    return ForkedProcess(
+        [sys.executable, "-c", program, str(fds[0])],
+        stdin=subprocess.DEVNULL,
+        stdout=stdout,
+        stderr=stderr,
+        bufsize=0,
+        pass_fds=fds,
+        start_new_session=True,
+    )
+
+
+class _ForkServer:
+    """The process that is forked; it ends with this one."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "tests.fork_server", str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                cwd=ROOT,
+                pass_fds=[theirs.fileno()],
+            )
+        self.pid = self._process.pid
+        atexit.register(self._close)
+
+    def start(self, request: Mapping[str, object], fds: Sequence[int]) -> int:
+        """The process number of a new child of this process."""
+        with self._lock:
+            socket.send_fds(self._socket, [json.dumps(request).encode()], fds)
+            number = self._socket.recv(100)
+            with _adopt_orphans():  # for a moment, or orphans of others would be ours as well
+                self._socket.send(b"let go")
+                let_go = self._socket.recv(100)
+        assert let_go, "the process that is to be forked has ended"
+        return int(number)
+
+    def _close(self) -> None:
+        self._socket.close()
+        self._process.wait()
+
+
+@contextmanager
+def _adopt_orphans() -> Iterator[None]:
+    """A grandchild whose parent ends becomes a child of this process."""
+    _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+    try:
+        yield
+    finally:
+        _libc.prctl(_PR_SET_CHILD_SUBREAPER, 0, 0, 0, 0)
+
+
+_templates: list[_ForkServer] = []
+_first = threading.Lock()
+
+
+def templates() -> list[int]:
+    """Process numbers of those that are forked: one, once it was needed."""
+    return [template.pid for template in _templates]
+
+
+def _get_fork_server() -> _ForkServer:
+    with _first:
+        if not _templates:
+            _templates.append(_ForkServer())
+    return _templates[0]

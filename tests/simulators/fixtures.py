@@ -1,0 +1,97 @@
+"""What tests need to play a Kinect; tests/conftest.py hands it on to all of them."""
+
+import ctypes
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.core.errors import UserFacingError
+from drivers.openni2.library import SONAME as LIBOPENNI2
+from tests.simulators.freenect_probe import SONAME as LIBFREENECT
+from tests.simulators.kinect_simulator import KinectSimulator
+from tests.simulators.libusb_build import SONAME, libusb_folder
+from tests.simulators.requirements import require_fakenect, require_library, skip_or_fail
+from tests.simulators.usb_frames import UsbFrames, write_usb_frames
+
+FRAME_COUNT = 8
+SimulateKinect = Callable[..., KinectSimulator]
+
+
+def pattern_frame(seq: int) -> tuple[np.ndarray[Any, np.dtype[np.uint8]], Any]:
+    """Frame `seq` of the film of most tests: BGR and millimetres, no two frames alike.
+
+    Colour is smooth, so that it survives Bayer's mosaic but for a few grey levels; depth is a slope
+    from 0.6 to 3.5 m with a hole.
+    """
+    rows, columns = np.mgrid[0:480, 0:640]
+    bgr = np.stack([columns // 4 + 16 * seq, rows // 3 + 8 * seq, (rows + columns) // 6], axis=2)
+    depth_mm = 600 + 10 * seq + 4 * columns + rows // 2
+    depth_mm[200:220, 300:340] = 0
+    return (bgr % 256).astype(np.uint8), depth_mm.astype(np.uint16)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_real_usb() -> None:
+    """No test sees this machine's USB devices.
+
+    A process has one libusb; were the system's loaded first, by whichever test, no Kinect could be
+    played in it any more. Without a compiler there is nothing to play with, and all stays as it is.
+    """
+    with suppress(UserFacingError):
+        ctypes.CDLL(str(libusb_folder() / SONAME), mode=ctypes.RTLD_GLOBAL)
+
+
+@pytest.fixture(scope="session")
+def simulated_libusb() -> Path:
+    """The folder of the stand-in for libusb; skips where it cannot be compiled."""
+    try:
+        return libusb_folder()
+    except UserFacingError as error:
+        skip_or_fail(str(error))
+
+
+@pytest.fixture(scope="session")
+def real_libfreenect(simulated_libusb: Path) -> None:
+    """For tests of libfreenect on the stand-in; skips where it is not installed."""
+    require_library(LIBFREENECT, "libfreenect0.5")
+
+
+@pytest.fixture(scope="session")
+def real_openni2() -> None:
+    """For tests of libOpenNI2; skips where it is not installed."""
+    require_library(LIBOPENNI2, "libopenni2-0")
+
+
+@pytest.fixture(scope="session")
+def fakenect() -> Path:
+    """The file of libfreenect's fakenect; skips where it is not installed."""
+    return require_fakenect()
+
+
+@pytest.fixture(scope="session")
+def kinect_frames(tmp_path_factory: pytest.TempPathFactory) -> UsbFrames:
+    """A quarter of a second of `pattern`, to be looped."""
+    frames = (pattern_frame(seq) for seq in range(FRAME_COUNT))
+    return write_usb_frames(tmp_path_factory.mktemp("films"), frames)
+
+
+@pytest.fixture
+def simulate_kinect(
+    tmp_path: Path, simulated_libusb: Path, kinect_frames: UsbFrames
+) -> Iterator[SimulateKinect]:
+    """A function that plugs in a Kinect until the test ends, with options as PlayedKinect has.
+
+    It is patient: a test does not fail because the machine is busy.
+    """
+    with ExitStack() as stack:
+
+        def play(film: UsbFrames = kinect_frames, **options: Any) -> KinectSimulator:
+            kinect = stack.enter_context(KinectSimulator(tmp_path, film, **options))
+            kinect.waits_for_reader = True
+            return kinect
+
+        yield play

@@ -1,0 +1,63 @@
+"""Where the frames of a film come from: a recorded folder, or any camera of ours."""
+
+from collections.abc import Iterator
+from itertools import chain, count, islice
+from pathlib import Path
+
+import numpy as np
+
+from drivers.camera import EndOfStream, RgbdCamera
+from drivers.tum.decode import load_pair
+from drivers.tum.folder import open_tum_folder
+from tests.simulators.raw_depth import fit_scale
+from tests.simulators.usb_frames import ColorBgr, DepthMm, UsbFrames, write_usb_frames
+
+MAX_DEPTH_MM = 65535
+FIT_FRAMES = 30
+
+
+def write_fitted_usb_frames(folder: Path, frames: Iterator[tuple[ColorBgr, DepthMm]]) -> UsbFrames:
+    """Write a film for a Kinect with the constants of the one that recorded the frames.
+
+    Played on another Kinect, all depth would move by up to half a step of its grid.
+    """
+    first = list(islice(frames, FIT_FRAMES))
+    scale = fit_scale(depth_mm for _, depth_mm in first)
+    return write_usb_frames(folder, chain(first, frames), scale=scale)
+
+
+def folder_frames(
+    folder: Path, camera_file: Path | None = None, max_frames: int | None = None
+) -> Iterator[tuple[ColorBgr, DepthMm]]:
+    """The images of a TUM folder as they were recorded, lens distortion and all.
+
+    Who plays them gives the folder's camera file to the program that is to see them. Raises
+    InputError for a folder without use, UnreadableFrameError for a broken image.
+    """
+    opened = open_tum_folder(folder, camera_file)
+    camera = opened.calibration
+    for pair in opened.frames.pairs[:max_frames]:
+        bgr, depth = load_pair(pair, (camera.width, camera.height))
+        yield bgr, _to_millimetres(depth, camera.depth_factor)
+
+
+def camera_frames(
+    camera: RgbdCamera, max_frames: int | None = None
+) -> Iterator[tuple[ColorBgr, DepthMm]]:
+    """The frames of a camera that delivers in lockstep, until it ends or `most` have come."""
+    with camera:
+        for seq in count():
+            if seq == max_frames:
+                return
+            try:
+                frame = camera.read(timeout_s=100)
+            except EndOfStream:
+                return
+            yield frame.color_bgr, _to_millimetres(frame.depth_raw, frame.depth_factor)
+
+
+def _to_millimetres(depth_raw: DepthMm, depth_factor: float) -> DepthMm:
+    if depth_factor == 1000.0:
+        return depth_raw
+    depth_mm = np.rint(depth_raw * (1000.0 / depth_factor))
+    return np.where(depth_mm <= MAX_DEPTH_MM, depth_mm, 0.0).astype(np.uint16)

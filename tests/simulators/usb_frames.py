@@ -1,0 +1,87 @@
+"""Frames as a Kinect sends them: packed 11-bit depth, Bayer colour, packed 10-bit infrared."""
+
+import struct
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.simulators.raw_depth import NOMINAL, RawDepthScale, mm_to_raw
+
+ROWS, COLUMNS = 480, 640
+INFRARED_ROWS = 488
+DEPTH_BITS, INFRARED_BITS = 11, 10
+_MAGIC = 0x4D4C464B
+_HEADER_BYTES = 64
+
+ColorBgr = NDArray[np.uint8]
+DepthMm = NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class UsbFrames:
+    """A file of frames, ready to be played."""
+
+    file: Path
+    count: int
+    scale: RawDepthScale
+
+
+def write_usb_frames(
+    folder: Path,
+    frames: Iterable[tuple[ColorBgr, DepthMm]],
+    infrared: Sequence[NDArray[np.uint16]] = (),
+    scale: RawDepthScale = NOMINAL,
+) -> UsbFrames:
+    """Write frames to a new file in `folder`.
+
+    Colour is (480, 640, 3) uint8 BGR, depth (480, 640) uint16 millimetres with 0 for no reading,
+    infrared (488, 640) uint16 below 1024: none at all, or one for each frame. `scale` is that of
+    the Kinect that shall play it; `fit_scale` finds the one that recorded the frames.
+    """
+    file = folder / f"film-{len(list(folder.glob('film-*')))}.bin"
+    infrared_bytes = INFRARED_ROWS * COLUMNS * INFRARED_BITS // 8 if len(infrared) else 0
+    count = 0
+    with file.open("wb") as opened:
+        opened.write(bytes(_HEADER_BYTES))
+        for count, (bgr, depth_mm) in enumerate(frames, start=1):
+            _check_shape(depth_mm, (ROWS, COLUMNS))
+            _check_shape(bgr, (ROWS, COLUMNS, 3))
+            opened.write(pack_bits(mm_to_raw(depth_mm, scale), DEPTH_BITS).tobytes())
+            opened.write(to_bayer(bgr).tobytes())
+            if infrared_bytes:
+                _check_shape(infrared[count - 1], (INFRARED_ROWS, COLUMNS))
+                opened.write(pack_bits(infrared[count - 1], INFRARED_BITS).tobytes())
+        sizes = (ROWS * COLUMNS * DEPTH_BITS // 8, ROWS * COLUMNS, infrared_bytes)
+        opened.seek(0)
+        opened.write(struct.pack("<5I", _MAGIC, count, *sizes))
+    return UsbFrames(file, count, scale)
+
+
+def to_bayer(bgr: ColorBgr) -> NDArray[np.uint8]:
+    """What a sensor behind the Kinect's colour filters sees: green red / blue green."""
+    mosaic = np.ascontiguousarray(bgr[:, :, 1])
+    mosaic[0::2, 1::2] = bgr[0::2, 1::2, 2]
+    mosaic[1::2, 0::2] = bgr[1::2, 0::2, 0]
+    return mosaic
+
+
+def pack_bits(values: NDArray[np.uint16], bits: int) -> NDArray[np.uint8]:
+    """Values of `bits` (9 to 16) bits without gaps, the highest bit first.
+
+    Eight values fill `bits` bytes, and no byte has bits of more than two values.
+    """
+    groups = values.reshape(-1, 8).astype(np.uint32)
+    packed = np.empty((len(groups), bits), np.uint8)
+    for byte in range(bits):
+        first, skipped = divmod(8 * byte, bits)
+        both = groups[:, first] << bits | groups[:, min(first + 1, 7)]
+        packed[:, byte] = both >> (2 * bits - skipped - 8) & 0xFF
+    return packed.ravel()
+
+
+def _check_shape(image: NDArray[np.generic], shape: tuple[int, ...]) -> None:
+    if image.shape != shape:
+        raise ValueError(f"a Kinect's image has the shape {shape}, not {image.shape}")

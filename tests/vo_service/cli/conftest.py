@@ -1,0 +1,29 @@
+"""Surroundings for commands: a cache of their own, one set of compiled kernels, a free port."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.ports import free_port
+from tests.vo_service.service_process import NO_MAP_CONFIG
+
+
+@pytest.fixture(autouse=True)
+def surroundings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing of the user's but the compiled kernels, which all processes of the tests share."""
+    monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
+    monkeypatch.setenv("OPENCV_LOG_LEVEL", "SILENT")
+
+
+@pytest.fixture
+def port() -> int:
+    """A port of 127.0.0.1 that nobody has."""
+    return free_port()
+
+
+@pytest.fixture
+def config(tmp_path: Path, port: int) -> Path:
+    """A configuration that publishes on the free port."""
+    file = tmp_path / "kinect.toml"
+    file.write_text(f'schema = 1\n[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\n{NO_MAP_CONFIG}')
+    return file

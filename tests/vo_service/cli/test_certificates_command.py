@@ -1,0 +1,41 @@
+"""``kinect-vo certificates`` as its user sees it."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.vo_service.cli.cli_runner import run_in_process
+
+
+@pytest.mark.subprocess
+def test_it_says_what_goes_where(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    names = ("--host", "localhost", "--robot", "robot1", "--reader", "tablet", "--operator", "desk")
+    outcome = run_in_process(capfd, "certificates", tmp_path / "keys", *names)
+    assert outcome.code == 0
+    assert (
+        f'{tmp_path}/keys/robot1: beside fleet-robot.json5 on the robot with prefix = "robot1"'
+        in (outcome.out)
+    )
+    for name in ("localhost", "robot1", "tablet", "desk"):
+        assert (tmp_path / "keys" / name / "tls.key").exists()
+    assert "This is for a test network" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ((), "nothing to make"),
+        (("--reader", "a/b"), "is no name"),
+        (("--reader", "same", "--operator", "same"), "is there already"),
+        (("--reader", "fine", "--days", "0"), "is not a number of days"),
+        (("--host", "bad host"), "is no name"),
+    ],
+)
+def test_a_mistake_is_one_line_and_makes_nothing(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], names: tuple[str, ...], words: str
+) -> None:
+    outcome = run_in_process(capfd, "certificates", tmp_path / "keys", *names)
+    assert outcome.code == 2
+    assert words in outcome.err
+    assert outcome.err.count("\n") == 1
+    assert not (tmp_path / "keys").exists()

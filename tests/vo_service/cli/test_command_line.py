@@ -1,0 +1,185 @@
+"""The command line as a whole: help, version, exit codes, logging."""
+
+import logging
+import os
+import signal
+import subprocess
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.service_process import KINECT_VO
+from vo_service.cli import warm_up
+from vo_service.cli.dispatch import COMMANDS
+
+
+@pytest.mark.subprocess
+def test_help_names_every_command_with_examples_and_exit_codes() -> None:
+    done = _in_shell(":", "--help")
+    assert (done.returncode, done.stderr) == (0, "")
+    for word in (*COMMANDS, "examples:", "exit codes:"):
+        assert word in done.stdout
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_command_has_help_with_an_example(
+    command: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    outcome = run_in_process(capfd, command, "--help")
+    assert (outcome.code, outcome.error_lines) == (0, "")
+    assert f"examples:\n  kinect-vo {command}" in outcome.out
+
+
+@pytest.mark.subprocess
+def test_the_version_is_the_packages() -> None:
+    done = _in_shell(":", "--version")
+    assert (done.returncode, done.stdout) == (0, f"kinect-vo {version('kinect-vo')}\n")
+
+
+def test_two_calls_in_one_process_say_everything_once(capfd: pytest.CaptureFixture[str]) -> None:
+    for _ in range(2):
+        outcome = run_in_process(capfd, "replay", "none", "--no-publish")
+        assert outcome.err == "kinect-vo: error: none: no such folder; check the path\n"
+
+
+def test_a_call_leaves_the_log_as_it_was(capfd: pytest.CaptureFixture[str]) -> None:
+    root = logging.getLogger()
+    before = (root.level, list(root.handlers))
+    run_in_process(capfd, "config", "check", "none.toml", "--verbose")
+    assert (root.level, list(root.handlers)) == before
+
+
+def test_a_call_leaves_the_signals_as_they_were(
+    recording: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    before = (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM))
+    run_in_process(capfd, "replay", recording, "--no-publish")
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+@pytest.mark.zenoh
+def test_a_good_configuration_is_said_to_be_good(
+    config: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    outcome = run_in_process(capfd, "config", "check", config)
+    assert (outcome.code, outcome.out, outcome.err) == (0, f"{config}: no mistakes\n", "")
+
+
+def test_warming_up_says_that_it_is_done(capfd: pytest.CaptureFixture[str]) -> None:
+    outcome = run_in_process(capfd, "warm-up")
+    assert (outcome.code, outcome.error_lines) == (0, "")
+    assert outcome.out.startswith("the kernels of keyframe and of maps are ready (")
+
+
+@pytest.mark.parametrize("enabled", ["true", "false"])
+def test_warming_up_prepares_loops_where_there_is_a_map(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, enabled: str
+) -> None:
+    config, prepared = tmp_path / "kinect.toml", list[str]()
+    config.write_text(f"schema = 1\n[map]\nenabled = {enabled}\n")
+
+    def prepare(*_: object) -> float:
+        prepared.append("loops")
+        return 1.0
+
+    for others in ("prepare_kernels", "run_warm_up"):
+        monkeypatch.setattr(warm_up, others, lambda *_: 0.0)
+    monkeypatch.setattr(warm_up, "prepare_loop_closure", prepare)
+    outcome = run_in_process(capfd, "warm-up", "--config", config)
+    assert (outcome.code, outcome.error_lines) == (0, "")
+    assert (" and of maps " in outcome.out, prepared) == (
+        (True, ["loops"]) if enabled == "true" else (False, [])
+    )
+
+
+@pytest.mark.subprocess
+def test_a_reader_that_has_gone_is_no_error() -> None:
+    ours, theirs = os.pipe()
+    os.close(ours)
+    done = subprocess.run(
+        [KINECT_VO, "udev", "show"],
+        env={name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
+        stdout=theirs, stderr=subprocess.PIPE, text=True, timeout=100, check=False,
+    )  # fmt: skip
+    os.close(theirs)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.subprocess
+def test_a_full_disk_under_standard_output_is_one_line() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [KINECT_VO, "udev", "show"],
+            stdout=full, stderr=subprocess.PIPE, text=True, timeout=100, check=False,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr.startswith("kinect-vo: error: standard output: No space left on device")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.subprocess
+def test_help_onto_a_full_disk_is_one_line() -> None:
+    done = _in_shell("exec >/dev/full", "--help")
+    assert done.returncode == 1
+    assert done.stderr.startswith("kinect-vo: error: standard output: No space left on device")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.subprocess
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_without_standard_streams_it_does_the_same(closed: str) -> None:
+    done = _in_shell(f"exec {closed}", "udev", "show")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_nowhere_to_keep_anything_is_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    in_the_way = tmp_path / f"kinect-vo-{os.getuid()}"
+    in_the_way.touch()
+    monkeypatch.setenv("HOME", str(in_the_way))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    for name in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    outcome = run_in_process(capfd, "config", "check", "none.toml")
+    assert outcome.code == 1
+    assert outcome.err.startswith("kinect-vo: error: no folder can be written to")
+    assert outcome.err.count("\n") == 1
+
+
+def _in_shell(first: str, *arguments: object) -> "subprocess.CompletedProcess[str]":
+    """A command in a shell that begins with `first`, which changes its streams."""
+    words = [KINECT_VO, *(str(argument) for argument in arguments)]
+    return subprocess.run(
+        ["sh", "-c", f'{first}; exec "$@"', "sh", *words],
+        capture_output=True, text=True, timeout=100, check=False,
+    )  # fmt: skip
+
+
+def test_a_line_of_the_log_takes_the_place_of_the_progress(
+    copy_recording: Callable[..., Path],
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    recording = copy_recording()
+    max((recording / "depth").iterdir()).write_bytes(b"")
+    outcome = run_in_process(capfd, "replay", recording, "--no-publish")
+    warnings = [line for line in outcome.err.split("\r\x1b[K") if "is skipped" in line]
+    assert warnings
+    assert all(line.startswith("kinect-vo: warning: ") for line in warnings)
+    assert outcome.err.endswith("\r\x1b[K")
+
+
+def test_ctrl_c_before_anything_has_begun_is_no_traceback(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(name: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("importlib.import_module", interrupt)
+    outcome = run_in_process(capfd, "replay", "room")
+    assert (outcome.code, outcome.out, outcome.err) == (130, "", "")

@@ -1,0 +1,67 @@
+"""``demo``: the whole line on the virtual Kinect, and what it leaves behind."""
+
+import json
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from drivers.core.trajectory import read_trajectory
+from drivers.synthetic.config import SyntheticConfig
+from tests.vo_service.cli.cli_runner import run_in_process
+from vo_service.cli import demo
+
+pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
+
+# Half a second of them. A busy machine drops most of them, as a robot would.
+FRAMES = 15
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache that keeps the rendered film for the next test."""
+    return tmp_path_factory.mktemp("film")
+
+
+@pytest.fixture(autouse=True)
+def short(film: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CACHE_DIRECTORY", str(film))
+    # Painted in a second, not in five.
+    monkeypatch.setattr(demo, "SyntheticConfig", partial(SyntheticConfig, texel_m=0.01))
+
+
+def test_it_plays_every_frame_and_leaves_trajectory_truth_and_picture(
+    config: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "demo"
+    options = ("--seconds", "0.5", "--no-serve", "--config", config, "--output", folder)
+    outcome = run_in_process(capfd, "demo", *options, "--json")
+    assert outcome.code == 0
+    figures = json.loads(outcome.out)
+    assert figures["frames"] + figures["dropped"] == FRAMES
+    assert figures["frames"] >= 3
+    assert figures["ate_rmse_m"] < 0.02
+    assert len(read_trajectory(folder / "trajectory.txt")) == figures["frames"]
+    assert len(read_trajectory(folder / "groundtruth.txt")) == FRAMES
+    assert (folder / "trajectory.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "demo.rrd").stat().st_size > 10_000
+
+
+def test_for_people_it_says_where_to_look_and_how_it_went(
+    config: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "demo"
+    options = ("--seconds", "0.5", "--no-serve", "--config", config, "--output", folder)
+    outcome = run_in_process(capfd, "demo", *options)
+    said = outcome.out + outcome.err
+    for words in ("kinect-vo listen", f"results: {folder}", "ATE, RMSE", "latency"):
+        assert words in said
+
+
+def test_an_output_folder_that_cannot_be_made_is_one_line_before_anything_is_rendered(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    outcome = run_in_process(capfd, "demo", "--output", tmp_path / "file" / "demo")
+    assert (outcome.code, outcome.err.count("\n")) == (2, 1)
+    assert "cannot be created" in outcome.err

@@ -1,0 +1,138 @@
+"""The same frames as a folder, through libOpenNI2, through fakenect and on a Kinect's wire."""
+
+import math
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, inverse
+from drivers.core.trajectory import read_trajectory
+from drivers.tum.writer import TumWriter
+from tests.simulators.fakenect_dump import write_fakenect_dump
+from tests.simulators.kinect_simulator import KinectSimulator, LoopMode
+from tests.simulators.oni_writer import frames_to_oni_images, write_oni
+from tests.simulators.raw_depth import NOMINAL, raw_to_mm
+from tests.simulators.usb_frames import ColorBgr, DepthMm, write_usb_frames
+from tests.vo_service.cli.cli_runner import count_lines, run_in_process, running_subprocess
+from tests.vo_service.corner_sequence import corner_frames, make_corner_kinect
+from tests.waiting import wait_until
+
+pytestmark = pytest.mark.subprocess
+
+COUNT = 8
+# Slow enough for any machine, as a live camera's late frames are dropped.
+PLAYED_HZ = 3
+# Of the 1000 that are looked for, those that agree on each motion.
+FEWEST_POINTS = 500
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[RgbdFrame]:
+    """What is to be seen by every way; depth in whole millimetres."""
+    return list(corner_frames(COUNT))
+
+
+@pytest.fixture
+def replayed(frames: list[RgbdFrame], tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Path:
+    """The trajectory that a replay of the folder writes."""
+    folder, trajectory = tmp_path / "folder", tmp_path / "replayed.txt"
+    with TumWriter(folder) as writer:
+        for frame in frames:
+            writer.write(frame)
+    run_in_process(capfd, "replay", folder, "--no-publish", "--trajectory", trajectory)
+    return trajectory
+
+
+@pytest.fixture
+def camera_file(replayed: Path) -> Path:
+    """The folder's."""
+    return replayed.with_name("folder") / "camera.toml"
+
+
+def served(source: str, camera_file: Path, *options: str, count: int = COUNT) -> Path:
+    """The trajectory that the service writes, once it has so many poses."""
+    trajectory = camera_file.parents[1] / "served.txt"
+    given = ("--camera-file", camera_file, "--no-publish", "--trajectory", trajectory)
+    with running_subprocess("run", "--camera", source, *given, *options) as process:
+        wait_until(lambda: count_lines(trajectory) >= count or process.poll() is not None)
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=100)
+    assert process.returncode == 0, err
+    return trajectory
+
+
+def images(frames: list[RgbdFrame]) -> Iterator[tuple[ColorBgr, DepthMm]]:
+    return ((frame.color_bgr, frame.depth_raw) for frame in frames)
+
+
+@pytest.mark.usefixtures("real_openni2")
+def test_an_oni_recording_gives_the_bytes_of_a_replay(
+    frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
+) -> None:
+    write_oni(tmp_path / "frames.oni", frames_to_oni_images(frames))
+    trajectory = served(f"openni2:{tmp_path / 'frames.oni'}", camera_file, "--pace", "lockstep")
+    assert trajectory.read_bytes() == replayed.read_bytes()
+
+
+@pytest.mark.usefixtures("fakenect")
+def test_a_fakenect_dump_gives_the_bytes_of_a_replay(
+    frames: list[RgbdFrame], replayed: Path, camera_file: Path, tmp_path: Path
+) -> None:
+    write_fakenect_dump(tmp_path / "dump", images(frames))
+    trajectory = served(f"fakenect:{tmp_path / 'dump'}", camera_file, "--pace", "lockstep")
+    assert trajectory.read_bytes() == replayed.read_bytes()
+
+
+def test_a_played_kinect_gives_a_replays_poses_within_what_its_encoding_costs(
+    frames: list[RgbdFrame],
+    replayed: Path,
+    camera_file: Path,
+    tmp_path: Path,
+    real_libfreenect: None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with make_corner_kinect(tmp_path, write_usb_frames(tmp_path, images(frames))) as kinect:
+        kinect.rate, kinect.loop, kinect.waits_for_reader = PLAYED_HZ, LoopMode.ONCE, True
+        for name, value in kinect.environment.items():
+            monkeypatch.setenv(name, value)
+        found = read_trajectory(served("freenect", camera_file, count=COUNT - 2))
+        seqs = film_seqs(found.stamps_s, kinect)
+    assert seqs[0] >= 0
+    assert len(seqs) >= COUNT - 2
+    reference = read_trajectory(replayed).T_world_camera[seqs]
+    expected = inverse(reference[0]) @ reference
+    apart_m = np.linalg.norm((expected - found.T_world_camera)[:, :3, 3], axis=1)
+    farthest_mm = int(max(frame.depth_raw.max() for frame in frames))
+    assert apart_m.max() <= encoding_costs_m(farthest_mm, motions=seqs[-1] - seqs[0])
+
+
+def film_seqs(stamps_s: Array, kinect: KinectSimulator) -> list[int]:
+    """Which frames of the film these are, by the instant at which the Kinect sent them.
+
+    Stamps are late by what held up the image that came soonest so far. So the last one is nearest
+    to the truth, and a step between two is never longer than it should be, but may be half of it.
+    """
+    unix_s = time.time() - time.monotonic()
+    began_s = kinect._control.film_began_ns / 1e9 + unix_s
+    seqs = [round((stamps_s[-1] - began_s) * PLAYED_HZ)]
+    for step_s in reversed(np.diff(stamps_s)):
+        seqs.insert(0, seqs[0] - math.ceil(step_s * PLAYED_HZ - 0.05))
+    return seqs
+
+
+def encoding_costs_m(farthest_mm: int, motions: int) -> float:
+    """How far a position may be off, three sigma, after so many motions from image to image.
+
+    A reading is rounded to the Kinect's steps of depth: off by step / sqrt(12). A motion is the
+    mean over the points of two images. Grey is not changed by the mosaic of colours.
+    """
+    told_mm = raw_to_mm(np.arange(2048, dtype=np.uint16), NOMINAL)
+    told_mm = told_mm[told_mm > 0]
+    index = int(np.searchsorted(told_mm, farthest_mm))
+    step_m = 1e-3 * (int(told_mm[index]) - int(told_mm[index - 1]))
+    return 3 * step_m / math.sqrt(12) * math.sqrt(2 * motions / FEWEST_POINTS)

@@ -1,0 +1,238 @@
+"""``listen`` in a process of its own against real publishers."""
+
+import argparse
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.core.errors import InputError
+from drivers.core.geometry import rigid_transform
+from tests.forked_process import ForkedProcess
+from tests.ports import free_port
+from tests.waiting import wait_until
+from vo_service.cli import listen
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.cdr_odometry import OdometryMessage, encode_odometry
+from vo_service.outputs.zenoh.cdr_transform import TransformMessage, encode_transform
+from vo_service.outputs.zenoh.session import open_session
+
+pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
+
+COMMAND = """
+import argparse, sys
+from vo_service.cli import listen
+parser = argparse.ArgumentParser()
+listen.add_arguments(parser)
+sys.exit(listen.run(parser.parse_args()))
+"""
+ABOUT = {"schema": 1, "seq": 7, "state": "tracking", "epoch": 2, "reason": ""}
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@contextmanager
+def listener(endpoint: str, *options: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-c", COMMAND, "--connect", endpoint, *options]
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with ForkedProcess(command, **pipes) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def said(process: subprocess.Popen[str]) -> str:
+    """The next line on stderr."""
+    assert process.stderr is not None
+    return process.stderr.readline()
+
+
+def printed(process: subprocess.Popen[str]) -> str:
+    """The next line on stdout."""
+    assert process.stdout is not None
+    return process.stdout.readline()
+
+
+class Publisher:
+    """What a kinect-vo sends, by hand."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._session = open_session(ZenohConfig(listen=(endpoint,)))
+        self._odom = self._session.declare_publisher("kinect/odom")
+        self._token = self._session.liveliness().declare_token("kinect/alive")
+
+    def wait(self) -> None:
+        """Until the listener's subscriptions have reached us."""
+        wait_until(lambda: self._odom.matching_status.matching)  # type: ignore[attr-defined]
+
+    def pose(self, x_m: float) -> None:
+        self.wait()
+        T = rigid_transform(np.eye(3), [x_m, 0.5, -0.25])
+        message = OdometryMessage(12.5, "odom", "base_link", T, np.eye(6), np.zeros(6), np.eye(6))
+        self._odom.put(encode_odometry(message), attachment=json.dumps(ABOUT).encode())
+
+    def map_odom(self, seq: int, **about: Any) -> None:
+        self.wait()
+        T = rigid_transform(np.eye(3), [0.5, 0.25, 0.0])
+        usual = {
+            "schema": 1, "seq": seq, "epoch": 0, "is_located": True, "places": 9, "loops": 1,
+        }  # fmt: skip
+        self._session.put(
+            "kinect/map_odom",
+            encode_transform(TransformMessage(12.5, "map", "odom", T)),
+            attachment=json.dumps(usual | about).encode(),
+        )
+
+    def garbage(self) -> None:
+        self.wait()
+        self._odom.put(b"nonsense")
+
+    def status(self, state: str, reason: str) -> None:
+        self.wait()
+        content = {"schema": 1, "state": state, "reason": reason, "fps": 30.0}
+        self._session.put("kinect/status", json.dumps(content).encode())
+
+    def close(self) -> None:
+        self._session.close()  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def publisher(endpoint: str) -> Iterator[Publisher]:
+    it = Publisher(endpoint)
+    try:
+        yield it
+    finally:
+        it.close()
+
+
+def test_a_pose_is_one_line(endpoint: str) -> None:
+    with publisher(endpoint) as robot, listener(endpoint, "--count", "2") as process:
+        assert said(process) == f"listen: listening to kinect at {endpoint}\n"
+        robot.pose(1.0)
+        robot.pose(2.0)
+        assert printed(process) == (
+            "12.500000 1.0000 0.5000 -0.2500 0.00000 0.00000 0.00000 1.00000 tracking\n"
+        )
+        assert printed(process).split()[1] == "2.0000"
+        assert process.wait(100) == 0
+
+
+def test_json_gives_one_object_a_line(endpoint: str) -> None:
+    with publisher(endpoint) as robot, listener(endpoint, "--json", "--count", "1") as process:
+        said(process)
+        robot.status("degraded", "few inliers")
+        status = json.loads(printed(process))
+        robot.pose(1.0)
+        pose = json.loads(printed(process))
+    assert (status["kind"], status["state"], status["fps"]) == ("status", "degraded", 30.0)
+    assert (pose["kind"], pose["seq"], pose["epoch"]) == ("pose", 7, 2)
+    assert pose["position_m"] == [1.0, 0.5, -0.25]
+    assert pose["quaternion_xyzw"] == [0.0, 0.0, 0.0, 1.0]
+
+
+def test_only_changes_of_status_are_said(endpoint: str) -> None:
+    with publisher(endpoint) as robot, listener(endpoint) as process:
+        said(process)
+        robot.status("lost", "too few matches")
+        robot.status("lost", "too few matches")
+        robot.status("tracking", "")
+        assert said(process) == "listen: status lost: too few matches\n"
+        assert said(process) == "listen: status tracking\n"
+
+
+def test_what_corrects_the_map_is_said_once(endpoint: str) -> None:
+    with publisher(endpoint) as robot, listener(endpoint) as process:
+        said(process)
+        robot.map_odom(0, loops=0)
+        for seq in range(3):
+            robot.map_odom(seq)
+        robot.map_odom(4, places=10)
+        robot.map_odom(5, is_located=False)
+        assert said(process) == (
+            "listen: map of places: 9, loops: 1; odom at 0.5000 0.2500 0.0000 "
+            "0.00000 0.00000 0.00000 1.00000\n"
+        )
+        assert said(process) == ("listen: map of places: 9; where odom lies in it is not known\n")
+
+
+def test_json_gives_each_change_of_the_map(endpoint: str) -> None:
+    with publisher(endpoint) as robot, listener(endpoint, "--json") as process:
+        said(process)
+        for seq, places in ((0, 9), (1, 9), (2, 10)):
+            robot.map_odom(seq, places=places)
+        found = [json.loads(printed(process)) for _ in range(2)]
+    assert [(each["kind"], each["seq"], each["places"]) for each in found] == [
+        ("map_odom", 0, 9), ("map_odom", 2, 10),
+    ]  # fmt: skip
+    assert found[0]["position_m"] == [0.5, 0.25, 0.0]
+    assert (found[0]["frame_id"], found[0]["child_frame_id"]) == ("map", "odom")
+
+
+def test_it_waits_for_a_publisher_and_for_its_return(endpoint: str) -> None:
+    with listener(endpoint, "--count", "2") as process:
+        assert said(process) == f"listen: waiting for kinect at {endpoint} (Ctrl-C ends)\n"
+        with publisher(endpoint) as robot:
+            assert "listening to" in said(process)
+            robot.pose(1.0)
+            assert printed(process).endswith("tracking\n")
+        assert "has gone" in said(process)
+        with publisher(endpoint) as robot:
+            assert "listening to" in said(process)
+            robot.pose(1.0)
+            assert printed(process).endswith("tracking\n")
+        assert process.wait(100) == 0
+
+
+def test_ctrl_c_ends_it_cleanly(endpoint: str) -> None:
+    with listener(endpoint) as process:
+        assert "waiting" in said(process)
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=100)
+    assert (output, errors, process.returncode) == ("", "", 0)
+
+
+def test_a_reader_that_leaves_ends_it_quietly(endpoint: str) -> None:
+    with publisher(endpoint) as robot, listener(endpoint) as process:
+        said(process)
+        assert process.stdout is not None
+        process.stdout.close()
+        robot.pose(1.0)
+        assert process.wait(100) == 0
+        assert process.stderr is not None
+        assert process.stderr.read() == ""
+
+
+def test_a_message_that_cannot_be_read_is_passed_over(endpoint: str) -> None:
+    with publisher(endpoint) as robot, listener(endpoint, "--count", "1") as process:
+        said(process)
+        robot.garbage()
+        assert "kinect/odom: passed over a message that cannot be read" in said(process)
+        robot.pose(1.0)
+        assert process.wait(100) == 0
+
+
+@pytest.mark.parametrize("options", [["--prefix", "/x"], ["--connect", "nonsense"]])
+def test_a_bad_option_is_an_input_error(options: list[str]) -> None:
+    parser = argparse.ArgumentParser()
+    listen.add_arguments(parser)
+    with pytest.raises(InputError):
+        listen.run(parser.parse_args(options))
+
+
+@pytest.mark.parametrize("count", ["0", "-1", "many"])
+def test_a_count_that_is_none_is_refused(count: str, capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    listen.add_arguments(parser)
+    with pytest.raises(SystemExit):
+        parser.parse_args(["--count", count])
+    assert "--count" in capsys.readouterr().err

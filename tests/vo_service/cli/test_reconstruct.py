@@ -1,0 +1,210 @@
+"""``reconstruct`` over a small recording: what it leaves, what it refuses, Ctrl-C."""
+
+import json
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array
+from drivers.core.trajectory import read_trajectory
+from tests.conftest import FRAMES
+from tests.full_disk import limit_file_size
+from tests.vo_service.cli.cli_runner import CommandResult, run_in_process
+from tests.vo_service.odometry.synthetic_views import FLOOR, WALL
+from tests.vo_service.reconstruction.ply_reader import read_ply
+from vo_service.reconstruction.reconstructor import Reconstructor
+
+CopyRecording = Callable[..., Path]
+PICTURES = ("perspective.png", "top.png", "view.png")
+FILES = sorted((*PICTURES, "map.ply", "reconstruction.json"))
+COARSE = ("--voxel-m", 0.04, "--memory-mb", 100)
+
+
+def names(folder: Path) -> list[str]:
+    """Of its files; the compiled kernels' cache apart."""
+    there = folder.iterdir() if folder.exists() else ()
+    return sorted(path.name for path in there if path.name != "cache")
+
+
+def assert_one_line(outcome: CommandResult, said: str) -> None:
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1), outcome
+    assert outcome.err.startswith("kinect-vo: error: ")
+    assert said in outcome.err
+
+
+def off_corner_m(points_m: Array) -> Array:
+    """Distance of points to the nearer of the two planes that the recording shows."""
+    off = [(points_m @ normal - d) / np.linalg.norm(normal) for normal, d in (WALL, FLOOR)]
+    nearer: Array = np.min(np.abs(off), axis=0)
+    return nearer
+
+
+def likeness(one: Path, other: Path) -> float:
+    """Correlation of two images, apart from their rims and finest detail; 1 is the same."""
+    images = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in (one, other)]
+    a, b = (
+        cv2.GaussianBlur(image, (0, 0), 4)[30:-30, 30:-30].astype(np.float64).ravel()
+        for image in images
+        if image is not None
+    )
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+@pytest.mark.rerun
+def test_a_given_trajectory_makes_a_map_in_its_own_world(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    output, rerun = tmp_path / "maps" / "corner", tmp_path / "map.rrd"
+    given = ("--output", output, "--rerun", rerun, "--voxel-m", 0.02)
+    outcome = run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
+    assert (outcome.code, outcome.error_lines) == (0, "")
+    assert f"in the map              {FRAMES}" in outcome.out
+    assert names(output) == FILES
+    mesh = read_ply(output / "map.ply")
+    assert np.median(off_corner_m(mesh.vertices_m.astype(np.float64))) < 0.005
+    for name in PICTURES:
+        picture = cv2.imread(str(output / name))
+        assert picture is not None
+        assert picture.std() > 10
+    # What the camera would see of the map is what it saw.
+    assert likeness(output / "view.png", min((recording / "rgb").iterdir())) > 0.8
+    assert rerun.stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_without_a_trajectory_the_odometry_runs_and_leaves_its_own(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    outcome = run_in_process(
+        capfd, "reconstruct", recording, "--output", tmp_path, "--json", *COARSE
+    )
+    assert (outcome.code, outcome.error_lines, outcome.out.count("\n")) == (0, "", 1)
+    figures = json.loads(outcome.out)
+    assert json.loads((tmp_path / "reconstruction.json").read_text()) == figures
+    assert (figures["frames"], figures["fused"], figures["without_pose"]) == (FRAMES, FRAMES, 0)
+    assert (figures["cut_short"], figures["full_at_frame"]) == (False, None)
+    assert names(tmp_path) == sorted([*FILES, "trajectory.txt"])
+    np.testing.assert_array_equal(
+        read_trajectory(tmp_path / "trajectory.txt").T_world_camera[0], np.eye(4)
+    )
+    assert len(read_ply(tmp_path / "map.ply").triangles) == figures["triangles"] > 1000
+
+
+def test_loops_cannot_correct_a_given_trajectory(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    truth, output = recording / "groundtruth.txt", tmp_path / "output"
+    outcome = run_in_process(capfd, "reconstruct", recording, truth, "--loops", "--output", output)
+    assert_one_line(outcome, f"{truth}: --loops corrects the poses of the odometry alone")
+    assert not output.exists()
+
+
+@pytest.mark.slow
+def test_a_full_map_is_one_line_of_warning_and_still_a_map(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    tight = ("--voxel-m", 0.01, "--memory-mb", 20, "--output", tmp_path, "--json")
+    outcome = run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *tight)
+    assert (outcome.code, outcome.error_lines.count("\n")) == (0, 1)
+    assert "the map was full at frame 1 of 12: what came into view later is left out" in outcome.err
+    assert "--memory-mb 20, or larger voxels than --voxel-m 0.01" in outcome.err
+    assert json.loads(outcome.out)["full_at_frame"] == 1
+    assert len(read_ply(tmp_path / "map.ply").triangles) > 0
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--voxel-m", "0"), "--voxel-m: 0 is not a length: give 0.002 to 0.5"),
+        (("--voxel-m", "nan"), "--voxel-m: nan is not a length"),
+        (("--memory-mb", "5"), "--memory-mb: 5 is not a size: give 20 or more"),
+        (("--memory-mb", "1e3"), "--memory-mb: 1e3 is not a size"),
+        (("--memory-mb", "9000000"), "--memory-mb 9000000: this computer does not have it"),
+        (("--max-depth-m", "-1"), "--max-depth-m: -1 is not a length"),
+        (("--rerun", "nowhere"), "rerun target 'nowhere'"),
+        (("--output", "/proc/no/such"), "/proc/no/such: cannot be created"),
+        (("nowhere.txt",), "nowhere.txt: cannot read the trajectory"),
+    ],
+)
+def test_what_is_wrong_on_the_command_line_is_one_line(
+    recording: Path, capfd: pytest.CaptureFixture[str], tmp_path: Path,
+    given: tuple[str, ...], said: str,
+) -> None:  # fmt: skip
+    output = () if "--output" in given else ("--output", tmp_path / "output")
+    assert_one_line(run_in_process(capfd, "reconstruct", recording, *given, *output), said)
+    assert set(names(tmp_path)) <= {"output"}
+    assert names(tmp_path / "output") == []
+
+
+def test_a_trajectory_of_another_recording_is_refused(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.txt"
+    other.write_text("500.0 0 0 0 0 0 0 1\n500.1 0 0 0 0 0 0 1\n")
+    outcome = run_in_process(
+        capfd, "reconstruct", recording, other, "--output", tmp_path / "output"
+    )
+    assert_one_line(outcome, f"{other}: has no pose within 20 ms of any frame of {recording}")
+    assert "(poses 500.000..500.100 s, frames 0.000..0.367 s)" in outcome.err
+    assert not (tmp_path / "output").exists()
+
+
+def test_a_recording_without_depth_is_refused(
+    copy_recording: CopyRecording, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording()
+    for image in (folder / "depth").iterdir():
+        cv2.imwrite(str(image), np.zeros((240, 320), np.uint16))
+    output = ("--output", tmp_path / "output")
+    truth = run_in_process(capfd, "reconstruct", folder, folder / "groundtruth.txt", *output)
+    assert_one_line(truth, f"no depth up to 4 m in any of {FRAMES} frames")
+    odometry = run_in_process(capfd, "reconstruct", folder, *output)
+    assert_one_line(odometry, f"the odometry found no motion in any of {FRAMES} frames")
+    assert names(tmp_path / "output") == []
+
+
+def test_an_empty_folder_is_refused_before_anything_is_made(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "empty").mkdir()
+    output = tmp_path / "output"
+    outcome = run_in_process(capfd, "reconstruct", tmp_path / "empty", "--output", output)
+    assert_one_line(outcome, "the folder is empty")
+    assert not output.exists()
+
+
+@pytest.mark.slow
+def test_ctrl_c_leaves_the_map_of_the_frames_until_then(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    add = Reconstructor.add_frame
+
+    def interrupted(self: Reconstructor, frame: RgbdFrame) -> None:
+        add(self, frame)
+        if self.result.frames == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Reconstructor, "add_frame", interrupted)
+    given = ("--output", tmp_path, "--json", *COARSE)
+    outcome = run_in_process(capfd, "reconstruct", recording, recording / "groundtruth.txt", *given)
+    figures = json.loads(outcome.out)
+    assert (outcome.code, figures["frames"], figures["cut_short"]) == (130, 5, True)
+    assert names(tmp_path) == FILES
+
+
+def test_a_full_disk_is_one_line_and_leaves_no_half_of_a_file(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    truth, given = recording / "groundtruth.txt", ("--output", tmp_path / "output", *COARSE)
+    with limit_file_size(20_000):
+        outcome = run_in_process(capfd, "reconstruct", recording, truth, *given)
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (1, "", 1)
+    assert f"{tmp_path / 'output' / 'map.ply'}: cannot be written" in outcome.err
+    assert names(tmp_path / "output") == []

@@ -1,0 +1,125 @@
+"""``record``: what was recorded replays as the source did."""
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import CameraState, CameraStatus, Clock, FrameTimeout
+from tests.conftest import FRAMES
+from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.fakes import Delay, Event, FakeClock, ScriptedCamera, make_frame
+from vo_service.cli import record
+
+MISSING = CameraStatus(CameraState.ABSENT, "no Kinect found; plug one in")
+
+
+def test_a_recording_of_a_recording_replays_to_the_same_bytes(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "copy"
+    outcome = run_in_process(capfd, "record", "--camera", f"tum:{recording}", copy)
+    assert (outcome.code, outcome.error_lines) == (0, "")
+    assert outcome.out == f"{FRAMES} frames in {copy}\n"
+    for source, written in ((recording, tmp_path / "a.txt"), (copy, tmp_path / "b.txt")):
+        run_in_process(capfd, "replay", source, "--no-publish", "--trajectory", written)
+    assert (tmp_path / "a.txt").read_bytes() == (tmp_path / "b.txt").read_bytes()
+
+
+def test_the_ground_truth_goes_with_it(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    run_in_process(capfd, "record", "--camera", f"tum:{recording}", tmp_path / "copy")
+    truth = (tmp_path / "copy" / "groundtruth.txt").read_bytes()
+    assert truth == (recording / "groundtruth.txt").read_bytes()
+
+
+def test_it_stops_after_the_seconds_of_the_cameras_time(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "short"
+    outcome = run_in_process(
+        capfd, "record", "--camera", f"tum:{recording}", "--seconds", "0.2", folder
+    )
+    assert outcome.out == f"6 frames in {folder}\n"
+    assert len((folder / "associations.txt").read_text().splitlines()) == 1 + 6
+
+
+def test_a_recording_in_jpeg_can_be_replayed(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "small"
+    run_in_process(capfd, "record", "--camera", f"tum:{recording}", "--jpeg", folder)
+    assert len(list((folder / "rgb").glob("*.jpg"))) == FRAMES
+    outcome = run_in_process(capfd, "replay", folder, "--no-publish", "--json")
+    assert json.loads(outcome.out)["failed"] == 0
+
+
+def have_camera(monkeypatch: pytest.MonkeyPatch, *events: Event) -> None:
+    """The camera that is recorded, whatever is asked for; it is waited for in no time."""
+    clock = FakeClock()
+    monkeypatch.setattr(record, "time", clock)
+    monkeypatch.setattr(record, "make_camera", lambda _: ScriptedCamera(events, clock=clock))
+
+
+def test_a_camera_that_is_not_there_is_an_error_after_a_while_and_makes_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    have_camera(monkeypatch, MISSING, Delay(9.0, FrameTimeout()), Delay(2.0, FrameTimeout()))
+    outcome = run_in_process(capfd, "record", tmp_path / "new")
+    assert outcome.err == (
+        "kinect-vo: error: scripted: no frame for 10 s, the camera is absent: no Kinect found; "
+        "plug one in; see to the camera and record again\n"
+    )
+    assert (outcome.code, outcome.out) == (1, "")
+    assert not (tmp_path / "new").exists()
+
+
+def test_an_end_before_the_first_frame_makes_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    have_camera(monkeypatch)
+    outcome = run_in_process(capfd, "record", tmp_path / "new")
+    assert (outcome.code, outcome.out) == (0, "no frame came: nothing is written\n")
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_camera_that_comes_late_or_comes_back_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pause = Delay(9.0, FrameTimeout())
+    have_camera(monkeypatch, MISSING, pause, make_frame(1), MISSING, pause, make_frame(2))
+    outcome = run_in_process(capfd, "record", tmp_path / "new")
+    assert (outcome.code, outcome.out) == (0, f"2 frames in {tmp_path / 'new'}\n")
+
+
+def test_when_a_camera_stays_away_what_was_recorded_is_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    have_camera(
+        monkeypatch,
+        make_frame(1),
+        make_frame(2),
+        MISSING,
+        Delay(11.0, FrameTimeout()),
+        make_frame(3),
+    )
+    outcome = run_in_process(capfd, "record", tmp_path / "new")
+    assert outcome.code == 1
+    assert "plug one in; the frames recorded so far are complete\n" in outcome.err
+    assert len((tmp_path / "new" / "associations.txt").read_text().splitlines()) == 1 + 2
+
+
+def test_a_live_camera_is_recorded_under_unix_time(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    camera = ScriptedCamera([make_frame(k, time.monotonic() + k) for k in range(3)])
+    camera.clock = Clock.MONOTONIC
+    monkeypatch.setattr(record, "make_camera", lambda _: camera)
+    before_s = time.time()
+    run_in_process(capfd, "record", tmp_path / "new")
+    lines = (tmp_path / "new" / "rgb.txt").read_text().splitlines()
+    stamps = [float(line.split()[0]) for line in lines[1:]]
+    assert before_s - 5.0 < stamps[0] < time.time() + 5.0
+    assert [stamp - stamps[0] for stamp in stamps] == pytest.approx([0.0, 1.0, 2.0], abs=0.1)

@@ -1,0 +1,171 @@
+"""``replay`` over a small recording: figures, trajectory, the same bytes every time, Ctrl-C."""
+
+import json
+import signal
+import socket
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.core.trajectory import read_trajectory
+from tests.conftest import FRAMES
+from tests.vo_service.cli.cli_runner import (
+    count_lines,
+    run_in_process,
+    run_subprocess,
+    running_subprocess,
+    stretch_timing,
+)
+from tests.waiting import wait_until
+from vo_service.outputs.zenoh import connection
+
+FIGURES = (
+    *("frames", "failed", "skipped", "coverage", "stage_ms", "cpu_ms_per_frame", "ate_rmse_m"),
+    *("mean_global_error_m", "rpe_frame_m", "rpe_frame_deg", "rpe_1s_m", "rpe_1s_deg"),
+)
+CopyRecording = Callable[..., Path]
+
+
+@pytest.mark.subprocess
+def test_json_is_one_object_on_stdout_and_nothing_else(recording: Path, tmp_path: Path) -> None:
+    outcome = run_subprocess("replay", recording, "--no-publish", "--json")
+    assert (outcome.code, outcome.error_lines) == (0, "")
+    assert outcome.out.count("\n") == 1
+    figures = json.loads(outcome.out)
+    assert set(FIGURES) <= set(figures)
+    assert [figures[key] for key in ("frames", "failed", "skipped", "coverage")] == [
+        FRAMES,
+        0,
+        0,
+        1,
+    ]
+    assert 0 < figures["ate_rmse_m"] < 0.003
+    assert 0 < figures["rpe_frame_deg"] < 0.1
+    assert figures["rpe_1s_m"] is None  # the recording is shorter
+    assert set(figures["stage_ms"]) >= {"images", "align", "certainty"}
+    assert figures["cpu_ms_per_frame"] > 0
+
+
+def test_without_ground_truth_its_figures_are_null(
+    copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording()
+    (folder / "groundtruth.txt").unlink()
+    figures = json.loads(run_in_process(capfd, "replay", folder, "--no-publish", "--json").out)
+    assert (figures["frames"], figures["failed"]) == (FRAMES, 0)
+    judged = [key for key in FIGURES if key.endswith(("_m", "_deg"))]
+    assert [figures[key] for key in ("coverage", *judged)] == [None] * 7
+
+
+def test_for_people_the_figures_are_a_table(
+    recording: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    outcome = run_in_process(capfd, "replay", recording, "--no-publish")
+    assert (outcome.code, outcome.error_lines) == (0, "")
+    for label in ("frames", "failed", "CPU a frame", "ATE, RMSE", "RPE, one second", "coverage"):
+        assert f"\n{label}  " in f"\n{outcome.out}"
+
+
+def test_the_trajectory_starts_at_the_identity_and_follows_the_truth(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    written = tmp_path / "poses.txt"
+    run_in_process(capfd, "replay", recording, "--no-publish", "--trajectory", written)
+    found, truth = read_trajectory(written), read_trajectory(recording / "groundtruth.txt")
+    np.testing.assert_array_equal(found.T_world_camera[0], np.eye(4))
+    np.testing.assert_array_equal(found.stamps_s, truth.stamps_s)
+    np.testing.assert_allclose(found.T_world_camera, truth.T_world_camera, atol=0.004)
+
+
+@pytest.mark.subprocess
+def test_a_replay_repeats_bit_for_bit_also_in_another_process(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    run_in_process(capfd, "replay", recording, "--no-publish", "--trajectory", tmp_path / "a.txt")
+    run_subprocess("replay", recording, "--no-publish", "--trajectory", tmp_path / "b.txt")
+    assert (tmp_path / "a.txt").read_bytes() == (tmp_path / "b.txt").read_bytes()
+    assert count_lines(tmp_path / "a.txt") == FRAMES
+
+
+def test_an_unreadable_frame_in_the_middle_is_skipped_counted_and_reported(
+    copy_recording: CopyRecording, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording()
+    broken = folder / "rgb" / "0.200000.png"
+    broken.write_bytes(broken.read_bytes()[:500])
+    outcome = run_in_process(capfd, "replay", folder, "--no-publish", "--json")
+    figures = json.loads(outcome.out)
+    assert (outcome.code, outcome.err.count("\n")) == (0, 1)
+    assert outcome.err.startswith(f"kinect-vo: warning: frame 6 is skipped: {broken}: is truncated")
+    assert [figures[key] for key in ("frames", "failed", "skipped")] == [FRAMES - 1, 0, 1]
+    assert figures["coverage"] == pytest.approx((FRAMES - 1) / FRAMES)
+
+
+def test_a_camera_file_on_the_command_line_wins(
+    copy_recording: CopyRecording, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording()
+    given = (folder / "camera.toml").rename(tmp_path / "given.toml")
+    assert run_in_process(capfd, "replay", folder, "--no-publish").code == 2
+    assert run_in_process(capfd, "replay", folder, "--no-publish", "--camera", given).code == 0
+
+
+@pytest.mark.subprocess
+def test_ctrl_c_ends_it_and_keeps_whole_lines(
+    copy_recording: CopyRecording, tmp_path: Path
+) -> None:
+    folder, written = stretch_timing(copy_recording(lists=True), 0.5), tmp_path / "poses.txt"
+    options = ("--no-publish", "--json", "--pace", "realtime", "--trajectory", written)
+    with running_subprocess("replay", folder, *options) as process:
+        wait_until(lambda: count_lines(written) >= 2)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=100)
+    assert (process.returncode, err.count("\n")) == (130, err.count("no evaluation"))
+    poses = count_lines(written)
+    assert 2 <= poses < FRAMES
+    assert written.read_bytes().endswith(b"\n")
+    assert json.loads(out)["frames"] == poses == len(read_trajectory(written))
+
+
+def test_a_recording_is_not_overwritten_by_its_own_trajectory(
+    copy_recording: Callable[..., Path], capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_recording()
+    before = (folder / "groundtruth.txt").read_bytes()
+    outcome = run_in_process(capfd, "replay", folder, "--trajectory", folder / "groundtruth.txt")
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
+    assert (folder / "groundtruth.txt").read_bytes() == before
+
+
+@pytest.mark.subprocess
+def test_eight_replays_at_once_all_end_well_with_the_same_trajectory(
+    recording: Path, tmp_path: Path
+) -> None:
+    files = [tmp_path / f"{number}.txt" for number in range(8)]
+    with ThreadPoolExecutor(len(files)) as pool:
+        outcomes = list(
+            pool.map(lambda file: run_subprocess("replay", recording, "--trajectory", file), files)
+        )
+    assert [outcome.code for outcome in outcomes] == [0] * len(files), outcomes
+    assert len({file.read_bytes() for file in files}) == 1
+    assert count_lines(files[0]) == FRAMES
+
+
+@pytest.mark.zenoh
+def test_a_taken_default_port_is_one_line_of_a_log_and_no_error(
+    recording: Path,
+    config: Path,
+    port: int,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(connection, "DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{port}")
+    with socket.create_server(("127.0.0.1", port)):
+        outcome = run_in_process(capfd, "replay", recording, "--config", config, "--json")
+    assert (outcome.code, json.loads(outcome.out)["frames"]) == (0, FRAMES)
+    assert outcome.err.startswith("kinect-vo: info: poses: kinect/odom at tcp/127.0.0.1:")
+    assert f"as tcp/127.0.0.1:{port} is taken (kinect-vo listen --connect tcp/" in outcome.err
+    assert outcome.err.count("\n") == 1

@@ -1,0 +1,124 @@
+"""``replay`` that knows places again: what that gains, the file that it leaves, what it refuses."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.core.trajectory import read_trajectory
+from tests.vo_service.cli.cli_runner import CommandResult, run_in_process, run_subprocess
+from tests.vo_service.cli.loop_recording import FRAME_COUNT, write_loop_recording
+from vo_service.cli import replay
+
+pytestmark = pytest.mark.subprocess
+
+CopyRecording = Callable[..., Path]
+Capture = pytest.CaptureFixture[str]
+GIVEN = ("--method", "surf", "--no-publish", "--trajectory-corrected")
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A replay with loops of a method that drifts."""
+
+    folder: Path
+    corrected: Path
+    outcome: CommandResult
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self.outcome.out)
+        return found
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory: pytest.TempPathFactory) -> Replayed:
+    place = tmp_path_factory.mktemp("replayed")
+    folder = write_loop_recording(place / "there-and-back")
+    corrected = place / "corrected.txt"
+    return Replayed(
+        folder, corrected, run_subprocess("replay", folder, *GIVEN, corrected, "--json")
+    )
+
+
+def test_the_corrected_trajectory_has_every_frame_from_the_identity_on(replayed: Replayed) -> None:
+    assert (replayed.outcome.code, replayed.outcome.error_lines) == (0, "")
+    found = read_trajectory(replayed.corrected)
+    truth = read_trajectory(replayed.folder / "groundtruth.txt")
+    assert len(found) == FRAME_COUNT
+    np.testing.assert_array_equal(found.stamps_s, truth.stamps_s)
+    np.testing.assert_allclose(found.T_world_camera[0], np.eye(4), atol=1e-9)
+
+
+def test_loops_bring_the_trajectory_nearer_to_the_truth(replayed: Replayed) -> None:
+    figures = replayed.figures
+    assert min(figures["places"], figures["loops"]) > 5
+    assert figures["corrected_ate_rmse_m"] < figures["ate_rmse_m"]
+    assert figures["corrected_mean_global_error_m"] < 0.6 * figures["mean_global_error_m"]
+
+
+@pytest.mark.slow
+def test_what_is_published_and_written_beside_it_knows_nothing_of_loops_without_a_loss(
+    replayed: Replayed, tmp_path: Path, capfd: Capture
+) -> None:
+    written = tmp_path / "poses.txt"
+    given = ("--method", "surf", "--no-publish", "--trajectory", written, "--json")
+    figures = json.loads(run_in_process(capfd, "replay", replayed.folder, *given).out)
+    assert figures["ate_rmse_m"] == replayed.figures["ate_rmse_m"]
+    assert not {"places", "loops", "corrected_ate_rmse_m"} & set(figures)
+    assert written.read_bytes() != replayed.corrected.read_bytes()
+
+
+@pytest.mark.slow
+def test_with_loops_a_replay_repeats_bit_for_bit_also_in_another_process(
+    replayed: Replayed, tmp_path: Path, capfd: Capture
+) -> None:
+    again = tmp_path / "again.txt"
+    outcome = run_in_process(capfd, "replay", replayed.folder, *GIVEN, again)
+    assert (outcome.code, outcome.error_lines) == (0, "")
+    assert again.read_bytes() == replayed.corrected.read_bytes()
+    for label in ("places, loops", "corrected ATE, RMSE", "corrected global error"):
+        assert f"\n{label}  " in f"\n{outcome.out}"
+
+
+@pytest.mark.slow
+def test_with_loops_a_map_is_made_with_the_corrected_poses(
+    replayed: Replayed, tmp_path: Path, capfd: Capture
+) -> None:
+    given = ("--method", "surf", "--loops", "--voxel-m", 0.04, "--memory-mb", 100)
+    outcome = run_in_process(
+        capfd, "reconstruct", replayed.folder, *given, "--output", tmp_path / "map"
+    )
+    assert (outcome.code, outcome.error_lines) == (0, "")
+    figures = json.loads((tmp_path / "map" / "reconstruction.json").read_text())
+    assert figures["places"] > 1
+    assert f"loops {figures['loops']}" in " ".join(outcome.out.split())
+    assert figures["loops"] > 0
+    written = (tmp_path / "map" / "trajectory.txt").read_bytes()
+    assert written == replayed.corrected.read_bytes()
+
+
+@pytest.mark.parametrize("path", ["", "gone/poses.txt", "file/poses.txt"])
+def test_a_corrected_trajectory_that_cannot_be_written_is_refused_before_anything_runs(
+    recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch, path: str
+) -> None:
+    monkeypatch.delattr(replay, "prepare_kernels")
+    (tmp_path / "file").touch()
+    outcome = run_in_process(capfd, "replay", recording, *GIVEN, tmp_path / path)
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
+    assert f"{tmp_path / path}: cannot write the trajectory; name a file in a" in outcome.err
+    assert not list(tmp_path.glob("*.txt"))
+
+
+def test_a_recording_is_not_overwritten_by_its_own_corrected_trajectory(
+    copy_recording: CopyRecording, capfd: Capture
+) -> None:
+    truth = copy_recording() / "groundtruth.txt"
+    before = truth.read_bytes()
+    outcome = run_in_process(capfd, "replay", truth.parent, *GIVEN, truth)
+    assert (outcome.code, outcome.out, outcome.err.count("\n")) == (2, "", 1)
+    assert truth.read_bytes() == before

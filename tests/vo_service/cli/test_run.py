@@ -1,0 +1,74 @@
+"""``run`` as a service: ended by signals, published poses, and what the log says."""
+
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import FRAMES
+from tests.ports import is_listening
+from tests.vo_service.cli.cli_runner import (
+    CommandResult,
+    count_lines,
+    run_in_process,
+    run_subprocess,
+    running_subprocess,
+    stretch_timing,
+)
+from tests.waiting import wait_until
+
+pytestmark = pytest.mark.subprocess
+
+CopyRecording = Callable[..., Path]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_service_in_lockstep_writes_what_a_replay_writes_and_ends_with_0(
+    number: signal.Signals, recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    served, replayed = tmp_path / "run.txt", tmp_path / "replay.txt"
+    run_in_process(capfd, "replay", recording, "--no-publish", "--trajectory", replayed)
+    options = ("--pace", "lockstep", "--no-publish", "--trajectory", served)
+    with running_subprocess("run", "--camera", f"tum:{recording}", *options) as process:
+        wait_until(lambda: count_lines(served) == FRAMES)
+        process.send_signal(number)
+        out, err = process.communicate(timeout=100)
+    outcome = CommandResult(process.returncode, out, err)
+    assert (outcome.code, outcome.out) == (0, "")
+    assert outcome.error_lines in ("", "kinect-vo: warning: no_camera: the recording has ended\n")
+    assert served.read_bytes() == replayed.read_bytes()
+
+
+def test_listen_prints_what_a_service_publishes(
+    copy_recording: CopyRecording, config: Path, port: int
+) -> None:
+    source = f"tum:{stretch_timing(copy_recording(lists=True), 0.5)}"
+    with running_subprocess("run", "--camera", source, "--config", config) as service:
+        wait_until(lambda: is_listening(port))
+        outcome = run_subprocess(
+            "listen", "--connect", f"tcp/127.0.0.1:{port}", "--count", "3", "--json"
+        )
+        service.send_signal(signal.SIGTERM)
+        assert service.wait(100) == 0
+    said_first = f"listen: listening to kinect at tcp/127.0.0.1:{port}\n"
+    assert (outcome.code, outcome.err) == (0, said_first)
+    said = [json.loads(line) for line in outcome.out.splitlines()]
+    poses = [each for each in said if each["kind"] == "pose"]
+    assert len(poses) == 3
+    assert [pose["state"] for pose in poses] == ["tracking"] * 3
+    assert [pose["frame_id"] for pose in poses] == ["odom"] * 3
+
+
+def test_a_closed_terminal_ends_it_and_an_older_trajectory_is_kept(
+    recording: Path, tmp_path: Path
+) -> None:
+    trajectory = tmp_path / "poses.txt"
+    trajectory.write_text("precious")
+    options = ("--pace", "lockstep", "--no-publish", "--trajectory", trajectory)
+    with running_subprocess("run", "--camera", f"tum:{recording}", *options) as process:
+        wait_until(lambda: count_lines(trajectory) == FRAMES)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(100) == 0
+    assert (tmp_path / "poses-0001.txt").read_text() == "precious"

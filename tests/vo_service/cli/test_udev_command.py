@@ -1,0 +1,65 @@
+"""`kinect-vo udev`: what it prints and what it leaves behind."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.vo_service.cli.cli_runner import run_in_process
+from vo_service.tools.install.udev import MODPROBE_FILE, RULES_FILE, list_system_files
+
+
+def test_install_into_a_tree_says_what_it_wrote(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    outcome = run_in_process(capfd, "udev", "install", "--root", tmp_path)
+    assert (outcome.code, outcome.error_lines) == (0, "")
+    assert outcome.out == (
+        f"{tmp_path / RULES_FILE}: written\n{tmp_path / MODPROBE_FILE}: written\n"
+    )
+
+
+def test_what_is_there_already_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    run_in_process(capfd, "udev", "install", "--root", tmp_path)
+    again = run_in_process(capfd, "udev", "install", "--root", tmp_path)
+    assert again.code == 0
+    assert again.out.count("was there already") == 2
+
+
+def test_uninstall_takes_both_files_away(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    run_in_process(capfd, "udev", "install", "--root", tmp_path)
+    assert run_in_process(capfd, "udev", "uninstall", "--root", tmp_path).out.count("removed") == 2
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert (
+        run_in_process(capfd, "udev", "uninstall", "--root", tmp_path).out.count("was not there")
+        == 2
+    )
+
+
+def test_show_prints_what_would_be_installed(capfd: pytest.CaptureFixture[str]) -> None:
+    outcome = run_in_process(capfd, "udev", "show")
+    assert outcome.code == 0
+    for file in list_system_files():
+        assert f"# /{file.path}\n{file.text}" in outcome.out
+
+
+def test_udev_alone_asks_for_an_action(capfd: pytest.CaptureFixture[str]) -> None:
+    outcome = run_in_process(capfd, "udev")
+    assert outcome.code == 2
+    assert "ACTION" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("complaint", "told"),
+    [("", "unplug the sensor"), ("udevadm is not installed here", "restart the computer")],
+)
+def test_what_to_do_after_installing_depends_on_udev(
+    complaint: str,
+    told: str,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("vo_service.cli.udev.install", lambda root: [])
+    monkeypatch.setattr("vo_service.cli.udev.apply_rules", lambda: complaint)
+    outcome = run_in_process(capfd, "udev", "install")
+    assert outcome.code == 0
+    assert told in outcome.out + outcome.err

@@ -1,0 +1,211 @@
+"""What is given up under load, in which order, and when it comes back."""
+
+import logging
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.vo_service.fakes import FakeClock
+from tests.vo_service.load_shedding.simulated_machine import (
+    INTERVAL_S,
+    FakeOdometry,
+    FakeViewer,
+    SimulatedMachine,
+    affine_cost,
+    proportional_cost,
+)
+from vo_service.load_shedding.effort_levels import EffortLevel, effort_levels
+from vo_service.load_shedding.load_meter import FrameCost
+from vo_service.load_shedding.load_shedder import MAX_LOAD, MAX_RESTORE_WAIT_S, NullLoadShedder
+
+FULL = EffortLevel(is_viewer_paused=False, feature_count=1000)
+LEAST = EffortLevel(is_viewer_paused=True, feature_count=300)
+shares = st.floats(0.0, 3.0)
+
+
+def test_the_viewer_goes_first_then_features() -> None:
+    assert effort_levels(1000, 300, has_viewer=True) == [
+        FULL, EffortLevel(True, 1000), EffortLevel(True, 700), EffortLevel(True, 500), EffortLevel(True, 300),
+    ]  # fmt: skip
+
+
+@given(st.integers(50, 5000), st.integers(50, 5000), st.booleans())
+def test_features_only_fall_and_never_below_the_least(full: int, least: int, viewer: bool) -> None:
+    counts = [effort.feature_count for effort in effort_levels(full, least, viewer)]
+    assert counts[0] == full
+    assert counts[-1] == min(full, least)
+    assert counts == sorted(counts, reverse=True)
+
+
+def test_with_room_nothing_is_given_up() -> None:
+    machine = SimulatedMachine()
+    machine.run(60.0, proportional_cost(0.75))
+    assert machine.changes == []
+    assert machine.governor.warning == ""
+
+
+def test_the_viewer_rests_before_a_frame_is_missed() -> None:
+    machine = SimulatedMachine()
+    machine.run(20.0, affine_cost(fixed=0.3, features=0.3, viewer=0.3))
+    assert machine.governor.effort == EffortLevel(True, 1000)
+    assert machine.viewers[0].is_paused
+    assert machine.dropped == 0
+
+
+def test_features_go_where_the_viewer_is_not_enough() -> None:
+    machine = SimulatedMachine()
+    machine.run(30.0, affine_cost(fixed=0.5, features=0.5, viewer=0.1))
+    assert machine.odometry.feature_count == 500
+    assert machine.governor.warning == "the machine is too slow: the viewer rests, 500 features"
+
+
+def test_without_a_viewer_features_go_at_once() -> None:
+    machine = SimulatedMachine(viewers=())
+    machine.run(10.0, affine_cost(fixed=0.1, features=0.8, viewer=0.0))
+    assert machine.governor.warning == "the machine is too slow: 700 features"
+
+
+def test_frames_dropped_one_after_another_are_not_waited_for() -> None:
+    machine = SimulatedMachine()
+    machine.run(10.0, proportional_cost(0.1))
+    machine.run(1.0, proportional_cost(2.0))
+    assert machine.changes[0][0] - 10.0 < 0.5
+
+
+def test_a_frame_dropped_now_and_then_is_too_much_though_most_are_quick() -> None:
+    machine = SimulatedMachine()
+    for number in range(320):
+        machine.clock.now_s += INTERVAL_S
+        busy_s = 0.4 * INTERVAL_S
+        machine.governor.add_frame(FrameCost(busy_s, busy_s, INTERVAL_S, dropped=number // 16))
+    assert machine.governor.effort != FULL
+
+
+def test_a_machine_without_processor_time_is_told_from_a_slow_one() -> None:
+    machine = SimulatedMachine()
+    for _ in range(320):
+        machine.clock.now_s += INTERVAL_S
+        machine.governor.add_frame(FrameCost(0.95 * INTERVAL_S, 0.2 * INTERVAL_S, INTERVAL_S, 0))
+    assert machine.governor.warning.startswith("the odometry gets too little of the processor: ")
+
+
+def test_every_third_frame_held_up_by_a_quota_counts_as_load() -> None:
+    machine = SimulatedMachine()
+    for number in range(600):
+        busy_s = 1.9 * INTERVAL_S if number % 3 == 0 else 0.4 * INTERVAL_S
+        machine.clock.now_s += INTERVAL_S
+        machine.governor.add_frame(FrameCost(busy_s, 0.3 * INTERVAL_S, INTERVAL_S, 0))
+    assert machine.governor.effort != FULL
+
+
+@pytest.mark.parametrize("hiccup_s", [0.2, 1.0, 5.0])
+def test_a_single_hiccup_changes_nothing(hiccup_s: float) -> None:
+    machine = SimulatedMachine()
+    machine.run(10.0, proportional_cost(0.6))
+    machine.run(hiccup_s, lambda now_s, effort: hiccup_s)
+    machine.run(10.0, proportional_cost(0.6))
+    assert machine.dropped > 0
+    assert machine.changes == []
+
+
+def test_a_slow_start_changes_nothing() -> None:
+    machine = SimulatedMachine()
+    machine.run(2.0, proportional_cost(4.0))
+    machine.run(10.0, proportional_cost(0.5))
+    assert machine.changes == []
+
+
+def test_neither_too_busy_nor_with_room_everything_stays_as_it_is() -> None:
+    machine = SimulatedMachine()
+    machine.run(30.0, proportional_cost(2.0))
+    machine.run(300.0, proportional_cost(0.7))
+    assert machine.governor.effort == LEAST
+
+
+def test_a_pause_is_no_room() -> None:
+    machine = SimulatedMachine()
+    machine.run(30.0, proportional_cost(2.0))
+    machine.clock.now_s += 3600.0
+    machine.run(5.0, proportional_cost(0.1))
+    assert machine.governor.effort == LEAST
+
+
+def test_each_step_is_one_line_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    machine = SimulatedMachine()
+    with caplog.at_level(logging.WARNING):
+        machine.run(20.0, proportional_cost(2.0))
+        machine.run(120.0, proportional_cost(0.1))
+    assert len(caplog.messages) == len(machine.changes) == 8
+    assert caplog.messages[3:5] == [
+        "the machine is too slow: the viewer rests, 300 features",
+        "there is room again; still: the viewer rests, 500 features",
+    ]
+    assert caplog.messages[-1] == "there is room again"
+
+
+def test_release_gives_everything_back() -> None:
+    machine = SimulatedMachine()
+    machine.run(30.0, proportional_cost(2.0))
+    machine.governor.restore_all()
+    assert machine.governor.effort == FULL
+    assert (machine.odometry, machine.viewers) == (FakeOdometry(1000), (FakeViewer(False),))
+
+
+def test_a_fixed_effort_stays() -> None:
+    effort = NullLoadShedder()
+    effort.add_frame(FrameCost(9.0, 9.0, INTERVAL_S, 100))
+    effort.restore_all()
+    assert effort.warning == ""
+
+
+@pytest.mark.slow
+@settings(max_examples=15, deadline=None)
+@given(fixed=st.floats(0.0, 1.5), features=st.floats(0.0, 1.5), viewer=st.floats(0.0, 0.2))
+def test_a_constant_load_settles(fixed: float, features: float, viewer: float) -> None:
+    machine = SimulatedMachine()
+    machine.run(300.0, affine_cost(fixed, features, viewer))
+    given_up_anew = [at_s for at_s, effort in machine.changes if at_s > 60.0]
+    # What came back and had to go again waited twice as long the next time, each time.
+    assert len(given_up_anew) <= 6
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(1.0, 4.0), st.sampled_from([100, 300, 1000, 2000]))
+def test_a_hopeless_load_ends_at_the_least(load: float, least: int) -> None:
+    machine = SimulatedMachine(min_features=least)
+    machine.run(60.0, proportional_cost(load))
+    assert machine.governor.effort == EffortLevel(True, min(1000, least))
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.tuples(st.floats(1.0, 30.0), shares), max_size=5), st.floats(0.0, 0.55))
+def test_all_comes_back_when_the_load_goes(past: list[tuple[float, float]], room: float) -> None:
+    machine = SimulatedMachine()
+    for seconds, load in past:
+        machine.run(seconds, proportional_cost(load))
+        assert 300 <= machine.odometry.feature_count <= 1000
+    machine.run(100.0, proportional_cost(room))
+    assert machine.governor.effort == FULL
+    assert not machine.viewers[0].is_paused
+
+
+@pytest.mark.slow
+def test_waits_grow_with_every_return_that_fails_but_not_for_ever() -> None:
+    machine = SimulatedMachine(viewers=(), min_features=700)
+    machine.run(5000.0, lambda now_s, e: (1.2 if e.feature_count == 1000 else 0.3) * INTERVAL_S)
+    tried_s = [at_s for at_s, effort in machine.changes if effort.feature_count == 1000]
+    waits_s = [later - before for before, later in pairwise(tried_s)]
+    assert len(waits_s) > 6
+    assert all(
+        1.5 * before < later or later > MAX_RESTORE_WAIT_S for before, later in pairwise(waits_s)
+    )
+    assert max(waits_s) < 1.1 * MAX_RESTORE_WAIT_S
+
+
+def test_a_clock_that_starts_at_nothing_is_no_failure() -> None:
+    machine = SimulatedMachine(clock=FakeClock(0.0))
+    machine.run(8.0, proportional_cost(MAX_LOAD + 0.1))
+    machine.run(20.0, proportional_cost(0.1))
+    assert machine.governor.effort != LEAST

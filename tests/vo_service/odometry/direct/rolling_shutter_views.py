@@ -1,0 +1,186 @@
+"""Views whose truth is known to the last digit, each row at its own time, for the dense odometry.
+
+Planes painted with waves in space: brightness is a smooth function of the place, so that nothing is
+interpolated and nothing is aliased.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.core.geometry import Array
+
+CAMERA = PinholeCamera(320, 240, 290.0, 290.0, 159.5, 119.5)
+# Fine steps, that truth may be exact.
+DEPTH_FACTOR = 15000.0
+# Noise as of a Kinect: grey levels, and 1/m of disparity.
+GREY_NOISE, DISPARITY_NOISE_PER_M = 1.5, 8e-4
+
+# A plane is n . X = d in the world.
+Plane = tuple[tuple[float, float, float], float]
+WALL: Plane = ((0.1, 0.05, 1.0), 2.2)
+FLOOR: Plane = ((0.0, 1.0, 0.15), 0.7)
+SIDE: Plane = ((1.0, 0.05, 0.2), 1.1)
+CORNER = (WALL, FLOOR, SIDE)
+
+
+def series_exponential(twist: Array) -> Array:
+    """4x4 exponential of a twist, by the series of the matrix alone."""
+    vx, vy, vz, x, y, z = np.asarray(twist, np.float64) / 64
+    A = np.array([[0, -z, y, vx], [z, 0, -x, vy], [-y, x, 0, vz], [0, 0, 0, 0]])
+    total, term = np.eye(4), np.eye(4)
+    for n in range(1, 16):
+        term = term @ A / n
+        total = total + term
+    return np.linalg.matrix_power(total, 64)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingCamera:
+    """A camera that moves by a twist (6,) in its own axes, m/s and rad/s.
+
+    acceleration_rad_s2  (3,) of its rotation at the start; only there the movement is known
+    """
+
+    velocity: Array = field(default_factory=lambda: np.zeros(6))
+    T_world_start: Array = field(default_factory=lambda: np.eye(4))
+    acceleration_rad_s2: Array = field(default_factory=lambda: np.zeros(3))
+
+    def pose_at(self, time_s: float) -> Array:
+        """4x4 T_world_camera."""
+        twist = time_s * self.velocity
+        twist[3:] += 0.5 * time_s**2 * self.acceleration_rad_s2
+        return self.T_world_start @ series_exponential(twist)
+
+    @property
+    def movement(self) -> Array:
+        """(9,) at the start; of a constant twist, at any time."""
+        return np.concatenate([self.velocity, self.acceleration_rad_s2])
+
+
+STILL = MovingCamera()
+# 0.3 m/s and 20 degrees/s, in no special direction.
+BRISK = MovingCamera(np.array([0.2, -0.12, 0.18, -0.15, 0.25, 0.2]))
+# The same with the tremor of a hand that is tired.
+SHAKING = MovingCamera(BRISK.velocity, acceleration_rad_s2=np.array([15.0, -20.0, 12.0]))
+
+
+def render_view(
+    motion: MovingCamera = STILL,
+    stamp_s: float = 0.0,
+    planes: Sequence[Plane] = CORNER,
+    readout_s: float = 0.0,
+    skew_s: float = 0.0,
+    camera: PinholeCamera = CAMERA,
+    paint: float = 1.0,
+) -> RgbdFrame:
+    """A frame without noise. Paint 0: all is of one grey."""
+    rows_s = readout_s * (np.arange(camera.height) / (camera.height - 1) - 0.5)
+    colour = _cast_rays(planes, motion, stamp_s + rows_s, camera)
+    depth = _cast_rays(planes, motion, stamp_s + skew_s + rows_s, camera) if skew_s else colour
+    grey = 128.0 + paint * (texture_at(colour.points) - 128.0)
+    return RgbdFrame(
+        seq=round(stamp_s * 30),
+        stamp_s=stamp_s,
+        receive_time_s=stamp_s,
+        color_bgr=_to_bgr(grey),
+        depth_raw=np.rint(depth.z_m * DEPTH_FACTOR).astype(np.uint16),
+        depth_factor=DEPTH_FACTOR,
+        camera=camera,
+        skew_s=skew_s,
+        readout_s=readout_s,
+    )
+
+
+def render_sequence(
+    motion: MovingCamera, frames: int, readout_s: float = 0.0, skew_s: float = 0.0
+) -> list[RgbdFrame]:
+    """So many frames of the corner, 30 a second."""
+    return [render_view(motion, k / 30, readout_s=readout_s, skew_s=skew_s) for k in range(frames)]
+
+
+def add_noise(frame: RgbdFrame, seed: int, times: float = 1.0) -> RgbdFrame:
+    """The same frame with a Kinect's noise."""
+    random = np.random.default_rng(seed)
+    shape = frame.depth_raw.shape
+    grey = frame.gray + random.normal(0.0, times * GREY_NOISE, shape)
+    w = frame.depth_factor / np.maximum(frame.depth_raw, 1)
+    w += random.normal(0.0, times * DISPARITY_NOISE_PER_M, shape)
+    depth_raw = np.clip(np.rint(frame.depth_factor / np.maximum(w, 0.1)), 0, 65535)
+    depth_raw[frame.depth_raw == 0] = 0
+    return replace(frame, color_bgr=_to_bgr(grey), depth_raw=depth_raw.astype(np.uint16))
+
+
+def change_lighting(frame: RgbdFrame, gain: float, offset: float = 0.0) -> RgbdFrame:
+    """The same frame in another light."""
+    return replace(frame, color_bgr=_to_bgr(gain * frame.gray + offset))
+
+
+def remove_color(frame: RgbdFrame) -> RgbdFrame:
+    """The same frame, with depth alone."""
+    return replace(frame, color_bgr=np.zeros_like(frame.color_bgr))
+
+
+def remove_depth(frame: RgbdFrame) -> RgbdFrame:
+    """The same frame, with colour alone."""
+    return replace(frame, depth_raw=np.zeros_like(frame.depth_raw))
+
+
+def make_empty_frame(frame: RgbdFrame) -> RgbdFrame:
+    """Neither colour nor depth."""
+    return remove_color(remove_depth(frame))
+
+
+def make_noise_frame(frame: RgbdFrame) -> RgbdFrame:
+    """Noise and nothing else, of its number's own."""
+    shape = frame.depth_raw.shape
+    random = np.random.default_rng(frame.seq)
+    colour = np.repeat(random.integers(0, 256, (*shape, 1), np.uint8), 3, axis=2)
+    depth = random.integers(0, 2**16, shape, np.uint16)
+    return replace(frame, color_bgr=colour, depth_raw=depth)
+
+
+@dataclass(frozen=True, eq=False)
+class _RayHits:
+    z_m: Array
+    points: Array
+
+
+def _cast_rays(
+    planes: Sequence[Plane], motion: MovingCamera, rows_s: Array, camera: PinholeCamera
+) -> _RayHits:
+    """What each pixel sees (H, W) and where that is (H, W, 3), each row at its own time."""
+    T_world_times = {time_s: motion.pose_at(time_s) for time_s in set(rows_s.tolist())}
+    T_world_rows = np.array([T_world_times[time_s] for time_s in rows_s.tolist()])
+    v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
+    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], -1)
+    rays = np.einsum("hij,hwj->hwi", T_world_rows[:, :3, :3], rays)
+    origins = T_world_rows[:, None, :3, 3]
+    z_m = np.full(u.shape, np.inf)
+    for normal, distance in planes:
+        with np.errstate(divide="ignore"):
+            z = (distance - origins @ np.array(normal)) / (rays @ np.array(normal))
+        z_m = np.where((z > 0) & (z < z_m), z, z_m)
+    z_m = np.where(z_m < 4.0, z_m, 0.0)
+    return _RayHits(z_m, origins + rays * z_m[..., None])
+
+
+def texture_at(places: Array) -> Array:
+    """(...) brightness of places (..., 3) in the world."""
+    random = np.random.default_rng(5)
+    grey = np.full(places.shape[:-1], 128.0)
+    for wavelength_m in (0.09, 0.1, 0.13, 0.16, 0.2, 0.3, 0.5, 0.9):
+        direction = random.normal(size=3)
+        k = 2 * np.pi / wavelength_m * direction / np.linalg.norm(direction)
+        phase = places @ k + random.uniform(0.0, 2 * np.pi)
+        grey += 17.0 * np.sin(phase.astype(np.float32))
+    return grey
+
+
+def _to_bgr(grey: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+    whole = np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+    return np.repeat(whole[:, :, None], 3, axis=2)

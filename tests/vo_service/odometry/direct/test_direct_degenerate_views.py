@@ -1,0 +1,77 @@
+"""Views that leave directions of motion open: followed for a moment, and told."""
+
+import numpy as np
+import pytest
+
+from drivers.core.geometry import inverse
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    BRISK,
+    WALL,
+    MovingCamera,
+    add_noise,
+    remove_color,
+    render_view,
+)
+from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
+from vo_service.odometry.direct.motion_state import MAX_STEP_S
+from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct.se3 import se3_log
+
+# 99 of 100 normalised squares of a motion's six errors are below it.
+CHI_SQUARED_99 = 16.8
+
+
+@pytest.mark.parametrize("times", [0.0, 1.0])
+def test_a_bare_wall_is_no_place_to_start_and_it_does_not_slide_along_one(times: float) -> None:
+    odometry = DirectOdometry()
+    bare = [add_noise(render_view(BRISK, k / 30, (WALL,), paint=0.0), k, times) for k in range(4)]
+    first = odometry.estimate(bare[0])
+    assert first.reason == "cannot start: too plain a view: 3 of 6 directions of motion are open"
+    assert not first.ok
+    wall = [add_noise(render_view(BRISK, k / 30, (WALL,)), k, times) for k in range(6)]
+    before = estimate_all(odometry, wall[:2])[1]
+    lost = estimate_all(odometry, bare[2:])
+    assert not any(e.ok for e in lost)
+    np.testing.assert_array_equal(lost[-1].T_world_camera, before.T_world_camera)
+    assert odometry.estimate(wall[4]).ok
+
+
+@pytest.mark.slow
+def test_a_view_too_plain_is_followed_for_a_moment_and_told_and_then_lost() -> None:
+    """A painted wall, and the light goes out: the depth holds the camera in three directions."""
+    odometry = DirectOdometry()
+    wall = [add_noise(render_view(BRISK, k / 30, (WALL,)), k) for k in range(18)]
+    estimate_all(odometry, wall[:4])
+    plain = estimate_all(odometry, [remove_color(frame) for frame in wall[4:]])
+    assert {e.reason for e in plain} == {"too plain a view: 3 of 6 directions of motion are open"}
+    # The last frame that was held is of 0.1 s.
+    assert [e.ok for e in plain] == [k / 30 <= 0.1 + MAX_STEP_S for k in range(4, 18)]
+    for k, estimate in enumerate(plain[:12], start=4):
+        off = se3_log(inverse(estimate.T_world_camera) @ BRISK.pose_at(k / 30))
+        assert off @ np.linalg.solve(estimate.covariance, off) < CHI_SQUARED_99
+    assert np.trace(plain[11].covariance) > 10.0 * np.trace(plain[0].covariance)
+
+
+@pytest.mark.slow
+def test_the_jump_from_where_it_was_carried_on_to_is_no_velocity_to_carry_on_with() -> None:
+    """The light goes out, is seen for one frame, and goes out again."""
+    odometry = DirectOdometry()
+    wall = [add_noise(render_view(BRISK, k / 30, (WALL,)), k) for k in range(18)]
+    estimate_all(odometry, wall[:4])
+    frames = [wall[k] if k == 12 else remove_color(wall[k]) for k in range(4, 18)]
+    estimates = estimate_all(odometry, frames)
+    assert [k for k, e in enumerate(estimates, start=4) if not e.reason] == [12]
+    for k, estimate in enumerate(estimates[8:], start=12):
+        assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.005, 0.15)
+
+
+@pytest.mark.slow
+def test_where_a_keyframe_begins_in_a_plain_view_is_told_by_the_way_there() -> None:
+    """Laid on other keyframes in view as well, it would turn before the wall."""
+    odometry, hand = DirectOdometry(), MovingCamera(3.0 * BRISK.velocity)
+    wall = [add_noise(render_view(hand, k / 30, (WALL,)), k) for k in range(16)]
+    estimate_all(odometry, wall[:8])
+    plain = estimate_all(odometry, [remove_color(frame) for frame in wall[8:]])
+    assert any(e.is_next_reference for e in plain)
+    for k, estimate in enumerate(plain, start=8):
+        assert_close(estimate.T_world_camera, hand.pose_at(k / 30), 0.015, 0.15)

@@ -1,0 +1,212 @@
+"""Frames that tell little, nothing or nonsense: an answer each time, never an error."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import inverse, rigid_transform, so3_exp
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    BRISK,
+    CAMERA,
+    MovingCamera,
+    add_noise,
+    change_lighting,
+    make_empty_frame,
+    make_noise_frame,
+    remove_color,
+    remove_depth,
+    render_sequence,
+    render_view,
+)
+from tests.vo_service.odometry.estimate_checks import assert_valid
+from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
+from vo_service.odometry.direct.odometry import MAX_FAILURES, MAX_INITIAL_FAILURES, DirectOdometry
+
+SHAPE = (CAMERA.height, CAMERA.width)
+# Noise of the brightness, grey levels: bad, and still to be recognised.
+GRAIN = 45.0
+
+
+@pytest.fixture(scope="module")
+def views() -> list[RgbdFrame]:
+    return [add_noise(frame, k) for k, frame in enumerate(render_sequence(BRISK, 6))]
+
+
+Spoil = Callable[[RgbdFrame], RgbdFrame]
+
+
+@pytest.mark.parametrize("spoil", [make_empty_frame, make_noise_frame])
+def test_a_failed_frame_holds_the_pose_and_is_left_out(
+    views: list[RgbdFrame], spoil: Spoil
+) -> None:
+    odometry = DirectOdometry()
+    before = estimate_all(odometry, views[:3])[-1]
+    failed = odometry.estimate(spoil(views[3]))
+    assert_valid(failed)
+    assert not failed.ok
+    assert not failed.is_reset
+    np.testing.assert_array_equal(failed.T_world_camera, before.T_world_camera)
+    np.testing.assert_array_equal(failed.T_reference_camera, np.eye(4))
+    after = odometry.estimate(views[4])
+    assert after.ok
+    assert_close(after.T_world_camera, BRISK.pose_at(4 / 30), 0.0015, 0.05)
+    assert_close(after.T_reference_camera, BRISK.pose_at(4 / 30), 0.0015, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason", "error_m"),
+    [
+        (remove_color, "by depth alone: ", 0.002),
+        (remove_depth, "by brightness alone: no depth in view", 0.006),
+        (lambda frame: change_lighting(frame, 1.8), "", 0.002),
+        (lambda frame: change_lighting(frame, 0.6), "", 0.002),
+    ],
+)
+def test_half_of_what_it_sees_is_enough_and_it_says_so(
+    views: list[RgbdFrame], spoil: Spoil, reason: str, error_m: float
+) -> None:
+    odometry = DirectOdometry()
+    estimate_all(odometry, views[:2])
+    for k in (2, 3, 4):
+        estimate = odometry.estimate(spoil(views[k]))
+        assert_valid(estimate)
+        assert estimate.ok
+        assert estimate.reason.startswith(reason)
+        assert bool(estimate.reason) == bool(reason)
+        assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), error_m, 0.1)
+    back = odometry.estimate(views[5])
+    assert back.ok
+    assert back.reason == ""
+
+
+def test_without_texture_the_shape_of_the_room_is_enough() -> None:
+    frames = [add_noise(render_view(BRISK, k / 30, paint=0.0), k) for k in range(4)]
+    first, *others = estimate_all(DirectOdometry(), frames)
+    assert first.ok
+    for k, estimate in enumerate(others, 1):
+        assert estimate.ok
+        assert estimate.reason == "by depth alone: no texture in view"
+        assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.004, 0.1)
+
+
+def test_depth_alone_is_not_believed_when_the_camera_may_be_anywhere(
+    views: list[RgbdFrame],
+) -> None:
+    for later_s, is_believed in ((1 / 30, True), (3.0, False)):
+        odometry = DirectOdometry()
+        estimate_all(odometry, views)
+        late = replace(remove_color(views[-1]), stamp_s=views[-1].stamp_s + later_s)
+        assert odometry.estimate(late).ok is is_believed
+
+
+@pytest.mark.parametrize(("later_s", "is_believed"), [(0.0, True), (1.0, False)])
+def test_what_fits_badly_is_not_believed_when_the_camera_may_be_anywhere(
+    views: list[RgbdFrame], later_s: float, is_believed: bool
+) -> None:
+    odometry = DirectOdometry()
+    estimate_all(odometry, views[:3])
+    grain = np.random.default_rng(0).normal(0.0, GRAIN, (*SHAPE, 1))
+    color_bgr = np.clip(views[3].color_bgr + grain, 0, 255).astype(np.uint8)
+    late = replace(views[3], stamp_s=views[3].stamp_s + later_s, color_bgr=color_bgr)
+    estimate = odometry.estimate(late)
+    assert estimate.ok is is_believed
+    assert ("another place" in estimate.reason) is not is_believed
+
+
+def test_it_starts_in_the_dark_and_goes_on_in_the_light(views: list[RgbdFrame]) -> None:
+    odometry = DirectOdometry()
+    for k, frame in enumerate([remove_color(views[0]), remove_color(views[1]), *views[2:]]):
+        estimate = odometry.estimate(frame)
+        assert estimate.ok
+        assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.003, 0.1)
+    assert estimate.reason == ""
+
+
+def test_a_first_keyframe_needs_more_points_than_a_frame(views: list[RgbdFrame]) -> None:
+    """Depth in the middle alone: 157 points, and a frame of 100 is believed."""
+    depth_raw = np.zeros_like(views[0].depth_raw)
+    middle = np.s_[SHAPE[0] // 2 - 65 : SHAPE[0] // 2 + 65, SHAPE[1] // 2 - 65 : SHAPE[1] // 2 + 65]
+    depth_raw[middle] = views[0].depth_raw[middle]
+    estimate = DirectOdometry().estimate(replace(views[0], depth_raw=depth_raw))
+    points = re.fullmatch(r"cannot start: only (\d+) points with depth", estimate.reason)
+    assert points
+    assert 100 < int(points[1]) < 200
+
+
+@pytest.mark.parametrize("spoil", [make_empty_frame, make_noise_frame, remove_depth])
+def test_a_start_without_points_is_an_answer_and_the_next_good_frame_begins(
+    views: list[RgbdFrame], spoil: Spoil
+) -> None:
+    odometry = DirectOdometry()
+    failed = odometry.estimate(spoil(views[0]))
+    assert_valid(failed)
+    assert not failed.ok
+    assert failed.reason.startswith("cannot start: ")
+    first, second = estimate_all(odometry, views[1:3])
+    assert first.ok
+    np.testing.assert_array_equal(first.T_world_camera, np.eye(4))
+    assert_close(
+        second.T_world_camera, inverse(BRISK.pose_at(1 / 30)) @ BRISK.pose_at(2 / 30), 0.001, 0.03
+    )
+
+
+def elsewhere(k: int) -> RgbdFrame:
+    """A room of which nothing was ever seen."""
+    corner = (((0.3, 0.0, 1.0), 1.6), ((0.0, -1.0, 0.2), 0.6), ((-1.0, 0.1, 0.3), 0.9))
+    start = rigid_transform(so3_exp([0.0, 0.1, 0.4]), np.zeros(3))
+    return add_noise(render_view(MovingCamera(BRISK.velocity, start), k / 30, corner), k)
+
+
+def test_after_too_many_failures_it_begins_anew(views: list[RgbdFrame]) -> None:
+    odometry = DirectOdometry()
+    before = estimate_all(odometry, views[:2])[-1]
+    black = [
+        replace(make_empty_frame(views[0]), stamp_s=k / 30) for k in range(2, 2 + MAX_FAILURES)
+    ]
+    assert not any(e.ok or e.is_reset for e in estimate_all(odometry, black))
+    anew, after = estimate_all(odometry, [elsewhere(40), elsewhere(41)])
+    assert anew.ok
+    assert anew.is_reset
+    np.testing.assert_array_equal(anew.T_world_camera, before.T_world_camera)
+    assert after.ok
+    assert not after.is_reset
+    assert_close(
+        after.T_reference_camera,
+        inverse(BRISK.pose_at(40 / 30)) @ BRISK.pose_at(41 / 30),
+        0.001,
+        0.03,
+    )
+
+
+def test_a_first_keyframe_that_nothing_fits_is_soon_given_up(views: list[RgbdFrame]) -> None:
+    odometry = DirectOdometry()
+    estimates = estimate_all(odometry, [views[0], *(elsewhere(40 + k) for k in range(6))])
+    assert [e.ok for e in estimates] == [True, *[False] * MAX_INITIAL_FAILURES, True, True, True]
+    assert [e.is_reset for e in estimates].index(True) == 1 + MAX_INITIAL_FAILURES
+
+
+def test_with_nothing_to_begin_anew_from_the_old_keyframes_are_kept(views: list[RgbdFrame]) -> None:
+    odometry = DirectOdometry()
+    estimate_all(odometry, views[:2])
+    black = [
+        replace(make_empty_frame(views[0]), stamp_s=k / 30) for k in range(2, 5 + MAX_FAILURES)
+    ]
+    lost = estimate_all(odometry, black)
+    assert not any(e.ok or e.is_reset for e in lost)
+    found = odometry.estimate(replace(views[2], stamp_s=2.0))
+    assert found.ok
+    assert not found.is_reset
+    assert_close(found.T_world_camera, BRISK.pose_at(2 / 30), 0.0015, 0.05)
+
+
+@pytest.mark.slow
+def test_one_failure_does_not_count_towards_the_next(views: list[RgbdFrame]) -> None:
+    odometry = DirectOdometry()
+    frames = [views[0], *[views[1], make_empty_frame(views[2])] * (MAX_FAILURES + 2)]
+    estimates = [odometry.estimate(replace(f, stamp_s=k / 30)) for k, f in enumerate(frames)]
+    assert [e.ok for e in estimates[1:]] == [True, False] * (MAX_FAILURES + 2)
+    assert not any(e.is_reset for e in estimates)

@@ -1,0 +1,242 @@
+"""The dense odometry against keyframes: what it follows, and how closely."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    BRISK,
+    CAMERA,
+    STILL,
+    MovingCamera,
+    add_noise,
+    render_sequence,
+    render_view,
+)
+from tests.vo_service.odometry.estimate_checks import (
+    assert_counts_consistent,
+    assert_starts_at_origin,
+)
+from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
+from vo_service.odometry.direct import keyframe_selection
+from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.types import Estimate
+
+TIMINGS = [(0.0, 0.0), (0.02, 0.01), (0.02, -0.012)]
+
+
+def way_of(estimates: list[Estimate]) -> Array:
+    """(N, 3) positions."""
+    return np.array([e.T_world_camera[:3, 3] for e in estimates])
+
+
+@pytest.fixture(scope="module")
+def views() -> list[RgbdFrame]:
+    return [add_noise(frame, k) for k, frame in enumerate(render_sequence(BRISK, 8))]
+
+
+@pytest.mark.parametrize(("readout_s", "skew_s"), TIMINGS)
+def test_a_camera_in_a_corner_is_followed(readout_s: float, skew_s: float) -> None:
+    frames = render_sequence(BRISK, 6, readout_s, skew_s)
+    for k, estimate in enumerate(estimate_all(DirectOdometry(), frames)):
+        assert estimate.ok
+        assert estimate.reason == ""
+        assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.0006, 0.02)
+
+
+def test_noise_does_little_and_does_not_add_up(views: list[RgbdFrame]) -> None:
+    for k, estimate in enumerate(estimate_all(DirectOdometry(), views)):
+        assert_close(estimate.T_world_camera, BRISK.pose_at(k / 30), 0.0015, 0.05)
+
+
+def test_rows_of_other_times_taken_as_of_one_do_harm() -> None:
+    """A camera that stands, then moves: told nothing of the timing, it is followed less well."""
+    still = [render_view(stamp_s=k / 30 - 1.0, readout_s=0.03, skew_s=0.015) for k in range(28, 30)]
+    rolling = still + render_sequence(BRISK, 5, 0.03, 0.015)
+    blind = [replace(frame, readout_s=0.0, skew_s=0.0) for frame in rolling]
+    told, untold = (
+        np.linalg.norm(
+            way_of(estimate_all(DirectOdometry(), each))[-1] - BRISK.pose_at(4 / 30)[:3, 3]
+        )
+        for each in (rolling, blind)
+    )
+    assert told < 1e-3
+    assert untold > 3 * told
+
+
+def test_the_first_frame_is_the_world(views: list[RgbdFrame]) -> None:
+    first = DirectOdometry().estimate(views[0])
+    assert_starts_at_origin(first)
+    assert first.features == len(first.debug.keypoints_px) > 100
+
+
+def test_an_estimate_says_what_it_rests_on(views: list[RgbdFrame]) -> None:
+    estimate = estimate_all(DirectOdometry(), views[:2])[1]
+    assert_counts_consistent(estimate, 100)
+    pixels = estimate.debug.keypoints_px
+    assert pixels.min() >= 0
+    assert (pixels.max(axis=0) < (CAMERA.width, CAMERA.height)).all()
+
+
+def test_the_error_is_of_the_size_that_the_covariance_says(views: list[RgbdFrame]) -> None:
+    for k, estimate in enumerate(estimate_all(DirectOdometry(), views)[1:], 1):
+        error = inverse(estimate.T_reference_camera) @ BRISK.pose_at(k / 30)
+        sigma_m = np.sqrt(np.trace(estimate.covariance[:3, :3]))
+        assert np.linalg.norm(error[:3, 3]) < 4 * sigma_m
+        assert sigma_m < 0.005
+
+
+@pytest.mark.parametrize("readout_s", [0.0, 0.02])
+def test_the_same_frames_twice_give_the_same_bits(readout_s: float) -> None:
+    frames = [add_noise(frame, k) for k, frame in enumerate(render_sequence(BRISK, 4, readout_s))]
+    first, second = (estimate_all(DirectOdometry(), frames) for _ in range(2))
+    for a, b in zip(first, second, strict=True):
+        assert np.array_equal(a.T_world_camera, b.T_world_camera)
+        assert np.array_equal(a.T_reference_camera, b.T_reference_camera)
+        assert np.array_equal(a.covariance, b.covariance)
+
+
+def test_frozen_frames_are_no_motion(views: list[RgbdFrame]) -> None:
+    estimates = estimate_all(DirectOdometry(), [views[0]] * 40)
+    assert all(e.ok for e in estimates)
+    # With its noise it lies a little beside the keyframe's smooth planes, and comes to rest there.
+    assert_close(estimates[-1].T_world_camera, np.eye(4), 4e-4, 0.01)
+    assert_close(estimates[-1].T_world_camera, estimates[-2].T_world_camera, 1e-5, 1e-3)
+
+
+@pytest.mark.parametrize("readout_s", [0.0, 0.02])
+def test_standing_still_does_not_creep_and_needs_no_other_keyframe(readout_s: float) -> None:
+    frame = render_view(readout_s=readout_s)
+    still = [replace(add_noise(frame, k), stamp_s=k / 30) for k in range(60)]
+    estimates = estimate_all(DirectOdometry(), still)
+    assert all(e.ok for e in estimates)
+    # Where rows have times the first frame is made a keyframe anew, once.
+    assert not any(e.is_next_reference for e in estimates[2:])
+    way = way_of(estimates)
+    assert np.linalg.norm(way[40:].mean(axis=0) - way[5:25].mean(axis=0)) < 3e-4
+    assert np.linalg.norm(way, axis=1).max() < 1.5e-3
+    # A frame by itself is good to 0.15 mm: the pose is that of many.
+    assert way[30:].std(axis=0).max() < 7e-5
+
+
+@pytest.mark.slow
+def test_a_start_from_rest_is_followed_at_once() -> None:
+    going = MovingCamera(np.array([0.012, 0.0, 0.016, 0.0, 0.0, 0.0]))
+    rest = [render_view(readout_s=0.02) for _ in range(20)]
+    frames = [*rest, *render_sequence(going, 10, 0.02)]
+    frames = [replace(add_noise(frame, k), stamp_s=k / 30) for k, frame in enumerate(frames)]
+    way = way_of(estimate_all(DirectOdometry(), frames)) @ [0.6, 0.0, 0.8]
+    # 0.7 mm a frame: never more than a frame late.
+    np.testing.assert_allclose(way[20:] - way[10:20].mean(), 0.02 * np.arange(10) / 30, atol=0.7e-3)
+
+
+@pytest.mark.slow
+def test_slow_motion_is_not_swallowed() -> None:
+    slow = MovingCamera(np.array([0.9e-3, 0.0, 1.2e-3, 0.0, 0.0, 0.0]))
+    frames = [add_noise(frame, k) for k, frame in enumerate(render_sequence(slow, 50))]
+    way = way_of(estimate_all(DirectOdometry(), frames))
+    gone_m = np.linalg.norm(way[40:].mean(axis=0) - way[:10].mean(axis=0))
+    # 0.05 mm a frame, over forty.
+    assert gone_m == pytest.approx(40 * 5e-5, rel=0.35)
+
+
+def looking(angle_rad: float, k: int) -> RgbdFrame:
+    return add_noise(render_view(MovingCamera(T_world_start=turned(angle_rad)), k / 30), k)
+
+
+def turned(angle_rad: float) -> Array:
+    turn = so3_exp([0.0, angle_rad, 0.0])
+    return rigid_transform(turn, [0.3 * angle_rad, 0.0, 0.0])
+
+
+def sweep() -> list[float]:
+    there = [0.06 * k for k in range(9)]
+    return there + there[::-1]
+
+
+@pytest.fixture(scope="module")
+def swept() -> list[Estimate]:
+    """The camera looks aside and back again."""
+    return estimate_all(DirectOdometry(), [looking(a, k) for k, a in enumerate(sweep())])
+
+
+def test_a_long_way_passes_from_keyframe_to_keyframe(swept: list[Estimate]) -> None:
+    assert all(e.ok for e in swept)
+    assert sum(e.is_next_reference for e in swept[:9]) >= 3
+    for angle_rad, estimate in zip(sweep(), swept, strict=True):
+        assert_close(estimate.T_world_camera, turned(angle_rad), 0.003, 0.08)
+
+
+def test_a_view_that_returns_is_laid_on_the_keyframe_that_it_had(swept: list[Estimate]) -> None:
+    """So the error on the way is forgotten: it does not add up there and back."""
+    assert_close(swept[-1].T_world_camera, np.eye(4), 0.0012, 0.04)
+
+
+def test_motions_are_counted_from_the_last_frame_that_said_so(swept: list[Estimate]) -> None:
+    reference = swept[0]
+    for estimate in swept[1:]:
+        T = reference.T_world_camera @ estimate.T_reference_camera
+        np.testing.assert_allclose(estimate.T_world_camera, T, atol=1e-9)
+        if estimate.is_next_reference:
+            reference = estimate
+
+
+def test_fast_motion_and_a_low_rate_are_followed() -> None:
+    fast = MovingCamera(np.array([0.5, -0.3, 0.4, -0.5, 0.8, 0.6]))
+    frames = [add_noise(render_view(fast, k / 10), k) for k in range(4)]
+    estimates = estimate_all(DirectOdometry(), frames)
+    assert [e.reason for e in estimates if not e.ok] == []
+    assert_close(estimates[-1].T_world_camera, fast.pose_at(0.3), 0.003, 0.1)
+
+
+def test_after_frames_that_did_not_come_it_goes_on() -> None:
+    times_s = [0.0, 1 / 30, 2 / 30, 0.6, 0.6 + 1 / 30, 0.2 + 1.0]
+    frames = [add_noise(render_view(BRISK, t), k) for k, t in enumerate(times_s)]
+    for t, estimate in zip(times_s, estimate_all(DirectOdometry(), frames), strict=True):
+        assert estimate.ok
+        assert_close(estimate.T_world_camera, BRISK.pose_at(t), 0.003, 0.1)
+
+
+def test_poses_stay_rigid_to_the_last_digits(swept: list[Estimate]) -> None:
+    for before, after in pairwise(swept):
+        for T in (after.T_world_camera, inverse(before.T_world_camera) @ after.T_world_camera):
+            np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_a_camera_that_stands_still_from_the_start_has_no_velocity() -> None:
+    frames = [
+        replace(add_noise(render_view(STILL, readout_s=0.02), k), stamp_s=k / 30) for k in range(3)
+    ]
+    for estimate in estimate_all(DirectOdometry(), frames):
+        assert_close(estimate.T_world_camera, np.eye(4), 0.001, 0.03)
+
+
+class Trembling(MovingCamera):
+    """A hand that turns aside, and trembles five times a second."""
+
+    def pose_at(self, time_s: float) -> Array:
+        tremor_rad = 0.015 * np.sin(2 * np.pi * 5.0 * time_s) * np.array([1.0, 0.6, -0.5])
+        turn = np.array([0.0, 0.9, 0.0]) * (time_s - 0.5) + tremor_rad
+        return rigid_transform(so3_exp(turn), np.array([0.25, 0.05, 0.1]) * time_s)
+
+
+def drift_of(frames: list[RgbdFrame]) -> float:
+    """Mean distance from the way of a trembling hand, m."""
+    way = way_of(estimate_all(DirectOdometry(), frames))
+    T_start_world = inverse(Trembling().pose_at(0.0))
+    truth = [(T_start_world @ Trembling().pose_at(frame.stamp_s))[:3, 3] for frame in frames]
+    return float(np.linalg.norm(way - truth, axis=1).mean())
+
+
+@pytest.mark.slow
+def test_a_trembling_hand_bends_no_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keyframes are un-bent by the poses around them, not by what bent ones before made of it."""
+    frames = [add_noise(f, k) for k, f in enumerate(render_sequence(Trembling(), 36, 0.02, 0.012))]
+    told = drift_of(frames)
+    monkeypatch.setattr(keyframe_selection, "estimate_previous_motion", lambda before, now: None)
+    assert told < 0.001
+    assert told < 0.7 * drift_of(frames)

@@ -1,0 +1,170 @@
+"""The points of a keyframe: where they are, and when."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.core.geometry import Array, transform_points
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    BRISK,
+    CAMERA,
+    CORNER,
+    SHAKING,
+    WALL,
+    add_noise,
+    render_view,
+    texture_at,
+)
+from vo_service.odometry.direct.grid import ALL_STATIC, CELL_COLUMNS, CELL_ROWS, NUM_CELLS
+from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.keyframe_points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_DEPTH_GRADIENT,
+    select_points,
+)
+from vo_service.odometry.direct.rolling_shutter import zero_motion
+
+STANDING = zero_motion()
+
+
+def off_planes_m(places: Array) -> Array:
+    """(N,) how far places in the world are from the nearest of the corner's planes."""
+    off = [np.abs(places @ n - d) / np.linalg.norm(n) for n, d in CORNER]
+    return np.asarray(np.min(off, axis=0))
+
+
+def off_wall_m(places: Array) -> Array:
+    """(N,) how far places in the world are from the wall."""
+    off: Array = np.abs(places @ WALL[0] - WALL[1]) / np.linalg.norm(WALL[0])
+    return off
+
+
+def off_paint(points: Array) -> float:
+    """How far brightness is from that of the paint where the points are, grey levels."""
+    return float(np.abs(points[:, POINT_BRIGHTNESS] - texture_at(points[:, :3])).mean())
+
+
+def test_every_level_has_points_over_all_of_the_view() -> None:
+    for points in select_points(build_image_pyramid(render_view()), STANDING, ALL_STATIC):
+        u = CAMERA.fx * points[:, 0] / points[:, 2] + CAMERA.cx
+        v = CAMERA.fy * points[:, 1] / points[:, 2] + CAMERA.cy
+        assert u.min() < 60 < 260 < u.max()
+        assert v.min() < 60 < 180 < v.max()
+
+
+def test_points_lie_on_the_surfaces_and_noise_is_averaged() -> None:
+    for points in select_points(build_image_pyramid(render_view()), STANDING, ALL_STATIC):
+        has_shape = points[points[:, HAS_SHAPE] > 0]
+        # Where two of the planes meet, the one that is fitted lies between them.
+        assert np.median(off_planes_m(has_shape[:, :3])) < 1e-4
+    points = select_points(build_image_pyramid(add_noise(render_view(), 1)), STANDING, ALL_STATIC)[
+        0
+    ]
+    z = points[:, 2]
+    of_one_reading_m = 8e-4 * z * z
+    errors = off_planes_m(points[:, :3]) / of_one_reading_m
+    assert np.median(errors[points[:, HAS_SHAPE] > 0]) < 0.25
+
+
+def test_brightness_and_its_change_with_the_place_are_those_of_the_paint() -> None:
+    points = select_points(build_image_pyramid(render_view()), STANDING, ALL_STATIC)[0]
+    places = points[:, :3]
+    assert np.abs(points[:, POINT_BRIGHTNESS] - texture_at(places)).mean() < 2.0
+    # Sideways, along a wall that faces the camera, brightness changes as it is painted.
+    step = np.array([2e-3, 0.0, -2e-4])
+    on_wall = np.abs(places @ WALL[0] - WALL[1]) < 1e-3
+    told = points[:, POINT_BRIGHTNESS_GRADIENT : POINT_BRIGHTNESS_GRADIENT + 3] @ step
+    true = texture_at(places) - texture_at(places - step)
+    strong = on_wall & (points[:, HAS_TEXTURE] > 0)
+    # The camera's pixel goes with the point: what it meets is the paint further on.
+    assert np.corrcoef(told[strong], true[strong])[0, 1] > 0.95
+
+
+def test_depth_changes_with_the_place_as_the_plane_lies() -> None:
+    points = select_points(build_image_pyramid(render_view(planes=(WALL,))), STANDING, ALL_STATIC)[
+        0
+    ]
+    normal, distance = np.array(WALL[0]), WALL[1]
+    step = np.array([1e-3, -2e-3, 1.5e-3])
+    moved = points[:, :3] + step
+    # 1/z of the wall where the moved point is seen, less that of the moved point.
+    rays = moved / moved[:, 2:]
+    difference = rays @ normal / distance - 1.0 / moved[:, 2]
+    told = points[:, POINT_DEPTH_GRADIENT : POINT_DEPTH_GRADIENT + 3] @ step
+    np.testing.assert_allclose(told, difference, atol=1e-5)
+
+
+def test_a_pixel_beside_a_depth_edge_is_no_point() -> None:
+    frame = render_view(planes=(WALL,))
+    depth_raw = frame.depth_raw.copy()
+    depth_raw[:, 160:] = 6000
+    points = select_points(
+        build_image_pyramid(replace(frame, depth_raw=depth_raw)), STANDING, ALL_STATIC
+    )[0]
+    u = CAMERA.fx * points[:, 0] / points[:, 2] + CAMERA.cx
+    assert not np.any(np.abs(u - 159.5) < 1.5)
+    assert np.any(u < 155)
+    assert np.any(u > 165)
+
+
+def test_no_points_are_taken_from_cells_that_move() -> None:
+    is_still = np.ones(NUM_CELLS, np.bool_).reshape(CELL_ROWS, CELL_COLUMNS)
+    is_still[:, : CELL_COLUMNS // 2] = False
+    for points in select_points(build_image_pyramid(render_view()), STANDING, is_still.ravel()):
+        assert np.all(points[:, 0] > -0.02 * points[:, 2])
+
+
+def test_without_texture_points_are_there_for_their_shape_alone() -> None:
+    for points in select_points(build_image_pyramid(render_view(paint=0.0)), STANDING, ALL_STATIC):
+        assert len(points) > 50
+        assert not points[:, HAS_TEXTURE].any()
+        assert points[:, HAS_SHAPE].all()
+
+
+@pytest.mark.parametrize("level", [0, 1])
+@pytest.mark.parametrize(("readout_s", "skew_s"), [(0.03, 0.0), (0.0, 0.015), (0.025, -0.012)])
+def test_rows_taken_at_other_times_are_brought_to_the_stamp(
+    level: int, readout_s: float, skew_s: float
+) -> None:
+    frame = render_view(BRISK, planes=(WALL,), readout_s=readout_s, skew_s=skew_s)
+    images, instant = build_image_pyramid(frame), build_image_pyramid(render_view(planes=(WALL,)))
+    points = select_points(images, BRISK.movement, ALL_STATIC)[level]
+    left = select_points(images, STANDING, ALL_STATIC)[level]
+    assert off_wall_m(points[:, :3]).max() < 3e-4
+    assert off_paint(points) < 1.1 * off_paint(select_points(instant, STANDING, ALL_STATIC)[level])
+    # Left as they are they are off by as much as the camera moved meanwhile.
+    assert off_wall_m(left[:, :3]).max() > 2e-3
+    assert off_paint(left) > off_paint(points)
+
+
+@pytest.mark.parametrize("skew_s", [-0.012, 0.0, 0.012])
+def test_rows_that_a_tremor_has_bent_are_straightened(skew_s: float) -> None:
+    images = build_image_pyramid(
+        render_view(SHAKING, planes=(WALL,), readout_s=0.03, skew_s=skew_s)
+    )
+    straight = select_points(images, SHAKING.movement, ALL_STATIC)[0]
+    bent = select_points(images, BRISK.movement, ALL_STATIC)[0]
+    assert off_wall_m(straight[:, :3]).max() < 4e-4
+    assert off_paint(straight) < 0.8 * off_paint(bent)
+
+
+def test_the_points_of_a_rolled_image_are_in_the_axes_of_the_camera_at_its_stamp() -> None:
+    stamp_s = 0.4
+    frame = render_view(BRISK, stamp_s, readout_s=0.03, skew_s=0.01)
+    points = select_points(build_image_pyramid(frame), BRISK.movement, ALL_STATIC)[0]
+    places = transform_points(BRISK.pose_at(stamp_s), points[:, :3])
+    assert np.percentile(off_planes_m(places), 80) < 3e-4
+
+
+def test_for_an_instant_shutter_the_velocity_does_not_matter() -> None:
+    images = build_image_pyramid(render_view())
+    for standing, moving in zip(
+        select_points(images, STANDING, ALL_STATIC),
+        select_points(images, BRISK.movement, ALL_STATIC),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(standing, moving)

@@ -1,0 +1,173 @@
+"""Whether to believe an alignment, by what it rests on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.core.geometry import Array
+from tests.vo_service.odometry.direct.rolling_shutter_views import add_noise, render_view
+from vo_service.odometry.direct import normal_equations, residual_stats
+from vo_service.odometry.direct import warping as columns
+from vo_service.odometry.direct.alignment import (
+    STATIC_PRIOR,
+    DirectAlignment,
+    align,
+    depth_only_weights,
+    uniform_weights,
+)
+from vo_service.odometry.direct.grid import ALL_STATIC
+from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.keyframe_points import select_points
+from vo_service.odometry.direct.quality import (
+    degradation_reason,
+    is_consistent,
+    occlusion_reason,
+    outlier_score,
+    rejection_reason,
+    residual_score,
+)
+from vo_service.odometry.direct.rolling_shutter import zero_motion
+
+POINTS = select_points(build_image_pyramid(add_noise(render_view(), 0)), zero_motion(), ALL_STATIC)
+GOOD = align(
+    POINTS,
+    build_image_pyramid(add_noise(render_view(), 1)),
+    [np.eye(4)],
+    STATIC_PRIOR,
+    (1.0, 0.0),
+    uniform_weights(),
+)
+
+
+def counted(**counts: float) -> DirectAlignment:
+    changed = GOOD.counts.copy()
+    for name, value in counts.items():
+        changed[getattr(residual_stats, name)] = value
+    return replace(GOOD, counts=changed)
+
+
+def fitted(**fit: float) -> DirectAlignment:
+    changed = GOOD.residual_model.copy()
+    for name, value in fit.items():
+        changed[getattr(normal_equations, name)] = value
+    return replace(GOOD, residual_model=changed)
+
+
+def test_a_good_alignment_is_believed_and_lacks_nothing() -> None:
+    assert rejection_reason(GOOD) == degradation_reason(GOOD) == ""
+    assert is_consistent(GOOD.counts)
+    assert outlier_score(GOOD) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("found", "reason"),
+    [
+        (counted(IN_IMAGE=40), "40 of "),
+        (
+            counted(DISREGARDED=0.9 * GOOD.counts[residual_stats.IN_IMAGE]),
+            "90 % of the view does not fit",
+        ),
+        (counted(DEPTH_AGREES=0), "depths agree with the keyframe's"),
+        (counted(BRIGHTNESS_AGREES=0), "brightnesses agree with the keyframe's"),
+        (counted(WITH_DEPTH=0, WITH_BRIGHTNESS=9), "only 9 readings"),
+        (fitted(SIGMA_DEPTH=1.0), "the depth does not fit"),
+        (fitted(SIGMA_BRIGHTNESS=100.0), "the brightness does not fit"),
+        (fitted(GAIN=9.0), "the light is quite another than the keyframe's"),
+    ],
+)
+def test_what_does_not_fit_is_doubted_and_said(found: DirectAlignment, reason: str) -> None:
+    assert reason in rejection_reason(found)
+
+
+def test_brightness_that_does_not_count_is_not_doubted() -> None:
+    dark = replace(fitted(SIGMA_BRIGHTNESS=100.0, GAIN=9.0), cell_weights=depth_only_weights())
+    assert rejection_reason(dark) == ""
+    assert outlier_score(dark) < 1.0 < outlier_score(fitted(SIGMA_BRIGHTNESS=100.0))
+
+
+def test_what_it_has_to_do_without_is_said() -> None:
+    assert "depth alone" in degradation_reason(counted(WITH_BRIGHTNESS=0))
+    assert "brightness alone" in degradation_reason(counted(WITH_DEPTH=0))
+
+
+def count_of(readings: Array) -> Array:
+    return residual_stats.count_residuals(
+        POINTS[0], readings, GOOD.residual_model, uniform_weights()
+    )
+
+
+def test_readings_are_counted_by_what_they_say() -> None:
+    counts = count_of(GOOD.samples)
+    assert counts[residual_stats.IN_IMAGE] == np.count_nonzero(
+        GOOD.samples[:, columns.SAMPLE_CELL] >= 0
+    )
+    assert 0.9 * counts[residual_stats.WITH_DEPTH] < counts[residual_stats.DEPTH_AGREES]
+    assert 0.9 * counts[residual_stats.WITH_BRIGHTNESS] < counts[residual_stats.BRIGHTNESS_AGREES]
+    assert counts[residual_stats.DISREGARDED] == 0
+
+
+def test_a_hidden_point_is_not_counted_and_one_seen_through_disagrees() -> None:
+    before, within = count_of(GOOD.samples), GOOD.samples[:, columns.SAMPLE_CELL] < 16
+    hidden, through = GOOD.samples.copy(), GOOD.samples.copy()
+    for readings, sign in ((hidden, columns.OCCLUDED), (through, -columns.OCCLUDED)):
+        readings[within, columns.SAMPLE_OCCLUSION] = sign
+        readings[within, columns.SAMPLE_BRIGHTNESS] = readings[
+            within, columns.SAMPLE_DEPTH_RESIDUAL
+        ] = np.nan
+    assert count_of(hidden)[residual_stats.IN_IMAGE] < before[residual_stats.IN_IMAGE]
+    assert is_consistent(count_of(hidden))
+    assert count_of(hidden)[residual_stats.COST] < before[residual_stats.COST]
+    assert count_of(through)[residual_stats.IN_IMAGE] == before[residual_stats.IN_IMAGE]
+    assert (
+        count_of(through)[residual_stats.DEPTH_AGREES] < 0.8 * before[residual_stats.DEPTH_AGREES]
+    )
+    assert count_of(through)[residual_stats.COST] > before[residual_stats.COST]
+
+
+def test_points_agree_if_both_their_brightness_and_their_depth_do() -> None:
+    agreeing = residual_stats.find_inliers(POINTS[0], GOOD.samples, GOOD.residual_model)
+    assert agreeing.mean() > 0.85
+    for column, by in ((columns.SAMPLE_BRIGHTNESS, 200.0), (columns.SAMPLE_DEPTH_RESIDUAL, 0.05)):
+        wrong = GOOD.samples.copy()
+        wrong[::2, column] += by
+        now = residual_stats.find_inliers(POINTS[0], wrong, GOOD.residual_model)
+        assert now[::2].mean() < 0.3
+        np.testing.assert_array_equal(now[1::2], agreeing[1::2])
+
+
+def covered(share: float) -> DirectAlignment:
+    readings = GOOD.samples.copy()
+    readings[: int(share * len(readings)), columns.SAMPLE_OCCLUSION] = columns.OCCLUDED
+    return replace(GOOD, samples=readings, counts=count_of(readings))
+
+
+def test_a_view_that_something_covers_is_not_believed_however_well_the_rest_fits() -> None:
+    assert occlusion_reason(GOOD) == occlusion_reason(covered(0.4)) == ""
+    assert "of the view is covered" in occlusion_reason(covered(0.7))
+    assert rejection_reason(covered(0.7)) == ""
+    unfit = counted(DISREGARDED=0.7 * GOOD.counts[residual_stats.IN_IMAGE])
+    assert occlusion_reason(unfit) == "70 % of the view is covered"
+
+
+def test_a_view_that_is_covered_in_part_is_told() -> None:
+    assert degradation_reason(covered(0.1)) == ""
+    assert "of the view is covered" in degradation_reason(covered(0.4))
+
+
+def test_what_fits_badly_all_over_is_worse_than_what_fits_but_for_a_corner() -> None:
+    in_image = GOOD.counts[residual_stats.IN_IMAGE]
+    all_over = fitted(SIGMA_BRIGHTNESS=5.0 * GOOD.residual_model[normal_equations.SIGMA_BRIGHTNESS])
+    but_for_a_corner = counted(DISREGARDED=0.15 * in_image)
+    assert outlier_score(but_for_a_corner) > outlier_score(all_over)
+    assert residual_score(GOOD) < residual_score(but_for_a_corner) < residual_score(all_over)
+
+
+def test_what_disregards_half_of_the_view_does_not_fit_better_for_it() -> None:
+    half = counted(DISREGARDED=0.5 * GOOD.counts[residual_stats.IN_IMAGE])
+    better = (
+        0.6 * GOOD.residual_model[[normal_equations.SIGMA_BRIGHTNESS, normal_equations.SIGMA_DEPTH]]
+    )
+    assert residual_score(
+        replace(half, residual_model=np.array([1.0, 0.0, *better]))
+    ) > residual_score(GOOD)

@@ -1,0 +1,199 @@
+"""What is tried with a frame that does not fit from where it was expected."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, inverse, rigid_transform, so3_exp
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    BRISK,
+    MovingCamera,
+    add_noise,
+    remove_color,
+    render_sequence,
+    render_view,
+)
+from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
+from vo_service.odometry.direct.alignment import align, uniform_weights
+from vo_service.odometry.direct.derived_parameters import SUSPECT_SIGMAS
+from vo_service.odometry.direct.feature_search import FeatureSearch
+from vo_service.odometry.direct.grid import ALL_STATIC
+from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.keyframe_init import reinitialize
+from vo_service.odometry.direct.local_map import DirectKeyframe, LocalMap, make_keyframe
+from vo_service.odometry.direct.motion_state import MotionState
+from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct.quality import rejection_reason
+from vo_service.odometry.direct.recovery import DirectRecovery, TrackingResult
+from vo_service.odometry.direct.rolling_shutter import zero_motion
+from vo_service.odometry.direct.visualization import (
+    POINT_STRIDE,
+    make_tracking_debug,
+    project_keyframe_points,
+)
+from vo_service.odometry.surf import SurfExtractor
+
+
+def turned(angle_rad: float) -> Array:
+    return rigid_transform(so3_exp([0.0, angle_rad, 0.0]), np.zeros(3))
+
+
+def looking(angle_rad: float, k: int = 0) -> RgbdFrame:
+    return add_noise(render_view(MovingCamera(T_world_start=turned(angle_rad)), k / 30), k)
+
+
+def keyframe_of(frame: RgbdFrame, T: Array) -> DirectKeyframe:
+    return make_keyframe(frame, build_image_pyramid(frame), T, zero_motion(), ALL_STATIC)
+
+
+AHEAD, ASIDE = keyframe_of(looking(0.0), np.eye(4)), keyframe_of(looking(0.5), turned(0.5))
+WAY = MotionState(np.eye(4), np.zeros(6), 0.0, (1.0, 0.0), AHEAD.images.mean_brightness)
+SEARCH = FeatureSearch(SurfExtractor())
+
+
+def first_try(frame: RgbdFrame) -> TrackingResult:
+    return laid_from(WAY.initial_guesses(AHEAD.T_world_keyframe, frame.stamp_s), frame)
+
+
+def laid_from(starts: list[Array], frame: RgbdFrame) -> TrackingResult:
+    images, tie = (
+        build_image_pyramid(frame),
+        WAY.motion_prior(AHEAD.T_world_keyframe, frame.stamp_s),
+    )
+    return TrackingResult(
+        AHEAD, align(AHEAD.points, images, starts, tie, (1.0, 0.0), uniform_weights()), tie
+    )
+
+
+def recovered(frame: RgbdFrame) -> TrackingResult:
+    return searched(frame, first_try(frame))
+
+
+def searched(frame: RgbdFrame, first: TrackingResult) -> TrackingResult:
+    local_map = LocalMap()
+    local_map.reset(ASIDE)
+    local_map.add(AHEAD)
+    return DirectRecovery(SurfExtractor()).recover(
+        frame, build_image_pyramid(frame), first, WAY, local_map
+    )
+
+
+def plausible(found: TrackingResult) -> TrackingResult:
+    """The same motion, as if the keyframe fitted it well enough."""
+    fit = np.array([1.0, 0.0, 0.9 * SUSPECT_SIGMAS[0], 0.9 * SUSPECT_SIGMAS[1]])
+    alignment = replace(found.alignment, residual_model=fit, counts=at_home().alignment.counts)
+    return replace(found, alignment=alignment)
+
+
+def at_home() -> TrackingResult:
+    return first_try(looking(0.0, 1))
+
+
+def T_world_of(found: TrackingResult) -> Array:
+    return found.keyframe.T_world_keyframe @ inverse(found.alignment.T_camera_keyframe)
+
+
+def test_features_find_the_keyframes_that_are_in_view() -> None:
+    sightings = list(SEARCH.find_matches(looking(0.1, 1), [ASIDE, AHEAD]))
+    assert AHEAD in [each.keyframe for each in sightings]
+    for each in sightings:
+        T_world_camera = each.keyframe.T_world_keyframe @ inverse(each.T_camera_keyframe)
+        assert_close(T_world_camera, turned(0.1), 0.02, 0.5)
+
+
+def test_features_find_nothing_where_nothing_was_seen() -> None:
+    random = np.random.default_rng(1)
+    frame = looking(0.0)
+    noise = replace(frame, color_bgr=random.integers(0, 256, frame.color_bgr.shape, np.uint8))
+    assert list(SEARCH.find_matches(noise, [ASIDE, AHEAD])) == []
+    assert list(SEARCH.find_matches(remove_color(frame), [ASIDE, AHEAD])) == []
+
+
+@pytest.mark.parametrize(("angle_rad", "keyframe"), [(-0.3, AHEAD), (0.85, ASIDE)])
+def test_a_camera_that_jumped_is_found_again(angle_rad: float, keyframe: DirectKeyframe) -> None:
+    frame = looking(angle_rad, 1)
+    assert first_try(frame).needs_recovery
+    found = recovered(frame)
+    assert rejection_reason(found.alignment) == ""
+    assert found.degradation == ""
+    assert_close(T_world_of(found), turned(angle_rad), 0.003, 0.08)
+    assert found.keyframe is keyframe
+
+
+def test_a_motion_that_fits_well_enough_gives_way_to_one_that_fits_clearly_better() -> None:
+    """Of the places around which a camera may be after a while, several may fit."""
+    frame = looking(-0.3, 5)
+    wrong = plausible(first_try(frame))
+    assert not wrong.needs_recovery
+    assert WAY.is_stale(frame.stamp_s)
+    assert_close(T_world_of(searched(frame, wrong)), turned(-0.3), 0.003, 0.08)
+
+
+def test_a_motion_that_features_confirm_is_kept() -> None:
+    right = at_home()
+    assert searched(looking(0.0, 1), right) is right
+
+
+def test_of_two_keyframes_that_features_agree_with_the_one_to_believe_is_taken() -> None:
+    frame = looking(0.85, 1)
+    in_use, other = SEARCH.find_matches(frame, [AHEAD, ASIDE])
+    assert (in_use.keyframe, other.keyframe) == (AHEAD, ASIDE)
+    # Where it is expected it does not fit; where features see it, too little of it is left.
+    assert "the keyframe" in rejection_reason(first_try(frame).alignment)
+    sighted = laid_from([in_use.T_camera_keyframe], frame)
+    assert "points of the keyframe are in view" in rejection_reason(sighted.alignment)
+    assert recovered(frame).keyframe is ASIDE
+
+
+def test_in_the_dark_depth_alone_is_tried() -> None:
+    found = recovered(remove_color(looking(0.02, 1)))
+    assert found.degradation.startswith("by depth alone: ")
+    assert not found.alignment.uses_brightness
+    assert_close(T_world_of(found), turned(0.02), 0.003, 0.1)
+
+
+def test_what_is_found_nowhere_stays_in_doubt() -> None:
+    found = recovered(looking(np.pi, 1))
+    assert rejection_reason(found.alignment) != ""
+    assert found.needs_recovery
+
+
+def test_a_jump_is_followed_without_a_restart() -> None:
+    angles_rad = [0.0, 0.02, 0.04, 0.4, 0.42, 0.0, 0.02]
+    frames = [looking(a, k) for k, a in enumerate(angles_rad)]
+    for angle_rad, estimate in zip(angles_rad, estimate_all(DirectOdometry(), frames), strict=True):
+        assert estimate.ok
+        assert not estimate.is_reset
+        assert_close(estimate.T_world_camera, turned(angle_rad), 0.004, 0.1)
+
+
+def test_a_first_keyframe_is_made_anew_once_the_velocity_is_known() -> None:
+    first, second = render_sequence(BRISK, 2, readout_s=0.03, skew_s=0.01)
+    images = build_image_pyramid(first)
+    keyframe = make_keyframe(first, images, np.eye(4), zero_motion(), ALL_STATIC)
+    way = MotionState(np.eye(4), np.zeros(6), 0.0, (1.0, 0.0), images.mean_brightness)
+    tie = way.motion_prior(np.eye(4), second.stamp_s)
+    starts = way.initial_guesses(np.eye(4), second.stamp_s)
+    laid = align(
+        keyframe.points, build_image_pyramid(second), starts, tie, (1.0, 0.0), uniform_weights()
+    )
+    found = reinitialize(TrackingResult(keyframe, laid, tie), build_image_pyramid(second), way)
+    np.testing.assert_allclose(found.keyframe.motion, BRISK.movement, atol=0.04)
+    assert found.keyframe.frame.depth_raw is first.depth_raw
+    assert_close(T_world_of(found), BRISK.pose_at(1 / 30), 0.0007, 0.03)
+
+
+def test_what_is_drawn_lies_in_both_images() -> None:
+    found = first_try(looking(0.01, 1))
+    evidence = make_tracking_debug(AHEAD, found.alignment)
+    assert len(project_keyframe_points(AHEAD)) == -(-len(AHEAD.points[0]) // POINT_STRIDE)
+    assert evidence.inlier.mean() > 0.8
+    flow_px = evidence.matches_px - evidence.reference_matches_px
+    # A turn to the right: what is seen goes to the left.
+    assert np.median(flow_px[:, 0]) == pytest.approx(-0.01 * 290, rel=0.2)
+    assert abs(np.median(flow_px[:, 1])) < 0.5
+    for pixels in (evidence.keypoints_px, evidence.reference_matches_px):
+        assert pixels.min() > -1
+        assert (pixels.max(axis=0) < (320, 240)).all()

@@ -1,0 +1,24 @@
+"""What is remembered of the keyframe that is followed."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tests.vo_service.odometry.direct.tracking_results import KEYFRAME, MOTION, make_result
+from vo_service.odometry.degeneracy import DegeneracyAnalysis
+from vo_service.odometry.direct.covariance import MotionUncertainty
+from vo_service.odometry.direct.odometry import DirectTrack
+
+FOUND = make_result(np.zeros(6), np.zeros(6))
+SURE = MotionUncertainty(np.eye(6), DegeneracyAnalysis(np.arange(4.0, 10.0), np.eye(6)))
+
+
+def test_the_clarity_at_first_is_that_of_the_keyframes_first_view() -> None:
+    track = DirectTrack(KEYFRAME, MOTION, np.eye(4))
+    assert track.observability_at_start(FOUND, SURE) == SURE.observability == 4.0
+    assert replace(track, initial_observability=9.0).observability_at_start(FOUND, SURE) == 9.0
+
+
+def test_a_keyframe_that_was_found_again_is_seen_for_the_first_time() -> None:
+    track = DirectTrack(replace(KEYFRAME), MOTION, np.eye(4), initial_observability=9.0)
+    assert track.observability_at_start(FOUND, SURE) == SURE.observability

@@ -1,0 +1,70 @@
+"""Compiling ahead of time: whatever the dense odometry may need later has been run."""
+
+import pkgutil
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    BRISK,
+    MovingCamera,
+    add_noise,
+    remove_color,
+    render_sequence,
+    render_view,
+)
+from vo_service.odometry import direct, feature_points, matching, ransac
+from vo_service.odometry.direct.stage_budget import STAGE_BUDGET_MS
+from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.surf import hessian, maxima, orientation
+from vo_service.odometry.warm_up import StageReporter, warm_up
+
+OWN = [f"{direct.__name__}.{each.name}" for each in pkgutil.iter_modules(direct.__path__)]
+MODULES = [*map(import_module, OWN), matching, feature_points, ransac, hessian, maxima, orientation]
+KERNELS = [
+    each
+    for module in MODULES
+    for each in vars(module).values()
+    if hasattr(each, "signatures") and hasattr(each, "py_func")
+]
+
+
+def test_every_stage_of_the_method_is_run_and_told_and_has_a_budget() -> None:
+    told: list[str] = []
+    assert warm_up("keyframe", told.append) > 0
+    assert set(told) == set(STAGE_BUDGET_MS)
+
+
+def compiled() -> list[tuple[str, list[object]]]:
+    return [(kernel.py_func.__qualname__, list(kernel.signatures)) for kernel in KERNELS]
+
+
+def all_that_may_happen() -> list[RgbdFrame]:
+    """Still, rolling, far aside and back, in the dark, and what is read alone."""
+    shared = add_noise(render_view(BRISK, 0.1), 3)
+    shared.depth_raw.flags.writeable = False
+    shared.color_bgr.flags.writeable = False
+    aside = [
+        MovingCamera(np.array([0.0, 0.0, 0.0, 0.0, angle_rad, 0.0]))
+        for angle_rad in (0.2, 0.4, 0.5, 0.0)
+    ]
+    return [
+        *render_sequence(BRISK, 3, readout_s=0.02, skew_s=0.01),
+        *render_sequence(BRISK, 3),
+        shared,
+        *(replace(render_view(hand, 1.0), stamp_s=0.2 + k / 30) for k, hand in enumerate(aside)),
+        replace(remove_color(render_view()), stamp_s=0.5),
+    ]
+
+
+def test_a_warm_method_compiles_nothing_more_for_real_frames() -> None:
+    warm_up("keyframe", lambda _: None)
+    told: list[str] = []
+    before = compiled()
+    odometry = METHODS["keyframe"](FeatureConfig(), StageReporter(told.append))
+    assert all(odometry.estimate(frame).ok for frame in all_that_may_happen())
+    assert set(told) == set(STAGE_BUDGET_MS)
+    assert KERNELS
+    assert compiled() == before

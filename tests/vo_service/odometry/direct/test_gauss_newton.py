@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from drivers.core.geometry import Array
+from vo_service.odometry.direct.gauss_newton import add_motion_prior, solve_cholesky
+
+FEW = settings(max_examples=30)
+MOVEMENTS = arrays(np.float64, 9, elements=st.floats(-1.0, 1.0, allow_subnormal=False))
+
+
+@FEW
+@given(st.integers(0, 2**32 - 1), st.sampled_from([6, 15]))
+def test_a_positive_system_is_solved(seed: int, size: int) -> None:
+    random = np.random.default_rng(seed)
+    A = random.normal(size=(size, 2 * size))
+    A, b = A @ A.T, random.normal(size=size)
+    np.testing.assert_allclose(solve_cholesky(A, b), np.linalg.solve(A, b), rtol=1e-6, atol=1e-9)
+
+
+def test_a_system_that_says_nothing_has_an_answer() -> None:
+    assert np.all(np.isfinite(solve_cholesky(np.zeros((6, 6)), np.zeros(6))))
+
+
+@FEW
+@given(MOVEMENTS, st.floats(1.0, 60.0), st.integers(0, 1000))
+def test_the_tie_is_the_square_of_how_far_movement_and_way_are_apart(
+    off: Array, rate_hz: float, seed: int
+) -> None:
+    """Its value is sum P (off + e - rate d)^2 for a step d of the motion and e of the movement.
+
+    The acceleration is tied to itself alone.
+    """
+    random = np.random.default_rng(seed)
+    information, step = random.uniform(1.0, 100.0, 9), random.normal(size=15)
+    H, g = np.zeros((15, 15)), np.zeros(15)
+    add_motion_prior(H, g, off, rate_hz, information)
+    value = step @ H @ step + 2 * g @ step + information @ off**2
+    apart = off + step[6:]
+    apart[:6] -= rate_hz * step[:6]
+    assert value == pytest.approx(information @ apart**2, rel=1e-6)
+    np.testing.assert_array_equal(H, H.T)

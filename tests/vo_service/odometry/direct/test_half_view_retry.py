@@ -1,0 +1,129 @@
+"""A motion that follows a thing in the view is told from a jolt of the camera."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, inverse
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    STILL,
+    MovingCamera,
+    add_noise,
+    render_view,
+)
+from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all
+from vo_service.odometry.direct import odometry as keyframe_odometry
+from vo_service.odometry.direct.alignment import (
+    DirectAlignment,
+    MotionPrior,
+    PointPyramid,
+    align,
+    uniform_weights,
+)
+from vo_service.odometry.direct.grid import ALL_STATIC, CELL_COLUMNS, CELL_ROWS
+from vo_service.odometry.direct.half_view_retry import retry_without_half
+from vo_service.odometry.direct.image_pyramid import ImagePyramid, build_image_pyramid
+from vo_service.odometry.direct.local_map import make_keyframe
+from vo_service.odometry.direct.motion_state import IDENTITY_BRIGHTNESS, MotionState
+from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct.recovery import TrackingResult
+from vo_service.odometry.direct.rolling_shutter import zero_motion
+from vo_service.odometry.surf import SurfExtractor
+
+STEP_S = 1 / 30
+# What stands in the left of the view seems to move as if the camera moved like this.
+OTHER_WAY = MovingCamera(np.array([0.8, 0.0, 0.0, 0.0, 0.0, 0.0]))
+JOLT = MovingCamera(np.array([0.3, -0.2, 0.3, -0.3, 0.4, 0.2]))
+LEFT = 3
+# It has stood still, calmly.
+WAY = MotionState(np.eye(4), np.zeros(6), 0.0, IDENTITY_BRIGHTNESS, 128.0, np.array([0.01, 0.02]))
+KEYFRAME = make_keyframe(
+    add_noise(render_view(), 0),
+    build_image_pyramid(add_noise(render_view(), 0)),
+    np.eye(4),
+    zero_motion(),
+    ALL_STATIC,
+)
+
+
+def with_a_thing(frame: RgbdFrame, thing: RgbdFrame) -> RgbdFrame:
+    """The left of the view is that of another frame."""
+    colour, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
+    until = LEFT * frame.camera.width // CELL_COLUMNS
+    colour[:, :until], depth[:, :until] = thing.color_bgr[:, :until], thing.depth_raw[:, :until]
+    return replace(frame, color_bgr=colour, depth_raw=depth)
+
+
+def found_by(images: ImagePyramid, weights: Array) -> TrackingResult:
+    tie = WAY.motion_prior(np.eye(4), STEP_S)
+    alignment = align(KEYFRAME.points, images, [np.eye(4)], tie, IDENTITY_BRIGHTNESS, weights)
+    return TrackingResult(KEYFRAME, alignment, tie)
+
+
+def of_the_left() -> Array:
+    weights = np.zeros_like(uniform_weights())
+    weights.reshape(2, CELL_ROWS, CELL_COLUMNS)[:, :, :LEFT] = 1.0
+    return weights
+
+
+def align_the_left(
+    points: PointPyramid,
+    images: ImagePyramid,
+    starts: Sequence[Array],
+    tie: MotionPrior,
+    light: tuple[float, float],
+    _: Array,
+) -> DirectAlignment:
+    return align(points, images, starts, tie, light, of_the_left())
+
+
+def test_a_motion_that_follows_a_thing_is_given_up_for_that_of_the_room() -> None:
+    images = build_image_pyramid(
+        add_noise(with_a_thing(render_view(), render_view(OTHER_WAY, STEP_S)), 1)
+    )
+    images = replace(images, stamp_s=STEP_S)
+    following = found_by(images, of_the_left())
+    assert_close(
+        inverse(following.alignment.T_camera_keyframe), OTHER_WAY.pose_at(STEP_S), 0.004, 0.2
+    )
+    again = retry_without_half(following, images, WAY)
+    assert_close(inverse(again.alignment.T_camera_keyframe), np.eye(4), 0.002, 0.05)
+
+
+def test_a_jolt_of_the_camera_is_believed() -> None:
+    images = build_image_pyramid(add_noise(render_view(JOLT, STEP_S), 1))
+    again = retry_without_half(found_by(images, uniform_weights()), images, WAY)
+    assert_close(inverse(again.alignment.T_camera_keyframe), JOLT.pose_at(STEP_S), 0.002, 0.05)
+
+
+@pytest.mark.parametrize(
+    "way", [replace(WAY, velocity_noise=np.full(2, 1.0)), replace(WAY, stamp_s=-1)]
+)
+def test_what_does_not_surprise_is_not_looked_at_again(way: MotionState) -> None:
+    images = build_image_pyramid(add_noise(render_view(JOLT, STEP_S), 1))
+    found = found_by(images, uniform_weights())
+    assert retry_without_half(found, images, way) is found
+
+
+def test_a_camera_that_goes_on_standing_does_not_surprise() -> None:
+    images = replace(build_image_pyramid(add_noise(render_view(STILL), 1)), stamp_s=STEP_S)
+    found = found_by(images, uniform_weights())
+    assert retry_without_half(found, images, WAY) is found
+
+
+def test_the_odometry_looks_again_where_its_first_answer_follows_a_thing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Too few features for these to find the room.
+    odometry = DirectOdometry(SurfExtractor(count=1))
+    estimate_all(
+        odometry, [replace(add_noise(render_view(), k), stamp_s=k * STEP_S) for k in range(3)]
+    )
+    monkeypatch.setattr(keyframe_odometry, "align", align_the_left)
+    moved = add_noise(with_a_thing(render_view(), render_view(OTHER_WAY, STEP_S)), 3)
+    estimate = odometry.estimate(replace(moved, stamp_s=3 * STEP_S))
+    assert estimate.ok
+    assert_close(estimate.T_world_camera, np.eye(4), 0.002, 0.05)

@@ -1,0 +1,72 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    CAMERA,
+    STILL,
+    change_lighting,
+    render_sequence,
+    render_view,
+)
+from vo_service.odometry.direct.image_pyramid import (
+    ImageTiming,
+    build_image_pyramid,
+    scale_intrinsics,
+)
+
+
+def test_each_grey_image_is_half_the_size_of_the_one_before() -> None:
+    images = build_image_pyramid(render_view())
+    assert [grey.shape for grey in images.grey] == [(120, 160), (60, 80), (30, 40), (15, 20)]
+    assert images.inverse_depth.shape == (240, 320)
+
+
+def test_a_pixel_of_a_smaller_image_is_the_mean_of_four() -> None:
+    frame = render_view()
+    mean = frame.gray.reshape(120, 2, 160, 2).mean(axis=(1, 3))
+    assert np.abs(build_image_pyramid(frame).grey[0] - mean).max() <= 0.5
+
+
+def test_a_place_has_the_same_ray_in_every_size() -> None:
+    whole = np.array([CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy])
+    fx, fy, cx, cy = scale_intrinsics(whole, 2)
+    # The first pixel of a quarter covers the first four, whose middle is 1.5.
+    assert (0.0 - cx) / fx == pytest.approx((1.5 - CAMERA.cx) / CAMERA.fx)
+    assert (0.0 - cy) / fy == pytest.approx((1.5 - CAMERA.cy) / CAMERA.fy)
+    intrinsics = build_image_pyramid(render_view()).intrinsics
+    np.testing.assert_array_equal(intrinsics[0], whole)
+    np.testing.assert_array_equal(intrinsics[2], [fx, fy, cx, cy])
+
+
+def test_inverse_depth_is_zero_where_there_is_no_reading() -> None:
+    frame = render_view()
+    depth_raw = frame.depth_raw.copy()
+    depth_raw[10:20] = 0
+    inverse_depth = build_image_pyramid(replace(frame, depth_raw=depth_raw)).inverse_depth
+    assert not inverse_depth[10:20].any()
+    np.testing.assert_allclose(inverse_depth[30:] * frame.depth_m[30:], 1.0, rtol=1e-6)
+
+
+def test_images_whose_size_is_odd_lose_their_last_line() -> None:
+    frame = render_view()
+    odd = replace(frame, color_bgr=frame.color_bgr[:-1, :-1], depth_raw=frame.depth_raw[:-1, :-1])
+    images = build_image_pyramid(odd)
+    assert images.grey[0].shape == (119, 159)
+    np.testing.assert_array_equal(images.grey[0], build_image_pyramid(frame).grey[0][:-1, :-1])
+
+
+def test_a_shutter_is_instant_only_if_both_images_are_of_one_instant() -> None:
+    assert build_image_pyramid(render_view()).shutter.is_instant
+    assert not ImageTiming(0.02, 0.0).is_instant
+    assert not ImageTiming(0.0, -0.01).is_instant
+
+
+def test_light_is_compared_within_what_is_believed_of_it() -> None:
+    frame, brighter = render_sequence(STILL, 2)
+    bright = build_image_pyramid(change_lighting(brighter, 1.4))
+    assert bright.brightness_ratio(build_image_pyramid(frame)) == pytest.approx(1.4, rel=0.03)
+    black = build_image_pyramid(change_lighting(frame, 0.0))
+    assert black.brightness_ratio(bright) * bright.brightness_ratio(black) == pytest.approx(1.0)
+    assert 0.1 < black.brightness_ratio(bright) < 1.0

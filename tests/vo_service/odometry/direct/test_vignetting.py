@@ -1,0 +1,138 @@
+"""How much light the lens loses towards the corners is learnt, and taken off what is compared."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import inverse
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    CAMERA,
+    STILL,
+    MovingCamera,
+    add_noise,
+    remove_color,
+    render_view,
+)
+from tests.vo_service.odometry.hand_held_sequence import estimate_all
+from vo_service.odometry.direct.alignment import (
+    STATIC_PRIOR,
+    DirectAlignment,
+    align,
+    uniform_weights,
+)
+from vo_service.odometry.direct.grid import ALL_STATIC
+from vo_service.odometry.direct.image_pyramid import ImagePyramid, build_image_pyramid
+from vo_service.odometry.direct.local_map import DirectKeyframe, make_keyframe
+from vo_service.odometry.direct.normal_equations import SIGMA_BRIGHTNESS
+from vo_service.odometry.direct.odometry import DirectOdometry
+from vo_service.odometry.direct.parameters import HALF
+from vo_service.odometry.direct.rolling_shutter import zero_motion
+from vo_service.odometry.direct.tracked_frame import TrackedFrame
+from vo_service.odometry.direct.vignetting import VignettingEstimate
+
+# 9 degrees to the right and 4 down in a second.
+TURN = MovingCamera(np.array([0.05, 0.0, 0.0, -0.07, 0.16, 0.02]))
+
+
+def through_a_lens(frame: RgbdFrame, falloff: float) -> RgbdFrame:
+    """The same frame, darker towards its corners."""
+    x = (np.arange(CAMERA.width) - CAMERA.cx) / CAMERA.fx
+    y = (np.arange(CAMERA.height) - CAMERA.cy) / CAMERA.fy
+    kept = 1.0 - falloff * (x**2 + y[:, None] ** 2)
+    return replace(frame, color_bgr=np.rint(frame.color_bgr * kept[..., None]).astype(np.uint8))
+
+
+def keyframe_of(frame: RgbdFrame) -> DirectKeyframe:
+    return make_keyframe(frame, build_image_pyramid(frame), np.eye(4), zero_motion(), ALL_STATIC)
+
+
+def laid(
+    keyframe: DirectKeyframe, images: ImagePyramid, hand: MovingCamera = STILL
+) -> DirectAlignment:
+    starts, tie = [inverse(hand.pose_at(1.0))], STATIC_PRIOR.relaxed()
+    return align(keyframe.points, images, starts, tie, (1.0, 0.0), uniform_weights())
+
+
+def looked(
+    falloff: float, known: float = 0.0
+) -> tuple[DirectKeyframe, ImagePyramid, DirectAlignment]:
+    """A keyframe, and a view after a turn, through the same lens."""
+    keyframe = keyframe_of(through_a_lens(add_noise(render_view(), 0), falloff))
+    images = build_image_pyramid(
+        through_a_lens(add_noise(render_view(TURN, 1.0), 1), falloff), known
+    )
+    return keyframe, images, laid(keyframe, images, TURN)
+
+
+@pytest.mark.parametrize("falloff", [-0.1, 0.0, 0.2])
+@pytest.mark.parametrize("known", [0.0, 0.15])
+def test_one_turn_tells_most_of_it_whatever_was_known(falloff: float, known: float) -> None:
+    first = VignettingEstimate(known, information=1.0)
+    assert first.update(*looked(falloff, known)).value == pytest.approx(falloff, abs=0.02)
+
+
+def test_it_is_believed_by_and_by() -> None:
+    view = looked(0.2)
+    once = VignettingEstimate().update(*view)
+    twice = once.update(*view)
+    assert 0.1 < once.value < twice.value < 0.21
+    assert VignettingEstimate().information < once.information < twice.information
+
+
+def test_a_view_that_has_not_moved_tells_nothing() -> None:
+    keyframe = keyframe_of(through_a_lens(add_noise(render_view(), 0), 0.2))
+    images = build_image_pyramid(through_a_lens(add_noise(render_view(), 1), 0.2))
+    known = VignettingEstimate(0.1, information=400.0)
+    after = known.update(keyframe, images, laid(keyframe, images))
+    assert after.value == pytest.approx(0.1, abs=0.02)
+    assert after.information < 1.05 * known.information
+
+
+def test_the_dark_tells_nothing() -> None:
+    keyframe, images = (
+        keyframe_of(remove_color(render_view())),
+        build_image_pyramid(remove_color(render_view())),
+    )
+    assert VignettingEstimate(0.1).update(
+        keyframe, images, laid(keyframe, images)
+    ) == VignettingEstimate(0.1)
+
+
+def test_it_is_never_more_than_a_lens_may_lose() -> None:
+    keyframe, images, found = looked(0.2)
+    absurd = replace(images, vignetting=9.0)
+    assert VignettingEstimate().update(keyframe, absurd, found).value == HALF
+
+
+def test_views_fit_better_where_it_is_known() -> None:
+    def spread(known: float) -> float:
+        return float(looked(0.2, known)[2].residual_model[SIGMA_BRIGHTNESS])
+
+    assert spread(0.2) < 0.8 * spread(0.0)
+
+
+def test_the_odometry_learns_it_as_it_goes() -> None:
+    odometry = DirectOdometry()
+    for k in range(16):
+        frame = through_a_lens(add_noise(render_view(TURN, k / 8), k), 0.25)
+        assert odometry.estimate(frame).ok
+    assert odometry.vignetting == pytest.approx(0.25, abs=0.07)
+
+
+def test_what_the_first_way_tells_of_it_counts_in_the_next_keyframe_already(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def off_m() -> float:
+        """Mean distance from the truth on the second keyframe."""
+        frames = [through_a_lens(add_noise(render_view(TURN, k / 6), k), 0.25) for k in range(11)]
+        brisk = [replace(frame, stamp_s=k / 30) for k, frame in enumerate(frames)]
+        estimates = estimate_all(DirectOdometry(), brisk)
+        assert [k for k, e in enumerate(estimates) if e.is_next_reference] == [0, 6]
+        off = [e.T_world_camera - TURN.pose_at(k / 6) for k, e in enumerate(estimates)][6:]
+        return float(np.linalg.norm(np.array(off)[:, :3, 3], axis=1).mean())
+
+    told = off_m()
+    monkeypatch.setattr(TrackedFrame, "with_vignetting", lambda self, falloff: self)
+    assert told < 0.7 * off_m()

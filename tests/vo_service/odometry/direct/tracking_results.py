@@ -1,0 +1,48 @@
+"""Motions that were found so far from where a briskly moving camera was expected."""
+
+import numpy as np
+
+from drivers.core.geometry import Array, inverse
+from tests.vo_service.odometry.direct.rolling_shutter_views import (
+    BRISK,
+    render_view,
+    series_exponential,
+)
+from vo_service.odometry.direct.alignment import DirectAlignment, initial_residual_model
+from vo_service.odometry.direct.grid import ALL_STATIC
+from vo_service.odometry.direct.image_pyramid import build_image_pyramid
+from vo_service.odometry.direct.local_map import make_keyframe
+from vo_service.odometry.direct.motion_state import IDENTITY_BRIGHTNESS, MotionState
+from vo_service.odometry.direct.recovery import TrackingResult
+from vo_service.odometry.direct.rolling_shutter import (
+    change_frame,
+    constant_velocity_motion,
+    zero_motion,
+)
+
+T_WORLD_KEYFRAME = BRISK.pose_at(-0.1)
+KEYFRAME = make_keyframe(
+    render_view(), build_image_pyramid(render_view()), T_WORLD_KEYFRAME, zero_motion(), ALL_STATIC
+)
+MOTION = MotionState(
+    BRISK.pose_at(1.0),
+    BRISK.velocity,
+    1.0,
+    IDENTITY_BRIGHTNESS,
+    120.0,
+    well_constrained_stamp_s=1.0,
+)
+STAMP_S = 1.0 + 1 / 30
+
+
+def make_result(off: Array, faster: Array) -> TrackingResult:
+    """So far from where it is expected (6,), and with another velocity (6,)."""
+    T_camera_keyframe = inverse(BRISK.pose_at(STAMP_S) @ series_exponential(off)) @ T_WORLD_KEYFRAME
+    movement = change_frame(
+        -constant_velocity_motion(BRISK.velocity + faster), inverse(T_camera_keyframe)
+    )
+    nothing = np.zeros((0, 0))
+    alignment = DirectAlignment(
+        T_camera_keyframe, movement, initial_residual_model(), nothing, nothing, nothing
+    )
+    return TrackingResult(KEYFRAME, alignment, MOTION.motion_prior(T_WORLD_KEYFRAME, STAMP_S))

@@ -1,0 +1,90 @@
+"""Poses and points adjusted together."""
+
+import numpy as np
+import pytest
+
+from drivers.core.geometry import Array, inverse, is_rigid, rigid_transform, so3_exp
+from tests.vo_service.odometry.sfm.ray_pairs import SIGMA, make_cloud, project_rays
+from vo_service.odometry.sfm.bundle_adjustment import (
+    BundleObservations,
+    BundleResult,
+    adjust_bundle,
+)
+
+POINTS = 80
+POSES = [
+    rigid_transform(so3_exp([0.01 * k, -0.03 * k, 0.01 * k]), [0.12 * k, 0.0, 0.02 * k])
+    for k in range(4)
+]
+
+
+def sightings(noise: float = 0.0) -> BundleObservations:
+    """Every camera sees every point."""
+    seen = np.array([project_rays(inverse(T), make_cloud(POINTS))[:, :2] for T in POSES])
+    seen += np.random.default_rng(5).normal(0.0, 1.0, seen.shape) * noise
+    view = np.tile(np.arange(len(POSES)), POINTS)
+    point = np.repeat(np.arange(POINTS), len(POSES))
+    return BundleObservations(view, point, seen[view, point], SIGMA)
+
+
+def adjusted_from_afar(seen: BundleObservations) -> BundleResult:
+    """Poses and points off by a few centimetres and degrees; the first pose is right."""
+    random = np.random.default_rng(3)
+    T = [inverse(POSES[0])]
+    for pose in POSES[1:]:
+        off = rigid_transform(so3_exp(random.normal(0.0, 0.01, 3)), random.normal(0.0, 0.02, 3))
+        T.append(off @ inverse(pose))
+    return adjust_bundle(
+        np.array(T), make_cloud(POINTS) + random.normal(0.0, 0.05, (POINTS, 3)), seen
+    )
+
+
+def shape(adjusted: BundleResult) -> Array:
+    """Places of the cameras, with the farthest 1 away from the first: the scale is free."""
+    places = np.array([inverse(T)[:3, 3] for T in adjusted.T_view_world])
+    scaled: Array = places / np.linalg.norm(places[-1])
+    return scaled
+
+
+@pytest.mark.slow
+def test_poses_and_points_are_led_to_where_they_are_seen_from() -> None:
+    adjusted = adjusted_from_afar(sightings())
+    truth = np.array([T[:3, 3] for T in POSES])
+    np.testing.assert_allclose(shape(adjusted), truth / np.linalg.norm(truth[-1]), atol=2e-3)
+    assert adjusted.squared_error.max() < 0.1
+
+
+def test_the_first_pose_stays() -> None:
+    adjusted = adjusted_from_afar(sightings(noise=SIGMA))
+    assert np.array_equal(adjusted.T_view_world[0], inverse(POSES[0]))
+
+
+def test_a_sighting_of_something_else_stands_out_and_does_no_harm() -> None:
+    seen = sightings()
+    seen.ray[::40] += 40 * SIGMA
+    adjusted = adjusted_from_afar(seen)
+    is_wrong = np.zeros(len(seen.view), np.bool_)
+    is_wrong[::40] = True
+    assert adjusted.squared_error[is_wrong].min() > 9.0
+    assert np.median(adjusted.squared_error[~is_wrong]) < 0.5
+
+
+def test_rounding_in_the_poses_does_not_live_on() -> None:
+    T = np.array([inverse(pose) for pose in POSES])
+    T[1:, :3, :3] += 1e-6
+    adjusted = adjust_bundle(T, make_cloud(POINTS), sightings())
+    assert all(is_rigid(each, tolerance=1e-14) for each in adjusted.T_view_world)
+
+
+def test_a_point_behind_a_camera_is_no_error() -> None:
+    points = make_cloud(POINTS)
+    points[0, 2] = -1.0
+    adjusted = adjust_bundle(np.array([inverse(T) for T in POSES]), points, sightings())
+    assert np.isfinite(adjusted.T_view_world).all()
+    assert np.isfinite(adjusted.position_m).all()
+
+
+def test_the_same_sightings_give_the_same_bits() -> None:
+    first, second = (adjusted_from_afar(sightings(noise=SIGMA)) for _ in range(2))
+    assert np.array_equal(first.T_view_world, second.T_view_world)
+    assert np.array_equal(first.position_m, second.position_m)

@@ -1,0 +1,131 @@
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.camera import EndOfStream, PlaybackMode, RgbdFrame
+from drivers.core.geometry import inverse
+from drivers.tum.camera import TumCamera
+from tests.vo_service.odometry.estimate_checks import (
+    assert_counts_consistent,
+    assert_starts_at_origin,
+)
+from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_all, hand_held_poses
+from tests.vo_service.odometry.recording_stage_timer import RecordingStageTimer
+from tests.vo_service.odometry.synthetic_views import render_corner
+from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.surf.odometry import SurfOdometry
+from vo_service.types import Estimate
+
+
+@pytest.fixture(scope="module")
+def views() -> list[RgbdFrame]:
+    return [render_corner(T, seq) for seq, T in enumerate(hand_held_poses(6))]
+
+
+def test_a_camera_in_a_known_scene_is_followed(views: list[RgbdFrame]) -> None:
+    poses = hand_held_poses(len(views))
+    for k, estimate in enumerate(estimate_all(SurfOdometry(), views)):
+        assert estimate.ok, estimate.reason
+        assert_close(estimate.T_world_camera, poses[k], 0.002 * (1 + k), 0.1 * (1 + k))
+
+
+def test_poses_are_the_product_of_the_motions(views: list[RgbdFrame]) -> None:
+    T = np.eye(4)
+    for estimate in estimate_all(SurfOdometry(), views):
+        T = T @ estimate.T_reference_camera
+        assert np.array_equal(estimate.T_world_camera, T)
+
+
+def test_the_first_frame_is_the_world(views: list[RgbdFrame]) -> None:
+    first = SurfOdometry().estimate(views[0])
+    assert_starts_at_origin(first)
+
+
+def test_an_estimate_says_what_it_rests_on(views: list[RgbdFrame]) -> None:
+    estimate = estimate_all(SurfOdometry(), views[:2])[1]
+    assert_counts_consistent(estimate, 15)
+    assert estimate.features <= 1000
+
+
+def test_the_error_is_of_the_size_that_the_covariance_says(views: list[RgbdFrame]) -> None:
+    poses = hand_held_poses(len(views))
+    for k, estimate in enumerate(estimate_all(SurfOdometry(), views)[1:], 1):
+        error = inverse(estimate.T_reference_camera) @ inverse(poses[k - 1]) @ poses[k]
+        sigma_m = np.sqrt(np.trace(estimate.covariance[:3, :3]))
+        assert np.linalg.norm(error[:3, 3]) < 4 * sigma_m
+        assert sigma_m < 0.005
+
+
+def test_the_same_frames_twice_give_the_same_bits(views: list[RgbdFrame]) -> None:
+    first, second = (estimate_all(SurfOdometry(), views) for _ in range(2))
+    for a, b in zip(first, second, strict=True):
+        assert np.array_equal(a.T_world_camera, b.T_world_camera)
+        assert np.array_equal(a.covariance, b.covariance)
+
+
+@pytest.mark.subprocess
+def test_the_number_of_threads_changes_no_bit() -> None:
+    script = str(Path(__file__).with_name("trajectory_digest.py"))
+    root = str(Path(__file__).parents[4])
+    digests = set()
+    for threads in ("1", "2"):
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": threads, "PYTHONPATH": root}
+        run = subprocess.run(
+            [sys.executable, script, threads],
+            env=environment, capture_output=True, text=True, check=True, timeout=100,
+        )  # fmt: skip
+        digests.add(run.stdout)
+    assert len(digests) == 1
+
+
+def test_standing_still_is_no_motion(views: list[RgbdFrame]) -> None:
+    estimates = estimate_all(SurfOdometry(), [views[0]] * 4)
+    assert all(e.ok for e in estimates)
+    np.testing.assert_allclose(estimates[-1].T_world_camera, np.eye(4), atol=1e-12)
+
+
+def test_upright_features_serve_as_well(views: list[RgbdFrame]) -> None:
+    estimates = estimate_all(SurfOdometry(SurfExtractor(500, upright=True)), views)
+    assert all(e.ok for e in estimates)
+    assert_close(estimates[-1].T_world_camera, hand_held_poses(6)[5], 0.012, 0.6)
+
+
+def test_every_stage_is_timed_in_the_papers_order(views: list[RgbdFrame]) -> None:
+    stopwatch = RecordingStageTimer()
+    odometry = SurfOdometry(timer=stopwatch)
+    estimate_all(odometry, views[:2])
+    assert stopwatch.names == ["surf", "points", "surf", "points", "match", "ransac", "svd"]
+
+
+def recorded(folder: Path, frames: int) -> list[Estimate]:
+    with TumCamera(folder, None, PlaybackMode.LOCKSTEP) as camera:
+        odometry = SurfOdometry()
+        return [odometry.estimate(frame) for frame in islice(all_frames(camera), frames)]
+
+
+def all_frames(camera: TumCamera) -> Iterator[RgbdFrame]:
+    while True:
+        try:
+            yield camera.read(10.0)
+        except EndOfStream:
+            return
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "frames"),
+    [("freiburg1_xyz_head", 10), ("freiburg1_desk_piece", 9), ("redkitchen", 100)],
+)
+def test_a_real_kinect_is_followed_through_every_frame(
+    recordings: Path, name: str, frames: int
+) -> None:
+    estimates = recorded(recordings / name, frames)
+    assert len(estimates) == frames
+    assert [e.reason for e in estimates if not e.ok] == []
+    assert min(e.inliers for e in estimates[1:]) > 50

@@ -1,0 +1,218 @@
+"""Coming back after a loss, with an odometry and a finder that do as they are told."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, is_rigid, rigid_transform, so3_exp
+from tests.vo_service import fakes
+from vo_service.odometry.relocalization import (
+    MAX_SEARCH_FRAMES,
+    RelocalizationResult,
+    RelocalizingOdometry,
+)
+from vo_service.types import Estimate
+
+STEP = rigid_transform(so3_exp([0.0, 0.02, 0.0]), [0.01, 0.0, 0.02])
+ELSEWHERE = rigid_transform(so3_exp([0.0, 1.0, 0.0]), [0.3, 0.0, 0.2])
+TRUTH = [np.linalg.matrix_power(STEP, n) for n in range(100)]
+LOST_AT = 5
+SURE, OF_ANSWERS = np.eye(6) * 1e-6, np.eye(6) * 1e-4
+
+
+class WalkingOdometry:
+    """Walks on by STEP; begins anew, where it was, at the frames in `anew`.
+
+    Every third frame is the next reference.
+    """
+
+    def __init__(self, *anew: int) -> None:
+        self._anew = anew
+        self._T_world_camera = np.eye(4)
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        restarted = frame.seq in self._anew
+        if frame.seq and not restarted:
+            self._T_world_camera = self._T_world_camera @ STEP
+        return Estimate(
+            True, "", self._T_world_camera, STEP, SURE,
+            is_reset=restarted, is_next_reference=frame.seq % 3 == 0,
+        )  # fmt: skip
+
+
+class ScriptedRelocalizer:
+    """Knows where each frame was taken; off by `errors` in the frames that have one.
+
+    T_world_true  where the truth begins, after the loss
+    """
+
+    def __init__(
+        self,
+        errors: dict[int, Array] | None = None,
+        has_map: bool = True,
+        T_world_true: Array = ELSEWHERE,
+    ) -> None:
+        self.has_map = has_map
+        self.asked: list[int] = []
+        self._errors = errors or {}
+        self._T_world_true = T_world_true
+        self._answers: list[RelocalizationResult] = []
+
+    def query(self, frame: RgbdFrame) -> None:
+        T = self._T_world_true @ TRUTH[frame.seq] @ self._errors.get(frame.seq, np.eye(4))
+        self.asked.append(frame.seq)
+        self._answers.append(RelocalizationResult(frame.seq, T, OF_ANSWERS))
+
+    def poll_results(self) -> Sequence[RelocalizationResult]:
+        answers, self._answers = self._answers, []
+        return answers
+
+
+class FailingRelocalizer(ScriptedRelocalizer):
+    """Knows places, but none of these."""
+
+    def poll_results(self) -> Sequence[RelocalizationResult]:
+        return []
+
+
+class WrongRelocalizer(FailingRelocalizer):
+    """Answers what nobody has asked."""
+
+    def poll_results(self) -> Sequence[RelocalizationResult]:
+        return [RelocalizationResult(seq, ELSEWHERE, OF_ANSWERS) for seq in (998, 999)]
+
+
+class DelayedRelocalizer(ScriptedRelocalizer):
+    """Knows nothing before a frame is shown to it that was taken so late."""
+
+    def poll_results(self) -> Sequence[RelocalizationResult]:
+        return super().poll_results() if self.asked[-1] >= 20 else []
+
+
+def walk(
+    finder: ScriptedRelocalizer, *anew: int, frames: Iterable[int] = range(60)
+) -> list[Estimate]:
+    odometry = RelocalizingOdometry(WalkingOdometry(*anew), finder)
+    return [odometry.estimate(fakes.make_frame(seq)) for seq in frames]
+
+
+def epochs_begin(estimates: Sequence[Estimate]) -> list[int]:
+    return [seq for seq, estimate in enumerate(estimates) if estimate.is_reset]
+
+
+def first_back(estimates: Sequence[Estimate]) -> int:
+    """The first good frame after the loss."""
+    return next(seq for seq, each in enumerate(estimates) if seq >= LOST_AT and each.ok)
+
+
+def test_without_a_loss_nothing_is_changed() -> None:
+    plain = WalkingOdometry()
+    for seq, estimate in enumerate(walk(ScriptedRelocalizer(), frames=range(10))):
+        assert np.array_equal(
+            estimate.T_world_camera, plain.estimate(fakes.make_frame(seq)).T_world_camera
+        )
+
+
+def test_camera_that_sees_a_known_place_is_back_in_its_world_and_epoch() -> None:
+    estimates = walk(ScriptedRelocalizer(), LOST_AT)
+    assert not any(estimate.is_reset for estimate in estimates)
+    back = [seq for seq, estimate in enumerate(estimates) if seq >= LOST_AT and estimate.ok]
+    assert back[0] <= LOST_AT + 6
+    for seq in back:
+        expected = ELSEWHERE @ TRUTH[seq]
+        assert np.allclose(estimates[seq].T_world_camera, expected, atol=1e-9)
+
+
+def test_pose_is_held_and_lost_until_two_answers_agree() -> None:
+    estimates = walk(ScriptedRelocalizer(), LOST_AT)
+    held = estimates[LOST_AT - 1].T_world_camera
+    assert not estimates[LOST_AT].ok
+    assert "seen before" in estimates[LOST_AT].reason
+    assert np.array_equal(estimates[LOST_AT].T_world_camera, held)
+    assert not estimates[LOST_AT].covariance.any()
+
+
+@pytest.mark.parametrize("wrong", [LOST_AT, LOST_AT + 3])
+@pytest.mark.parametrize(("off_m", "off_rad"), [(0.2, 0.0), (0.0, 0.2)])
+def test_one_wrong_answer_is_not_believed(wrong: int, off_m: float, off_rad: float) -> None:
+    off = rigid_transform(so3_exp([0.0, 0.0, off_rad]), [off_m, 0.0, 0.0])
+    estimates = walk(ScriptedRelocalizer({wrong: off}), LOST_AT)
+    back = first_back(estimates)
+    assert back == LOST_AT + 6
+    for seq in range(back, len(estimates)):
+        assert np.allclose(estimates[seq].T_world_camera, ELSEWHERE @ TRUTH[seq], atol=1e-9)
+
+
+def test_first_pose_back_is_as_sure_as_the_answer_and_the_next_as_the_motion() -> None:
+    estimates = walk(ScriptedRelocalizer(), LOST_AT)
+    back = first_back(estimates)
+    assert np.array_equal(estimates[back].covariance, OF_ANSWERS)
+    assert np.array_equal(estimates[back + 1].covariance, SURE)
+
+
+def test_poses_stay_rigid_though_answers_are_rounded() -> None:
+    rounded = dict.fromkeys(range(60), np.diag([1.0 + 1e-5, 1.0, 1.0, 1.0]))
+    estimates = walk(ScriptedRelocalizer(rounded), LOST_AT)
+    assert first_back(estimates) == LOST_AT + 3
+    assert all(is_rigid(estimate.T_world_camera, tolerance=1e-9) for estimate in estimates)
+
+
+def test_place_that_the_camera_cannot_have_reached_is_not_believed() -> None:
+    far = rigid_transform(np.eye(3), [1.5, 0.0, 0.0])
+    estimates = walk(ScriptedRelocalizer(T_world_true=far), LOST_AT, frames=range(30))
+    assert not any(estimate.ok for estimate in estimates[LOST_AT:])
+
+
+def test_camera_that_was_carried_on_in_the_dark_is_back_where_it_came_to() -> None:
+    far = rigid_transform(np.eye(3), [1.5, 0.0, 0.0])
+    estimates = walk(
+        ScriptedRelocalizer(T_world_true=far), 40, frames=[*range(LOST_AT), *range(40, 50)]
+    )
+    assert first_back(estimates) == LOST_AT + 3
+
+
+def test_answers_to_what_was_not_asked_lead_nowhere() -> None:
+    estimates = walk(WrongRelocalizer(), LOST_AT)
+    assert epochs_begin(estimates) == [LOST_AT + MAX_SEARCH_FRAMES - 1]
+
+
+def test_answers_from_before_it_began_anew_once_more_are_not_believed() -> None:
+    # Frames 5, 8 and 11 are asked about, and told about when the camera is elsewhere.
+    frames = [*range(12), *range(30, 60)]
+    estimates = walk(DelayedRelocalizer(), LOST_AT, 30, frames=frames)
+    back = first_back(estimates)
+    assert frames[back] >= 30 + 3
+    assert np.allclose(estimates[back].T_world_camera, ELSEWHERE @ TRUTH[frames[back]], atol=1e-9)
+
+
+def test_place_never_seen_begins_an_epoch_after_a_second() -> None:
+    blind = FailingRelocalizer()
+    estimates = walk(blind, LOST_AT)
+    (begin,) = epochs_begin(estimates)
+    assert begin == LOST_AT + MAX_SEARCH_FRAMES - 1
+    assert all(estimate.ok for estimate in estimates[begin:])
+    assert blind.asked == list(range(LOST_AT, begin, 3))
+
+
+def test_without_any_place_an_epoch_begins_at_once() -> None:
+    estimates = walk(ScriptedRelocalizer(has_map=False), LOST_AT)
+    assert estimates[LOST_AT].is_reset
+    assert estimates[LOST_AT].ok
+
+
+def test_beginning_anew_once_more_keeps_the_patience() -> None:
+    estimates = walk(FailingRelocalizer(), LOST_AT, LOST_AT + 10)
+    assert epochs_begin(estimates) == [LOST_AT + MAX_SEARCH_FRAMES - 1]
+
+
+def test_motions_told_lead_from_each_reference_to_its_frame() -> None:
+    estimates = walk(ScriptedRelocalizer(), LOST_AT)
+    T_world_reference = np.eye(4)
+    for estimate in estimates:
+        if estimate.ok:
+            told = T_world_reference @ estimate.T_reference_camera
+            assert np.allclose(told, estimate.T_world_camera, atol=1e-9)
+            if estimate.is_next_reference:
+                T_world_reference = estimate.T_world_camera

@@ -1,0 +1,35 @@
+"""Compiling ahead of time: every kernel, every stage told."""
+
+import numpy as np
+
+from tests.vo_service.odometry.hand_held_sequence import render_elsewhere
+from tests.vo_service.odometry.synthetic_views import render_corner
+from vo_service.odometry import matching, ransac
+from vo_service.odometry.profiling import NullStageTimer
+from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.odometry.surf import guided_matching, hessian, maxima, orientation
+from vo_service.odometry.warm_up import warm_up
+
+
+def test_every_stage_of_the_method_is_run_and_told() -> None:
+    told: list[str] = []
+    assert warm_up("surf", told.append) > 0
+    assert set(told) == {"surf", "points", "match", "ransac", "svd", "recovery"}
+
+
+def test_a_warm_method_compiles_nothing_more_for_a_real_frame() -> None:
+    warm_up("surf", lambda _: None)
+    kernels = [
+        each
+        for module in (guided_matching, matching, ransac, hessian, maxima, orientation)
+        for each in vars(module).values()
+        if hasattr(each, "signatures") and hasattr(each, "py_func")
+    ]
+    before = [list(kernel.signatures) for kernel in kernels]
+    odometry = METHODS["surf"](FeatureConfig(), NullStageTimer())
+    for seq in range(2):
+        odometry.estimate(render_corner(np.eye(4), seq))
+    lost = odometry.estimate(render_elsewhere(2))
+    assert not lost.ok
+    assert kernels
+    assert [list(kernel.signatures) for kernel in kernels] == before

@@ -1,0 +1,88 @@
+"""An incident replays as it was: the same poses, bit for bit, from the service's own loop."""
+
+import os
+import signal
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.camera import Clock, PlaybackMode, RgbdFrame
+from drivers.subprocess_camera.camera import SubprocessCamera
+from tests.drivers.subprocess_camera.scripted_cameras import FileScriptedCamera, is_intact
+from tests.drivers.tum.read_recording import read_recording
+from tests.vo_service.cli.cli_runner import run_in_process
+from tests.vo_service.fakes import CollectingOutput, ScriptedCamera
+from tests.vo_service.outputs.recorder.recorder_inputs import (
+    make_update,
+    running_recorder,
+    send_updates,
+    wait_for_incident,
+)
+from tests.waiting import wait_until
+from vo_service.app import run_replay
+from vo_service.config import Config
+from vo_service.config_tables import RecorderConfig
+from vo_service.frame_source import SinglePassSource
+from vo_service.outputs.recorder.flight_recorder import FlightRecorder
+from vo_service.signals import StopSignal
+from vo_service.types import OdometryUpdate
+
+pytestmark = pytest.mark.subprocess
+
+
+def blinded(frame: RgbdFrame) -> RgbdFrame:
+    """The same, but black, and with no depth."""
+    color_bgr, depth_raw = np.zeros_like(frame.color_bgr), np.zeros_like(frame.depth_raw)
+    return replace(frame, color_bgr=color_bgr, depth_raw=depth_raw)
+
+
+class LockstepOutput(CollectingOutput):
+    """An output that holds the loop up until the recorder has taken each frame."""
+
+    def __init__(self, recorder: FlightRecorder) -> None:
+        super().__init__()
+        self._recorder = recorder
+
+    def on_update(self, update: OdometryUpdate) -> None:
+        """Wait for it."""
+        super().on_update(update)
+        wait_until(lambda: self._recorder.frame_count == len(self.poses))
+
+
+def test_a_loss_of_tracking_replays_to_the_poses_that_the_service_gave(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    frames = read_recording(recording)
+    camera = ScriptedCamera([*frames[:7], blinded(frames[7]), *frames[8:]])
+    with running_recorder(tmp_path, RecorderConfig(max_mb=20)) as opened, camera:
+        run_replay(
+            Config(),
+            camera,
+            SinglePassSource(camera),
+            [opened, LockstepOutput(opened)],
+            StopSignal(),
+        )
+    folder = wait_for_incident(tmp_path, "lost")
+    again = tmp_path / "again.txt"
+    outcome = run_in_process(capfd, "replay", folder, "--trajectory", again, "--no-publish")
+    assert outcome.code == 0, outcome.err
+    told = (folder / "trajectory.txt").read_text().splitlines()
+    assert again.read_text().splitlines() == told[1:]
+    assert len(told[1:]) == len(frames) - 1
+
+
+def test_frames_from_before_a_crash_of_the_driver_are_still_there(tmp_path: Path) -> None:
+    (tmp_path / "script").touch()  # no words: the puppet works
+    make = partial(FileScriptedCamera, tmp_path / "script")
+    driver = SubprocessCamera("puppet", Clock.MONOTONIC, make, PlaybackMode.REALTIME)
+    with running_recorder(tmp_path, RecorderConfig(max_mb=20)) as opened, driver as camera:
+        frames = [camera.read(30.0) for _ in range(5)]
+        send_updates(opened, *(replace(make_update(0), frame=frame) for frame in frames))
+        os.kill(frames[-1].lost_packets, signal.SIGKILL)
+        send_updates(opened, replace(make_update(0), frame=camera.read(30.0)))
+        opened.save("command")
+        found = read_recording(wait_for_incident(tmp_path, "command"))
+    assert [is_intact(frame) for frame in found] == [True] * 6

@@ -1,0 +1,5 @@
+"""The same results and ports as for the other outputs."""
+
+from tests.vo_service.outputs.conftest import free_port, listening, make_update, status
+
+__all__ = ["free_port", "listening", "make_update", "status"]

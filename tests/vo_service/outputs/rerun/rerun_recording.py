@@ -1,0 +1,69 @@
+"""Drawing without a process of its own, and what came of it, read by Rerun's own reader."""
+
+import logging
+import subprocess
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from rerun.chunk import RrdReader
+
+from drivers.core.trajectory import Trajectory
+from vo_service.outputs.rerun.messages import RerunWorkerConfig, TextLog
+from vo_service.outputs.rerun.rotating_recording import RotatingRecording
+from vo_service.outputs.rerun.sinks import Sink
+from vo_service.outputs.rerun.update_encoder import UpdateEncoder
+from vo_service.outputs.rerun.web_viewer_server import rerun_binary
+from vo_service.types import OdometryUpdate, Status
+
+IMAGE_PERIOD_S = 0.1
+
+
+def make_config(sink: Sink) -> RerunWorkerConfig:
+    """What a process would be told first."""
+    return RerunWorkerConfig(sink, 80, 300, "recording", logging.WARNING)
+
+
+def draw(
+    sink: Sink,
+    items: Iterable[OdometryUpdate | Status | TextLog],
+    truth: Trajectory | None = None,
+) -> RotatingRecording:
+    """Draw all of it, to the end."""
+    sketcher = UpdateEncoder(sink, IMAGE_PERIOD_S, lambda: truth)
+    drawing = RotatingRecording(make_config(sink))
+    for item in items:
+        match item:
+            case OdometryUpdate():
+                for message in sketcher.encode_update(item):
+                    drawing.log(message)
+            case Status():
+                drawing.log(sketcher.encode_status(item))
+            case TextLog():
+                drawing.log(item)
+    for message in sketcher.encode_pending():
+        drawing.log(message)
+    drawing.finish()
+    return drawing
+
+
+def is_complete(path: Path) -> bool:
+    """Whether Rerun finds nothing wrong with the file, its end included."""
+    command = [str(rerun_binary()), "rrd", "verify", str(path)]
+    return subprocess.run(command, capture_output=True, timeout=100).returncode == 0
+
+
+def count_rows(path: Path) -> Counter[str]:
+    """How often each entity was logged."""
+    counter: Counter[str] = Counter()
+    for chunk in RrdReader(path).stream():
+        counter[chunk.entity_path] += chunk.num_rows
+    return counter
+
+
+def read_column(path: Path, entity: str, component: str) -> list[Any]:
+    """Everything logged as one component of an entity."""
+    batches = [c.to_record_batch() for c in RrdReader(path).stream() if c.entity_path == entity]
+    with_it = [batch for batch in batches if component in batch.schema.names]
+    return [value for batch in with_it for value in batch.column(component).to_pylist()]

@@ -1,0 +1,211 @@
+"""A Rerun viewer that is running, or not: real ones that come, freeze and go."""
+
+import signal
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.resource_leaks import child_pids, resident_memory_kb
+from tests.waiting import wait_until
+from vo_service.config_tables import RerunConfig
+from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
+from vo_service.outputs.rerun.viewer_probe import GrpcViewerProbe, ViewerHealthMonitor
+from vo_service.outputs.rerun.web_viewer_server import rerun_binary
+from vo_service.types import OdometryUpdate
+
+MakeUpdate = Callable[..., OdometryUpdate]
+ABSENT = "no viewer answers at"
+
+
+@contextmanager
+def closing_presence(port: int) -> Iterator[GrpcViewerProbe]:
+    """What asks for a viewer, and lets go in the end."""
+    presence = GrpcViewerProbe("127.0.0.1", port)
+    yield presence
+    presence.disconnect()
+
+
+@contextmanager
+def viewer(port: int) -> Iterator["subprocess.Popen[bytes]"]:
+    """Rerun's own server, which a viewer has inside."""
+    command = [str(rerun_binary()), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            with closing_presence(port) as presence:
+                wait_until(presence.connect)
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def output(free_port: int) -> Iterator[RerunOutput]:
+    """Shows its results to a viewer at the free port."""
+    output = open_rerun_output(f"connect:127.0.0.1:{free_port}", RerunConfig(memory_mb=400))
+    yield output
+    output.close()
+
+
+def processes() -> list[int]:
+    """Those that draw: with some memory of their own, unlike one that is being started."""
+    return [each for each in child_pids() if resident_of(each) > 50_000]
+
+
+def test_a_viewer_that_never_comes_costs_no_process(
+    output: RerunOutput, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+) -> None:
+    for seq in range(30):
+        output.on_update(make_update(seq))
+    assert ABSENT in output.warning
+    assert child_pids() == []
+    logged = [record.message for record in caplog.get_records("setup") + caplog.records]
+    assert sum(ABSENT in message for message in logged) == 1
+
+
+@pytest.mark.subprocess
+def test_a_viewer_that_comes_late_goes_and_comes_again_is_fed(
+    free_port: int, output: RerunOutput, make_update: MakeUpdate
+) -> None:
+    output.on_update(make_update(0))
+    for _ in range(2):
+        assert ABSENT in output.warning
+        with viewer(free_port):
+            wait_until(lambda: output.warning == "")
+            output.on_update(make_update(30))
+            assert len(processes()) >= 1
+        wait_until(lambda: ABSENT in output.warning)
+
+
+@pytest.mark.subprocess
+def test_a_frozen_viewer_is_given_up_and_memory_stays_bounded(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    update = make_update(0)
+    noise = np.random.default_rng(0).integers(0, 255, (960, 1280, 3), np.uint8)
+    update = replace(update, frame=replace(update.frame, color_bgr=noise))
+    settings = RerunConfig(memory_mb=400, picture_hz=1000.0)
+    with viewer(free_port) as frozen:
+        output = open_rerun_output(f"connect:127.0.0.1:{free_port}", settings)
+        wait_until(lambda: output.warning == "")
+        (process,) = set(child_pids()) - {frozen.pid}
+        frozen.send_signal(signal.SIGSTOP)
+        sizes_kb, took_s = [0], [0.0]
+
+        def is_given_up() -> bool:
+            start_s = time.monotonic()
+            output.on_update(update)
+            took_s.append(time.monotonic() - start_s)
+            sizes_kb.append(resident_of(process))
+            return ABSENT in output.warning or "memory_mb" in output.warning
+
+        wait_until(is_given_up)
+        output.close()
+    assert max(took_s) < 10.0
+    assert max(sizes_kb) < 600_000
+
+
+def resident_of(process: int) -> int:
+    """Memory of a process that may have ended."""
+    try:
+        return resident_memory_kb(process)
+    except (OSError, AssertionError):
+        return 0
+
+
+def test_something_that_accepts_and_never_answers_is_no_viewer() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        assert not GrpcViewerProbe(*mute.getsockname()).connect()
+
+
+def test_something_that_speaks_another_protocol_is_no_viewer() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            with server.accept()[0] as connection:
+                connection.sendall(b"HTTP/1.1 505 no\r\n\r\n")
+
+        threading.Thread(target=answer).start()
+        assert not GrpcViewerProbe(*server.getsockname()).connect()
+
+
+@pytest.mark.slow
+def test_something_that_talks_on_and_on_is_no_viewer() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        has_ended = threading.Event()
+
+        def talk() -> None:
+            with server.accept()[0] as connection, suppress(OSError):
+                while not has_ended.is_set():
+                    connection.sendall(b"\0\0\0\x08" + bytes(5))
+
+        thread = threading.Thread(target=talk)
+        thread.start()
+        presence = GrpcViewerProbe(*server.getsockname())
+        assert not presence.connect()
+        has_ended.set()
+        thread.join()
+
+
+def test_something_that_sends_a_frame_nobody_may_send_is_given_up_at_once() -> None:
+    settings, too_large = b"\0\0\0\x04" + bytes(5), b"\0\x40\x01\x08" + bytes(5)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        closing_presence(server.getsockname()[1]) as presence,
+        ThreadPoolExecutor(1) as pool,
+    ):
+        has_begun = pool.submit(presence.connect)
+        with server.accept()[0] as connection:
+            connection.sendall(settings + too_large)
+            assert has_begun.result()
+            with pytest.raises(ConnectionError):
+                presence.is_responding()
+
+
+@pytest.mark.subprocess
+def test_a_viewer_that_is_replaced_by_another_is_noticed_at_once(free_port: int) -> None:
+    with closing_presence(free_port) as presence:
+        with viewer(free_port):
+            assert presence.connect()
+            assert presence.is_responding()
+        with viewer(free_port), pytest.raises(ConnectionError):
+            presence.is_responding()
+
+
+class Patchy:
+    """Answers by script."""
+
+    def __init__(self, *answers: bool | Exception) -> None:
+        self._answers = list(answers)
+
+    def connect(self) -> bool:
+        """It is there."""
+        return True
+
+    def is_responding(self) -> bool:
+        """The next answer."""
+        answer = self._answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def disconnect(self) -> None:
+        """Nothing to let go of."""
+
+
+def test_a_viewer_that_is_slow_to_answer_is_given_another_chance(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("vo_service.outputs.rerun.viewer_probe.PROBE_PERIOD_S", 0.0)
+    watch = ViewerHealthMonitor(
+        Patchy(True, False, False, True, False, False, False, ConnectionError())
+    )
+    assert watch.connect()
+    assert [watch.has_gone() for _ in range(8)] == [False] * 6 + [True, True]

@@ -1,0 +1,40 @@
+"""Messages arrive as they were sent, whatever the size and layout of their arrays."""
+
+from multiprocessing import Pipe
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from vo_service.outputs.rerun.bounded_trajectory import MIN_POINT_DISTANCE_M, BoundedTrajectory
+from vo_service.outputs.rerun.messages import GroundTruth, RerunMessage, TextLog
+from vo_service.outputs.rerun.serialization import receive_message, serialize
+
+
+def sent(*messages: RerunMessage) -> list[RerunMessage]:
+    ours, theirs = Pipe()
+    with ours, theirs:
+        for message in messages:
+            for part in serialize(message):
+                ours.send_bytes(part)
+        return [receive_message(theirs) for _ in messages]
+
+
+@given(arrays.arrays(np.float64, st.tuples(st.integers(0, 20), st.just(3))), st.booleans())
+def test_arrays_come_back(positions: np.ndarray, is_turned: bool) -> None:
+    array = positions[::-1, ::2] if is_turned else positions
+    truth, note = sent(GroundTruth(array), TextLog("on"))
+    assert isinstance(truth, GroundTruth)
+    np.testing.assert_array_equal(truth.positions, array)
+    assert note == TextLog("on")
+
+
+@given(st.lists(st.tuples(st.floats(-9, 9), st.integers(0, 3)), max_size=200))
+def test_a_trail_is_bounded_and_ends_where_the_camera_is(steps: list[tuple[float, int]]) -> None:
+    trail = BoundedTrajectory(max_points=16)
+    for x, epoch in steps:
+        position = np.array([x, 0.0, 0.0])
+        trail.add(position, epoch)
+        assert 1 <= sum(map(len, trail.lines)) <= 16
+        assert abs(trail.lines[-1][-1][0] - x) < MIN_POINT_DISTANCE_M

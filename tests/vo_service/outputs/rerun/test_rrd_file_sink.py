@@ -1,0 +1,268 @@
+"""Recordings of bounded size and number, and what a full disk makes of them."""
+
+import dataclasses
+import errno
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
+
+from drivers.camera import PlaybackMode
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.files import rotate_file
+from drivers.core.trajectory import Trajectory
+from tests.full_disk import limit_file_size
+from tests.resource_leaks import resident_memory_kb
+from tests.vo_service.outputs.rerun.rerun_recording import (
+    count_rows,
+    draw,
+    is_complete,
+    make_config,
+    read_column,
+)
+from tests.waiting import wait_until
+from vo_service.outputs.rerun import rotating_recording, rrd_file_sink
+from vo_service.outputs.rerun.blueprint import make_blueprint
+from vo_service.outputs.rerun.output import RerunOutput
+from vo_service.outputs.rerun.rotating_recording import RotatingRecording
+from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
+from vo_service.types import OdometryUpdate
+
+pytestmark = pytest.mark.rerun
+
+MakeUpdate = Callable[..., OdometryUpdate]
+
+
+@pytest.fixture
+def heavy(make_update: MakeUpdate) -> Callable[[int], OdometryUpdate]:
+    """Results with a picture of noise, a megabyte each: ``heavy(seq)``."""
+    noise = np.random.default_rng(0).integers(0, 255, (960, 1280, 3), np.uint8)
+
+    def make(seq: int) -> OdometryUpdate:
+        update = make_update(3 * seq)
+        return dataclasses.replace(update, frame=dataclasses.replace(update.frame, color_bgr=noise))
+
+    return make
+
+
+@pytest.fixture
+def free_bytes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """What the disk has free, one answer after another, the last for ever; asked at any time."""
+    answers = [10**12]
+
+    def free_bytes(path: Path) -> int:
+        return answers.pop(0) if len(answers) > 1 else answers[0]
+
+    monkeypatch.setattr(rotating_recording, "CHECK_PERIOD_S", 0.0)
+    monkeypatch.setattr(rotating_recording, "RETRY_PERIOD_S", 0.0)
+    monkeypatch.setattr(rrd_file_sink, "free_disk_bytes", free_bytes)
+    return answers
+
+
+@pytest.fixture
+def written_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rerun writes a hundred times a second, not five."""
+    monkeypatch.setenv("RERUN_FLUSH_TICK_SECS", "0.01")
+
+
+def paced(updates: Iterable[OdometryUpdate], folder: Path) -> Iterator[OdometryUpdate]:
+    """Results no faster than Rerun writes them to the files of a folder."""
+    for update in updates:
+        before = sizes(folder)
+        yield update
+        wait_until(partial(_differ, folder, before))
+
+
+def sizes(folder: Path) -> dict[str, int]:
+    """Length of every file of a folder."""
+    return {file.name: file.stat().st_size for file in folder.iterdir()}
+
+
+def _differ(folder: Path, before: dict[str, int]) -> bool:
+    return sizes(folder) != before
+
+
+@pytest.mark.subprocess
+@pytest.mark.usefixtures("written_at_once")
+def test_a_full_file_is_followed_by_the_next_and_the_oldest_goes(
+    tmp_path: Path, heavy: Callable[[int], OdometryUpdate]
+) -> None:
+    path = tmp_path / "out.rrd"
+    draw(RrdFileSink(path, file_mb=1, files_kept=3), paced(map(heavy, range(20)), tmp_path))
+    names = sorted(file.name for file in tmp_path.iterdir())
+    assert len(names) == 3
+    assert names[-1] == "out.rrd"
+    newest = int(names[1][4:8])
+    assert names[0] == f"out-{newest - 1:04d}.rrd"
+    assert newest > 2
+    assert all(map(is_complete, tmp_path.iterdir()))
+
+
+@pytest.mark.usefixtures("written_at_once")
+def test_every_file_opens_by_itself(tmp_path: Path, heavy: Callable[[int], OdometryUpdate]) -> None:
+    updates = [heavy(seq) for seq in range(8)]
+    stamps_s = np.array([update.stamp_s for update in updates])
+    truth = Trajectory(stamps_s, np.array([update.T_world_camera for update in updates]))
+    draw(RrdFileSink(tmp_path / "out.rrd", file_mb=1), paced(updates, tmp_path), truth=truth)
+    assert len(list(tmp_path.iterdir())) > 1
+    for file in tmp_path.iterdir():
+        counted = count_rows(file)
+        for entity in ("world", "world/ground_truth", "plots/counts/inliers"):
+            assert counted[f"/{entity}"] > 0, (file.name, entity)
+        assert counted["/log"] == 1  # the state, said anew
+        assert len(RrdReader(file).blueprints()) == 1
+
+
+def test_file_after_file_takes_no_more_memory(tmp_path: Path) -> None:
+    stream, files = rr.RecordingStream("rotating"), RrdFileSink(tmp_path / "out.rrd")
+    taken_kb = []
+    for _ in range(25):
+        files.attach(stream, make_blueprint())
+        stream.log("word", rr.TextLog("one"))
+        files.check(stream)
+        stream.disconnect()
+        taken_kb.append(resident_memory_kb(os.getpid()))
+    assert taken_kb[-1] - taken_kb[4] < 10_000
+
+
+@pytest.mark.usefixtures("written_at_once")
+def test_the_trajectory_goes_on_in_the_next_file(
+    tmp_path: Path, heavy: Callable[[int], OdometryUpdate]
+) -> None:
+    draw(RrdFileSink(tmp_path / "out.rrd", file_mb=1), paced(map(heavy, range(8)), tmp_path))
+    so_far = read_column(tmp_path / "out.rrd", "/world/trajectory/so_far", "LineStrips3D:strips")
+    assert len(so_far[0][0]) > 2
+    assert so_far[0][0][0] == [0.0, 0.0, 0.0]
+
+
+def test_what_is_there_already_is_kept(tmp_path: Path, make_update: MakeUpdate) -> None:
+    for number in range(3):
+        draw(RrdFileSink(tmp_path / "out.rrd"), [make_update(number)])
+    assert [count_rows(tmp_path / name)["/log"] for name in ("out-0001.rrd", "out-0002.rrd")] == [
+        1,
+        1,
+    ]
+    positions = read_column(tmp_path / "out.rrd", "/world/camera", "Transform3D:translation")
+    assert positions[0][0][2] == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(
+    ("there", "kept", "left"),
+    [
+        ([], 4, []),
+        (["out.rrd"], 4, ["out-0001.rrd"]),
+        (["out.rrd"], 1, []),
+        (["out.rrd", "out-0007.rrd", "out-0005.rrd"], 3, ["out-0007.rrd", "out-0008.rrd"]),
+        (["out-9999.rrd", "out.rrd"], 3, ["out-9999.rrd", "out-10000.rrd"]),
+        (["other.rrd", "out-1.rrd", "out-0001.txt"], 1, ["other.rrd", "out-1.rrd", "out-0001.txt"]),
+    ],
+)
+def test_room_is_made_among_our_own_files_alone(
+    tmp_path: Path, there: list[str], kept: int, left: list[str]
+) -> None:
+    for name in there:
+        (tmp_path / name).touch()
+    rotate_file(tmp_path / "out.rrd", kept)
+    assert {file.name for file in tmp_path.iterdir()} == set(left)
+
+
+@pytest.mark.subprocess
+def test_a_disk_that_fills_up_ends_the_file_in_order_and_begins_another_when_there_is_space(
+    tmp_path: Path, make_update: MakeUpdate, free_bytes: list[int]
+) -> None:
+    path = tmp_path / "out.rrd"
+    free_bytes[:] = [10**12] * 4 + [10**6, 10**6, 10**12]
+    drawn = draw(RrdFileSink(path), [make_update(3 * seq) for seq in range(10)])
+    assert drawn.fault == ""
+    assert "out.rrd: the disk is full" in drawn.data_loss
+    assert is_complete(path)
+    assert is_complete(tmp_path / "out-0001.rrd")
+    assert count_rows(tmp_path / "out-0001.rrd")["/depth"] == 3
+    assert count_rows(path)["/depth"] == 5
+
+
+def test_a_disk_that_is_full_at_the_start_is_trouble_but_no_refusal(
+    tmp_path: Path, make_update: MakeUpdate, free_bytes: list[int]
+) -> None:
+    free_bytes[:] = [10**6]
+    drawn = draw(RrdFileSink(tmp_path / "out.rrd"), [make_update(0)])
+    assert "the disk is full" in drawn.fault
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.subprocess
+def test_a_file_that_cannot_grow_can_be_read_up_to_there(
+    tmp_path: Path, heavy: Callable[[int], OdometryUpdate]
+) -> None:
+    path = tmp_path / "out.rrd"
+    with limit_file_size(5_000_000):
+        output = RerunOutput(RrdFileSink(path), playback_mode=PlaybackMode.LOCKSTEP)
+    updates = map(heavy, count())
+
+    def is_told_after_another() -> bool:
+        output.on_update(next(updates))
+        # Rerun gathers for a while, and all that it has gathered must not be too long at once.
+        time.sleep(0.4)
+        return "the recording stops after" in output.warning
+
+    wait_until(is_told_after_another)
+    with pytest.raises(UserFacingError, match="the recording is not complete"):
+        output.close()
+    with pytest.warns(RerunWarning, match="no footer"):
+        assert count_rows(path)["/world/camera/image"] > 0
+    assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
+
+
+def test_a_name_that_is_no_text_is_one_line_and_what_is_there_stays(tmp_path: Path) -> None:
+    path = tmp_path / "not\udcffutf8.rrd"
+    path.touch()
+    with pytest.raises(InputError, match="cannot write the Rerun recording") as caught:
+        RotatingRecording(make_config(RrdFileSink(path)))
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("folder.rrd", "it is a folder; name another file"),
+        ("device.rrd", "it is no file but a device or the like; name another file"),
+        ("none/a.rrd", "there is no folder"),
+        ("file/a.rrd", "there is no folder"),
+        ("/proc/a.rrd", "/proc takes no new file: No such file or directory; name another file"),
+        ("/sys/a.rrd", "/sys takes no new file: "),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_told_with_its_own_cause(
+    tmp_path: Path, name: str, cause: str
+) -> None:
+    (tmp_path / "folder.rrd").mkdir()
+    (tmp_path / "device.rrd").symlink_to("/dev/full")
+    (tmp_path / "file").touch()
+    there = set(tmp_path.rglob("*"))
+    with pytest.raises(InputError, match="cannot write the Rerun recording") as caught:
+        RotatingRecording(make_config(RrdFileSink(tmp_path / name)))
+    assert cause in str(caught.value)
+    assert set(tmp_path.rglob("*")) == there
+
+
+def test_a_folder_that_takes_no_new_file_keeps_what_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(**kwargs: Path) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(rrd_file_sink, "TemporaryFile", refuse)  # root may write everywhere
+    path = tmp_path / "out.rrd"
+    path.touch()
+    with pytest.raises(InputError, match="takes no new file: Read-only file system"):
+        RotatingRecording(make_config(RrdFileSink(path)))
+    assert list(tmp_path.iterdir()) == [path]

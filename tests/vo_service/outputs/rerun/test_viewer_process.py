@@ -1,0 +1,231 @@
+"""The viewer's process: frozen, killed, stuck or too large, it costs the poses nothing."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.camera import PlaybackMode
+from drivers.core.errors import InputError, UserFacingError
+from tests.resource_leaks import child_pids, is_alive, resident_memory_kb, resources_in_use
+from tests.vo_service.outputs.rerun.faulty_sinks import BlockingSink, FullDiskSink, LeakingSink
+from tests.vo_service.outputs.rerun.rerun_recording import count_rows, is_complete, read_column
+from tests.waiting import wait_until
+from vo_service.config_tables import RerunConfig
+from vo_service.outputs.rerun.output import RerunOutput, open_rerun_output
+from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
+from vo_service.outputs.rerun.sinks import Sink
+from vo_service.types import OdometryUpdate, Status
+
+pytestmark = pytest.mark.subprocess
+
+MakeUpdate = Callable[..., OdometryUpdate]
+# Far more than any call takes that does not wait for the viewer, on a busy computer too.
+AT_ONCE_S = 10.0
+
+
+@contextmanager
+def shown(
+    sink: Sink,
+    settings: RerunConfig = RerunConfig(),  # noqa: B008 (frozen)
+    pace: PlaybackMode = PlaybackMode.REALTIME,
+) -> Iterator[tuple[RerunOutput, int]]:
+    """An output with its process."""
+    before = set(child_pids())
+    output = RerunOutput(sink, settings, playback_mode=pace)
+    try:
+        (process,) = set(child_pids()) - before
+        yield output, process
+    finally:
+        output.close()
+
+
+def flood(output: RerunOutput, update: OdometryUpdate) -> float:
+    """More results than any pipe holds; the longest time that one took to hand over."""
+    longest_s = 0.0
+    for seq in range(200):
+        start_s = time.monotonic()
+        output.on_update(replace(update, seq=seq))
+        longest_s = max(longest_s, time.monotonic() - start_s)
+    return longest_s
+
+
+def show_until(output: RerunOutput, update: OdometryUpdate, warning: str) -> None:
+    """Result after result, as from a camera, until it warns of this."""
+
+    def warned() -> bool:
+        output.on_update(update)
+        return output.warning == warning
+
+    wait_until(warned)
+
+
+def test_results_reach_the_file_and_nothing_is_left(
+    tmp_path: Path, make_update: MakeUpdate, status: Status
+) -> None:
+    before = resources_in_use()
+    path = tmp_path / "out.rrd"
+    with shown(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, process):
+        for seq in range(60):
+            output.on_update(make_update(seq))
+            if seq == 30:  # Ctrl-C and a stop of the unit are the service's affair
+                os.kill(process, signal.SIGINT)
+                os.kill(process, signal.SIGTERM)
+        output.on_status(status)
+        assert os.getpgid(process) != os.getpgrp()
+    assert (output.dropped, output.warning) == (0, "")
+    assert is_complete(path)
+    assert (count_rows(path)["/world/camera"], count_rows(path)["/depth"]) == (60, 20)
+    assert not is_alive(process)
+    assert resources_in_use() <= before
+
+
+def test_rerun_stays_out_of_the_service(tmp_path: Path) -> None:
+    script = (
+        "import sys; from vo_service.outputs.rerun.output import open_rerun_output; "
+        "open_rerun_output(sys.argv[1]).close(); "
+        "print({'rerun', 'pyarrow', 'http.server'} & set(sys.modules))"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / "out.rrd")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    assert (done.stdout, done.stderr) == ("set()\n", "")
+
+
+def test_a_frozen_process_holds_nothing_up(
+    tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+) -> None:
+    output = RerunOutput(RrdFileSink(tmp_path / "out.rrd"))
+    (process,) = child_pids()
+    os.kill(process, signal.SIGSTOP)
+    assert flood(output, make_update(0)) < AT_ONCE_S
+    assert output.dropped > 20
+    start_s = time.monotonic()
+    with pytest.raises(UserFacingError, match="not complete"):
+        output.close()
+    assert time.monotonic() - start_s < 60.0  # 2.5 on a computer with nothing else to do
+    assert "did not take all data in time" in caplog.text
+    wait_until(lambda: not is_alive(process))
+
+
+def test_a_killed_process_comes_back_and_draws_what_was_there(
+    tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "out.rrd"
+    with shown(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, process):
+        for seq in range(0, 60, 3):
+            output.on_update(make_update(seq))
+        wait_until(lambda: path.stat().st_size > 10_000)
+        os.kill(process, signal.SIGKILL)
+        wait_until(lambda: "crashed (signal 9, Killed)" in output.warning)
+        wait_until(lambda: output.warning == "")
+        for seq in range(60, 90, 3):
+            output.on_update(make_update(seq))
+    assert caplog.text.count("crashed (signal 9, Killed); starting it again") == 1
+    assert is_complete(path)
+    (so_far,) = read_column(path, "/world/trajectory/so_far", "LineStrips3D:strips")
+    assert so_far[0][0] == [0.0, 0.0, 0.0]
+    assert len(so_far[0]) > 5
+    assert (tmp_path / "out-0001.rrd").exists()
+
+
+def test_the_process_ends_with_a_service_that_is_killed(tmp_path: Path) -> None:
+    script = (
+        "import signal, sys; from tests.resource_leaks import child_pids; "
+        "from vo_service.outputs.rerun.output import open_rerun_output; "
+        "output = open_rerun_output(sys.argv[1]); print(*child_pids(), flush=True); signal.pause()"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / "out.rrd")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as service:
+        assert service.stdout is not None
+        process = int(service.stdout.readline())
+        service.kill()
+    wait_until(lambda: not is_alive(process))
+
+
+def test_a_process_that_is_stuck_in_rerun_says_so(make_update: MakeUpdate) -> None:
+    with shown(BlockingSink()) as (output, _):
+        show_until(output, make_update(0), "rerun: stuck does not take its data")
+        assert flood(output, make_update(0)) < AT_ONCE_S
+
+
+def test_a_process_that_grows_too_large_is_started_again(
+    make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+) -> None:
+    settings = RerunConfig(memory_mb=300)
+    sizes_mb = []
+    with shown(LeakingSink(100), settings) as (output, process):
+
+        def has_ended() -> bool:
+            sizes_mb.append(resident_mb(process))
+            output.on_update(make_update(0))
+            return not is_alive(process)
+
+        wait_until(has_ended)
+        wait_until(lambda: "passed 300 MB (rerun.memory_mb)" in output.warning)
+        wait_until(lambda: output.warning == "")
+    assert max(sizes_mb) < 300 + 200
+    assert caplog.text.count("passed 300 MB") == 1
+
+
+def resident_mb(process: int) -> float:
+    try:
+        return resident_memory_kb(process) * 1024 / 1e6
+    except (OSError, AssertionError):  # it has just ended
+        return 0.0
+
+
+def test_what_could_not_be_kept_is_said_while_it_lasts_and_at_the_end(
+    make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+) -> None:
+    output = RerunOutput(FullDiskSink())
+    show_until(output, make_update(0), "rerun: full: the disk is full")
+    output.on_update(make_update(30))
+    with pytest.raises(UserFacingError, match="full: the recording is not complete"):
+        output.close()
+    output.close()
+    assert caplog.text.count("the disk is full") == 1
+
+
+def test_while_it_rests_nothing_is_drawn_and_the_log_says_so(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    path = tmp_path / "out.rrd"
+    with shown(RrdFileSink(path), pace=PlaybackMode.LOCKSTEP) as (output, _):
+        for is_resting in (False, True, True, False):
+            output.set_paused(is_resting)
+            for seq in range(3):
+                output.on_update(make_update(seq))
+    assert count_rows(path)["/world/camera"] == 6
+    texts = [text for (text,) in read_column(path, "/log", "TextLog:text")]
+    assert texts == ["tracking (epoch 1)", "resting: the machine is too slow", "drawing again"]
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        "missing/out.rrd", "connect:no port", "connect:robot:0", "connect:robot:65536", "serve?",
+        "out.txt",
+    ],
+)  # fmt: skip
+def test_a_bad_target_is_one_line(tmp_path: Path, target: str) -> None:
+    name = str(tmp_path / target) if "/" in target else target
+    before = resources_in_use()
+    with pytest.raises(InputError) as caught:
+        open_rerun_output(name)
+    assert "\n" not in str(caught.value)
+    assert resources_in_use() <= before
+
+
+def test_without_rerun_it_says_how_to_install_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("vo_service.outputs.rerun.targets.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"pip install 'kinect-vo\[rerun\]'"):
+        open_rerun_output(str(tmp_path / "out.rrd"))

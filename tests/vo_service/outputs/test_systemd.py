@@ -1,0 +1,143 @@
+"""What systemd hears, on a socket that stands in for its own."""
+
+import socket
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.vo_service.fakes import make_status
+from vo_service.outputs.systemd import SystemdNotifier, SystemdOutput
+from vo_service.types import TrackingState
+
+STATUS = make_status()
+
+
+class NotifySocket:
+    """Hears what is sent to NOTIFY_SOCKET."""
+
+    def __init__(self, address: str) -> None:
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.bind(address)
+        self.socket.settimeout(5.0)
+
+    def hear(self) -> list[str]:
+        """The lines of the next message."""
+        return self.socket.recv(65536).decode().split("\n")
+
+    def hears_no_more(self) -> bool:
+        """Whether nothing is waiting."""
+        self.socket.setblocking(False)
+        try:
+            self.socket.recv(65536)
+        except BlockingIOError:
+            return True
+        return False
+
+
+@pytest.fixture
+def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[NotifySocket]:
+    """One that listens at a path."""
+    address = str(tmp_path / "notify")
+    monkeypatch.setenv("NOTIFY_SOCKET", address)
+    listener = NotifySocket(address)
+    yield listener
+    listener.socket.close()
+
+
+def test_the_first_status_says_ready_and_each_feeds_the_watchdog(systemd: NotifySocket) -> None:
+    output = SystemdOutput()
+    output.on_status(STATUS)
+    output.on_status(STATUS)
+    assert systemd.hear() == ["READY=1", "WATCHDOG=1", "STATUS=tracking; 30 poses/s"]
+    assert systemd.hear() == ["WATCHDOG=1", "STATUS=tracking; 30 poses/s"]
+    output.close()
+
+
+def test_the_line_has_reason_and_warnings(systemd: NotifySocket) -> None:
+    output = SystemdOutput()
+    state, reason = TrackingState.NO_CAMERA, "freenect: no Kinect\nis plugged in"
+    output.on_status(replace(STATUS, state=state, reason=reason, fps=0.0, warnings=("disk full",)))
+    expected = "STATUS=no_camera: freenect: no Kinect is plugged in; 0 poses/s; disk full"
+    assert systemd.hear()[-1] == expected
+    output.close()
+
+
+def test_a_line_stays_one_line_of_bounded_length(systemd: NotifySocket) -> None:
+    output = SystemdOutput()
+    output.on_status(replace(STATUS, paused=True, warnings=("words\r\nand words",) * 1000))
+    lines = systemd.hear()
+    assert len(lines) == 3
+    assert "; paused; " in lines[-1]
+    assert len(lines[-1]) < 600
+    output.close()
+
+
+def test_no_pose_feeds_the_watchdog(systemd: NotifySocket) -> None:
+    output = SystemdOutput()
+    assert systemd.hears_no_more()
+    output.close()
+
+
+def test_a_reload_begins_and_ends(systemd: NotifySocket) -> None:
+    output = SystemdOutput()
+    with output.notify_reloading():
+        begin = systemd.hear()
+    assert begin[0] == "RELOADING=1"
+    assert begin[1].removeprefix("MONOTONIC_USEC=").isdigit()
+    assert systemd.hear() == ["READY=1"]
+    output.close()
+
+
+def test_the_end_is_told_once_and_closing_twice_is_safe(systemd: NotifySocket) -> None:
+    output = SystemdOutput()
+    output.close()
+    output.close()
+    output.on_status(STATUS)
+    assert systemd.hear() == ["STOPPING=1", "STATUS=stopping"]
+    assert systemd.hears_no_more()
+
+
+def test_an_abstract_address_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = f"kinect-vo-test-{threading.get_native_id()}"
+    monkeypatch.setenv("NOTIFY_SOCKET", f"@{name}")
+    listener = NotifySocket(f"\0{name}")
+    notifier = SystemdNotifier()
+    assert notifier.send("READY=1")
+    assert listener.hear() == ["READY=1"]
+    notifier.close()
+    listener.socket.close()
+
+
+def test_without_systemd_nothing_happens(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    output = SystemdOutput()
+    output.on_status(STATUS)
+    with output.notify_reloading():
+        pass
+    output.close()
+
+
+def test_a_systemd_that_is_gone_or_does_not_read_costs_nothing(systemd: NotifySocket) -> None:
+    output = SystemdOutput()
+    for _ in range(2000):  # more than a socket's buffer holds: a blocking one would stop here
+        output.on_status(STATUS)
+    systemd.socket.close()
+    output.on_status(STATUS)
+    output.close()
+
+
+def test_ready_is_said_again_until_it_went_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address = str(tmp_path / "late")
+    monkeypatch.setenv("NOTIFY_SOCKET", address)
+    output = SystemdOutput()
+    output.on_status(STATUS)
+    listener = NotifySocket(address)
+    output.on_status(STATUS)
+    assert listener.hear()[0] == "READY=1"
+    output.close()
+    listener.socket.close()

@@ -1,0 +1,88 @@
+"""The trajectory file."""
+
+import logging
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.queues import BlockingQueue, DropOldestQueue
+from drivers.core.trajectory import read_trajectory
+from tests.full_disk import limit_file_size
+from tests.vo_service.cli.cli_runner import count_lines
+from tests.waiting import wait_until
+from vo_service.outputs.trajectory.trajectory_file import TrajectoryFileOutput
+from vo_service.types import OdometryUpdate, Status
+
+MakeUpdate = Callable[..., OdometryUpdate]
+
+
+def test_every_good_frame_becomes_one_line(
+    tmp_path: Path, make_update: MakeUpdate, status: Status
+) -> None:
+    output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
+    for seq in range(5):
+        output.on_update(make_update(seq, ok=seq != 2))
+        output.on_status(status)
+    output.close()
+    poses = read_trajectory(tmp_path / "out.txt")
+    good = [make_update(seq) for seq in (0, 1, 3, 4)]
+    np.testing.assert_allclose(poses.stamps_s, [u.stamp_s for u in good], atol=1e-6)
+    np.testing.assert_allclose(poses.T_world_camera, [u.T_world_camera for u in good], atol=1e-7)
+
+
+def test_lines_are_on_disk_before_close(tmp_path: Path, make_update: MakeUpdate) -> None:
+    output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
+    output.on_update(make_update(0))
+    output.on_update(make_update(1))
+    wait_until(lambda: count_lines(tmp_path / "out.txt") == 2)
+    output.close()
+
+
+def test_an_older_file_is_emptied_at_the_start(tmp_path: Path) -> None:
+    path = tmp_path / "out.txt"
+    path.write_text("old")
+    TrajectoryFileOutput(path, BlockingQueue(8)).close()
+    assert path.read_text() == ""
+
+
+@pytest.mark.parametrize("name", ["", "missing/out.txt"])
+def test_a_path_that_cannot_be_written_is_refused_at_once(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="cannot write the trajectory") as caught:
+        TrajectoryFileOutput(tmp_path / name, BlockingQueue(8))
+    assert str(tmp_path / name) in str(caught.value)
+
+
+def test_a_full_disk_keeps_whole_lines_and_is_told_once(
+    tmp_path: Path, make_update: MakeUpdate, caplog: pytest.LogCaptureFixture
+) -> None:
+    output = TrajectoryFileOutput(tmp_path / "out.txt", BlockingQueue(8))
+    with limit_file_size(250):
+        for seq in range(6):
+            output.on_update(make_update(seq))
+        wait_until(lambda: "the trajectory stops after" in output.warning)
+    with pytest.raises(UserFacingError, match=r"out\.txt: the trajectory is not complete"):
+        output.close()
+    output.close()
+    assert len(read_trajectory(tmp_path / "out.txt")) == 2
+    assert [record.levelno for record in caplog.records] == [logging.ERROR]
+    assert "out.txt: the trajectory stops after" in caplog.text
+
+
+def test_a_disk_that_hangs_holds_nobody_up_and_is_told_of(
+    tmp_path: Path, make_update: MakeUpdate
+) -> None:
+    pipe = tmp_path / "out.txt"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    output = TrajectoryFileOutput(pipe, DropOldestQueue(4))
+    for seq in range(2000):  # more than a pipe that nobody reads holds
+        output.on_update(make_update(seq))
+    assert "out.txt: the disk is too slow" in output.warning
+    os.close(reader)  # the write that hangs fails now
+    wait_until(lambda: "the trajectory stops" in output.warning)
+    with pytest.raises(UserFacingError):
+        output.close()

@@ -1,0 +1,226 @@
+"""The CDR packer against rosbags' own serialiser."""
+
+import dataclasses
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+
+from drivers.core.geometry import rigid_transform, so3_exp
+from vo_service.outputs.zenoh.cdr_encoding import split_stamp
+from vo_service.outputs.zenoh.cdr_odometry import OdometryMessage, decode_odometry, encode_odometry
+from vo_service.outputs.zenoh.cdr_transform import (
+    TransformMessage,
+    decode_transform,
+    encode_transform,
+    encode_transforms,
+)
+
+ROS = get_typestore(Stores.ROS2_JAZZY)
+metres = st.floats(-1e6, 1e6)
+frame_names = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=20)
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> OdometryMessage:
+    vector = [draw(st.floats(-3.0, 3.0)) for _ in range(3)]
+    return OdometryMessage(
+        stamp_s=draw(st.floats(-(2.0**31), 2.0**31 - 1)),
+        frame_id=draw(frame_names),
+        child_frame_id=draw(frame_names),
+        T_frame_child=rigid_transform(so3_exp(vector), [draw(metres) for _ in range(3)]),
+        pose_covariance=np.full((6, 6), draw(metres)) + np.arange(36).reshape(6, 6),
+        twist=np.array([draw(metres) for _ in range(6)]),
+        twist_covariance=np.full((6, 6), draw(metres)) - np.arange(36).reshape(6, 6),
+    )
+
+
+def example(**changes: Any) -> OdometryMessage:
+    message = OdometryMessage(
+        stamp_s=1305031453.359684,
+        frame_id="odom",
+        child_frame_id="base_link",
+        T_frame_child=np.eye(4),
+        pose_covariance=np.eye(6),
+        twist=np.zeros(6),
+        twist_covariance=np.eye(6),
+    )
+    return dataclasses.replace(message, **changes)
+
+
+def by_rosbags(message: OdometryMessage) -> bytes:
+    t = ROS.types
+    sec, nanosec = split_stamp(message.stamp_s)
+    pose = t["geometry_msgs/msg/Pose"](
+        position=t["geometry_msgs/msg/Point"](*message.position_m),
+        orientation=t["geometry_msgs/msg/Quaternion"](*message.quaternion_xyzw),
+    )
+    twist = t["geometry_msgs/msg/Twist"](
+        linear=t["geometry_msgs/msg/Vector3"](*message.twist[:3]),
+        angular=t["geometry_msgs/msg/Vector3"](*message.twist[3:]),
+    )
+    odometry = t["nav_msgs/msg/Odometry"](
+        header=t["std_msgs/msg/Header"](
+            stamp=t["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec),
+            frame_id=message.frame_id,
+        ),
+        child_frame_id=message.child_frame_id,
+        pose=t["geometry_msgs/msg/PoseWithCovariance"](
+            pose=pose, covariance=message.pose_covariance.ravel()
+        ),
+        twist=t["geometry_msgs/msg/TwistWithCovariance"](
+            twist=twist, covariance=message.twist_covariance.ravel()
+        ),
+    )
+    return bytes(ROS.serialize_cdr(odometry, "nav_msgs/msg/Odometry"))
+
+
+@given(messages())
+@settings(max_examples=60, deadline=None)
+def test_bytes_equal_those_of_rosbags(message: OdometryMessage) -> None:
+    assert encode_odometry(message) == by_rosbags(message)
+
+
+def transform_of(message: OdometryMessage) -> TransformMessage:
+    return TransformMessage(
+        message.stamp_s, message.frame_id, message.child_frame_id, message.T_frame_child
+    )
+
+
+def stamped_by_rosbags(message: OdometryMessage) -> Any:
+    t = ROS.types
+    sec, nanosec = split_stamp(message.stamp_s)
+    return t["geometry_msgs/msg/TransformStamped"](
+        header=t["std_msgs/msg/Header"](
+            stamp=t["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec),
+            frame_id=message.frame_id,
+        ),
+        child_frame_id=message.child_frame_id,
+        transform=t["geometry_msgs/msg/Transform"](
+            translation=t["geometry_msgs/msg/Vector3"](*message.position_m),
+            rotation=t["geometry_msgs/msg/Quaternion"](*message.quaternion_xyzw),
+        ),
+    )
+
+
+@given(messages())
+@settings(max_examples=60, deadline=None)
+def test_a_transforms_bytes_equal_those_of_rosbags(message: OdometryMessage) -> None:
+    by_rosbags = ROS.serialize_cdr(
+        stamped_by_rosbags(message), "geometry_msgs/msg/TransformStamped"
+    )
+    assert encode_transform(transform_of(message)) == bytes(by_rosbags)
+
+
+@given(st.lists(messages(), max_size=3))
+@settings(max_examples=60, deadline=None)
+def test_the_bytes_of_several_transforms_equal_those_of_rosbags(
+    several: list[OdometryMessage],
+) -> None:
+    name = "tf2_msgs/msg/TFMessage"
+    message = ROS.types[name](transforms=[stamped_by_rosbags(each) for each in several])
+    encoded = encode_transforms([transform_of(each) for each in several])
+    assert encoded == bytes(ROS.serialize_cdr(message, name))
+
+
+@given(messages())
+@settings(max_examples=60, deadline=None)
+def test_decoding_a_transform_gives_back_what_was_encoded(message: OdometryMessage) -> None:
+    decoded = decode_transform(encode_transform(transform_of(message)))
+    assert decoded.stamp_s == pytest.approx(message.stamp_s, abs=1e-9)
+    assert (decoded.frame_id, decoded.child_frame_id) == (message.frame_id, message.child_frame_id)
+    np.testing.assert_allclose(decoded.T_frame_child, message.T_frame_child, atol=1e-12)
+
+
+@given(st.binary(max_size=120))
+def test_whatever_comes_as_a_transform_is_one_or_a_value_error(body: bytes) -> None:
+    with suppress(ValueError):
+        message = decode_transform(b"\x00\x01\x00\x00" + body)
+        assert message.T_frame_child.shape == (4, 4)
+
+
+@pytest.mark.parametrize("length", [0, 3, 10, 18, 40, 99])
+def test_a_cut_transform_is_refused(length: int) -> None:
+    with pytest.raises(ValueError, match=r"CDR|TransformStamped"):
+        decode_transform(encode_transform(transform_of(example()))[:length])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("where", [(1, 3), (0, 0)])
+def test_a_transform_that_is_not_finite_never_leaves(bad: float, where: tuple[int, int]) -> None:
+    T = np.eye(4)
+    T[where] = bad
+    message = TransformMessage(1.0, "odom", "base_link", T)
+    with pytest.raises(ValueError, match="not finite"):
+        encode_transform(message)
+    with pytest.raises(ValueError, match="not finite"):
+        encode_transforms([message])
+
+
+@given(messages())
+@settings(max_examples=60, deadline=None)
+def test_decoding_gives_back_what_was_encoded(message: OdometryMessage) -> None:
+    decoded = decode_odometry(encode_odometry(message))
+    assert decoded.stamp_s == pytest.approx(message.stamp_s, abs=1e-9)
+    assert (decoded.frame_id, decoded.child_frame_id) == (message.frame_id, message.child_frame_id)
+    np.testing.assert_allclose(decoded.T_frame_child, message.T_frame_child, atol=1e-12)
+    np.testing.assert_array_equal(decoded.pose_covariance, message.pose_covariance)
+    np.testing.assert_array_equal(decoded.twist, message.twist)
+    np.testing.assert_array_equal(decoded.twist_covariance, message.twist_covariance)
+
+
+def test_the_usual_message_has_724_bytes() -> None:
+    assert len(encode_odometry(example())) == 724
+
+
+@pytest.mark.parametrize(
+    ("stamp_s", "expected"),
+    [
+        (0.0, (0, 0)),
+        (1.5, (1, 500_000_000)),
+        (-0.25, (-1, 750_000_000)),
+        (-3.0, (-3, 0)),
+        (np.nextafter(2.0, 0.0), (2, 0)),
+        (2147483647.5, (2147483647, 500_000_000)),
+    ],
+)
+def test_a_stamp_splits_into_seconds_and_nanoseconds(
+    stamp_s: float, expected: tuple[int, int]
+) -> None:
+    assert split_stamp(stamp_s) == expected
+
+
+@given(st.floats(1e9, 2e9))
+def test_a_unix_stamp_survives_to_the_last_bit(stamp_s: float) -> None:
+    sec, nanosec = split_stamp(stamp_s)
+    assert sec + nanosec * 1e-9 == stamp_s
+
+
+@pytest.mark.parametrize("stamp_s", [2.0**31, -(2.0**31) - 1, np.inf, np.nan])
+def test_a_stamp_that_does_not_fit_is_refused(stamp_s: float) -> None:
+    with pytest.raises(ValueError, match="stamp"):
+        split_stamp(stamp_s)
+
+
+@pytest.mark.parametrize("field", ["T_frame_child", "pose_covariance", "twist", "twist_covariance"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_number_that_is_not_finite_never_leaves(field: str, bad: float) -> None:
+    values = np.array(getattr(example(), field))
+    values[np.unravel_index(3, values.shape)] = bad
+    with pytest.raises(ValueError, match="not finite"):
+        encode_odometry(example(**{field: values}))
+
+
+@pytest.mark.parametrize("length", [0, 3, 10, 18, 40, 723])
+def test_a_cut_message_is_refused(length: int) -> None:
+    with pytest.raises(ValueError, match=r"CDR|Odometry"):
+        decode_odometry(encode_odometry(example())[:length])
+
+
+def test_a_big_endian_message_is_refused() -> None:
+    with pytest.raises(ValueError, match="little-endian"):
+        decode_odometry(b"\x00\x00\x00\x00" + encode_odometry(example())[4:])

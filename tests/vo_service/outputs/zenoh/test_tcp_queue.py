@@ -1,0 +1,19 @@
+"""What the kernel says is still under way."""
+
+import socket
+
+from vo_service.outputs.zenoh.tcp_queue import queued_bytes
+
+
+def test_what_was_sent_counts_until_it_is_read() -> None:
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.create_connection(server.getsockname()) as reader,
+        server.accept()[0] as sender,
+    ):
+        pair = (sender.getsockname()[1], sender.getpeername()[1])
+        sender.sendall(bytes(1000))
+        assert queued_bytes([pair]) == 1000
+        assert queued_bytes([(1, 2)]) == 0
+        reader.recv(1000, socket.MSG_WAITALL)
+        assert queued_bytes([pair]) == 0

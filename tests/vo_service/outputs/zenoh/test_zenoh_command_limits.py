@@ -1,0 +1,104 @@
+"""Too many commands over real Zenoh: refused, counted, and no trouble to the poses."""
+
+import logging
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tests.vo_service.outputs.zenoh.query_helpers import (
+    answer_next_command,
+    output_with_commands,
+    query_json,
+    reply_json,
+)
+from tests.waiting import wait_until
+from vo_service.command_queue import CommandQueue
+from vo_service.config_tables import CommandConfig
+from vo_service.outputs.zenoh.command_server import (
+    CommandRateLimit,
+    CommandServer,
+    make_command_endpoint,
+)
+from vo_service.types import CommandError, OdometryUpdate
+
+pytestmark = pytest.mark.zenoh
+
+MakeUpdate = Callable[..., OdometryUpdate]
+
+
+def test_when_too_many_wait_the_next_is_told_so(free_port: int) -> None:
+    with output_with_commands(free_port) as (_, inbox, session):
+        waiting = [session.get("kinect/command/pause", timeout=100) for _ in range(8)]
+        wait_until(lambda: len(inbox._pending) == 8)
+        assert query_json(session, "kinect/command/pause")[0]["error"] == "busy"
+        inbox.close()
+        assert {reply_json(reply)["error"] for one in waiting for reply in one} == {"not-possible"}
+
+
+def test_beyond_the_rate_commands_are_refused_and_that_is_logged_once(
+    free_port: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    with output_with_commands(free_port, per_second=1.0) as (_, inbox, session):
+        answer_next_command(inbox, {"paused": True})
+        assert query_json(session, "kinect/command/pause") == [{"schema": 1, "paused": True}]
+        codes = {query_json(session, "kinect/command/dance")[0]["error"] for _ in range(10)}
+    assert codes == {"rate-limited"} or codes == {"rate-limited", "unknown-command"}
+    lines = [line for line in caplog.messages if "more than 1 commands a second" in line]
+    assert len(lines) == 1
+
+
+def test_a_flood_of_commands_does_not_reach_the_loop_nor_hold_up_poses(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    with output_with_commands(free_port, per_second=10.0) as (output, inbox, session):
+        came = threading.Semaphore(0)
+        session.declare_subscriber("kinect/odom", lambda _: came.release())
+        assert output.wait_for_subscriber(20)
+        flood = [session.get("kinect/command/dance", timeout=100) for _ in range(5000)]
+        for seq in range(20):
+            output.on_update(make_update(seq))
+            assert came.acquire(timeout=100)
+        codes = [reply_json(reply)["error"] for channel in flood for reply in channel]
+    assert inbox.take_pending() == []
+    assert set(codes) <= {"unknown-command", "rate-limited"}
+    assert 0 < len(codes) < 5000
+    assert output.dropped == output.errors == 0
+
+
+def test_after_a_flood_commands_work_again(free_port: int) -> None:
+    with output_with_commands(free_port, per_second=10.0) as (_, inbox, session):
+        for channel in [session.get("kinect/command/dance", timeout=100) for _ in range(500)]:
+            list(channel)
+        answer_next_command(inbox, {"paused": True})
+        wait_until(
+            lambda: {"schema": 1, "paused": True} in query_json(session, "kinect/command/pause")
+        )
+
+
+def test_the_rate_limit_says_how_many_it_refused(caplog: pytest.LogCaptureFixture) -> None:
+    now_s = [0.0]
+    limit = CommandRateLimit(2.0, lambda: now_s[0])
+    for _ in range(2):
+        limit.check()
+    for _ in range(61):
+        with pytest.raises(CommandError, match="more than 2 commands a second"):
+            limit.check()
+        now_s[0] += 0.001
+    now_s[0] += 60.0
+    for _ in range(2):
+        limit.check()
+    with pytest.raises(CommandError):
+        limit.check()
+    told = [record.args for record in caplog.records if record.levelno == logging.WARNING]
+    assert [args[1] for args in told if isinstance(args, tuple)] == [1, 61]
+
+
+def test_the_settings_give_the_rate() -> None:
+    commands: Any = make_command_endpoint(CommandConfig(per_second=3.0), CommandQueue())
+    assert isinstance(commands, CommandServer)
+    assert commands._rate_limit._bucket.per_second == 3.0
+    commands.configure(CommandConfig(per_second=5.0))
+    assert commands._rate_limit._bucket.per_second == 5.0
+    commands.close()

@@ -1,0 +1,86 @@
+"""Where the keys that a Zenoh configuration names are found."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from drivers.core.errors import InputError
+from vo_service.outputs.zenoh.config_file import read_zenoh_config
+
+KEY = "transport/link/tls/listen_private_key"
+
+
+def configuration(folder: Path, name: str) -> Path:
+    file = folder / "robot.json5"
+    tls = f"{{listen_private_key: {json.dumps(name)}}}"
+    file.write_text(f"{{transport: {{link: {{tls: {tls}}}}}}}")
+    return file
+
+
+def found(file: Path) -> str:
+    return str(json.loads(read_zenoh_config(file).get_json(KEY)))
+
+
+def test_a_key_lies_beside_its_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("CREDENTIALS_DIRECTORY", raising=False)
+    (tmp_path / "tls.key").write_text("key")
+    monkeypatch.chdir(tmp_path.parent)
+    relative = configuration(tmp_path, "tls.key").relative_to(tmp_path.parent)
+    assert found(relative) == str(tmp_path / "tls.key")
+
+
+def test_a_credential_of_systemd_comes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    credentials = tmp_path / "credentials"
+    credentials.mkdir()
+    for folder in (tmp_path, credentials):
+        (folder / "tls.key").write_text("key")
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(credentials))
+    assert found(configuration(tmp_path, "tls.key")) == str(credentials / "tls.key")
+
+
+def test_what_is_no_credential_lies_beside_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "tls.key").write_text("key")
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path / "none"))
+    assert found(configuration(tmp_path, "tls.key")) == str(tmp_path / "tls.key")
+
+
+def test_an_absolute_name_is_kept(tmp_path: Path) -> None:
+    key = tmp_path / "elsewhere.key"
+    key.write_text("key")
+    assert found(configuration(tmp_path, str(key))) == str(key)
+
+
+def test_a_key_that_is_missing_is_named_with_where_it_was_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", "/run/credentials/kinect-vo")
+    with pytest.raises(InputError) as caught:
+        read_zenoh_config(configuration(tmp_path, "tls.key"))
+    text = str(caught.value)
+    assert "robot.json5: transport.link.tls.listen_private_key" in text
+    assert f"No such file or directory in /run/credentials/kinect-vo or {tmp_path}" in text
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{\n  mode: \n}", "robot.json5:3: not JSON5"),
+        ("{modus: 1}", "robot.json5: not a Zenoh configuration: unknown field `modus`"),
+    ],
+)
+def test_a_file_that_is_wrong_is_named_with_the_reason(
+    tmp_path: Path, text: str, words: str
+) -> None:
+    file = tmp_path / "robot.json5"
+    file.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_zenoh_config(file)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,278 @@
+"""A session that is had at once or not at all, on any port, or tried for again and again."""
+
+import logging
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from functools import partial
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from drivers.core.errors import InputError, UserFacingError
+from tests import ports
+from tests.vo_service.outputs.zenoh.query_helpers import config, connected_session, query_json
+from tests.waiting import wait_until
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh import connection
+from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectOnFreePort, ConnectWithRetry
+from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
+from vo_service.outputs.zenoh.session import ZenohPortInUseError, open_session
+from vo_service.types import OdometryUpdate, Status
+
+pytestmark = pytest.mark.zenoh
+
+MakeUpdate = Callable[..., OdometryUpdate]
+
+
+@pytest.fixture(autouse=True)
+def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Zenoh's own waits are long enough."""
+    monkeypatch.setattr(connection, "RETRY_S", 0.05)
+    monkeypatch.setattr(connection, "ROUTER_GRACE_S", 0.05)
+
+
+@pytest.fixture
+def attempts(monkeypatch: pytest.MonkeyPatch) -> list[ZenohConfig]:
+    """All attempts to open a session."""
+    made: list[ZenohConfig] = []
+
+    def attempt(config: ZenohConfig) -> zenoh.Session:
+        made.append(config)
+        return open_session(config)
+
+    monkeypatch.setattr(connection, "open_session", attempt)
+    return made
+
+
+@contextmanager
+def taken(port: int) -> Iterator[None]:
+    """Somebody else has it."""
+    with socket.socket() as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        other.bind(("127.0.0.1", port))
+        other.listen()
+        yield
+
+
+@contextmanager
+def router(port: int) -> Iterator[zenoh.Session]:
+    """Zenoh's router, in this process."""
+    settings = zenoh.Config()
+    settings.insert_json5("mode", '"router"')
+    settings.insert_json5("listen/endpoints", f'["tcp/127.0.0.1:{port}"]')
+    settings.insert_json5("scouting/multicast/enabled", "false")
+    settings.insert_json5("transport/shared_memory/enabled", "false")
+    with zenoh.open(settings) as session:
+        yield session
+
+
+def ticking(output: ZenohOutput, status: Status, holds: Callable[[], bool]) -> None:
+    """Hand over a status again and again, as the loop does, until something holds."""
+
+    def tick() -> bool:
+        output.on_status(status)
+        return holds()
+
+    wait_until(tick)
+
+
+def test_at_once_or_not_at_all(free_port: int) -> None:
+    with taken(free_port), pytest.raises(UserFacingError, match="the port is taken") as caught:
+        ZenohOutput(config(free_port), LIVE_QOS, ConnectOnce)
+    assert caught.value.exit_code == 1
+
+
+@pytest.fixture
+def default_endpoint(free_port: int, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A default that is free, whoever uses the real one now."""
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    monkeypatch.setattr(connection, "DEFAULT_ENDPOINT", endpoint)
+    return endpoint
+
+
+def test_a_replay_takes_the_default_port_where_it_is_free(
+    free_port: int, default_endpoint: str
+) -> None:
+    with closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectOnFreePort)) as output:
+        assert output.description == f"kinect/odom at {default_endpoint} (kinect-vo listen)"
+        with connected_session(free_port) as session:
+            wait_until(lambda: bool(query_json(session, "kinect/schema")))
+
+
+def test_a_replay_publishes_on_a_free_port_where_the_default_one_is_taken(
+    free_port: int, default_endpoint: str
+) -> None:
+    with (
+        taken(free_port),
+        closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectOnFreePort)) as output,
+    ):
+        endpoint, why = output.description.removeprefix("kinect/odom at ").split(", ")
+        assert why == f"as {default_endpoint} is taken (kinect-vo listen --connect {endpoint})"
+        with connected_session(int(endpoint.rsplit(":")[-1])) as session:
+            wait_until(lambda: bool(query_json(session, "kinect/schema")))
+
+
+def test_a_free_port_that_is_gone_meanwhile_is_looked_for_again(
+    free_port: int, default_endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = f"tcp/127.0.0.1:{ports.free_port()}"
+    found = iter([default_endpoint, free])
+    monkeypatch.setattr(connection, "_free_endpoint", lambda: next(found))
+    with (
+        taken(free_port),
+        closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectOnFreePort)) as output,
+    ):
+        assert f"--connect {free})" in output.description
+
+
+@pytest.mark.usefixtures("default_endpoint")
+def test_a_port_that_the_user_has_set_is_never_another(free_port: int, tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text("{}")
+    other = ports.free_port()
+    plans = [(other, config(other)), (free_port, config(free_port, config_file=file))]
+    for port, plan in plans:
+        with taken(port), pytest.raises(ZenohPortInUseError, match="the port is taken"):
+            ConnectOnFreePort(plan)
+
+
+def test_a_taken_port_is_a_warning_and_no_error(free_port: int) -> None:
+    with (
+        taken(free_port),
+        closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)) as output,
+    ):
+        assert output.warning == (
+            f"zenoh: cannot listen on tcp/127.0.0.1:{free_port}: the port is taken, probably by "
+            "another kinect-vo; trying again"
+        )
+
+
+def test_once_the_port_is_free_all_is_published(
+    free_port: int, make_update: MakeUpdate, status: Status, attempts: list[ZenohConfig]
+) -> None:
+    with taken(free_port):
+        output = ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)
+        output.on_update(make_update(4))
+        ticking(output, status, lambda: len(attempts) > 1)
+        assert "the port is taken" in output.warning
+    with closing(output):
+        ticking(output, status, lambda: output.warning == "")
+        with connected_session(free_port) as session:
+            assert query_json(session, "kinect/status")[0]["state"] == "degraded"
+            # It is the last thing that is declared: a question may be answered a moment before.
+            wait_until(lambda: len(list(session.liveliness().get("kinect/alive", timeout=60))) == 1)
+        assert (output.errors, output.warning) == (0, "")
+
+
+def test_trouble_and_its_end_are_logged_once_each(
+    free_port: int,
+    status: Status,
+    caplog: pytest.LogCaptureFixture,
+    attempts: list[ZenohConfig],
+) -> None:
+    with taken(free_port):
+        output = ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)
+        ticking(output, status, lambda: len(attempts) > 5)
+    with closing(output):
+        ticking(output, status, lambda: output.warning == "")
+    lines = [record.message for record in caplog.records if record.levelno == logging.WARNING]
+    assert len(lines) == 2
+    assert "the port is taken" in lines[0]
+    assert lines[1] == "zenoh: all is well again"
+
+
+@pytest.mark.parametrize(
+    ("listen", "words"),
+    [("tcp/198.51.100.7:7450", "does not have that address now"),
+     ("tcp/no-such-host.invalid:7450", "the name has no address now")],
+)  # fmt: skip
+def test_an_address_that_is_not_there_yet_is_waited_for(listen: str, words: str) -> None:
+    with closing(ZenohOutput(ZenohConfig(listen=(listen,)), LIVE_QOS, ConnectWithRetry)) as output:
+        assert listen in output.warning
+        assert words in output.warning
+
+
+@pytest.mark.parametrize("way", [ConnectOnce, ConnectWithRetry])
+def test_what_waiting_cannot_mend_is_an_error_either_way(
+    way: type[ConnectWithRetry | ConnectOnce], tmp_path: Path
+) -> None:
+    for bad in (
+        ZenohConfig(listen=("nonsense",)),
+        ZenohConfig(listen=("tls/127.0.0.1:7999",)),
+        ZenohConfig(config_file=tmp_path / "missing.json5"),
+    ):
+        with pytest.raises(InputError):
+            way(bad)
+
+
+def test_a_router_that_is_away_is_named_until_it_is_there(free_port: int, status: Status) -> None:
+    where = f"tcp/127.0.0.1:{free_port}"
+    plan = ZenohConfig(listen=(), connect=(where,))
+    with closing(ZenohOutput(plan, LIVE_QOS, ConnectWithRetry)) as output:
+        ticking(output, status, lambda: output.warning != "")
+        assert output.warning == (
+            f"zenoh: no connection to {where}: it is away or refuses us; trying again"
+        )
+        with router(free_port):
+            ticking(output, status, lambda: output.warning == "")
+        ticking(output, status, lambda: where in output.warning)
+        with router(free_port) as there:
+            ticking(output, status, lambda: output.warning == "")
+            wait_until(lambda: bool(query_json(there, "kinect/status")))
+
+
+def test_one_of_two_routers_is_enough(free_port: int, status: Status) -> None:
+    other = ports.free_port()
+    plan = ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{free_port}", f"tcp/127.0.0.1:{other}"))
+    now_s = [0.0]
+    keep_trying = partial(ConnectWithRetry, now_s=lambda: now_s[0])
+    with router(free_port), closing(ZenohOutput(plan, LIVE_QOS, keep_trying)) as output:
+        ticking(output, status, lambda: output.warning == "")
+        now_s[0] += 2 * connection.ROUTER_GRACE_S
+        output.on_status(status)
+        assert output.warning == ""
+
+
+def test_a_client_without_its_router_is_waited_for(
+    free_port: int, tmp_path: Path, status: Status
+) -> None:
+    file = tmp_path / "client.json5"
+    where = f"tcp/127.0.0.1:{free_port}"
+    file.write_text(f"{{mode: 'client', connect: {{timeout_ms: -1, endpoints: ['{where}']}}}}")
+    plan = ZenohConfig(listen=(), config_file=file)
+    with closing(ZenohOutput(plan, LIVE_QOS, ConnectWithRetry)) as output:
+        assert output.warning == f"zenoh: cannot connect to {where}: nobody answers there; " + (
+            "trying again"
+        )
+        with router(free_port) as there:
+            ticking(output, status, lambda: output.warning == "")
+            wait_until(lambda: bool(query_json(there, "kinect/status")))
+
+
+def test_a_session_that_was_closed_under_us_is_opened_anew(free_port: int, status: Status) -> None:
+    with closing(ZenohOutput(config(free_port), LIVE_QOS, ConnectWithRetry)) as output:
+        (before,) = output._endpoints
+        before.session.close()  # type: ignore[no-untyped-call]
+        ticking(output, status, lambda: output._endpoints not in ([], [before]))
+        with connected_session(free_port) as session:
+            ticking(output, status, lambda: "state" in query_json(session, "kinect/status")[0])
+        assert output.errors == 0
+
+
+def test_a_file_that_goes_away_later_is_a_warning(free_port: int, tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text("{}")
+    with taken(free_port):
+        opening = ConnectWithRetry(config(free_port, config_file=file))
+        file.unlink()
+        wait_until(lambda: not opening.sessions() and "zenoh.json5" in opening.warning)
+
+
+def test_opening_a_session_on_a_port_of_its_own_leaves_no_warning(free_port: int) -> None:
+    opening = ConnectWithRetry(config(free_port))
+    (session,) = opening.sessions()
+    assert opening.warning == ""
+    session.close()  # type: ignore[no-untyped-call]
+    assert open_session(config(free_port)).close() is None  # type: ignore[no-untyped-call]

@@ -1,0 +1,122 @@
+"""The schemas agree with the messages, the parser, the files and the documentation."""
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.sensor_config import Led
+from scripts.write_schemas import SCHEMA_FOLDER, make_schema_files
+from tests.json_schema import schema_errors
+from tests.vo_service.sample_map import make_map
+from vo_service.command_parser import COMMAND_NAMES, parse_command
+from vo_service.outputs.zenoh.json_schemas import JSON_SCHEMA_DIALECT, all_schemas, schema_of
+from vo_service.outputs.zenoh.messages import (
+    error_payload,
+    map_odom_attachment,
+    pose_attachment,
+    status_payload,
+)
+from vo_service.outputs.zenoh.status_fields import STATUS_FIELD_DESCRIPTIONS
+from vo_service.types import CommandError, ErrorCode, OdometryUpdate, Status
+from vo_service.versions import versions
+
+SCHEMAS = all_schemas()
+MESSAGES = (Path(__file__).parents[4] / "docs" / "messages.md").read_text()
+
+plain = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+numbers = st.lists(st.floats(-2.0, 2.0) | st.integers(-1, 1), min_size=2, max_size=5)
+name = st.from_regex(r"[A-Za-z0-9_.-]{0,70}", fullmatch=True)
+values = plain | numbers | name | st.sampled_from(list(Led)) | st.floats(-40.0, 40.0)
+keys = st.sampled_from(["position_m", "quaternion_xyzw", "tilt_deg", "led", "name"]) | st.text()
+arguments = st.dictionaries(keys, values, max_size=3)
+
+
+@pytest.mark.parametrize("schema", SCHEMAS.values(), ids=SCHEMAS.keys())
+def test_a_schema_says_which_draft_it_follows_and_what_it_is_of(schema: Mapping[str, Any]) -> None:
+    assert schema["$schema"] == JSON_SCHEMA_DIALECT
+    assert schema["title"]
+    assert json.loads(json.dumps(schema)) == schema
+
+
+def test_the_files_are_those_that_the_code_makes() -> None:
+    kept = {file.name: file.read_text() for file in SCHEMA_FOLDER.glob("*.json")}
+    assert kept == make_schema_files(), "run scripts/write_schemas.py and look at what has changed"
+
+
+def test_a_status_is_valid_and_has_no_field_that_the_schema_lacks(status: Status) -> None:
+    content = json.loads(status_payload(status, versions()))
+    assert schema_errors(SCHEMAS["status"], content) == []
+    assert content.keys() == SCHEMAS["status"]["properties"].keys()
+
+
+def test_a_status_with_all_that_can_be_in_it_is_valid(status: Status) -> None:
+    full = dataclasses.replace(
+        status, warnings=("a", "b"), stage_ms={"surf": 4.5}, paused=True, recording="desk"
+    )
+    content = json.loads(status_payload(full, versions()))
+    assert schema_errors(SCHEMAS["status"], content) == []
+
+
+@pytest.mark.parametrize(
+    "change", [{"state": "asleep"}, {"fps": "30"}, {"warnings": [1]}, {"stage_ms": {"a": "b"}}]
+)
+def test_a_status_that_is_wrong_is_found(status: Status, change: dict[str, Any]) -> None:
+    content = json.loads(status_payload(status, versions())) | change
+    assert len(schema_errors(SCHEMAS["status"], content)) == 1
+
+
+def test_attachments_and_errors_are_valid(make_update: Callable[..., OdometryUpdate]) -> None:
+    for ok in (True, False):
+        content = json.loads(pose_attachment(make_update(3, ok=ok)))
+        assert schema_errors(SCHEMAS["odom-attachment"], content) == []
+        assert content.keys() == SCHEMAS["odom-attachment"]["properties"].keys()
+        on_map = json.loads(
+            map_odom_attachment(dataclasses.replace(make_update(3), map=make_map()))
+        )
+        assert schema_errors(SCHEMAS["map-odom-attachment"], on_map) == []
+        assert on_map.keys() == SCHEMAS["map-odom-attachment"]["properties"].keys()
+    for code in ErrorCode:
+        content = json.loads(error_payload(CommandError(code, "why")))
+        assert schema_errors(SCHEMAS["error"], content) == []
+
+
+def test_every_command_has_its_two_schemas() -> None:
+    parts = {f"{command}-{part}" for command in COMMAND_NAMES for part in ("arguments", "answer")}
+    others = {"status", "odom-attachment", "map-odom-attachment", "error"}
+    assert parts | others == SCHEMAS.keys()
+
+
+@given(st.sampled_from(COMMAND_NAMES), arguments)
+def test_arguments_are_valid_where_the_parser_takes_them(
+    command: str, arguments: dict[str, Any]
+) -> None:
+    payload = json.dumps(arguments).encode()
+    is_valid = schema_errors(SCHEMAS[f"{command}-arguments"], json.loads(payload)) == []
+    refusal = refusal_of(command, payload)
+    # JSON Schema cannot ask for a quaternion's length.
+    assert is_valid == (refusal == "" or "length 1" in refusal)
+
+
+def refusal_of(command: str, payload: bytes) -> str:
+    """Why the parser refuses this; "" if it does not."""
+    try:
+        parse_command(command, payload)
+    except CommandError as error:
+        return str(error)
+    return ""
+
+
+def test_a_type_without_a_schema_is_not_passed_over() -> None:
+    with pytest.raises(TypeError, match="no schema"):
+        schema_of(set[int])
+
+
+@pytest.mark.parametrize("word", [*STATUS_FIELD_DESCRIPTIONS, *COMMAND_NAMES, *ErrorCode])
+def test_the_documentation_names_everything(word: str) -> None:
+    assert f"`{word}`" in MESSAGES

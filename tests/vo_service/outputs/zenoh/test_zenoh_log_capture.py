@@ -1,0 +1,68 @@
+"""Zenoh's log taken off standard output, and all else left on it."""
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.waiting import DEFAULT_TIMEOUT_S
+
+pytestmark = pytest.mark.subprocess
+
+BEGIN = "import os, subprocess, sys\nfrom vo_service.outputs.zenoh.log_capture import capture_zenoh_log\n"
+
+
+def run(script: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-c", BEGIN + script]
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=DEFAULT_TIMEOUT_S, check=False
+    )
+
+
+def test_what_the_program_and_its_children_print_still_comes() -> None:
+    done = run(
+        "print('before')\n"
+        "with capture_zenoh_log():\n"
+        "    print('within')\n"
+        "    subprocess.run(['echo', 'a child'])\n"
+        "print('after')\n"
+    )
+    assert sorted(done.stdout.split("\n")) == ["", "a child", "after", "before", "within"]
+    assert (done.stderr, done.returncode) == ("", 0)
+
+
+def test_standard_output_is_as_it_was_afterwards() -> None:
+    done = run(
+        "files = len(os.listdir('/proc/self/fd'))\n"
+        "for _ in range(3):\n"
+        "    with capture_zenoh_log(): pass\n"
+        "os.write(1, b'direct\\n')\n"
+        "print(len(os.listdir('/proc/self/fd')) - files)\n"
+    )
+    assert done.stdout == "direct\n0\n"
+
+
+def test_a_child_that_lives_on_does_not_hold_it_up() -> None:
+    done = run(
+        "with capture_zenoh_log():\n"
+        "    child = subprocess.Popen(['sleep', '60'])\n"
+        "child.kill()\n"
+        "print('over')\n"
+    )
+    assert (done.stdout, done.returncode) == ("over\n", 0)
+
+
+def test_nobody_reading_standard_output_is_no_error() -> None:
+    script = (
+        "with capture_zenoh_log():\n"
+        "    subprocess.run(['echo', 'to nobody'])\n"
+        "sys.stderr.write('still here')\n"
+    )
+    command = [sys.executable, "-c", BEGIN + script]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.stderr is not None
+        assert process.stderr.read() == "still here"

@@ -1,0 +1,202 @@
+"""Poses over real Zenoh, to a process that has nothing of this project."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+from rosbags.typesys import Stores, get_typestore
+
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.output import LIVE_QOS, LOCKSTEP_QOS, ZenohOutput
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.types import OdometryUpdate, Status
+
+pytestmark = pytest.mark.zenoh
+
+MakeUpdate = Callable[..., OdometryUpdate]
+READER = Path(__file__).with_name("plain_zenoh_reader.py")
+ROS = get_typestore(Stores.ROS2_JAZZY)
+
+
+def config(port: int, **changes: Any) -> ZenohConfig:
+    return ZenohConfig(listen=(f"tcp/127.0.0.1:{port}",), **changes)
+
+
+@contextmanager
+def reader(port: int, count: int, seconds_per_sample: float) -> Iterator[subprocess.Popen[str]]:
+    """The plain subscriber in a process of its own; leaving waits for what it prints."""
+    command = [sys.executable, str(READER), str(port), str(count), str(seconds_per_sample)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield process
+
+
+def read_by_stranger(
+    port: int, updates: list[OdometryUpdate], seconds_per_sample: float = 0.0
+) -> list[dict[str, Any]]:
+    """Publish in lockstep, close, and give back the samples that the plain subscriber got."""
+    output = ZenohOutput(config(port), LOCKSTEP_QOS)
+    with reader(port, len(updates), seconds_per_sample) as process:
+        assert output.wait_for_subscriber(10)
+        for update in updates:
+            output.on_update(update)
+        output.close()
+        samples: list[dict[str, Any]] = json.loads(process.communicate()[0])
+    return samples
+
+
+@contextmanager
+def subscribed(port: int, key: str) -> Iterator[Callable[[], zenoh.Sample]]:
+    """A subscriber in this process; yields a function that waits for the next sample."""
+    with open_session(ZenohConfig(listen=(), connect=(f"tcp/127.0.0.1:{port}",))) as session:
+        channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(64)
+        with session.declare_subscriber(key, channel) as subscriber:
+            yield lambda: receive(subscriber.handler)
+
+
+def receive(handler: Any, timeout_s: float = 10.0) -> zenoh.Sample:
+    deadline = threading.Event()
+    for _ in range(int(timeout_s / 0.01)):
+        sample = handler.try_recv()
+        if isinstance(sample, zenoh.Sample):
+            return sample
+        deadline.wait(0.01)
+    raise AssertionError("no sample came")
+
+
+@pytest.mark.subprocess
+@pytest.mark.parametrize("attempt", range(3))
+def test_a_stranger_gets_every_pose_of_a_replay_in_order(
+    free_port: int, make_update: MakeUpdate, attempt: int
+) -> None:
+    samples = read_by_stranger(free_port, [make_update(seq) for seq in range(1000)])
+    assert [sample["attachment"]["seq"] for sample in samples] == list(range(1000))
+
+
+@pytest.mark.subprocess
+def test_a_slow_stranger_gets_the_last_poses_too(free_port: int, make_update: MakeUpdate) -> None:
+    updates = [make_update(0)] * 900
+    # Longer than Zenoh's keep-alive period: closing at once would lose the tail.
+    assert len(read_by_stranger(free_port, updates, seconds_per_sample=0.005)) == 900
+
+
+@pytest.mark.subprocess
+def test_rosbags_reads_the_same_numbers(free_port: int, make_update: MakeUpdate) -> None:
+    updates = [make_update(seq) for seq in range(20)]
+    for update, sample in zip(updates, read_by_stranger(free_port, updates), strict=True):
+        message: Any = ROS.deserialize_cdr(
+            bytes.fromhex(sample["payload"]), "nav_msgs/msg/Odometry"
+        )
+        stamp, position = message.header.stamp, message.pose.pose.position
+        assert sample["encoding"] == "application/cdr;nav_msgs/msg/Odometry"
+        assert stamp.sec + stamp.nanosec * 1e-9 == update.stamp_s
+        assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
+        assert [position.x, position.y, position.z] == update.T_odom_base[:3, 3].tolist()
+        np.testing.assert_array_equal(message.pose.covariance.reshape(6, 6), update.pose_covariance)
+        linear, angular = message.twist.twist.linear, message.twist.twist.angular
+        assert [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z] == list(update.twist)
+
+
+@pytest.mark.subprocess
+def test_the_attachment_says_how_far_to_trust_the_pose(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    samples = read_by_stranger(free_port, [make_update(0), make_update(1, ok=False)])
+    assert [sample["attachment"] for sample in samples] == [
+        {"schema": 1, "seq": 0, "state": "tracking", "epoch": 1, "reason": ""},
+        {"schema": 1, "seq": 1, "state": "lost", "epoch": 1, "reason": "too few matches"},
+    ]
+
+
+def test_the_status_is_json_with_every_field(free_port: int, status: Status) -> None:
+    output = ZenohOutput(config(free_port), LOCKSTEP_QOS)
+    with subscribed(free_port, "kinect/*") as next_sample:
+        assert output.wait_for_subscriber(10)
+        output.on_status(status)
+        content = json.loads(next_sample().payload.to_bytes())
+    output.close()
+    versions = content.pop("versions")
+    assert content == {"schema": 1, **json.loads(json.dumps(dataclasses.asdict(status)))}
+    assert versions["kinect-vo"].count(".") == 2
+    assert versions["eclipse-zenoh"].startswith("1.")
+
+
+def test_a_token_is_alive_until_close(free_port: int) -> None:
+    output = ZenohOutput(config(free_port, prefix="robot1/kinect"))
+    with open_session(ZenohConfig(listen=(), connect=config(free_port).listen)) as session:
+        tokens: Any = session.liveliness().get("*/*/alive", timeout=60)
+        assert [str(reply.ok.key_expr) for reply in tokens] == ["robot1/kinect/alive"]
+        output.close()
+        assert list(session.liveliness().get("**", timeout=1)) == []
+
+
+@pytest.mark.parametrize("field", ["T_odom_base", "pose_covariance", "twist_covariance"])
+def test_a_pose_that_is_not_finite_is_not_published(
+    free_port: int, make_update: MakeUpdate, field: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    values = np.array(getattr(make_update(0), field))
+    values[0, 3] = np.nan
+    bad: dict[str, Any] = {field: values}
+    output = ZenohOutput(config(free_port), LOCKSTEP_QOS)
+    with subscribed(free_port, "kinect/odom") as next_sample:
+        assert output.wait_for_subscriber(10)
+        output.on_update(dataclasses.replace(make_update(0), **bad))
+        output.on_update(make_update(1))
+        attachment = next_sample().attachment
+    output.close()
+    assert attachment is not None
+    assert json.loads(attachment.to_bytes())["seq"] == 1
+    assert output.errors == 1
+    assert "not finite" in caplog.text
+
+
+def test_nobody_listening_is_said_in_time(free_port: int) -> None:
+    output = ZenohOutput(config(free_port))
+    assert not output.wait_for_subscriber(0.05)
+    output.close()
+
+
+def test_publishing_to_nobody_loses_nothing_and_ends(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    output = ZenohOutput(config(free_port), LIVE_QOS)
+    for seq in range(50):
+        output.on_update(make_update(seq))
+    output.close()
+    output.close()
+    assert output.errors == 0
+
+
+@pytest.mark.subprocess
+def test_a_frozen_subscriber_does_not_hold_up_a_robot(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    output = ZenohOutput(config(free_port), LIVE_QOS)
+    update = make_update(0)
+    with reader(free_port, 1, 0.0) as process:
+        assert output.wait_for_subscriber(10)
+        process.send_signal(signal.SIGSTOP)
+        for _ in range(20_000):
+            output.on_update(update)
+        output.close()
+        process.kill()
+    assert output.dropped > 0
+
+
+def test_it_listens_on_loopback_alone(free_port: int, listening: Callable[[int], set[str]]) -> None:
+    before = listening(os.getpid())
+    output = ZenohOutput(config(free_port))
+    assert listening(os.getpid()) == before | {"127.0.0.1"}
+    output.close()

@@ -1,0 +1,116 @@
+"""The last pose, the last status and the schemas, for those who ask."""
+
+import json
+import threading
+from collections.abc import Callable
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from tests.vo_service.outputs.zenoh.query_helpers import (
+    config,
+    connected_session,
+    query,
+    query_json,
+    reply_json,
+)
+from tests.waiting import wait_until
+from vo_service.outputs.zenoh.cdr_odometry import decode_odometry
+from vo_service.outputs.zenoh.output import ZenohOutput
+from vo_service.types import OdometryUpdate, Status
+
+pytestmark = pytest.mark.zenoh
+
+MakeUpdate = Callable[..., OdometryUpdate]
+
+
+def test_before_the_first_pose_an_error_says_so(free_port: int) -> None:
+    with closing(ZenohOutput(config(free_port))), connected_session(free_port) as session:
+        (pose,) = query_json(session, "kinect/latest")
+        (status,) = query_json(session, "kinect/status")
+    assert pose == {"schema": 1, "error": "not-possible", "message": "there is no pose yet"}
+    assert status["message"] == "there is no status yet"
+
+
+def test_the_last_pose_is_the_message_that_subscribers_got(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
+        output.on_update(make_update(6))
+        output.on_update(make_update(7))
+        wait_until(lambda: latest_seq(session) == 7)
+        (reply,) = query(session, "kinect/latest")
+        assert reply.ok is not None
+        message = decode_odometry(reply.ok.payload.to_bytes())
+    assert str(reply.ok.encoding) == "application/cdr;nav_msgs/msg/Odometry"
+    np.testing.assert_allclose(message.T_frame_child, make_update(7).T_odom_base)
+
+
+def latest_seq(session: object) -> int:
+    (reply,) = query(session, "kinect/latest")  # type: ignore[arg-type]
+    attachment = reply.ok.attachment if reply.ok else None
+    return int(json.loads(attachment.to_bytes())["seq"]) if attachment else -1
+
+
+def test_the_last_status_is_the_one_that_was_published(free_port: int, status: Status) -> None:
+    with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
+        output.on_status(status)
+        wait_until(lambda: "error" not in query_json(session, "kinect/status")[0])
+        (answer,) = query_json(session, "kinect/status")
+    assert (answer["schema"], answer["state"], answer["fps"]) == (1, "degraded", 29.9)
+
+
+def test_a_service_that_is_stuck_answers_all_the_same(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
+        output.on_update(make_update(3))
+        wait_until(lambda: latest_seq(session) == 3)
+        # Nobody hands over anything any more, and nobody waits for anybody.
+        assert [latest_seq(session) for _ in range(20)] == [3] * 20
+
+
+def test_one_question_to_everything_gets_each_answer_under_its_own_key(
+    free_port: int, make_update: MakeUpdate, status: Status
+) -> None:
+    with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
+        output.on_status(status)
+        output.on_update(make_update(0))
+        wait_until(lambda: latest_seq(session) == 0)
+        keys = {str(reply.ok.key_expr) for reply in query(session, "kinect/**") if reply.ok}
+    assert keys == {"kinect/latest", "kinect/status", "kinect/schema"}
+
+
+def test_a_flood_of_questions_leaves_poses_alone_and_answers_go_on(
+    free_port: int, make_update: MakeUpdate
+) -> None:
+    with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
+        heard: list[int] = []
+        came = threading.Semaphore(0)
+        session.declare_subscriber("kinect/odom", lambda _: came.release())
+        assert output.wait_for_subscriber(20)
+        flood = [session.get("kinect/latest", timeout=100) for _ in range(3000)]
+        for seq in range(20):
+            output.on_update(make_update(seq))
+            assert came.acquire(timeout=100)
+        heard = [1 for channel in flood for reply in channel]
+        wait_until(lambda: latest_seq(session) == 19)
+    assert 0 < len(heard) < 3000
+    assert output.dropped == output.errors == 0
+
+
+def test_a_question_that_fails_inside_is_answered_with_an_error(free_port: int) -> None:
+    with closing(ZenohOutput(config(free_port))) as output, connected_session(free_port) as session:
+        output._latest.status = "not bytes, and no text either"  # type: ignore[assignment]
+        output._latest.pose = (b"", 5)  # type: ignore[assignment]
+        (reply,) = query(session, "kinect/latest")
+        assert reply_json(reply)["error"] == "failed"
+        assert query_json(session, "kinect/schema")
+
+
+def test_closing_leaves_no_thread_behind(free_port: int) -> None:
+    before = threading.active_count()
+    for _ in range(3):
+        ZenohOutput(config(free_port)).close()
+        assert threading.active_count() == before

@@ -1,0 +1,121 @@
+"""What opens, what is refused, and in which words."""
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.core.errors import InputError, UserFacingError
+from vo_service.config_tables import ZenohConfig, check_prefix
+from vo_service.outputs.zenoh.session import open_session
+
+
+@pytest.mark.zenoh
+def test_a_taken_port_is_one_line_that_says_what_to_do() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(UserFacingError) as caught:
+            open_session(ZenohConfig(listen=(endpoint,)))
+    text = str(caught.value)
+    assert not isinstance(caught.value, InputError)
+    assert f"{endpoint}: the port is taken, probably by another kinect-vo" in text
+    assert "zenoh.listen" in text
+    assert "--no-publish" in text
+    assert "\n" not in text
+
+
+@pytest.mark.zenoh
+def test_a_second_session_on_the_same_port_is_refused(free_port: int) -> None:
+    config = ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",))
+    with open_session(config), pytest.raises(UserFacingError, match="the port is taken"):
+        open_session(config)
+
+
+@pytest.mark.subprocess
+def test_zenoh_itself_prints_nothing_about_it(free_port: int) -> None:
+    script = (
+        "from vo_service.outputs.zenoh.session import *\n"
+        f"config = ZenohConfig(listen=('tcp/127.0.0.1:{free_port}',))\n"
+        "session = open_session(config)\n"
+        "try: open_session(config)\n"
+        "except UserFacingError: print('refused')\n"
+        "session.close()"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.stdout, done.stderr, done.returncode) == ("refused\n", "", 0)
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize(
+    "endpoint",
+    ["nonsense", "tcp/127.0.0.1", "tcp/127.0.0.1:99999", "tcp/127.0.0.1:80x", "foo/127.0.0.1:7450"],
+)
+def test_a_bad_endpoint_is_named(endpoint: str) -> None:
+    with pytest.raises(InputError) as caught:
+        open_session(ZenohConfig(listen=(endpoint,)))
+    assert endpoint in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert ".rs" not in str(caught.value)
+
+
+@pytest.mark.parametrize("prefix", ["kinect", "robot1/kinect", "a-b_c.d/E2"])
+def test_plain_names_are_prefixes(prefix: str) -> None:
+    assert check_prefix(prefix) == prefix
+
+
+@pytest.mark.parametrize(
+    "prefix", ["", "/kinect", "kinect/", "a//b", "*", "a/**", "a$*", "a b", "a#b", "@x", "a\n"]
+)
+def test_anything_else_is_no_prefix(prefix: str) -> None:
+    with pytest.raises(InputError, match="zenoh prefix"):
+        check_prefix(prefix)
+
+
+@pytest.mark.zenoh
+def test_a_session_without_listen_listens_nowhere(listening: Callable[[int], set[str]]) -> None:
+    before = listening(os.getpid())
+    with open_session(ZenohConfig(listen=())):
+        assert listening(os.getpid()) == before
+
+
+@pytest.mark.zenoh
+def test_a_file_that_sets_nothing_exposes_nothing(
+    tmp_path: Path, free_port: int, listening: Callable[[int], set[str]]
+) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text("{ /* nothing */ }")
+    before = listening(os.getpid())
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    with open_session(ZenohConfig(listen=(endpoint,), config_file=file)):
+        assert listening(os.getpid()) == before | {"127.0.0.1"}
+
+
+@pytest.mark.zenoh
+def test_what_a_file_sets_is_kept(tmp_path: Path, free_port: int) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text(f"{{ listen: {{ endpoints: ['tcp/127.0.0.1:{free_port}'] }}, }}")
+    with (
+        open_session(ZenohConfig(listen=("tcp/127.0.0.1:1",), config_file=file)),
+        socket.create_connection(("127.0.0.1", free_port), timeout=5),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("content", ["{ listen: ", "{ lissten: {} }", "\xff"])
+def test_a_broken_file_is_named(tmp_path: Path, content: str) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_bytes(content.encode("latin-1"))
+    with pytest.raises(InputError, match=r"zenoh\.json5") as caught:
+        open_session(ZenohConfig(config_file=file))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot read the Zenoh configuration"):
+        open_session(ZenohConfig(config_file=tmp_path / "zenoh.json5"))

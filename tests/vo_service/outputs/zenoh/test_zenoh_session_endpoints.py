@@ -1,0 +1,29 @@
+"""What is declared on a session goes with it, whatever fails on the way."""
+
+import pytest
+import zenoh
+
+from vo_service.config_tables import Ros2Config, ZenohConfig
+from vo_service.outputs.zenoh.command_server import NullCommandEndpoint
+from vo_service.outputs.zenoh.messages import FrameIds
+from vo_service.outputs.zenoh.queryables import LatestMessages, Queryables
+from vo_service.outputs.zenoh.session import open_session
+from vo_service.outputs.zenoh.session_endpoints import EndpointConfig, SessionEndpoints
+
+pytestmark = pytest.mark.zenoh
+
+
+def test_a_token_that_cannot_be_taken_back_keeps_nothing_else_open() -> None:
+    programme = EndpointConfig(
+        "kinect",
+        FrameIds("odom", "base_link", "map"),
+        zenoh.CongestionControl.DROP,
+        Queryables("kinect", LatestMessages()),
+        NullCommandEndpoint(),
+        Ros2Config(enabled=True),
+    )
+    with open_session(ZenohConfig(listen=())) as session:
+        station = SessionEndpoints(session, programme)
+        station._alive.undeclare()  # type: ignore[no-untyped-call]  # a second time raises
+        station.close()
+        assert session.is_closed()

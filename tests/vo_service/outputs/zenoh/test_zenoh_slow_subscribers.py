@@ -1,0 +1,121 @@
+"""A subscriber that is well hears every pose, whatever becomes of the others and of the router."""
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from queue import SimpleQueue
+
+import pytest
+import zenoh
+
+from tests import ports
+from tests.vo_service.outputs.zenoh.query_helpers import connected_session
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.connection import ConnectWithRetry
+from vo_service.outputs.zenoh.output import LIVE_QOS, ZenohOutput
+from vo_service.types import OdometryUpdate
+
+pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
+
+COUNT = 300
+READER = """
+import sys, zenoh
+from vo_service.outputs.zenoh.session import ZenohConfig, open_session
+session = open_session(ZenohConfig(listen=(), connect=(sys.argv[1],)))
+session.declare_subscriber("kinect/odom", lambda sample: print("heard", flush=True))
+input()
+"""
+ROUTER = """
+import sys, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", '"router"')
+config.insert_json5("listen/endpoints", f'["{sys.argv[1]}"]')
+config.insert_json5("scouting/multicast/enabled", "false")
+session = zenoh.open(config)
+print("heard", flush=True)
+input()
+"""
+
+
+@contextmanager
+def running(program: str, endpoint: str) -> Iterator["subprocess.Popen[str]"]:
+    command = [sys.executable, "-c", program, endpoint]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def until_it_speaks(process: "subprocess.Popen[str]") -> None:
+    assert process.stdout is not None
+    assert process.stdout.readline() == "heard\n"
+
+
+class HealthySubscriber:
+    """A subscriber in this process."""
+
+    def __init__(self, session: zenoh.Session, output: ZenohOutput) -> None:
+        self._output = output
+        self._heard: SimpleQueue[int] = SimpleQueue()
+        session.declare_subscriber("kinect/odom", self._take)
+        assert output.wait_for_subscriber(20)
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        assert sample.attachment is not None
+        self._heard.put(json.loads(sample.attachment.to_bytes())["seq"])
+
+    def hears(self, updates: list[OdometryUpdate]) -> bool:
+        """Whether it hears each of these poses before the next one is published."""
+        for update in updates:
+            self._output.on_update(update)
+            if self._heard.get(timeout=100) != update.seq:
+                return False
+        return (self._output.dropped, self._output.errors) == (0, 0)
+
+
+@pytest.fixture
+def updates(make_update: Callable[..., OdometryUpdate]) -> list[OdometryUpdate]:
+    return [make_update(seq) for seq in range(COUNT)]
+
+
+@pytest.mark.parametrize("fate", [signal.SIGSTOP, signal.SIGKILL])
+def test_a_frozen_or_killed_subscriber_costs_the_others_nothing(
+    free_port: int, updates: list[OdometryUpdate], fate: signal.Signals
+) -> None:
+    where = f"tcp/127.0.0.1:{free_port}"
+    with (
+        closing(ZenohOutput(ZenohConfig(listen=(where,)), LIVE_QOS, ConnectWithRetry)) as output,
+        connected_session(free_port) as session,
+        running(READER, where) as other,
+    ):
+        healthy = HealthySubscriber(session, output)
+        speaks = threading.Thread(target=until_it_speaks, args=(other,))
+        speaks.start()
+        while speaks.is_alive():
+            assert healthy.hears(updates[:1])
+        other.send_signal(fate)
+        assert healthy.hears(updates)
+
+
+def test_a_killed_router_costs_those_who_are_connected_nothing(
+    free_port: int, updates: list[OdometryUpdate]
+) -> None:
+    router_at = f"tcp/127.0.0.1:{ports.free_port()}"
+    plan = ZenohConfig(listen=(f"tcp/127.0.0.1:{free_port}",), connect=(router_at,))
+    with running(ROUTER, router_at) as router:
+        until_it_speaks(router)
+        with (
+            closing(ZenohOutput(plan, LIVE_QOS, ConnectWithRetry)) as output,
+            connected_session(free_port) as session,
+        ):
+            healthy = HealthySubscriber(session, output)
+            assert healthy.hears(updates[: COUNT // 2])
+            router.kill()
+            assert healthy.hears(updates[COUNT // 2 :])

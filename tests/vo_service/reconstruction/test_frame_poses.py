@@ -1,0 +1,85 @@
+"""Each frame gets the pose of its own instant, and only good poses count."""
+
+import numpy as np
+import pytest
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, rigid_transform
+from drivers.core.trajectory import Trajectory
+from tests.vo_service.reconstruction.scenes import CAMERA, render_wall
+from vo_service.reconstruction.frame_poses import FramePoses, TrackedPoseRecorder
+from vo_service.types import Estimate, OdometryUpdate, TrackingState
+
+
+def at(x: float) -> Array:
+    return rigid_transform(np.eye(3), [x, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("stamp_s", "x"),
+    [
+        (1.0, 1),
+        (1.0199, 1),
+        (0.981, 1),
+        (1.031, 2),
+        (1.025, None),
+        (1.05, 2),
+        (0.979, None),
+        (3.0, None),
+    ],
+)
+def test_the_nearest_pose_counts_if_it_is_at_most_20_ms_away(
+    stamp_s: float, x: float | None
+) -> None:
+    poses = FramePoses(Trajectory(np.array([1.0, 1.05]), np.array([at(1), at(2)])))
+    found = poses.find(stamp_s)
+    assert (None if found is None else found[0, 3]) == x
+
+
+def update(stamp_s: float, state: TrackingState, epoch: int = 0) -> OdometryUpdate:
+    depth_m, color_bgr = render_wall(2.0)
+    raw = (1000 * depth_m).astype(np.uint16)
+    frame = RgbdFrame(0, stamp_s, 0.0, color_bgr, raw, 1000.0, CAMERA)
+    zero, pose = np.zeros((6, 6)), at(stamp_s)
+    estimate = Estimate(state is not TrackingState.LOST, "", pose, np.eye(4), zero)
+    return OdometryUpdate(
+        0, stamp_s + 1e9, state, "", epoch, pose, pose, pose, zero, np.zeros(6), zero, frame,
+        estimate, {}, 0.0,
+    )  # fmt: skip
+
+
+def test_corrected_poses_take_the_place_of_the_tracked_ones_and_join_their_epochs() -> None:
+    memory = TrackedPoseRecorder()
+    for stamp_s, epoch in enumerate([0, 0, 1, 1, 2]):
+        memory.on_update(update(stamp_s, TrackingState.TRACKING, epoch))
+    stamps_s = np.array([0.0, 1.0, 3.0, 4.0, 5.0])  # of 2 it is not known where it was
+    corrected = Trajectory(stamps_s, np.array([at(10 * stamp_s) for stamp_s in stamps_s]))
+    memory.apply_correction(corrected, lambda one, other: {one, other} == {0, 1})
+    np.testing.assert_array_equal(memory.longest_trajectory.stamps_s, [0, 1, 3])
+    np.testing.assert_array_equal(memory.longest_trajectory.T_world_camera[:, 0, 3], [0, 10, 30])
+    assert (memory.frame_count, memory.epoch_count) == (5, 2)
+
+
+def test_only_what_was_tracked_without_doubt_is_remembered_under_the_frames_own_stamps() -> None:
+    memory = TrackedPoseRecorder()
+    states = [TrackingState.TRACKING, TrackingState.DEGRADED, TrackingState.LOST]
+    for stamp_s, state in enumerate([*states, TrackingState.TRACKING]):
+        memory.on_update(update(stamp_s, state))
+    np.testing.assert_array_equal(memory.longest_trajectory.stamps_s, [0, 3])
+    np.testing.assert_array_equal(memory.longest_trajectory.T_world_camera[:, 0, 3], [0, 3])
+    assert (memory.frame_count, memory.epoch_count) == (4, 1)
+
+
+def test_worlds_are_not_mixed_the_longest_counts() -> None:
+    memory = TrackedPoseRecorder()
+    for stamp_s, epoch in enumerate([0, 0, 1, 1, 1, 2]):
+        memory.on_update(update(stamp_s, TrackingState.TRACKING, epoch))
+    np.testing.assert_array_equal(memory.longest_trajectory.stamps_s, [2, 3, 4])
+    assert memory.epoch_count == 3
+
+
+def test_nothing_tracked_is_no_pose() -> None:
+    memory = TrackedPoseRecorder()
+    memory.on_update(update(1.0, TrackingState.LOST))
+    assert len(memory.longest_trajectory) == 0
+    assert memory.longest_trajectory.T_world_camera.shape == (0, 4, 4)

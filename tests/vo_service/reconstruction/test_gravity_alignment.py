@@ -1,0 +1,74 @@
+"""Up is found from gravity or from how the camera was held, and then from the floor."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.core.geometry import Array, rigid_transform, so3_exp, transform_points
+from vo_service.reconstruction.gravity_alignment import (
+    UpDirectionEstimator,
+    estimate_up,
+    level_transform,
+)
+from vo_service.reconstruction.mesh import Mesh
+
+UP = np.array([0.2, -0.9, 0.38])
+UP = UP / np.linalg.norm(UP)
+ANGLES = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+
+
+def facing(*normals: Array) -> Mesh:
+    """As many vertices with each of these normals."""
+    every = np.repeat(np.array(normals, np.float32), 50, axis=0)
+    nothing = Mesh.empty()
+    return Mesh(every, every, np.zeros((len(every), 3), np.uint8), nothing.triangles)
+
+
+def test_gravity_wins_over_how_the_camera_is_held() -> None:
+    guess = UpDirectionEstimator()
+    R = so3_exp([0.4, -0.2, 0.3])
+    gravity = R.T @ (-9.81 * UP)
+    guess.add(rigid_transform(R, [1, 2, 3]), (gravity[0], gravity[1], gravity[2]))
+    guess.add(np.eye(4), None)
+    np.testing.assert_allclose(guess.up, UP, atol=1e-12)
+
+
+def test_without_gravity_up_is_where_the_cameras_tops_point_on_average() -> None:
+    guess = UpDirectionEstimator()
+    for roll in (-0.5, 0.5):
+        guess.add(rigid_transform(so3_exp([0, 0, roll]), [0, 0, 0]), None)
+    np.testing.assert_allclose(guess.up, [0, -1, 0], atol=1e-12)
+    np.testing.assert_allclose(UpDirectionEstimator().up, [0, -1, 0])
+
+
+def test_the_floor_corrects_a_guess_that_is_off_by_twenty_degrees() -> None:
+    off = so3_exp([np.radians(20), 0, 0]) @ UP
+    wall = np.cross(UP, [1.0, 0, 0])
+    mesh = facing(UP, UP, -UP, wall, -wall)
+    np.testing.assert_allclose(estimate_up(mesh, off), UP, atol=1e-6)
+
+
+@pytest.mark.parametrize("mesh", [Mesh.empty(), facing(np.array([1.0, 0, 0]))])
+def test_without_a_floor_the_guess_stands(mesh: Mesh) -> None:
+    np.testing.assert_array_equal(estimate_up(mesh, UP), UP)
+
+
+@given(ANGLES, ANGLES)
+def test_level_axes_are_right_handed_up_is_z_and_the_camera_is_at_the_origin(
+    turn: tuple[float, float, float], place: tuple[float, float, float]
+) -> None:
+    T_world_camera = rigid_transform(so3_exp(turn), place)
+    T_level_world = level_transform(T_world_camera, UP)
+    R = T_level_world[:3, :3]
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(R) > 0
+    np.testing.assert_allclose(R @ UP, [0, 0, 1], atol=1e-9)
+    np.testing.assert_allclose(transform_points(T_level_world, np.array([place])), 0, atol=1e-9)
+
+
+def test_forward_is_where_the_camera_looks_or_its_top_where_it_looks_down() -> None:
+    level = level_transform(np.eye(4), np.array([0.0, -1.0, 0.0]))
+    np.testing.assert_allclose(level[:3, :3] @ [0, 0, 1], [0, 1, 0], atol=1e-12)
+    down = level_transform(np.eye(4), np.array([0.0, 0.0, -1.0]))
+    np.testing.assert_allclose(down[:3, :3] @ [0, -1, 0], [0, 1, 0], atol=1e-12)

@@ -1,0 +1,50 @@
+"""A map that grows is kept in a Rerun recording, whole."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.core.errors import InputError
+from tests.vo_service.outputs.rerun.rerun_recording import count_rows, is_complete
+from tests.vo_service.reconstruction.scenes import CAMERA
+from vo_service.outputs.rerun.preview import open_previews
+from vo_service.reconstruction.mesh import Mesh
+from vo_service.reconstruction.preview import PreviewFrame, PreviewMap
+from vo_service.reconstruction.rerun_preview import ReconstructionScene
+
+
+@pytest.mark.subprocess
+@pytest.mark.rerun
+def test_each_camera_and_each_new_surface_is_in_the_recording(
+    seen_ball: Mesh, tmp_path: Path
+) -> None:
+    recording = tmp_path / "map.rrd"
+    said: list[str] = []
+    nothing = PreviewMap(Mesh.empty(), np.zeros((1, 3)))
+    ball = PreviewMap(seen_ball, np.zeros((2, 3)))
+    with open_previews(
+        (str(recording),), "test", lambda: ReconstructionScene, said.append
+    ) as views:
+        (preview,) = views
+        for seq, so_far in enumerate([nothing, nothing, ball, ball]):
+            preview.show(PreviewFrame(seq, CAMERA, np.eye(4), so_far))
+    assert said == [f"pictures: {recording}"]
+    assert is_complete(recording)
+    logged = count_rows(recording)
+    assert [logged[f"/world/{name}"] for name in ("surface", "path")] == [2, 2]
+    assert logged["/world/camera"] == 2 * 4  # where it is, and what it sees
+
+
+def test_without_a_target_nothing_is_shown() -> None:
+    with open_previews((), "test", lambda: ReconstructionScene, pytest.fail) as views:
+        assert not views
+
+
+def test_one_place_twice_is_refused(tmp_path: Path) -> None:
+    target = str(tmp_path / "map.rrd")
+    with (
+        pytest.raises(InputError, match="same place"),
+        open_previews((target, target), "test", lambda: ReconstructionScene, pytest.fail),
+    ):
+        pytest.fail("opened")

@@ -1,0 +1,56 @@
+"""Nothing is open beyond this computer unless somebody says so: the real service, looked at."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.resource_leaks import child_pids_of
+from tests.vo_service.outputs.conftest import listening
+from tests.vo_service.service_process import ServiceProcess, running_service
+from tests.waiting import wait_until
+
+__all__ = ["listening"]
+
+
+@pytest.fixture(scope="module")
+def service(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    """``kinect-vo run`` with all its defaults but the number of the port."""
+    folder = tmp_path_factory.mktemp("service")
+    with running_service(folder, {}, source=f"tum:{recording}") as service:
+        wait_until(lambda: bool(service.heard.statuses), "a status")
+        yield service
+
+
+def processes(service: ServiceProcess) -> list[int]:
+    """The service and all that it has started."""
+    found = [service.process.pid]
+    for process in found:
+        found += child_pids_of(process)
+    return found
+
+
+@pytest.mark.subprocess
+@pytest.mark.zenoh
+def test_it_listens_on_loopback_alone(
+    service: ServiceProcess, listening: Callable[[int], set[str]]
+) -> None:
+    addresses = {address for process in processes(service) for address in listening(process)}
+    assert addresses == {"127.0.0.1"}
+
+
+@pytest.mark.slow
+def test_it_has_no_udp_socket_and_so_is_in_no_multicast_group(service: ServiceProcess) -> None:
+    datagrams = {
+        line.split()[9]
+        for table in ("udp", "udp6", "raw", "raw6")
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
+    }
+    sockets = {
+        str(fd.readlink())[8:-1]
+        for process in processes(service)
+        for fd in Path(f"/proc/{process}/fd").iterdir()
+        if str(fd.readlink()).startswith("socket:[")
+    }
+    assert sockets
+    assert not sockets & datagrams

@@ -1,0 +1,152 @@
+"""A robot on the network with TLS and rules: who gets in, who may do what, and what it costs."""
+
+import json
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from tests.vo_service.security.tls_network import (
+    HOST,
+    TlsNetwork,
+    TlsRobot,
+    can_connect,
+    is_contiguous,
+    query_replies,
+    receive_pose_numbers,
+)
+from tests.waiting import wait_until
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.session import open_session
+
+pytestmark = pytest.mark.zenoh
+
+FLOOD = Path(__file__).with_name("command_flood.py")
+
+
+def test_a_certificate_of_another_authority_is_refused(
+    network: TlsNetwork, robot: TlsRobot
+) -> None:
+    strange, ours = network.folder / "strange/operator", network.folder / "ours/operator"
+    (strange / "ca.pem").write_bytes((ours / "ca.pem").read_bytes())  # it trusts us, not we it
+    assert not can_connect(network.file("operator-tls.json5", "strange/operator"))
+    assert can_connect(network.file("operator-tls.json5", "ours/operator"))
+
+
+def test_no_certificate_is_refused(network: TlsNetwork, robot: TlsRobot) -> None:
+    file = network.file("reader-tls.json5", "ours/reader")
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join(line for line in lines if "connect_" not in line))
+    assert not can_connect(file)
+
+
+def test_plain_tcp_to_the_encrypted_port_is_refused(network: TlsNetwork, robot: TlsRobot) -> None:
+    file = network.file("reader-tls.json5", "ours/reader")
+    file.write_text(file.read_text().replace("tls/", "tcp/"))
+    assert not can_connect(file)
+
+
+def test_a_reader_reads_but_cannot_command(network: TlsNetwork, robot: TlsRobot) -> None:
+    with network.open_session("reader-tls.json5", "ours/reader") as reader:
+        with receive_pose_numbers(reader):
+            assert query_replies(reader, "kinect/latest")
+            assert query_replies(reader, "kinect/map_odom")
+            assert query_replies(reader, "kinect/command/reset") == []
+            assert query_replies(reader, "kinect/command/pause") == []
+        assert [
+            str(reply.ok.key_expr)
+            for reply in reader.liveliness().get("*/alive", timeout=60)
+            if reply.ok
+        ] == ["kinect/alive"]
+    assert robot.obeyed == []
+
+
+def test_an_operator_is_obeyed(network: TlsNetwork, robot: TlsRobot) -> None:
+    with network.open_session("operator-tls.json5", "ours/operator") as operator:
+        (answer,) = query_replies(operator, "kinect/command/reset")
+    assert json.loads(answer)["schema"] == 1
+    assert len(robot.obeyed) == 1
+
+
+def test_a_certificate_that_no_rule_names_gets_nothing(
+    network: TlsNetwork, robot: TlsRobot
+) -> None:
+    with (
+        network.open_session("reader-tls.json5", "ours/robot1") as nobody,
+        network.open_session("reader-tls.json5", "ours/reader") as reader,
+    ):
+        heard: list[object] = []
+        with nobody.declare_subscriber("kinect/odom", heard.append):
+            assert query_replies(nobody, "kinect/latest") == []
+            assert query_replies(nobody, "kinect/map_odom") == []
+            assert query_replies(nobody, "kinect/status") == []
+            with receive_pose_numbers(reader) as others:
+                wait_until(lambda: len(others) > 10)
+    assert heard == []
+
+
+def test_nobody_else_can_publish_poses(network: TlsNetwork, robot: TlsRobot) -> None:
+    with (
+        network.open_session("operator-tls.json5", "ours/operator") as operator,
+        network.open_session("reader-tls.json5", "ours/reader") as reader,
+        receive_pose_numbers(reader) as heard,
+    ):
+        for count in range(1, 21):
+            operator.put("kinect/odom", b"forged")
+            wait_until(partial(_are_more_than, heard, count))
+    assert is_contiguous(heard)
+
+
+def _are_more_than(heard: list[int], count: int) -> bool:
+    return len(heard) > count
+
+
+def test_programs_on_the_robot_need_no_certificate(network: TlsNetwork, robot: TlsRobot) -> None:
+    here = ZenohConfig(listen=(), connect=(f"tcp/{HOST}:{network.local_port}",))
+    with open_session(here) as session, receive_pose_numbers(session):
+        assert query_replies(session, "kinect/command/reset")
+
+
+@pytest.mark.parametrize("payload", [b"{", b"[1]", b'{"T_odom_base": 7}', b"\xff\xfe", b" " * 5000])
+def test_a_command_that_is_malformed_is_answered_with_an_error(
+    network: TlsNetwork, robot: TlsRobot, payload: bytes
+) -> None:
+    with network.open_session("operator-tls.json5", "ours/operator") as operator:
+        (answer,) = query_replies(operator, "kinect/command/reset", payload)
+    assert json.loads(answer)["error"] == "bad-request"
+    assert robot.obeyed == []
+
+
+def test_a_command_of_enormous_size_never_reaches_the_service(
+    network: TlsNetwork, robot: TlsRobot
+) -> None:
+    with network.open_session("operator-tls.json5", "ours/operator") as operator:
+        assert query_replies(operator, "kinect/command/reset", b" " * 100_000) == []
+        assert query_replies(operator, "kinect/command/reset")
+    assert len(robot.obeyed) == 1
+
+
+@pytest.mark.subprocess
+@pytest.mark.parametrize("flooder", ["operator", "reader"])
+def test_a_flood_of_commands_costs_a_healthy_subscriber_no_pose(
+    network: TlsNetwork, robot: TlsRobot, flooder: str
+) -> None:
+    file = network.file(f"{flooder}-tls.json5", f"ours/{flooder}")
+    with (
+        network.open_session("reader-tls.json5", "ours/reader") as reader,
+        receive_pose_numbers(reader) as heard,
+    ):
+        done = subprocess.run(
+            [sys.executable, str(FLOOD), str(file), "1.5"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        sent = int(done.stdout)
+        wait_until(lambda: len(heard) >= 50)
+    assert is_contiguous(heard)
+    assert sent > 200
+    assert len(robot.obeyed) < 60
+    assert flooder == "operator" or not robot.obeyed

@@ -1,0 +1,61 @@
+"""The loop over a camera by script, and what its output heard."""
+
+import threading
+from collections.abc import Sequence
+
+from tests.vo_service.fakes import (
+    CollectingOutput,
+    Event,
+    FakeClock,
+    ScriptedCamera,
+    ScriptedOdometry,
+)
+from vo_service.clock import PublishClock, RecordedClock
+from vo_service.command_queue import CommandQueue
+from vo_service.control import Control
+from vo_service.frame_source import FrameSource, SinglePassSource
+from vo_service.odom_frame import OdomFrame
+from vo_service.odometry.profiling import CpuStageTimer
+from vo_service.service import Service
+from vo_service.types import Command, Estimate, LoopClosure, NullLoopClosure, Output
+
+
+def make_service(
+    feed: FrameSource,
+    outputs: Sequence[Output],
+    estimates: Sequence[Estimate] = (),
+    stamps: PublishClock | None = None,
+    camera: ScriptedCamera | None = None,
+    inbox: CommandQueue[Command] | None = None,
+    odometry: ScriptedOdometry | None = None,
+    loops: LoopClosure | None = None,
+    method: str = "surf",
+) -> Service:
+    camera, tracker = camera or ScriptedCamera(), OdomFrame()
+    return Service(
+        frame_source=feed,
+        odometry=odometry or ScriptedOdometry(*estimates),
+        stage_timer=CpuStageTimer(),
+        odom_frame=tracker,
+        clock=stamps or RecordedClock(),
+        outputs=outputs,
+        camera=camera,
+        method=method,
+        control=Control(tracker, camera, inbox),
+        loop_closure=loops or NullLoopClosure(),
+    )
+
+
+def run_loop(
+    events: Sequence[Event],
+    estimates: Sequence[Estimate] = (),
+    clock: FakeClock | None = None,
+    stamps: PublishClock | None = None,
+) -> CollectingOutput:
+    """Run the loop over one pass of a camera."""
+    camera, collector = ScriptedCamera(events, clock=clock), CollectingOutput()
+    with camera:
+        make_service(SinglePassSource(camera), [collector], estimates, stamps).run(
+            threading.Event()
+        )
+    return collector

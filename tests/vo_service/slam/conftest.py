@@ -1,0 +1,52 @@
+"""What several tests of places need, made once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers.core.geometry import inverse
+from tests.vo_service.slam.place_recognition.corner_keyframes import (
+    BESIDE,
+    ELSEWHERE,
+    HERE,
+    make_keyframe,
+)
+from vo_service.slam.place_recognition.map_keyframe import MapKeyframe
+from vo_service.slam.place_recognition.place_recognizer import PlaceRecognizer
+from vo_service.slam.pose_graph.edges import Edge
+from vo_service.slam.pose_graph.pose_graph import PoseGraph
+from vo_service.slam.saved_maps.map_file import MapContents
+
+
+@pytest.fixture(scope="session")
+def recogniser() -> PlaceRecognizer:
+    """Gives the same whatever it has seen before."""
+    return PlaceRecognizer()
+
+
+@pytest.fixture(scope="session")
+def here(recogniser: PlaceRecognizer) -> MapKeyframe:
+    """Place 0."""
+    return make_keyframe(recogniser, HERE)
+
+
+@pytest.fixture(scope="session")
+def elsewhere(recogniser: PlaceRecognizer) -> MapKeyframe:
+    """Place 1, with nothing in view that place 0 has."""
+    return make_keyframe(recogniser, ELSEWHERE, number=1)
+
+
+@pytest.fixture(scope="session")
+def contents(here: MapKeyframe, elsewhere: MapKeyframe) -> MapContents:
+    """Two places, a motion and a loop between them."""
+    T = inverse(HERE) @ ELSEWHERE
+    motion = Edge(0, 1, T, 1e-6 * np.eye(6), is_loop=False, length_m=1.7)
+    loop = replace(motion, is_loop=True, length_m=0.0)
+    graph = PoseGraph()
+    graph.add_node(0, 0, HERE)
+    graph.add_odometry_edge(motion)
+    graph.add_loop_closure(loop)
+    first, second = graph.nodes.values()
+    drifted = replace(second, T_world_keyframe=BESIDE)  # the map knows better than the odometry
+    return MapContents([here, elsewhere], [first, drifted], list(graph.edges), 7)

@@ -1,0 +1,112 @@
+"""A loop closer whose places are known again as the test says, at no cost."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, rigid_transform
+from tests.vo_service.odometry.synthetic_views import render_corner
+from vo_service.slam.loop_closure.loop_closer import KeyframeObservation, LoopCloser
+from vo_service.slam.loop_closure.odometry_constraint import OdometryConstraint
+from vo_service.slam.place_recognition.keyframe_database import KeyframeDatabase
+from vo_service.slam.place_recognition.map_keyframe import MapKeyframe
+from vo_service.slam.place_recognition.place_recognizer import (
+    NO_POSES,
+    KeyframePoses,
+    PlaceMatch,
+    PlaceRecognizer,
+)
+from vo_service.slam.place_recognition.query_frame import TRACKED_VELOCITY_SIGMA, QueryFrame
+from vo_service.slam.pose_graph.pose_graph import PoseGraph
+
+ODOMETRY_COVARIANCE, LOOP_COVARIANCE = np.eye(6) * 1e-5, np.eye(6) * 1e-6
+STEP_M, VELOCITY = 0.3, np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])
+FRAME = render_corner(np.eye(4))
+
+
+@cache
+def _described_corner() -> tuple[PlaceRecognizer, QueryFrame]:
+    real = PlaceRecognizer()
+    return real, real.create_query(FRAME, np.zeros(6))
+
+
+@dataclass
+class ScriptedRecognizer(PlaceRecognizer):
+    """All views look the same, and show what `shows` says.
+
+    shows          4x4 T_place_camera by number of the place
+    contradictory  of several places at once none is recognised
+    velocity       of the last view, and how well it is known
+    T_map_place    of the places that were asked about last
+    """
+
+    matches: Mapping[int, Array] = field(default_factory=dict)
+    rejects_multiple: bool = False
+    velocity: tuple[Array, tuple[float, float]] = field(default=(VELOCITY, TRACKED_VELOCITY_SIGMA))
+    T_map_place: KeyframePoses = field(default_factory=lambda: NO_POSES)
+
+    def create_query(
+        self,
+        frame: RgbdFrame,
+        velocity: Array,
+        known_to: tuple[float, float] = TRACKED_VELOCITY_SIGMA,
+    ) -> QueryFrame:
+        self.velocity = velocity, known_to
+        return _described_corner()[1]
+
+    def create_keyframe(
+        self, view: QueryFrame, number: int, world: int, T_world_place: Array
+    ) -> MapKeyframe:
+        return replace(
+            _corner_keyframe(), number=number, world_id=world, T_world_keyframe=T_world_place
+        )
+
+    def recognize(
+        self, view: QueryFrame, places: Sequence[MapKeyframe], T_map_place: KeyframePoses = NO_POSES
+    ) -> PlaceMatch | None:
+        self.T_map_place = T_map_place
+        shown = [place.number for place in places if place.number in self.matches]
+        if not shown or (self.rejects_multiple and len(shown) > 1):
+            return None
+        return PlaceMatch(shown[0], self.matches[shown[0]], LOOP_COVARIANCE, 50)
+
+
+@cache
+def _corner_keyframe() -> MapKeyframe:
+    real, view = _described_corner()
+    return real.create_keyframe(view, 0, 0, np.eye(4))
+
+
+def make_loop_closer(max_keyframes: int = 1000) -> tuple[LoopCloser, ScriptedRecognizer]:
+    """It knows no place yet, and never more than so many."""
+    scripted = ScriptedRecognizer()
+    places = KeyframeDatabase(max_bytes=max_keyframes * _corner_keyframe().size_bytes)
+    return LoopCloser(scripted, places, PoseGraph()), scripted
+
+
+def pose_ahead(distance_m: float) -> Array:
+    return rigid_transform(np.eye(3), [0.0, 0.0, distance_m])
+
+
+def make_observation(distance_m: float, world: int = 0) -> KeyframeObservation:
+    """From a camera that goes straight on, so far from where its world began."""
+    return KeyframeObservation(
+        FRAME,
+        world,
+        pose_ahead(distance_m),
+        OdometryConstraint(VELOCITY, ODOMETRY_COVARIANCE, STEP_M),
+    )
+
+
+def closer_after_walk(error_m: float, steps: int = 9) -> tuple[LoopCloser, ScriptedRecognizer]:
+    """Straight on; the last place shows the first, so much further away than the odometry says."""
+    made, scripted = make_loop_closer()
+    for step in range(steps):
+        made.process_keyframe(make_observation(STEP_M * step))
+    scripted.matches = {0: pose_ahead(STEP_M * steps + error_m)}
+    made.process_keyframe(make_observation(STEP_M * steps))
+    scripted.matches = {}
+    return made, scripted

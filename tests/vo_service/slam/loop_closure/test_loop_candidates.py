@@ -1,0 +1,79 @@
+"""Which places are looked at closely."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.vo_service.slam.loop_closure.scripted_recognizer import (
+    FRAME,
+    STEP_M,
+    ScriptedRecognizer,
+    pose_ahead,
+)
+from vo_service.slam.loop_closure.loop_candidates import (
+    MAX_NEARBY_KEYFRAMES,
+    MAX_RECENT_KEYFRAMES,
+    MAX_SIMILAR_KEYFRAMES,
+    LoopCandidates,
+)
+from vo_service.slam.place_recognition.keyframe_database import KeyframeDatabase
+from vo_service.slam.place_recognition.map_keyframe import MapKeyframe
+from vo_service.slam.pose_graph.pose_graph import PoseGraph
+
+
+class KeyframeLine:
+    """Places straight on, a step apart; those in `unlike` look like nothing."""
+
+    def __init__(self, count: int, unlike: range = range(0)) -> None:
+        self._scripted = ScriptedRecognizer()
+        self.view = self._scripted.create_query(FRAME, np.zeros(6))
+        self._places, self._graph = KeyframeDatabase(10**9), PoseGraph()
+        self._candidates = LoopCandidates(self._places, self._graph)
+        for number in range(count):
+            self._add(number, number in unlike)
+
+    def of_a_loop(self, way_m: float, world: int = 0) -> list[int]:
+        found = self._candidates.find_loop_candidates(self.view, world, pose_ahead(way_m))
+        return [place.number for place in found]
+
+    def passed(self, number: int) -> None:
+        self._candidates.mark_visited(self._places[number])
+
+    def _add(self, number: int, is_unlike: bool) -> None:
+        T = pose_ahead(STEP_M * number)
+        place = self._scripted.create_keyframe(self.view, number, 0, T)
+        self._graph.add_node(number, 0, T)
+        self._places.add(_unlike(place) if is_unlike else place)
+
+
+def _unlike(place: MapKeyframe) -> MapKeyframe:
+    return replace(place, vlad_descriptor=np.zeros_like(place.vlad_descriptor))
+
+
+def test_what_should_be_in_view_is_looked_at_though_it_looks_like_nothing() -> None:
+    walk = KeyframeLine(
+        MAX_SIMILAR_KEYFRAMES + 5, unlike=range(MAX_SIMILAR_KEYFRAMES, MAX_SIMILAR_KEYFRAMES + 5)
+    )
+    near = walk.of_a_loop(STEP_M * (MAX_SIMILAR_KEYFRAMES + 3.2))
+    assert near[:MAX_SIMILAR_KEYFRAMES] == list(range(MAX_SIMILAR_KEYFRAMES))
+    assert near[MAX_SIMILAR_KEYFRAMES:] == [
+        MAX_SIMILAR_KEYFRAMES + 3,
+        MAX_SIMILAR_KEYFRAMES + 4,
+    ]  # the nearest first
+    assert walk.of_a_loop(100.0) == list(range(MAX_SIMILAR_KEYFRAMES))
+
+
+def test_no_place_is_looked_at_twice() -> None:
+    assert KeyframeLine(MAX_NEARBY_KEYFRAMES).of_a_loop(0.0) == list(range(MAX_NEARBY_KEYFRAMES))
+
+
+@pytest.mark.parametrize(("world", "found"), [(0, [0]), (1, list(range(MAX_SIMILAR_KEYFRAMES)))])
+def test_the_last_places_of_the_way_are_no_loop_but_after_a_loss_they_are(
+    world: int, found: list[int]
+) -> None:
+    walk = KeyframeLine(MAX_RECENT_KEYFRAMES + 1)
+    walk.of_a_loop(0.0, world=0)
+    for number in range(MAX_RECENT_KEYFRAMES + 1):
+        walk.passed(number)
+    assert walk.of_a_loop(0.0, world) == found

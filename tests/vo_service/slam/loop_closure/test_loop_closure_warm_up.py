@@ -1,0 +1,28 @@
+"""What loops are closed with is compiled ahead of time."""
+
+import sys
+from typing import Any
+
+from tests.vo_service.slam.loop_closure.corner_trajectory import STEPS, make_loop_closer
+from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure
+
+
+def kernels() -> dict[str, list[Any]]:
+    """All kernels that are loaded, by name, with what they are compiled for."""
+    return {
+        f"{module}.{name}": list(each.signatures)
+        for module, content in list(sys.modules.items())
+        if module.startswith("vo_service.")
+        for name, each in list(vars(content).items())
+        if hasattr(each, "signatures") and hasattr(each, "py_func")
+    }
+
+
+def test_its_only_stage_is_told_and_a_loop_compiles_nothing_more() -> None:
+    told: list[str] = []
+    assert warm_up_loop_closure(told.append) > 0
+    assert told == ["places"]
+    before = kernels()
+    assert sum(map(bool, before.values())) > 5
+    assert make_loop_closer(2 * STEPS + 1).loop_count > 0
+    assert kernels() == before

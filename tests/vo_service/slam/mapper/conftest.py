@@ -1,0 +1,18 @@
+"""What the tests of the running service's map need before they can be quick."""
+
+import numpy as np
+import pytest
+
+from tests.vo_service.slam.mapper.wall_sequence import CAMERA, COARSE
+from vo_service.reconstruction.tsdf_config import TsdfConfig
+from vo_service.reconstruction.tsdf_volume import TsdfVolume
+
+
+@pytest.fixture(scope="session")
+def kernels() -> None:
+    """Those of the fusion, compiled and kept."""
+    fusion = TsdfVolume(TsdfConfig(COARSE.voxel_m, COARSE.making_mb))
+    shape = (CAMERA.height, CAMERA.width)
+    colour = np.zeros((*shape, 3), np.uint8)
+    fusion.integrate(np.full(shape, 2.0, np.float32), colour, CAMERA, np.eye(4))
+    assert len(fusion.extract_mesh().triangles)

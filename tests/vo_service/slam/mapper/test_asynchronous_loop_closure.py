@@ -1,0 +1,162 @@
+"""Places in the running service: its process knows them again, keeps them, and has them back."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.core.geometry import T_BODY_CAMERA, Array, inverse
+from tests.vo_service.odometry.synthetic_views import render_corner
+from tests.vo_service.outputs.recorder.recorder_inputs import command_error
+from tests.vo_service.slam.loop_closure.corner_trajectory import (
+    STEPS,
+    make_update,
+    odometry_pose,
+    true_pose,
+)
+from tests.vo_service.slam.mapper.wall_sequence import COARSE, mapper_pid, running_mapper
+from tests.waiting import wait_until
+from vo_service.odometry.relocalization import RelocalizationResult
+from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure
+from vo_service.slam.mapper.asynchronous_loop_closure import AsynchronousLoopClosure
+from vo_service.slam.mapper.live_mapper import LiveMapper
+
+pytestmark = pytest.mark.subprocess
+
+WITH_PLACES = replace(COARSE, loops=True)
+NAME = "corner"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def kernels() -> None:
+    """Compiled and kept, before a process that is told of as silent needs them."""
+    warm_up_loop_closure(lambda stage: None)
+
+
+@contextmanager
+def walking(folder: Path) -> Iterator[LiveMapper]:
+    """A mapper that has been told of the way out: every second step is a place."""
+    with running_mapper(folder, WITH_PLACES) as opened:
+        go(opened, 0, STEPS)
+        yield opened
+
+
+def go(opened: LiveMapper, first: int, last: int, by: int = 2) -> None:
+    before = opened.loop_closure.snapshot.keyframes
+    for wanted, step in enumerate(range(first, last + 1, by), before + 1):
+        opened.on_update(make_update(step))
+        wait_until(partial(_has, opened, wanted), f"place {wanted}")
+
+
+def _has_keyframes(opened: LiveMapper, keyframes: int) -> bool:
+    return opened.state.keyframes >= keyframes
+
+
+def _has(opened: LiveMapper, places: int) -> bool:
+    return opened.loop_closure.snapshot.keyframes >= places
+
+
+def asked(opened: LiveMapper, T_world_camera: Array) -> RelocalizationResult:
+    """Where a view is found to be."""
+    loops = opened.loop_closure
+    assert isinstance(loops, AsynchronousLoopClosure)
+    answers: list[RelocalizationResult] = []
+
+    def has_come() -> bool:
+        answers.extend(loops.poll_results())
+        return bool(answers)
+
+    loops.query(render_corner(T_world_camera, 99))
+    wait_until(has_come, "an answer")
+    return answers[0]
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a map that a service has saved."""
+    folder = tmp_path_factory.mktemp("state") / "maps"
+    with walking(folder) as opened:
+        file = opened.save(NAME).saving
+        wait_until(lambda: opened.state.saved == file, f"{file}")
+    return folder
+
+
+def test_a_view_of_a_known_place_is_located_by_the_process(tmp_path: Path) -> None:
+    with walking(tmp_path / "maps") as opened:
+        located = asked(opened, true_pose(2))
+        assert located.seq == 99
+        assert np.allclose(located.T_world_camera[:3, 3], odometry_pose(2)[:3, 3], atol=0.01)
+        assert opened.loop_closure.snapshot.is_localized
+        assert opened.warning == ""
+
+
+def test_a_map_that_was_saved_is_known_after_a_restart(saved: Path) -> None:
+    assert sorted(file.name for file in saved.iterdir()) == ["corner.places", "corner.ply"]
+    with running_mapper(saved, replace(WITH_PLACES, load=NAME)) as opened:
+        wait_until(lambda: opened.state.loaded.endswith("corner.places"), "the map")
+        assert "bad-request" in command_error(lambda: opened.load("../corner"))
+        wait_until(lambda: "there are: corner" in command_error(lambda: opened.load("attic")))
+        assert not opened.loop_closure.snapshot.is_localized
+        places = opened.loop_closure.snapshot.keyframes
+        assert places > STEPS // 2
+        before = opened.state.keyframes
+        for keyframes, step in enumerate((STEPS + 1, STEPS + 4, STEPS + 7), before + 1):
+            opened.on_update(make_update(step))
+            wait_until(partial(_has_keyframes, opened, keyframes), "a keyframe")
+        wait_until(lambda: opened.loop_closure.snapshot.is_localized, "a place that is known")
+        T_map_camera = (
+            opened.loop_closure.snapshot.T_map_odom @ T_BODY_CAMERA @ odometry_pose(STEPS + 7)
+        )
+        expected = T_BODY_CAMERA @ true_pose(STEPS + 7)
+        assert np.linalg.norm((inverse(expected) @ T_map_camera)[:3, 3]) < 0.05
+
+
+def test_a_camera_that_stands_still_knows_where_it_is_in_a_map_that_is_loaded(saved: Path) -> None:
+    with running_mapper(saved, WITH_PLACES) as opened:
+        opened.on_update(make_update(STEPS))
+        wait_until(lambda: opened.state.keyframes == 1, "a keyframe")
+        opened.load(NAME)
+        wait_until(lambda: opened.state.loaded.endswith("corner.places"), "the map")
+        wait_until(lambda: opened.state.keyframes == 0, "the keyframe of before to go")
+        opened.on_update(make_update(STEPS))
+        wait_until(lambda: opened.loop_closure.snapshot.is_localized, "a place that is known")
+        wait_until(lambda: opened.state.keyframes == 1, "a keyframe in that map")
+
+
+def test_a_damaged_map_is_told_in_one_line_and_the_service_goes_on(
+    saved: Path, tmp_path: Path
+) -> None:
+    data = bytearray((saved / "corner.places").read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / "bad.places").write_bytes(data)
+    with running_mapper(tmp_path, replace(WITH_PLACES, load="bad")) as opened:
+        wait_until(lambda: "bad.places: a damaged map" in opened.warning, "the warning")
+        assert "\n" not in opened.warning
+        go(opened, 0, 2)
+        assert opened.state.keyframes > 0
+
+
+def test_places_of_a_process_that_is_killed_are_forgotten_and_come_anew(tmp_path: Path) -> None:
+    with walking(tmp_path / "maps") as opened:
+        first = mapper_pid()
+        os.kill(first, signal.SIGKILL)
+        wait_until(lambda: opened.loop_closure.snapshot.keyframes == 0, "the loss")
+        wait_until(lambda: opened.is_ready and mapper_pid() != first, "another process")
+        go(opened, STEPS, STEPS)
+
+
+def test_without_places_there_are_no_loops_and_no_map_can_be_loaded(tmp_path: Path) -> None:
+    with running_mapper(tmp_path, COARSE) as opened:
+        assert opened.loop_closure.snapshot.keyframes == 0
+        (tmp_path / "some.places").write_bytes(b"")
+        wait_until(
+            lambda: "there are: some" in command_error(lambda: opened.load("x")), "the folder"
+        )
+        opened.load("some")
+        wait_until(lambda: "no places are remembered" in opened.warning, "the warning")

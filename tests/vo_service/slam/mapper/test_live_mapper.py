@@ -1,0 +1,152 @@
+"""The running service's map: its process, what it is asked, and what becomes of that."""
+
+import os
+import signal
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.full_disk import limit_file_size
+from tests.resource_leaks import child_pids_of, is_alive, resources_in_use
+from tests.vo_service.outputs.recorder.recorder_inputs import command_error
+from tests.vo_service.slam.mapper.wall_sequence import (
+    COARSE,
+    WALL_M,
+    make_wall_update,
+    mapper_pid,
+    move_along_wall,
+    read_vertices_m,
+    running_mapper,
+    save_map,
+)
+from tests.waiting import wait_until
+from vo_service.config_tables import MapConfig
+from vo_service.slam.mapper.factory import open_mapper
+from vo_service.slam.mapper.live_mapper import LiveMapper
+from vo_service.types import NullMapper
+
+pytestmark = pytest.mark.subprocess
+
+
+@dataclass
+class SavedWallMap:
+    """A mapper that saw the wall from three places, and the map that it made of them."""
+
+    mapper: LiveMapper
+    map: Path
+
+
+@pytest.fixture(scope="module")
+def walked(kernels: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[SavedWallMap]:
+    with running_mapper(tmp_path_factory.mktemp("state") / "maps") as opened:
+        move_along_wall(opened, 3)
+        yield SavedWallMap(opened, save_map(opened, "wall"))
+
+
+def test_a_map_is_the_surface_that_was_seen_in_odom(walked: SavedWallMap) -> None:
+    places_m = read_vertices_m(walked.map)
+    np.testing.assert_allclose(places_m[:, 0], WALL_M, atol=COARSE.voxel_m)  # x is forward
+    assert places_m[:, 1].min() < -1.0 < 0.5 < places_m[:, 1].max()  # y is left; it went right
+    assert np.abs(places_m[:, 2]).max() < 1.0
+
+
+def test_a_map_is_private_and_nothing_lies_beside_it(walked: SavedWallMap) -> None:
+    assert list(walked.map.parent.iterdir()) == [walked.map]
+    assert walked.map.stat().st_mode & 0o777 == 0o600
+    assert walked.map.parent.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_map_keeps_its_name_and_its_keyframes_stay_for_the_next(walked: SavedWallMap) -> None:
+    assert walked.mapper.warning == ""
+    assert walked.mapper.state.keyframes == 3
+    assert "there is a map 'wall' already" in command_error(lambda: walked.mapper.save("wall"))
+    assert "bad-request" in command_error(lambda: walked.mapper.save("../wall"))
+
+
+def test_there_are_keyframes_of_this_epoch_alone_and_as_many_as_may_be_now(tmp_path: Path) -> None:
+    with running_mapper(tmp_path) as opened:
+        said = command_error(lambda: opened.save("wall"))
+        assert said == "not-possible: the map is empty: no frame has been tracked yet"
+        move_along_wall(opened, 2)
+        move_along_wall(opened, 3, epoch=1)
+        opened.configure(replace(COARSE, max_mb=0))  # less than any configuration file may say
+        wait_until(lambda: opened.state.keyframes == 1)
+
+
+def test_only_one_map_is_made_at_a_time_and_one_that_is_ended_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with running_mapper(tmp_path / "maps") as opened:
+        move_along_wall(opened, 1)
+        opened.save("wall")
+        assert "is being made already" in command_error(lambda: opened.save("other"))
+        wait_until(lambda: bool(child_pids_of(mapper_pid())), "the process that makes it")
+        os.kill(child_pids_of(mapper_pid())[0], signal.SIGKILL)
+        wait_until(lambda: not opened.state.saving)
+        assert "wall.ply: its process was ended" in opened.warning
+        assert opened.state.saved == ""
+        assert opened.state.keyframes == 1
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+
+
+def test_a_process_that_is_killed_begins_an_empty_map_and_says_so(tmp_path: Path) -> None:
+    with running_mapper(tmp_path / "maps") as opened:
+        move_along_wall(opened, 3)
+        opened.save("wall")
+        first = mapper_pid()
+        wait_until(lambda: bool(child_pids_of(first)), "the process that makes it")
+        (maker,) = child_pids_of(first)
+        os.kill(first, signal.SIGKILL)
+        wait_until(lambda: "is started again; the map begins anew" in opened.warning)
+        wait_until(lambda: opened.is_ready and first != mapper_pid())
+        assert opened.warning.endswith("wall.ply was cut off")
+        assert (opened.state.keyframes, opened.state.saving) == (0, "")
+        opened.on_update(
+            make_wall_update(9, 0.4)
+        )  # where it stood before: a camera that stands has a map again
+        wait_until(lambda: opened.state.keyframes == 1)
+        wait_until(lambda: not is_alive(maker))
+    assert not list(tmp_path.glob("maps/*"))
+
+
+def test_an_end_gives_up_what_is_being_made_and_leaves_nothing(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with running_mapper(tmp_path / "maps"):
+        pass  # what is loaded once stays
+    before = resources_in_use()
+    with running_mapper(tmp_path / "maps") as opened:
+        move_along_wall(opened, 2)
+        file = opened.save("wall").saving
+    assert resources_in_use() <= before
+    assert f"{file} is given up" in caplog.text
+    assert not list(tmp_path.glob("maps/*"))
+
+
+def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path) -> None:
+    (tmp_path / "maps").write_text("a file")
+    with running_mapper(tmp_path / "maps") as opened:
+        wait_until(lambda: "maps: cannot be used" in opened.warning)
+        (tmp_path / "maps").unlink()
+        wait_until(lambda: opened.warning == "")
+
+
+def test_the_service_goes_on_without_a_map_that_has_no_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    with limit_file_size(1000):
+        opened = open_mapper(COARSE)
+    assert isinstance(opened, NullMapper)
+    assert opened.warning == "map: switched off: its memory cannot be had: File too large"
+    assert command_error(lambda: opened.save("x")).startswith("not-possible: map: switched off")
+
+
+@pytest.mark.slow
+def test_a_map_that_is_switched_off_says_so_to_whoever_asks() -> None:
+    opened = open_mapper(MapConfig(enabled=False))
+    assert opened.warning == ""
+    assert command_error(lambda: opened.save("x")).endswith("the map is switched off (map.enabled)")

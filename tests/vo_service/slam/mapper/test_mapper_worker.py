@@ -1,0 +1,131 @@
+"""What the mapper's process does with what comes through the ring, without the process."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.core.geometry import Array, rigid_transform, so3_exp
+from drivers.core.shared_frames.depth_packing import pack_depth
+from drivers.core.shared_frames.record_ring import RecordRingReader, RecordRingWriter
+from tests.vo_service.odometry.synthetic_views import render_corner
+from tests.vo_service.slam.loop_closure.corner_trajectory import (
+    make_loop_closer,
+    make_update,
+    odometry_pose,
+    true_pose,
+)
+from tests.vo_service.slam.mapper.wall_sequence import COARSE
+from vo_service.frame_record import write_frame
+from vo_service.odometry.relocalization import RelocalizationResult
+from vo_service.slam.loop_closure.odometry_constraint import OdometryConstraint
+from vo_service.slam.mapper import mapper_worker as desk_module
+from vo_service.slam.mapper.asynchronous_loop_closure import AsynchronousLoopClosure
+from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
+from vo_service.slam.mapper.mapper_worker import MapperWorker
+from vo_service.slam.mapper.messages import (
+    MapperMessage,
+    MapperWorkerConfig,
+    RelocalizationQuery,
+    SaveMapRequest,
+)
+from vo_service.slam.saved_maps.map_file import write_map
+from vo_service.types import OdometryUpdate, TrackingState
+
+WITH_PLACES = replace(COARSE, loops=True)
+HOP = OdometryConstraint(np.zeros(6), np.eye(6) * 1e-5, 0.15)
+
+
+@pytest.fixture
+def ring() -> Iterator[RecordRingWriter]:
+    writer = RecordRingWriter("trial", 5.0, 1 << 24)
+    yield writer
+    writer.close()
+
+
+def put(
+    ring: RecordRingWriter,
+    n: int,
+    more: OdometryConstraint | RelocalizationQuery,
+    T_odom_start: Array,
+    state: TrackingState = TrackingState.TRACKING,
+) -> None:
+    """The n-th place of the walk, in an `odom` that lies anywhere."""
+    seen = replace(make_update(n, state), T_world_camera=T_odom_start @ odometry_pose(n))
+    write_frame(ring, seen, pack_depth, more)
+
+
+def take_in(desk: LoopClosureWorker, ring: RecordRingWriter) -> None:
+    """All that the ring has."""
+    reader = RecordRingReader(ring.memory)
+    for number in range(ring.record_count):
+        record = reader.read_record(number)
+        assert record is not None
+        desk.process_record(record)
+
+
+def test_the_frame_that_was_asked_about_last_is_answered_once(ring: RecordRingWriter) -> None:
+    heard: list[MapperMessage] = []
+    desk = LoopClosureWorker(WITH_PLACES, heard.append)
+    notes: list[OdometryConstraint | RelocalizationQuery] = [
+        HOP,
+        RelocalizationQuery(),
+        RelocalizationQuery(),
+    ]
+    for n, more in enumerate(notes):
+        put(ring, n, more, np.eye(4))
+    take_in(desk, ring)
+    desk.answer_query()
+    desk.answer_query()
+    assert [word.seq for word in heard if isinstance(word, RelocalizationResult)] == [2]
+
+
+def test_a_surface_is_made_where_the_places_are_in_the_map(
+    ring: RecordRingWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+    monkeypatch.setattr(desk_module, "MeshJob", lambda file, make, leave: made.append(make))
+    write_map(tmp_path / "corner.places", make_loop_closer(3).contents)
+    job = MapperWorkerConfig(ring.memory, 0, tmp_path, replace(WITH_PLACES, load="corner"), 0)
+    desk = MapperWorker(job, lambda word: None, lambda: None)
+    odom = rigid_transform(so3_exp([0.0, 0.0, 2.0]), [7.0, -3.0, 1.0])
+    for n in (2, 4):
+        put(ring, n, HOP, odom)
+    put(ring, 6, RelocalizationQuery(), odom, TrackingState.LOST)  # no pose to make a surface by
+    desk.process_frames()
+    desk.handle(SaveMapRequest("other"))
+    _, _, keyframes, _ = made[0].args
+    assert len(keyframes) == 2
+    for n, keyframe in zip((2, 4), keyframes, strict=True):
+        assert np.allclose(keyframe.T_odom_camera[:3, 3], true_pose(n)[:3, 3], atol=0.03)
+
+
+@pytest.mark.parametrize(("is_place", "answers"), [(False, 0), (True, 1)])
+def test_after_a_reset_nothing_is_answered_in_the_odom_of_before(
+    ring: RecordRingWriter, is_place: bool, answers: int
+) -> None:
+    asked: list[OdometryUpdate] = []
+    loops = AsynchronousLoopClosure(lambda update, more: asked.append(update))
+    heard: list[MapperMessage] = []
+    desk = LoopClosureWorker(WITH_PLACES, heard.append)
+    shift = rigid_transform(np.eye(3), [0.3, 0.0, 0.0])
+    before, after = make_update(0), replace(make_update(1), epoch=1)
+    after = replace(after, T_odom_camera=shift @ after.T_odom_camera)
+    loops.on_update(before)
+    loops.on_update(after)
+    loops.query(render_corner(true_pose(2), 2))
+    write_frame(ring, replace(before, T_world_camera=before.T_odom_camera), pack_depth, HOP)
+    if is_place:  # otherwise it was too unsure to be one
+        write_frame(ring, replace(after, T_world_camera=after.T_odom_camera), pack_depth, HOP)
+    write_frame(ring, asked[0], pack_depth, RelocalizationQuery())
+    take_in(desk, ring)
+    desk.answer_query()
+    for word in heard:
+        if isinstance(word, RelocalizationResult):
+            loops.handle_message(word)
+    found = loops.poll_results()
+    assert len(found) == answers
+    for located in found:
+        assert np.allclose(located.T_world_camera[:3, 3], odometry_pose(2)[:3, 3], atol=0.02)

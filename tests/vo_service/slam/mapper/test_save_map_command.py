@@ -1,0 +1,61 @@
+"""A map of the real service, over the real Zenoh: asked for, made beside the poses, and told of."""
+
+import json
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests import forked_process
+from tests.vo_service.service_process import START_TIMEOUT_S
+from tests.vo_service.service_runner import CAMERA, ServiceRunner, service_runner
+from tests.vo_service.slam.mapper.wall_sequence import read_vertices_m
+
+pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
+
+SMALL = '\n[map]\nvoxel_m = 0.1\nmaking_mb = 50\n[log]\nlevel = "info"\n'
+
+
+@pytest.fixture
+def stage(films: Path, kernels: None, tmp_path: Path) -> Iterator[ServiceRunner]:
+    with service_runner(tmp_path / "stage", films, CAMERA + SMALL) as stage:
+        yield stage
+
+
+def asked(
+    stage: ServiceRunner, name: str, command_name: str = "save-map"
+) -> "subprocess.CompletedProcess[str]":
+    """What `kinect-vo command` says."""
+    at = f"tcp/127.0.0.1:{stage.service.port}"
+    command = ("command", command_name, f"name={name}", "--connect", at)
+    return forked_process.run([*forked_process.KINECT_VO, *command])
+
+
+def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> None:
+    service = stage.start()
+    service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
+    service.wait_for_status(lambda status: status["map_keyframes"] == 1)  # the camera stands still
+    first = len(service.heard.poses)
+    answer = asked(stage, "kitchen")
+    file = stage.state_folder / "maps" / "kitchen.ply"
+    assert json.loads(answer.stdout) == {"file": str(file), "keyframes": 1}
+    service.wait_for_status(lambda status: status["saved_map"] == str(file))
+    assert len(service.heard.poses) > first
+    assert service.status["saving_map"] == ""
+    assert len(read_vertices_m(file)) > 100
+    assert "triangles from 1 keyframes" in service.log
+    again = asked(stage, "kitchen")
+    assert again.returncode == 1
+    assert "there is a map 'kitchen' already; give another name (not-possible)" in again.stderr
+    assert asked(stage, "../kitchen").returncode == 2
+    places = str(file.with_suffix(".places"))
+    assert json.loads(asked(stage, "kitchen", "load-map").stdout) == {"file": places}
+    service.wait_for_status(lambda status: status["loaded_map"] == places)
+    service.wait_for_status(
+        lambda status: status["places"] == 2
+    )  # that of the map, and what is seen now
+    assert {(pose.state, pose.epoch) for pose in service.heard.poses} == {("tracking", 0)}
+    assert service.stop() == 0
+    stage.check()

@@ -1,0 +1,38 @@
+"""Places of a corner whose truth is known."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drivers.core.geometry import Array, rigid_transform, so3_exp
+from tests.vo_service.odometry.synthetic_views import render_corner
+from vo_service.slam.place_recognition.map_keyframe import MapKeyframe
+from vo_service.slam.place_recognition.place_recognizer import PlaceRecognizer
+from vo_service.slam.place_recognition.query_frame import QueryFrame
+
+ZERO_VELOCITY = np.zeros(6)
+
+
+def make_pose(shift_m: Sequence[float], turn_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+    """4x4 T_world_camera."""
+    return rigid_transform(so3_exp(np.radians(turn_deg)), shift_m)
+
+
+HERE = make_pose((0.0, 0.0, 0.0))
+BESIDE = make_pose((0.15, -0.05, 0.1), (3.0, -6.0, 2.0))
+# Nothing of the view from HERE is seen from there.
+ELSEWHERE = make_pose((1.6, -0.3, 0.2), (0.0, 40.0, 0.0))
+
+
+def make_query(recogniser: PlaceRecognizer, T_world_camera: Array) -> QueryFrame:
+    """What a camera that stands there sees of the corner."""
+    return recogniser.create_query(render_corner(T_world_camera), ZERO_VELOCITY)
+
+
+def make_keyframe(
+    recogniser: PlaceRecognizer, T_world_place: Array, number: int = 0, world: int = 0
+) -> MapKeyframe:
+    """The view from there, as a place."""
+    return recogniser.create_keyframe(
+        make_query(recogniser, T_world_place), number, world, T_world_place
+    )

@@ -1,0 +1,19 @@
+"""What is said of a map that is refused."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.core.errors import InputError
+from vo_service.slam.saved_maps.map_file import read_map
+
+
+def load_error(path: Path) -> str:
+    """The one line that a map is refused with."""
+    with pytest.raises(InputError) as refused:
+        read_map(path)
+    line = str(refused.value)
+    assert line.startswith(f"{path}: ")
+    assert line.endswith("name another map, or begin a new one")
+    assert "\n" not in line
+    return line

@@ -1,0 +1,85 @@
+"""The folder of maps: whole files, private ones, and not too many of them."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.core.errors import UserFacingError
+from tests.full_disk import limit_file_size
+from vo_service.slam.saved_maps.map_store import MapStore
+
+TOTAL = 10_000
+
+
+def file_of(size: int) -> Callable[[Path], None]:
+    def fill(path: Path) -> None:
+        path.write_bytes(b"m" * size)
+
+    return fill
+
+
+@pytest.fixture
+def maps(tmp_path: Path) -> MapStore:
+    return MapStore(tmp_path / "state" / "maps")
+
+
+def names(maps: MapStore) -> list[str]:
+    """Of all that lies there."""
+    return sorted(path.name for path in maps.folder.iterdir())
+
+
+def test_a_map_gets_its_name_when_it_is_whole(maps: MapStore) -> None:
+    def fill(path: Path) -> None:
+        assert maps.names == set()
+        file_of(10)(path)
+
+    assert maps.write(maps.mesh_file("kitchen.1"), TOTAL, fill) == maps.folder / "kitchen.1.ply"
+    assert maps.names == {"kitchen.1"}
+    assert names(maps) == ["kitchen.1.ply"]
+    assert maps.folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_the_oldest_maps_make_room_and_nothing_else_goes(maps: MapStore) -> None:
+    for age_s, name in enumerate(("new", "old")):
+        maps.write(maps.mesh_file(name), TOTAL, file_of(4000))
+        os.utime(maps.mesh_file(name), (1000 - age_s, 1000 - age_s))
+    (maps.folder / "notes.txt").write_text("mine")
+    maps.write(maps.mesh_file("newest"), TOTAL, file_of(4000))
+    assert names(maps) == ["new.ply", "newest.ply", "notes.txt"]
+
+
+def test_a_map_that_is_too_large_by_itself_costs_no_other(maps: MapStore) -> None:
+    maps.write(maps.mesh_file("old"), TOTAL, file_of(4000))
+    with pytest.raises(UserFacingError, match=r"huge.ply: it has .* more than map.total_mb"):
+        maps.write(maps.mesh_file("huge"), TOTAL, file_of(TOTAL + 1))
+    assert names(maps) == ["old.ply"]
+
+
+def test_what_cannot_be_written_leaves_nothing(maps: MapStore) -> None:
+    with (
+        limit_file_size(1000),
+        pytest.raises(UserFacingError, match=r"kitchen.ply: the disk is full"),
+    ):
+        maps.write(maps.mesh_file("kitchen"), TOTAL, file_of(4000))
+    assert names(maps) == []
+
+
+def test_what_a_process_that_was_killed_left_is_removed(maps: MapStore) -> None:
+    left = maps.folder / "kitchen.part"
+    left.mkdir(parents=True)
+    (left / "kitchen.ply").write_bytes(b"half")
+    maps.write(maps.mesh_file("kitchen"), TOTAL, file_of(10))
+    assert names(maps) == ["kitchen.ply"]
+
+
+def test_what_another_service_writes_is_left_alone(maps: MapStore) -> None:
+    def fill(path: Path) -> None:
+        MapStore(maps.folder).clean_up()
+        with pytest.raises(UserFacingError, match="File exists"):
+            MapStore(maps.folder).write(maps.mesh_file("kitchen"), TOTAL, file_of(1))
+        file_of(10)(path)
+
+    maps.write(maps.mesh_file("kitchen"), TOTAL, fill)
+    assert maps.mesh_file("kitchen").stat().st_size == 10

@@ -1,0 +1,70 @@
+"""Commands reach the loop in order; who sent them gets the answer, or a reason."""
+
+import pytest
+
+from vo_service.command_queue import CommandQueue
+from vo_service.types import (
+    Command,
+    CommandError,
+    ErrorCode,
+    PauseCommand,
+    ResetCommand,
+    ResumeCommand,
+)
+
+
+def test_the_loop_takes_all_that_wait_in_order() -> None:
+    inbox: CommandQueue[Command] = CommandQueue()
+    commands: list[Command] = [PauseCommand(), ResumeCommand(), ResetCommand()]
+    for command in commands:
+        inbox.submit(command)
+    assert [ticket.command for ticket in inbox.take_pending()] == commands
+    assert inbox.take_pending() == []
+
+
+def test_an_answer_reaches_who_sent_the_command() -> None:
+    inbox: CommandQueue[Command] = CommandQueue()
+    ticket = inbox.submit(ResetCommand())
+    inbox.take_pending()[0].set_result({"epoch": 3})
+    assert ticket.result(1.0) == {"epoch": 3}
+
+
+def test_an_error_reaches_who_sent_the_command() -> None:
+    inbox: CommandQueue[Command] = CommandQueue()
+    ticket = inbox.submit(ResetCommand())
+    inbox.take_pending()[0].set_exception(CommandError(ErrorCode.NOT_POSSIBLE, "no motor"))
+    with pytest.raises(CommandError, match="no motor"):
+        ticket.result(1.0)
+
+
+def test_a_loop_that_does_not_answer_is_not_waited_for() -> None:
+    inbox: CommandQueue[Command] = CommandQueue()
+    with pytest.raises(CommandError, match="no answer") as raised:
+        inbox.submit(ResetCommand()).result(0.01)
+    assert raised.value.code is ErrorCode.TIMED_OUT
+
+
+def test_more_than_a_few_are_refused() -> None:
+    inbox: CommandQueue[Command] = CommandQueue(max_pending=2)
+    inbox.submit(PauseCommand())
+    inbox.submit(PauseCommand())
+    with pytest.raises(CommandError) as raised:
+        inbox.submit(PauseCommand())
+    assert raised.value.code is ErrorCode.BUSY
+
+
+def test_a_closed_inbox_refuses_what_waits_and_what_comes() -> None:
+    inbox: CommandQueue[Command] = CommandQueue()
+    waiting = inbox.submit(PauseCommand())
+    inbox.close()
+    with pytest.raises(CommandError, match="ending"):
+        waiting.result(1.0)
+    with pytest.raises(CommandError, match="ending"):
+        inbox.submit(PauseCommand())
+
+
+def test_the_programs_own_orders_are_taken_however_many_wait() -> None:
+    inbox: CommandQueue[Command] = CommandQueue(max_pending=1)
+    inbox.submit(PauseCommand())
+    inbox.submit_internal(ResetCommand())
+    assert [ticket.command for ticket in inbox.take_pending()] == [PauseCommand(), ResetCommand()]

@@ -1,0 +1,169 @@
+"""Commands are carried out, or refused with a reason."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+
+import pytest
+
+from drivers.sensor_config import Led, SensorConfig
+from tests.vo_service.fakes import ScriptedCamera
+from vo_service.app import ConfigHandlers, apply_changes
+from vo_service.command_queue import CommandQueue
+from vo_service.config import Config
+from vo_service.control import Control
+from vo_service.odom_frame import OdomFrame
+from vo_service.reload import ConfigChanges
+from vo_service.types import (
+    Command,
+    CommandError,
+    ErrorCode,
+    LedCommand,
+    MapState,
+    NullMapper,
+    NullRecorder,
+    PauseCommand,
+    ReloadConfig,
+    ResetCommand,
+    ResumeCommand,
+    SaveIncidentCommand,
+    SaveMapCommand,
+    StartRecordingCommand,
+    StopRecordingCommand,
+    TiltCommand,
+)
+
+
+class ScriptedMotorCamera(ScriptedCamera):
+    """A camera with a motor and a light."""
+
+    tilt_deg = 0.0
+    led = Led.OFF
+
+    def set_tilt_deg(self, tilt_deg: float) -> None:
+        """Tilt."""
+        self.tilt_deg = tilt_deg
+
+    def set_led(self, led: Led) -> None:
+        """Light."""
+        self.led = led
+
+
+class RecordingRecorder(NullRecorder):
+    """A recorder that remembers what it was asked for."""
+
+    recording = ""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.saved: list[str] = []
+
+    def start_recording(self, name: str) -> str:
+        """Begin."""
+        self.recording = f"recordings/{name}"
+        return self.recording
+
+    def stop_recording(self) -> str:
+        """End."""
+        folder, self.recording = self.recording, ""
+        return folder
+
+    def save(self, reason: str) -> str:
+        """Save."""
+        self.saved.append(reason)
+        return f"incidents/{reason}"
+
+
+class RecordingMapper(NullMapper):
+    """A mapper that begins whatever it is asked for."""
+
+    def save(self, name: str) -> MapState:
+        """Begin."""
+        self.state = MapState(12, f"maps/{name}.ply")
+        return self.state
+
+
+def carry_out(
+    command: Command, control: Control, inbox: CommandQueue[Command]
+) -> Mapping[str, object]:
+    ticket = inbox.submit(command)
+    control.process_pending()
+    return ticket.result(0.0)
+
+
+def test_the_head_is_tilted_and_lit() -> None:
+    inbox: CommandQueue[Command] = CommandQueue()
+    camera = ScriptedMotorCamera()
+    control = Control(OdomFrame(), camera, inbox)
+    assert carry_out(TiltCommand(12.0), control, inbox) == {"tilt_deg": 12.0}
+    assert carry_out(LedCommand(Led.RED), control, inbox) == {"led": "red"}
+    assert (camera.tilt_deg, camera.led) == (12.0, Led.RED)
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (TiltCommand(1.0), "scripted: it has no motor"),
+        (LedCommand(Led.RED), "scripted: it has no light"),
+        (SaveIncidentCommand(), "there is no flight recorder"),
+        (StartRecordingCommand("x"), "there is no flight recorder"),
+        (StopRecordingCommand(), "there is no flight recorder"),
+        (SaveMapCommand("x"), "there is no map"),
+    ],
+)
+def test_what_is_not_there_is_refused_with_a_reason(command: Command, words: str) -> None:
+    inbox: CommandQueue[Command] = CommandQueue()
+    control = Control(OdomFrame(), ScriptedCamera(), inbox)
+    with pytest.raises(CommandError, match=words) as raised:
+        carry_out(command, control, inbox)
+    assert raised.value.code is ErrorCode.NOT_POSSIBLE
+
+
+def test_frames_are_recorded_and_saved_by_the_recorder() -> None:
+    inbox: CommandQueue[Command] = CommandQueue()
+    deck = RecordingRecorder()
+    control = Control(OdomFrame(), ScriptedCamera(), inbox, deck)
+    assert carry_out(StartRecordingCommand("desk"), control, inbox) == {"folder": "recordings/desk"}
+    assert control.recording == "recordings/desk"
+    assert carry_out(StopRecordingCommand(), control, inbox) == {"folder": "recordings/desk"}
+    assert carry_out(SaveIncidentCommand(), control, inbox) == {"folder": "incidents/command"}
+
+
+def test_a_map_is_made_by_the_mapper() -> None:
+    inbox: CommandQueue[Command] = CommandQueue()
+    control = Control(OdomFrame(), ScriptedCamera(), inbox, mapper=RecordingMapper())
+    expected = {"file": "maps/kitchen.ply", "keyframes": 12}
+    assert carry_out(SaveMapCommand("kitchen"), control, inbox) == expected
+    assert control.map_state.saving == "maps/kitchen.ply"
+
+
+def test_a_reset_answers_with_the_new_epoch_and_a_pause_with_what_is() -> None:
+    inbox: CommandQueue[Command] = CommandQueue()
+    control = Control(OdomFrame(), ScriptedCamera(), inbox)
+    assert carry_out(ResetCommand(), control, inbox) == {"epoch": 1}
+    assert carry_out(PauseCommand(), control, inbox) == {"paused": True}
+    assert carry_out(ResumeCommand(), control, inbox) == {"paused": False}
+
+
+def test_what_changed_in_the_configuration_is_applied_and_a_refusal_logged(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    inbox: CommandQueue[Command] = CommandQueue()
+    camera, bare = ScriptedMotorCamera(), ScriptedCamera()
+    appliers: ConfigHandlers = {
+        "sensor.led": lambda config: camera.set_led(config.sensor.led),
+        "sensor.tilt_deg": lambda config: bare.set_tilt_deg(0.0),
+    }
+    control = Control(OdomFrame(), camera, inbox)
+    wanted = replace(Config(), sensor=SensorConfig(led=Led.RED))
+    live = ("sensor.tilt_deg", "sensor.led")
+    assert (
+        carry_out(
+            ReloadConfig(partial(apply_changes, ConfigChanges(wanted, live), appliers)),
+            control,
+            inbox,
+        )
+        == {}
+    )
+    assert camera.led is Led.RED
+    assert "scripted: it has no motor" in caplog.text

@@ -1,0 +1,181 @@
+"""Frames from cameras that go away, fall silent and come back."""
+
+import threading
+
+import pytest
+
+from drivers.camera import CameraState, CameraStatus, FrameTimeout
+from drivers.core.errors import CameraLostError, CameraNotFoundError, InputError
+from tests.vo_service.fakes import Delay, Event, FakeClock, InstantStop, ScriptedCamera, make_frame
+from vo_service import frame_source
+from vo_service.frame_source import TICK_S, PacedSource, ReconnectingSource, SinglePassSource
+
+LOST = CameraLostError("unplugged; plug it in again")
+MISSING = CameraNotFoundError("no Kinect found; plug one in")
+
+
+def seqs(stop: threading.Event, source: SinglePassSource | ReconnectingSource) -> list[int | None]:
+    return [None if each is None else each.seq for each in source.frames(stop)]
+
+
+def test_one_pass_gives_every_frame_and_ends() -> None:
+    camera = ScriptedCamera([make_frame(1), make_frame(2), make_frame(3)])
+    camera.open()
+    plain = SinglePassSource(camera)
+    assert seqs(threading.Event(), plain) == [1, 2, 3]
+    assert (plain.reason, plain.counters.delivered) == ("", 3)
+
+
+def test_one_pass_lets_a_lost_camera_reach_the_caller() -> None:
+    camera = ScriptedCamera([make_frame(1), LOST])
+    camera.open()
+    with pytest.raises(CameraLostError, match="unplugged"):
+        seqs(threading.Event(), SinglePassSource(camera))
+
+
+class ClockStop(threading.Event):
+    """Never set; whoever waits for it moves the clock."""
+
+    def __init__(self, clock: FakeClock) -> None:
+        super().__init__()
+        self._clock = clock
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self._clock.now_s += max(0.0, timeout or 0.0)
+        return False
+
+
+def test_a_steady_pass_is_no_faster_than_the_recording_and_never_hurries_to_make_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = FakeClock(now_s=50.0)
+    monkeypatch.setattr(frame_source, "time", clock)
+    late = Delay(1.0, make_frame(2, stamp_s=7.2))
+    camera = ScriptedCamera(
+        [make_frame(0, 7.0), make_frame(1, 7.1), late, make_frame(3, 7.3), make_frame(4, 7.4)],
+        clock=clock,
+    )
+    camera.open()
+    taken_s = [clock.now_s for _ in PacedSource(camera).frames(ClockStop(clock))]
+    assert taken_s == pytest.approx([50.0, 50.1, 51.1, 51.2, 51.3])
+
+
+def test_a_short_pause_is_no_reason_and_a_quiet_second_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = FakeClock()
+    monkeypatch.setattr(frame_source, "time", clock)
+    pauses = [Delay(0.4, FrameTimeout()) for _ in range(3)]
+    camera = ScriptedCamera([make_frame(1), *pauses, Delay(0.1, make_frame(2))], clock=clock)
+    camera.open()
+    plain = SinglePassSource(camera)
+    reasons = [plain.reason for _ in plain.frames(threading.Event())]
+    assert reasons == ["", "", "", "the camera is there but sends no frames", ""]
+
+
+def test_a_camera_that_says_why_frames_are_missing_is_quoted_once_none_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = FakeClock()
+    monkeypatch.setattr(frame_source, "time", clock)
+    torn = CameraStatus(CameraState.STREAMING, "losing USB packets: 30 of 30 frames torn")
+    camera = ScriptedCamera([make_frame(1), *(Delay(0.4, torn) for _ in range(3))], clock=clock)
+    camera.open()
+    plain = SinglePassSource(camera)
+    assert [plain.reason for _ in plain.frames(threading.Event())] == ["", "", "", torn.reason]
+
+
+def test_the_reason_is_the_cameras_condition_at_every_tick_until_a_frame_comes() -> None:
+    opening, starting = CameraStatus(CameraState.OPENING), CameraStatus(CameraState.STARTING)
+    missing = CameraStatus(CameraState.ABSENT, "no Kinect found; plug one in")
+    lost = CameraStatus(CameraState.LOST, "unplugged")
+    part: list[Event] = [opening, missing, starting, make_frame(1), lost, make_frame(2)]
+    source = ReconnectingSource(ScriptedCamera(part))
+    reasons = [source.reason for _ in source.frames(InstantStop(1))]
+    told = ["opening", "absent: no Kinect found; plug one in", "starting", "", "lost: unplugged"]
+    assert reasons == [*told, "", "the recording has ended"]
+
+
+def test_a_lost_camera_is_opened_again() -> None:
+    camera = ScriptedCamera([make_frame(1), LOST], [make_frame(7)])
+    assert seqs(InstantStop(2), ReconnectingSource(camera)) == [1, None, 7, None]
+    assert camera.opened == 2
+
+
+def test_the_reason_is_what_the_camera_said_and_goes_when_frames_come() -> None:
+    source = ReconnectingSource(ScriptedCamera(MISSING, [make_frame(1), LOST]))
+    reasons = [source.reason, *(source.reason for _ in source.frames(InstantStop(2)))]
+    assert reasons == ["camera not opened yet", str(MISSING), "", str(LOST)]
+
+
+def openings(camera: ScriptedCamera, ticks: int) -> list[int]:
+    """How often the camera had been opened, at each turn of the loop."""
+    return [camera.opened for _ in ReconnectingSource(camera).frames(InstantStop(ticks))]
+
+
+def test_retries_wait_longer_and_longer_up_to_a_limit() -> None:
+    found = openings(ScriptedCamera(*[MISSING] * 9), ticks=19)
+    assert found == [1] + [2] * 2 + [3] * 4 + [4] * 6 + [5] * 6
+
+
+def test_a_camera_that_delivered_is_opened_again_quickly() -> None:
+    camera = ScriptedCamera(MISSING, MISSING, [make_frame(1), LOST], MISSING)
+    assert openings(camera, ticks=6) == [1] + [2] * 2 + [3] * 2 + [4] * 2
+
+
+def test_while_it_waits_the_loop_gets_its_turns() -> None:
+    stop = InstantStop(20)
+    seqs(stop, ReconnectingSource(ScriptedCamera(*[MISSING] * 9)))
+    assert stop.waited_s == [TICK_S] * 20
+
+
+def test_counts_add_up_over_all_openings() -> None:
+    camera = ScriptedCamera(
+        [make_frame(1), make_frame(2), LOST], MISSING, [make_frame(7), LOST], [make_frame(9)]
+    )
+    source = ReconnectingSource(camera)
+    seqs(InstantStop(5), source)
+    assert source.counters.delivered == 4
+
+
+def test_a_camera_that_goes_is_closed_before_it_is_opened_again() -> None:
+    camera = ScriptedCamera(MISSING, [make_frame(1), LOST], [make_frame(2)])
+    seqs(InstantStop(3), ReconnectingSource(camera))
+    assert camera.closed == camera.opened == 3
+
+
+def test_after_its_end_a_recording_has_no_frames_but_the_loop_goes_on() -> None:
+    source = ReconnectingSource(ScriptedCamera([make_frame(1)]))
+    stop = InstantStop(4)
+    assert seqs(stop, source) == [1, None, None, None, None]
+    assert source.reason == "the recording has ended"
+    assert stop.waited_s == [TICK_S] * 4
+
+
+def test_what_the_user_named_wrong_reaches_the_caller_and_the_camera_is_closed() -> None:
+    camera = ScriptedCamera(InputError("DESK: no such folder"))
+    with pytest.raises(InputError, match="no such folder"):
+        seqs(InstantStop(3), ReconnectingSource(camera))
+    assert camera.closed == 1
+
+
+@pytest.mark.parametrize("kind", [SinglePassSource, ReconnectingSource])
+def test_a_stop_ends_it_at_the_next_frame(
+    kind: type[SinglePassSource] | type[ReconnectingSource],
+) -> None:
+    camera = ScriptedCamera([make_frame(1), make_frame(2), make_frame(3)])
+    camera.open() if kind is SinglePassSource else None
+    stop = threading.Event()
+    taken = []
+    for each in kind(camera).frames(stop):
+        taken.append(each)
+        stop.set()
+    assert len(taken) == 1
+
+
+def test_a_stop_ends_it_within_a_tick_while_the_camera_is_silent() -> None:
+    camera = ScriptedCamera([FrameTimeout()] * 10)
+    stop = threading.Event()
+    given = 0
+    for _ in ReconnectingSource(camera).frames(stop):
+        given += 1
+        stop.set()
+    assert (given, camera.closed) == (1, 1)

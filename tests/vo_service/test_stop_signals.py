@@ -1,0 +1,93 @@
+"""Signals as a request to end."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from typing import Any
+
+import pytest
+
+from vo_service.signals import force_exit_after, reload_on_sighup, stop_on_signals
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_sets_the_stop(number: signal.Signals, code: int) -> None:
+    with stop_on_signals() as stop:
+        assert not stop.event.is_set()
+        os.kill(os.getpid(), number)
+        assert stop.event.wait(100)
+    assert stop.exit_code == code
+
+
+def test_a_second_ctrl_c_interrupts_at_once() -> None:
+    with stop_on_signals() as stop:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.event.wait(100)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_afterwards_signals_do_what_they_did() -> None:
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    with stop_on_signals():
+        os.kill(os.getpid(), signal.SIGINT)
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_a_check_raises_once_a_stop_was_asked_for() -> None:
+    with stop_on_signals() as stop:
+        stop.check()
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            stop.check()
+
+
+def test_a_hangup_is_an_event_for_whoever_heeds_it() -> None:
+    with reload_on_sighup() as hangup:
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert hangup.is_set()
+
+
+HANGING = """
+import signal
+from vo_service.signals import force_exit_after, stop_on_signals
+with stop_on_signals() as stop, force_exit_after(stop, 0.2):
+    print("ready", flush=True)
+    while True:
+        signal.pause()
+"""
+
+
+@pytest.mark.subprocess
+def test_what_does_not_end_is_force_exit_after() -> None:
+    command = [sys.executable, "-c", HANGING]
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=100)
+    assert process.returncode == 1
+    assert "did not end within 0.2 s of being asked to; ended by force" in said
+
+
+def test_what_ends_in_time_ends_as_it_will() -> None:
+    with stop_on_signals() as stop, force_exit_after(stop, 0.01):
+        pass
+    assert stop.exit_code == 0
+
+
+def test_signals_that_come_together_do_not_wait_for_each_other() -> None:
+    with stop_on_signals() as stop:
+
+        class Interrupted(threading.Event):
+            def set(self) -> None:
+                with self._cond:  # type: ignore[attr-defined]
+                    signal.raise_signal(signal.SIGTERM)
+                super().set()
+
+        stop.event = Interrupted()
+        signal.raise_signal(signal.SIGTERM)
+        assert stop.event.is_set()

@@ -1,0 +1,106 @@
+"""The camera file, the table and the picture of a calibration."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.calibration import read_calibration
+from drivers.core.errors import InputError
+from vo_service.tools.calibration.chessboard import Chessboard
+from vo_service.tools.calibration.color_camera import ColorCalibrationResult
+from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
+from vo_service.tools.calibration.image_folder import DepthUnits
+from vo_service.tools.calibration.output_files import check_writable, save_camera_file
+from vo_service.tools.calibration.plot import draw_plot, write_plot
+from vo_service.tools.calibration.result import CalibrationResult
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def calibration(
+    board: Chessboard, colour: ColorCalibrationResult, depth: DepthCalibrationResult
+) -> CalibrationResult:
+    return CalibrationResult(board, DepthUnits(1000.0, 0.02), colour, [depth], ["a warning"])
+
+
+def test_the_camera_file_holds_what_was_found(
+    calibration: CalibrationResult, tmp_path: Path
+) -> None:
+    save_camera_file(tmp_path / "camera.toml", calibration.camera_calibration, "a heading")
+    read = read_calibration(tmp_path / "camera.toml")
+    assert read == calibration.camera_calibration
+    assert (read.depth_factor, read.readout_s) == (1000.0, 0.02)
+    assert read.fx == pytest.approx(calibration.color.lens.fx, abs=1e-4)
+    assert read.depth is not None
+    found = calibration.depth[0].model.T_color_depth
+    np.testing.assert_allclose(read.depth.T_color_depth.matrix, found, atol=1e-6)
+
+
+def test_a_file_that_is_there_is_kept(calibration: CalibrationResult, tmp_path: Path) -> None:
+    file = tmp_path / "camera.toml"
+    assert save_camera_file(file, calibration.camera_calibration, "first") is None
+    before = file.read_bytes()
+    kept = save_camera_file(file, calibration.camera_calibration, "second")
+    assert kept == tmp_path / "camera.toml.bak"
+    assert kept.read_bytes() == before
+    assert file.read_text().startswith("# second\nschema = 1\n")
+    assert {path.name for path in tmp_path.iterdir()} == {"camera.toml", "camera.toml.bak"}
+
+
+def test_a_file_behind_a_link_is_written_where_the_link_points(
+    calibration: CalibrationResult, tmp_path: Path
+) -> None:
+    (tmp_path / "real").mkdir()
+    link = tmp_path / "camera.toml"
+    link.symlink_to(tmp_path / "real" / "camera.toml")
+    save_camera_file(link, calibration.camera_calibration, "heading")
+    assert link.is_symlink()
+    assert read_calibration(tmp_path / "real" / "camera.toml") == calibration.camera_calibration
+
+
+def test_where_nothing_can_be_written_is_known_beforehand(tmp_path: Path) -> None:
+    for path, said in ((tmp_path, "is a folder"), (tmp_path / "a" / "b", "there is no folder")):
+        with pytest.raises(InputError, match=said):
+            check_writable(path)
+
+
+def test_the_table_shows_both_cameras(calibration: CalibrationResult) -> None:
+    table = calibration.as_table()
+    lens, depth = calibration.color.lens, calibration.depth[0]
+    (row,) = [line for line in table.splitlines() if line.startswith("fx (px)")]
+    assert f"{lens.fx:.2f} ± " in row
+    assert f"{depth.model.lens.fx:.2f} ± " in row
+    assert f"{depth.model.scale:.4f} ± " in table
+    assert all(line == line.rstrip() for line in table.splitlines())
+
+
+def test_programs_get_numbers(calibration: CalibrationResult) -> None:
+    told = json.loads(json.dumps(calibration.as_json()))
+    assert told["colour"]["fx"] == calibration.color.lens.fx
+    assert set(told["colour"]["sigma"]) == {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"}
+    assert told["depth"]["translation_m"][0] == pytest.approx(-0.025, abs=0.002)
+    assert told["warnings"] == ["a warning"]
+
+
+def test_the_picture_has_two_plots_a_camera(calibration: CalibrationResult) -> None:
+    figure = draw_plot(calibration)
+    titles = [plot.get_title() for plot in figure.axes]
+    assert titles[0].startswith("corners, and 0.")
+    assert titles[2].startswith("depth readings on the boards")
+
+
+@pytest.mark.parametrize("name", ["coverage.png", "coverage.svg"])
+def test_the_picture_is_written(calibration: CalibrationResult, tmp_path: Path, name: str) -> None:
+    write_plot(tmp_path / name, calibration)
+    if name.endswith(".png"):
+        assert cv2.imread(str(tmp_path / name)) is not None
+    assert (tmp_path / name).stat().st_size > 10_000
+
+
+def test_another_picture_format_is_refused(calibration: CalibrationResult, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a picture is \.png or \.svg"):
+        write_plot(tmp_path / "coverage.gif", calibration)

@@ -1,0 +1,70 @@
+"""A camera as the calibration opens it: nothing taken out, nothing moved."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from drivers.calibration import read_calibration
+from drivers.camera import (
+    CameraCounters,
+    CameraState,
+    CameraStatus,
+    Clock,
+    FrameTimeout,
+    RgbdCamera,
+    RgbdFrame,
+)
+from drivers.core.errors import CameraError
+from drivers.rectify import SoftwareRegistration, make_undistorter
+from vo_service.tools.calibration import live_snapshots
+from vo_service.tools.calibration.live_snapshots import read_frames, write_raw_camera_file
+
+
+class DeafCamera(RgbdCamera):
+    """Opens, and never shows a thing."""
+
+    name, clock, counters = "deaf", Clock.MONOTONIC, CameraCounters()
+    status = CameraStatus(CameraState.ABSENT, "no Kinect is plugged in")
+
+    def open(self) -> None:
+        pass
+
+    def read(self, timeout_s: float) -> RgbdFrame:
+        raise FrameTimeout
+
+    def close(self) -> None:
+        pass
+
+
+def test_under_the_raw_camera_file_every_depth_pixel_stays_where_it_is() -> None:
+    with write_raw_camera_file(with_depth=True) as path:
+        camera = read_calibration(path)
+    assert not path.exists()
+    assert camera.depth is not None
+    depth = np.random.default_rng(0).integers(0, 10000, (480, 640), dtype=np.uint16)
+    registration = SoftwareRegistration(camera.pinhole, camera.depth, camera.depth_factor)
+    np.testing.assert_array_equal(registration.register(depth), depth)
+    assert registration.depth_factor == 1000.0
+
+
+def test_under_the_raw_camera_file_no_lens_is_taken_out() -> None:
+    with write_raw_camera_file(with_depth=False) as path:
+        camera = read_calibration(path)
+    image = np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)
+    assert make_undistorter(camera.pinhole, camera.distortion).undistort_color(image) is image
+    assert camera.depth is None
+
+
+def test_a_camera_that_shows_nothing_is_given_up_with_its_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(live_snapshots, "FRAME_TIMEOUT_S", 0.0)
+    with pytest.raises(CameraError, match="deaf: no Kinect is plugged in"):
+        list(read_frames(DeafCamera(), threading.Event()))
+
+
+def test_a_stop_ends_the_frames() -> None:
+    stop = threading.Event()
+    stop.set()
+    assert list(read_frames(DeafCamera(), stop)) == []

@@ -1,0 +1,81 @@
+"""A timing goes into a camera file, and nothing else in it changes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.calibration import (
+    TUM_CALIBRATIONS,
+    CameraCalibration,
+    DepthCameraCalibration,
+    RigidTransform,
+    format_calibration,
+    read_calibration,
+)
+from drivers.core.config import parse_toml
+from drivers.core.errors import InputError, UserFacingError
+from vo_service.tools.calibration.timing_cost import SensorTiming
+from vo_service.tools.calibration.timing_file import replace_timing, save_timing
+
+CAMERA = replace(
+    TUM_CALIBRATIONS["1"],
+    readout_s=0.01,
+    depth=DepthCameraCalibration(
+        580.0, 580.0, 320.0, 240.0, RigidTransform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    ),
+)
+NOW = SensorTiming(0.0203, -0.0012)
+timings = st.builds(SensorTiming, st.floats(0.0, 0.05), st.floats(-0.05, 0.05))
+
+
+@given(timings)
+def test_all_else_stays(timing: SensorTiming) -> None:
+    text = replace_timing(format_calibration(CAMERA), timing)
+    changed = replace(CAMERA, readout_s=timing.readout_s, depth_offset_s=timing.depth_offset_s)
+    assert parse_toml(text, "camera.toml", CameraCalibration) == changed
+
+
+def test_comments_and_order_stay_and_missing_keys_are_put_behind_the_schema() -> None:
+    text = replace_timing(
+        "# mine\nschema = 1\nwidth = 640 # wide\nreadout_s = 3e-3 # guessed\n[depth]\nfx = 5\n", NOW
+    )
+    assert text == (
+        "# mine\nschema = 1\ndepth_offset_s = -0.0012\nwidth = 640 # wide\n"
+        "readout_s = 0.0203  # guessed\n[depth]\nfx = 5\n"
+    )
+
+
+def test_the_file_that_was_there_is_kept(tmp_path: Path) -> None:
+    file = tmp_path / "camera.toml"
+    file.write_text(format_calibration(CAMERA))
+    kept = save_timing(file, CAMERA, NOW, "heading")
+    assert kept is not None
+    assert read_calibration(kept) == CAMERA
+    assert read_calibration(file).readout_s == NOW.readout_s
+
+
+def test_a_file_that_was_not_there_is_the_camera_that_was_seen_with(tmp_path: Path) -> None:
+    file = tmp_path / "new.toml"
+    assert save_timing(file, CAMERA, NOW, "found today") is None
+    assert file.read_text().startswith("# found today\n")
+    assert read_calibration(file) == replace(CAMERA, readout_s=0.0203, depth_offset_s=-0.0012)
+
+
+def test_nothing_is_written_into_what_is_no_camera_file_or_onto_a_disk_that_refuses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = tmp_path / "other.toml"
+    other.write_text("schema = 1\ncolour = 'red'\n")
+    with pytest.raises(InputError, match=r"other\.toml"):
+        save_timing(other, CAMERA, NOW, "")
+    assert other.read_text() == "schema = 1\ncolour = 'red'\n"
+
+    def full(path: Path, data: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("vo_service.tools.calibration.output_files.atomic_write", full)
+    with pytest.raises(UserFacingError, match="the disk is full"):
+        save_timing(tmp_path / "new.toml", CAMERA, NOW, "")

@@ -1,0 +1,104 @@
+"""A machine, a sensor and a camera as the checks see them, made to measure."""
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from drivers.camera import CameraCounters
+from drivers.kinect_usb.usb_ids import SensorModel, UsbRole
+from vo_service.tools.doctor.checks import requested_sensor_for
+from vo_service.tools.doctor.context import CheckContext, SystemPaths
+from vo_service.tools.doctor.stream_probe import FrameSample, StreamSample
+from vo_service.tools.doctor.usb_probe import UsbPart, UsbSensor
+
+PERIOD_S = 1 / 30
+
+
+def make_sensor(
+    model: SensorModel = SensorModel.K1414, address: int = 4, **facts: Any
+) -> UsbSensor:
+    """A sensor on bus 1, where nothing is wrong but `facts`."""
+    defaults: dict[str, Any] = {
+        "is_supported": True,
+        "camera": UsbPart("045e:02ae", UsbRole.CAMERA, 1, address),
+        "others": (UsbPart("045e:02ad", UsbRole.AUDIO, 1, address + 1),),
+        "where": "bus 1 port 2.1",
+        "speed_mbit_s": 480.0,
+        "has_kernel_driver": False,
+    }
+    return UsbSensor(model=model, **(defaults | facts))
+
+
+def make_samples(count: int = 60, **changes: Callable[[int], Any]) -> tuple[FrameSample, ...]:
+    """Frames of a good camera; ``skew_s=lambda k: ...`` changes one thing of frame k."""
+    good: dict[str, Callable[[int], Any]] = {
+        "seq": lambda k: k,
+        "stamp_s": lambda k: 100.0 + k * PERIOD_S,
+        "receive_time_s": lambda k: 100.03 + k * PERIOD_S,
+        "device_stamp_s": lambda k: 7.0 + k * PERIOD_S,
+        "skew_s": lambda k: 0.004,
+        "gravity_m_s2": lambda k: (0.0, 9.81, 0.0),
+    }
+    made = good | changes
+    return tuple(
+        FrameSample(**{name: make(k) for name, make in made.items()}) for k in range(count)
+    )
+
+
+def make_capture(
+    frames: Sequence[FrameSample] | None = None, trouble: str = "", **counters: int
+) -> StreamSample:
+    """What a good camera delivered, but for what is given."""
+    found = make_samples() if frames is None else tuple(frames)
+    return StreamSample(
+        samples=found,
+        size=(640, 480) if found else None,
+        first_frame_s=1.2 if found else None,
+        counters=CameraCounters(delivered=len(found), **counters),
+        intrinsics_source="factory",
+        error=trouble,
+    )
+
+
+def make_context(
+    sensors: Iterable[UsbSensor] = (),
+    seen: StreamSample | None = None,
+    root: Path = Path("/nowhere"),
+    source: str = "freenect",
+) -> CheckContext:
+    """A machine with these sensors; its files are under `root`."""
+    there = tuple(sensors)
+    return CheckContext(
+        SystemPaths(root),
+        requested_sensor_for(source),
+        lambda: there,
+        lambda: seen or make_capture(),
+    )
+
+
+def make_usb_device(root: Path, path: str, busnum: int, devnum: int, **attributes: str) -> Path:
+    """A device in a folder laid out like /sys; the folder of the device.
+
+    `path` is from the controller on, such as "0000:00:14.0/usb1/1-2".
+    """
+    folder = root / "sys/devices/pci0000:00" / path
+    folder.mkdir(parents=True)
+    attributes = {"idVendor": "0000", "idProduct": "0000", "bDeviceClass": "00"} | attributes
+    for name, text in ({"busnum": str(busnum), "devnum": str(devnum)} | attributes).items():
+        (folder / name).write_text(f"{text}\n")
+    links = root / "sys/bus/usb/devices"
+    links.mkdir(parents=True, exist_ok=True)
+    (links / folder.name).symlink_to(folder)
+    return folder
+
+
+def make_usb_interface(device: Path, number: int, interface_class: str, driver: str = "") -> Path:
+    """An interface of a device, bound to a kernel driver or to none; its folder."""
+    folder = device / f"{device.name}:1.{number}"
+    folder.mkdir()
+    (folder / "bInterfaceClass").write_text(f"{interface_class}\n")
+    if driver:
+        home = device / "drivers" / driver
+        home.mkdir(parents=True, exist_ok=True)
+        (folder / "driver").symlink_to(home)
+    return folder

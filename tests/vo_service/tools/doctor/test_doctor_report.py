@@ -1,0 +1,119 @@
+"""The packed report: whole, or not there."""
+
+import logging
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from drivers.core.errors import InputError, UserFacingError
+from tests.vo_service.tools.doctor.doctor_fakes import make_usb_device, make_usb_interface
+from vo_service.tools.doctor.report import open_bug_report
+from vo_service.tools.doctor.system_info import (
+    collect_versions,
+    format_usb_listing,
+    run_and_capture,
+)
+
+
+def members(file: Path) -> set[str]:
+    """Names in a packed file."""
+    with tarfile.open(file) as archive:
+        return set(archive.getnames())
+
+
+def text_of(file: Path, name: str) -> str:
+    """One member."""
+    with tarfile.open(file) as archive:
+        opened = archive.extractfile(name)
+        assert opened is not None
+        return opened.read().decode()
+
+
+def test_a_report_holds_what_was_put_in_and_says_its_size(tmp_path: Path) -> None:
+    file = tmp_path / "kinect.tar.gz"
+    (tmp_path / "my.toml").write_text("schema = 1\n")
+    with open_bug_report(file) as report:
+        report.add_json("doctor.json", {"verdict": "pass"})
+        report.add_copy(tmp_path / "my.toml")
+        size = report.pack()
+    assert size == file.stat().st_size
+    assert {"kinect/doctor.json", "kinect/log.txt", "kinect/my.toml"} <= members(file)
+    assert text_of(file, "kinect/my.toml") == "schema = 1\n"
+
+
+def test_the_log_is_detailed_in_the_report_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root, console = logging.getLogger(), logging.StreamHandler()
+    before = root.level
+    root.addHandler(console)
+    try:
+        with open_bug_report(tmp_path / "kinect.tar.gz") as report:
+            logging.getLogger("drivers.freenect").debug("a detail")
+            logging.getLogger("numba.core").debug("a foreign detail")
+            report.pack()
+    finally:
+        root.removeHandler(console)
+    text = text_of(tmp_path / "kinect.tar.gz", "kinect/log.txt")
+    assert "a detail" in text
+    assert "foreign" not in text
+    assert "detail" not in capsys.readouterr().err
+    assert root.level == before
+
+
+def test_a_report_that_fails_leaves_nothing_behind(tmp_path: Path) -> None:
+    with pytest.raises(UserFacingError, match="nothing was left behind"), \
+            open_bug_report(tmp_path / "kinect.tar.gz"):  # fmt: skip
+        raise OSError(28, "No space left on device")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupted_report_leaves_nothing_behind(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), open_bug_report(tmp_path / "kinect.tar.gz"):
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"),
+    [
+        ("kinect.zip", "end in .tar.gz"),
+        ("there.tar.gz", "is there already"),
+        ("nowhere/kinect.tar.gz", "cannot be written there"),
+    ],
+)
+def test_a_file_that_cannot_be_is_refused_at_once(
+    tmp_path: Path, name: str, complaint: str
+) -> None:
+    (tmp_path / "there.tar.gz").write_text("")
+    with pytest.raises(InputError, match=complaint), open_bug_report(tmp_path / name):
+        pass
+
+
+@pytest.mark.subprocess
+def test_the_versions_name_what_matters() -> None:
+    found = collect_versions()
+    assert {"kinect-vo", "python", "os", "kernel", "numpy", "libfreenect0.5"} <= found.keys()
+    assert found["numpy"]
+
+
+def test_the_usb_listing_has_speed_controller_and_driver(tmp_path: Path) -> None:
+    device = make_usb_device(
+        tmp_path, "0000:00:14.0/usb1/1-2", 1, 4, product="Xbox NUI Camera", speed="480"
+    )
+    make_usb_interface(device, 0, "ff", "gspca_kinect")
+    line = format_usb_listing(tmp_path)
+    assert "bus   1 device   4" in line
+    assert "480 Mbit/s  controller 0000:00:14.0  Xbox NUI Camera" in line
+    assert line.endswith("drivers gspca_kinect\n")
+
+
+def test_a_kernel_without_usb_is_said(tmp_path: Path) -> None:
+    assert format_usb_listing(tmp_path) == "the kernel shows no USB devices here\n"
+
+
+@pytest.mark.subprocess
+def test_a_command_that_is_not_there_says_nothing() -> None:
+    assert run_and_capture(["no-such-command-here"]) == ""
+    assert run_and_capture(["false"]) == ""

@@ -1,0 +1,78 @@
+"""The figures against evo's (github.com/MichaelGrupp/evo), to far below 1e-6."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evo.core import metrics, sync
+from evo.core.trajectory import PoseTrajectory3D
+
+from drivers.core.geometry import Array, rigid_transform, so3_exp
+from drivers.core.trajectory import Trajectory, read_trajectory
+from tests.vo_service.tools.evaluation.sample_trajectories import noisy_copy, random_walk
+from vo_service.tools.evaluation import evaluate
+
+OTHER_WORLD = rigid_transform(so3_exp([-0.7, 0.4, 2.5]), [1.0, -2.0, 0.5])
+T0_S = 1305031449.1  # as large as real stamps, so that their rounding takes part
+
+
+def for_evo(poses: Trajectory) -> PoseTrajectory3D:
+    return PoseTrajectory3D(poses_se3=list(poses.T_world_camera), timestamps=poses.stamps_s)
+
+
+def figures_of_evo(trajectory: Trajectory, truth: Trajectory) -> dict[str, float]:
+    reference, estimate = sync.associate_trajectories(
+        for_evo(truth), for_evo(trajectory), max_diff=0.02
+    )
+    relative = {}
+    for name, relation in (
+        ("rpe_frame_m", metrics.PoseRelation.translation_part),
+        ("rpe_frame_deg", metrics.PoseRelation.rotation_angle_deg),
+    ):
+        rpe = metrics.RPE(relation, delta=1, delta_unit=metrics.Unit.frames)
+        rpe.process_data((reference, estimate))
+        relative[name] = rpe.get_statistic(metrics.StatisticsType.rmse)
+    estimate.align(reference)
+    ate = metrics.APE(metrics.PoseRelation.translation_part)
+    ate.process_data((reference, estimate))
+    found = ate.get_all_statistics()
+    absolute = {f"ate_{name}_m": found[name] for name in ("rmse", "mean", "median", "max")}
+    return absolute | relative | {"matched": reference.num_poses}
+
+
+def assert_agreement(trajectory: Trajectory, truth: Trajectory) -> None:
+    ours = evaluate(trajectory, truth).as_json()
+    theirs = figures_of_evo(trajectory, truth)
+    assert {name: ours[name] for name in theirs} == pytest.approx(theirs, rel=0, abs=1e-9)
+    assert theirs["ate_rmse_m"] > 1e-3  # there was something to agree on
+
+
+def jittered(rng: np.random.Generator, count: int, rate_hz: float) -> Array:
+    """Stamps that are never quite regular, with every tenth pose missing and one long gap."""
+    stamps_s = T0_S + np.arange(count) / rate_hz + rng.uniform(-0.3, 0.3, count) / rate_hz
+    missing = (rng.random(count) < 0.1) | (np.arange(count) // 20 == 3)
+    return np.asarray(stamps_s[~missing].round(6))
+
+
+@pytest.mark.parametrize("truth_hz", [5.0, 20.0, 30.0, 100.0])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_random_walks(truth_hz: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    truth = random_walk(rng, jittered(rng, int(6 * truth_hz), truth_hz))
+    stamps_s = jittered(rng, 180, 30.0)
+    assert_agreement(noisy_copy(rng, truth, stamps_s, OTHER_WORLD), truth)
+
+
+@pytest.mark.parametrize("shift_s", [-0.5, 0.5, 2.0])
+def test_trajectories_that_begin_before_or_end_after_their_truth(shift_s: float) -> None:
+    rng = np.random.default_rng(7)
+    truth = random_walk(rng, T0_S + np.arange(90) / 30)
+    assert_agreement(noisy_copy(rng, truth, truth.stamps_s + shift_s + 0.004, OTHER_WORLD), truth)
+
+
+@pytest.mark.parametrize("name", ["fr1_desk", "fr1_rpy", "fr1_xyz"])
+def test_motion_capture_of_a_real_hand(recordings: Path, name: str) -> None:
+    rng = np.random.default_rng(3)
+    truth = read_trajectory(recordings / "mocap" / f"{name}-groundtruth.txt")
+    stamps_s = np.arange(truth.stamps_s[0] - 1.0, truth.stamps_s[-1] + 1.0, 1 / 30)
+    assert_agreement(noisy_copy(rng, truth, stamps_s, OTHER_WORLD), truth)

@@ -1,0 +1,140 @@
+"""The figures, on motions whose errors can be worked out by hand."""
+
+import numpy as np
+import pytest
+
+from drivers.core.geometry import rigid_transform, so3_exp
+from tests.vo_service.tools.evaluation.sample_trajectories import match_poses, moving_along_x
+from vo_service.tools.evaluation.metrics import (
+    best_alignment,
+    consecutive_pairs,
+    first_pose_alignment,
+    pairs_one_second_apart,
+    position_errors_m,
+    relative_errors,
+    rms,
+)
+
+OTHER_WORLD = rigid_transform(so3_exp([0.5, -1.0, 2.0]), [3.0, -4.0, 5.0])
+
+
+def one_second_pairs(stamps_s: list[float]) -> list[tuple[int, int]]:
+    still = np.tile(np.eye(4), (len(stamps_s), 1, 1))
+    pairs = pairs_one_second_apart(match_poses(stamps_s, still, still))
+    return list(zip(pairs.earlier.tolist(), pairs.later.tolist(), strict=True))
+
+
+def test_another_world_is_no_error() -> None:
+    truth = moving_along_x([0, 1, 3, 4], [0, 30, 40, 90]) @ rigid_transform(np.eye(3), [0, 1, 0])
+    pairs = match_poses([0, 1, 2, 3], OTHER_WORLD @ truth, truth)
+    for alignment in (best_alignment(pairs), first_pose_alignment(pairs)):
+        assert position_errors_m(pairs, alignment) == pytest.approx(np.zeros(4), abs=1e-12)
+
+
+def test_scale_is_an_error() -> None:
+    # Centred, the truth is at -2, 0, 2 and a trajectory of half the size at -1, 0, 1.
+    pairs = match_poses(
+        [0, 1, 2], OTHER_WORLD @ moving_along_x([0, 1, 2]), moving_along_x([0, 2, 4])
+    )
+    assert position_errors_m(pairs, best_alignment(pairs)) == pytest.approx([1, 0, 1])
+
+
+def test_a_mirrored_trajectory_is_not_mirrored_back() -> None:
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3.0]])
+    truth = np.tile(np.eye(4), (4, 1, 1))
+    truth[:, :3, 3] = corners
+    mirrored = truth.copy()
+    mirrored[:, 0, 3] *= -1
+    pairs = match_poses([0, 1, 2, 3], mirrored, truth)
+    alignment = best_alignment(pairs)
+    assert np.linalg.det(alignment[:3, :3]) == pytest.approx(1)
+    assert position_errors_m(pairs, alignment).max() > 0.1
+
+
+@pytest.mark.parametrize("x_m", [[2.0, 2.0, 2.0], [0.0, 1.0, 2.0]])
+def test_standing_still_or_going_straight_can_be_aligned(x_m: list[float]) -> None:
+    pairs = match_poses([0, 1, 2], moving_along_x(x_m), OTHER_WORLD @ moving_along_x(x_m))
+    assert position_errors_m(pairs, best_alignment(pairs)) == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_joining_the_first_poses_turns_a_wrong_heading_into_an_error() -> None:
+    # The trajectory believes that it looks along x; it walks where it should, but 90 degrees off.
+    truth = moving_along_x([0, 1, 2])
+    heading = rigid_transform(so3_exp([0, 0, np.pi / 2]), [0, 0, 0])
+    believed = truth @ heading
+    pairs = match_poses([0, 1, 2], believed, truth)
+    expected_m = [0, np.sqrt(2), 2 * np.sqrt(2)]
+    assert position_errors_m(pairs, first_pose_alignment(pairs)) == pytest.approx(expected_m)
+
+
+def test_mean_global_error_grows_from_the_first_pose_on() -> None:
+    pairs = match_poses(
+        [0, 1, 2], OTHER_WORLD @ moving_along_x([0, 1.1, 2.2]), moving_along_x([5, 6, 7])
+    )
+    errors_m = position_errors_m(pairs, first_pose_alignment(pairs))
+    assert errors_m == pytest.approx([0, 0.1, 0.2])
+
+
+def test_relative_errors_are_of_the_motion_between_two_poses() -> None:
+    truth, trajectory = (
+        moving_along_x([0, 1, 2], [0, 10, 20]),
+        moving_along_x([0, 1.3, 2.3], [0, 10, 50]),
+    )
+    pairs = match_poses([0, 1, 2], OTHER_WORLD @ trajectory, truth)
+    errors = relative_errors(pairs, consecutive_pairs(pairs))
+    assert errors.translation_m == pytest.approx([0.3, 0])
+    assert errors.rotation_deg == pytest.approx([0, 30])
+
+
+def test_a_turn_makes_no_error_of_translation_on_the_spot() -> None:
+    pairs = match_poses([0, 1, 2], moving_along_x([0, 0, 0], [0, 10, 0]), moving_along_x([0, 0, 0]))
+    errors = relative_errors(pairs, consecutive_pairs(pairs))
+    assert errors.translation_m == pytest.approx([0, 0], abs=1e-12)
+    assert errors.rotation_deg == pytest.approx([10, 10])
+
+
+def test_every_pose_is_paired_with_the_one_a_second_later() -> None:
+    assert one_second_pairs([0, 0.5, 1.0, 1.5, 2.0]) == [(0, 2), (1, 3), (2, 4)]
+
+
+def test_the_pose_a_second_later_is_the_nearest_to_it() -> None:
+    assert one_second_pairs([0, 0.5, 0.96, 1.03, 1.58]) == [(0, 3), (1, 4)]
+
+
+def test_at_thirty_a_second_every_pair_is_thirty_poses_long() -> None:
+    stamps_s = [round(1305031449.1 + k / 30, 6) for k in range(70)]
+    assert one_second_pairs(stamps_s) == [(k, k + 30) for k in range(40)]
+
+
+def test_at_a_low_rate_the_nearest_pose_will_do() -> None:
+    stamps_s = [k * 4 / 30 for k in range(12)]  # 7 steps are 0.933 s, 8 are 1.067 s
+    found = one_second_pairs(stamps_s)
+    assert [i for i, _ in found] == [0, 1, 2, 3]
+    assert {j - i for i, j in found} <= {7, 8}
+
+
+def test_a_gap_where_the_later_pose_should_be_leaves_the_pair_out() -> None:
+    assert one_second_pairs([0, 0.5, 1.2, 1.5, 2.2]) == [(1, 3), (2, 4)]
+
+
+def test_less_than_a_second_has_no_pair_and_no_figure() -> None:
+    assert one_second_pairs([0, 0.3, 0.6, 0.95]) == []
+    assert rms(np.array([])) is None
+
+
+def test_the_error_over_a_second_by_hand() -> None:
+    # Errors of 0.3, 0 and 0.4 m and of 10, 0 and 20 degrees: sqrt(.25 / 3), sqrt(500 / 3).
+    trajectory = moving_along_x([0, 0.3, 0.3, 0.7], [0, 10, 10, 30])
+    pairs = match_poses([0, 1, 2, 3], trajectory, moving_along_x([0, 0, 0, 0]))
+    errors = relative_errors(pairs, pairs_one_second_apart(pairs))
+    assert rms(errors.translation_m) == pytest.approx(0.2886751)
+    assert rms(errors.rotation_deg) == pytest.approx(12.9099445)
+
+
+def test_drift_of_one_in_ten_is_a_tenth_of_a_metre_a_second() -> None:
+    stamps_s = [k / 30 for k in range(90)]
+    truth, trajectory = moving_along_x(stamps_s), moving_along_x([1.1 * t for t in stamps_s])
+    pairs = match_poses(stamps_s, trajectory, truth)
+    assert rms(relative_errors(pairs, pairs_one_second_apart(pairs)).translation_m) == (
+        pytest.approx(0.1)
+    )

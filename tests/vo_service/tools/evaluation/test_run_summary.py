@@ -1,0 +1,129 @@
+"""The figures at the end of a run."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+
+from drivers.camera import CameraCounters
+from drivers.core.geometry import rigid_transform
+from drivers.core.trajectory import Trajectory
+from tests.vo_service.fakes import (
+    FakeClock,
+    ScriptedCamera,
+    failed_estimate,
+    good_estimate,
+    make_frame,
+)
+from tests.vo_service.service_loop import make_service
+from vo_service.frame_source import SinglePassSource
+from vo_service.service_statistics import ServiceStatistics
+from vo_service.tools.evaluation.run_summary import (
+    LoopClosureSummary,
+    RunSummary,
+    evaluate_if_possible,
+)
+
+STAMPS_S = np.arange(40) / 30
+PATH = np.array([rigid_transform(np.eye(3), [0.01 * k, 0.0, 0.02 * k]) for k in range(40)])
+TRUTH = Trajectory(STAMPS_S, PATH)
+WITHOUT = RunSummary(ServiceStatistics(FakeClock()), CameraCounters(), None)
+
+
+def of(trajectory: Trajectory, truth: Trajectory | None = TRUTH) -> RunSummary:
+    return RunSummary.from_run(
+        ServiceStatistics(FakeClock()), CameraCounters(), trajectory, truth, STAMPS_S
+    )
+
+
+def test_the_names_that_others_script_against_are_there() -> None:
+    assert set(WITHOUT.as_json()) >= {
+        *("frames", "failed", "skipped", "coverage", "stage_ms", "cpu_ms_per_frame"),
+        *("ate_rmse_m", "mean_global_error_m", "rpe_frame_m", "rpe_frame_deg"),
+        *("rpe_1s_m", "rpe_1s_deg"),
+    }
+
+
+def test_with_and_without_truth_the_keys_are_the_same_and_json_takes_the_values() -> None:
+    with_truth = of(TRUTH).as_json()
+    assert list(WITHOUT.as_json()) == list(with_truth)
+    assert json.loads(json.dumps(with_truth, allow_nan=False)) == with_truth
+
+
+def test_a_perfect_trajectory_has_no_error() -> None:
+    figures = of(TRUTH).as_json()
+    assert figures["coverage"] == 1.0
+    for key in ("ate_rmse_m", "mean_global_error_m", "rpe_frame_m", "rpe_1s_m", "rpe_1s_deg"):
+        assert figures[key] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_failed_frames_lower_the_coverage() -> None:
+    half = Trajectory(STAMPS_S[:20], PATH[:20])
+    assert of(half).as_json()["coverage"] == 0.5
+
+
+def test_without_a_pose_or_a_truth_there_is_nothing_to_evaluate(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    nothing = Trajectory(np.empty(0), np.empty((0, 4, 4)))
+    assert of(nothing).evaluation is None
+    assert of(TRUTH, truth=None).evaluation is None
+    assert caplog.records == []
+
+
+def test_a_truth_of_another_time_is_reported_and_leaves_the_other_figures(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    elsewhere = Trajectory(STAMPS_S + 1e6, PATH)
+    assert of(TRUTH, elsewhere).as_json()["ate_rmse_m"] is None
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+
+
+def test_skipped_counts_unreadable_and_stale_frames_failed_the_lost_ones() -> None:
+    camera = ScriptedCamera([make_frame(0, 1.0), make_frame(1, 1.0), make_frame(2, 2.0)])
+    with camera:
+        service = make_service(
+            SinglePassSource(camera), [], [good_estimate(np.eye(4)), failed_estimate()]
+        )
+        service.run(threading.Event())
+    figures = RunSummary(service.statistics, CameraCounters(skipped=3, dropped=5), None).as_json()
+    counts = [figures[key] for key in ("frames", "failed", "skipped", "dropped")]
+    assert counts == [2, 1, 1 + 3, 5]
+
+
+def test_the_table_has_a_line_a_figure() -> None:
+    assert len(WITHOUT.as_table().splitlines()) == 7
+    assert len(of(TRUTH).as_table().splitlines()) == 7 + 10
+
+
+LOOPS_KEYS = ("places", "loops", "corrected_ate_rmse_m", "corrected_mean_global_error_m")
+DRIFTING = Trajectory(STAMPS_S, PATH @ PATH)
+
+
+def test_with_loops_there_are_keys_more_and_the_others_stay() -> None:
+    with_loops = LoopClosureSummary(12, 5, evaluate_if_possible(TRUTH, TRUTH, STAMPS_S))
+    plain, summary = (
+        RunSummary.from_run(
+            ServiceStatistics(FakeClock()), CameraCounters(), DRIFTING, TRUTH, STAMPS_S, loops
+        )
+        for loops in (None, with_loops)
+    )
+    figures = summary.as_json()
+    assert {key: figures.pop(key) for key in LOOPS_KEYS} == {
+        "places": 12,
+        "loops": 5,
+        "corrected_ate_rmse_m": pytest.approx(0.0, abs=1e-6),
+        "corrected_mean_global_error_m": pytest.approx(0.0, abs=1e-6),
+    }
+    assert figures == plain.as_json()
+    assert figures["ate_rmse_m"] > 0.01
+    *lines, loops, _, _ = (line.split() for line in summary.as_table().splitlines())
+    assert lines == [line.split() for line in plain.as_table().splitlines()]
+    assert loops == ["places,", "loops", "12,", "5"]
+
+
+def test_without_truth_loops_are_counted_and_their_errors_null() -> None:
+    with_loops = LoopClosureSummary(12, 5, None)
+    assert list(with_loops.as_json().values()) == [12, 5, None, None]
+    assert [label for label, _ in with_loops.rows()] == ["places, loops"]

@@ -1,0 +1,23 @@
+"""A tree to install into, and a program of a few megabytes: without the libraries it needs."""
+
+from importlib.metadata import distribution
+from pathlib import Path
+
+import pytest
+
+from vo_service.tools.install import program
+
+
+@pytest.fixture
+def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The root of another computer's file system; nobody tries to run the copied program."""
+    return make_tree(tmp_path / "tree", monkeypatch)
+
+
+def make_tree(root: Path, patch: pytest.MonkeyPatch) -> Path:
+    """See `tree`."""
+    patch.setattr(program, "runtime_distributions", lambda: [distribution("kinect-vo")])
+    patch.setattr(program, "_check_that_it_runs", lambda folder: None)
+    (root / "etc").mkdir(parents=True)
+    (root / "etc/group").write_text("root:x:0:\nplugdev:x:46:\n")
+    return root

@@ -1,0 +1,141 @@
+"""The installed rules, judged by systemd's own udevadm on a camera that is only made up."""
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from drivers.core.errors import UserFacingError
+from drivers.kinect_usb.usb_ids import SUPPORTED_IDS, UsbId
+from tests.simulators.requirements import require_program
+from vo_service.tools.install import udev
+from vo_service.tools.install.udev import (
+    MODPROBE_FILE,
+    RULES_FILE,
+    format_rules,
+    install,
+    uninstall,
+)
+
+# A tree of its own for udevadm: /sys has one camera, the rules are ours and one of Debian's kind.
+# $1 holds our rules file and the other's, $2 $3 are the ids of the camera.
+LOOK = """
+set -e
+mount -t tmpfs none /sys; mount -t tmpfs none /run
+device=/sys/devices/pci0000:00/usb1/1-1
+mkdir -p $device /sys/bus/usb/devices /sys/dev/char /sys/class
+ln -s ../../../bus/usb $device/subsystem
+ln -s ../../devices/pci0000:00/usb1/1-1 /sys/dev/char/189:1
+printf 'MAJOR=189\\nMINOR=1\\nDEVNAME=bus/usb/001/002\\nDEVTYPE=usb_device\\n' > $device/uevent
+echo $2 > $device/idVendor; echo $3 > $device/idProduct
+mkdir /run/udev /run/udev/rules.d; cp $1/* /run/udev/rules.d/
+SYSTEMD_DEVICE_VERIFY_SYSFS=0 udevadm test --action=add $device 2>&1
+"""
+OPEN_TO_ALL = """\
+SUBSYSTEM=="usb", ATTR{idVendor}=="045e", MODE:="0666", GROUP:="video"
+SUBSYSTEM=="usb", ATTR{idVendor}=="1d27", MODE:="0666", GROUP:="video"
+"""
+
+
+def judgement(folder: Path, vendor: int, product: int) -> list[str]:
+    """What udevadm says of a device: the modes that rules gave it, and `uaccess` if it has that."""
+    require_program("udevadm", "udev")
+    require_program("unshare", "util-linux")
+    if subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False).returncode:
+        pytest.skip("this system lets nobody have a mount namespace of his own")
+    command = [
+        "unshare",
+        "-rm",
+        "sh",
+        "-c",
+        LOOK,
+        "sh",
+        str(folder),
+        f"{vendor:04x}",
+        f"{product:04x}",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return ["".join(found) for found in re.findall(r"MODE (\d+)|RUN '(uaccess)'", done.stdout)]
+
+
+@pytest.mark.parametrize("line", SUPPORTED_IDS, ids=lambda line: line.text)
+def test_every_sensor_has_its_rule(line: UsbId) -> None:
+    vendor, _, product = line.text.partition(":")
+    rule = f'ATTR{{idVendor}}=="{vendor}", '
+    rule += "" if product == "*" else f'ATTR{{idProduct}}=="{product}", '
+    assert f'{rule}MODE:="0660", GROUP:="plugdev", TAG+="uaccess"\n' in format_rules()
+
+
+@pytest.mark.subprocess
+@pytest.mark.parametrize(("vendor", "product"), [(0x045E, 0x02AE), (0x1D27, 0x0609)])
+def test_our_rules_win_over_those_that_open_the_camera_to_everybody(
+    tmp_path: Path, vendor: int, product: int
+) -> None:
+    (tmp_path / "60-libopenni2-0.rules").write_text(OPEN_TO_ALL)
+    (tmp_path / RULES_FILE.name).write_text(format_rules())
+    said = judgement(tmp_path, vendor, product)
+    assert said[-2:] == ["0660", "uaccess"]
+    assert "0666" not in said
+
+
+@pytest.mark.subprocess
+def test_without_our_rules_the_camera_is_open_to_everybody(tmp_path: Path) -> None:
+    (tmp_path / "60-libopenni2-0.rules").write_text(OPEN_TO_ALL)
+    assert judgement(tmp_path, 0x045E, 0x02AE)[-1] == "0666"
+
+
+@pytest.mark.subprocess
+def test_other_devices_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / RULES_FILE.name).write_text(format_rules())
+    assert "0660" not in judgement(tmp_path, 0x046D, 0x0825)
+
+
+def test_installing_twice_writes_once(tmp_path: Path) -> None:
+    assert install(tmp_path) == [tmp_path / RULES_FILE, tmp_path / MODPROBE_FILE]
+    assert install(tmp_path) == []
+    assert "blacklist gspca_kinect\n" in (tmp_path / MODPROBE_FILE).read_text()
+
+
+def test_everybody_can_read_what_was_installed(tmp_path: Path) -> None:
+    before = os.umask(0o077)
+    try:
+        install(tmp_path)
+    finally:
+        os.umask(before)
+    assert (tmp_path / RULES_FILE).stat().st_mode & 0o777 == 0o644
+
+
+def test_an_old_file_is_replaced(tmp_path: Path) -> None:
+    install(tmp_path)
+    (tmp_path / RULES_FILE).write_text("# an older version\n")
+    assert install(tmp_path) == [tmp_path / RULES_FILE]
+    assert (tmp_path / RULES_FILE).read_text() == format_rules()
+    assert [path.name for path in (tmp_path / RULES_FILE).parent.iterdir()] == [RULES_FILE.name]
+
+
+def test_uninstalling_removes_both_and_may_be_repeated(tmp_path: Path) -> None:
+    written = install(tmp_path)
+    assert uninstall(tmp_path) == written
+    assert uninstall(tmp_path) == []
+
+
+def test_a_user_is_told_the_command_for_root(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path, text: str) -> bool:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(udev, "write_file", refuse)
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    command = f"only root may .*; run: sudo .*udev install --root {tmp_path}$"
+    with pytest.raises(UserFacingError, match=command):
+        install(tmp_path)
+
+
+def test_a_tree_that_is_a_file_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "etc").write_text("")
+    with pytest.raises(UserFacingError, match="Not a directory"):
+        install(tmp_path)

@@ -1,5 +1,0 @@
-"""The same results and ports as for the other outputs."""
-
-from tests.vo_service.outputs.conftest import free_port, listening, make_update, status
-
-__all__ = ["listening", "make_update", "free_port", "status"]

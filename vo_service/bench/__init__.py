@@ -1,1 +1,0 @@
-"""Our methods beside other people's, on the same frames: how far off, how often lost, what cost."""

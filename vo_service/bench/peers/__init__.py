@@ -1,1 +1,0 @@
-"""Other people's odometry in the place of ours; each is loaded only when it is made."""

@@ -1,1 +1,0 @@
-"""Calibration of a colour and a depth camera from views of a printed board."""

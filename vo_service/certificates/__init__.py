@@ -1,1 +1,0 @@
-"""Keys and certificates for a test network, made with the `openssl` command."""

@@ -1,0 +1,176 @@
+"""``kinect-vo bench``: our methods beside other people's, how far off and at what cost."""
+
+import argparse
+import json
+import tempfile
+import textwrap
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import groupby
+from pathlib import Path
+
+from drivers.core.errors import InputError
+from drivers.core.paths import create_output_folder
+from vo_service.cli.options import add_benchmark_options, load_config, parse_count
+from vo_service.signals import StopSignal, stop_on_signals
+from vo_service.terminal import Terminal
+from vo_service.tools.benchmark.batch import BatchPlan, run_batch
+from vo_service.tools.benchmark.frame_selection import FrameSelection
+from vo_service.tools.benchmark.methods import (
+    METHOD_NAMES,
+    UnavailableMethods,
+    find_unavailable_methods,
+    make_method_factories,
+)
+from vo_service.tools.benchmark.observers import NULL_OBSERVER, LoopClosureObserverFactory
+from vo_service.tools.benchmark.recordings import open_recordings
+from vo_service.tools.benchmark.report.bench_report import (
+    BenchMetadata,
+    report_content,
+    write_bench_report,
+)
+from vo_service.tools.benchmark.report.bench_tables import RelativeResults
+from vo_service.tools.benchmark.results import collect_results
+from vo_service.tools.benchmark.run import RunState
+
+NAME = "bench"
+HELP = "our methods and other people's on recordings: accuracy, gross errors, time, memory"
+EPILOG = f"""\
+{textwrap.fill("methods: " + ", ".join(METHOD_NAMES), 98, break_on_hyphens=False)}
+
+examples:
+  kinect-vo bench recordings/desk recordings/kitchen
+  kinect-vo bench recordings/* --every 1 5 10 --output output/bench
+  kinect-vo bench recordings/desk --frames 200 --methods surf icp cv2-rgb-depth --against surf
+
+Each method runs over each folder (TUM format, as for replay) in a process of its own, on one
+processor, one after another; reading images is not counted. What each column means is in
+docs/bench.md. Methods of packages that are not installed are left out, with a note that says how
+to install them.
+
+With --loops, each trajectory is also corrected by the places that are seen again in it: columns say
+how good it is then. The methods themselves are told nothing of places, also after a loss (where
+replay --loops finds back): all their own figures but the memory stay as they are.
+
+With --output, the folder gets report.json, bench.csv, the effective config.toml, and in runs/ what
+each run did: given again, the same command goes on where it was stopped.
+
+exit codes: 0 all runs came to their end; 1 one did not (the table says so); 2 something given is
+wrong; 130 or 143 stopped, with a report of what was done until then.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument(
+        "--methods", metavar="METHOD", nargs="+", choices=METHOD_NAMES, default=list(METHOD_NAMES),
+        help="which, in this order (default: all)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--every", metavar="N", nargs="+", type=parse_count, default=[1],
+        help="use one frame in N only; several for several rates (default: 1, every frame)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--frames", metavar="N", type=parse_count, help="the first N frames of each recording alone"
+    )
+    parser.add_argument(
+        "--against", metavar="METHOD", choices=METHOD_NAMES,
+        help="the method whose figures the others are divided by (default: the first)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--output", metavar="FOLDER", type=Path, help="where a report goes, and runs are kept"
+    )
+    add_benchmark_options(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run, tell each recording's results as soon as they are there, and report."""
+    config = load_config(args)
+    names = list(dict.fromkeys(args.methods))
+    left_out = find_unavailable_methods(names)
+    recipes = make_method_factories(names, left_out, config.odometry)
+    set_up = BenchMetadata(
+        methods=list(recipes),
+        unavailable=left_out,
+        reference_method=_choose_reference_method(args.against, list(recipes), left_out),
+        frame_steps=list(dict.fromkeys(args.every)),
+        max_frames=args.frames,
+        odometry=config.odometry,
+        camera_file=args.camera or config.camera.file,
+        time_limit_s=args.time_limit,
+        observer_factory=LoopClosureObserverFactory(config.map) if args.loops else NULL_OBSERVER,
+    )
+    recordings = [
+        whole.select(FrameSelection(every, args.frames))
+        for whole in open_recordings(args.folders, set_up.camera_file)
+        for every in set_up.frame_steps
+    ]
+    with _open_report_folder(args.output) as folder, stop_on_signals() as stop:
+        runs = folder / "runs"
+        plan = BatchPlan(
+            recordings, recipes, runs, args.time_limit, args.again, set_up.observer_factory
+        )
+        rankings = []
+        for ranking in _run_methods(plan, set_up.reference_method, stop):
+            rankings.append(ranking)
+            if not args.json:
+                _print_tables(ranking)
+        write_bench_report(folder, set_up, rankings)
+    _print_summary(args, set_up, rankings)
+    all_done = all(
+        judged.is_done for each in rankings for judged in each.results.evaluations.values()
+    )
+    return stop.exit_code or (0 if all_done else 1)
+
+
+def _choose_reference_method(
+    requested: str | None, methods: Sequence[str], unavailable: Sequence[UnavailableMethods]
+) -> str:
+    """The method that the others are divided by. Raises InputError if it does not take part."""
+    if requested is None or requested in methods:
+        return requested or methods[0]
+    missing = next((str(each) for each in unavailable if requested in each.methods), "")
+    why = missing or f"it is not among --methods; name one of {', '.join(methods)}"
+    raise InputError(f"--against {requested}: {why}")
+
+
+@contextmanager
+def _open_report_folder(output: Path | None) -> Iterator[Path]:
+    """The folder of the report; without --output one that goes with the command."""
+    if output is not None:
+        create_output_folder(output)
+        yield output
+        return
+    with tempfile.TemporaryDirectory(prefix="kinect-vo-bench-") as folder:
+        yield Path(folder)
+
+
+def _run_methods(
+    plan: BatchPlan, reference_method: str, stop: StopSignal
+) -> Iterator[RelativeResults]:
+    """The results, recording by recording."""
+    entries = run_batch(plan, Terminal(), stop.event)
+    for _, group in groupby(entries, key=lambda entry: entry.recording.name):
+        (result,) = collect_results(group)
+        yield RelativeResults(result, reference_method)
+
+
+def _print_tables(results: RelativeResults) -> None:
+    """The two tables, unless the bench was stopped before them."""
+    states = {judged.outcome.state for judged in results.results.evaluations.values()}
+    if states == {RunState.NOT_RUN}:
+        return
+    print(results.error_table().as_text())
+    print(f"{results.cost_table().as_text()}\n", flush=True)
+
+
+def _print_summary(
+    args: argparse.Namespace, metadata: BenchMetadata, results: Sequence[RelativeResults]
+) -> None:
+    if args.json:
+        print(json.dumps(report_content(metadata, results)))
+        return
+    for each in metadata.unavailable:
+        print(each)
+    if args.output is not None:
+        print(f"report: {args.output}")

@@ -1,0 +1,207 @@
+"""``kinect-vo calibrate``: a camera file from views of a printed board, and a sensor's timing."""
+
+import argparse
+import json
+import logging
+from datetime import date
+from pathlib import Path
+
+from drivers.core.errors import InputError
+from drivers.registry import CAMERA_USAGES
+from vo_service.config import Config, read_config
+from vo_service.signals import stop_on_signals
+from vo_service.terminal import Terminal
+from vo_service.tools.calibration.board import Board
+from vo_service.tools.calibration.board_options import USAGE, BoardOptions, make_board
+from vo_service.tools.calibration.board_printing import print_board
+from vo_service.tools.calibration.collect import CollectedViews, collect_from_folder
+from vo_service.tools.calibration.collect_live import LiveCollectionRequest, collect_live
+from vo_service.tools.calibration.output_files import check_writable, save_camera_file
+from vo_service.tools.calibration.plot import check_plot_format, write_plot
+from vo_service.tools.calibration.result import CalibrationResult
+from vo_service.tools.calibration.solver import solve_calibration
+
+NAME = "calibrate"
+HELP = "make a camera file from views of a printed chessboard, or measure a sensor's timing"
+EPILOG = """\
+examples:
+  kinect-vo calibrate --board chessboard:9x6 --square 0.025 --print-board board.pdf
+  kinect-vo calibrate --board chessboard:9x6 --square 0.025 --camera freenect
+  kinect-vo calibrate --board chessboard:9x6 --square 0.035 --camera openni2 --depth --keep views
+  kinect-vo calibrate --board chessboard:9x6 --square 0.035 views --depth --picture coverage.png
+  kinect-vo calibrate --timing --camera freenect --camera-file camera.toml
+  kinect-vo calibrate --timing recordings/shaken
+
+Print the board, glue it to something flat, measure a square, and show it to the camera: near and
+far, in every corner of the image, tilted each way, and still for a moment each time. With a camera
+it ends by itself once the views are enough; Ctrl-C uses what there is.
+
+--timing needs no board: shake the camera briskly to and fro, for a minute, near things with a
+pattern. It puts readout_s and depth_offset_s into the camera file and leaves all else as it is.
+
+The camera file goes where --output says, else where the configuration's camera.file says, else to
+camera.toml here; one that is there already is kept as camera.toml.bak.
+"""
+DEFAULT_OUTPUT = Path("camera.toml")
+_log = logging.getLogger(__name__)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument(
+        "folder", metavar="FOLDER", type=Path, nargs="?",
+        help="a recording, or a folder of images, instead of a camera",
+    )  # fmt: skip
+    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
+    parser.add_argument(
+        "--camera",
+        metavar="SOURCE",
+        help=f"see the board live: {', '.join(CAMERA_USAGES.values())}",
+    )
+    parser.add_argument(
+        "--depth", action="store_true",
+        help="calibrate the depth camera too: its lens, its place beside the colour camera, its "
+        "scale; depth must not be registered to colour",
+    )  # fmt: skip
+    parser.add_argument(
+        "--timing", action="store_true",
+        help="find readout_s (rolling shutter) and depth_offset_s (depth later than its stamps) "
+        "from a minute of brisk motion, without a board",
+    )  # fmt: skip
+    parser.add_argument(
+        "--camera-file", metavar="FILE", type=Path,
+        help="camera file of a recording, for its depth factor (default: FOLDER/camera.toml, else "
+        "millimetres); with --timing of a camera too",
+    )  # fmt: skip
+    _add_board_arguments(parser)
+    parser.add_argument(
+        "--views", metavar="N", type=int, default=25,
+        help="views to take from a camera (default: 25)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--keep", metavar="FOLDER", type=Path,
+        help="keep the views that are taken from a camera, to calibrate from again",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rerun", metavar="TARGET",
+        help="watch what the camera sees: serve (a page on this computer), connect or "
+        "connect:HOST:PORT (a viewer that is open), or FILE.rrd (a recording)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--output", metavar="FILE", type=Path, help="camera file to write (default: see below)"
+    )
+    parser.add_argument(
+        "--picture", metavar="FILE", type=Path,
+        help="draw where corners were seen and how far off they are (.png or .svg)",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+
+
+def _add_board_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--board", metavar="BOARD", default="chessboard:9x6",
+        help=f"{USAGE}; default: chessboard:9x6",
+    )  # fmt: skip
+    parser.add_argument(
+        "--square",
+        metavar="M",
+        type=parse_length_m,
+        help="side of a printed square, in metres, measured",
+    )
+    parser.add_argument(
+        "--marker", metavar="M", type=parse_length_m,
+        help="ChArUco: side of a marker, in metres (default: 0.7 of a square)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--dictionary", metavar="NAME", default="4X4_100",
+        help="ChArUco: OpenCV's name of the markers (default: 4X4_100)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--print-board", metavar="FILE", type=Path,
+        help="write the board to print at 100 %% (.pdf, .svg or .png) and end",
+    )  # fmt: skip
+
+
+def parse_length_m(text: str) -> float:
+    """Parse the side of a square."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.001 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a side: give metres, such as 0.025 for 25 mm"
+        )
+    return value
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrate and save. Raises InputError or UserFacingError, each with one line."""
+    if args.timing:
+        # Loads the kernels of an odometry, which boards do without.
+        from vo_service.cli.calibrate_timing import calibrate_timing
+
+        return calibrate_timing(args)
+    board = make_board(BoardOptions(args.board, args.square, args.marker, args.dictionary))
+    if args.print_board is not None:
+        paper = print_board(board, args.print_board)
+        print(f"{args.print_board}: {board.name}, to print on {paper} at 100 %")
+        return 0
+    config = read_config(args.config)
+    output: Path = args.output or config.camera.file or DEFAULT_OUTPUT
+    _check_arguments(args, output)
+    terminal = Terminal()
+    taken = _collect_views(args, config, board, terminal)
+    calibration = solve_calibration(board, taken, args.depth, terminal)
+    terminal.clear()
+    _save_and_print(args, calibration, output)
+    return 0
+
+
+def _check_arguments(args: argparse.Namespace, output: Path) -> None:
+    """Whatever would only fail after the work."""
+    if (args.folder is None) == (args.camera is None):
+        raise InputError("name a FOLDER of images, or a camera to see the board live: --camera")
+    if args.keep is not None and args.camera is None:
+        raise InputError("--keep keeps what a camera shows: it goes with --camera")
+    if args.rerun is not None and args.camera is None:
+        raise InputError("--rerun shows what a camera sees: it goes with --camera")
+    if args.views < 1:
+        raise InputError(f"--views {args.views}: give 1 or more; 25 are good")
+    check_writable(output)
+    if args.picture is not None:
+        check_plot_format(args.picture)
+        check_writable(args.picture)
+
+
+def _collect_views(
+    args: argparse.Namespace, config: Config, board: Board, terminal: Terminal
+) -> CollectedViews:
+    if args.folder is not None:
+        return collect_from_folder(board, args.folder, args.camera_file, args.depth, terminal)
+    targets = () if args.rerun is None else (args.rerun,)
+    request = LiveCollectionRequest(
+        args.camera, config.sensor, args.depth, args.views, args.keep, targets
+    )
+    with stop_on_signals() as stop:
+        return collect_live(board, request, terminal, stop.event)
+
+
+def _save_and_print(args: argparse.Namespace, calibration: CalibrationResult, output: Path) -> None:
+    for warning in calibration.warnings:
+        _log.warning("%s", warning)
+    camera = calibration.camera_calibration
+    heading = (
+        f"kinect-vo calibrate, {date.today()}: {len(calibration.color.views)} views of a "
+        f"{calibration.board.name}, corners {calibration.color.rms_px:.3f} px off (rms)"
+    )
+    kept = save_camera_file(output, camera, heading)
+    if args.picture is not None:
+        write_plot(args.picture, calibration)
+    if args.json:
+        files = {"camera_file": str(output), "kept": None if kept is None else str(kept)}
+        print(json.dumps(files | calibration.as_json()))
+        return
+    print(calibration.as_table())
+    before = f"; the one before is {kept.name}" if kept else ""
+    print(f"\nsaved as {output}{before}: use it with --camera-file {output}, or as camera.file")

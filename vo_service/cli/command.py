@@ -1,0 +1,78 @@
+"""``kinect-vo command``: ask a running kinect-vo to do something."""
+
+import argparse
+import json
+
+from drivers.core.errors import InputError, UserFacingError
+from vo_service.cli.options import add_connection_options, parse_seconds
+from vo_service.client import CommandRefused, PoseClient, ServiceUnavailable
+from vo_service.client.client import REPLY_TIMEOUT_S
+
+NAME = "command"
+HELP = "ask a running kinect-vo to reset, pause, tilt, record or save"
+EPILOG = """\
+examples:
+  kinect-vo command reset
+  kinect-vo command reset position_m=[1,0,0] quaternion_xyzw=[0,0,0,1]
+  kinect-vo command pause                      no poses, until: kinect-vo command resume
+  kinect-vo command tilt tilt_deg=10
+  kinect-vo command led led=blink-green
+  kinect-vo command start-recording name=desk  until: kinect-vo command stop-recording
+  kinect-vo command save-incident
+  kinect-vo command save-map name=kitchen
+
+A value is JSON, or else text. The answer is one JSON object on standard output. What the service
+refuses or cannot do is told in one line.
+"""
+# Of these the sender is the cause.
+_CALLER_ERRORS = ("bad-request", "unknown-command")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("name", metavar="NAME", help="the command")
+    parser.add_argument(
+        "arguments",
+        metavar="KEY=VALUE",
+        nargs="*",
+        type=_parse_argument,
+        default=(),
+        help="its arguments",
+    )
+    add_connection_options(parser)
+    parser.add_argument(
+        "--timeout", metavar="SECONDS", type=parse_seconds, default=REPLY_TIMEOUT_S,
+        help="how long to wait for the answer (default: %(default)g)",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Send it, print the answer.
+
+    Raises InputError for a command that is wrong, UserFacingError for one that was refused or that
+    nobody has answered.
+    """
+    with PoseClient(args.prefix, args.connect, args.config_file) as client:
+        try:
+            answer = client.command(args.name, dict(args.arguments), args.timeout)
+        except CommandRefused as refused:
+            kind = InputError if refused.code in _CALLER_ERRORS else UserFacingError
+            raise kind(f"{args.name}: {refused} ({refused.code})") from refused
+        except ServiceUnavailable as nobody:
+            raise UserFacingError(
+                f"{args.name}: {nobody}; is kinect-vo run there, with the same --prefix?"
+            ) from nobody
+        except ValueError as error:
+            raise UserFacingError(f"{args.name}: the answer cannot be read: {error}") from error
+    print(json.dumps(answer))
+    return 0
+
+
+def _parse_argument(text: str) -> tuple[str, object]:
+    key, equals, value = text.partition("=")
+    if not key or not equals:
+        raise argparse.ArgumentTypeError(f"{text} is not KEY=VALUE, such as tilt_deg=10")
+    try:
+        return key, json.loads(value)
+    except (ValueError, RecursionError):
+        return key, value

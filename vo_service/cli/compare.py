@@ -1,0 +1,133 @@
+"""``kinect-vo compare``: methods beside each other on recordings, and a report."""
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from drivers.core.errors import InputError
+from drivers.core.paths import create_output_folder
+from vo_service.cli.options import add_benchmark_options, load_config
+from vo_service.config import Config
+from vo_service.odometry.registry import METHODS
+from vo_service.signals import stop_on_signals
+from vo_service.terminal import Terminal
+from vo_service.tools.benchmark.batch import BatchPlan, run_batch
+from vo_service.tools.benchmark.method_factory import (
+    ConfiguredMethodFactory,
+    MethodFactory,
+    SfmScale,
+    TrueScaleSfmFactory,
+)
+from vo_service.tools.benchmark.observers import NULL_OBSERVER, LoopClosureObserverFactory
+from vo_service.tools.benchmark.recordings import BenchmarkRecording, open_recordings
+from vo_service.tools.benchmark.report.comparison_report import (
+    ComparisonReport,
+    write_comparison_report,
+)
+from vo_service.tools.benchmark.report.comparison_tables import (
+    error_table,
+    loop_closure_table,
+    time_table,
+)
+from vo_service.tools.benchmark.report.metadata import ComparisonMetadata
+from vo_service.tools.benchmark.results import SequenceResults, collect_results
+
+NAME = "compare"
+HELP = "compare methods on recordings: tables, figures and a page with all of them"
+EPILOG = """\
+examples:
+  kinect-vo compare recordings/desk recordings/kitchen
+  kinect-vo compare rgbd_dataset_freiburg1_* --output output/freiburg1
+  kinect-vo compare recordings/desk --methods surf --json | jq .sequences[0].methods.surf.ate_rmse_m
+
+Each method runs over each folder (TUM format, as for replay) in a process of its own, one after
+another. OUTPUT gets report.html, report.json, the tables as CSV, the figures as PNG and SVG, the
+effective config.toml, and in runs/ what each run did. Runs that came to their end are kept: given
+again, the same command goes on where it was stopped. They are made anew when the program, the
+settings, the computer or the recording changes, or with --again.
+
+With --loops, a table says how good each trajectory is once it is corrected by the places that are
+seen again in it. The methods themselves are told nothing of places, also after a loss (where
+replay --loops finds back): all their own figures but the memory stay as they are.
+
+Without FOLDER/groundtruth.txt coverage, times and trajectories are reported, but no errors.
+
+exit codes: 0 all runs came to their end; 1 one did not (the report says why); 2 something given is
+wrong; 130 or 143 stopped, with a report of what was done until then.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument(
+        "--methods", metavar="METHOD", nargs="+", choices=list(METHODS), default=list(METHODS),
+        help=f"which, in this order (default: all: {', '.join(METHODS)})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--output", metavar="FOLDER", type=Path, default=Path("output/compare"),
+        help="where the report goes, and runs are kept (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--sfm-scale", choices=[str(scale) for scale in SfmScale], default=SfmScale.FIRST_DEPTH,
+        help="where sfm, which has no scale of its own, gets its first one (default: %(default)s)",
+    )  # fmt: skip
+    add_benchmark_options(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run, report, and say in short what came out."""
+    config = load_config(args)
+    methods = list(dict.fromkeys(args.methods))
+    camera_file = args.camera or config.camera.file
+    scale = SfmScale(args.sfm_scale)
+    listener = LoopClosureObserverFactory(config.map) if args.loops else NULL_OBSERVER
+    set_up = ComparisonMetadata(methods, config, scale, camera_file, args.time_limit, listener)
+    recordings = open_recordings(args.folders, camera_file)
+    recipes = make_method_factories(config, methods, scale)
+    _check_ground_truth(recordings, recipes)
+    runs = args.output / "runs"
+    plan = BatchPlan(recordings, recipes, runs, args.time_limit, args.again, listener)
+    create_output_folder(args.output)
+    terminal = Terminal()
+    with stop_on_signals() as stop:
+        results = collect_results(run_batch(plan, terminal, stop.event))
+        report = write_comparison_report(args.output, results, set_up, terminal)
+    _print(report, results, args.json)
+    all_done = all(judged.is_done for result in results for judged in result.evaluations.values())
+    return stop.exit_code or (0 if all_done else 1)
+
+
+def make_method_factories(
+    config: Config, methods: Sequence[str], scale: SfmScale
+) -> Mapping[str, MethodFactory]:
+    """How each method is made, with the settings of the configuration."""
+    kinds = {"sfm": TrueScaleSfmFactory} if scale is SfmScale.GROUND_TRUTH else {}
+    return {
+        method: kinds.get(method, ConfiguredMethodFactory)(replace(config.odometry, method=method))
+        for method in methods
+    }
+
+
+def _check_ground_truth(
+    recordings: Sequence[BenchmarkRecording], factories: Mapping[str, MethodFactory]
+) -> None:
+    """Raise InputError if a method is to use a truth that there is not."""
+    missing = next((each for each in recordings if each.truth is None), None)
+    if missing is not None and any(recipe.uses_truth for recipe in factories.values()):
+        raise InputError(
+            f"{missing.folder}: has no groundtruth.txt, which --sfm-scale ground-truth needs; "
+            "leave the option out, or the folder"
+        )
+
+
+def _print(report: ComparisonReport, results: Sequence[SequenceResults], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(report.content))
+        return
+    print(error_table(results).as_text())
+    print(f"\n{time_table(results).as_text()}")
+    if results[0].has_loop_closure:
+        print(f"\n{loop_closure_table(results).as_text()}")
+    print(f"\nreport: {report.page}")

@@ -1,0 +1,124 @@
+"""``kinect-vo demo``: the whole line at work on the virtual Kinect, for a newcomer."""
+
+import argparse
+import json
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+from drivers.camera import PlaybackMode
+from drivers.core.files import atomic_write
+from drivers.core.paths import create_output_folder
+from drivers.core.trajectory import Trajectory, format_pose_line
+from drivers.registry import CameraRequest, make_camera
+from drivers.synthetic.config import SyntheticConfig
+from vo_service.app import OutputsConfig, open_outputs, run_replay
+from vo_service.cli.kernels import prepare_kernels
+from vo_service.cli.options import (
+    add_config_options,
+    add_publish_option,
+    load_config,
+    parse_seconds,
+    print_message,
+)
+from vo_service.frame_source import PacedSource
+from vo_service.outputs.progress import ProgressOutput
+from vo_service.outputs.trajectory.trajectory_recorder import TrajectoryRecorder
+from vo_service.outputs.zenoh.connection import ConnectOnFreePort
+from vo_service.signals import stop_on_signals
+from vo_service.terminal import Terminal
+from vo_service.tools.evaluation.association import MIN_MATCHES
+from vo_service.tools.evaluation.plot import write_plot
+from vo_service.tools.evaluation.run_summary import RunSummary
+
+NAME = "demo"
+HELP = "see it work: 20 seconds of the virtual Kinect, then a table and a picture"
+EPILOG = """\
+examples:
+  kinect-vo demo
+  kinect-vo demo --seconds 5 --output /tmp/demo
+
+Plays a room at 30 frames a second while it is rendered: in slow motion where this computer renders
+more slowly. The frames are kept for the next time. Poses go out over Zenoh on this computer alone:
+kinect-vo listen prints them. Where the default port is taken, by a service for instance, they go
+out on a free one: printed. OUTPUT gets trajectory.txt, groundtruth.txt, trajectory.png and, with
+Rerun, demo.rrd.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    add_config_options(parser)
+    parser.add_argument(
+        "--seconds", type=parse_seconds, default=20.0, help="how long (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--output", metavar="FOLDER", type=Path, default=Path("output/demo"),
+        help="where to leave the results (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-serve", action="store_true", help="do not serve Rerun's page while it runs"
+    )
+    add_publish_option(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Play, then say how it went."""
+    config = load_config(args)
+    create_output_folder(args.output)
+    terminal = Terminal()
+    camera = make_camera(
+        CameraRequest(
+            source="synthetic",
+            camera_file=None,
+            playback_mode=PlaybackMode.LOCKSTEP,
+            sensor=config.sensor,
+            synthetic=replace(SyntheticConfig(), duration_s=args.seconds),
+        )
+    )
+    memory = TrajectoryRecorder()
+    with camera:  # its room is prepared meanwhile
+        with stop_on_signals() as stop:
+            prepare_kernels(config, terminal, stop)
+        request = OutputsConfig(
+            playback_mode=PlaybackMode.REALTIME,
+            zenoh=None if args.no_publish else config.zenoh,
+            connect_policy=ConnectOnFreePort,
+            rerun=replace(config.rerun, targets=_choose_rerun_targets(args)),
+            trajectory=args.output / "trajectory.txt",
+            ground_truth=lambda: camera.ground_truth,
+            log_line=print_message,
+        )
+        with open_outputs(request) as opened, stop_on_signals() as stop:
+            progress = ProgressOutput(terminal, "demo", camera.frame_count)
+            outputs = [*opened.outputs, memory, progress]
+            ending = run_replay(config, camera, PacedSource(camera), outputs, stop)
+        terminal.clear()
+        truth = camera.ground_truth
+        if truth is None:  # stopped before the first frame
+            return ending.exit_code
+        summary = RunSummary.from_run(
+            ending.statistics, camera.counters, memory.trajectory, truth, truth.stamps_s
+        )
+    _write_results(args.output, memory, truth)
+    print_message(f"results: {args.output}" + (" (cut short)" if ending.exit_code else ""))
+    print(json.dumps(summary.as_json()) if args.json else summary.as_table())
+    return ending.exit_code
+
+
+def _choose_rerun_targets(args: argparse.Namespace) -> tuple[str, ...]:
+    if find_spec("rerun") is None:
+        print_message("pictures: none, Rerun is not installed (pip install 'kinect-vo[rerun]')")
+        return ()
+    recording = args.output / "demo.rrd"
+    return (str(recording),) if args.no_serve else ("serve", str(recording))
+
+
+def _write_results(folder: Path, recorder: TrajectoryRecorder, truth: Trajectory) -> None:
+    """Write the truth, under stamps as the trajectory's file has them, and the picture of both."""
+    lines = map(format_pose_line, truth.stamps_s + recorder.publish_offset_s, truth.T_world_camera)
+    atomic_write(folder / "groundtruth.txt", "".join(lines).encode())
+    trajectory = recorder.trajectory
+    if len(trajectory) >= MIN_MATCHES:
+        write_plot(folder / "trajectory.png", trajectory, truth, "kinect-vo demo")

@@ -1,0 +1,54 @@
+"""``kinect-vo devices``: which sensors are there, and what to give to --camera."""
+
+import argparse
+import json
+from collections.abc import Sequence
+
+from vo_service.tools.doctor.device_listing import (
+    ListedDevice,
+    list_available_devices,
+    query_openni2,
+)
+from vo_service.tools.doctor.usb_probe import probe_usb
+
+NAME = "devices"
+HELP = "list the sensors that are plugged in, with the --camera of each"
+EPILOG = """\
+examples:
+  kinect-vo devices
+  kinect-vo devices --json | jq -r '.devices[].camera'
+
+A sensor that is known but cannot be driven, such as a Kinect v2, is listed as not supported.
+"""
+NO_SENSOR_MESSAGE = """\
+no sensor on the USB: plug one in, with its own power supply where it has one;
+`kinect-vo doctor` says more. Without a sensor: --camera synthetic"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """List them. Raises UserFacingError if the USB cannot be looked at."""
+    found = list_available_devices(probe_usb(), query_openni2())
+    if args.json:
+        print(json.dumps({"schema": 1, "devices": [device.as_json() for device in found]}))
+    else:
+        print("\n".join(_format_lines(found)) or NO_SENSOR_MESSAGE)
+    return 0
+
+
+def _format_lines(found: Sequence[ListedDevice]) -> list[str]:
+    """Two aligned columns: what to type, and what it is."""
+    cameras = [f"--camera {device.camera}" if device.camera else "-" for device in found]
+    width = max((len(camera) for camera in cameras), default=0)
+    return [
+        f"{camera.ljust(width)}  {_describe(device)}"
+        for camera, device in zip(cameras, found, strict=True)
+    ]
+
+
+def _describe(device: ListedDevice) -> str:
+    return ", ".join(word for word in (device.name, device.where, device.error) if word)

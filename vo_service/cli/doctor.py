@@ -1,0 +1,143 @@
+"""``kinect-vo doctor``: what is wrong with the sensor on this computer, and how to mend it."""
+
+import argparse
+import json
+import sys
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from drivers.camera import PlaybackMode, RgbdCamera, RgbdFrame
+from drivers.registry import CameraRequest, make_camera
+from vo_service.cli.options import add_camera_options, parse_seconds, print_message
+from vo_service.config import read_config
+from vo_service.terminal import Terminal
+from vo_service.tools.doctor.checks import checks_for, requested_sensor_for
+from vo_service.tools.doctor.context import CheckContext, SystemPaths
+from vo_service.tools.doctor.finding import CheckVerdict
+from vo_service.tools.doctor.logs import quiet_console
+from vo_service.tools.doctor.printer import FindingPrinter, NullFindingPrinter
+from vo_service.tools.doctor.report import open_bug_report
+from vo_service.tools.doctor.report_contents import add_report_contents
+from vo_service.tools.doctor.runner import diagnosis_as_json, run_checks
+from vo_service.tools.doctor.stream_probe import probe_stream
+from vo_service.tools.doctor.usb_probe import probe_usb
+
+NAME = "doctor"
+HELP = "check the sensor on this computer: one line for each thing, with what to do about it"
+EPILOG = """\
+examples:
+  kinect-vo doctor
+  kinect-vo doctor --camera openni2 --seconds 20
+  kinect-vo doctor --report kinect.tar.gz               for a bug report
+  kinect-vo doctor --json | jq '.checks[] | select(.verdict == "fail")'
+
+Each check is marked: a tick or + is well, ! works but not all of it, a cross or x has failed,
+? this computer or camera does not tell, - not checked because another has failed. Without --camera
+and --config it looks for a Kinect.
+
+A report holds the log, versions, the USB devices, the configuration file, the findings, and five
+seconds of what the camera sees.
+
+exit codes: 0 nothing has failed; 1 something has; 2 something given is wrong.
+"""
+DEFAULT_SECONDS = 5.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
+    add_camera_options(parser)
+    parser.add_argument(
+        "--seconds", type=parse_seconds, metavar="S", default=DEFAULT_SECONDS,
+        help=f"how long to watch the frames (default: {DEFAULT_SECONDS:g})",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+    parser.add_argument(
+        "--report", metavar="FILE.tar.gz", type=Path,
+        help="pack all that a bug report needs, pictures included, into a new file",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Check and print. Raises InputError for what the user gave."""
+    patient = _make_checked_camera(args)
+    with nullcontext() if args.verbose else quiet_console():
+        diagnosis = (
+            _run_checks(args, patient)
+            if args.report is None
+            else _run_checks_with_report(args, patient)
+        )
+    if args.json:
+        print(json.dumps(diagnosis))
+    return 1 if diagnosis["verdict"] == CheckVerdict.FAIL else 0
+
+
+@dataclass(frozen=True)
+class _CheckedCamera:
+    """The camera to be checked, and where to show what goes on."""
+
+    source: str
+    camera: RgbdCamera
+    terminal: Terminal
+
+    def show_busy(self, check_name: str) -> AbstractContextManager[object]:
+        """Show it, and count the seconds."""
+        return self.terminal.busy(f"kinect-vo doctor: {check_name.replace('-', ' ')}")
+
+
+def _make_checked_camera(args: argparse.Namespace) -> _CheckedCamera:
+    config = read_config(args.config)
+    source: str = args.camera or (config.camera.source if args.config else "freenect")
+    terminal = Terminal()
+    request = CameraRequest(
+        source=source,
+        camera_file=args.camera_file or config.camera.file,
+        playback_mode=PlaybackMode.REALTIME,
+        sensor=config.sensor,
+        synthetic=config.synthetic,
+    )
+    return _CheckedCamera(source, make_camera(request), terminal)
+
+
+def _run_checks(args: argparse.Namespace, checked: _CheckedCamera) -> dict[str, object]:
+    """Run the checks and print each as it ends, unless JSON is wanted; all of them as JSON."""
+    context = CheckContext(
+        SystemPaths(),
+        requested_sensor_for(checked.source),
+        probe_usb,
+        partial(probe_stream, checked.camera, args.seconds, _discard_frame),
+    )
+    checks = checks_for(checked.source)
+    printer = (
+        NullFindingPrinter()
+        if args.json
+        else FindingPrinter(sys.stdout, [check.name for check in checks])
+    )
+    printer.print_heading(f"kinect-vo doctor: {checked.source}")
+    found = []
+    for result in run_checks(checks, context, checked.show_busy):
+        found.append(result)
+        printer.print_result(result)
+    printer.print_conclusion(found)
+    return diagnosis_as_json(checked.source, found)
+
+
+def _run_checks_with_report(args: argparse.Namespace, checked: _CheckedCamera) -> dict[str, object]:
+    """The same, and all that belongs to it in a file."""
+    with open_bug_report(args.report) as report:
+        diagnosis = _run_checks(args, checked)
+        report.add_json("doctor.json", diagnosis)
+        for file in (args.config, args.camera_file):
+            if file is not None:
+                report.add_copy(file)
+        with checked.show_busy("recording what the camera sees"):
+            pictures = add_report_contents(report, checked.camera)
+        size = report.pack()
+    print_message(f"{args.report}: {size / 1e6:.1f} MB, {pictures}")
+    return diagnosis
+
+
+def _discard_frame(frame: RgbdFrame) -> None:
+    """Keep no frame."""

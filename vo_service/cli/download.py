@@ -1,0 +1,122 @@
+"""``kinect-vo download``: sequences of the TUM RGB-D benchmark, by their short names."""
+
+import argparse
+import re
+import urllib.parse
+from pathlib import Path
+
+from drivers.core.errors import InputError
+from vo_service.cli.options import print_message
+from vo_service.signals import InterruptedBySignal, raise_on_signals
+from vo_service.terminal import Terminal
+from vo_service.tools.download.catalog import (
+    BENCHMARK_URL,
+    SEQUENCES,
+    BenchmarkSequence,
+    find_sequence,
+)
+from vo_service.tools.download.progress import DownloadProgress
+from vo_service.tools.download.sequence_download import (
+    DownloadRequest,
+    download_sequence,
+    sequence_folder,
+)
+
+NAME = "download"
+HELP = "download sequences of the TUM RGB-D benchmark, ready to replay"
+EPILOG = f"""\
+examples:
+  kinect-vo download --list
+  kinect-vo download fr1/xyz
+  kinect-vo download fr1/floor fr1/teddy --output ~/recordings
+  kinect-vo download fr1/xyz --mirror http://fileserver/tum
+
+Each sequence is checked, unpacked and then put into its own folder below FOLDER; that folder's
+path is printed on standard output. A sequence that is there already is left as it is. What was
+interrupted or cut off goes on where it was when the same command is given again.
+
+Nothing is contacted but {BENCHMARK_URL.split("/")[2]}, or the mirror, and that only by this command. The
+benchmark's terms: CC BY 4.0; cite Sturm et al., IROS 2012.
+"""
+_SHA256_PATTERN = re.compile(r"[0-9a-fA-F]{64}")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("names", metavar="NAME", nargs="*", help="a sequence, such as fr1/xyz")
+    parser.add_argument("--list", action="store_true", help="list all sequences, and download none")
+    parser.add_argument(
+        "--output", metavar="FOLDER", type=Path, default=Path("recordings"),
+        help="where the sequences' folders go (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--mirror", metavar="URL", type=_parse_url, default=BENCHMARK_URL,
+        help="another host with the same files, below URL/freiburg1/ and so on "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--sha256", metavar="HEX", type=_parse_sha256,
+        help="refuse the archive unless it has this digest (for one NAME)",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Download one after the other. Raises UserFacingError at the first that cannot be had."""
+    if args.list:
+        print(_format_sequence_table())
+        return 0
+    wanted = [find_sequence(name) for name in args.names]
+    if not wanted:
+        raise InputError("which sequence? `kinect-vo download --list` shows them all")
+    if args.sha256 and len(wanted) > 1:
+        raise InputError("--sha256 is of one archive: download the sequences one by one")
+    order = DownloadRequest(args.output, args.mirror, args.sha256 or "")
+    terminal = Terminal()
+    try:
+        with raise_on_signals():
+            for sequence in wanted:
+                _download_sequence(sequence, order, terminal)
+    except InterruptedBySignal as interruption:
+        terminal.clear()
+        print_message("interrupted; what has come is kept: give the same command again to go on")
+        return interruption.exit_code
+    return 0
+
+
+def _download_sequence(
+    sequence: BenchmarkSequence, request: DownloadRequest, terminal: Terminal
+) -> None:
+    place = sequence_folder(sequence, request)
+    if place.exists():
+        terminal.write_line(f"{sequence.name}: there already; to have it anew, remove {place}")
+    else:
+        download_sequence(sequence, request, DownloadProgress(terminal, sequence.name))
+    terminal.clear()
+    print(place, flush=True)
+
+
+def _format_sequence_table() -> str:
+    """All names, aligned, with what is known of them."""
+    width = max(len(sequence.name) for sequence in SEQUENCES)
+    lines = [f"{'name'.ljust(width)}  length     about  ground truth"]
+    for sequence in SEQUENCES:
+        length = f"{sequence.seconds} s" if sequence.seconds else "-"
+        size = f"{sequence.megabytes / 1e3:.2f} GB" if sequence.megabytes else "-"
+        truth = "yes" if sequence.has_ground_truth else "no"
+        lines.append(f"{sequence.name.ljust(width)}  {length:>6}  {size:>8}  {truth}")
+    return "\n".join(lines)
+
+
+def _parse_url(text: str) -> str:
+    """Parse the address of a mirror."""
+    parts = urllib.parse.urlsplit(text)
+    if parts.scheme not in ("http", "https") or not parts.netloc:
+        raise argparse.ArgumentTypeError(f"{text} is no address: give http://... or https://...")
+    return text
+
+
+def _parse_sha256(text: str) -> str:
+    """Parse a SHA-256 digest."""
+    if not _SHA256_PATTERN.fullmatch(text):
+        raise argparse.ArgumentTypeError(f"{text} is no SHA-256 digest: give its 64 digits")
+    return text

@@ -1,0 +1,83 @@
+"""``kinect-vo evaluate``: how far a trajectory is from the ground truth."""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array
+from drivers.core.trajectory import read_trajectory
+from drivers.tum.folder import read_frame_pairs
+from vo_service.tools.evaluation import Evaluation, evaluate
+from vo_service.tools.evaluation.plot import write_plot
+
+NAME = "evaluate"
+HELP = "compare a trajectory with its ground truth: ATE, RPE, coverage"
+EPILOG = """\
+examples:
+  kinect-vo evaluate poses.txt recordings/desk
+  kinect-vo evaluate poses.txt recordings/desk/groundtruth.txt --picture desk.png
+  kinect-vo evaluate poses.txt truth.txt --json | jq .ate_rmse_m
+
+Both files hold lines of: stamp tx ty tz qx qy qz qw. Poses are paired by the nearest stamp
+within 20 ms. ATE: distances after the best rigid alignment, without scale. Mean global error:
+distances with the first poses joined. RPE: root mean square over one frame and over one second.
+
+Coverage: poses with truth, of the frames with truth. The frames are those listed beside the ground
+truth (rgb.txt and depth.txt, or associations.txt). Where there is no list, a ground truth that has
+a pose at the stamp of every pose counts as one a frame; any other leaves the coverage open.
+
+What cannot be computed is "-" in the table and null in JSON.
+"""
+# What `replay` prints under the same keys, and two files of poses cannot tell.
+REPLAY_ONLY_KEYS = ("failed", "skipped", "stage_ms", "cpu_ms_per_frame")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("trajectory", metavar="TRAJECTORY", type=Path, help="file of poses")
+    parser.add_argument(
+        "groundtruth", metavar="GROUNDTRUTH", type=Path,
+        help="file of true poses, or the folder of a recording that has groundtruth.txt",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+    parser.add_argument(
+        "--picture", metavar="FILE", type=Path,
+        help="draw the trajectory beside the truth (.png or .svg)",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare and print. Raises InputError or UserFacingError, each with one line."""
+    truth_file: Path = args.groundtruth
+    if truth_file.is_dir():
+        truth_file = truth_file / "groundtruth.txt"
+    trajectory, truth = read_trajectory(args.trajectory), read_trajectory(truth_file)
+    frames_s = read_listed_frame_stamps_s(truth_file.parent)
+    try:
+        evaluation = evaluate(trajectory, truth, frames_s)
+    except InputError as error:
+        raise InputError(f"{args.trajectory} against {truth_file}: {error}") from error
+    if args.picture is not None:
+        title = f"{args.trajectory.name}: ATE RMSE {1e3 * evaluation.ate_rmse_m:.2f} mm"
+        write_plot(args.picture, trajectory, truth, title)
+    print(_as_json(evaluation, frames_s) if args.json else evaluation.as_table())
+    return 0
+
+
+def read_listed_frame_stamps_s(folder: Path) -> Array | None:
+    """Stamps of the frames that a recording lists; None if the folder is not a recording.
+
+    Raises InputError if it is one and its lists cannot be read.
+    """
+    lists = [["associations.txt"], ["rgb.txt", "depth.txt"]]
+    if not any(all((folder / name).is_file() for name in names) for names in lists):
+        return None
+    return np.array([pair.color.stamp_s for pair in read_frame_pairs(folder).pairs])
+
+
+def _as_json(evaluation: Evaluation, frames_s: Array | None) -> str:
+    frames = {"frames": None if frames_s is None else len(frames_s)}
+    return json.dumps(frames | dict.fromkeys(REPLAY_ONLY_KEYS) | evaluation.as_json())

@@ -1,0 +1,155 @@
+"""``kinect-vo listen``: print the poses that a kinect-vo publishes, from a process of its own."""
+
+import argparse
+import json
+import math
+import os
+import sys
+from contextlib import closing
+from functools import partial
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import zenoh
+
+from vo_service.cli.options import add_connection_options
+from vo_service.cli.pose_printers import JsonPosePrinter, PosePrinter, TextPosePrinter, print_notice
+from vo_service.client.connection import BackgroundConnection
+from vo_service.config_tables import ZenohConfig, check_prefix
+from vo_service.outputs.zenoh.cdr_odometry import decode_odometry
+from vo_service.outputs.zenoh.cdr_transform import decode_transform
+
+NAME = "listen"
+HELP = "print the poses that a running kinect-vo publishes"
+EPILOG = """\
+examples:
+  kinect-vo listen                          poses of the kinect-vo on this computer
+  kinect-vo listen --count 10 --json        ten poses, one JSON object a line
+  kinect-vo listen --prefix robot1 --connect tcp/192.168.1.20:7450
+  kinect-vo listen --prefix robot1 --config-file reader-tls.json5
+
+A line is: stamp x y z qx qy qz qw state. What is not a pose goes to stderr: changes of the status,
+and where odom lies in the map when that is corrected. A publisher that stops is waited for, as is
+one that has not started yet. Ctrl-C ends.
+"""
+
+# How long a publisher that is already there may take to say so.
+_STARTUP_WAIT_S = 1.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    add_connection_options(parser)
+    parser.add_argument(
+        "--count", type=_parse_count, metavar="N", default=math.inf, help="stop after N poses"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object a line, changes of status and map too"
+    )
+
+
+def _parse_count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of poses: give 1 or more")
+    return int(text)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print until `--count` poses have come, Ctrl-C, or nobody reads what is printed."""
+    prefix = check_prefix(args.prefix)
+    printer: PosePrinter = JsonPosePrinter() if args.json else TextPosePrinter()
+    where = args.config_file or args.connect
+    listener = _PosePrintingSubscriber(f"{prefix} at {where}", printer, args.count)
+    plan = ZenohConfig(listen=(), connect=(args.connect,), config_file=args.config_file)
+    try:
+        with closing(BackgroundConnection(plan, partial(listener.subscribe, prefix))):
+            listener.run()
+    except KeyboardInterrupt:
+        pass
+    except BrokenPipeError:
+        _discard_buffered_output()
+    return 0
+
+
+class _PosePrintingSubscriber:
+    """Takes samples from Zenoh's threads and prints them on the caller's."""
+
+    def __init__(self, publisher: str, printer: PosePrinter, count: float) -> None:
+        self._publisher = publisher
+        self._printer = printer
+        self._remaining = count
+        self._last_status: tuple[str, str] = ("", "")
+        self._samples: SimpleQueue[zenoh.Sample] = SimpleQueue()
+        self._last_map_odom: tuple[bytes, dict[str, Any]] = (b"", {})
+        self._handlers = {
+            "alive": self._on_liveliness,
+            "status": self._on_status,
+            "map_odom": self._on_map_odom,
+            "odom": self._on_odom,
+        }
+
+    def subscribe(self, prefix: str, session: zenoh.Session) -> None:
+        """Begin to listen to the keys with this prefix."""
+        session.declare_subscriber(f"{prefix}/status", self.receive)
+        session.declare_subscriber(f"{prefix}/map_odom", self.receive)
+        session.declare_subscriber(f"{prefix}/odom", self.receive)
+        session.liveliness().declare_subscriber(f"{prefix}/alive", self.receive, history=True)
+
+    def receive(self, sample: zenoh.Sample) -> None:
+        """Take one sample."""
+        self._samples.put(sample)
+
+    def run(self) -> None:
+        """Print until enough poses have come."""
+        try:
+            self._handle(self._samples.get(timeout=_STARTUP_WAIT_S))
+        except Empty:
+            print_notice(f"waiting for {self._publisher} (Ctrl-C ends)")
+        while self._remaining > 0:
+            self._handle(self._samples.get())
+
+    def _handle(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr)
+        try:
+            self._handlers[key.rsplit("/", 1)[-1]](sample)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            print_notice(f"{key}: passed over a message that cannot be read: {error}")
+
+    def _on_liveliness(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            print_notice(f"listening to {self._publisher}")
+        else:
+            print_notice(f"{self._publisher} has gone; waiting for it to come back (Ctrl-C ends)")
+
+    def _on_status(self, sample: zenoh.Sample) -> None:
+        content = json.loads(sample.payload.to_bytes())
+        status = (str(content["state"]), str(content["reason"]))
+        if status != self._last_status:
+            self._last_status = status
+            self._printer.print_status(content)
+
+    def _on_map_odom(self, sample: zenoh.Sample) -> None:
+        """Repeated twice a second, with newer stamps: only another one is shown."""
+        message = decode_transform(sample.payload.to_bytes())
+        about = _decode_attachment(sample)
+        found = (message.T_frame_child.tobytes(), about | {"seq": 0})
+        if found != self._last_map_odom:
+            self._last_map_odom = found
+            self._printer.print_map_odom(message, about)
+
+    def _on_odom(self, sample: zenoh.Sample) -> None:
+        self._printer.print_pose(
+            decode_odometry(sample.payload.to_bytes()), _decode_attachment(sample)
+        )
+        self._remaining -= 1
+
+
+def _decode_attachment(sample: zenoh.Sample) -> dict[str, Any]:
+    """The attachment's JSON, or nothing."""
+    content: dict[str, Any] = json.loads(sample.attachment.to_bytes()) if sample.attachment else {}
+    return content
+
+
+def _discard_buffered_output() -> None:
+    """Whoever read our output has gone (``| head``): Python's flush at exit must not complain."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,87 @@
+"""--loops and --trajectory-corrected: places that are known again in a recording."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.files import atomic_write
+from drivers.core.geometry import Array
+from drivers.core.trajectory import Trajectory, format_pose_line
+from vo_service.cli.kernels import prepare_loop_closure
+from vo_service.config import Config
+from vo_service.signals import StopSignal
+from vo_service.terminal import Terminal
+from vo_service.tools.evaluation.run_summary import LoopClosureSummary, evaluate_if_possible
+
+if TYPE_CHECKING:  # its libraries are slow to load
+    from vo_service.slam.loop_closure.synchronous_loop_closure import SynchronousLoopClosure
+
+
+def add_loop_closure_options(parser: argparse.ArgumentParser) -> None:
+    """Declare both."""
+    parser.add_argument(
+        "--loops", action="store_true", help="know places again, and correct the way by them"
+    )
+    parser.add_argument(
+        "--trajectory-corrected", metavar="FILE", type=Path,
+        help="write the poses as the loops have corrected them in the end; means --loops",
+    )  # fmt: skip
+
+
+def make_requested_loop_closure(
+    args: argparse.Namespace, config: Config, terminal: Terminal, stop: StopSignal
+) -> "SynchronousLoopClosure | None":
+    """Loops, if they are asked for, and all that they need. Raises as `prepare_loop_closure`."""
+    if args.trajectory_corrected is None and not args.loops:
+        return None
+    return make_loop_closure(config, terminal, stop)
+
+
+def make_loop_closure(
+    config: Config, terminal: Terminal, stop: StopSignal
+) -> "SynchronousLoopClosure":
+    """Loops that know no place yet. Raises as `prepare_loop_closure`."""
+    prepare_loop_closure(terminal, stop)
+    from vo_service.slam.loop_closure.factory import create_synchronous_loop_closure
+
+    return create_synchronous_loop_closure(config.map)
+
+
+def write_optimized_trajectory(
+    path: Path, trajectory: Trajectory, published_after_s: float
+) -> None:
+    """Write a trajectory whole, under published stamps. Raises UserFacingError."""
+    lines = map(
+        format_pose_line, trajectory.stamps_s + published_after_s, trajectory.T_world_camera
+    )
+    try:
+        atomic_write(path, "".join(lines).encode())
+    except OSError as error:
+        raise UserFacingError(f"{path}: the trajectory is not written: {error.strerror}") from error
+
+
+def summarize_loop_closure(
+    loop_closure: "SynchronousLoopClosure", truth: Trajectory | None, frames_s: Array
+) -> LoopClosureSummary:
+    """For the summary: what the loops have changed."""
+    closer = loop_closure.loop_closer
+    return LoopClosureSummary(
+        len(closer.database),
+        closer.loop_count,
+        evaluate_if_possible(loop_closure.trajectory, truth, frames_s),
+    )
+
+
+def check_optimized_trajectory_path(args: argparse.Namespace) -> None:
+    """Raise InputError for what would only be found out in the end: it could not be written."""
+    path: Path | None = args.trajectory_corrected
+    if path is None:
+        return
+    is_file_or_new = path.is_file() or not path.exists()
+    folder = path.parent  # a file is written whole beside the old one, and takes its place
+    if not (is_file_or_new and folder.is_dir() and os.access(folder, os.W_OK)):
+        raise InputError(
+            f"{path}: cannot write the trajectory; name a file in a folder that you may write to"
+        )

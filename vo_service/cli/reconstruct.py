@@ -1,0 +1,100 @@
+"""``kinect-vo reconstruct``: a coloured surface of what a recording shows."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from vo_service.cli.options import add_config_options
+from vo_service.reconstruction.tsdf_config import TsdfConfig
+
+NAME = "reconstruct"
+HELP = "make a coloured surface of what a recording shows"
+EPILOG = """\
+examples:
+  kinect-vo reconstruct recordings/desk
+  kinect-vo reconstruct recordings/desk recordings/desk/groundtruth.txt --voxel-m 0.005
+  kinect-vo reconstruct recordings/desk desk.txt --rerun serve --output maps/desk
+  kinect-vo reconstruct recordings/tour --loops
+
+Without TRAJECTORY the odometry runs first, and frames that it does not track well are left out.
+With --loops its poses are corrected by the places that are seen again: what is come back to is not
+drawn twice, and the odometry finds back to known places after a loss.
+OUTPUT gets map.ply (a mesh with colours and normals, in the trajectory's world), top.png,
+perspective.png, view.png and reconstruction.json, and trajectory.txt where the odometry ran.
+Ctrl-C ends the fusion and writes what there is by then; a second one writes nothing more.
+"""
+MIN_VOXEL_M, MAX_VOXEL_M = 0.002, 0.5
+MIN_MEMORY_MB = 20
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    usual = TsdfConfig()
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help="the recording, in TUM format")
+    parser.add_argument(
+        "trajectory", metavar="TRAJECTORY", type=Path, nargs="?",
+        help="poses of the optical camera, as in groundtruth.txt (default: the odometry's)",
+    )  # fmt: skip
+    add_config_options(parser)
+    parser.add_argument(
+        "--loops", action="store_true",
+        help="know places again, and correct the odometry's poses by them before the map is made",
+    )  # fmt: skip
+    parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")
+    parser.add_argument(
+        "--output", metavar="FOLDER", type=Path, default=Path("output/reconstruct"),
+        help="where to leave the results (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--voxel-m", metavar="M", type=_length_parser(MIN_VOXEL_M, MAX_VOXEL_M), default=usual.voxel_m,
+        help="the finest detail, in metres (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--memory-mb", metavar="MB", type=_megabytes_parser(MIN_MEMORY_MB), default=usual.memory_mb,
+        help="most memory of the map; what comes later is left out (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--max-depth-m", metavar="M", type=_length_parser(0.1, 20.0), default=usual.max_depth_m,
+        help="surfaces farther from the camera are left out (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rerun", metavar="TARGET", action="append",
+        help="watch it grow in Rerun: serve (a page on this computer), connect or "
+        "connect:HOST:PORT (a viewer that is open), or FILE.rrd; may be given several times",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+
+
+def _length_parser(min_m: float, max_m: float) -> Callable[[str], float]:
+    """A parser of lengths in metres."""
+
+    def metres(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = 0.0
+        if not min_m <= value <= max_m:
+            raise argparse.ArgumentTypeError(f"{text} is not a length: give {min_m:g} to {max_m:g}")
+        return value
+
+    return metres
+
+
+def _megabytes_parser(min_mb: int) -> Callable[[str], int]:
+    """A parser of whole numbers."""
+
+    def megabytes(text: str) -> int:
+        if not (text.isascii() and text.isdigit() and len(text) < 8 and int(text) >= min_mb):
+            raise argparse.ArgumentTypeError(
+                f"{text} is not a size: give {min_mb} or more, a whole number"
+            )
+        return int(text)
+
+    return megabytes
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find the poses, fuse, and leave the results. Raises InputError or UserFacingError."""
+    from vo_service.cli.reconstruct_pipeline import run_reconstruction
+
+    return run_reconstruction(args)

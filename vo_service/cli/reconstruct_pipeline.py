@@ -1,0 +1,159 @@
+"""The work of ``kinect-vo reconstruct``."""
+
+import argparse
+import json
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from drivers.core.errors import InputError
+from drivers.core.files import atomic_write
+from drivers.core.paths import create_output_folder
+from drivers.core.trajectory import (
+    MAX_STAMP_DIFFERENCE_S,
+    Trajectory,
+    format_pose_line,
+    has_match,
+    read_trajectory,
+)
+from drivers.tum.camera import TumCamera
+from drivers.tum.folder import open_tum_folder, read_frame_pairs
+from vo_service.cli.kernels import run_warm_up
+from vo_service.cli.loop_closure_options import make_loop_closure
+from vo_service.cli.options import load_config
+from vo_service.cli.track_recording import track_recording
+from vo_service.config import Config
+from vo_service.outputs.rerun.preview import PreviewScene, open_previews
+from vo_service.reconstruction.frame_poses import FramePoses
+from vo_service.reconstruction.preview import PreviewFrame
+from vo_service.reconstruction.reconstructor import ReconstructionResult, Reconstructor
+from vo_service.reconstruction.report import ReconstructionReport, translate_write_errors
+from vo_service.reconstruction.tsdf_config import TsdfConfig
+from vo_service.reconstruction.tsdf_volume import TsdfVolume
+from vo_service.reconstruction.warm_up import warm_up_reconstruction
+from vo_service.signals import StopSignal, stop_on_signals
+from vo_service.terminal import Terminal
+
+TRAJECTORY_FILE = "trajectory.txt"
+_log = logging.getLogger(__name__)
+
+
+def run_reconstruction(args: argparse.Namespace) -> int:
+    """Find the poses, fuse, and leave the results. Raises InputError or UserFacingError."""
+    config = load_config(args)
+    camera_file = args.camera or config.camera.file
+    terminal = Terminal()
+    # Whatever would only fail after the work.
+    if args.loops and args.trajectory is not None:
+        raise InputError(
+            f"{args.trajectory}: --loops corrects the poses of the odometry alone; leave one out"
+        )
+    open_tum_folder(args.folder, camera_file)
+    poses = None if args.trajectory is None else _read_trajectory(args.trajectory, args.folder)
+    of_places: Mapping[str, int] = {}
+    fusion = _make_volume(args)
+    create_output_folder(args.output)
+    with (
+        stop_on_signals() as stop,
+        open_previews(
+            config.rerun.targets, "kinect-vo-reconstruct", _load_scene_class, terminal.write_line
+        ) as views,
+    ):
+        run_warm_up(warm_up_reconstruction, terminal, stop)
+        if poses is None:
+            recording = TumCamera(args.folder, camera_file)
+            poses, of_places = _track_recording(args, recording, config, terminal, stop)
+        reconstruction = Reconstructor(fusion, FramePoses(poses), views)
+        with TumCamera(args.folder, camera_file) as camera, terminal.busy("fusing") as busy:
+            reconstruction.run(camera, stop.event, busy.progress_callback("frame"))
+        with terminal.busy("making the map") as busy:
+            results = _make_results(args.folder, reconstruction, fusion, stop)
+            results = replace(results, loop_closure_counts=of_places)
+            results.save(args.output, busy.set_detail)
+    terminal.write_line(
+        f"results: {args.output}" + (" (cut short)" if results.is_interrupted else "")
+    )
+    print(json.dumps(results.as_json()) if args.json else results.as_table())
+    return stop.exit_code
+
+
+def _load_scene_class() -> type[PreviewScene[PreviewFrame]]:
+    from vo_service.reconstruction.rerun_preview import ReconstructionScene  # imports rerun
+
+    return ReconstructionScene
+
+
+def _make_volume(args: argparse.Namespace) -> TsdfVolume:
+    try:
+        return TsdfVolume(TsdfConfig(args.voxel_m, args.memory_mb, args.max_depth_m))
+    except MemoryError as error:
+        raise InputError(
+            f"--memory-mb {args.memory_mb}: this computer does not have it; give less"
+        ) from error
+
+
+def _read_trajectory(trajectory: Path, folder: Path) -> Trajectory:
+    """Poses for a recording. Raises InputError if they are of another one."""
+    poses = read_trajectory(trajectory)
+    frames_s = np.array([pair.color.stamp_s for pair in read_frame_pairs(folder).pairs])
+    if not has_match(frames_s, poses.stamps_s).any():
+        raise InputError(
+            f"{trajectory}: has no pose within {1000 * MAX_STAMP_DIFFERENCE_S:.0f} ms of any frame of {folder} "
+            f"(poses {poses.stamps_s[0]:.3f}..{poses.stamps_s[-1]:.3f} s, frames "
+            f"{frames_s[0]:.3f}..{frames_s[-1]:.3f} s): give a trajectory of this recording"
+        )
+    return poses
+
+
+def _track_recording(
+    args: argparse.Namespace,
+    camera: TumCamera,
+    config: Config,
+    terminal: Terminal,
+    stop: StopSignal,
+) -> tuple[Trajectory, Mapping[str, int]]:
+    """The odometry's poses, which are left among the results; with loops, how many there were."""
+    loops = make_loop_closure(config, terminal, stop) if args.loops else None
+    poses = track_recording(args.folder, camera, config, terminal, stop, loops)
+    lines = map(format_pose_line, poses.stamps_s, poses.T_world_camera)
+    with translate_write_errors(args.output / TRAJECTORY_FILE):
+        atomic_write(args.output / TRAJECTORY_FILE, "".join(lines).encode())
+    if loops is None:
+        return poses, {}
+    return poses, {"places": len(loops.loop_closer.database), "loops": loops.loop_closer.loop_count}
+
+
+def _make_results(
+    folder: Path, reconstruction: Reconstructor, volume: TsdfVolume, stop: StopSignal
+) -> ReconstructionReport:
+    """The map, with a warning where it is not all that was asked for.
+
+    Raises InputError if there is no surface in it, KeyboardInterrupt if it was stopped before.
+    """
+    harvest, mesh = reconstruction.result, reconstruction.finish()
+    if harvest.camera is None or not len(mesh.triangles):
+        stop.check()
+        raise InputError(f"{folder}: {_empty_result_reason(harvest, volume.config.max_depth_m)}")
+    if harvest.full_at_frame:
+        _log.warning(
+            "the map was full at frame %d of %d: what came into view later is left out; give more "
+            "than --memory-mb %d, or larger voxels than --voxel-m %g",
+            harvest.full_at_frame, harvest.frames, volume.config.memory_mb, volume.config.voxel_m,
+        )  # fmt: skip
+    title = f"{folder.resolve().name}: {harvest.fused} of {harvest.frames} frames, from above"
+    return ReconstructionReport(title, harvest.camera, mesh, harvest, volume, stop.event.is_set())
+
+
+def _empty_result_reason(result: ReconstructionResult, max_depth_m: float) -> str:
+    if result.without_depth and not result.fused:
+        return (
+            f"no depth up to {max_depth_m:g} m in any of {result.without_depth} frames; give a "
+            "recording with depth, the right depth_factor, or a greater --max-depth-m"
+        )
+    return (
+        f"{result.fused} of {result.frames} frames could be used, and no surface is known well "
+        "by them; give more frames, or larger voxels with --voxel-m"
+    )

@@ -1,0 +1,153 @@
+"""``kinect-vo record``: any camera into a folder in TUM format."""
+
+import argparse
+import math
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+
+from drivers.camera import (
+    CameraState,
+    EndOfStream,
+    FrameTimeout,
+    PlaybackMode,
+    RgbdCamera,
+    RgbdFrame,
+)
+from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
+from drivers.registry import CameraRequest, make_camera
+from drivers.synthetic.config import SyntheticConfig
+from drivers.tum.encode import ColorFormat
+from drivers.tum.writer import TumWriter
+from vo_service.cli.options import add_camera_options, parse_seconds
+from vo_service.clock import make_publish_clock
+from vo_service.config import read_config
+from vo_service.signals import StopSignal, stop_on_signals
+from vo_service.terminal import Terminal
+
+NAME = "record"
+HELP = "record any camera into a folder in TUM format"
+EPILOG = """\
+examples:
+  kinect-vo record --camera freenect --seconds 30 recordings/desk
+  kinect-vo record --camera openni2:desk.oni recordings/desk
+  kinect-vo record --camera synthetic --seconds 10 recordings/room
+  kinect-vo record --camera freenect recordings/desk
+  kinect-vo record --camera tum:recordings/desk --jpeg desk-small
+
+The folder can be replayed at once, and whenever the recording is cut off: an image is listed only
+when it is there. PNG keeps every bit, so a replay gives the same trajectory as the camera did.
+"""
+POLL_PERIOD_S = 0.25
+# Without a frame for this long, the camera is not waited for any more: a room takes long to paint
+# on a slow computer, and its kernels to compile.
+FRAME_TIMEOUT_S = 10.0
+OPEN_TIMEOUT_S = 120.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help="new folder to record into")
+    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
+    add_camera_options(parser)
+    parser.add_argument(
+        "--seconds", type=parse_seconds, metavar="S", default=math.inf,
+        help="stop after S seconds of the camera's time (default: at its end, or at Ctrl-C)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--jpeg", action="store_true", help="colour as JPEG: a third of the size, not bit for bit"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record until the camera ends, the time is up, or Ctrl-C."""
+    config = read_config(args.config)
+    terminal = Terminal()
+    camera = make_camera(
+        CameraRequest(
+            source=args.camera or config.camera.source,
+            camera_file=args.camera_file or config.camera.file,
+            playback_mode=PlaybackMode.LOCKSTEP,
+            sensor=config.sensor,
+            synthetic=_play_once(config.synthetic, args.seconds),
+        )
+    )
+    with camera, stop_on_signals() as stop:
+        frames = _read_frames(camera, terminal, stop)
+        first = next(frames, None)  # before the folder is made: there may be no camera
+        written = 0 if first is None else _write_frames(args, camera, first, frames, terminal)
+    terminal.clear()
+    print(f"{written} frames in {args.folder}" if written else "no frame came: nothing is written")
+    return stop.exit_code
+
+
+def _write_frames(
+    args: argparse.Namespace,
+    camera: RgbdCamera,
+    first: RgbdFrame,
+    rest: Iterator[RgbdFrame],
+    terminal: Terminal,
+) -> int:
+    """Make the folder; how many frames there are in it at the end."""
+    colour = ColorFormat.JPEG if args.jpeg else ColorFormat.PNG
+    with TumWriter(args.folder, ground_truth=camera.ground_truth, color_format=colour) as writer:
+        for frame in chain([first], rest):
+            if frame.stamp_s - first.stamp_s >= args.seconds:
+                break
+            writer.write(frame)
+            terminal.progress("recording: frame", frame.seq + 1, camera.frame_count)
+    return writer.written
+
+
+def _play_once(synthetic: SyntheticConfig, max_duration_s: float) -> SyntheticConfig:
+    """The virtual Kinect's room without going round, so that there is an end and a ground truth."""
+    duration_s = max_duration_s if math.isfinite(max_duration_s) else synthetic.duration_s
+    return replace(synthetic, loop=False, duration_s=duration_s)
+
+
+def _read_frames(camera: RgbdCamera, terminal: Terminal, stop: StopSignal) -> Iterator[RgbdFrame]:
+    """Until the camera ends or a stop is asked for; a live camera's under Unix time, as poses are.
+
+    Raises CameraNotFoundError or, after the first frame, CameraLostError if it sends none for long.
+    """
+    clock = make_publish_clock(camera.clock, 0.0)
+    is_first = True
+    while not stop.event.is_set():
+        try:
+            frame = _read_next_frame(camera, terminal, stop, is_first)
+        except EndOfStream:
+            return
+        if frame is not None:
+            yield replace(frame, stamp_s=clock.published_s(frame.stamp_s))
+            is_first = False
+
+
+def _read_next_frame(
+    camera: RgbdCamera, terminal: Terminal, stop: StopSignal, is_first: bool
+) -> RgbdFrame | None:
+    """The next frame; None when a stop is asked for before it comes."""
+    with suppress(FrameTimeout):
+        return camera.read(POLL_PERIOD_S)
+    begin_s = time.monotonic()
+    with terminal.busy("recording: waiting for the camera") as busy:
+        while not stop.event.is_set():
+            with suppress(FrameTimeout):
+                return camera.read(POLL_PERIOD_S)
+            condition = camera.status
+            busy.set_detail(str(condition))
+            is_opening = condition.state is CameraState.OPENING
+            patience_s = OPEN_TIMEOUT_S if is_opening else FRAME_TIMEOUT_S
+            if time.monotonic() - begin_s > patience_s:
+                raise _timeout_error(camera, is_first, patience_s)
+    return None
+
+
+def _timeout_error(camera: RgbdCamera, is_first: bool, timeout_s: float) -> CameraError:
+    """Why nothing, or nothing more, is recorded."""
+    what = f"{camera.name}: no frame for {timeout_s:g} s, the camera is {camera.status}"
+    if is_first:
+        return CameraNotFoundError(f"{what}; see to the camera and record again")
+    return CameraLostError(f"{what}; the frames recorded so far are complete")

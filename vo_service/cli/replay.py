@@ -1,0 +1,136 @@
+"""``kinect-vo replay``: the odometry over a recorded folder, with its figures at the end."""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from drivers.camera import PlaybackMode
+from drivers.core.errors import InputError
+from drivers.tum.camera import TumCamera
+from drivers.tum.folder import read_frame_pairs
+from vo_service.app import OutputsConfig, open_outputs, run_replay
+from vo_service.cli.kernels import prepare_kernels
+from vo_service.cli.loop_closure_options import (
+    add_loop_closure_options,
+    check_optimized_trajectory_path,
+    make_requested_loop_closure,
+    summarize_loop_closure,
+    write_optimized_trajectory,
+)
+from vo_service.cli.options import (
+    add_config_options,
+    add_output_options,
+    load_config,
+    parse_playback_mode,
+    parse_seconds,
+)
+from vo_service.frame_source import SinglePassSource
+from vo_service.outputs.progress import ProgressOutput
+from vo_service.outputs.trajectory.trajectory_recorder import TrajectoryRecorder
+from vo_service.outputs.zenoh.connection import ConnectOnce, ConnectOnFreePort
+from vo_service.signals import stop_on_signals
+from vo_service.terminal import Terminal
+from vo_service.tools.evaluation.run_summary import RunSummary
+from vo_service.types import NullLoopClosure, Output
+
+NAME = "replay"
+HELP = "run the odometry over a recorded folder in TUM format"
+EPILOG = """\
+examples:
+  kinect-vo replay recordings/desk --trajectory desk.txt
+  kinect-vo replay recordings/desk --pace realtime --rerun serve
+  kinect-vo replay recordings/desk --json --no-publish | jq .ate_rmse_m
+  kinect-vo replay recordings/tour --trajectory-corrected tour.txt
+
+The folder needs FOLDER/camera.toml, a name that says freiburg1, freiburg2 or freiburg3, or
+--camera FILE. With FOLDER/groundtruth.txt the summary says how good the trajectory is.
+
+lockstep runs every frame as fast as it goes and repeats bit for bit; subscribers get every pose.
+realtime keeps the recording's own clock and drops what comes too late, as on the robot.
+
+Several replays can run at once, and beside the service: where the default port is taken, poses are
+published on a free one, which is printed. A port of your own (zenoh.listen) that is taken is an
+error, as is any with --wait-for-subscriber.
+
+With --loops, places that are seen again are known again: after a loss the camera finds back, and
+the summary says what closing the loops has gained. The poses that are published stay smooth; what
+was learnt in the end goes into the file of --trajectory-corrected.
+"""
+
+# What a recording consists of, beside its images.
+RECORDING_FILES = ("rgb.txt", "depth.txt", "associations.txt", "groundtruth.txt", "camera.toml")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help="the recording")
+    add_config_options(parser)
+    parser.add_argument(
+        "--pace", type=parse_playback_mode, metavar="PACE", default=PlaybackMode.LOCKSTEP,
+        help="lockstep (default) or realtime",
+    )  # fmt: skip
+    parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")
+    add_output_options(parser)
+    add_loop_closure_options(parser)
+    parser.add_argument(
+        "--wait-for-subscriber", metavar="SECONDS", type=parse_seconds, default=0.0,
+        help="begin when someone subscribes to the poses, or after SECONDS",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print one JSON object, nothing else")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay and print the summary."""
+    config = load_config(args)
+    _check_not_overwriting_recording(args)
+    check_optimized_trajectory_path(args)
+    terminal = Terminal()
+    memory = TrajectoryRecorder()
+    with TumCamera(args.folder, args.camera or config.camera.file, args.pace) as camera:
+        with stop_on_signals() as stop:
+            prepare_kernels(config, terminal, stop)
+            loops = make_requested_loop_closure(args, config, terminal, stop)
+        request = OutputsConfig(
+            playback_mode=args.pace,
+            zenoh=None if args.no_publish else config.zenoh,
+            # Who is waited for comes to the port that was agreed on.
+            connect_policy=ConnectOnce if args.wait_for_subscriber else ConnectOnFreePort,
+            wait_for_subscriber_s=args.wait_for_subscriber,
+            rerun=config.rerun,
+            trajectory=args.trajectory,
+            ground_truth=lambda: camera.ground_truth,
+            log_line=terminal.write_line,
+        )
+        progress = ProgressOutput(terminal, "replay", camera.frame_count)
+        own: list[Output] = [memory, *([loops] if loops else []), progress]
+        with open_outputs(request) as opened, stop_on_signals() as stop:
+            outputs = [*opened.outputs, *own]
+            feed = SinglePassSource(camera)
+            ending = run_replay(config, camera, feed, outputs, stop, loops or NullLoopClosure())
+        for output in own:
+            output.close()
+        truth = camera.ground_truth
+        frames_s = np.array([pair.color.stamp_s for pair in read_frame_pairs(args.folder).pairs])
+        with_loops = summarize_loop_closure(loops, truth, frames_s) if loops else None
+        summary = RunSummary.from_run(
+            ending.statistics, camera.counters, memory.trajectory, truth, frames_s, with_loops
+        )
+    if loops and args.trajectory_corrected:
+        write_optimized_trajectory(
+            args.trajectory_corrected, loops.trajectory, memory.publish_offset_s
+        )
+    print(json.dumps(summary.as_json()) if args.json else summary.as_table())
+    return ending.exit_code
+
+
+def _check_not_overwriting_recording(args: argparse.Namespace) -> None:
+    """Raise InputError if a trajectory would be written over one of the recording's files."""
+    for path in (args.trajectory, args.trajectory_corrected):
+        if path is not None and path.exists():
+            inside = path.resolve().is_relative_to(args.folder.resolve())
+            if inside and path.name in RECORDING_FILES:
+                raise InputError(
+                    f"{path}: belongs to the recording; write the trajectory elsewhere"
+                )

@@ -1,0 +1,49 @@
+"""``kinect-vo router``: a small Zenoh router, for a fleet without `zenohd`."""
+
+import argparse
+from pathlib import Path
+
+from drivers.core.errors import InputError
+from vo_service.cli.options import print_message
+from vo_service.config_tables import ZenohConfig
+from vo_service.outputs.zenoh.endpoints import configured_endpoints
+from vo_service.outputs.zenoh.link_events import log_link_events
+from vo_service.outputs.zenoh.log_capture import capture_zenoh_log
+from vo_service.outputs.zenoh.session import build_zenoh_config, open_session
+from vo_service.signals import stop_on_signals
+
+NAME = "router"
+HELP = "run a small Zenoh router for several robots, until Ctrl-C or SIGTERM"
+EPILOG = """\
+examples:
+  kinect-vo router /etc/kinect-vo/fleet-router.json5
+  kinect-vo router fleet-router.json5 --verbose      says who connects and who leaves
+
+FILE is a Zenoh configuration, such as config/zenoh/fleet-router.json5. Zenoh's own router, zenohd,
+takes the same file: zenohd -c fleet-router.json5, in the folder that holds the file and its keys.
+"""
+
+_POLL_PERIOD_S = 0.2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument("file", metavar="FILE", type=Path, help="Zenoh configuration (JSON5)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Route until stopped. Raises InputError for a file that is wrong or not a router's."""
+    config = ZenohConfig(config_file=args.file, listen=())
+    settings = build_zenoh_config(config)
+    if settings.get_json("mode") != '"router"':
+        raise InputError(f'{args.file}: this is no router\'s file; write mode: "router" in it')
+    with stop_on_signals() as stop, capture_zenoh_log(), open_session(config) as session:
+        log_link_events(session)
+        print_message(
+            f"router: listening at {', '.join(configured_endpoints(settings, 'listen'))} (Ctrl-C ends)"
+        )
+        # Not for ever at once: the kernel may hand the signal to one of Zenoh's threads, and then
+        # nothing wakes this one to act on it.
+        while not stop.event.wait(_POLL_PERIOD_S):
+            pass
+    return 0

@@ -1,0 +1,176 @@
+"""``kinect-vo run``: the odometry as a service, for as long as the robot is on."""
+
+import argparse
+import sys
+from contextlib import closing, suppress
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+from drivers.camera import PlaybackMode, RgbdCamera
+from drivers.core.errors import InputError
+from drivers.core.files import rotate_file
+from drivers.core.memory import release_memory
+from drivers.registry import CameraRequest, make_camera
+from vo_service.app import OutputsConfig, ServiceDependencies, build_live_service, open_outputs
+from vo_service.cli.kernels import loops_are_prepared, prepare_kernels, prepare_loop_closure
+from vo_service.cli.options import (
+    add_camera_options,
+    add_config_options,
+    add_output_options,
+    add_prefix_option,
+    load_config,
+    parse_playback_mode,
+)
+from vo_service.command_queue import CommandQueue
+from vo_service.config import Config
+from vo_service.logs import set_log_level
+from vo_service.outputs.progress import ProgressOutput
+from vo_service.outputs.recorder.factory import open_recorder
+from vo_service.outputs.state_log import StateLogOutput
+from vo_service.outputs.systemd import SystemdOutput
+from vo_service.outputs.zenoh.command_server import make_command_endpoint
+from vo_service.outputs.zenoh.connection import ConnectWithRetry
+from vo_service.outputs.zenoh.log_capture import log_access_denied
+from vo_service.outputs.zenoh.output import ExtraEndpoints
+from vo_service.reload import ConfigReloader
+from vo_service.signals import (
+    ReloadSignal,
+    StopSignal,
+    force_exit_after,
+    reload_on_sighup,
+    run_on_loop_thread,
+    stop_on_signals,
+)
+from vo_service.slam.mapper.factory import open_mapper
+from vo_service.terminal import Terminal
+from vo_service.types import Command, Output
+
+NAME = "run"
+HELP = "run the odometry as a service, until Ctrl-C or SIGTERM"
+EPILOG = """\
+examples:
+  kinect-vo run --camera freenect --rerun serve
+  kinect-vo run --camera synthetic
+  kinect-vo run --camera tum:recordings/desk --rerun serve
+  kinect-vo run --config /etc/kinect-vo/kinect.toml
+
+A camera that goes away is waited for: the status then says no_camera, and why. So it does when a
+recording has ended. A port that is taken and a router that is away are waited for too. SIGHUP reads
+the file of --config again; without one it ends the service, as a terminal that is closed does. A
+trajectory that is there already is kept as FILE-0001, FILE-0002 and so on. Ctrl-C and SIGTERM are
+the way to end it, within 5 seconds, with exit code 0.
+"""
+# From being asked to end until the process is gone.
+MAX_SHUTDOWN_S = 4.5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    add_config_options(parser)
+    add_camera_options(parser)
+    parser.add_argument(
+        "--pace", type=parse_playback_mode, metavar="PACE", default=PlaybackMode.REALTIME,
+        help="realtime (default), or lockstep for a recording",
+    )  # fmt: skip
+    add_prefix_option(parser)
+    add_output_options(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until stopped."""
+    config = load_config(args)
+    set_log_level(config.log.level)
+    _rotate_trajectory(args.trajectory)
+    terminal = Terminal()
+    camera = _make_camera(args, config)
+    with (
+        stop_on_signals() as stop,
+        reload_on_sighup() as hangup,
+        force_exit_after(stop, MAX_SHUTDOWN_S),
+        suppress(KeyboardInterrupt),
+    ):
+        camera.prepare()
+        prepare_kernels(config, terminal, stop)
+        if config.map.enabled and config.map.loops and not loops_are_prepared():
+            prepare_loop_closure(terminal, stop)
+        _serve(args, config, camera, terminal, stop, hangup)
+    return 0
+
+
+def _serve(
+    args: argparse.Namespace,
+    config: Config,
+    camera: RgbdCamera,
+    terminal: Terminal,
+    stop: StopSignal,
+    hangup: ReloadSignal,
+) -> None:
+    """Put the parts together, run the loop, and take them apart: the last one opened first."""
+    inbox: CommandQueue[Command] = CommandQueue()
+    reloader = ConfigReloader(config, lambda: load_config(args))
+    systemd = SystemdOutput()
+    commands = make_command_endpoint(config.commands, inbox)
+    request = OutputsConfig(
+        playback_mode=args.pace,
+        zenoh=None if args.no_publish else config.zenoh,
+        connect_policy=ConnectWithRetry,
+        extra_endpoints=ExtraEndpoints(commands, config.ros2),
+        recorder=partial(open_recorder, config.recorder, asdict(config)),
+        mapper=partial(open_mapper, config.map),
+        rerun=config.rerun,
+        trajectory=args.trajectory,
+        log_line=terminal.write_line,
+    )
+    with (
+        log_access_denied(config.zenoh),
+        open_outputs(request) as opened,
+        closing(systemd),
+        closing(inbox),
+    ):
+        told: list[Output] = [systemd, StateLogOutput(), ProgressOutput(terminal, "run", None)]
+        live = build_live_service(
+            config,
+            camera,
+            ServiceDependencies(
+                outputs=[*opened.outputs, *told],
+                command_queue=inbox,
+                recorder=opened.recorder,
+                mapper=opened.mapper,
+                viewers=opened.viewers,
+                warning_sources=[reloader],
+                on_command_config=commands.configure,
+            ),
+        )
+
+        def reload() -> None:
+            with systemd.notify_reloading():
+                inbox.submit_internal(live.make_reload_command(reloader.reload()))
+
+        # Without a file there is nothing to read again: the terminal has gone.
+        on_hangup = stop.request if args.config is None else reload
+        release_memory()  # all kernels are there
+        run_on_loop_thread(live.service.run, stop, hangup, on_hangup)
+
+
+def _rotate_trajectory(path: Path | None) -> None:
+    """What an earlier run has written is kept as FILE-0001 and so on. Raises InputError."""
+    if path is not None and path.is_file():
+        try:
+            rotate_file(path, max_files=sys.maxsize)
+        except OSError as error:
+            raise InputError(
+                f"{path}: cannot be put aside: {error.strerror}; name another file"
+            ) from error
+
+
+def _make_camera(args: argparse.Namespace, config: Config) -> RgbdCamera:
+    return make_camera(
+        CameraRequest(
+            source=args.camera or config.camera.source,
+            camera_file=args.camera_file or config.camera.file,
+            playback_mode=args.pace,
+            sensor=config.sensor,
+            synthetic=config.synthetic,
+        )
+    )

@@ -1,0 +1,88 @@
+"""``kinect-vo service``: install the program as a service of this computer, or take it away."""
+
+import argparse
+import os
+from pathlib import Path
+
+from drivers.core.errors import UserFacingError
+from vo_service.tools.install.installer import Installer, Uninstaller
+from vo_service.tools.install.system_files import format_sudo_command
+from vo_service.tools.install.systemd import OfflineSystemd, Systemd
+from vo_service.tools.install.unit import DROP_IN, UNITS, ServiceUnit, read_service_file
+
+NAME = "service"
+HELP = "install this program as a systemd service, or take it away"
+EPILOG = """\
+examples:
+  kinect-vo service show kinect-vo.service                print a file
+  sudo .venv/bin/kinect-vo service install --enable       and it runs, now and after a restart
+  sudo .venv/bin/kinect-vo service install --name front   kinect-vo@front, with keys front/...
+  sudo kinect-vo service uninstall                        the configuration and incidents stay
+  sudo kinect-vo service uninstall --purge                they go as well
+
+`install` copies the program that runs it, with all that it needs, to /opt/kinect-vo: a service sees
+neither /root nor /home. It downloads nothing. It writes the units, the udev rules, the command
+/usr/local/bin/kinect-vo and, only where there is none, /etc/kinect-vo/kinect.toml. Run again from a
+newer checkout, it brings the service up to date and starts it anew.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's actions."""
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action", required=True)
+    install = actions.add_parser("install", help="install or bring up to date (as root)")
+    install.add_argument(
+        "--name", default="", metavar="NAME",
+        help="kinect-vo@NAME with /etc/kinect-vo/NAME.toml, one of several on this computer",
+    )  # fmt: skip
+    install.add_argument(
+        "--enable", action="store_true", help="start it now, and whenever the computer starts"
+    )
+    install.add_argument(
+        "--network-tls", action="store_true",
+        help="also the drop-in that opens the network, for the TLS profile",
+    )  # fmt: skip
+    uninstall = actions.add_parser("uninstall", help="take it away (as root)")
+    uninstall.add_argument(
+        "--purge", action="store_true", help="also /etc/kinect-vo, incidents and compiled kernels"
+    )
+    for action in (install, uninstall):
+        action.add_argument(
+            "--root", metavar="DIR", type=Path, default=Path("/"),
+            help="a tree other than /, such as an image's; nothing is started",
+        )  # fmt: skip
+    show = actions.add_parser("show", help="print a file that is installed")
+    show.add_argument("file", choices=[*UNITS, DROP_IN, "kinect.toml"])
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do it. Raises UserFacingError naming the sudo command where this user may not."""
+    if args.action == "show":
+        print(read_service_file(args.file), end="")
+        return 0
+    root: Path = args.root.absolute()
+    before = os.umask(0o022)  # what is installed is for every user to read
+    try:
+        _require_root(root, args)
+        systemd = Systemd() if root == Path("/") else OfflineSystemd(root)
+        if args.action == "install":
+            unit, installer = ServiceUnit(args.name), Installer(root, systemd, print_line)
+            installer.install(unit, enable=args.enable, network_tls=args.network_tls)
+        else:
+            Uninstaller(root, systemd, print_line).uninstall(purge=args.purge)
+    finally:
+        os.umask(before)
+    return 0
+
+
+def print_line(text: str) -> None:
+    """Tell what was done, at once."""
+    print(text, flush=True)
+
+
+def _require_root(root: Path, args: argparse.Namespace) -> None:
+    if root == Path("/") and os.geteuid() != 0:
+        given = [f"--{key.replace('_', '-')}" for key, value in vars(args).items() if value is True]
+        name = ["--name", args.name] if getattr(args, "name", "") else []
+        command = format_sudo_command("service", args.action, *name, *given)
+        raise UserFacingError(f"only root may change the services of this computer; run: {command}")

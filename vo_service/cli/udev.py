@@ -1,0 +1,62 @@
+"""``kinect-vo udev``: the rules that let a sensor be opened without root."""
+
+import argparse
+from pathlib import Path
+
+from vo_service.cli.options import print_message
+from vo_service.tools.install.udev import apply_rules, install, list_system_files, uninstall
+
+NAME = "udev"
+HELP = "install, show or remove the rules that let a sensor be opened without root"
+EPILOG = """\
+examples:
+  kinect-vo udev show                 what would be written
+  sudo kinect-vo udev install         then unplug the sensor and plug it in again
+  kinect-vo udev install --root DIR   into another tree, for a package; nothing is reloaded
+
+Two files: /etc/udev/rules.d/59-kinect-vo.rules, by which each sensor belongs to the group plugdev
+and to whoever sits at the computer (mode 0660, uaccess), and /etc/modprobe.d/kinect-vo.conf, which
+keeps the kernel's webcam driver gspca_kinect away. It may be run again at any time.
+
+Debian's libfreenect0.5 and libopenni2-0 bring rules by which every user may open some of these
+sensors (mode 0666). Ours come first and are final, so they win; without ours, theirs hold.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's actions."""
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", dest="action", required=True)
+    for name, text in (
+        ("install", "write the files and have udev read them (as root)"),
+        ("uninstall", "remove the files and have udev forget them (as root)"),
+    ):
+        action = actions.add_parser(name, help=text)
+        action.add_argument(
+            "--root", metavar="DIR", type=Path, help="a tree other than /; nothing is reloaded"
+        )
+    actions.add_parser("show", help="print the files")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do it. Raises UserFacingError naming the sudo command where this user may not."""
+    if args.action == "show":
+        print("\n".join(f"# /{file.path}\n{file.text}" for file in list_system_files()), end="")
+        return 0
+    root: Path = args.root or Path("/")
+    changed = (install if args.action == "install" else uninstall)(root)
+    verb = "written" if args.action == "install" else "removed"
+    for file in list_system_files():
+        path = root / file.path
+        rest = "was there already" if args.action == "install" else "was not there"
+        print(f"{path}: {verb if path in changed else rest}")
+    if args.root is None:
+        _apply_rules()
+    return 0
+
+
+def _apply_rules() -> None:
+    complaint = apply_rules()
+    if complaint:
+        print_message(f"kinect-vo: warning: {complaint}; restart the computer to apply the change")
+    else:
+        print("Now unplug the sensor, with its power, and plug it in again.")

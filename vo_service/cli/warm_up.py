@@ -1,0 +1,61 @@
+"""``kinect-vo warm-up``: compile the numeric kernels ahead of time."""
+
+import argparse
+import time
+from collections.abc import Callable
+
+from vo_service.cli.kernels import prepare_kernels, prepare_loop_closure, run_warm_up
+from vo_service.cli.options import add_config_options, load_config
+from vo_service.reconstruction.warm_up import warm_up_reconstruction
+from vo_service.signals import stop_on_signals
+from vo_service.terminal import Terminal
+
+NAME = "warm-up"
+HELP = "compile the numeric kernels and keep them, so that the next start is quick"
+EPILOG = """\
+examples:
+  kinect-vo warm-up                     as the user who will run kinect-vo
+
+The kernels are kept in the cache folder: $CACHE_DIRECTORY (systemd), else
+$XDG_CACHE_HOME/kinect-vo, else ~/.cache/kinect-vo. $NUMBA_CACHE_DIR names another. Where set-up has
+compiled them already, they are copied from there.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    add_config_options(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compile, or find that all is there."""
+    config = load_config(args)
+    terminal = Terminal()
+    with stop_on_signals() as stop:
+        taken_s = prepare_kernels(config, terminal, stop)
+        if config.map.enabled:
+            taken_s += run_warm_up(warm_up_reconstruction, terminal, stop)
+            taken_s += prepare_loop_closure(terminal, stop)
+        if config.recorder.enabled or config.map.enabled:
+            taken_s += run_warm_up(_warm_up_depth_packing, terminal, stop)
+        if config.camera.source == "synthetic":
+            taken_s += run_warm_up(_warm_up_renderer, terminal, stop)
+    maps = " and of maps" if config.map.enabled else ""
+    print(f"the kernels of {config.odometry.method}{maps} are ready ({taken_s:.1f} s)")
+    return 0
+
+
+def _warm_up_depth_packing(on_progress: Callable[[str], None]) -> float:
+    from drivers.core.shared_frames.depth_packing import compile_kernels
+
+    begin_s = time.monotonic()
+    on_progress("packing of depth")
+    compile_kernels()
+    return time.monotonic() - begin_s
+
+
+def _warm_up_renderer(on_progress: Callable[[str], None]) -> float:
+    from drivers.synthetic.warm_up import warm_up_renderer
+
+    on_progress("virtual Kinect")
+    return warm_up_renderer()

@@ -1,1 +1,0 @@
-"""The subcommands of kinect-vo, one file each."""

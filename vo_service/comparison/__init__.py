@@ -1,1 +1,0 @@
-"""Methods beside each other on recordings: running them, keeping what they did, the report."""

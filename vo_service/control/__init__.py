@@ -1,1 +1,0 @@
-"""What others may ask of the running service: commands, and how they reach the loop."""

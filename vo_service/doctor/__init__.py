@@ -1,1 +1,0 @@
-"""What is wrong with this computer's sensor, and how to mend it."""

@@ -1,1 +1,0 @@
-"""Sequences of the TUM RGB-D benchmark: brought here, checked and unpacked."""

@@ -1,5 +1,0 @@
-"""How good a trajectory is: ATE, RPE, coverage, pictures."""
-
-from vo_service.evaluation.report import Evaluation, evaluate
-
-__all__ = ["Evaluation", "evaluate"]

@@ -1,1 +1,0 @@
-"""kinect-vo as a service of the system: what is written where, and how it is taken away again."""

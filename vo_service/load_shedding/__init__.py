@@ -1,0 +1,1 @@
+"""What the service gives up when the machine is too slow."""

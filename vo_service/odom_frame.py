@@ -1,0 +1,205 @@
+"""From estimates to what is published: state, epoch, frames and covariance of the pose."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import (
+    T_BODY_CAMERA,
+    Array,
+    adjoint,
+    inverse,
+    rigid_transform,
+    so3_exp,
+    so3_log,
+)
+from drivers.core.gravity import Vector
+from vo_service.odometry.covariance_accumulator import CovarianceAccumulator, diagonal_covariance
+from vo_service.types import Estimate, LevelSource, OdometryUpdate, TrackingState
+
+# With fewer inliers than this a motion is found, but a wrong one is no longer out of the question.
+MIN_INLIERS_TRACKING = 30
+# How fast the pose gets unsure while lost: standard deviations after one second, then in
+# proportion to time, of a hand-held camera or a slow robot.
+LOST_SIGMA_M_PER_S, LOST_SIGMA_RAD_PER_S = 0.5, 1.0
+# Two frames closer in time than this say nothing of the speed.
+MIN_STEP_S = 1e-3
+
+
+@dataclass(frozen=True)
+class StampedFrame:
+    """A frame with the stamp that it is published under."""
+
+    frame: RgbdFrame
+    published_s: float
+
+
+@dataclass(frozen=True)
+class _PendingOrigin:
+    """Where the base is to be with the next good frame: 4x4, or None for level at the origin."""
+
+    T_odom_base: Array | None
+
+
+class OdomFrame:
+    """Accumulates what a chain of estimates says, since the epoch began."""
+
+    def __init__(self, T_base_camera: Array = T_BODY_CAMERA) -> None:
+        self._T_base_camera = T_base_camera
+        self._T_camera_base = inverse(T_base_camera)
+        self._Ad_base_camera = adjoint(T_base_camera)
+        self._T_odom_start = np.eye(4)  # where the first base is, once that is settled
+        self._pending_origin: _PendingOrigin | None = _PendingOrigin(None)
+        self.level_source = LevelSource.ASSUMED  # how it is known which way is up in `odom`
+        self._seq = 0
+        self.epoch = 0
+        self._epoch_reason = ""
+        self._last_good_s: float | None = None
+        self._covariance_stamp_s: float | None = (
+            None  # until then, the covariance covers the motion
+        )
+        self._covariance = CovarianceAccumulator()
+        self._T_world_last = np.eye(4)  # pose of the last good frame
+
+    def start_epoch(self, reason: str) -> None:
+        """The next pose is not continuous with the last; it carries the reason."""
+        self.epoch += 1
+        self._epoch_reason = reason
+        self._last_good_s = self._covariance_stamp_s = None
+        self._covariance.reset()
+
+    def reset(self, T_odom_base: Array | None) -> None:
+        """Begin an epoch with the base at `T_odom_base`; None: level, at the origin.
+
+        While tracking is lost the base counts as there until a frame has a pose of its own.
+        """
+        self.start_epoch("reset")
+        self._pending_origin = _PendingOrigin(T_odom_base)
+
+    def update(
+        self,
+        stamped: StampedFrame,
+        estimate: Estimate,
+        stage_ms: Mapping[str, float],
+        latency_s: float,
+    ) -> OdometryUpdate:
+        """What to publish of one estimate."""
+        if estimate.is_reset:
+            self.start_epoch("tracking began anew after a loss")
+        frame = stamped.frame
+        twist, twist_covariance = self._update_twist(estimate, frame.stamp_s)
+        covariance = self._pose_covariance(frame.stamp_s)
+        state, reason = _tracking_state(estimate)
+        T_odom_base = self._T_odom_base(frame, estimate)
+        update = OdometryUpdate(
+            seq=self._seq,
+            stamp_s=stamped.published_s,
+            state=state,
+            reason=self._epoch_reason or reason,
+            epoch=self.epoch,
+            T_world_camera=estimate.T_world_camera,
+            T_odom_base=T_odom_base,
+            T_odom_camera=T_odom_base @ self._T_base_camera,
+            pose_covariance=self._rotate_to_odom(covariance, T_odom_base),
+            twist=twist,
+            twist_covariance=twist_covariance,
+            frame=frame,
+            estimate=estimate,
+            stage_ms=stage_ms,
+            latency_s=latency_s,
+        )
+        self._seq += 1
+        self._epoch_reason = ""
+        return update
+
+    def _T_odom_base(self, frame: RgbdFrame, estimate: Estimate) -> Array:
+        """Pose of the base. The first good frame after a reset, or at the start, ties it to `odom`.
+
+        That lasts: where tracking begins anew after a loss, `odom` stays as it was.
+        """
+        T_start_base = self._T_base_camera @ estimate.T_world_camera @ self._T_camera_base
+        if self._pending_origin is None:
+            return self._T_odom_start @ T_start_base
+        T_odom_base = self._pending_origin.T_odom_base
+        if T_odom_base is None:
+            levelling = align_to_gravity(frame.gravity_m_s2, self._T_base_camera)
+            T_odom_base, self.level_source = levelling.T_odom_start, levelling.level_source
+        if estimate.ok:
+            self._T_odom_start = T_odom_base @ inverse(T_start_base)
+            self._pending_origin = None
+        return T_odom_base
+
+    def _update_twist(self, estimate: Estimate, stamp_s: float) -> tuple[Array, Array]:
+        """Velocity (m/s, rad/s) of the base in its own axes, and its covariance."""
+        last_s = self._last_good_s
+        if not estimate.ok:
+            return _unknown_twist()
+        T_last_camera = inverse(self._T_world_last) @ estimate.T_world_camera
+        self._covariance.add(estimate, T_last_camera)
+        self._T_world_last = estimate.T_world_camera
+        self._last_good_s = self._covariance_stamp_s = stamp_s
+        if last_s is None or stamp_s - last_s < MIN_STEP_S:
+            return _unknown_twist()
+        step = np.concatenate([-inverse(T_last_camera)[:3, 3], so3_log(T_last_camera[:3, :3])])
+        Ad = self._Ad_base_camera / (stamp_s - last_s)
+        return Ad @ step, Ad @ self._covariance.step @ Ad.T
+
+    def _pose_covariance(self, stamp_s: float) -> Array:
+        """Covariance of the pose since the epoch began, in the camera's axes."""
+        self._covariance_stamp_s = (
+            stamp_s if self._covariance_stamp_s is None else self._covariance_stamp_s
+        )
+        lost_s = stamp_s - self._covariance_stamp_s
+        return self._covariance.pose + diagonal_covariance(
+            LOST_SIGMA_M_PER_S * lost_s, LOST_SIGMA_RAD_PER_S * lost_s
+        )
+
+    def _rotate_to_odom(self, covariance: Array, T_odom_base: Array) -> Array:
+        in_base = self._Ad_base_camera @ covariance @ self._Ad_base_camera.T
+        turn = np.kron(np.eye(2), T_odom_base[:3, :3])
+        turned = turn @ in_base @ turn.T
+        return 0.5 * (turned + turned.T)
+
+
+def _unknown_twist() -> tuple[Array, Array]:
+    return np.zeros(6), diagonal_covariance(LOST_SIGMA_M_PER_S, LOST_SIGMA_RAD_PER_S)
+
+
+def _tracking_state(estimate: Estimate) -> tuple[TrackingState, str]:
+    if not estimate.ok:
+        return TrackingState.LOST, estimate.reason
+    if estimate.reason:
+        return TrackingState.DEGRADED, estimate.reason
+    if 0 < estimate.inliers < MIN_INLIERS_TRACKING:
+        reason = f"only {estimate.inliers} of {estimate.matches} matches agree"
+        return TrackingState.DEGRADED, reason
+    return TrackingState.TRACKING, ""
+
+
+@dataclass(frozen=True)
+class GravityAlignment:
+    """How `odom` lies to the base's first pose, and how that is known."""
+
+    level_source: LevelSource = LevelSource.ASSUMED
+    T_odom_start: Array = field(default_factory=lambda: np.eye(4))
+
+
+def align_to_gravity(gravity_m_s2: Vector | None, T_base_camera: Array) -> GravityAlignment:
+    """From gravity in camera axes: z of `odom` is up, the base starts at its origin with yaw 0.
+
+    Without gravity the base's first pose counts as level.
+    """
+    if gravity_m_s2 is None:
+        return GravityAlignment()
+    up = -T_base_camera[:3, :3] @ np.asarray(gravity_m_s2)
+    # The roll and pitch of REP 103's axes that turn this into z.
+    roll_rad = np.arctan2(up[1], up[2])
+    pitch_rad = np.arctan2(-up[0], np.hypot(up[1], up[2]))
+    rotation = _axis_rotation(1, pitch_rad) @ _axis_rotation(0, roll_rad)
+    return GravityAlignment(LevelSource.GRAVITY, rigid_transform(rotation, np.zeros(3)))
+
+
+def _axis_rotation(axis: int, angle_rad: float) -> Array:
+    return so3_exp(angle_rad * np.eye(3)[axis])

@@ -1,0 +1,1 @@
+"""Parts of the keyframe odometry, see `vo_service.odometry.direct.odometry`."""

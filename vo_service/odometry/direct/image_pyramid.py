@@ -1,0 +1,130 @@
+"""A frame as the alignment reads it: brightness in several sizes, inverse depth, and its timing."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera, RgbdFrame
+from drivers.core.geometry import Array
+from drivers.core.jit import kernel
+from vo_service.odometry.direct.derived_parameters import GAIN_RANGE
+from vo_service.odometry.direct.parameters import POINT_BLOCKS_PX
+
+# Brightness in a half, a quarter, an eighth and a sixteenth of the frame's size. The whole size
+# gains nothing: a Kinect's colours are interpolated, and edges in it are 2 pixels wide.
+NUM_LEVELS = len(POINT_BLOCKS_PX)
+# Of these, those on which regions that move by themselves are told, and a motion that is nearly
+# right is made exact.
+NUM_FINE_LEVELS = 2
+# Smaller images than this are left out, but for the largest.
+MIN_IMAGE_PX = 12
+
+
+@dataclass(frozen=True)
+class ImageTiming:
+    """When rows were taken, counted from the instant of the colour image's middle row.
+
+    readout_s  from the first row to the last, of both images
+    skew_s     middle row of the depth image after that of the colour image
+    """
+
+    readout_s: float
+    skew_s: float
+
+    @property
+    def is_instant(self) -> bool:
+        """Whether both images are of one instant."""
+        return self.readout_s == 0.0 and self.skew_s == 0.0
+
+
+class HasMeanBrightness(Protocol):
+    """Something of which the mean brightness is known, in grey levels."""
+
+    @property
+    def mean_brightness(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class ImagePyramid:
+    """What is read of a frame.
+
+    grey           (H / 2, W / 2) uint8 and smaller ones, each half the size of the one before
+    inverse_depth  (H, W) float32, 1/m; 0 = no reading
+    camera         intrinsics of the whole size
+    falloff        of the lens's light, see `falloff`
+    """
+
+    grey: tuple[NDArray[np.uint8], ...]
+    inverse_depth: NDArray[np.float32]
+    camera: PinholeCamera
+    shutter: ImageTiming
+    stamp_s: float
+    vignetting: float = 0.0
+
+    @cached_property
+    def intrinsics(self) -> tuple[Array, ...]:
+        """(4,) fx, fy, cx, cy of the whole size, then of each grey image."""
+        camera = self.camera
+        whole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+        return tuple(scale_intrinsics(whole, level) for level in range(len(self.grey) + 1))
+
+    def brightness_ratio(self, other: HasMeanBrightness) -> float:
+        """How many times as bright as another view, within what is believed of a gain."""
+        ratio = (self.mean_brightness + 1.0) / (other.mean_brightness + 1.0)
+        return float(min(max(ratio, GAIN_RANGE[0]), GAIN_RANGE[1]))
+
+    @cached_property
+    def mean_brightness(self) -> float:
+        """Of the whole image, grey levels."""
+        return float(self.grey[-1].mean())
+
+
+def scale_intrinsics(intrinsics: Array, level: int) -> Array:
+    """Intrinsics of an image halved so many times; the centre of its first pixel is (0, 0)."""
+    fx, fy, cx, cy = intrinsics
+    scale = 2.0**-level
+    return np.array([fx * scale, fy * scale, (cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5])
+
+
+def build_image_pyramid(frame: RgbdFrame, vignetting: float = 0.0) -> ImagePyramid:
+    """Prepare a frame."""
+    depth_raw = frame.depth_raw.view()
+    depth_raw.flags.writeable = False  # as some cameras' are: one kind of array is compiled
+    return ImagePyramid(
+        grey=_downscale(frame.gray),
+        inverse_depth=invert_depth(depth_raw, float(frame.depth_factor)),
+        camera=frame.camera,
+        shutter=ImageTiming(frame.readout_s, frame.skew_s),
+        stamp_s=frame.stamp_s,
+        vignetting=vignetting,
+    )
+
+
+def _downscale(grey: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
+    levels: list[NDArray[np.uint8]] = []
+    height, width = grey.shape
+    for _ in range(NUM_LEVELS):
+        height, width = max(height // 2, 1), max(width // 2, 1)
+        if levels and min(height, width) < MIN_IMAGE_PX:
+            break
+        last = levels[-1] if levels else grey
+        cut = last[: 2 * height, : 2 * width]
+        levels.append(cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA))  # type: ignore[arg-type]
+    return tuple(levels)
+
+
+@kernel
+def invert_depth(depth_raw: NDArray[np.uint16], depth_factor: float) -> NDArray[np.float32]:
+    """(H, W) inverse depth in 1/m of the sensor's values; 0 where there is no reading."""
+    inverse_depth = np.empty(depth_raw.shape, np.float32)
+    height, width = depth_raw.shape
+    factor = np.float32(depth_factor)
+    for v in range(height):
+        for u in range(width):
+            value = depth_raw[v, u]
+            inverse_depth[v, u] = factor / np.float32(value) if value > 0 else np.float32(0.0)
+    return inverse_depth

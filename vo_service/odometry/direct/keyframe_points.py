@@ -1,0 +1,252 @@
+"""The points of a keyframe that later frames are laid on: the best of each small block.
+
+Where a block has texture it is the pixel of the steepest brightness; else its middle, for its shape
+alone. Every point has a depth of its own: that of a plane fitted around it, which averages the
+sensor's noise.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.geometry import Array
+from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.derived_parameters import MAX_SURFACE_STEP_PER_M
+from vo_service.odometry.direct.grid import cell_index
+from vo_service.odometry.direct.image_pyramid import ImagePyramid
+from vo_service.odometry.direct.parameters import (
+    GATE_SIGMAS,
+    INITIAL_SIGMAS,
+    INTERPOLATION_PX,
+    MIN_PLANE_SUPPORT,
+    PLANE_RADIUS_PX,
+    POINT_BLOCKS_PX,
+    SENSOR_SIGMAS,
+)
+from vo_service.odometry.direct.rolling_shutter import (
+    ITERATIONS,
+    project,
+    propagate_motion,
+    propagate_point,
+    row_time,
+)
+from vo_service.odometry.plane_fit import fit_plane
+
+# Columns of a point: where it is (x, y, z in m), its brightness, the variance of that for the
+# interpolation, how brightness changes with its place (3, grey / m), how the depth reading there
+# differs from its own with its place (3, 1/m / m), and whether brightness and depth count (0 or 1).
+(
+    POINT_X,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_VARIANCE,
+    POINT_BRIGHTNESS_GRADIENT,
+    POINT_DEPTH_GRADIENT,
+    HAS_TEXTURE,
+    HAS_SHAPE,
+) = 0, 3, 4, 5, 8, 11, 12
+NUM_POINT_COLUMNS = 13
+# A point has texture where brightness changes by so many grey levels a pixel.
+MIN_GRADIENT = GATE_SIGMAS * SENSOR_SIGMAS[0]
+# Readings of the plane around a point are so many pixels apart; to either side there are so many.
+PLANE_STEP_PX = 2
+PLANE_RADIUS_STEPS = PLANE_RADIUS_PX // PLANE_STEP_PX
+# A plane leaves over at most this root mean square.
+MAX_PLANE_RMS_PER_M = INITIAL_SIGMAS[1]
+
+
+def select_points(
+    images: ImagePyramid, motion: Array, is_static: NDArray[np.bool_]
+) -> tuple[Array, ...]:
+    """(N, COLUMNS) points of each level, in the axes of the camera at the frame's stamp.
+
+    movement  (9,) of the camera in its own axes, see `movement`: rows that were taken earlier or
+              later are brought to the stamp
+    is_still  (CELLS,) which cells of the image to take points from: things that move are none
+    """
+    whole, *halved = images.intrinsics
+    readout_s, skew_s = images.shutter.readout_s, images.shutter.skew_s
+    return tuple(
+        _select_level(
+            grey,
+            level_intrinsics,
+            POINT_BLOCKS_PX[level],
+            images.inverse_depth,
+            whole,
+            readout_s,
+            skew_s,
+            motion,
+            is_static,
+        )
+        for level, (grey, level_intrinsics) in enumerate(zip(images.grey, halved, strict=True))
+    )
+
+
+@kernel
+def _select_level(
+    grey: NDArray[np.uint8],
+    intrinsics: Array,
+    block: int,
+    inverse_depth: NDArray[np.float32],
+    depth_intrinsics: Array,
+    readout_s: float,
+    skew_s: float,
+    motion: Array,
+    is_static: NDArray[np.bool_],
+) -> Array:
+    height, width = grey.shape
+    rows, columns = height // block, width // block
+    points = np.empty((rows * columns, NUM_POINT_COLUMNS))
+    scale = depth_intrinsics[0] / intrinsics[0]
+    found = 0
+    for i in range(rows):
+        for j in range(columns):
+            u, v, gu, gv = _find_steepest_pixel(grey, j * block, i * block, block)
+            if u < 0 or not is_static[cell_index(u / width, v / height)]:
+                continue
+            point = points[found]
+            if not _locate_point(
+                u,
+                v,
+                intrinsics,
+                inverse_depth,
+                depth_intrinsics,
+                readout_s,
+                skew_s,
+                motion,
+                point,
+            ):
+                continue
+            point[POINT_BRIGHTNESS] = grey[v, u]
+            squared = gu * gu + gv * gv
+            has_texture = squared >= MIN_GRADIENT * MIN_GRADIENT
+            point[HAS_TEXTURE] = 1.0 if has_texture else 0.0
+            point[POINT_BRIGHTNESS_VARIANCE] = squared * (INTERPOLATION_PX / scale) ** 2
+            x, y, z = point[POINT_X], point[POINT_X + 1], point[POINT_X + 2]
+            fx, fy = intrinsics[0] / z, intrinsics[1] / z
+            point[POINT_BRIGHTNESS_GRADIENT] = gu * fx
+            point[POINT_BRIGHTNESS_GRADIENT + 1] = gv * fy
+            point[POINT_BRIGHTNESS_GRADIENT + 2] = -(gu * fx * x + gv * fy * y) / z
+            if has_texture or point[HAS_SHAPE] > 0:
+                found += 1
+    return points[:found]
+
+
+@inline_kernel
+def _find_steepest_pixel(
+    grey: NDArray[np.uint8], left: int, top: int, block: int
+) -> tuple[int, int, float, float]:
+    """Pixel u, v of a block, and its gradient; the middle without texture, -1 at the border."""
+    height, width = grey.shape
+    middle = block // 2
+    best_u, best_v, best_gu, best_gv = left + middle, top + middle, 0.0, 0.0
+    if best_u < 1 or best_v < 1 or best_u >= width - 1 or best_v >= height - 1:
+        return -1, -1, 0.0, 0.0
+    most = MIN_GRADIENT * MIN_GRADIENT
+    for v in range(max(top, 1), min(top + block, height - 1)):
+        for u in range(max(left, 1), min(left + block, width - 1)):
+            gu = 0.5 * (float(grey[v, u + 1]) - float(grey[v, u - 1]))
+            gv = 0.5 * (float(grey[v + 1, u]) - float(grey[v - 1, u]))
+            squared = gu * gu + gv * gv
+            if squared >= most:
+                most = squared
+                best_u, best_v, best_gu, best_gv = u, v, gu, gv
+    return best_u, best_v, best_gu, best_gv
+
+
+@inline_kernel
+def _locate_point(
+    u: int,
+    v: int,
+    intrinsics: Array,
+    inverse_depth: NDArray[np.float32],
+    depth_intrinsics: Array,
+    readout_s: float,
+    skew_s: float,
+    motion: Array,
+    point: Array,
+) -> bool:
+    """Fill in the place of a pixel and how its depth changes; False where there is no depth."""
+    height = inverse_depth.shape[0]
+    ray_x = (u - intrinsics[2]) / intrinsics[0]
+    ray_y = (v - intrinsics[3]) / intrinsics[1]
+    u_depth, v_depth = project(ray_x, ray_y, 1.0, depth_intrinsics)
+    tau = row_time(v_depth, height, readout_s)
+    shift_m = 0.0
+    if readout_s != 0.0 or skew_s != 0.0:
+        u_depth, v_depth, shift_m = _find_in_depth_image(
+            ray_x, ray_y, tau, inverse_depth, depth_intrinsics, readout_s, skew_s, motion
+        )
+    w, wu, wv, has_shape = _fit_surface(inverse_depth, u_depth, v_depth)
+    if w <= 0.0:
+        return False
+    # Back to the instant of the colour, on its ray; then to the frame's stamp.
+    z = 1.0 / w - shift_m
+    x, y, z = propagate_point(propagate_motion(motion, tau), ray_x * z, ray_y * z, z, -tau)
+    fx, fy = depth_intrinsics[0], depth_intrinsics[1]
+    point[POINT_X], point[POINT_X + 1], point[POINT_X + 2] = x, y, z
+    point[POINT_DEPTH_GRADIENT] = wu * fx / z
+    point[POINT_DEPTH_GRADIENT + 1] = wv * fy / z
+    point[POINT_DEPTH_GRADIENT + 2] = -(wu * fx * x + wv * fy * y) / (z * z) + 1.0 / (z * z)
+    point[HAS_SHAPE] = 1.0 if has_shape else 0.0
+    return True
+
+
+@inline_kernel
+def _find_in_depth_image(
+    ray_x: float,
+    ray_y: float,
+    tau: float,
+    inverse_depth: NDArray[np.float32],
+    depth_intrinsics: Array,
+    readout_s: float,
+    skew_s: float,
+    motion: Array,
+) -> tuple[float, float, float]:
+    """Where the depth image, taken later, has what the colour's ray met at `tau`; how much further.
+
+    A pixel of -1 where there is no reading on the way.
+    """
+    height, width = inverse_depth.shape
+    u, v = project(ray_x, ray_y, 1.0, depth_intrinsics)
+    then, shift_m = propagate_motion(motion, tau), 0.0
+    for _ in range(ITERATIONS):
+        column, row = int(u + 0.5), int(v + 0.5)
+        if not (0 <= column < width and 0 <= row < height) or inverse_depth[row, column] <= 0:
+            return -1.0, -1.0, 0.0
+        z = 1.0 / inverse_depth[row, column]
+        delay_s = skew_s + row_time(v, height, readout_s) - tau
+        x_then, y_then, z_then = propagate_point(then, ray_x * z, ray_y * z, z, delay_s)
+        shift_m = z_then - z
+        u, v = project(x_then, y_then, z_then, depth_intrinsics)
+    return u, v, shift_m
+
+
+@inline_kernel
+def _fit_surface(
+    inverse_depth: NDArray[np.float32], u: float, v: float
+) -> tuple[float, float, float, bool]:
+    """1/z at a place, its slopes (1/m a pixel), whether a plane fits; 0 without or on an edge."""
+    none = (0.0, 0.0, 0.0, False)
+    height, width = inverse_depth.shape
+    column, row = int(u + 0.5), int(v + 0.5)
+    reach = PLANE_RADIUS_STEPS * PLANE_STEP_PX
+    if not (reach <= column < width - reach and reach <= row < height - reach):
+        return none
+    middle = inverse_depth[row, column]
+    if middle <= 0:
+        return none
+    for dv in range(-PLANE_STEP_PX, PLANE_STEP_PX + 1, PLANE_STEP_PX):
+        for du in range(-PLANE_STEP_PX, PLANE_STEP_PX + 1, PLANE_STEP_PX):
+            if not abs(inverse_depth[row + dv, column + du] - middle) <= MAX_SURFACE_STEP_PER_M:
+                return none
+    w, wu, wv, squared = fit_plane(
+        inverse_depth,
+        column,
+        row,
+        PLANE_RADIUS_STEPS,
+        PLANE_STEP_PX,
+        MAX_SURFACE_STEP_PER_M,
+        MIN_PLANE_SUPPORT,
+    )
+    if w <= 0.0:
+        return float(middle), 0.0, 0.0, False
+    return w + wu * (u - column) + wv * (v - row), wu, wv, squared <= MAX_PLANE_RMS_PER_M**2

@@ -1,0 +1,75 @@
+"""Regions of the view that move by themselves: whole cells of the image that do not fit."""
+
+import numpy as np
+
+from drivers.core.geometry import Array
+from drivers.core.jit import kernel
+from vo_service.odometry.direct import warping as reading_columns
+from vo_service.odometry.direct.grid import NUM_CELLS
+from vo_service.odometry.direct.keyframe_points import (
+    HAS_SHAPE,
+    HAS_TEXTURE,
+    POINT_BRIGHTNESS,
+    POINT_BRIGHTNESS_VARIANCE,
+)
+from vo_service.odometry.direct.normal_equations import GAIN, OFFSET, SIGMA_BRIGHTNESS, SIGMA_DEPTH
+from vo_service.odometry.direct.parameters import MAX_REGION_COST_RATIO
+from vo_service.odometry.direct.residual_stats import MAX_SQUARED_RESIDUAL
+from vo_service.odometry.direct.warping import OCCLUDED
+
+# Cells with fewer readings are not judged.
+MIN_CELL_SAMPLES = 10
+
+
+@kernel
+def weigh_regions(
+    points: Array, samples: Array, residual_model: Array, base_weights: Array
+) -> Array:
+    """(2, CELLS) weights: the basic ones, lowered where a cell fits worse than most cells do.
+
+    A single reading that does not fit is an outlier, and robust statistics deal with it. Things
+    that move by themselves are many readings that agree with each other: they have to be seen as
+    regions.
+    """
+    sums, counts = np.zeros(NUM_CELLS), np.zeros(NUM_CELLS)
+    variance, variance_depth = (
+        residual_model[SIGMA_BRIGHTNESS] ** 2,
+        residual_model[SIGMA_DEPTH] ** 2,
+    )
+    for i in range(len(points)):
+        cell = int(samples[i, reading_columns.SAMPLE_CELL])
+        if cell < 0 or samples[i, reading_columns.SAMPLE_OCCLUSION] == OCCLUDED:
+            continue
+        brightness = samples[i, reading_columns.SAMPLE_BRIGHTNESS]
+        depth = samples[i, reading_columns.SAMPLE_DEPTH_RESIDUAL]
+        if np.isnan(brightness):
+            sums[cell] += MAX_SQUARED_RESIDUAL
+            counts[cell] += 1.0
+            continue
+        if points[i, HAS_TEXTURE] > 0 and base_weights[0, cell] > 0:
+            residual = (
+                brightness
+                - residual_model[GAIN] * points[i, POINT_BRIGHTNESS]
+                - residual_model[OFFSET]
+            )
+            squared = residual * residual / (variance + points[i, POINT_BRIGHTNESS_VARIANCE])
+            sums[cell] += min(squared, MAX_SQUARED_RESIDUAL)
+            counts[cell] += 1.0
+        if points[i, HAS_SHAPE] > 0 and not np.isnan(depth):
+            sums[cell] += min(depth * depth / variance_depth, MAX_SQUARED_RESIDUAL)
+            counts[cell] += 1.0
+    means = np.full(NUM_CELLS, -1.0)
+    for cell in range(NUM_CELLS):
+        if counts[cell] >= MIN_CELL_SAMPLES:
+            means[cell] = sums[cell] / counts[cell]
+    weights = base_weights.copy()
+    judged = means[means >= 0.0]
+    if len(judged) == 0:
+        return weights
+    most = MAX_REGION_COST_RATIO * np.median(judged)
+    for cell in range(NUM_CELLS):
+        if means[cell] > most:
+            lowered = (most / means[cell]) ** 2
+            weights[0, cell] *= lowered
+            weights[1, cell] *= lowered
+    return weights

@@ -1,0 +1,149 @@
+"""What a frame shows where a keyframe's points come to lie in it, each row at its own time."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.core.geometry import Array
+from drivers.core.jit import inline_kernel, kernel
+from vo_service.odometry.direct.derived_parameters import MAX_SURFACE_STEP_PER_M
+from vo_service.odometry.direct.grid import cell_index
+from vo_service.odometry.direct.rolling_shutter import project, project_rolling_shutter
+from vo_service.odometry.direct.se3 import transform_point
+
+MIN_DEPTH_M = 0.05
+# The image is divided into so many bands of rows, each taken as of one instant where times are
+# weighed.
+NUM_ROW_BANDS = 16
+# Columns of a reading: brightness, 1/z of the surface less that of the point (1/m, as seen from the
+# keyframe), the cell, the bands of the colour and of the depth image, and the pixel in the whole
+# colour image; NaN or -1 where none. Then whether another surface hides the point (1), or is seen
+# through it (-1): that tells neither brightness nor depth.
+(
+    SAMPLE_BRIGHTNESS,
+    SAMPLE_DEPTH_RESIDUAL,
+    SAMPLE_CELL,
+    SAMPLE_COLOR_BAND,
+    SAMPLE_DEPTH_BAND,
+    SAMPLE_U,
+    SAMPLE_V,
+    SAMPLE_OCCLUSION,
+) = range(8)
+NUM_SAMPLE_COLUMNS = 8
+OCCLUDED = 1.0
+# A surface this much (1/m) nearer or further than a point is another one.
+MAX_SAME_SURFACE_PER_M = 2.0 * MAX_SURFACE_STEP_PER_M
+
+
+@kernel
+def warp_and_sample(
+    points: Array,
+    T_camera_keyframe: Array,
+    motion: Array,
+    grey: NDArray[np.uint8],
+    intrinsics: Array,
+    inverse_depth: NDArray[np.float32],
+    depth_intrinsics: Array,
+    readout_s: float,
+    skew_s: float,
+    vignetting: float,
+    samples: Array,
+) -> None:
+    """Fill in the readings (N, COLUMNS) of points.
+
+    movement  (9,) of the camera in its own axes at the frame's stamp, see `movement`
+    falloff   brightness is told as the lens shows it at the point's place in the keyframe
+    """
+    height, width = inverse_depth.shape
+    is_instant = readout_s == 0.0 and skew_s == 0.0
+    for n in range(len(points)):
+        reading = samples[n]
+        _clear_sample(reading)
+        x, y, z = transform_point(T_camera_keyframe, points[n, 0], points[n, 1], points[n, 2])
+        if z < MIN_DEPTH_M:
+            continue
+        u, v = project(x, y, z, depth_intrinsics)
+        u_depth, v_depth, z_depth = u, v, z
+        if not is_instant:
+            u, v, _ = project_rolling_shutter(
+                motion, x, y, z, depth_intrinsics, height, readout_s, 0.0
+            )
+            u_depth, v_depth, z_depth = project_rolling_shutter(
+                motion, x, y, z, depth_intrinsics, height, readout_s, skew_s
+            )
+        scale = intrinsics[0] / depth_intrinsics[0]
+        brightness = _interpolate_brightness(grey, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
+        if brightness < 0.0 or z_depth < MIN_DEPTH_M:
+            continue
+        reading[SAMPLE_U], reading[SAMPLE_V] = u, v
+        reading[SAMPLE_CELL] = cell_index(u / width, v / height)
+        w = _interpolate_inverse_depth(inverse_depth, u_depth, v_depth)
+        difference = w - 1.0 / z_depth
+        if w > 0.0 and abs(difference) > MAX_SAME_SURFACE_PER_M:
+            reading[SAMPLE_OCCLUSION] = np.sign(difference)
+            continue
+        if w > 0.0:
+            reading[SAMPLE_DEPTH_RESIDUAL] = difference * (z_depth / points[n, 2]) ** 2
+            reading[SAMPLE_DEPTH_BAND] = _row_band(v_depth, height)
+        if vignetting != 0.0:
+            brightness *= 1.0 + vignetting * squared_radius_change(
+                u, v, depth_intrinsics, points[n]
+            )
+        reading[SAMPLE_BRIGHTNESS] = brightness
+        reading[SAMPLE_COLOR_BAND] = _row_band(v, height)
+
+
+@inline_kernel
+def squared_radius_change(u: float, v: float, intrinsics: Array, point: Array) -> float:
+    """How much further from the lens's axis a pixel is than a point in its keyframe.
+
+    In squared tangents of the angles to the axis.
+    """
+    x, y = (u - intrinsics[2]) / intrinsics[0], (v - intrinsics[3]) / intrinsics[1]
+    before = (point[0] * point[0] + point[1] * point[1]) / (point[2] * point[2])
+    return float(x * x + y * y - before)
+
+
+@inline_kernel
+def _clear_sample(sample: Array) -> None:
+    """Nothing is read."""
+    sample[SAMPLE_BRIGHTNESS] = sample[SAMPLE_DEPTH_RESIDUAL] = np.nan
+    sample[SAMPLE_CELL] = sample[SAMPLE_COLOR_BAND] = sample[SAMPLE_DEPTH_BAND] = -1.0
+    sample[SAMPLE_U] = sample[SAMPLE_V] = -1.0
+    sample[SAMPLE_OCCLUSION] = 0.0
+
+
+@inline_kernel
+def _row_band(v: float, height: int) -> int:
+    """Number of the band that a row belongs to."""
+    return min(max(int(v * NUM_ROW_BANDS / height), 0), NUM_ROW_BANDS - 1)
+
+
+@inline_kernel
+def _interpolate_brightness(grey: NDArray[np.uint8], u: float, v: float) -> float:
+    """Between four pixels; -1 outside of the image."""
+    height, width = grey.shape
+    if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
+        return -1.0
+    column, row = int(u), int(v)
+    right, down = u - column, v - row
+    a, b = float(grey[row, column]), float(grey[row, column + 1])
+    c, d = float(grey[row + 1, column]), float(grey[row + 1, column + 1])
+    above, below = a + right * (b - a), c + right * (d - c)
+    return above + down * (below - above)
+
+
+@inline_kernel
+def _interpolate_inverse_depth(inverse_depth: NDArray[np.float32], u: float, v: float) -> float:
+    """1/z between four pixels, 1/m; 0 outside, beside a pixel without reading and on an edge."""
+    height, width = inverse_depth.shape
+    if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
+        return 0.0
+    column, row = int(u), int(v)
+    a, b = float(inverse_depth[row, column]), float(inverse_depth[row, column + 1])
+    c, d = float(inverse_depth[row + 1, column]), float(inverse_depth[row + 1, column + 1])
+    lowest = min(min(a, b), min(c, d))
+    if lowest <= 0.0 or max(max(a, b), max(c, d)) - lowest > MAX_SURFACE_STEP_PER_M:
+        return 0.0
+    right, down = u - column, v - row
+    above, below = a + right * (b - a), c + right * (d - c)
+    return above + down * (below - above)

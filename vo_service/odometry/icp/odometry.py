@@ -1,0 +1,149 @@
+"""Odometry on depth alone: point-to-plane ICP with projective association.
+
+Chen and Medioni (1991) for the distance, Besl and McKay (1992) for the iteration, Rusinkiewicz and
+Levoy (2001) for the choice of points and the projection. It needs shape, and no light.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, inverse
+from vo_service.odometry.icp.alignment import (
+    COARSE_TO_FINE,
+    FINE_ONLY,
+    IcpAlignment,
+    align,
+    evaluate_alignment,
+)
+from vo_service.odometry.icp.depth_pyramid import DepthPyramid, build_depth_pyramid
+from vo_service.odometry.icp.parameters import IcpParameters
+from vo_service.odometry.icp.quality import rejection_reason
+from vo_service.odometry.icp.track import IcpTrack, needs_new_reference, start_track
+from vo_service.odometry.icp.visualization import make_tracking_debug, project_planes
+from vo_service.odometry.motion_model import ConstantVelocityModel
+from vo_service.odometry.profiling import NullStageTimer, StageTimer
+from vo_service.types import Estimate, TrackingDebug
+
+
+class IcpOdometry:
+    """Frames are laid on a reference, which stays until a quarter of it is out of sight.
+
+    So the pose of a camera that stands still does not drift. A frame that fails is left out of the
+    chain. World is the first good camera.
+    """
+
+    def __init__(
+        self, parameters: IcpParameters | None = None, timer: StageTimer | None = None
+    ) -> None:
+        self._parameters = parameters or IcpParameters()
+        self._timer = timer or NullStageTimer()
+        self._model = ConstantVelocityModel()
+        self._track: IcpTrack | None = None
+        self._T_world_camera = np.eye(4)
+        self._failures = 0
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        """Where the camera is, from this frame and the reference."""
+        # The depth image in three sizes, as 1/z.
+        with self._timer.stage("pyramid"):
+            view = build_depth_pyramid(frame)
+        if self._track is None:
+            return self._start(view, is_reset=False)
+        # The reference's planes, laid on this frame's surfaces.
+        with self._timer.stage("align"):
+            track = self._track
+            found = align(track.planes, view, self._initial_guesses(track, view), FINE_ONLY)
+        # Does it fit, and does the shape in view hold the camera in all six directions?
+        if rejection_reason(found):
+            with self._timer.stage("again"):
+                track, found = self._retry(track, view, found)
+        if rejection_reason(found):
+            return self._fail(view, track, found)
+        # Concatenation.
+        return self._advance(view, track, found)
+
+    def _initial_guesses(self, track: IcpTrack, view: DepthPyramid) -> Sequence[Array]:
+        """Where the reference may be: as the motion goes on, or as for the last good frame."""
+        prediction = self._model.predict(view.stamp_s)
+        if prediction is None:
+            return [track.T_camera_reference]
+        T_camera_last = inverse(prediction.T_reference_camera)
+        return [T_camera_last @ track.T_camera_reference, track.T_camera_reference]
+
+    def _retry(
+        self, track: IcpTrack, view: DepthPyramid, alignment: IcpAlignment
+    ) -> tuple[IcpTrack, IcpAlignment]:
+        """The first of some more tries that is beyond doubt; else the track and what was found."""
+        for another, again in self._retries(track, view):
+            if not rejection_reason(again):
+                return another, again
+        return track, alignment
+
+    def _retries(
+        self, track: IcpTrack, view: DepthPyramid
+    ) -> Iterator[tuple[IcpTrack, IcpAlignment]]:
+        """From coarse to fine; then with the last good frame as the reference: it sees more."""
+        yield track, align(track.planes, view, self._initial_guesses(track, view), COARSE_TO_FINE)
+        newer = start_track(track.last_frame, self._parameters.max_planes)
+        starts = self._initial_guesses(newer, view)
+        yield newer, align(newer.planes, view, starts, FINE_ONLY)
+        yield newer, align(newer.planes, view, starts, COARSE_TO_FINE)
+
+    def _start(self, view: DepthPyramid, is_reset: bool) -> Estimate:
+        """Make this view the first of a chain, if its shape can be found again."""
+        with self._timer.stage("planes"):
+            track = start_track(view, self._parameters.max_planes)
+        itself = evaluate_alignment(track.planes, view, np.eye(4))
+        evidence = TrackingDebug(keypoints_px=project_planes(track.planes, view))
+        if reason := rejection_reason(itself):
+            return self._make_estimate(f"cannot start: {reason}", evidence)
+        self._model.reset(view.stamp_s)
+        self._track = track
+        self._failures = 0
+        return self._make_estimate("", evidence, is_reset=is_reset)
+
+    def _fail(self, view: DepthPyramid, track: IcpTrack, alignment: IcpAlignment) -> Estimate:
+        """Hold the pose; after too many failures give the reference up."""
+        self._failures += 1
+        if self._failures > self._parameters.max_failures:
+            return self._start(view, is_reset=True)
+        return self._make_estimate(
+            rejection_reason(alignment), make_tracking_debug(track.planes, view, alignment)
+        )
+
+    def _advance(self, view: DepthPyramid, track: IcpTrack, alignment: IcpAlignment) -> Estimate:
+        """Go on from here; where little is left of the reference, this frame is the next one."""
+        evidence = make_tracking_debug(track.planes, view, alignment)
+        after = track.advance(view, alignment)
+        T_last_camera, covariance = track.relative_motion(after)
+        self._T_world_camera = self._T_world_camera @ T_last_camera
+        self._model.add(T_last_camera, view.stamp_s)
+        self._failures = 0
+        if needs_new_reference(alignment):
+            with self._timer.stage("planes"):
+                after = start_track(view, self._parameters.max_planes)
+        self._track = after
+        return self._make_estimate("", evidence, T_last_camera, covariance)
+
+    def _make_estimate(
+        self,
+        reason: str,
+        debug: TrackingDebug,
+        T_last_camera: Array | None = None,
+        covariance: Array | None = None,
+        is_reset: bool = False,
+    ) -> Estimate:
+        return Estimate(
+            ok=not reason,
+            reason=reason,
+            T_world_camera=self._T_world_camera.copy(),
+            T_reference_camera=np.eye(4) if T_last_camera is None else T_last_camera,
+            covariance=np.zeros((6, 6)) if covariance is None else covariance,
+            features=len(debug.keypoints_px),
+            matches=len(debug.matches_px),
+            inliers=int(debug.inlier.sum()),
+            is_reset=is_reset and not reason,
+            debug=debug,
+        )

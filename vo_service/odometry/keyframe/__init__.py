@@ -1,1 +1,0 @@
-"""Parts of the keyframe odometry, see `vo_service.odometry.keyframe_odometry`."""

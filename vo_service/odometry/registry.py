@@ -1,0 +1,63 @@
+"""The odometry methods by name: the one place where a new estimator is listed.
+
+A method is imported when it is made: its kernels are slow to load, and most commands need none.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from vo_service.odometry.direct.stage_budget import STAGE_BUDGET_MS
+from vo_service.odometry.profiling import StageTimer
+from vo_service.types import Odometry
+
+DEFAULT_METHOD = "keyframe"
+
+
+@dataclass(frozen=True)
+class FeatureConfig:
+    """What the methods that use features share."""
+
+    count: int = 1000
+    upright: bool = False
+
+
+def _make_surf(features: FeatureConfig, timer: StageTimer) -> Odometry:
+    """The paper's method."""
+    from vo_service.odometry.surf import SurfExtractor
+    from vo_service.odometry.surf.odometry import SurfOdometry
+
+    return SurfOdometry(SurfExtractor(features.count, features.upright), timer=timer)
+
+
+def _make_direct(features: FeatureConfig, timer: StageTimer) -> Odometry:
+    """Brightness and depth against keyframes; features where that fails."""
+    from vo_service.odometry.direct.odometry import DirectOdometry
+    from vo_service.odometry.surf import SurfExtractor
+
+    return DirectOdometry(SurfExtractor(features.count, features.upright), timer=timer)
+
+
+def _make_icp(_features: FeatureConfig, timer: StageTimer) -> Odometry:
+    """Depth alone, point to plane."""
+    from vo_service.odometry.icp.odometry import IcpOdometry
+
+    return IcpOdometry(timer=timer)
+
+
+def _make_sfm(features: FeatureConfig, timer: StageTimer) -> Odometry:
+    """Colour alone; the first scale is that of the first depth."""
+    from vo_service.odometry.sfm.odometry import SfmOdometry
+    from vo_service.odometry.surf import SurfExtractor
+
+    return SfmOdometry(SurfExtractor(features.count, features.upright), timer=timer)
+
+
+METHODS: Mapping[str, Callable[[FeatureConfig, StageTimer], Odometry]] = {
+    "surf": _make_surf,
+    "icp": _make_icp,
+    "sfm": _make_sfm,
+    "keyframe": _make_direct,
+}
+
+# Milliseconds of processor time a frame that stages may take, of methods that have such budgets.
+STAGE_BUDGETS_MS: Mapping[str, Mapping[str, float]] = {"keyframe": STAGE_BUDGET_MS}

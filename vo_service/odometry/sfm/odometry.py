@@ -1,0 +1,212 @@
+"""Structure from motion: how the camera moves by colour alone, but for a first scale.
+
+Nistér, Naroditsky and Bergen, "Visual odometry", CVPR 2004; Scaramuzza and Fraundorfer, "Visual
+odometry, part I", IEEE Robotics and Automation Magazine 18 (2011), whose steps these are.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from vo_service.odometry.match_verification import MatchVerifier
+from vo_service.odometry.matching import match_features
+from vo_service.odometry.profiling import NullStageTimer, StageTimer
+from vo_service.odometry.sfm.essential import find_unscaled_motion
+from vo_service.odometry.sfm.initialization import SfmInitializer
+from vo_service.odometry.sfm.keyframe import SfmKeyframe
+from vo_service.odometry.sfm.mono_frame import MonoFrame
+from vo_service.odometry.sfm.parameters import SfmParameters
+from vo_service.odometry.sfm.registered_view import MatchedView, RegisteredView, RegistrationFailure
+from vo_service.odometry.sfm.scale import propose_scaled_motions
+from vo_service.odometry.sfm.scale_source import FirstDepthScale, ScaleSource
+from vo_service.odometry.sfm.trajectory_state import TrajectoryState, TrajectoryStep
+from vo_service.odometry.sfm.two_view_refinement import refine_best_guess, refine_two_view
+from vo_service.odometry.surf import SurfExtractor
+from vo_service.odometry.surf.odometry import FeatureExtractor
+from vo_service.types import Estimate, TrackingDebug
+
+# Known points agree or not within a few pixels of where they ought to be: few do so by chance.
+KNOWN_POINTS_VERIFIER = MatchVerifier(inlier_share_if_right=0.5, inlier_share_by_chance=0.05)
+
+
+class SfmOdometry:
+    """Keyframe odometry by colour alone; a frame that fails is left out. World: the first camera.
+
+    Until the camera has moved far enough from where it began there is no pose. `scale_source`
+    then says how far that is; from there on the points in common carry the scale. Where tracking
+    begins anew after a loss the old scale is lost, and the source is asked again.
+    """
+
+    def __init__(
+        self,
+        extractor: FeatureExtractor | None = None,
+        parameters: SfmParameters | None = None,
+        timer: StageTimer | None = None,
+        scale_source: ScaleSource | None = None,
+    ) -> None:
+        self._extractor = extractor or SurfExtractor()
+        self._parameters = parameters or SfmParameters()
+        self._timer = timer or NullStageTimer()
+        self._initializer = SfmInitializer(self._parameters, scale_source or FirstDepthScale())
+        self._trajectory = TrajectoryState(self._parameters)
+        self._failures = 0
+
+    @property
+    def feature_count(self) -> int:
+        """Features to find in a frame; may be set, and counts from the next frame on."""
+        return self._extractor.count
+
+    @feature_count.setter
+    def feature_count(self, count: int) -> None:
+        self._extractor.count = count
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        """Where the camera is, from this frame and the keyframes."""
+        # Features.
+        with self._timer.stage("surf"):
+            view = MonoFrame.from_features(self._extractor.extract(frame.gray), frame)
+            view = self._trajectory.predict_view(view)
+        keyframes = self._trajectory.window.keyframes
+        if not keyframes:
+            return self._start(view, frame, is_reset=False)
+        sight = self._match_view(view, keyframes[0])
+        if not self._trajectory.has_scale:
+            return self._initialize_scale(sight, frame)
+        placed = self._register(sight)
+        if isinstance(placed, RegistrationFailure):
+            placed = self._recover(placed)
+        if isinstance(placed, RegistrationFailure):
+            return self._fail(placed, frame)
+        # Once more with the velocity that is known now, if the shutter rolls.
+        with self._timer.stage("refine"):
+            placed = self._refine_rolling_shutter(placed)
+        # Concatenation.
+        with self._timer.stage("points"):
+            link = self._trajectory.add(placed)
+        return self._succeed(placed, link)
+
+    def _match_view(self, view: MonoFrame, keyframe: SfmKeyframe) -> MatchedView:
+        """What two views say of the motion between them, but for its length."""
+        # Matching.
+        with self._timer.stage("match"):
+            ratio = self._parameters.match_ratio
+            matches = match_features(view.features, keyframe.view.features, ratio)
+            pairs = self._trajectory.window.pair_rays(view, keyframe, matches)
+        # Essential matrix by RANSAC, cheirality.
+        with self._timer.stage("ransac"):
+            direction = find_unscaled_motion(pairs, self._parameters.seed)
+        return MatchedView(view, keyframe, matches, pairs, direction)
+
+    def _register(self, matched_view: MatchedView) -> RegisteredView | RegistrationFailure:
+        """The motion in metres, by the points that are known already."""
+        common = int(matched_view.pairs.has_known_depth.sum())
+        if common < self._parameters.min_inliers:
+            return RegistrationFailure(
+                matched_view, f"{common} of {len(matched_view.matches)} matches are known points"
+            )
+        # Triangulation, and scale from the points in common.
+        with self._timer.stage("scale"):
+            guesses = propose_scaled_motions(matched_view.unscaled_motion, matched_view.pairs)
+        # Refinement by reprojection error.
+        with self._timer.stage("refine"):
+            guesses.append(self._trajectory.initial_guess(matched_view.keyframe))
+            placed = RegisteredView(matched_view, refine_best_guess(guesses, matched_view.pairs))
+        agree = placed.num_known_inliers
+        if agree < self._parameters.min_inliers or not KNOWN_POINTS_VERIFIER.accepts(agree, common):
+            return RegistrationFailure(matched_view, f"{agree} of {common} known points agree")
+        if self._trajectory.is_too_fast(placed):
+            return RegistrationFailure(
+                matched_view, f"{agree} points agree on a step too long for a camera"
+            )
+        if placed.max_sigma_rad > self._parameters.max_sigma_rad:
+            return RegistrationFailure(
+                matched_view, f"the {agree} points that agree leave the motion open"
+            )
+        return placed
+
+    def _refine_rolling_shutter(self, registered: RegisteredView) -> RegisteredView:
+        """The view placed again, each row at its own instant."""
+        sight = registered.matched_view
+        if not sight.view.has_rolling_shutter:
+            return registered
+        view = sight.view.compensate_rolling_shutter(
+            self._trajectory.estimate_shutter_motion(registered)
+        )
+        pairs = self._trajectory.window.pair_rays(view, sight.keyframe, sight.matches)
+        refined = refine_two_view(registered.two_view.T_camera_reference, pairs)
+        again = RegisteredView(replace(sight, view=view, pairs=pairs), refined)
+        return min(registered, again, key=lambda each: each.two_view.cost)
+
+    def _initialize_scale(self, matched_view: MatchedView, frame: RgbdFrame) -> Estimate:
+        """The second view with parallax to the first: triangulation, and the first scale."""
+        with self._timer.stage("scale"):
+            found = self._initializer.initialize(matched_view)
+        if isinstance(found, RegistrationFailure):
+            return self._fail(found, frame)
+        with self._timer.stage("points"):
+            link = self._trajectory.initialize(found.registered, found.scale_sigma)
+        return self._succeed(found.registered, link)
+
+    def _recover(self, failure: RegistrationFailure) -> RegisteredView | RegistrationFailure:
+        """Try the last good frame, if it is no keyframe; and an older keyframe, each in turn."""
+        view = failure.matched_view.view
+        if self._trajectory.promote_last_frame():
+            placed = self._register(self._match_view(view, self._trajectory.window.keyframes[0]))
+            if isinstance(placed, RegisteredView):
+                return placed
+        older = self._trajectory.window.keyframes[1:]
+        if not older:
+            return failure
+        placed = self._register(self._match_view(view, older[self._failures % len(older)]))
+        return placed if isinstance(placed, RegisteredView) else failure
+
+    def _start(self, view: MonoFrame, frame: RgbdFrame, is_reset: bool) -> Estimate:
+        """Make this view the first of a chain, if it has enough features to be found again."""
+        evidence = TrackingDebug(keypoints_px=view.features.position_px)
+        fewest = self._parameters.min_initial_inliers
+        if len(view.features) < fewest:
+            return self._report_failure(
+                f"too few features to start: {len(view.features)}", evidence
+            )
+        self._trajectory.reset(view)
+        self._initializer.reset(frame)
+        self._failures = 0
+        return self._make_estimate(
+            "", TrajectoryStep(np.eye(4), np.zeros((6, 6))), evidence, is_reset
+        )
+
+    def _succeed(self, registered: RegisteredView, step: TrajectoryStep) -> Estimate:
+        self._failures = 0
+        return self._make_estimate(
+            "", step, registered.matched_view.make_tracking_debug(registered.two_view.inlier)
+        )
+
+    def _fail(self, failure: RegistrationFailure, frame: RgbdFrame) -> Estimate:
+        """Hold the pose; after too many failures begin anew with this view."""
+        self._failures = 0 if failure.is_waiting else self._failures + 1
+        if self._failures > self._parameters.max_failures:
+            return self._start(failure.matched_view.view, frame, is_reset=True)
+        nothing = np.zeros(len(failure.matched_view.matches), np.bool_)
+        return self._report_failure(
+            failure.reason, failure.matched_view.make_tracking_debug(nothing)
+        )
+
+    def _report_failure(self, reason: str, debug: TrackingDebug) -> Estimate:
+        return self._make_estimate(reason, TrajectoryStep(np.eye(4), np.zeros((6, 6))), debug)
+
+    def _make_estimate(
+        self, reason: str, step: TrajectoryStep, debug: TrackingDebug, is_reset: bool = False
+    ) -> Estimate:
+        return Estimate(
+            ok=not reason,
+            reason=reason,
+            T_world_camera=self._trajectory.T_world_last.copy(),
+            T_reference_camera=step.T_last_camera,
+            covariance=step.covariance,
+            features=len(debug.keypoints_px),
+            matches=len(debug.matches_px),
+            inliers=int(debug.inlier.sum()),
+            is_reset=is_reset,
+            debug=debug,
+        )

@@ -1,0 +1,178 @@
+"""The paper's method: SURF, matching, RANSAC, rigid motion by SVD, poses by concatenation.
+
+Fontes and Maia, "Visual odometry for moving RGB-D cameras", Section III.
+"""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array
+from vo_service.odometry.feature_points import backproject_features, pair_points
+from vo_service.odometry.feature_view import (
+    FeatureView,
+    make_tracking_debug,
+    select_pairs_with_depth,
+)
+from vo_service.odometry.matching import match_features
+from vo_service.odometry.motion_refinement import refine_rigid_motion
+from vo_service.odometry.profiling import NullStageTimer, StageTimer
+from vo_service.odometry.ransac import find_consensus
+from vo_service.odometry.surf import Features, SurfExtractor
+from vo_service.odometry.surf.parameters import SurfParameters
+from vo_service.odometry.surf.recovery import RecoveredPose, SurfRecovery
+from vo_service.types import Estimate, TrackingDebug
+
+
+class FeatureExtractor(Protocol):
+    """What finds features in an image: SURF, or another that a benchmark compares it with.
+
+    `count` is how many it finds at most; it may be set between two images.
+    """
+
+    count: int
+
+    def extract(self, grey: NDArray[np.uint8]) -> Features:
+        """Features of a (H, W) image."""
+        ...
+
+
+class SurfOdometry:
+    """Frame-to-frame odometry; a frame that fails is left out of the chain.
+
+    The reference is the last good frame. World is the first good camera. What does not fit the
+    last good frame is tried again as `Recovery` says, before it counts as failed.
+    """
+
+    def __init__(
+        self,
+        extractor: FeatureExtractor | None = None,
+        parameters: SurfParameters | None = None,
+        timer: StageTimer | None = None,
+        recovery: SurfRecovery | None = None,
+    ) -> None:
+        self._extractor = extractor or SurfExtractor()
+        self._parameters = parameters or SurfParameters()
+        self._timer = timer or NullStageTimer()
+        self._reference: FeatureView | None = None
+        self._T_world_reference = np.eye(4)
+        self._recovery = recovery or SurfRecovery(self._parameters)
+        self._failures = 0
+
+    @property
+    def feature_count(self) -> int:
+        """Features to find in a frame; may be set, and counts from the next frame on."""
+        return self._extractor.count
+
+    @feature_count.setter
+    def feature_count(self, count: int) -> None:
+        self._extractor.count = count
+
+    def estimate(self, frame: RgbdFrame) -> Estimate:
+        """Where the camera is, from this frame and the last good one."""
+        # Features, and the points in space under them.
+        with self._timer.stage("surf"):
+            features = self._extractor.extract(frame.gray)
+        with self._timer.stage("points"):
+            points = backproject_features(features, frame)
+        view = FeatureView(features, points, frame.camera, frame.stamp_s)
+        if self._reference is None:
+            return self._start(view, is_reset=False)
+        # Matching.
+        with self._timer.stage("match"):
+            matches = self._match(view, self._reference)
+            pairs = pair_points(view.points, self._reference.points, matches)
+        # RANSAC.
+        with self._timer.stage("ransac"):
+            parameters = self._parameters
+            consensus = find_consensus(pairs, parameters.max_hypotheses, parameters.seed)
+        # Rotation and translation by SVD, on the inliers.
+        with self._timer.stage("svd"):
+            motion = refine_rigid_motion(consensus, pairs)
+        evidence = make_tracking_debug(view, self._reference, matches, motion)
+        if evidence.inlier.sum() < parameters.min_inliers:
+            return self._recover(view, self._reference, evidence)
+        # Concatenation.
+        T_world_camera = self._T_world_reference @ motion.T_reference_camera
+        return self._advance(
+            view,
+            RecoveredPose(T_world_camera, motion.T_reference_camera, motion.covariance, evidence),
+        )
+
+    def _match(self, view: FeatureView, reference: FeatureView) -> NDArray[np.int64]:
+        """Pairs (M, 2) of features that look the same and both have depth."""
+        pairs = match_features(view.features, reference.features, self._parameters.match_ratio)
+        return select_pairs_with_depth(view, reference, pairs)
+
+    def _start(self, view: FeatureView, is_reset: bool) -> Estimate:
+        """Make this view the first of a chain, if it has enough points to be found again."""
+        evidence = TrackingDebug(keypoints_px=view.features.position_px)
+        if view.points.has_depth.sum() < self._parameters.min_inliers:
+            return self._make_estimate(view, _start_failure_reason(view), np.eye(4), evidence)
+        self._reference = view
+        self._recovery.reset(view, self._T_world_reference)
+        self._failures = 0
+        return self._make_estimate(view, "", np.eye(4), evidence, is_reset=is_reset)
+
+    def _recover(self, view: FeatureView, last: FeatureView, debug: TrackingDebug) -> Estimate:
+        """Try other ways; without success the frame has failed."""
+        with self._timer.stage("recovery"):
+            found = self._recovery.recover(view, last, turn=self._failures)
+        return self._fail(view, debug) if found is None else self._advance(view, found)
+
+    def _fail(self, view: FeatureView, debug: TrackingDebug) -> Estimate:
+        """Hold the pose; after too many failures give the last good view up."""
+        self._failures += 1
+        if self._failures > self._parameters.max_failures:
+            return self._start(view, is_reset=True)
+        return self._make_estimate(view, _motion_failure_reason(view, debug), np.eye(4), debug)
+
+    def _advance(self, view: FeatureView, recovered: RecoveredPose) -> Estimate:
+        """Go on from here: the view is the next reference."""
+        self._recovery.add(
+            view, recovered.T_world_camera, recovered.T_last_camera, recovered.covariance
+        )
+        self._T_world_reference = recovered.T_world_camera
+        self._reference = view
+        self._failures = 0
+        return self._make_estimate(
+            view, "", recovered.T_last_camera, recovered.debug, covariance=recovered.covariance
+        )
+
+    def _make_estimate(
+        self,
+        view: FeatureView,
+        reason: str,
+        T_reference_camera: Array,
+        debug: TrackingDebug,
+        covariance: Array | None = None,
+        is_reset: bool = False,
+    ) -> Estimate:
+        return Estimate(
+            ok=not reason,
+            reason=reason,
+            T_world_camera=self._T_world_reference.copy(),
+            T_reference_camera=T_reference_camera,
+            covariance=np.zeros((6, 6)) if covariance is None else covariance,
+            features=len(view.features),
+            matches=len(debug.matches_px),
+            inliers=int(debug.inlier.sum()),
+            is_reset=is_reset and not reason,
+            debug=debug,
+        )
+
+
+def _start_failure_reason(view: FeatureView) -> str:
+    """Why a view cannot begin a chain."""
+    return (
+        f"too few features with depth to start: {int(view.points.has_depth.sum())} "
+        f"of {len(view.features)}"
+    )
+
+
+def _motion_failure_reason(view: FeatureView, debug: TrackingDebug) -> str:
+    """Why no motion was found between a view and its reference."""
+    inliers, matches = int(debug.inlier.sum()), len(debug.matches_px)
+    return f"{inliers} of {matches} matches agree ({len(view.features)} features)"

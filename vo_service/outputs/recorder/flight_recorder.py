@@ -1,0 +1,153 @@
+"""The flight recorder as the service sees it: an output that remembers the last seconds."""
+
+import json
+import logging
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from drivers.core.queues import DropOldestQueue, WorkerThread
+from vo_service.config_tables import MEGABYTE, RecorderConfig
+from vo_service.outputs.recorder.frame_history import FrameHistory, StampedStatus
+from vo_service.outputs.recorder.loss_trigger import LossTrigger, NullLossTrigger
+from vo_service.outputs.recorder.messages import RecorderWorkerConfig
+from vo_service.outputs.recorder.recorder_client import RecorderClient
+from vo_service.types import CommandError, ErrorCode, OdometryUpdate, Status
+
+logger = logging.getLogger(__name__)
+
+_MAX_QUEUED = 8
+_CLOSE_TIMEOUT_S = 1.0
+
+
+class FlightRecorder:
+    """Remembers the last seconds in memory that outlives this process.
+
+    Frames are packed on a thread of its own. A second process writes them to disk: when tracking
+    is lost, when told to, or when this process ends without `close`.
+    """
+
+    def __init__(
+        self, settings: RecorderConfig, state_folder: Path, service_info: Mapping[str, object]
+    ) -> None:
+        """Start. Raises OSError if the memory cannot be had.
+
+        state  folder in which incidents and recordings have theirs
+        about  of the service: goes into each incident as JSON
+        """
+        self._history = FrameHistory(settings.seconds, settings.max_mb)
+        self._memory_fault = ""
+        self._should_save_on_loss = settings.save_on_loss
+        self._loss_trigger = _create_loss_trigger(self._should_save_on_loss)
+        self._is_closed = False
+        self._client = RecorderClient(
+            RecorderWorkerConfig(
+                frame_ring=self._history.frames.memory,
+                status_ring=self._history.statuses.memory,
+                incident_duration_s=settings.seconds,
+                incidents_folder=settings.folder or state_folder / "incidents",
+                max_incident_bytes=settings.total_mb * MEGABYTE,
+                recordings_folder=state_folder / "recordings",
+                service_info=json.dumps(service_info, default=str),
+                log_level=logging.getLogger().getEffectiveLevel(),
+            )
+        )
+        self._worker: WorkerThread[OdometryUpdate | StampedStatus] = WorkerThread(
+            "recorder", DropOldestQueue(_MAX_QUEUED), self._append, lambda: None
+        )
+
+    @property
+    def warning(self) -> str:
+        """What is wrong with it, in one clause."""
+        return self._memory_fault or self._client.warning
+
+    @property
+    def recording(self) -> str:
+        """Folder that is being recorded into; "" = none."""
+        return self._client.recording
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether its process takes orders."""
+        return self._client.is_ready
+
+    @property
+    def is_saving(self) -> bool:
+        """Whether an incident is being written."""
+        return self._client.is_saving
+
+    @property
+    def frame_count(self) -> int:
+        """Frames that have ever been copied into its memory."""
+        return self._history.frames.record_count
+
+    @property
+    def dropped(self) -> int:
+        """Frames and statuses that newer ones replaced before they were remembered."""
+        return self._worker.dropped
+
+    def on_update(self, update: OdometryUpdate) -> None:
+        """Remember a frame and what was said of it (soon)."""
+        self._worker.put(update)
+        now_s = time.monotonic()
+        self._loss_trigger.update(update.state, now_s)
+        self._save_incident_if(self._loss_trigger.is_due(now_s))
+
+    def on_status(self, status: Status) -> None:
+        """Remember a status (soon)."""
+        self._worker.put(StampedStatus.now(status))
+        self._save_incident_if(self._loss_trigger.is_due(time.monotonic()))
+
+    def save(self, reason: str) -> str:
+        """As `Recorder`."""
+        if not self._history.frames.record_count:
+            raise CommandError(ErrorCode.NOT_POSSIBLE, "no frame has come yet")
+        return self._client.save(reason)
+
+    def start_recording(self, name: str) -> str:
+        """As `Recorder`."""
+        return self._client.start_recording(name, self._history.frames.record_count)
+
+    def stop_recording(self) -> str:
+        """As `Recorder`."""
+        return self._client.stop_recording(self._history.frames.record_count)
+
+    def configure(self, settings: RecorderConfig) -> None:
+        """As `Recorder`."""
+        if (
+            settings.save_on_loss != self._should_save_on_loss
+        ):  # else a loss that is due is still written
+            self._should_save_on_loss = settings.save_on_loss
+            self._loss_trigger = _create_loss_trigger(self._should_save_on_loss)
+        self._client.set_disk_quota(settings.total_mb * MEGABYTE)
+
+    def close(self) -> None:
+        """Forget everything; a loss that is not written yet still is, and so is a recording."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        has_finished = self._worker.close(_CLOSE_TIMEOUT_S)
+        self._save_incident_if(self._loss_trigger.is_pending)
+        self._client.close()
+        if has_finished:
+            self._history.close()
+
+    def _append(self, item: OdometryUpdate | StampedStatus) -> None:
+        """Body of the worker's thread: one item."""
+        try:
+            self._history.append(item, self._worker.dropped)
+            self._memory_fault = ""
+        except OSError as error:
+            self._memory_fault = f"recorder: no memory for the last frames: {error.strerror}"
+
+    def _save_incident_if(self, is_due: bool) -> None:
+        if not is_due:
+            return
+        try:
+            self._client.save("lost")
+        except CommandError as error:
+            logger.warning("recorder: a loss of tracking is not written: %s", error)
+
+
+def _create_loss_trigger(is_wanted: bool) -> LossTrigger | NullLossTrigger:
+    return LossTrigger() if is_wanted else NullLossTrigger()

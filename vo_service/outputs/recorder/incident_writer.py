@@ -1,0 +1,152 @@
+"""Writing an incident: the last frames as a TUM folder, with what the service said then."""
+
+import json
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from datetime import UTC, datetime
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from drivers.core.errors import UserFacingError
+from drivers.core.files import atomic_write
+from drivers.core.shared_frames.record_ring import RecordRingReader, RingRecord
+from drivers.core.trajectory import COLUMNS, format_pose_line
+from drivers.tum.writer import TumWriter
+from vo_service.frame_record import FrameMetadata, decode_frame, decode_metadata
+
+SCHEMA = 1
+# So many frames tell how long one takes.
+_MIN_TIMED_FRAMES = 4
+
+
+def select_last_frames(ring: RecordRingReader, seconds: float) -> range:
+    """Numbers of the newest frames that make one recording: one camera, rising stamps."""
+    begin = end = ring.record_count
+    later: list[FrameMetadata] = []
+    for number in range(end - 1, ring.oldest_number - 1, -1):
+        note = ring.read_metadata(number)
+        if note is None:
+            break
+        found = decode_metadata(note)
+        if later and not _is_continuous(found, later[-1]):
+            break
+        if later and later[0].stamp_s - found.stamp_s > seconds:
+            break
+        later.append(found)
+        begin = number
+    return range(begin, end)
+
+
+def _is_continuous(earlier: FrameMetadata, later: FrameMetadata) -> bool:
+    cameras = {(note.camera, note.depth_factor, note.readout_s) for note in (earlier, later)}
+    return len(cameras) == 1 and earlier.stamp_s < later.stamp_s
+
+
+class IncidentWriter:
+    """Frames and statuses on their way to a folder; a `fill` for `IncidentStore.write`.
+
+    The newest frames matter most: where the time runs out, the oldest are left out.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        numbers: Iterable[int],
+        read_record: Callable[[int], RingRecord | None],
+        statuses: Sequence[bytes],
+        service_info: str,
+    ) -> None:
+        """What to write.
+
+        fetch     a frame's record by its number; None if it has been overwritten
+        statuses  JSON lines
+        about     JSON object about the service
+        """
+        self._reason, self._read_record = reason, read_record
+        self._numbers = deque(numbers)
+        self._statuses, self._service_info = statuses, service_info
+        self._deadline_s = math.inf
+        self._overwritten = self._skipped = 0
+        self._notes: list[FrameMetadata] = []
+
+    @property
+    def frame_count(self) -> int:
+        """How many have been written."""
+        return len(self._notes)
+
+    def set_deadline(self, deadline_s: float) -> None:
+        """Have the last frame written by then, on CLOCK_MONOTONIC."""
+        self._deadline_s = min(self._deadline_s, deadline_s)
+
+    def __call__(self, folder: Path) -> None:
+        """Write everything. Raises OSError or UserFacingError if the disk refuses."""
+        records = self._iterate_records()
+        first = next(records, None)
+        if first is None:
+            raise UserFacingError("there was no time to write a single frame")
+        offset_s = decode_metadata(first.metadata).clock_offset_s
+        with TumWriter(folder) as writer:
+            for record in chain([first], records):
+                writer.write(decode_frame(record, offset_s))
+                self._notes.append(decode_metadata(record.metadata))
+        poses = (n for n in self._notes if n.published.has_pose)
+        lines = [format_pose_line(n.stamp_s + offset_s, n.published.T_world_camera) for n in poses]
+        atomic_write(folder / "trajectory.txt", "".join([f"# {COLUMNS}\n", *lines]).encode())
+        atomic_write(
+            folder / "poses.jsonl", b"".join(_pose_json_line(n, offset_s) for n in self._notes)
+        )
+        atomic_write(folder / "status.jsonl", b"".join(line + b"\n" for line in self._statuses))
+        atomic_write(folder / "incident.json", json.dumps(self._summary(), indent=1).encode())
+
+    def _iterate_records(self) -> Iterator[RingRecord]:
+        begin_s, done = time.monotonic(), 0
+        while self._numbers:
+            now_s = time.monotonic()
+            each_s = (now_s - begin_s) / done if done >= _MIN_TIMED_FRAMES else 0.0
+            while self._numbers and now_s + each_s * len(self._numbers) > self._deadline_s:
+                self._numbers.popleft()
+                self._skipped += 1
+            if self._numbers:
+                record = self._read_record(self._numbers.popleft())
+                if record is None:
+                    self._overwritten += 1
+                else:
+                    yield record
+            done += 1
+
+    def _summary(self) -> dict[str, Any]:
+        now_s = time.time()
+        first, last = self._notes[0], self._notes[-1]
+        return {
+            "schema": SCHEMA,
+            "reason": self._reason,
+            "written": datetime.fromtimestamp(now_s, UTC).isoformat(),
+            "written_unix_s": now_s,
+            "frames": self.frame_count,
+            "frames_left_out_for_want_of_time": self._skipped,
+            "frames_overwritten": self._overwritten,
+            "first_stamp_s": first.stamp_s + first.clock_offset_s,
+            "last_stamp_s": last.stamp_s + first.clock_offset_s,
+            "stamp_minus_camera_stamp_s": first.clock_offset_s,
+            "about": json.loads(self._service_info),
+        }
+
+
+def _pose_json_line(note: FrameMetadata, offset_s: float) -> bytes:
+    said = note.published
+    content = {
+        "stamp_s": note.stamp_s + offset_s,
+        "camera_stamp_s": note.stamp_s,
+        "published_stamp_s": said.stamp_s,
+        "seq": said.seq,
+        "state": said.state,
+        "reason": said.reason,
+        "epoch": said.epoch,
+        "has_pose": said.has_pose,
+        "inliers": said.inliers,
+        "T_world_camera": said.T_world_camera.tolist(),
+    }
+    return json.dumps(content).encode() + b"\n"

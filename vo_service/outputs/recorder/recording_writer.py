@@ -1,0 +1,98 @@
+"""Recording on command: frames go from the ring into a TUM folder until told to stop."""
+
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from drivers.core.errors import UserFacingError
+from drivers.core.files import free_disk_bytes
+from drivers.core.shared_frames.record_ring import RecordRingReader, RingRecord
+from drivers.tum.encode import ColorFormat
+from drivers.tum.writer import TumWriter
+from vo_service.frame_record import decode_frame, decode_metadata
+from vo_service.outputs.recorder.messages import RecordingResult
+
+# A recording leaves so much of the disk to everything else on the robot.
+MIN_FREE_BYTES = 1_000_000_000
+_POLL_PERIOD_S = 0.03
+# A third of the time and of the size of PNG, which two slow cores cannot keep up with.
+COLOR_FORMAT = ColorFormat.JPEG
+
+
+class RecordingWriter:
+    """Writes on a thread of its own what comes into the ring.
+
+    The folder is made with the first frame. A camera that goes and comes back is recorded on.
+    """
+
+    def __init__(
+        self,
+        ring: RecordRingReader,
+        first_frame: int,
+        folder: Path,
+        send_result: Callable[[RecordingResult], None],
+    ) -> None:
+        """Begin with the ring's frame number `first`. `tell` hears, once, how it ended."""
+        self.folder = folder
+        self.missed_frames = 0
+        self._ring, self._send_result = ring, send_result
+        self._next_record, self._end_frame = first_frame, sys.maxsize
+        self._writer: TumWriter | None = None  # from the first frame on
+        self._offset_s = 0.0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether nothing more is written."""
+        return not self._thread.is_alive()
+
+    def stop(self, end_frame: int, timeout_s: float | None = None) -> None:
+        """End it before the frame with this number, and wait for that."""
+        if not self._stop.is_set():
+            self._end_frame = end_frame
+            self._stop.set()
+        self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        trouble = ""
+        try:
+            self.folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with ExitStack() as stack:
+                is_last = False
+                while not is_last:
+                    is_last = self._stop.wait(_POLL_PERIOD_S)
+                    self._write_new(stack)
+        except UserFacingError as error:
+            trouble = str(error)
+        except OSError as error:
+            trouble = f"{self.folder}: cannot be written: {error.strerror}"
+        frames = 0 if self._writer is None else self._writer.written
+        self._send_result(RecordingResult(self.folder, frames, self.missed_frames, trouble))
+
+    def _write_new(self, stack: ExitStack) -> None:
+        """Write what has come since the last time."""
+        end = min(self._ring.record_count, self._end_frame)
+        begin = min(end, max(self._next_record, self._ring.oldest_number))
+        self.missed_frames += begin - self._next_record
+        self._next_record = end
+        for number in range(begin, end):
+            record = self._ring.read_record(number)
+            if record is None:
+                self.missed_frames += 1
+            else:
+                self._write(record, stack)
+
+    def _write(self, record: RingRecord, stack: ExitStack) -> None:
+        if free_disk_bytes(self.folder.parent) < MIN_FREE_BYTES:
+            raise UserFacingError(
+                f"{self.folder}: less than {MIN_FREE_BYTES / 1e9:g} GB are left on the disk; "
+                "free some space and record into a new folder"
+            )
+        if self._writer is None:
+            self._offset_s = decode_metadata(record.metadata).clock_offset_s
+            self._writer = stack.enter_context(TumWriter(self.folder, color_format=COLOR_FORMAT))
+        self._writer.write(decode_frame(record, self._offset_s))

@@ -1,0 +1,134 @@
+"""Recordings in .rrd files of bounded size and number."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory, TemporaryFile
+from typing import TYPE_CHECKING, Any
+
+from drivers.camera import PlaybackMode
+from drivers.core.errors import InputError
+from drivers.core.files import free_disk_bytes, is_disk_full, rotate_file
+from drivers.core.queues import BlockingQueue, BoundedQueue, DropOldestQueue
+from vo_service.config_tables import MEGABYTE
+from vo_service.outputs.rerun.sinks import APPLICATION, BrokenFileError, DiskFullError
+from vo_service.outputs.rerun.viewer_probe import AlwaysPresent, ViewerProbe
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+QUEUE_CAPACITY = 8
+FLUSH_TIMEOUT_S = 5.0
+# Left free, so that the end of a file can be written: without it Rerun opens a file slowly.
+RESERVE_BYTES = 16 * MEGABYTE
+
+
+class RrdFileSink:
+    """FILE.rrd is what is being written; what was there is kept under another name.
+
+    A file that is full, or of an earlier run, is named FILE-0001.rrd, the next FILE-0002.rrd: the
+    higher, the newer. `file_mb` is the size that a file may grow to, `max_files` how many there
+    are at most, FILE.rrd among them.
+
+    Pictures follow the frames' own time, so that a fast replay has as many.
+    """
+
+    is_persistent = True
+    # Rerun remembers every batch of a file until its end, 3 kB each.
+    flush_interval_s = 2.0
+
+    def __init__(self, path: Path, file_mb: int = 500, files_kept: int = 4) -> None:
+        self.address = str(path)
+        self._path = path
+        self._max_file_bytes = file_mb * MEGABYTE
+        self._files_kept = files_kept
+        self._flushed_bytes = 0
+        self._layout = b""
+
+    def make_queue(self, playback_mode: PlaybackMode) -> BoundedQueue[Any]:
+        """A replay in lockstep waits until everything is written."""
+        return (
+            BlockingQueue(QUEUE_CAPACITY)
+            if playback_mode is PlaybackMode.LOCKSTEP
+            else DropOldestQueue(QUEUE_CAPACITY)
+        )
+
+    def rate_clock_s(self, stamp_s: float) -> float:
+        """The frame's stamp."""
+        return stamp_s
+
+    def make_probe(self) -> ViewerProbe:
+        """A file is always there."""
+        return AlwaysPresent()
+
+    def attach(self, stream: "rr.RecordingStream", blueprint: "rrb.Blueprint") -> None:
+        """Create the file."""
+        try:
+            self._check_writable()
+            self._check_disk_space(2 * RESERVE_BYTES)
+            rotate_file(self._path, self._files_kept)
+            stream.save(self.address)
+            # Not as `default_blueprint`: Rerun never gives back the memory of that, 1 MB a file.
+            self._layout = self._layout or self._serialize_blueprint(blueprint)
+            stream.log_file_from_contents("layout.rbl", self._layout)
+        except (OSError, RuntimeError, UnicodeError) as error:
+            raise self._unwritable_error(str(error)) from error
+        self._flushed_bytes = 0
+
+    def check(self, stream: "rr.RecordingStream") -> None:
+        """Whether there is space, and everything has been written."""
+        self._check_disk_space(RESERVE_BYTES)
+        try:
+            stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        except RuntimeError as error:
+            # A file that ends in the middle of a message is not read at all.
+            with self._path.open("r+b") as file:
+                file.truncate(self._flushed_bytes)
+            raise BrokenFileError(
+                f"{self.address}: the recording stops after {self._flushed_bytes} bytes, as the file "
+                f"cannot be written ({error}); mend that and start again"
+            ) from error
+        self._flushed_bytes = self._path.stat().st_size
+
+    def is_full(self) -> bool:
+        """Whether the file has reached its size."""
+        return self._path.stat().st_size >= self._max_file_bytes
+
+    def close(self) -> None:
+        """The stream closes the file."""
+
+    def _serialize_blueprint(self, blueprint: "rrb.Blueprint") -> bytes:
+        """What Rerun keeps a layout in."""
+        with TemporaryDirectory(dir=self._path.parent) as folder:
+            file = Path(folder) / "layout.rbl"
+            blueprint.save(APPLICATION, file)
+            return file.read_bytes()
+
+    def _check_writable(self) -> None:
+        """Raises InputError with the cause, before anything is put aside; DiskFullError."""
+        folder = self._path.parent
+        self.address.encode()  # Rerun takes text alone
+        if self._path.exists() and not self._path.is_file():
+            what = "a folder" if self._path.is_dir() else "no file but a device or the like"
+            raise self._unwritable_error(f"it is {what}")
+        if not folder.is_dir():
+            raise self._unwritable_error(f"there is no folder {folder}")
+        try:
+            TemporaryFile(dir=folder).close()
+        except OSError as error:
+            if is_disk_full(error):
+                raise self._disk_full_error() from error
+            raise self._unwritable_error(f"{folder} takes no new file: {error.strerror}") from error
+
+    def _check_disk_space(self, needed_bytes: int) -> None:
+        if free_disk_bytes(self._path.parent) < needed_bytes:
+            raise self._disk_full_error()
+
+    def _unwritable_error(self, cause: str) -> InputError:
+        return InputError(
+            f"{self.address}: cannot write the Rerun recording: {cause}; name another file"
+        )
+
+    def _disk_full_error(self) -> DiskFullError:
+        return DiskFullError(
+            f"{self.address}: the disk is full; nothing is recorded until there is space again"
+        )

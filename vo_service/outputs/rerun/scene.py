@@ -1,0 +1,228 @@
+"""What the viewer is shown. Imports rerun: for the viewer's process alone.
+
+Everything is drawn in the world of the first camera (x right, y down, z forward).
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from drivers.camera import RgbdFrame
+from drivers.core.geometry import Array, quaternion_from_rotation
+from vo_service.outputs.rerun import blueprint as paths
+from vo_service.outputs.rerun.map_layer import MapLayer
+from vo_service.outputs.rerun.messages import (
+    CorrectedPosition,
+    FrameImages,
+    FrameScalars,
+    GroundTruth,
+    InitialState,
+    MapGraph,
+    RerunMessage,
+    TextLog,
+    TrackingStatus,
+    TrajectoryPoint,
+)
+from vo_service.outputs.rerun.sinks import Sink
+from vo_service.types import TrackingDebug, TrackingState
+
+FEATURE_COLOR = (255, 220, 90)
+MATCH_COLOR = (90, 160, 250)
+INLIER_COLOR = (40, 220, 130)
+OUTLIER_COLOR = (240, 80, 60)
+TRAJECTORY_COLOR = (255, 150, 40)
+GROUND_TRUTH_COLOR = (150, 170, 200)
+
+POINT_GRID_PX = 6
+DEPTH_GRID_PX = 2
+# The whole trajectory is drawn again after this many pictures; in between, only what is new.
+IMAGES_PER_TRAJECTORY_REDRAW = 100
+DEPTH_RANGE_M = (0.4, 5.0)
+
+
+class RerunScene:
+    """Logs messages to one recording stream."""
+
+    def __init__(
+        self, stream: rr.RecordingStream, initial_state: InitialState, jpeg_quality: int
+    ) -> None:
+        """`backdrop` is what is there already; its trail grows while this scene is drawn."""
+        self._stream = stream
+        self._jpeg_quality = jpeg_quality
+        self._last_logged_state: TrackingStatus | None = None
+        self._log_static()
+        self._log_initial_state(initial_state)
+
+    def log(self, message: RerunMessage) -> None:
+        """Show one message."""
+        match message:
+            case InitialState():
+                self._log_initial_state(message)
+            case FrameScalars():
+                self._log_scalars(message)
+            case FrameImages(frame, evidence):
+                self._log_images(frame)
+                self._log_matches(evidence)
+                self._log_points(frame)
+                self._trajectory.on_image()
+                self._map.on_image()
+            case TrajectoryPoint(position, epoch):
+                self._trajectory.append(position, epoch)
+            case GroundTruth():
+                self._log_ground_truth(message)
+            case MapGraph():
+                self._map.set_graph(message)
+            case CorrectedPosition():
+                self._map.extend_to(message)
+            case TrackingStatus():
+                self._log_state(message)
+            case TextLog(text):
+                self._stream.log(paths.LOG, rr.TextLog(text, level=rr.TextLogLevel.WARN))
+
+    def check_written(self, sink: Sink) -> None:
+        """Raises UserFacingError if what was logged has not arrived, or nothing more can."""
+        sink.check(self._stream)
+
+    def should_rotate(self, sink: Sink) -> bool:
+        """Whether its place is full."""
+        return sink.is_full()
+
+    def finish(self) -> None:
+        """Write out everything; nothing can be logged after."""
+        self._stream.disconnect()
+
+    def _log_initial_state(self, initial_state: InitialState) -> None:
+        self._trajectory = _TrajectoryLayer(self._stream, initial_state)
+        self._map = MapLayer(self._stream, initial_state.graph)
+        if initial_state.ground_truth is not None:
+            self._log_ground_truth(initial_state.ground_truth)
+
+    def _log_scalars(self, scalars: FrameScalars) -> None:
+        """Pose, counts, times and state: small, for every frame."""
+        stream, T = self._stream, scalars.T_world_camera
+        stream.set_time(paths.TIMELINE, sequence=scalars.seq)
+        stream.set_time("stamp", timestamp=scalars.stamp_s)
+        turn = rr.Quaternion(xyzw=quaternion_from_rotation(T[:3, :3]))
+        stream.log(paths.CAMERA, rr.Transform3D(translation=T[:3, 3], quaternion=turn))
+        for name, count in scalars.counts.items():
+            stream.log(f"{paths.COUNTS}/{name}", rr.Scalars(count))
+        for stage, cpu_ms in scalars.stage_ms.items():
+            stream.log(f"{paths.STAGES}/{stage}", rr.Scalars(cpu_ms))
+        self._log_state(scalars.state)
+
+    def _log_static(self) -> None:
+        self._stream.log(paths.WORLD, rr.ViewCoordinates.RDF, static=True)
+        colours = {
+            "features": FEATURE_COLOR,
+            "matches": MATCH_COLOR,
+            "inliers": INLIER_COLOR,
+        }
+        for name, colour in colours.items():
+            style = rr.SeriesLines(colors=colour, names=name, widths=1.5)
+            self._stream.log(f"{paths.COUNTS}/{name}", style, static=True)
+
+    def _log_state(self, state: TrackingStatus) -> None:
+        """If it has changed; the reason alone is no news."""
+        said, self._last_logged_state = self._last_logged_state, state
+        if said is not None and (said.state, said.epoch) == (state.state, state.epoch):
+            return
+        is_well = state.state == TrackingState.TRACKING
+        level = rr.TextLogLevel.INFO if is_well else rr.TextLogLevel.WARN
+        text = f"{state.state}: {state.reason}" if state.reason else str(state.state)
+        self._stream.log(paths.LOG, rr.TextLog(f"{text} (epoch {state.epoch})", level=level))
+
+    def _log_ground_truth(self, ground_truth: GroundTruth) -> None:
+        strip = rr.LineStrips3D(
+            [ground_truth.positions], colors=GROUND_TRUTH_COLOR, radii=rr.Radius.ui_points(1.0)
+        )
+        self._stream.log(paths.GROUND_TRUTH, strip, static=True)
+
+    def _log_images(self, frame: RgbdFrame) -> None:
+        camera = frame.camera
+        pinhole = rr.Pinhole(
+            image_from_camera=camera.K,
+            resolution=(camera.width, camera.height),
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=0.3,
+        )
+        self._stream.log(paths.IMAGE, pinhole, self._jpeg(frame.color_bgr))
+        depth = np.ascontiguousarray(frame.depth_raw[::DEPTH_GRID_PX, ::DEPTH_GRID_PX])
+        limits = [limit_m * frame.depth_factor for limit_m in DEPTH_RANGE_M]
+        image = rr.DepthImage(depth, meter=frame.depth_factor, colormap="turbo", depth_range=limits)
+        self._stream.log(paths.DEPTH, image)
+
+    def _log_matches(self, evidence: TrackingDebug) -> None:
+        inlier = evidence.inlier
+        lines = np.stack([evidence.reference_matches_px, evidence.matches_px], axis=1)
+        features = rr.Points2D(
+            evidence.keypoints_px, colors=FEATURE_COLOR, radii=rr.Radius.ui_points(1.0)
+        )
+        self._stream.log(paths.FEATURES, features)
+        for path, some, colour in (
+            (paths.INLIERS, lines[inlier], INLIER_COLOR),
+            (paths.OUTLIERS, lines[~inlier], OUTLIER_COLOR),
+        ):
+            strips = rr.LineStrips2D(some, colors=colour, radii=rr.Radius.ui_points(1.0))
+            self._stream.log(path, strips)
+
+    def _log_points(self, frame: RgbdFrame) -> None:
+        points, colours = back_project(frame, POINT_GRID_PX)
+        cloud = rr.Points3D(points, colors=colours, radii=rr.Radius.ui_points(2.0))
+        self._stream.log(paths.POINTS, cloud)
+
+    def _jpeg(self, image_bgr: NDArray[np.uint8]) -> rr.EncodedImage:
+        _, encoded = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, self._jpeg_quality])
+        return rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
+
+
+class _TrajectoryLayer:
+    """The trajectory: what is new with each point, all of it now and then.
+
+    So a long one is not sent again with each point, and is whole for a viewer that comes late.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, initial_state: InitialState) -> None:
+        self._stream = stream
+        self._trajectory = initial_state.trajectory
+        self._images_since_redraw = IMAGES_PER_TRAJECTORY_REDRAW  # at once
+        self._epoch = -1
+        self._latest: list[Array] = []
+
+    def append(self, position: Array, epoch: int) -> None:
+        """Draw a point that the trail has been given; another epoch starts another line."""
+        if epoch != self._epoch:
+            self._log_all()
+            self._latest = []
+        self._epoch = epoch
+        self._latest.append(position)
+        self._log_lines("latest", [self._latest])
+
+    def on_image(self) -> None:
+        """Draw everything if it is time."""
+        self._images_since_redraw += 1
+        if self._images_since_redraw >= IMAGES_PER_TRAJECTORY_REDRAW:
+            self._log_all()
+
+    def _log_all(self) -> None:
+        self._log_lines("so_far", self._trajectory.lines)
+        self._latest = self._latest[-1:]
+        self._images_since_redraw = 0
+
+    def _log_lines(self, part: str, lines: Sequence[Sequence[Array]]) -> None:
+        strips = rr.LineStrips3D(lines, colors=TRAJECTORY_COLOR, radii=rr.Radius.ui_points(2.0))
+        self._stream.log(f"{paths.TRAJECTORY}/{part}", strips)
+
+
+def back_project(frame: RgbdFrame, grid_px: int) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """(N, 3) points in camera axes, metres, and their (N, 3) RGB, on a coarse grid of pixels."""
+    camera = frame.camera
+    v, u = np.mgrid[0 : camera.height : grid_px, 0 : camera.width : grid_px]
+    z = frame.depth_m[v, u]
+    seen = z > 0
+    u, v, z = u[seen], v[seen], z[seen]
+    x = (u - camera.cx) / camera.fx * z
+    y = (v - camera.cy) / camera.fy * z
+    return np.stack([x, y, z], axis=1).astype(np.float32), frame.color_bgr[v, u, ::-1]

@@ -1,0 +1,72 @@
+"""Targets as users write them: serve, connect, connect:HOST:PORT or FILE.rrd."""
+
+import os
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+from drivers.core.errors import InputError
+from vo_service.config_tables import RerunConfig
+from vo_service.outputs.rerun.browser_sink import WEB_PORT, BrowserSink, free_port
+from vo_service.outputs.rerun.rrd_file_sink import RrdFileSink
+from vo_service.outputs.rerun.sinks import DATA_PORT, RunningViewerSink, Sink
+
+# What the viewer's process takes before anything is kept: Python, OpenCV, Rerun. Measured, as is
+# that Rerun takes more than it is allowed.
+_BASE_PROCESS_MB = 220
+_PROCESS_MB_PER_HISTORY_MB = 2
+_MIN_HISTORY_MB = 20
+
+
+def make_sink(target: str, settings: RerunConfig = RerunConfig()) -> Sink:  # noqa: B008 (frozen)
+    """The place that a target names. Raises InputError if it names none."""
+    if target == "serve":
+        history_mb = max(
+            _MIN_HISTORY_MB, (settings.memory_mb - _BASE_PROCESS_MB) // _PROCESS_MB_PER_HISTORY_MB
+        )
+        return BrowserSink(free_port(DATA_PORT), free_port(WEB_PORT), history_mb)
+    if target.endswith(".rrd"):
+        return RrdFileSink(Path(target), settings.file_mb, settings.files_kept)
+    return _running_viewer_sink(target)
+
+
+def _running_viewer_sink(target: str) -> RunningViewerSink:
+    if target == "connect":
+        return RunningViewerSink()
+    if target.startswith("connect:"):
+        return RunningViewerSink(f"rerun+http://{target.removeprefix('connect:')}/proxy")
+    raise InputError(f"rerun target {target!r}: use serve, connect, connect:HOST:PORT or FILE.rrd")
+
+
+def check_targets(targets: Sequence[str]) -> None:
+    """Raises InputError if one is none, or two are one place and would destroy each other's data.
+
+    Opens nothing.
+    """
+    taken: dict[str, str] = {}
+    for target in targets:
+        place = _canonical_target(target)
+        if place in taken:
+            raise InputError(
+                f"rerun targets {taken[place]!r} and {target!r} are the same place; leave one out"
+            )
+        taken[place] = target
+
+
+def _canonical_target(target: str) -> str:
+    """The same for two targets only where they are one place."""
+    if target == "serve":
+        return target
+    return (
+        os.path.realpath(target)
+        if target.endswith(".rrd")
+        else _running_viewer_sink(target).address
+    )
+
+
+def prepare_rerun() -> None:
+    """Before it is imported. Raises InputError if it is not installed."""
+    if find_spec("rerun") is None:
+        raise InputError("Rerun is not installed: pip install 'kinect-vo[rerun]'")
+    # Rerun reads this when it is loaded, and would tell about its ports and threads otherwise.
+    os.environ.setdefault("RUST_LOG", "error")

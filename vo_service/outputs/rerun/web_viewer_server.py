@@ -1,0 +1,170 @@
+"""Rerun's web viewer as a page of this computer that talks to nobody else.
+
+The viewer is three files inside Rerun's own web server. As it comes, the page reports its use and
+loads fonts and release notes from the internet. Here it is served with a policy that lets the
+browser reach nothing but this computer, and by this process: no server is left behind.
+"""
+
+import json
+import os
+import re
+import socket
+import subprocess
+import tempfile
+import time
+from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.util import find_spec
+from pathlib import Path
+from threading import Lock, Thread
+from typing import Any
+from urllib.request import urlopen
+
+from drivers.core.errors import UserFacingError
+from vo_service.outputs.rerun.sinks import LOOPBACK, PortTakenError
+
+_FILES = {
+    "": "text/html",
+    "re_viewer.js": "text/javascript",
+    "re_viewer_bg.wasm": "application/wasm",
+    "favicon.ico": "image/x-icon",
+}
+_START_TIMEOUT_S = 10.0
+
+
+class WebViewerServer:
+    """Serves the page on loopback until closed. Raises UserFacingError if the port is taken."""
+
+    def __init__(self, port: int, data_port: int) -> None:
+        handler = partial(_PageRequestHandler, _ViewerFiles(), _content_security_policy(data_port))
+        try:
+            self._server = ThreadingHTTPServer((LOOPBACK, port), handler)
+        except (OSError, OverflowError) as error:
+            raise PortTakenError(port, error) from error
+        Thread(target=self._server.serve_forever, name="rerun page", daemon=True).start()
+
+    def close(self) -> None:
+        """Serve no more."""
+        self._server.shutdown()
+        self._server.server_close()
+
+
+class _ViewerFiles:
+    """The viewer's files, fetched when a browser first asks for them."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._files: dict[str, bytes] = {}
+
+    def file(self, name: str) -> bytes:
+        with self._lock:
+            if not self._files:
+                self._files = _fetch_files()
+            return self._files[name]
+
+
+class _PageRequestHandler(BaseHTTPRequestHandler):
+    def __init__(self, viewer: _ViewerFiles, policy: str, *args: Any) -> None:
+        self._viewer = viewer
+        self._policy = policy
+        super().__init__(*args)
+
+    def do_GET(self) -> None:
+        name = self.path.split("?")[0].removeprefix("/")
+        if name not in _FILES:
+            self.send_error(404)
+            return
+        content = self._viewer.file(name)
+        self.send_response(200)
+        self.send_header("Content-Type", _FILES[name])
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Content-Security-Policy", self._policy)
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the base class's name)
+        """Say nothing on the terminal."""
+
+
+def _content_security_policy(data_port: int) -> str:
+    """Content-Security-Policy: this page and the data, nothing else."""
+    return (
+        "default-src 'self'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; "
+        "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; worker-src 'self' blob:; "
+        f"connect-src 'self' http://{LOOPBACK}:{data_port}"
+    )
+
+
+def _fetch_files() -> dict[str, bytes]:
+    """Start Rerun's own web server for a moment and read the files from it."""
+    port = pick_free_port()
+    # Given something to show, it opens no port for data of its own.
+    command = [str(rerun_binary()), "--serve-web", f"rerun+http://{LOOPBACK}:1/proxy"]
+    command += ["--bind", LOOPBACK, "--web-viewer-port", str(port)]
+    with tempfile.TemporaryDirectory(prefix="kinect-vo-") as home:
+        server = subprocess.Popen(command, env=no_telemetry_environment(Path(home)))
+        try:
+            wait_for_port(port)
+            files = {name: _fetch(f"http://{LOOPBACK}:{port}/{name}") for name in _FILES}
+        finally:
+            server.kill()
+            server.wait()
+    return files | {"": _strip_external_links(files[""])}
+
+
+def _strip_external_links(page: bytes) -> bytes:
+    """The page without its fonts: a policy does not keep a browser from connecting ahead."""
+    return re.sub(rb"<link[^>]*https://[^>]*>", b"", page)
+
+
+def wait_for_port(port: int) -> None:
+    """Until something listens on a port. Raises UserFacingError after ten seconds."""
+    deadline_s = time.monotonic() + _START_TIMEOUT_S
+    while time.monotonic() < deadline_s:
+        try:
+            socket.create_connection((LOOPBACK, port), timeout=1.0).close()
+        except OSError:
+            time.sleep(0.05)
+        else:
+            return
+    raise UserFacingError("Rerun's web server did not start")
+
+
+def _fetch(url: str) -> bytes:
+    with urlopen(url, timeout=_START_TIMEOUT_S) as response:
+        content: bytes = response.read()
+    return content
+
+
+def pick_free_port() -> int:
+    """A port of loopback that the kernel has just found free."""
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def rerun_binary() -> Path:
+    """The program itself: the `rerun` command is a script, and killing that leaves it running."""
+    package = find_spec("rerun_cli")
+    if package is None or package.origin is None:
+        raise UserFacingError("Rerun's web server is missing: pip install 'kinect-vo[rerun]'")
+    return Path(package.origin).with_name("rerun")
+
+
+def no_telemetry_environment(home: Path) -> dict[str, str]:
+    """Environment for Rerun's programs: no usage reports (the file wants all five keys), no chat.
+
+    `home` is an empty folder that must last as long as the program.
+    """
+    settings = home / "rerun" / "analytics.json"
+    settings.parent.mkdir()
+    content = {
+        "analytics_enabled": False,
+        "analytics_id": "",
+        "metadata": {},
+        "config_file_path": str(settings),
+        "data_dir_path": str(home),
+    }
+    settings.write_text(json.dumps(content))
+    return os.environ | {"XDG_CONFIG_HOME": str(home), "RUST_LOG": "error"}

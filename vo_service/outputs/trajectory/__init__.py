@@ -1,0 +1,1 @@
+"""The trajectory, in a file or in memory."""

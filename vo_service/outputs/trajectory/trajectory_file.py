@@ -1,0 +1,85 @@
+"""The trajectory as a text file in the TUM RGB-D benchmark's format."""
+
+import logging
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.queues import BoundedQueue, WorkerThread
+from drivers.core.trajectory import format_pose_line
+from vo_service.types import OdometryUpdate, Status
+
+# A disk that does not answer is waited for no longer than this at the end.
+CLOSE_TIMEOUT_S = 2.0
+
+logger = logging.getLogger(__name__)
+
+
+class TrajectoryFileOutput:
+    """Writes ``stamp tx ty tz qx qy qz qw`` of the optical camera, one line a good frame.
+
+    Stamps are the published ones. The file is created (or emptied) at once and grows line by line
+    on a thread of its own, so that whatever ends the process, every finished line is kept. A frame
+    without a pose of its own writes no line. After a failed write (disk full) nothing more is
+    written, the file ends with its last whole line, and `close` raises the error.
+
+    Raises InputError if the file cannot be created.
+    """
+
+    def __init__(self, path: Path, line_queue: BoundedQueue[bytes]) -> None:
+        """`lines` says what becomes of lines that the disk does not take in time."""
+        self._path = path
+        self._size = 0
+        self._error: UserFacingError | None = None
+        try:
+            self._file = path.open("wb", buffering=0)
+        except OSError as error:
+            raise InputError(
+                f"{path}: cannot write the trajectory: {error.strerror}; name a file in a folder "
+                "that you may write to"
+            ) from error
+        self._worker = WorkerThread("trajectory", line_queue, self._append, self._file.close)
+
+    @property
+    def warning(self) -> str:
+        """What is missing of the file."""
+        if self._error is not None:
+            return str(self._error)
+        if self._worker.dropped:
+            return f"{self._path}: the disk is too slow; poses are missing"
+        return ""
+
+    def on_update(self, update: OdometryUpdate) -> None:
+        """Write one line (soon), if this frame has a pose of its own."""
+        if update.estimate.ok and self._error is None:
+            self._worker.put(format_pose_line(update.stamp_s, update.T_world_camera).encode())
+
+    def on_status(self, status: Status) -> None:
+        """Nothing to write."""
+
+    def close(self) -> None:
+        """Close the file. Raises UserFacingError, once, if the file is not complete."""
+        has_ended = self._worker.close(CLOSE_TIMEOUT_S)
+        failure, self._error = self._error, None
+        if failure is not None:
+            raise UserFacingError(f"{self._path}: the trajectory is not complete") from failure
+        if not has_ended:
+            raise UserFacingError(f"{self._path}: the disk does not take the end of the trajectory")
+
+    def _append(self, line: bytes) -> None:
+        if self._error is not None:
+            return
+        try:
+            written = self._file.write(line)
+            if written != len(line):
+                raise OSError(0, "no space left for a whole line")
+            self._size += len(line)
+        except OSError as error:
+            with suppress(OSError):
+                os.ftruncate(self._file.fileno(), self._size)
+            self._error = UserFacingError(
+                f"{self._path}: the trajectory stops after {self._size} bytes: {error.strerror}; "
+                "free some space and run again"
+            )
+            logger.error("%s", self._error)

@@ -1,0 +1,1 @@
+"""Poses, status, map and commands over Zenoh."""

@@ -1,0 +1,175 @@
+"""Commands over Zenoh: `{prefix}/command/NAME`, into the loop's inbox and back."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
+
+import zenoh
+
+from drivers.core.queues import BlockingQueue, WorkerThread
+from drivers.core.rate_limit import TokenBucket
+from vo_service.command_parser import MAX_PAYLOAD_BYTES, parse_command
+from vo_service.command_queue import CommandFuture, CommandSink
+from vo_service.config_tables import CommandConfig
+from vo_service.outputs.zenoh.messages import result_payload
+from vo_service.outputs.zenoh.queryables import (
+    MAX_PENDING_QUERIES,
+    reply,
+    reply_error,
+    serve_queryable,
+)
+from vo_service.types import Command, CommandError, ErrorCode
+
+logger = logging.getLogger(__name__)
+
+# The loop comes round several times a second; longer than this it does not think about a command.
+RESULT_TIMEOUT_S = 5.0
+LOG_PERIOD_S = 60.0
+CLOSE_TIMEOUT_S = 0.5
+
+
+class CommandEndpoint(Protocol):
+    """What operators may ask."""
+
+    def declare(self, session: zenoh.Session, prefix: str) -> list[threading.Thread]:
+        """Begin to answer on a session that has just been opened; the threads that do."""
+        ...
+
+    def configure(self, settings: CommandConfig) -> None:
+        """Take a new limit; whether there are commands at all stays as it is."""
+        ...
+
+    def close(self) -> None:
+        """Answer no more."""
+        ...
+
+
+class NullCommandEndpoint:
+    """Nothing."""
+
+    def declare(self, session: zenoh.Session, prefix: str) -> list[threading.Thread]:
+        """Declare nothing."""
+        return []
+
+    def configure(self, settings: CommandConfig) -> None:
+        """No limit is needed."""
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+@dataclass(frozen=True)
+class _PendingCommand:
+    """A command that the loop has, and who waits for the answer."""
+
+    query: zenoh.Query
+    key: str
+    future: CommandFuture[Any]
+
+
+class CommandServer:
+    """Every command of `vo_service.command_parser`, so many a second, into an inbox.
+
+    One queryable for all names: it can say that there is no such command. One thread reads and
+    refuses, another waits for the loop's answers and gives them out, in order.
+    """
+
+    def __init__(self, command_queue: CommandSink[Command], per_second: float) -> None:
+        self._command_queue = command_queue
+        self._rate_limit = CommandRateLimit(per_second)
+        self._replies: WorkerThread[_PendingCommand] = WorkerThread(
+            "zenoh-answers", BlockingQueue(MAX_PENDING_QUERIES), _send_reply, lambda: None
+        )
+
+    def declare(self, session: zenoh.Session, prefix: str) -> list[threading.Thread]:
+        """See `CommandEndpoint`."""
+        folder = f"{prefix}/command/"
+        return [serve_queryable(session, f"{folder}*", partial(self._receive, folder))]
+
+    def configure(self, settings: CommandConfig) -> None:
+        """See `CommandEndpoint`."""
+        self._rate_limit = CommandRateLimit(settings.per_second)
+
+    def close(self) -> None:
+        """See `CommandEndpoint`; what the loop has not answered by now it will not."""
+        self._replies.close(CLOSE_TIMEOUT_S)
+
+    def _receive(self, key_prefix: str, query: zenoh.Query) -> None:
+        key = str(query.key_expr)
+        if "*" in key:  # who asks for all there is to read means no command
+            query.drop()  # type: ignore[no-untyped-call]
+            return
+        try:
+            self._rate_limit.check()
+            command = parse_command(key.removeprefix(key_prefix), _read_payload(query))
+            self._replies.put(_PendingCommand(query, key, self._command_queue.submit(command)))
+        except CommandError as error:
+            reply_error(query, error)
+
+
+def _send_reply(pending: _PendingCommand) -> None:
+    try:
+        payload = result_payload(pending.future.result(RESULT_TIMEOUT_S))
+    except CommandError as error:
+        logger.info("zenoh: %s: %s", pending.key, error)
+        reply_error(pending.query, error)
+    except (TypeError, ValueError) as error:
+        reply_error(
+            pending.query, CommandError(ErrorCode.FAILED, f"its answer is no JSON: {error}")
+        )
+    else:
+        logger.info("zenoh: %s: done", pending.key)
+        reply(pending.query, pending.key, payload)
+
+
+def make_command_endpoint(
+    settings: CommandConfig, command_queue: CommandSink[Command]
+) -> CommandEndpoint:
+    """What the settings ask for."""
+    return (
+        CommandServer(command_queue, settings.per_second)
+        if settings.enabled
+        else NullCommandEndpoint()
+    )
+
+
+class CommandRateLimit:
+    """Refuses commands beyond so many a second, and logs that now and then. For one thread."""
+
+    def __init__(self, per_second: float, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._bucket = TokenBucket(per_second, now_s)
+        self._now_s = now_s
+        self._rejected = 0
+        self._logged_s = float("-inf")
+
+    def check(self) -> None:
+        """Raises CommandError: rate-limited."""
+        if self._bucket.try_acquire():
+            return
+        self._rejected += 1
+        limit = f"more than {self._bucket.per_second:g} commands a second"
+        if self._now_s() - self._logged_s >= LOG_PERIOD_S:
+            logger.warning("zenoh: %s: refused %d (told once a minute)", limit, self._rejected)
+            self._logged_s, self._rejected = self._now_s(), 0
+        raise CommandError(ErrorCode.RATE_LIMITED, f"{limit}; wait, then try again")
+
+
+def _read_payload(query: zenoh.Query) -> bytes:
+    """The payload, looked at only if it is small enough. Raises CommandError: bad-request."""
+    if not query.parameters.is_empty():
+        raise CommandError(
+            ErrorCode.BAD_REQUEST, "arguments go into the payload, as JSON, not behind a `?`"
+        )
+    payload = query.payload
+    if payload is None:
+        return b""
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise CommandError(
+            ErrorCode.BAD_REQUEST,
+            f"{len(payload)} bytes are too many; the limit is {MAX_PAYLOAD_BYTES}",
+        )
+    return payload.to_bytes()

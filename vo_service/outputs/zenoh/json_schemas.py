@@ -1,0 +1,154 @@
+"""JSON Schemas (draft 2020-12) of all JSON over Zenoh, made from the code that writes and reads it.
+
+What goes out may get more keys without a new schema number; what comes in may have no others.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from enum import StrEnum
+from types import NoneType
+from typing import Any, get_args, get_origin, get_type_hints
+
+from vo_service.command_parser import COMMAND_NAMES
+from vo_service.outputs.zenoh.command_schemas import ARGUMENT_SCHEMAS, RESULT_SCHEMAS
+from vo_service.outputs.zenoh.messages import MESSAGE_SCHEMA
+from vo_service.outputs.zenoh.status_fields import STATUS_FIELD_DESCRIPTIONS
+from vo_service.types import ErrorCode, Status, TrackingState
+
+JSON_SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+Schema = dict[str, Any]
+
+_PRIMITIVE_SCHEMAS: Mapping[Any, Schema] = {
+    bool: {"type": "boolean"},
+    int: {"type": "integer"},
+    float: {"type": "number"},
+    str: {"type": "string"},
+    NoneType: {"type": "null"},
+}
+_SCHEMA_FIELD: Schema = {
+    "const": MESSAGE_SCHEMA,
+    "description": "version of the message; one that a reader does not know must be refused",
+}
+_TEXT: Schema = {"type": "string"}
+
+
+def all_schemas() -> dict[str, Schema]:
+    """Every schema, by name."""
+    commands = {
+        f"{name}-{part}": schema
+        for name in COMMAND_NAMES
+        for part, schema in (
+            ("arguments", _arguments_schema(name)),
+            ("answer", _result_schema(name)),
+        )
+    }
+    return {
+        "odom-attachment": _odom_attachment_schema(),
+        "map-odom-attachment": _map_odom_attachment_schema(),
+        "status": _status_schema(),
+        "error": _error_schema(),
+        **commands,
+    }
+
+
+def schema_of(annotation: Any) -> Schema:
+    """Schema of a field's type as `json.dumps` writes it. Raises TypeError for an unknown type."""
+    if annotation in _PRIMITIVE_SCHEMAS:
+        return _PRIMITIVE_SCHEMAS[annotation]
+    if isinstance(annotation, type) and issubclass(annotation, StrEnum):
+        return {"enum": [str(value) for value in annotation]}
+    match get_origin(annotation), get_args(annotation):
+        case origin, (item, ellipsis) if origin is tuple and ellipsis is Ellipsis:
+            return {"type": "array", "items": schema_of(item)}
+        case origin, (key, value) if origin is Mapping and key is str:
+            return {"type": "object", "additionalProperties": schema_of(value)}
+    raise TypeError(f"no schema for a field of type {annotation}")
+
+
+def _odom_attachment_schema() -> Schema:
+    return _message_schema(
+        "Attachment of a pose on PREFIX/odom and PREFIX/latest",
+        {
+            "seq": {
+                "type": "integer",
+                "minimum": 0,
+                "description": "counts published poses from 0, anew whenever the service starts",
+            },
+            "state": {
+                "enum": [state for state in TrackingState if state is not TrackingState.NO_CAMERA],
+                "description": STATUS_FIELD_DESCRIPTIONS["state"],
+            },
+            "epoch": {"type": "integer", "description": STATUS_FIELD_DESCRIPTIONS["epoch"]},
+            "reason": {
+                "type": "string",
+                "description": 'why the state is so or the epoch began; "" while all is well',
+            },
+        },
+    )
+
+
+def _map_odom_attachment_schema() -> Schema:
+    return _message_schema(
+        "Attachment of how odom lies in the map, on PREFIX/map_odom",
+        {
+            "seq": {
+                "type": "integer",
+                "minimum": 0,
+                "description": "number of the newest pose, whose stamp it has",
+            },
+            "epoch": {
+                "type": "integer",
+                "description": "of that pose; for poses of another epoch odom lies elsewhere",
+            },
+            "is_located": {
+                "type": "boolean",
+                "description": STATUS_FIELD_DESCRIPTIONS["is_located"],
+            },
+            "places": {"type": "integer", "description": STATUS_FIELD_DESCRIPTIONS["places"]},
+            "loops": {"type": "integer", "description": STATUS_FIELD_DESCRIPTIONS["loops"]},
+        },
+    )
+
+
+def _status_schema() -> Schema:
+    types = get_type_hints(Status)
+    fields = {
+        field.name: schema_of(types[field.name])
+        | {"description": STATUS_FIELD_DESCRIPTIONS[field.name]}
+        for field in dataclasses.fields(Status)
+    }
+    versions = schema_of(Mapping[str, str]) | {"description": STATUS_FIELD_DESCRIPTIONS["versions"]}
+    return _message_schema("How the service is: PREFIX/status", fields | {"versions": versions})
+
+
+def _error_schema() -> Schema:
+    fields = {
+        "error": {"enum": list(ErrorCode), "description": "what went wrong, for programs"},
+        "message": _TEXT | {"description": "what went wrong, for people"},
+    }
+    return _message_schema("An error reply: why a question or a command has no answer", fields)
+
+
+def _result_schema(name: str) -> Schema:
+    return _message_schema(f"Answer of PREFIX/command/{name}", RESULT_SCHEMAS[name])
+
+
+def _arguments_schema(name: str) -> Schema:
+    return {
+        "$schema": JSON_SCHEMA_DIALECT,
+        "title": f"Arguments of PREFIX/command/{name}",
+        "type": "object",
+        **ARGUMENT_SCHEMAS[name],
+        "additionalProperties": False,
+    }
+
+
+def _message_schema(title: str, fields: Mapping[str, Schema]) -> Schema:
+    """Of a message that goes out: all fields are there, later versions may have more."""
+    return {
+        "$schema": JSON_SCHEMA_DIALECT,
+        "title": title,
+        "type": "object",
+        "properties": {"schema": _SCHEMA_FIELD, **fields},
+        "required": ["schema", *fields],
+    }

@@ -1,0 +1,95 @@
+"""What goes out over Zenoh, as bytes. A change that breaks readers raises the schema's number."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+from vo_service.command_queue import CommandResult
+from vo_service.outputs.zenoh.cdr_odometry import OdometryMessage, encode_odometry
+from vo_service.outputs.zenoh.cdr_transform import TransformMessage, encode_transform
+from vo_service.types import CommandError, OdometryUpdate, Status
+
+MESSAGE_SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class FrameIds:
+    """ROS names of the pose's frame, of the frame that moves and of the map's."""
+
+    frame_id: str
+    child_frame_id: str
+    map_frame_id: str
+
+
+def pose_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
+    """The pose as CDR ``nav_msgs/msg/Odometry``.
+
+    Raises ValueError if a number is not finite.
+    """
+    return encode_odometry(
+        OdometryMessage(
+            stamp_s=update.stamp_s,
+            frame_id=frame_ids.frame_id,
+            child_frame_id=frame_ids.child_frame_id,
+            T_frame_child=update.T_odom_base,
+            pose_covariance=update.pose_covariance,
+            twist=update.twist,
+            twist_covariance=update.twist_covariance,
+        )
+    )
+
+
+def pose_attachment(update: OdometryUpdate) -> bytes:
+    """JSON beside the pose: what `Odometry` has no field for."""
+    content = {
+        "schema": MESSAGE_SCHEMA,
+        "seq": update.seq,
+        "state": update.state,
+        "epoch": update.epoch,
+        "reason": update.reason,
+    }
+    return json.dumps(content).encode()
+
+
+def map_odom_transform(update: OdometryUpdate, frame_ids: FrameIds) -> TransformMessage:
+    """How `odom` lies in the map, as it is known with this pose."""
+    T_map_odom = update.map.T_map_odom
+    return TransformMessage(update.stamp_s, frame_ids.map_frame_id, frame_ids.frame_id, T_map_odom)
+
+
+def map_odom_payload(update: OdometryUpdate, frame_ids: FrameIds) -> bytes:
+    """The same as CDR ``geometry_msgs/msg/TransformStamped``.
+
+    Raises ValueError if a number is not finite.
+    """
+    return encode_transform(map_odom_transform(update, frame_ids))
+
+
+def map_odom_attachment(update: OdometryUpdate) -> bytes:
+    """JSON beside it: how far it can be relied on, and of which `odom` it is."""
+    content = {
+        "schema": MESSAGE_SCHEMA,
+        "seq": update.seq,
+        "epoch": update.epoch,
+        "is_located": update.is_localized,
+        "places": update.map.keyframes,
+        "loops": update.map.loop_closures,
+    }
+    return json.dumps(content).encode()
+
+
+def status_payload(status: Status, versions: Mapping[str, str]) -> bytes:
+    """The status as JSON. Raises ValueError if a number is not finite."""
+    content = {"schema": MESSAGE_SCHEMA, **asdict(status), "versions": dict(versions)}
+    return json.dumps(content, allow_nan=False).encode()
+
+
+def result_payload(result: CommandResult) -> bytes:
+    """What a command gave, as JSON. Raises ValueError if a number is not finite."""
+    return json.dumps({"schema": MESSAGE_SCHEMA, **result}, allow_nan=False).encode()
+
+
+def error_payload(error: CommandError) -> bytes:
+    """Why there is no answer, as JSON."""
+    content = {"schema": MESSAGE_SCHEMA, "error": error.code, "message": str(error)}
+    return json.dumps(content).encode()

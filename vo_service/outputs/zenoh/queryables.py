@@ -1,0 +1,135 @@
+"""What readers may ask for: answered from memory, on threads that the loop knows nothing of."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+import zenoh
+
+from drivers.core.rate_limit import TokenBucket
+from vo_service.outputs.zenoh.cdr_odometry import ODOMETRY_SCHEMA
+from vo_service.outputs.zenoh.cdr_transform import TRANSFORM_SCHEMA
+from vo_service.outputs.zenoh.json_schemas import all_schemas
+from vo_service.outputs.zenoh.messages import error_payload, result_payload
+from vo_service.types import CommandError, ErrorCode
+
+logger = logging.getLogger(__name__)
+
+CDR = zenoh.Encoding.APPLICATION_CDR.with_schema(ODOMETRY_SCHEMA)
+CDR_TRANSFORM = zenoh.Encoding.APPLICATION_CDR.with_schema(TRANSFORM_SCHEMA)
+JSON = zenoh.Encoding.APPLICATION_JSON
+# Zenoh gives up the oldest question that waits when there are more; that costs us no Python.
+MAX_PENDING_QUERIES = 16
+# Answering must not take the processor away from the poses, whoever asks how often.
+MAX_REPLIES_PER_SECOND = 100.0
+
+QueryHandler = Callable[[zenoh.Query], None]
+
+
+class LatestMessages:
+    """The newest messages, for those who ask. Written by one thread, read by others."""
+
+    def __init__(self) -> None:
+        self.pose: tuple[bytes, bytes] | None = None  # CDR, attachment
+        self.map_odom: tuple[bytes, bytes] | None = None  # the same; None where there is no map
+        self.status: bytes | None = None
+
+
+def serve_queryable(session: zenoh.Session, key: str, handler: QueryHandler) -> threading.Thread:
+    """Answer all questions to a key, one after another, on a thread that ends with the session.
+
+    Questions wait in Zenoh, not in Python: a flood of them costs the poses nothing. An asker whose
+    question is given up gets no answer.
+    """
+    queryable = session.declare_queryable(key, zenoh.handlers.RingChannel(MAX_PENDING_QUERIES))
+    thread = threading.Thread(
+        target=_serve, args=(queryable, handler), name=f"zenoh-{key}", daemon=True
+    )
+    thread.start()
+    return thread
+
+
+def reply(
+    query: zenoh.Query,
+    key: str,
+    payload: bytes,
+    encoding: zenoh.Encoding = JSON,
+    attachment: bytes | None = None,
+) -> None:
+    """Answer, and be done with the question."""
+    with suppress(zenoh.ZError):  # the session has closed
+        query.reply(key, payload, encoding=encoding, attachment=attachment)
+    query.drop()  # type: ignore[no-untyped-call]
+
+
+def reply_error(query: zenoh.Query, error: CommandError) -> None:
+    """Answer with an error, and be done with the question."""
+    with query, suppress(zenoh.ZError):  # the session has closed
+        query.reply_err(error_payload(error), encoding=JSON)
+
+
+def _serve(queryable: zenoh.Queryable[zenoh.Handler[zenoh.Query]], handler: QueryHandler) -> None:
+    pace = TokenBucket(MAX_REPLIES_PER_SECOND)
+    # Not `queryable.recv`: it would keep the queryable borrowed, and closing would fail.
+    questions = queryable.handler
+    while True:
+        time.sleep(pace.seconds_until_next())
+        try:
+            query = questions.recv()
+        except zenoh.ZError:  # the session has closed
+            return
+        pace.try_acquire()
+        try:
+            handler(query)
+        except Exception as error:  # one question must not end the answers to all others
+            logger.error("zenoh: %s cannot be answered: %s", query.key_expr, error)
+            reply_error(
+                query, CommandError(ErrorCode.FAILED, "an error inside the service; see its log")
+            )
+
+
+@dataclass(frozen=True)
+class Queryables:
+    """The keys that any reader may ask: the last pose, the map, the last status, the schemas."""
+
+    prefix: str
+    latest: LatestMessages
+
+    def declare(self, session: zenoh.Session) -> list[threading.Thread]:
+        """Begin to answer; the threads that do."""
+        answers = {
+            "latest": self._reply_latest,
+            "map_odom": self._reply_map_odom,
+            "status": self._reply_status,
+            "schema": self._reply_schema,
+        }
+        return [
+            serve_queryable(session, f"{self.prefix}/{name}", answer)
+            for name, answer in answers.items()
+        ]
+
+    def _reply_latest(self, query: zenoh.Query) -> None:
+        if self.latest.pose is None:
+            reply_error(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no pose yet"))
+            return
+        payload, attachment = self.latest.pose
+        reply(query, f"{self.prefix}/latest", payload, CDR, attachment)
+
+    def _reply_map_odom(self, query: zenoh.Query) -> None:
+        if self.latest.map_odom is None:
+            reply_error(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no map yet"))
+            return
+        payload, attachment = self.latest.map_odom
+        reply(query, f"{self.prefix}/map_odom", payload, CDR_TRANSFORM, attachment)
+
+    def _reply_status(self, query: zenoh.Query) -> None:
+        if self.latest.status is None:
+            reply_error(query, CommandError(ErrorCode.NOT_POSSIBLE, "there is no status yet"))
+            return
+        reply(query, f"{self.prefix}/status", self.latest.status)
+
+    def _reply_schema(self, query: zenoh.Query) -> None:
+        reply(query, f"{self.prefix}/schema", result_payload({"schemas": all_schemas()}))

@@ -1,0 +1,117 @@
+"""All that a service declares on one open Zenoh session."""
+
+import threading
+from contextlib import suppress
+from dataclasses import dataclass
+
+import zenoh
+
+from vo_service.config_tables import Ros2Config
+from vo_service.outputs.zenoh.command_server import CommandEndpoint
+from vo_service.outputs.zenoh.messages import FrameIds
+from vo_service.outputs.zenoh.queryables import CDR, CDR_TRANSFORM, JSON, Queryables
+from vo_service.outputs.zenoh.ros2_publisher import make_ros2_output
+from vo_service.outputs.zenoh.tcp_queue import queued_bytes
+from vo_service.types import OdometryUpdate
+
+THREAD_JOIN_TIMEOUT_S = 0.5
+
+
+@dataclass(frozen=True)
+class EndpointConfig:
+    """What a station is to offer, and under which names."""
+
+    prefix: str
+    frame_ids: FrameIds
+    congestion: zenoh.CongestionControl
+    queryables: Queryables
+    commands: CommandEndpoint
+    ros2: Ros2Config
+
+
+class SessionEndpoints:
+    """Publishers of poses, map and status, the questions and commands, and the token `alive`.
+
+    The token comes last: who sees it finds all the rest. Raises InputError for a topic of ROS 2
+    that cannot be used.
+    """
+
+    def __init__(self, session: zenoh.Session, config: EndpointConfig) -> None:
+        self.session = session
+        prefix = config.prefix
+        self._odom = session.declare_publisher(
+            f"{prefix}/odom",
+            encoding=CDR,
+            congestion_control=config.congestion,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+            reliability=zenoh.Reliability.RELIABLE,
+        )
+        self._map_odom = session.declare_publisher(
+            f"{prefix}/map_odom",
+            encoding=CDR_TRANSFORM,
+            congestion_control=config.congestion,
+            reliability=zenoh.Reliability.RELIABLE,
+        )
+        self._status = session.declare_publisher(
+            f"{prefix}/status", encoding=JSON, congestion_control=config.congestion
+        )
+        self._ros2 = make_ros2_output(
+            session, config.ros2, prefix, config.frame_ids, config.congestion
+        )
+        self._threads = config.queryables.declare(session)
+        self._threads += config.commands.declare(session, prefix)
+        self._alive = session.liveliness().declare_token(f"{prefix}/alive")
+
+    def publish_pose(self, update: OdometryUpdate, payload: bytes, attachment: bytes) -> None:
+        """Publish one pose; `payload` is its CDR."""
+        self._odom.put(payload, attachment=attachment)
+        self._ros2.publish(update, payload)
+
+    def publish_map_odom(self, payload: bytes, attachment: bytes) -> None:
+        """Publish how `odom` lies in the map."""
+        self._map_odom.put(payload, attachment=attachment)
+
+    def publish_status(self, payload: bytes) -> None:
+        """Publish a status."""
+        self._status.put(payload)
+
+    def wait_for_subscriber(self, timeout_s: float) -> bool:
+        """Wait until someone subscribes to the poses. False if nobody does in time."""
+        arrived = threading.Event()
+
+        def on_change(status: zenoh.MatchingStatus) -> None:
+            if status.matching:
+                arrived.set()
+
+        listener = self._odom.declare_matching_listener(on_change)
+        try:
+            return _has_subscriber(self._odom) or arrived.wait(timeout_s)
+        finally:
+            listener.undeclare()  # type: ignore[no-untyped-call]
+
+    def queued_bytes(self) -> int:
+        """How much of what was sent has not been read yet."""
+        links = self.session.info.links()
+        return queued_bytes((_port(link.src), _port(link.dst)) for link in links)
+
+    def close(self) -> None:
+        """Say that we are gone, and close the session."""
+        for end in (self._alive.undeclare, self._ros2.close, self.session.close):
+            with suppress(zenoh.ZError):  # a link that no longer answers
+                end()
+        # A thread that is still inside Zenoh when Python ends takes the process down with it.
+        for thread in self._threads:
+            thread.join(THREAD_JOIN_TIMEOUT_S)
+
+
+def _has_subscriber(publisher: zenoh.Publisher) -> bool:
+    # The stub says bool; it is an object that is always true.
+    status: zenoh.MatchingStatus = publisher.matching_status  # type: ignore[assignment]
+    return status.matching
+
+
+def _port(locator: str) -> int:
+    """Port of a link's end, such as tcp/127.0.0.1:7450; 0 where it has none."""
+    port = locator.rsplit(":", 1)[-1]
+    return int(port) if port.isdigit() else 0

@@ -1,0 +1,61 @@
+"""A map in Rerun while it grows. Imports rerun: load it lazily."""
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from vo_service.reconstruction.mesh import Mesh
+from vo_service.reconstruction.preview import PreviewFrame, PreviewMap
+
+WORLD, SURFACE, TRAJECTORY, CAMERA = "world", "world/surface", "world/path", "world/camera"
+TRAJECTORY_COLOR = (255, 150, 40)
+TIMELINE = "frame"
+FRUSTUM_M = 0.2
+
+
+class ReconstructionScene:
+    """Logs sights to one recording stream."""
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        self._stream = stream
+        self._logged_map: PreviewMap | None = None
+        # Optical axes: x right, y down, z forward.
+        stream.log(WORLD, rr.ViewCoordinates.RDF, static=True)
+
+    @staticmethod
+    def blueprint() -> rrb.Blueprint:
+        """The map fills the window."""
+        return rrb.Blueprint(
+            rrb.Spatial3DView(name="The surface, and the camera's path", origin=WORLD),
+            rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+            rrb.BlueprintPanel(state="collapsed"),
+            rrb.SelectionPanel(state="collapsed"),
+            auto_views=False,
+        )
+
+    def log(self, frame: PreviewFrame) -> None:
+        """The camera; its path and the surface where they are new."""
+        stream, camera, T = self._stream, frame.camera, frame.T_world_camera
+        stream.set_time(TIMELINE, sequence=frame.seq)
+        stream.log(CAMERA, rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3]))
+        pinhole = rr.Pinhole(
+            image_from_camera=camera.K,
+            resolution=[camera.width, camera.height],
+            image_plane_distance=FRUSTUM_M,
+        )
+        stream.log(CAMERA, pinhole)
+        if frame.preview_map is not self._logged_map:
+            self._logged_map = frame.preview_map
+            stream.log(
+                TRAJECTORY,
+                rr.LineStrips3D([frame.preview_map.trajectory_m], colors=TRAJECTORY_COLOR),
+            )
+            stream.log(SURFACE, _rerun_mesh(frame.preview_map.mesh))
+
+
+def _rerun_mesh(mesh: Mesh) -> rr.Mesh3D:
+    return rr.Mesh3D(
+        vertex_positions=mesh.vertices_m,
+        vertex_normals=mesh.normals,
+        vertex_colors=mesh.colors_rgb,
+        triangle_indices=mesh.triangles,
+    )

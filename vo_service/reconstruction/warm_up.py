@@ -1,0 +1,35 @@
+"""Compile what maps are made with, or load it from the cache.
+
+Nothing heavy is imported before that is asked for.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from drivers.camera import PinholeCamera
+
+CAMERA = PinholeCamera(64, 48, 52.0, 52.0, 31.5, 23.5)
+
+
+def warm_up_reconstruction(report_stage: Callable[[str], None]) -> float:
+    """Make a map of a made-up wall; returns the seconds that took.
+
+    `tell` gets the name of each stage as it begins.
+    """
+    from vo_service.reconstruction.pictures import render_camera_view
+    from vo_service.reconstruction.tsdf_config import TsdfConfig
+    from vo_service.reconstruction.tsdf_volume import TsdfVolume
+
+    begin_s = time.monotonic()
+    fusion = TsdfVolume(TsdfConfig(voxel_m=0.05, memory_mb=10))
+    depth_m = np.full((CAMERA.height, CAMERA.width), 2.0, np.float32)
+    color_bgr = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+    report_stage("fusion")
+    fusion.integrate(depth_m, color_bgr, CAMERA, np.eye(4))
+    report_stage("mesh")
+    mesh = fusion.extract_mesh()
+    report_stage("pictures")
+    render_camera_view(mesh, CAMERA, np.eye(4))
+    return time.monotonic() - begin_s

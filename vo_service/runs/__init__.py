@@ -1,1 +1,0 @@
-"""Methods run over recordings, each run in a process of its own; what they did is kept."""

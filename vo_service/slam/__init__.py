@@ -1,0 +1,1 @@
+"""Simultaneous localization and mapping: place recognition, loop closure, pose graph, saved maps."""

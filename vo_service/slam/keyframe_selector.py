@@ -1,0 +1,50 @@
+"""How far apart two views are, in steps: 15 cm or 10 degrees, whichever is more of them."""
+
+import math
+
+import numpy as np
+
+from drivers.core.geometry import Array
+from vo_service.types import OdometryUpdate, TrackingState
+
+STEP_M = 0.15
+STEP_RAD = math.radians(10.0)
+
+
+def pose_distance_steps(T_world_camera: Array, others: Array) -> Array:
+    """Steps from one pose (4, 4) to others (..., 4, 4); shape (...)."""
+    distance_m = np.linalg.norm(others[..., :3, 3] - T_world_camera[:3, 3], axis=-1)
+    trace = (others[..., :3, :3] * T_world_camera[:3, :3]).sum(axis=(-2, -1))
+    angle_rad = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
+    steps: Array = np.maximum(distance_m / STEP_M, angle_rad / STEP_RAD)
+    return steps
+
+
+class KeyframeSelector:
+    """Lets a frame through when it is tracked and some steps away from the last one let through.
+
+    The first good frame of an epoch always is.
+    """
+
+    def __init__(self, min_steps: float = 1.0) -> None:
+        self._min_steps = min_steps
+        self._last_accepted: tuple[int, Array] | None = None  # epoch and pose
+
+    def accepts(self, update: OdometryUpdate) -> bool:
+        """Whether this frame is to be a keyframe."""
+        last, T_world_camera = self._last_accepted, update.T_world_camera
+        if update.state is not TrackingState.TRACKING:
+            return False
+        is_same_epoch = last is not None and last[0] == update.epoch
+        if (
+            last is not None
+            and is_same_epoch
+            and pose_distance_steps(T_world_camera, last[1]) < self._min_steps
+        ):
+            return False
+        self._last_accepted = (update.epoch, T_world_camera)
+        return True
+
+    def reset(self) -> None:
+        """Let the next good frame through. Safe from any thread."""
+        self._last_accepted = None

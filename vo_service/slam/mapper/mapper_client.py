@@ -1,0 +1,194 @@
+"""What became of the maps that were to be saved or loaded, and what went wrong with them."""
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from re import fullmatch
+
+from drivers.core.process.fault_reporter import FaultReporter
+from drivers.core.process.supervisor import BackgroundWorkerSpec, WorkerSupervisor
+from drivers.subprocess_camera.messages import LogMessage
+from vo_service.config_tables import MapConfig
+from vo_service.odometry.relocalization import RelocalizationResult
+from vo_service.slam.mapper.messages import (
+    LoadMapRequest,
+    LoadMapResult,
+    MapperMessage,
+    MapperStatus,
+    MapperWorkerConfig,
+    SaveMapRequest,
+    SaveMapResult,
+)
+from vo_service.slam.saved_maps.map_store import MapStore
+from vo_service.types import NAME_PATTERN, CommandError, ErrorCode, MapSnapshot, MapState
+
+logger = logging.getLogger(__name__)
+
+NAME = "map"
+WORKER_SPEC = BackgroundWorkerSpec("vo_service.slam.mapper.worker_main", NAME)
+
+
+class MapperClient:
+    """Passes on what is asked for, at once; refuses what cannot be. Safe from any thread."""
+
+    def __init__(
+        self,
+        config: MapperWorkerConfig,
+        on_map_message: Callable[[MapSnapshot | RelocalizationResult], None],
+        on_map_loaded: Callable[[], None],
+        on_worker_died: Callable[[], int],
+    ) -> None:
+        """`hear` gets what the process says of places.
+
+        `on_map_loaded` is called when a map has been loaded, `begin_anew` when all is lost: the number
+        of the next frame that counts.
+        """
+        self._store = MapStore(config.maps_folder)
+        self._on_map_message = on_map_message
+        self._on_map_loaded, self._on_worker_died = on_map_loaded, on_worker_died
+        self._lock = threading.Lock()
+        self._map_names: frozenset[str] = frozenset()
+        self._loadable_names: frozenset[str] = frozenset()
+        self._save_faults, self._folder_faults, self._load_faults = (
+            FaultReporter(NAME),
+            FaultReporter(NAME),
+            FaultReporter(NAME),
+        )
+        self._process_fault = ""
+        self.state = MapState()
+        with self._lock:  # a process that dies at once waits until there is a keeper
+            self._supervisor = WorkerSupervisor(
+                WORKER_SPEC, config, self._handle_message, self._handle_worker_death
+            )
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the process takes orders."""
+        return self._supervisor.is_ready
+
+    @property
+    def warning(self) -> str:
+        """One clause; "" while all is well."""
+        if self._supervisor.is_ready and self._supervisor.is_unresponsive:
+            return f"{NAME}: its process does not answer; is the disk hung?"
+        troubles = (
+            self._process_fault, self._save_faults.text, self._folder_faults.text, self._load_faults.text
+        )  # fmt: skip
+        trouble = "; ".join(filter(None, troubles))
+        return f"{NAME}: {trouble}" if trouble else ""
+
+    def save(self, name: str) -> MapState:
+        """Have a map made. Raises CommandError if that cannot be."""
+        _check_name(name)
+        with self._lock:
+            self._check_responsive()
+            if self.state.saving:
+                raise _not_possible_error(f"a map is being made already: {self.state.saving}")
+            if name in self._map_names:
+                raise _not_possible_error(f"there is a map {name!r} already; give another name")
+            if not self.state.keyframes:
+                raise _not_possible_error("the map is empty: no frame has been tracked yet")
+            self._save_faults.set("")
+            self.state = replace(self.state, saving=str(self._store.mesh_file(name)))
+            self._supervisor.send(SaveMapRequest(name))
+            return self.state
+
+    def load(self, name: str) -> MapState:
+        """Have the places of a map loaded. Raises CommandError if that cannot be."""
+        _check_name(name)
+        with self._lock:
+            self._check_responsive()
+            if self.state.loading:
+                raise _not_possible_error(f"a map is being loaded already: {self.state.loading}")
+            if name not in self._loadable_names:
+                known = ", ".join(sorted(self._loadable_names)) or "none"
+                raise _not_possible_error(
+                    f"there is no map {name!r} with places; there are: {known}"
+                )
+            self._load_faults.set("")
+            self.state = replace(self.state, loading=str(self._store.map_file(name)))
+            self._supervisor.send(LoadMapRequest(name))
+            return self.state
+
+    def configure(self, settings: MapConfig) -> None:
+        """For the keyframes from now on, and the next map."""
+        self._supervisor.config = replace(self._supervisor.config, map_config=settings)
+        self._supervisor.send(settings)
+
+    def close(self) -> None:
+        """End the process; a map that is being made is given up."""
+        self._supervisor.close()
+        if self.state.saving:
+            logger.warning("%s: the service ends; %s is given up", NAME, self.state.saving)
+
+    def _handle_message(self, message: MapperMessage) -> None:
+        match message:
+            case MapperStatus(keyframes, maps, places, trouble):
+                with self._lock:
+                    self._map_names, self._loadable_names, self._process_fault = maps, places, ""
+                    self.state = replace(self.state, keyframes=keyframes)
+                self._folder_faults.set(trouble)
+            case SaveMapResult():
+                self._handle_save_result(message)
+            case LoadMapResult():
+                self._handle_load_result(message)
+            case MapSnapshot() | RelocalizationResult():
+                self._on_map_message(message)
+            case LogMessage(level, name, text):
+                logging.getLogger(name).log(level, "%s: %s", NAME, text)
+
+    def _handle_save_result(self, result: SaveMapResult) -> None:
+        file, trouble = result.file, result.error
+        if not trouble:
+            said = "%s: %s: %d triangles from %d keyframes"
+            logger.info(said, NAME, file, result.triangle_count, result.keyframe_count)
+        if result.is_truncated:
+            trouble = f"{file} lacks what did not fit into map.making_mb; raise that or map.voxel_m"
+        self._save_faults.set(trouble)
+        with self._lock:
+            saved = self.state.saved if result.error else str(file)
+            taken = self._map_names if result.error else self._map_names | {file.stem}
+            self._map_names, self.state = taken, replace(self.state, saving="", saved=saved)
+
+    def _handle_load_result(self, result: LoadMapResult) -> None:
+        if not result.error:
+            logger.info("%s: %s: %d places are known", NAME, result.file, result.keyframe_count)
+        self._load_faults.set(result.error)
+        with self._lock:
+            file = self.state.loaded if result.error else str(result.file)
+            self.state = replace(self.state, loading="", loaded=file)
+            if not result.error:  # a process that is started again begins in it as well
+                settings = replace(self._supervisor.config.map_config, load=result.file.stem)
+                self._supervisor.config = replace(self._supervisor.config, map_config=settings)
+        if not result.error:
+            self._on_map_loaded()
+
+    def _check_responsive(self) -> None:
+        """Raises CommandError where orders would be lost. Called with the lock held."""
+        if not self._supervisor.is_ready or self._supervisor.is_unresponsive:
+            raise _not_possible_error("the map's process does not answer; try again in a moment")
+
+    def _handle_worker_death(self) -> None:
+        with self._lock:
+            saving = self.state.saving
+            self.state = replace(self.state, keyframes=0, saving="", loading="", loaded="")
+            self._process_fault = "its process ended and is started again; the map begins anew"
+            self._supervisor.config = replace(
+                self._supervisor.config, first_frame=self._on_worker_died()
+            )
+        logger.warning("%s: %s", NAME, self._process_fault)
+        if saving:
+            self._save_faults.set(f"{saving} was cut off")
+
+
+def _check_name(name: str) -> None:
+    if not fullmatch(NAME_PATTERN, name):
+        raise CommandError(
+            ErrorCode.BAD_REQUEST,
+            "a map's name is up to 64 letters, digits, dots, dashes and underscores",
+        )
+
+
+def _not_possible_error(reason: str) -> CommandError:
+    return CommandError(ErrorCode.NOT_POSSIBLE, reason)

@@ -1,0 +1,142 @@
+"""The keyframes of a map, in memory: packed, and thinned out evenly where there are too many."""
+
+import math
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from drivers.core.geometry import Array
+from drivers.core.shared_frames.depth_unpacking import unpack_depth
+from drivers.core.shared_frames.record_ring import RingRecord
+from vo_service.frame_record import decode_frame, decode_metadata
+from vo_service.slam.keyframe_selector import pose_distance_steps
+from vo_service.slam.loop_closure.anchored_pose import AnchoredPose
+
+if TYPE_CHECKING:  # its libraries are slow to load
+    from vo_service.slam.pose_graph.pose_graph import NodeRemoval
+
+JPEG_QUALITY = 90
+# How much further apart keyframes are after each thinning.
+_SPACING_GROWTH = math.sqrt(2.0)
+
+
+@dataclass(frozen=True)
+class MeshKeyframe:
+    """One view: colour as JPEG, depth without loss, and where the camera was.
+
+    from_place  the same pose, for when the map is corrected
+    """
+
+    epoch: int
+    T_odom_camera: Array
+    camera: PinholeCamera
+    depth_factor: float
+    jpeg: bytes
+    packed_depth: bytes
+    anchored_pose: AnchoredPose
+
+    @classmethod
+    def from_record(cls, record: RingRecord, anchored_pose: AnchoredPose) -> Self:
+        """From a frame in the ring, whose `T_world_camera` leads to `odom`."""
+        note = decode_metadata(record.metadata)
+        color_bgr = decode_frame(record, 0.0).color_bgr
+        options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+        return cls(
+            epoch=note.published.epoch,
+            T_odom_camera=note.published.T_world_camera,
+            camera=note.camera,
+            depth_factor=note.depth_factor,
+            jpeg=cv2.imencode(".jpg", color_bgr, options)[1].tobytes(),
+            packed_depth=zlib.compress(record.payload[: note.depth_bytes], level=1),
+            anchored_pose=anchored_pose,
+        )
+
+    @property
+    def size_bytes(self) -> int:
+        """Bytes of both images."""
+        return len(self.jpeg) + len(self.packed_depth)
+
+    @property
+    def color_bgr(self) -> NDArray[np.uint8]:
+        """(height, width, 3) uint8, nearly as it was."""
+        data = np.frombuffer(self.jpeg, np.uint8)
+        colour: NDArray[np.uint8] = cv2.imdecode(data, cv2.IMREAD_COLOR)  # type: ignore[assignment]
+        return colour
+
+    @property
+    def depth_m(self) -> NDArray[np.float32]:
+        """(height, width) float32 metres, 0 = no reading: every bit as it was."""
+        packed = zlib.decompress(self.packed_depth)
+        depth_raw = unpack_depth(packed, self.camera.height, self.camera.width)
+        return depth_raw * np.float32(1.0 / self.depth_factor)
+
+
+class MeshKeyframeStore:
+    """Those of one epoch, no two closer than `spacing` steps, in the order they were taken."""
+
+    def __init__(self, max_bytes: int) -> None:
+        self.spacing_steps = 1.0
+        self.size_bytes = 0
+        self._max_bytes = max_bytes
+        self._keyframes: list[MeshKeyframe] = []
+
+    def __len__(self) -> int:
+        return len(self._keyframes)
+
+    def __iter__(self) -> Iterator[MeshKeyframe]:
+        return iter(self._keyframes)
+
+    @property
+    def epoch(self) -> int | None:
+        """The epoch they are of; None while there are none."""
+        return self._keyframes[-1].epoch if self._keyframes else None
+
+    def accepts(self, epoch: int, T_odom_camera: Array) -> bool:
+        """Whether a view from there would be kept: to be asked before it is packed."""
+        return epoch != self.epoch or self._is_far_from_all(T_odom_camera)
+
+    def add(self, keyframe: MeshKeyframe) -> None:
+        """Take a keyframe, unless there is one from nearly there; the first of an epoch empties."""
+        if keyframe.epoch != self.epoch:
+            self.clear()
+        if self._is_far_from_all(keyframe.T_odom_camera):
+            self._append(keyframe)
+            self.set_max_bytes(self._max_bytes)
+
+    def re_anchor(self, removal: "NodeRemoval") -> None:
+        """The same, when a place is no more."""
+        self._keyframes = [
+            replace(each, anchored_pose=each.anchored_pose.re_anchor(removal))
+            for each in self._keyframes
+        ]
+
+    def clear(self) -> None:
+        """All of them."""
+        self._keyframes, self.size_bytes, self.spacing_steps = [], 0, 1.0
+
+    def set_max_bytes(self, max_bytes: int) -> None:
+        """From now on; wider apart if they are too many. The first of all stays."""
+        self._max_bytes = max_bytes
+        while self.size_bytes > max_bytes and len(self._keyframes) > 1:
+            self.spacing_steps *= _SPACING_GROWTH
+            before, self._keyframes, self.size_bytes = self._keyframes, [], 0
+            for keyframe in before:
+                if self._is_far_from_all(keyframe.T_odom_camera):
+                    self._append(keyframe)
+
+    def _append(self, keyframe: MeshKeyframe) -> None:
+        self._keyframes.append(keyframe)
+        self.size_bytes += keyframe.size_bytes
+
+    def _is_far_from_all(self, T_odom_camera: Array) -> bool:
+        """Whether no keyframe is from nearly there."""
+        if not self._keyframes:
+            return True
+        others = np.array([kept.T_odom_camera for kept in self._keyframes])
+        return bool(pose_distance_steps(T_odom_camera, others).min() >= self.spacing_steps)

@@ -1,0 +1,1 @@
+"""Maps of keyframes, saved and loaded again."""

@@ -1,0 +1,151 @@
+"""The graph of places as named arrays, and back."""
+
+from collections.abc import Sequence, Set
+from dataclasses import astuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import PinholeCamera
+from drivers.core.geometry import Array
+from vo_service.odometry.direct.image_pyramid import NUM_LEVELS
+from vo_service.odometry.direct.keyframe_points import NUM_POINT_COLUMNS, POINT_BRIGHTNESS
+from vo_service.odometry.surf.descriptor import DESCRIPTOR_SIZE
+from vo_service.slam.place_recognition.depth_features import DepthFeatures
+from vo_service.slam.place_recognition.map_keyframe import MapKeyframe, PackedPoints
+from vo_service.slam.place_recognition.vlad import VladVocabulary
+from vo_service.slam.pose_graph.edges import Edge
+from vo_service.slam.pose_graph.pose_graph import Node
+from vo_service.slam.saved_maps.array_codec import ANY_LENGTH, Arrays, require_array, require_poses
+
+
+def graph_to_arrays(nodes: Sequence[Node], edges: Sequence[Edge]) -> dict[str, NDArray[np.generic]]:
+    """In the order in which they are given."""
+    return {
+        "node/number": np.array([node.number for node in nodes], np.int64),
+        "node/world": np.array([node.world_id for node in nodes], np.int64),
+        "node/T_world": _stack_matrices([node.T_world_keyframe for node in nodes], 4),
+        "node/T_map": _stack_matrices([node.T_map_keyframe for node in nodes], 4),
+        "edge/ends": np.array([(edge.a, edge.b) for edge in edges], np.int64).reshape(-1, 2),
+        "edge/T": _stack_matrices([edge.T_a_b for edge in edges], 4),
+        "edge/covariance": _stack_matrices([edge.covariance for edge in edges], 6),
+        "edge/is_loop": np.array([edge.is_loop for edge in edges], np.bool_),
+        "edge/length_m": np.array([edge.length_m for edge in edges], np.float64),
+    }
+
+
+def nodes_from_arrays(arrays: Arrays) -> list[Node]:
+    """The places in the graph. Raises ValueError for arrays that are not those of a graph."""
+    number = require_array(arrays, "node/number", np.int64, (ANY_LENGTH,))
+    world = require_array(arrays, "node/world", np.int64, (len(number),))
+    T_world = require_poses(arrays, "node/T_world", len(number))
+    T_map = require_poses(arrays, "node/T_map", len(number))
+    rows = zip(number.tolist(), world.tolist(), T_world, T_map, strict=True)
+    return [Node(*row) for row in rows]
+
+
+def edges_from_arrays(arrays: Arrays, numbers: Set[int]) -> list[Edge]:
+    """The edges between places of these numbers. Raises ValueError as `nodes_from_arrays`."""
+    ends = require_array(arrays, "edge/ends", np.int64, (ANY_LENGTH, 2))
+    count = len(ends)
+    T = require_poses(arrays, "edge/T", count)
+    covariance = require_array(arrays, "edge/covariance", np.float64, (count, 6, 6))
+    is_loop = require_array(arrays, "edge/is_loop", np.bool_, (count,))
+    length_m = require_array(arrays, "edge/length_m", np.float64, (count,))
+    if not set(ends.ravel().tolist()) <= numbers or np.any(ends[:, 0] == ends[:, 1]):
+        raise ValueError("has edges to places that are not there")
+    if np.any(length_m < 0) or not _are_positive_definite(covariance):
+        raise ValueError("has edges that cannot be")
+    rows = zip(*ends.T.tolist(), T, covariance, is_loop.tolist(), length_m.tolist(), strict=True)
+    return [Edge(*row) for row in rows]
+
+
+def _are_positive_definite(covariance: Array) -> bool:
+    """Whether matrices (N, 6, 6) are symmetric, but for rounding, and positive definite."""
+    if len(covariance) == 0:
+        return True
+    uneven = np.abs(covariance - covariance.transpose(0, 2, 1)).max(axis=(1, 2))
+    sizes = np.abs(covariance).max(axis=(1, 2))
+    return bool(np.all(uneven <= 1e-6 * sizes) and np.linalg.eigvalsh(covariance).min() > 0.0)
+
+
+def _stack_matrices(matrices: Sequence[Array], side: int) -> Array:
+    return np.array(matrices, np.float64).reshape(-1, side, side)
+
+
+def keyframes_to_arrays(keyframes: Sequence[MapKeyframe]) -> dict[str, NDArray[np.generic]]:
+    """What all places have, in one array each; then what is of another length in each place."""
+    arrays: dict[str, NDArray[np.generic]] = {
+        "place/number": np.array([place.number for place in keyframes], np.int64),
+        "place/world": np.array([place.world_id for place in keyframes], np.int64),
+        "place/stamp_s": np.array([place.stamp_s for place in keyframes], np.float64),
+        "place/T": np.array([place.T_world_keyframe for place in keyframes]).reshape(-1, 4, 4),
+        "place/camera": np.array([astuple(place.camera) for place in keyframes]).reshape(-1, 6),
+        "place/brightness": np.array([place.mean_brightness for place in keyframes], np.float64),
+        "place/levels": np.array([len(place.packed_points) for place in keyframes], np.int64),
+    }
+    for n, place in enumerate(keyframes):
+        arrays[f"{n}/look"] = place.features.descriptor_int8
+        arrays[f"{n}/sign"] = place.features.sign
+        arrays[f"{n}/landmarks_m"] = place.features.position_m
+        for level, points in enumerate(place.packed_points):
+            arrays[f"{n}/points_m/{level}"] = points.position_m
+            arrays[f"{n}/points/{level}"] = points.attributes
+    return arrays
+
+
+def keyframes_from_arrays(arrays: Arrays) -> list[MapKeyframe]:
+    """The places. Raises ValueError for arrays that are not those of places."""
+    number = require_array(arrays, "place/number", np.int64, (ANY_LENGTH,))
+    count = len(number)
+    world = require_array(arrays, "place/world", np.int64, (count,))
+    stamp_s = require_array(arrays, "place/stamp_s", np.float64, (count,))
+    T_world_place = require_poses(arrays, "place/T", count)
+    camera = require_array(arrays, "place/camera", np.float64, (count, 6))
+    brightness = require_array(arrays, "place/brightness", np.float64, (count,))
+    levels = require_array(arrays, "place/levels", np.int64, (count,))
+    if np.any(number < 0) or np.any(np.diff(number) <= 0):
+        raise ValueError("has places whose numbers do not rise")
+    if np.any(camera[:, :4] <= 0) or np.any((levels < 1) | (levels > NUM_LEVELS)):
+        raise ValueError("has places that no camera has seen")
+    words = VladVocabulary.default()
+    places = []
+    for n in range(count):
+        landmarks = _features_from_arrays(arrays, n)
+        places.append(
+            MapKeyframe(
+                number=int(number[n]),
+                world_id=int(world[n]),
+                stamp_s=float(stamp_s[n]),
+                T_world_keyframe=T_world_place[n],
+                camera=_camera_from_array(camera[n]),
+                features=landmarks,
+                vlad_descriptor=words.describe(landmarks.descriptor_int8),
+                packed_points=tuple(
+                    _points_from_arrays(arrays, n, level) for level in range(levels[n])
+                ),
+                mean_brightness=float(brightness[n]),
+            )
+        )
+    return places
+
+
+def _camera_from_array(values: Array) -> PinholeCamera:
+    width, height, fx, fy, cx, cy = values.tolist()
+    return PinholeCamera(int(width), int(height), fx, fy, cx, cy)
+
+
+def _features_from_arrays(arrays: Arrays, n: int) -> DepthFeatures:
+    look = require_array(arrays, f"{n}/look", np.int8, (ANY_LENGTH, DESCRIPTOR_SIZE))
+    sign = require_array(arrays, f"{n}/sign", np.int8, (len(look),))
+    return DepthFeatures(
+        look, sign, require_array(arrays, f"{n}/landmarks_m", np.float32, (len(look), 3))
+    )
+
+
+def _points_from_arrays(arrays: Arrays, n: int, level: int) -> PackedPoints:
+    position_m = require_array(
+        arrays, f"{n}/points_m/{level}", np.float32, (ANY_LENGTH, POINT_BRIGHTNESS)
+    )
+    shape = (len(position_m), NUM_POINT_COLUMNS - POINT_BRIGHTNESS)
+    return PackedPoints(position_m, require_array(arrays, f"{n}/points/{level}", np.float16, shape))

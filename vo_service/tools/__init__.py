@@ -1,0 +1,1 @@
+"""What researchers and installers use beside the service."""

@@ -1,0 +1,1 @@
+"""Methods on recordings, compared with one another and with other libraries."""

@@ -1,0 +1,152 @@
+"""The peers by name: the one place where another is listed."""
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from platform import machine
+from types import ModuleType
+
+from drivers.core.trajectory import Trajectory
+from vo_service.odometry.profiling import StageTimer
+from vo_service.odometry.registry import FeatureConfig
+from vo_service.odometry.warm_up import StageReporter, run_warm_up_frames
+from vo_service.types import Odometry
+
+
+@dataclass(frozen=True)
+class BaselinePackage:
+    """A library that a peer is part of: what it is imported as, and what pip calls it."""
+
+    module: str
+    pip_names: tuple[str, ...]
+
+    @property
+    def is_installed(self) -> bool:
+        """Without importing it: that may take seconds."""
+        return find_spec(self.module) is not None
+
+    @property
+    def install_command(self) -> str:
+        """A command."""
+        return f"pip install {self.pip_names[0]}"
+
+    @property
+    def version(self) -> str:
+        """As installed; "" where the files are there without their description."""
+        for name in self.pip_names:
+            try:
+                return version(name)
+            except PackageNotFoundError:
+                continue
+        return ""
+
+    def load(self) -> ModuleType:
+        """Import it."""
+        return importlib.import_module(self.module)
+
+
+OPENCV = BaselinePackage("cv2", ("opencv-python-headless",))
+# Only for x86_64 there is one without CUDA's libraries.
+OPEN3D = BaselinePackage(
+    "open3d", ("open3d-cpu", "open3d") if machine() == "x86_64" else ("open3d",)
+)
+SMALL_GICP = BaselinePackage("small_gicp", ("small-gicp",))
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """An odometry of other people's making."""
+
+    package: BaselinePackage
+    make: Callable[[FeatureConfig, StageTimer], Odometry]
+
+
+def _opencv(kind: str) -> Baseline:
+    def make(_features: FeatureConfig, _stopwatch: StageTimer) -> Odometry:
+        import cv2
+
+        from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
+        from vo_service.tools.benchmark.baselines.opencv_odometry import OpenCvOdometry
+
+        return FrameToFrameOdometry(OpenCvOdometry(getattr(cv2, f"OdometryType_{kind}")))
+
+    return Baseline(OPENCV, make)
+
+
+def _open3d_icp(_features: FeatureConfig, _stopwatch: StageTimer) -> Odometry:
+    from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
+    from vo_service.tools.benchmark.baselines.open3d_odometry import Open3dIcp
+
+    return FrameToFrameOdometry(Open3dIcp(OPEN3D.load()))
+
+
+def _open3d_hybrid(_features: FeatureConfig, _stopwatch: StageTimer) -> Odometry:
+    from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
+    from vo_service.tools.benchmark.baselines.open3d_odometry import Open3dHybrid
+
+    return FrameToFrameOdometry(Open3dHybrid(OPEN3D.load()))
+
+
+def _small_gicp(_features: FeatureConfig, _stopwatch: StageTimer) -> Odometry:
+    from vo_service.tools.benchmark.baselines.frame_to_frame import FrameToFrameOdometry
+    from vo_service.tools.benchmark.baselines.small_gicp_odometry import SmallGicp
+
+    return FrameToFrameOdometry(SmallGicp(SMALL_GICP.load()))
+
+
+def _sift(features: FeatureConfig, stopwatch: StageTimer) -> Odometry:
+    from vo_service.tools.benchmark.baselines.opencv_features import sift_odometry
+
+    return sift_odometry(features.count, stopwatch)
+
+
+def _orb(features: FeatureConfig, stopwatch: StageTimer) -> Odometry:
+    from vo_service.tools.benchmark.baselines.opencv_features import orb_odometry
+
+    return orb_odometry(features.count, stopwatch)
+
+
+BASELINES: Mapping[str, Baseline] = {
+    "cv2-rgb": _opencv("RGB"),
+    "cv2-rgb-depth": _opencv("RGB_DEPTH"),
+    "cv2-depth": _opencv("DEPTH"),
+    "open3d-icp": Baseline(OPEN3D, _open3d_icp),
+    "open3d-hybrid": Baseline(OPEN3D, _open3d_hybrid),
+    "small-gicp": Baseline(SMALL_GICP, _small_gicp),
+    "sift": Baseline(OPENCV, _sift),
+    "orb": Baseline(OPENCV, _orb),
+}
+
+
+@dataclass(frozen=True)
+class BaselineFactory:
+    """One of PEERS by its name; see `Recipe`. The features are for those that have any."""
+
+    name: str
+    features: FeatureConfig
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """Which version of what."""
+        package = BASELINES[self.name].package
+        return {
+            "peer": self.name,
+            "package": f"{package.pip_names[0]} {package.version}".strip(),
+            "feature_count": self.features.count,
+        }
+
+    @property
+    def uses_truth(self) -> bool:
+        """It sees the frames alone."""
+        return False
+
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
+        """Load its library, and use it once."""
+        on_progress(BASELINES[self.name].package.module)
+        run_warm_up_frames(lambda: self.make(StageReporter(on_progress), None))
+
+    def make(self, stopwatch: StageTimer, truth: Trajectory | None) -> Odometry:
+        """The odometry, new."""
+        return BASELINES[self.name].make(self.features, stopwatch)

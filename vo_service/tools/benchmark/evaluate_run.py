@@ -1,0 +1,168 @@
+"""How good a run was: every figure of it that its recording lets one tell."""
+
+import re
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import Any
+
+from drivers.core.errors import InputError
+from vo_service.tools.benchmark.batch import BatchResult
+from vo_service.tools.benchmark.recordings import BenchmarkRecording
+from vo_service.tools.benchmark.run import CompletedRun, RunOutcome, RunState
+from vo_service.tools.benchmark.run_cache import run_as_json
+from vo_service.tools.evaluation import Evaluation, evaluate
+from vo_service.tools.evaluation.association import MatchedPoses, associate
+from vo_service.tools.evaluation.gaps import GapOutcome, classify_gap, gap_error, spans_gap
+from vo_service.tools.evaluation.gross_errors import count_gross_errors, tracked_steps
+from vo_service.tools.evaluation.metrics import (
+    RelativeErrors,
+    consecutive_pairs,
+    relative_errors,
+    rms,
+)
+from vo_service.tools.evaluation.run_summary import LoopClosureSummary, evaluate_if_possible
+
+EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
+# Keys that are there where loops were asked for.
+LOOP_CLOSURE_MS_KEY = "loops_ms_per_frame"
+LOOP_CLOSURE_KEYS = (*LoopClosureSummary(0, 0, None).as_json(), LOOP_CLOSURE_MS_KEY)
+
+
+@dataclass(frozen=True)
+class RunEvaluation:
+    """A run and its figures. None: cannot be told.
+
+    no_evaluation  why there is none, "" where there is one
+    coverage       frames with a pose, of those that the recording lists (and that have ground
+                   truth, where there is any)
+    crossings      one a pause of the recording; none where there is no run
+    jumps          error of the motion across each pause, (1,) each
+    rpe_frame_without_gaps_m  RPE of one frame without the steps across the pauses
+    steps          from a pose to the next one in the same epoch, where both have ground truth
+    gross_errors   of these, how many are off by more than 5 cm or 3 degrees
+    corrected      of the trajectory as loops have corrected it, where they were asked for
+    """
+
+    batch_result: BatchResult
+    evaluation: Evaluation | None = None
+    matched: MatchedPoses | None = None
+    no_evaluation_reason: str = ""
+    coverage: float | None = None
+    gap_outcomes: tuple[GapOutcome, ...] = ()
+    gap_errors: tuple[RelativeErrors | None, ...] = ()
+    rpe_frame_without_gaps_m: float | None = None
+    steps: int | None = None
+    gross_errors: int | None = None
+    optimized_evaluation: Evaluation | None = None
+
+    @property
+    def outcome(self) -> RunOutcome:
+        """How the run ended."""
+        return self.batch_result.outcome
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the run came to its end."""
+        return self.outcome.state is RunState.DONE
+
+    @property
+    def lost_reasons(self) -> list[tuple[str, int]]:
+        """Why frames had no pose, and how many; numbers in the reasons are left out."""
+        reasons = (re.sub(r"\d+(\.\d+)?", "#", text) for text in self.outcome.run.frames.reasons)
+        return Counter(filter(None, reasons)).most_common()
+
+    def as_json(self) -> dict[str, Any]:
+        """One flat object; null for what could not be computed."""
+        done = self.is_done
+        run = run_as_json(self.outcome.run)
+        evaluated = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
+        return {
+            "state": self.outcome.state,
+            "trouble": self.outcome.error,
+            "no_evaluation": self.no_evaluation_reason,
+            **(run if done else dict.fromkeys(run)),
+            **evaluated,
+            "coverage": self.coverage,
+            "rpe_frame_without_gaps_m": self.rpe_frame_without_gaps_m,
+            "steps": self.steps,
+            "gross_errors": self.gross_errors,
+            "gaps": [
+                {"across": str(crossing), **_gap_error_as_json(jump)}
+                for crossing, jump in zip(self.gap_outcomes, self.gap_errors, strict=True)
+            ],
+            "why_lost": dict(self.lost_reasons),
+            **self._loop_closure_as_json(),
+        }
+
+    def _loop_closure_as_json(self) -> dict[str, Any]:
+        if not self.batch_result.has_loop_closure:
+            return {}
+        run = self.outcome.run.loop_closure
+        if run is None:
+            return dict.fromkeys(LOOP_CLOSURE_KEYS)
+        with_loops = LoopClosureSummary(
+            run.map_keyframes, run.loop_closures, self.optimized_evaluation
+        )
+        return {**with_loops.as_json(), LOOP_CLOSURE_MS_KEY: run.cpu_ms_per_frame}
+
+
+def evaluate_run(batch_result: BatchResult) -> RunEvaluation:
+    """Everything that can be told of a run."""
+    run, recording = batch_result.outcome.run, batch_result.recording
+    if batch_result.outcome.state is not RunState.DONE:
+        return RunEvaluation(batch_result, no_evaluation_reason="there is no result")
+    frames = run.frames
+    crossings = tuple(
+        classify_gap(gap, frames.stamps_s, frames.has_pose, frames.epochs) for gap in recording.gaps
+    )
+    without_truth = RunEvaluation(
+        batch_result,
+        coverage=len(run.trajectory) / len(recording.frame_stamps_s),
+        gap_outcomes=crossings,
+        gap_errors=(None,) * len(crossings),
+    )
+    return _with_ground_truth(without_truth, run, recording)
+
+
+def _with_ground_truth(
+    run_evaluation: RunEvaluation, run: CompletedRun, recording: BenchmarkRecording
+) -> RunEvaluation:
+    """With the figures that need the truth, where there is one; else with why not."""
+    if recording.truth is None:
+        return replace(run_evaluation, no_evaluation_reason="there is no groundtruth.txt")
+    if not len(run.trajectory):
+        return replace(run_evaluation, no_evaluation_reason="no frame has a pose")
+    try:
+        evaluation = evaluate(run.trajectory, recording.truth, recording.frame_stamps_s)
+    except InputError as error:
+        return replace(run_evaluation, no_evaluation_reason=str(error))
+    matched = associate(run.trajectory, recording.truth)
+    pairs = consecutive_pairs(matched)
+    steps_m = relative_errors(matched, pairs).translation_m
+    good = run.frames.has_pose
+    steps = tracked_steps(matched, run.trajectory.stamps_s, run.frames.epochs[good])
+    return replace(
+        run_evaluation,
+        evaluation=evaluation,
+        matched=matched,
+        coverage=evaluation.coverage,
+        gap_errors=tuple(gap_error(matched, gap) for gap in recording.gaps),
+        steps=len(steps),
+        gross_errors=count_gross_errors(matched, steps),
+        optimized_evaluation=_evaluate_optimized(run, recording),
+        rpe_frame_without_gaps_m=rms(steps_m[~spans_gap(matched, pairs, recording.gaps)]),
+    )
+
+
+def _evaluate_optimized(run: CompletedRun, recording: BenchmarkRecording) -> Evaluation | None:
+    if run.loop_closure is None:
+        return None
+    return evaluate_if_possible(
+        run.loop_closure.trajectory, recording.truth, recording.frame_stamps_s
+    )
+
+
+def _gap_error_as_json(error: RelativeErrors | None) -> dict[str, float | None]:
+    if error is None:
+        return {"error_m": None, "error_deg": None}
+    return {"error_m": float(error.translation_m[0]), "error_deg": float(error.rotation_deg[0])}

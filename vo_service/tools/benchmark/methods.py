@@ -1,0 +1,58 @@
+"""Who takes part: our methods and the peers, by the names that --methods takes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from drivers.core.errors import InputError
+from vo_service.config import OdometryConfig
+from vo_service.odometry.registry import METHODS, FeatureConfig
+from vo_service.tools.benchmark.baselines.registry import (
+    BASELINES,
+    BaselineFactory,
+    BaselinePackage,
+)
+from vo_service.tools.benchmark.method_factory import ConfiguredMethodFactory, MethodFactory
+
+METHOD_NAMES = (*METHODS, *BASELINES)
+
+
+@dataclass(frozen=True)
+class UnavailableMethods:
+    """Methods that cannot take part, as their package is not installed."""
+
+    package: BaselinePackage
+    methods: Sequence[str]
+
+    def __str__(self) -> str:
+        what = ", ".join(self.methods)
+        return f"left out: {what}; to have it too: {self.package.install_command}"
+
+    def as_json(self) -> dict[str, object]:
+        """For report.json."""
+        return {"methods": list(self.methods), "install": self.package.install_command}
+
+
+def find_unavailable_methods(names: Sequence[str]) -> list[UnavailableMethods]:
+    """One entry a package that is missing."""
+    missing: dict[BaselinePackage, list[str]] = {}
+    for name in names:
+        if name in BASELINES and not BASELINES[name].package.is_installed:
+            missing.setdefault(BASELINES[name].package, []).append(name)
+    return [UnavailableMethods(package, methods) for package, methods in missing.items()]
+
+
+def make_method_factories(
+    names: Sequence[str], unavailable: Sequence[UnavailableMethods], odometry: OdometryConfig
+) -> Mapping[str, MethodFactory]:
+    """How each is made, in the order of the names. Raises InputError if none can take part."""
+    absent = {name for each in unavailable for name in each.methods}
+    present = [name for name in names if name not in absent]
+    if not present:
+        raise InputError("; ".join(map(str, unavailable)))
+    return {name: _make_method_factory(name, odometry) for name in present}
+
+
+def _make_method_factory(name: str, odometry: OdometryConfig) -> MethodFactory:
+    if name in METHODS:
+        return ConfiguredMethodFactory(replace(odometry, method=name))
+    return BaselineFactory(name, FeatureConfig(odometry.feature_count, odometry.upright))

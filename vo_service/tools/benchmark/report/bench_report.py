@@ -1,0 +1,104 @@
+"""The bench's files: every figure for scripts, and what it was made with."""
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from vo_service.config import OdometryConfig
+from vo_service.tools.benchmark.baselines.registry import BASELINES
+from vo_service.tools.benchmark.methods import UnavailableMethods
+from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
+from vo_service.tools.benchmark.report.bench_metrics import metric_ratios, metric_values
+from vo_service.tools.benchmark.report.bench_tables import RelativeResults, bench_table
+from vo_service.tools.benchmark.report.effective_config import format_effective_config
+from vo_service.tools.benchmark.run_cache import write_file
+from vo_service.tools.benchmark.versions import collect_versions
+
+DATA_FILE, TABLE_FILE, CONFIG_FILE = "report.json", "bench.csv", "config.toml"
+
+
+@dataclass(frozen=True)
+class BenchMetadata:
+    """The choices of a bench.
+
+    methods      those that take part, in order
+    left_out     those that could not
+    against      the method whose figures the others are divided by
+    every        of so many frames one is used; one pass over the recordings each
+    frames       only the first so many of each recording; None: all
+    camera_file  given for all folders; None: each folder's own
+    listener     who heard what the methods said
+    """
+
+    methods: Sequence[str]
+    unavailable: Sequence[UnavailableMethods]
+    reference_method: str
+    frame_steps: Sequence[int]
+    max_frames: int | None
+    odometry: OdometryConfig
+    camera_file: Path | None
+    time_limit_s: float
+    observer_factory: ObserverFactory = NULL_OBSERVER
+    created: datetime = field(default_factory=lambda: datetime.now(UTC))
+
+    def as_json(self) -> dict[str, Any]:
+        """For report.json."""
+        packages = {BASELINES[name].package for name in self.methods if name in BASELINES}
+        peers = {package.pip_names[0]: package.version for package in packages}
+        return {
+            "created": self.created.isoformat(timespec="seconds"),
+            "methods": list(self.methods),
+            "left_out": [each.as_json() for each in self.unavailable],
+            "against": self.reference_method,
+            "every": list(self.frame_steps),
+            "first_frames": self.max_frames,
+            "odometry": asdict(self.odometry),
+            "camera_file": None if self.camera_file is None else str(self.camera_file),
+            "time_limit_s": self.time_limit_s,
+            **self.observer_factory.settings,
+            "versions": {**collect_versions(), **dict(sorted(peers.items()))},
+            "processors": os.cpu_count(),
+        }
+
+
+def report_content(metadata: BenchMetadata, results: Sequence[RelativeResults]) -> dict[str, Any]:
+    """All of it, for report.json."""
+    return {"schema": 1, **metadata.as_json(), "results": [_as_json(each) for each in results]}
+
+
+def _as_json(results: RelativeResults) -> dict[str, Any]:
+    """One recording at one rate: as in the comparison's report, and the figures of the bench."""
+    told = results.results.as_json()
+    recording = results.results.recording
+    methods = {
+        method: {
+            **told["methods"][method],
+            **metric_values(judged),
+            "ratios": metric_ratios(judged, results.reference_evaluation),
+        }
+        for method, judged in results.results.evaluations.items()
+    }
+    name = recording.folder.resolve().name
+    return {**told, "name": name, "every": recording.frame_selection.step, "methods": methods}
+
+
+def write_bench_report(
+    folder: Path, metadata: BenchMetadata, results: Sequence[RelativeResults]
+) -> None:
+    """Write the files, report.json last. Raises InputError or UserFacingError as `write_file`."""
+    notes = (
+        f"Methods: {', '.join(metadata.methods)}; `method` below counts where one is to be run.",
+        f"--every {' '.join(map(str, metadata.frame_steps))}"
+        + ("" if metadata.max_frames is None else f" --frames {metadata.max_frames}"),
+    )
+    config = format_effective_config(
+        metadata.odometry, metadata.camera_file, metadata.observer_factory.config_tables, *notes
+    )
+    write_file(folder / CONFIG_FILE, config.encode())
+    write_file(folder / TABLE_FILE, bench_table(results).as_csv().encode())
+    text = json.dumps(report_content(metadata, results), indent=2)
+    write_file(folder / DATA_FILE, f"{text}\n".encode())

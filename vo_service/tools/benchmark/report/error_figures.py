@@ -1,0 +1,198 @@
+"""The figures of one recording: the paper's Figures 6 to 9 and 10, all methods in one plot.
+
+Drawn without pyplot: no global state, no window.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drivers.core.geometry import Array
+from drivers.core.trajectory import nearest_indices
+from vo_service.tools.benchmark.report.published_results import describe_method
+from vo_service.tools.benchmark.results import SequenceResults
+from vo_service.tools.evaluation.error_series import ErrorSeries, error_series
+from vo_service.tools.evaluation.plot import insert_nan_at_gaps, label_axes
+
+if TYPE_CHECKING:  # drawn with rarely, and slow to import
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Told apart by people who see colours differently too (Okabe and Ito).
+METHOD_COLORS = {"surf": "#0072B2", "icp": "#D55E00", "sfm": "#009E73", "keyframe": "#CC79A7"}
+OTHER_METHOD_COLORS = ("#56B4E9", "#E69F00", "#000000")
+# Frames that a thick line's median is taken over.
+SMOOTHING_FRAMES = 15
+# Where the methods differ by more than this, a linear axis would hide the better ones.
+MAX_LINEAR_RATIO = 20.0
+GAP_STYLE: dict[str, Any] = {"color": "0.45", "linestyle": (0, (4, 3)), "linewidth": 1.0}
+
+
+@dataclass(frozen=True)
+class NamedFigure:
+    """A figure with the end of its file's name, and what a stranger must know of it."""
+
+    name: str
+    caption: str
+    figure: "Figure"
+
+
+def method_color(method: str, methods: list[str]) -> str:
+    """The same in every figure and report for the methods that are known."""
+    others = [other for other in methods if other not in METHOD_COLORS]
+    return (
+        METHOD_COLORS.get(method)
+        or OTHER_METHOD_COLORS[others.index(method) % len(OTHER_METHOD_COLORS)]
+    )
+
+
+def make_error_figures(result: SequenceResults) -> Iterator[NamedFigure]:
+    """Error frame by frame, and global error; none where no method could be judged."""
+    series = {
+        method: error_series(judged.matched)
+        for method, judged in result.evaluations.items()
+        if judged.matched is not None
+    }
+    if series:
+        yield NamedFigure("frame_error", _FRAME_CAPTION, _draw_steps(result, series))
+        yield NamedFigure("global_error", _GLOBAL_CAPTION, _draw_global(result, series))
+
+
+_FRAME_CAPTION = (
+    "Error frame by frame (as the paper's Figures 6 to 9): how wrong the motion from each frame to "
+    "the next is, in millimetres and in degrees. Low is good; a peak is one bad step. Thin lines "
+    f"are the frames themselves, thick ones the median of {SMOOTHING_FRAMES} of them. The scale is "
+    "logarithmic. Marks at the bottom, if any, are frames that a method could not place."
+)
+_GLOBAL_CAPTION = (
+    "Global error (as the paper's Figures 6 to 9): how far the estimated camera is from the true "
+    "one, with both trajectories joined at the first frame. Errors of single steps add up, "
+    "so the lines drift; their mean is the mean global error of Table I. Marks at the bottom, if "
+    "any, are frames that a method could not place."
+)
+
+
+def _draw_steps(result: SequenceResults, series: Mapping[str, ErrorSeries]) -> "Figure":
+    figure = new_figure(10, 6.5)
+    above, below = figure.subplots(2, 1, sharex=True)
+    label_axes(above, "", "", "error of a step (mm)")
+    label_axes(below, "", "frame", "error of a step (degrees)")
+    for method, errors in series.items():
+        colour = method_color(method, list(result.evaluations))
+        _draw_smoothed(
+            above, result, errors.stamps_s[1:], 1e3 * errors.step_errors.translation_m, colour
+        )
+        _draw_smoothed(below, result, errors.stamps_s[1:], errors.step_errors.rotation_deg, colour)
+    for plot in (above, below):
+        _set_log_scale(plot)
+        _draw_lost_frames(plot, result)
+        _draw_gaps(plot, result)
+    _draw_legend(figure, result, list(series))
+    return figure
+
+
+def _draw_global(result: SequenceResults, series: Mapping[str, ErrorSeries]) -> "Figure":
+    figure = new_figure(10, 4.5)
+    plot = figure.subplots()
+    largest = [float(errors.global_error_m.max()) for errors in series.values()]
+    is_log = max(largest) > MAX_LINEAR_RATIO * min(largest) > 0
+    label_axes(plot, "", "frame", "distance from the truth (m)" + ", logarithmic" * is_log)
+    for method, errors in series.items():
+        frames = _frame_numbers(result, errors.stamps_s)
+        values = np.column_stack(
+            [frames, _mask_non_positive(errors.global_error_m) if is_log else errors.global_error_m]
+        )
+        line = insert_nan_at_gaps(errors.stamps_s, values)
+        plot.plot(*line.T, color=method_color(method, list(result.evaluations)), linewidth=1.5)
+    if is_log:
+        _set_log_scale(plot)
+    else:
+        plot.set_ylim(bottom=0)
+    _draw_lost_frames(plot, result)
+    _draw_gaps(plot, result)
+    _draw_legend(figure, result, list(series))
+    return figure
+
+
+def new_figure(width: float, height: float) -> "Figure":
+    """A figure that can be saved, of so many inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _draw_smoothed(
+    plot: "Axes", result: SequenceResults, stamps_s: Array, values: Array, color: str
+) -> None:
+    """The values thin, their median thick; no line is drawn where frames are lost."""
+    frames = _frame_numbers(result, stamps_s)
+    line = insert_nan_at_gaps(stamps_s, np.column_stack([frames, _mask_non_positive(values)]))
+    plot.plot(*line.T, color=color, linewidth=0.5, alpha=0.35)
+    if len(values) >= SMOOTHING_FRAMES:
+        windows = np.lib.stride_tricks.sliding_window_view(values, SMOOTHING_FRAMES)
+        middle = slice(SMOOTHING_FRAMES // 2, SMOOTHING_FRAMES // 2 + len(windows))
+        smooth = np.column_stack([frames[middle], _mask_non_positive(np.median(windows, axis=1))])
+        plot.plot(*insert_nan_at_gaps(stamps_s[middle], smooth).T, color=color, linewidth=1.8)
+
+
+def _set_log_scale(plot: "Axes") -> None:
+    """With plain numbers at its ticks; left as it is where nothing is more than 0."""
+    if not np.isfinite(plot.dataLim.minposy):
+        return
+    plot.set_yscale("log")
+    plot.yaxis.set_major_formatter(lambda value, position: f"{value:g}")
+
+
+def _mask_non_positive(values: Array) -> Array:
+    """Without what a logarithmic axis cannot show."""
+    return np.where(values > 0, values, np.nan)
+
+
+def _draw_lost_frames(plot: "Axes", result: SequenceResults) -> None:
+    """A row of marks a method, at the foot of the plot."""
+    for row, (method, judged) in enumerate(result.evaluations.items()):
+        log = judged.outcome.run.frames
+        frames = _frame_numbers(result, log.stamps_s[~log.has_pose])
+        heights = np.full(len(frames), 0.015 + 0.03 * row)
+        plot.plot(
+            frames, heights, "|", color=method_color(method, list(result.evaluations)), markersize=5,
+            transform=plot.get_xaxis_transform(), clip_on=True, zorder=3,
+        )  # fmt: skip
+
+
+def _draw_gaps(plot: "Axes", result: SequenceResults) -> None:
+    for gap in result.recording.gaps:
+        plot.axvline(float(_frame_numbers(result, np.array([gap.end_s]))[0]) - 0.5, **GAP_STYLE)
+    plot.set_xlim(-0.5, len(result.recording.frame_stamps_s) - 0.5)
+
+
+def _frame_numbers(result: SequenceResults, stamps_s: Array) -> Array:
+    """Which of the recording's frames these are, from 0."""
+    return nearest_indices(result.recording.frame_stamps_s, stamps_s).astype(np.float64)
+
+
+def _draw_legend(figure: "Figure", result: SequenceResults, methods: list[str]) -> None:
+    """Above the plots; also of what only some recordings have."""
+    from matplotlib.lines import Line2D
+
+    all_methods = list(result.evaluations)
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=method_color(method, all_methods),
+            linewidth=2,
+            label=describe_method(method).name,
+        )
+        for method in methods
+    ]
+    if any(judged.outcome.run.failed for judged in result.evaluations.values()):
+        handles.append(Line2D([], [], color="0.3", marker="|", linestyle="", label="frame lost"))
+    if result.recording.gaps:
+        handles.append(Line2D([], [], **GAP_STYLE, label="pause in the recording"))
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False)

@@ -1,0 +1,56 @@
+"""What a comparison was made with, as the report tells it."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from vo_service.config import Config
+from vo_service.tools.benchmark.method_factory import SfmScale
+from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
+from vo_service.tools.benchmark.report.effective_config import format_effective_config
+from vo_service.tools.benchmark.versions import collect_versions
+
+
+@dataclass(frozen=True)
+class ComparisonMetadata:
+    """The choices of a comparison.
+
+    camera_file  given for all folders; None: each folder's own
+    listener     who heard what the methods said
+    """
+
+    methods: Sequence[str]
+    config: Config
+    sfm_scale: SfmScale
+    camera_file: Path | None
+    time_limit_s: float
+    observer_factory: ObserverFactory = NULL_OBSERVER
+    created: datetime = field(default_factory=lambda: datetime.now(UTC))
+
+    @property
+    def config_text(self) -> str:
+        """The effective configuration, as `--config` takes it again."""
+        return format_effective_config(
+            self.config.odometry,
+            self.camera_file,
+            self.observer_factory.config_tables,
+            f"Methods: {', '.join(self.methods)}; `method` below counts where one is to be run.",
+            f"First scale of sfm: --sfm-scale {self.sfm_scale}",
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """For report.json."""
+        return {
+            "created": self.created.isoformat(timespec="seconds"),
+            "methods": list(self.methods),
+            "odometry": asdict(self.config.odometry),
+            "sfm_scale": self.sfm_scale,
+            "camera_file": None if self.camera_file is None else str(self.camera_file),
+            "time_limit_s": self.time_limit_s,
+            **self.observer_factory.settings,
+            "versions": collect_versions(),
+            "processors": os.cpu_count(),
+        }

@@ -1,0 +1,125 @@
+"""The trajectories of all methods beside the truth, as the paper's Figure 10."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drivers.core.geometry import Array, inverse
+from drivers.core.trajectory import Trajectory
+from vo_service.tools.benchmark.report.error_figures import NamedFigure, method_color, new_figure
+from vo_service.tools.benchmark.report.published_results import describe_method
+from vo_service.tools.benchmark.results import SequenceResults
+from vo_service.tools.evaluation.metrics import first_pose_alignment
+from vo_service.tools.evaluation.plot import (
+    GROUND_TRUTH_STYLE,
+    crop_trajectory,
+    draw_trajectory,
+    label_axes,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# The picture shows at most this many times the extent of the truth: else one method that flies
+# off would make all the others a dot.
+MAX_SHOWN_EXTENTS = 2.0
+
+CAPTION = (
+    "The way of the camera (as the paper's Figure 10), seen from above and from the right: "
+    "{grey}the methods' estimates in colour, all joined at the first frame. Where a line stops "
+    "and begins again, frames in between were lost."
+)
+GROUND_TRUTH_CAPTION = "the truth in grey, "
+
+
+def make_trajectory_figures(result: SequenceResults) -> Iterator[NamedFigure]:
+    """One, if any method has two poses."""
+    paths = dict(_aligned_trajectories(result))
+    if paths:
+        truth = _cropped_ground_truth(result)
+        caption = CAPTION.format(grey="" if truth is None else GROUND_TRUTH_CAPTION)
+        yield NamedFigure("trajectory", caption, _draw(result, paths, truth))
+
+
+def _aligned_trajectories(result: SequenceResults) -> Iterator[tuple[str, Trajectory]]:
+    """Trajectories in the axes of the first true camera, where there is one; else their own."""
+    for method, judged in result.evaluations.items():
+        poses = judged.outcome.run.trajectory
+        if len(poses) < 2:
+            continue
+        T_first_world = np.eye(4)
+        if judged.matched is not None:
+            T_first_truth = inverse(_first_ground_truth_pose(result))
+            T_first_world = T_first_truth @ first_pose_alignment(judged.matched)
+        yield method, Trajectory(poses.stamps_s, T_first_world @ poses.T_world_camera)
+
+
+def _cropped_ground_truth(result: SequenceResults) -> Trajectory | None:
+    """The truth while the recording lasts, in the axes of its first camera."""
+    if not any(judged.matched is not None for judged in result.evaluations.values()):
+        return None
+    assert result.recording.truth is not None
+    first_s, last_s = result.recording.frame_stamps_s[[0, -1]]
+    during = crop_trajectory(result.recording.truth, first_s, last_s)
+    return Trajectory(
+        during.stamps_s, inverse(_first_ground_truth_pose(result)) @ during.T_world_camera
+    )
+
+
+def _first_ground_truth_pose(result: SequenceResults) -> Array:
+    """T_truth_camera of the earliest pose that any method has."""
+    matched = [j.matched for j in result.evaluations.values() if j.matched is not None]
+    first = min(matched, key=lambda poses: float(poses.stamps_s[0]))
+    T_truth_camera: Array = first.T_truth_camera[0]
+    return T_truth_camera
+
+
+def _draw(
+    result: SequenceResults, paths: Mapping[str, Trajectory], truth: Trajectory | None
+) -> "Figure":
+    figure = new_figure(10, 5)
+    plots = figure.subplot_mosaic("AB")
+    label_axes(plots["A"], "from above", "right (m)", "forward (m)")
+    label_axes(plots["B"], "from the right", "forward (m)", "up (m)")
+    for plot in plots.values():
+        plot.set_aspect("equal", adjustable="datalim")
+    if truth is not None:
+        draw_trajectory(plots, truth, np.eye(4), GROUND_TRUTH_STYLE)
+    shown_m = None if truth is None else _shown_bounds_m(truth)
+    for method, poses in paths.items():
+        leaves = "" if shown_m is None or _is_within(poses, shown_m) else " (leaves the picture)"
+        style: dict[str, Any] = {
+            "color": method_color(method, list(result.evaluations)),
+            "linewidth": 1.3,
+            "label": describe_method(method).name + leaves,
+        }
+        draw_trajectory(plots, poses, np.eye(4), style)
+    if shown_m is not None and not all(_is_within(poses, shown_m) for poses in paths.values()):
+        _limit_axes(plots, shown_m)
+    handles, labels = plots["A"].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
+    return figure
+
+
+def _shown_bounds_m(truth: Trajectory) -> Array:
+    """(2, 3) least and most of x, y, z to show."""
+    positions_m = truth.T_world_camera[:, :3, 3]
+    low_m, high_m = positions_m.min(axis=0), positions_m.max(axis=0)
+    middle_m = (low_m + high_m) / 2
+    reach_m = MAX_SHOWN_EXTENTS / 2 * max(float(np.max(high_m - low_m)), 0.1)
+    return np.array([middle_m - reach_m, middle_m + reach_m])
+
+
+def _is_within(poses: Trajectory, shown_m: Array) -> bool:
+    positions_m = poses.T_world_camera[:, :3, 3]
+    return bool(np.all((positions_m >= shown_m[0]) & (positions_m <= shown_m[1])))
+
+
+def _limit_axes(plots: "dict[str, Axes]", shown_m: Array) -> None:
+    (right, down, forward) = shown_m.T
+    plots["A"].set(xlim=right, ylim=forward)
+    plots["B"].set(xlim=forward, ylim=(-down[1], -down[0]))
+    for plot in plots.values():
+        plot.set_aspect("equal", adjustable="box")

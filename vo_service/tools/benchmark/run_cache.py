@@ -1,0 +1,196 @@
+"""The folder of one run: what it did is kept there, so that it need not be done again."""
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.files import atomic_write, is_disk_full
+from drivers.core.paths import create_output_folder
+from drivers.core.trajectory import Trajectory, format_pose_line, read_trajectory
+from vo_service.tools.benchmark.run import (
+    EMPTY_RUN,
+    CompletedRun,
+    FrameLog,
+    LoopClosureRun,
+    RunOutcome,
+    RunState,
+)
+
+SCHEMA = 1
+RESULT_FILE, TRAJECTORY_FILE, FRAMES_FILE, DETAILS_FILE = (
+    "result.json",
+    "trajectory.txt",
+    "frames.csv",
+    "error.txt",
+)
+OPTIMIZED_TRAJECTORY_FILE = "trajectory_corrected.txt"
+FRAME_COLUMNS = ("stamp_s", "has_pose", "epoch", "inliers", "cpu_ms", "wall_ms", "reason")
+
+
+class RunCache:
+    """Keeps an outcome in files that are written whole, result.json last."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def load(self, key: str) -> RunOutcome | None:
+        """What was kept under this very key; None if there is no such thing, or it is damaged."""
+        try:
+            result = json.loads((self.path / RESULT_FILE).read_text())
+            if result["schema"] != SCHEMA or result["key"] != key:
+                return None
+            state = RunState(result["state"])
+            if state is not RunState.DONE:
+                return RunOutcome(state, EMPTY_RUN, result["trouble"], self._load_details())
+            return RunOutcome(state, self._load_run(result))
+        except (OSError, UserFacingError, ValueError, KeyError, TypeError, AttributeError):
+            return None
+
+    def save(self, key: str, outcome: RunOutcome, description: Mapping[str, object]) -> None:
+        """Keep it; `about` goes into result.json as well. Raises as `write_file`."""
+        run = outcome.run
+        create_output_folder(self.path)
+        for name in (
+            RESULT_FILE,
+            TRAJECTORY_FILE,
+            OPTIMIZED_TRAJECTORY_FILE,
+            FRAMES_FILE,
+            DETAILS_FILE,
+        ):
+            (self.path / name).unlink(missing_ok=True)
+        if outcome.state is RunState.DONE:
+            write_file(self.path / TRAJECTORY_FILE, _format_trajectory(run.trajectory))
+            if run.loop_closure is not None:
+                write_file(
+                    self.path / OPTIMIZED_TRAJECTORY_FILE,
+                    _format_trajectory(run.loop_closure.trajectory),
+                )
+            write_file(self.path / FRAMES_FILE, _format_frames(run.frames).encode())
+        elif outcome.details:
+            write_file(self.path / DETAILS_FILE, outcome.details.encode())
+        result = {
+            "schema": SCHEMA,
+            "key": key,
+            **description,
+            "state": outcome.state,
+            "trouble": outcome.error,
+            **run_as_json(run),
+            **loop_closure_as_json(run.loop_closure),
+        }
+        write_file(self.path / RESULT_FILE, (json.dumps(result, indent=2) + "\n").encode())
+
+    def _load_run(self, result: Mapping[str, Any]) -> CompletedRun:
+        frames = _read_frames((self.path / FRAMES_FILE).read_text())
+        has_poses = bool(frames.has_pose.any())
+        trajectory = (
+            read_trajectory(self.path / TRAJECTORY_FILE) if has_poses else EMPTY_RUN.trajectory
+        )
+        _check_consistent(frames, trajectory, result["frames"])
+        return CompletedRun(
+            frames=frames,
+            trajectory=trajectory,
+            skipped=int(result["skipped"]),
+            stage_ms={str(stage): float(ms) for stage, ms in result["stage_ms"].items()},
+            memory_mb=float(result["memory_mb"]),
+            loop_closure=self._load_loop_closure(result) if "loops" in result else None,
+        )
+
+    def _load_loop_closure(self, result: Mapping[str, Any]) -> LoopClosureRun:
+        count = int(result["corrected_poses"])
+        corrected = (
+            read_trajectory(self.path / OPTIMIZED_TRAJECTORY_FILE)
+            if count
+            else EMPTY_RUN.trajectory
+        )
+        if len(corrected) != count:
+            raise ValueError("the files are not of one run")
+        cpu_ms = float(result["loops_ms_per_frame"])
+        return LoopClosureRun(corrected, int(result["places"]), int(result["loops"]), cpu_ms)
+
+    def _load_details(self) -> str:
+        file = self.path / DETAILS_FILE
+        return file.read_text() if file.exists() else ""
+
+
+def run_as_json(run: CompletedRun) -> dict[str, object]:
+    """The figures of a run that need no ground truth."""
+    return {
+        "frames": len(run.frames),
+        "failed": run.failed,
+        "skipped": run.skipped,
+        "new_epochs": run.new_epochs,
+        "cpu_s": round(run.cpu_s, 6),
+        "wall_s": round(run.wall_s, 6),
+        "cpu_ms_per_frame": round(run.cpu_ms_per_frame, 3),
+        "stage_ms": {stage: round(spent, 3) for stage, spent in run.stage_ms.items()},
+        "memory_mb": round(run.memory_mb, 1),
+    }
+
+
+def loop_closure_as_json(loop_closure: LoopClosureRun | None) -> dict[str, object]:
+    """The figures of loops that need no ground truth; none where there are no loops."""
+    if loop_closure is None:
+        return {}
+    return {
+        "places": loop_closure.map_keyframes,
+        "loops": loop_closure.loop_closures,
+        "loops_ms_per_frame": round(loop_closure.cpu_ms_per_frame, 3),
+        "corrected_poses": len(loop_closure.trajectory),
+    }
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write a whole file or none. Raises UserFacingError for a full disk, InputError otherwise."""
+    try:
+        atomic_write(path, data)
+    except OSError as error:
+        raise (UserFacingError if is_disk_full(error) else InputError)(
+            f"{path}: cannot be written: {error.strerror}; make room, or name another folder with "
+            "--output"
+        ) from error
+
+
+def _format_trajectory(poses: Trajectory) -> bytes:
+    return "".join(map(format_pose_line, poses.stamps_s, poses.T_world_camera)).encode()
+
+
+def _format_frames(frames: FrameLog) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(FRAME_COLUMNS)
+    for k in range(len(frames)):
+        state = int(frames.has_pose[k]), int(frames.epochs[k]), int(frames.inliers[k])
+        times = f"{frames.cpu_ms[k]:.4f}", f"{frames.wall_ms[k]:.4f}"
+        writer.writerow((f"{frames.stamps_s[k]:.6f}", *state, *times, frames.reasons[k]))
+    return text.getvalue()
+
+
+def _read_frames(text: str) -> FrameLog:
+    rows = list(csv.DictReader(io.StringIO(text)))
+    return FrameLog.from_rows(
+        [
+            (
+                float(row["stamp_s"]),
+                row["has_pose"] == "1",
+                int(row["epoch"]),
+                int(row["inliers"]),
+                float(row["cpu_ms"]),
+                float(row["wall_ms"]),
+                row["reason"],
+            )
+            for row in rows
+        ]
+    )
+
+
+def _check_consistent(frames: FrameLog, trajectory: Trajectory, count: int) -> None:
+    """Raise ValueError unless the files belong together."""
+    is_whole = len(frames) == count
+    if not is_whole or not np.array_equal(frames.stamps_s[frames.has_pose], trajectory.stamps_s):
+        raise ValueError("the files are not of one run")

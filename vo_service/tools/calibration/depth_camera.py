@@ -1,0 +1,221 @@
+"""The depth camera from the planes of a board that the colour camera has seen.
+
+Every depth pixel on the board must lie in the board's plane, once it is turned into a point by the
+depth camera's intrinsics and carried into the colour camera. That ties down intrinsics, relative
+pose and scale together, if the board is seen at many tilts, places and distances.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.calibration import DepthCameraCalibration, RigidTransform
+from drivers.core.errors import UserFacingError
+from drivers.core.geometry import Array, quaternion_from_rotation
+from vo_service.odometry.depth_noise import depth_sigma_m
+from vo_service.tools.calibration.board import BoardLayout
+from vo_service.tools.calibration.board_readings import BoardReadings, collect_board_readings
+from vo_service.tools.calibration.color_camera import (
+    JACKKNIFE_GROUPS,
+    MIN_SIGNIFICANT_SIGMAS,
+    ColorCalibrationResult,
+    refit_without_views,
+)
+from vo_service.tools.calibration.depth_model import DISTORTION, PARAMETER_NAMES, DepthModel
+from vo_service.tools.calibration.least_squares import jackknife_sigma, minimize_gauss_newton
+
+# How far from the board's plane a reading may be and still count, in usual distances: generous
+# while usual values are all that is known of the camera, strict in the end.
+GATES = (10.0, 6.0, 4.0, 4.0)
+# The median distance of normal noise, in standard deviations.
+MEDIAN_ABS_NORMAL = 0.6745
+# Beyond so many times the sensor's noise, something else than the sensor is wrong.
+MAX_NOISE_RATIO = 6.0
+MIN_VIEWS = 8
+# The least part of the readings that has to agree with the boards.
+MIN_USED_FRACTION = 0.6
+# No sensor is further off: the size of the squares or the unit of depth is wrong.
+MAX_SCALE_ERROR = 0.12
+ALL_PARAMETERS = np.arange(len(PARAMETER_NAMES))
+WITHOUT_DISTORTION = np.delete(ALL_PARAMETERS, DISTORTION)
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class DepthCalibrationResult:
+    """The depth camera, and how well the boards agree with it.
+
+    sigma        (13,) standard deviations, in the order of `depth_model.NAMES`
+    pixels       readings on the boards, one row each, with
+    residuals_m    (N,) their distances from the board's plane, and
+    is_used        (N,) bool: near enough to it to count
+    """
+
+    model: DepthModel
+    sigma: Array
+    pixels: BoardReadings
+    residuals_m: Array
+    is_used: NDArray[np.bool_]
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square distance of the used readings from the board's plane."""
+        return float(np.sqrt((self.residuals_m[self.is_used] ** 2).mean()))
+
+    @property
+    def view_count(self) -> int:
+        """Views with a reading that was used."""
+        return len(np.unique(self.pixels.view_number[self.is_used]))
+
+    @property
+    def calibration(self) -> DepthCameraCalibration:
+        """The `[depth]` table of a camera file."""
+        model, lens = self.model, self.model.lens
+        x, y, z = (float(value) for value in model.T_color_depth[:3, 3])
+        qx, qy, qz, qw = (float(q) for q in quaternion_from_rotation(model.T_color_depth[:3, :3]))
+        height, width = self.pixels.shape
+        return DepthCameraCalibration(
+            fx=lens.fx,
+            fy=lens.fy,
+            cx=lens.cx,
+            cy=lens.cy,
+            T_color_depth=RigidTransform((x, y, z), (qx, qy, qz, qw)),
+            distortion=lens.distortion,
+            width=width,
+            height=height,
+            scale=model.scale,
+        )
+
+
+def calibrate_depth(
+    color: ColorCalibrationResult, layout: BoardLayout, depth_factor: float, progress: Progress
+) -> DepthCalibrationResult:
+    """Fit the depth camera to the boards of `colour`, whose views hold its images.
+
+    `progress` gets (done, total). Raises UserFacingError if the readings are not on the boards, or
+    on too few of them.
+    """
+    fit = _DepthFit(layout, depth_factor)
+    plain = fit.refine(color, fit.estimate_initial(color), WITHOUT_DISTORTION, GATES)
+    bent = fit.refine(color, plain, ALL_PARAMETERS, GATES[-1:])
+    steps = 2 * min(JACKKNIFE_GROUPS, len(color.views))
+    sigma = _jackknife_sigma(fit, color, bent, ALL_PARAMETERS, lambda done: progress(done, steps))
+    if np.any(np.abs(bent.vector[DISTORTION]) > MIN_SIGNIFICANT_SIGMAS * sigma[DISTORTION]):
+        progress(steps, steps)
+        return _make_result(fit, color, bent, sigma)
+    sigma = _jackknife_sigma(
+        fit, color, plain, WITHOUT_DISTORTION, lambda n: progress(n + steps // 2, steps)
+    )
+    return _make_result(fit, color, plain, sigma)
+
+
+@dataclass(frozen=True)
+class _DepthFit:
+    """What all fits of one calibration share."""
+
+    layout: BoardLayout
+    depth_factor: float
+
+    def estimate_initial(self, color: ColorCalibrationResult) -> DepthModel:
+        """The usual camera, with the scale that brings its readings into the boards' planes."""
+        height, width = color.views[0].depth_raw.shape
+        usual = DepthModel.default((width, height), 1.0)
+        pixels = self.collect_readings(color, usual)
+        count = len(np.unique(pixels.view_number))
+        if count < MIN_VIEWS:
+            raise UserFacingError(
+                f"only {count} of {len(color.views)} views have depth readings on the board, at "
+                f"least {MIN_VIEWS} are needed; hold it 0.6 to 1.5 m away, out of the sun"
+            )
+        points_m = usual.points_m(pixels.pixels, pixels.readings_m)
+        along_ray = pixels.offsets_m / (points_m * pixels.normals).sum(axis=1)
+        scale = float(np.median(along_ray))
+        if abs(scale - 1.0) > MAX_SCALE_ERROR:
+            raise UserFacingError(
+                f"the board is {scale:.2f} times as far away as depth says: measure --square "
+                "again, and see that the recording's depth factor is right (--camera-file)"
+            )
+        return DepthModel.default((width, height), scale)
+
+    def refine(
+        self,
+        color: ColorCalibrationResult,
+        model: DepthModel,
+        free: NDArray[np.int64],
+        gates: Sequence[float],
+    ) -> DepthModel:
+        """Fit the parameters numbered `free`; the boards' outlines follow what is found."""
+        for gate in gates:
+            pixels = self.collect_readings(color, model)
+            weights = _is_used(pixels, model, gate) / depth_sigma_m(pixels.readings_m)
+            residuals = _residuals(pixels, model, free)
+            model = model.with_parameters(
+                free, minimize_gauss_newton(residuals, model.vector[free], weights)
+            )
+        return model
+
+    def collect_readings(self, color: ColorCalibrationResult, model: DepthModel) -> BoardReadings:
+        """The readings on the boards, where `model` has them."""
+        views, poses = color.views, color.T_camera_board
+        return collect_board_readings(views, poses, self.layout, model, self.depth_factor)
+
+
+def _jackknife_sigma(
+    fit: _DepthFit,
+    color: ColorCalibrationResult,
+    model: DepthModel,
+    free: NDArray[np.int64],
+    progress: Callable[[int], None],
+) -> Array:
+    """(13,) from calibrations of both cameras that each leave out a tenth of the views.
+
+    The normal matrix would promise ten times too much: the pixels of one view agree with each
+    other far better than with the truth, and all views share the colour camera's error.
+    """
+    fits = []
+    count = min(JACKKNIFE_GROUPS, len(color.views))
+    for group in range(count):
+        progress(group)
+        left = refit_without_views(color, range(group, len(color.views), count))
+        fits.append(fit.refine(left, model, free, GATES[-1:]).vector)
+    return jackknife_sigma(fits)
+
+
+def _make_result(
+    fit: _DepthFit, color: ColorCalibrationResult, model: DepthModel, sigma: Array
+) -> DepthCalibrationResult:
+    """Raises UserFacingError if the depth is not that of the boards."""
+    pixels = fit.collect_readings(color, model)
+    is_used = _is_used(pixels, model, GATES[-1])
+    noise = float(np.median(_normalized_distances(pixels, model))) / MEDIAN_ABS_NORMAL
+    part = float(is_used.mean())
+    if noise > MAX_NOISE_RATIO or part < MIN_USED_FRACTION:
+        raise UserFacingError(
+            f"depth does not agree with the boards that the colour camera saw: {noise:.0f} times "
+            f"the sensor's noise, {part:.0%} of the readings of use; the board must be flat and "
+            "still, and no image mirrored"
+        )
+    return DepthCalibrationResult(model, sigma, pixels, pixels.residuals_m(model), is_used)
+
+
+def _is_used(pixels: BoardReadings, model: DepthModel, gate: float) -> NDArray[np.bool_]:
+    """(N,) within so many usual distances of the board, but never less than the sensor's noise."""
+    distances = _normalized_distances(pixels, model)
+    usual = max(1.0, float(np.median(distances)) / MEDIAN_ABS_NORMAL)
+    is_used: NDArray[np.bool_] = distances < gate * usual
+    return is_used
+
+
+def _normalized_distances(pixels: BoardReadings, model: DepthModel) -> Array:
+    """(N,) distances from the boards, in standard deviations of the sensor's noise."""
+    distances: Array = np.abs(pixels.residuals_m(model)) / depth_sigma_m(pixels.readings_m)
+    return distances
+
+
+def _residuals(
+    pixels: BoardReadings, model: DepthModel, free: NDArray[np.int64]
+) -> Callable[[Array], Array]:
+    return lambda x: pixels.residuals_m(model.with_parameters(free, x))

@@ -1,0 +1,146 @@
+"""A picture of a calibration: where corners were seen, and how far each is from where it should be.
+
+Residuals are drawn enlarged; what lies in one direction over a whole region is not noise.
+"""
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array
+from vo_service.tools.calibration.color_camera import ColorCalibrationResult
+from vo_service.tools.calibration.coverage import MIN_ZONE_CORNERS, ZONE_EDGES, count_zone_corners
+from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
+from vo_service.tools.calibration.output_files import save
+from vo_service.tools.calibration.result import CalibrationResult
+from vo_service.tools.calibration.view_selection import convex_outline
+
+if TYPE_CHECKING:  # drawn with rarely, and slow to import
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FORMATS = (".png", ".svg")
+# Length of an arrow whose corner is off by the usual error, in parts of the image's width.
+ARROW_LENGTH_RATIO = 0.025
+# Colours of depth residuals end at so many usual ones.
+MAX_RESIDUAL_SIGMAS = 2.5
+
+
+def check_plot_format(path: Path) -> None:
+    """Raise InputError for a suffix that is no format."""
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"{path}: a picture is {' or '.join(FORMATS)}: name it so")
+
+
+def write_plot(path: Path, calibration: CalibrationResult) -> None:
+    """Draw it. Raises InputError for a suffix that is no format, UserFacingError from the disk."""
+    check_plot_format(path)
+    image = io.BytesIO()
+    draw_plot(calibration).savefig(image, format=path.suffix.lower().removeprefix("."), dpi=110)
+    save(path, image.getvalue())
+
+
+def draw_plot(calibration: CalibrationResult) -> "Figure":
+    """The picture as a matplotlib figure, drawn without pyplot: no global state, no window."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    colour, rows = calibration.color, 1 + len(calibration.depth)
+    figure = Figure(figsize=(13, 5.2 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(f"{len(colour.views)} views of a {calibration.board.name}")
+    plots = figure.subplots(rows, 2, width_ratios=[1.55, 1], squeeze=False)
+    _draw_corners(plots[0, 0], colour)
+    _draw_bars(plots[0, 1], colour.view_rms_px, "error in each view", "px")
+    for depth, (image, bars) in zip(calibration.depth, plots[1:], strict=True):
+        _draw_readings(figure, image, depth)
+        errors_mm = _view_rms_mm(depth, len(colour.views))
+        _draw_bars(bars, errors_mm, "depth off the board in each view", "mm")
+    return figure
+
+
+def _draw_corners(plot: "Axes", color: ColorCalibrationResult) -> None:
+    """Outlines of the boards, corners, and arrows from where they should be."""
+    _set_image_axes(plot, color.size)
+    _draw_zones(plot, color)
+    for view in color.views:
+        plot.fill(*convex_outline(view.corners.pixels).T, facecolor="tab:blue", alpha=0.05)
+    pixels = np.concatenate([view.corners.pixels for view in color.views])
+    residuals = np.concatenate(color.residuals_px)
+    enlarged = _round_to_one_digit(ARROW_LENGTH_RATIO * color.size[0] / max(color.rms_px, 1e-3))
+    columns, rows = pixels.T
+    plot.scatter(columns, rows, s=3, color="tab:blue", linewidths=0)
+    plot.quiver(
+        *pixels.T, *residuals.T, angles="xy", scale_units="xy", scale=1 / enlarged,
+        width=0.0013, color="tab:red", alpha=0.8,
+    )  # fmt: skip
+    plot.set_title(f"corners, and {color.rms_px:.2f} px of error enlarged {enlarged:.0f} times")
+
+
+def _round_to_one_digit(value: float) -> float:
+    """As a caption would have it: 300 for 329."""
+    return float(f"{value:.1g}")
+
+
+def _draw_zones(plot: "Axes", color: ColorCalibrationResult) -> None:
+    """Grey out the zones that hardly a corner was seen in, and rule the others off."""
+    from matplotlib.patches import Rectangle
+
+    edges = np.array([0.0, *ZONE_EDGES, 1.0])
+    columns, rows = (edges * length - 0.5 for length in color.size)
+    for (row, column), count in np.ndenumerate(count_zone_corners(color.views)):
+        is_empty = count < MIN_ZONE_CORNERS
+        corner = (float(columns[column]), float(rows[row]))
+        width, height = columns[column + 1] - corner[0], rows[row + 1] - corner[1]
+        face = "0.8" if is_empty else "none"
+        plot.add_patch(Rectangle(corner, width, height, facecolor=face, edgecolor="0.85", zorder=0))
+        if is_empty:
+            middle = (corner[0] + width / 2, corner[1] + height / 2)
+            plot.text(*middle, "hardly seen", ha="center", va="center", color="0.35")
+
+
+def _draw_readings(figure: "Figure", plot: "Axes", depth: DepthCalibrationResult) -> None:
+    """Used depth readings, coloured by how far they are from their board."""
+    height, width = depth.pixels.shape
+    _set_image_axes(plot, (width, height))
+    pixels, residuals_mm = depth.pixels.pixels[depth.is_used], 1e3 * depth.residuals_m
+    limit = MAX_RESIDUAL_SIGMAS * 1e3 * depth.rms_m
+    columns, rows = pixels.T
+    dots = plot.scatter(
+        columns,
+        rows, c=residuals_mm[depth.is_used], s=4, linewidths=0,
+        cmap="coolwarm", vmin=-limit, vmax=limit,
+    )  # fmt: skip
+    figure.colorbar(dots, ax=plot, label="depth beyond the board (mm)", shrink=0.85)
+    plot.set_title(f"depth readings on the boards, {1e3 * depth.rms_m:.1f} mm of error")
+
+
+def _set_image_axes(plot: "Axes", size: tuple[int, int]) -> None:
+    """The image's edge, row 0 at the top."""
+    width, height = size
+    plot.set_anchor("W")
+    plot.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
+    plot.set_xlabel("column (px)")
+    plot.set_ylabel("row (px)")
+
+
+def _draw_bars(plot: "Axes", errors: Array, title: str, unit: str) -> None:
+    """One bar a view, with the usual one ruled."""
+    usual = float(np.median(errors[errors > 0]))
+    plot.bar(np.arange(1, len(errors) + 1), errors, color="tab:blue", alpha=0.75)
+    plot.axhline(usual, color="0.4", linewidth=1, linestyle="--")
+    plot.set(xlabel="view", ylabel=f"{unit} (rms)", xlim=(0.3, len(errors) + 0.7))
+    plot.set_title(f"{title}: median {usual:.2f} {unit}")
+    plot.grid(axis="y", alpha=0.3)
+
+
+def _view_rms_mm(depth: DepthCalibrationResult, count: int) -> Array:
+    """(count,) of each view's used readings; 0 where there are none."""
+    numbers = depth.pixels.view_number[depth.is_used]
+    squares = np.bincount(numbers, (1e3 * depth.residuals_m[depth.is_used]) ** 2, count)
+    readings = np.bincount(numbers, minlength=count)
+    rms: Array = np.sqrt(squares / np.maximum(readings, 1))
+    return rms

@@ -1,0 +1,16 @@
+"""What a preview of a live calibration shows."""
+
+from dataclasses import dataclass
+
+from vo_service.tools.calibration.board import BoardCorners
+from vo_service.tools.calibration.snapshot import BoardView, Snapshot
+
+
+@dataclass(frozen=True)
+class BoardPreviewFrame:
+    """One snapshot with the corners found in it, the views taken so far, and what to do next."""
+
+    snapshot: Snapshot
+    corners: BoardCorners
+    views: tuple[BoardView, ...]
+    advice: str

@@ -1,0 +1,64 @@
+"""What the camera sees of the board, in Rerun. Imports rerun: load it lazily."""
+
+import cv2
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from vo_service.tools.calibration.preview import BoardPreviewFrame
+from vo_service.tools.calibration.view_selection import convex_outline
+
+IMAGE_PATH, CORNERS_PATH, VIEWS_PATH, ADVICE_PATH = (
+    "image",
+    "image/corners",
+    "image/taken",
+    "advice",
+)
+CORNER_COLOR = (255, 150, 40)
+VIEW_COLOR = (40, 220, 130)
+TIMELINE = "snapshot"
+JPEG_QUALITY = 80
+
+
+class BoardScene:
+    """Logs sights to one recording stream."""
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        self._stream = stream
+        self._seq = 0
+
+    @staticmethod
+    def blueprint() -> rrb.Blueprint:
+        """The advice above the image."""
+        return rrb.Blueprint(
+            rrb.Vertical(
+                rrb.TextDocumentView(name="What to do", origin=ADVICE_PATH),
+                rrb.Spatial2DView(
+                    name="What the camera sees; views taken in green", origin=IMAGE_PATH
+                ),
+                row_shares=[1, 8],
+            ),
+            rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+            rrb.BlueprintPanel(state="collapsed"),
+            rrb.SelectionPanel(state="collapsed"),
+            auto_views=False,
+        )
+
+    def log(self, item: BoardPreviewFrame) -> None:
+        """The image, the corners in it, the outlines of the views taken, and the advice."""
+        stream = self._stream
+        stream.set_time(TIMELINE, sequence=self._seq)
+        self._seq += 1
+        quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+        jpeg = cv2.imencode(".jpg", item.snapshot.color_bgr, quality)[1].tobytes()
+        stream.log(IMAGE_PATH, rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
+        # Rerun's pixels have their centres at one half.
+        points = rr.Points2D(
+            item.corners.pixels + 0.5, colors=CORNER_COLOR, radii=rr.Radius.ui_points(3.0)
+        )
+        stream.log(CORNERS_PATH, points)
+        hulls = [convex_outline(view.corners.pixels) for view in item.views]
+        closed = [np.vstack([hull, hull[:1]]) for hull in hulls]
+        lines = rr.LineStrips2D(closed, colors=VIEW_COLOR, radii=rr.Radius.ui_points(1.0))
+        stream.log(VIEWS_PATH, lines)
+        stream.log(ADVICE_PATH, rr.TextDocument(f"# {item.advice}", media_type="text/markdown"))

@@ -1,0 +1,157 @@
+"""A whole calibration: the camera file it becomes, and how it is told to people and programs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drivers.calibration import CameraCalibration, DepthCameraCalibration, RigidTransform
+from drivers.core.geometry import Array, so3_log
+from vo_service.tools.calibration.board import Board
+from vo_service.tools.calibration.color_camera import ColorCalibrationResult
+from vo_service.tools.calibration.depth_camera import DepthCalibrationResult
+from vo_service.tools.calibration.depth_model import ROTATION, SCALE_INDEX, TRANSLATION
+from vo_service.tools.calibration.image_folder import DepthUnits
+from vo_service.tools.calibration.snapshot import Lens
+
+ROW_FORMAT = "{:<26}{:>24}{:>24}"
+COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3")
+# Far below any standard deviation, and easier to read than sixteen digits.
+PIXEL_DIGITS, COEFFICIENT_DIGITS, METRE_DIGITS, QUATERNION_DIGITS = 4, 7, 6, 9
+
+
+@dataclass(frozen=True)
+class CalibrationResult:
+    """What was found; `depth` is empty where it was not asked for."""
+
+    board: Board
+    units: DepthUnits
+    color: ColorCalibrationResult
+    depth: Sequence[DepthCalibrationResult]
+    warnings: list[str]
+
+    @property
+    def camera_calibration(self) -> CameraCalibration:
+        """Rounded to what can be read."""
+        lens, (width, height) = self.color.lens, self.color.size
+        fx, fy, cx, cy = (round(v, PIXEL_DIGITS) for v in (lens.fx, lens.fy, lens.cx, lens.cy))
+        k1, k2, p1, p2, k3 = (round(k, COEFFICIENT_DIGITS) for k in lens.distortion)
+        tables = [_round_depth_calibration(depth.calibration) for depth in self.depth]
+        return CameraCalibration(
+            width,
+            height,
+            fx,
+            fy,
+            cx,
+            cy,
+            (k1, k2, p1, p2, k3),
+            self.units.depth_factor,
+            self.units.readout_s,
+            self.units.depth_offset_s,
+            tables[0] if tables else None,
+        )
+
+    def as_table(self) -> str:
+        """For people."""
+        colour = self.color
+        width, height = colour.size
+        count = f"{len(colour.views)} views of a {self.board.name}"
+        rows = [f"{count}, {width}x{height}", ""]
+        rows.append(ROW_FORMAT.format("", "colour camera", "depth camera" if self.depth else ""))
+        figures = [_format_column(colour.lens, colour.sigma)]
+        figures += [_format_column(d.model.lens, d.sigma[:6]) for d in self.depth]
+        for number, name in enumerate(("fx", "fy", "cx", "cy", *COEFFICIENTS)):
+            unit = " (px)" if number < 4 else ""
+            cells = [column[number] for column in figures]
+            rows.append(ROW_FORMAT.format(name + unit, *cells, *[""] * (2 - len(cells))))
+        errors = [f"{colour.rms_px:.3f} px", *(f"{1e3 * d.rms_m:.2f} mm" for d in self.depth)]
+        rows.append(ROW_FORMAT.format("error (rms)", *errors, *[""] * (2 - len(errors))))
+        rows += [line for depth in self.depth for line in _format_pose(depth)]
+        return "\n".join(row.rstrip() for row in rows)
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs; keys stay."""
+        colour = self.color
+        return {
+            "board": self.board.name,
+            "image": list(colour.size),
+            "views": len(colour.views),
+            "rejected": colour.rejected,
+            "warnings": self.warnings,
+            "colour": _lens_as_json(colour.lens, colour.sigma) | {"rms_px": float(colour.rms_px)},
+            "depth": _depth_as_json(self.depth[0]) if self.depth else None,
+        }
+
+
+def _round_depth_calibration(calibration: DepthCameraCalibration) -> DepthCameraCalibration:
+    x, y, z = (round(v, METRE_DIGITS) for v in calibration.T_color_depth.translation_m)
+    qx, qy, qz, qw = (
+        round(q, QUATERNION_DIGITS) for q in calibration.T_color_depth.quaternion_xyzw
+    )
+    k1, k2, p1, p2, k3 = (round(k, COEFFICIENT_DIGITS) for k in calibration.distortion)
+    fx, fy, cx, cy = (
+        round(v, PIXEL_DIGITS)
+        for v in (calibration.fx, calibration.fy, calibration.cx, calibration.cy)
+    )
+    return DepthCameraCalibration(
+        fx=fx,
+        fy=fy,
+        cx=cx,
+        cy=cy,
+        T_color_depth=RigidTransform((x, y, z), (qx, qy, qz, qw)),
+        distortion=(k1, k2, p1, p2, k3),
+        width=calibration.width,
+        height=calibration.height,
+        scale=round(calibration.scale, METRE_DIGITS),
+    )
+
+
+def _format_column(lens: Lens, sigma: Array) -> list[str]:
+    """Nine cells; a coefficient that the views do not tell is "-"."""
+    sigmas = np.append(sigma, np.zeros(9 - len(sigma)))
+    cells = zip(lens.vector, sigmas, [2] * 4 + [4] * 5, strict=True)
+    return [f"{v:.{d}f} ± {s:.{d}f}" if s else "-" for v, s, d in cells]
+
+
+def _format_pose(depth: DepthCalibrationResult) -> list[str]:
+    vector, sigma = depth.model.vector, depth.sigma
+    shift = _format_axes(1e3 * vector[TRANSLATION], 1e3 * sigma[TRANSLATION])
+    turn = _format_axes(np.degrees(vector[ROTATION]), np.degrees(sigma[ROTATION]))
+    return [
+        "",
+        "from the depth camera to the colour camera (T_color_depth)",
+        f"  shift (mm)  {shift}",
+        f"  turn (deg)  {turn}",
+        f"true distance per distance read (scale)  {depth.model.scale:.4f} ± {sigma[SCALE_INDEX]:.4f}",
+    ]
+
+
+def _format_axes(values: Array, sigma: Array) -> str:
+    cells = zip("xyz", values, sigma, strict=True)
+    return "   ".join(f"{axis} {value:7.2f} ± {s:.2f}" for axis, value, s in cells)
+
+
+def _lens_as_json(lens: Lens, sigma: Array) -> dict[str, Any]:
+    return {
+        "fx": lens.fx,
+        "fy": lens.fy,
+        "cx": lens.cx,
+        "cy": lens.cy,
+        "distortion": list(lens.distortion),
+        "sigma": dict(zip(("fx", "fy", "cx", "cy", *COEFFICIENTS), sigma.tolist(), strict=False)),
+    }
+
+
+def _depth_as_json(depth: DepthCalibrationResult) -> dict[str, Any]:
+    model, sigma = depth.model, depth.sigma
+    return _lens_as_json(model.lens, sigma[:6]) | {
+        "views": depth.view_count,
+        "rms_mm": 1e3 * depth.rms_m,
+        "scale": model.scale,
+        "scale_sigma": float(sigma[SCALE_INDEX]),
+        "translation_m": model.vector[TRANSLATION].tolist(),
+        "translation_sigma_m": sigma[TRANSLATION].tolist(),
+        "rotation_vector_rad": so3_log(model.T_color_depth[:3, :3]).tolist(),
+        "rotation_sigma_rad": sigma[ROTATION].tolist(),
+    }

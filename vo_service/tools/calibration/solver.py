@@ -1,0 +1,30 @@
+"""From views to a calibration that may be used."""
+
+from vo_service.terminal import Terminal
+from vo_service.tools.calibration.board import Board
+from vo_service.tools.calibration.collect import CollectedViews
+from vo_service.tools.calibration.color_camera import calibrate_color
+from vo_service.tools.calibration.depth_camera import calibrate_depth
+from vo_service.tools.calibration.result import CalibrationResult
+from vo_service.tools.calibration.validation import validate_color, validate_depth
+
+
+def solve_calibration(
+    board: Board, collected: CollectedViews, with_depth: bool, terminal: Terminal
+) -> CalibrationResult:
+    """Fit the colour camera, then the depth camera to it.
+
+    Raises UserFacingError if the views are too few or too much alike, or the result cannot be.
+    """
+    with terminal.busy("fitting the colour camera"):
+        colour = calibrate_color(collected.views)
+    warnings = validate_color(colour, collected.gaps)
+    fits = []
+    if with_depth:
+        with terminal.busy("fitting the depth camera") as busy:
+            factor = collected.units.depth_factor
+            depth = calibrate_depth(colour, board.layout, factor, busy.progress_callback("step"))
+        warnings += validate_depth(depth, colour, collected.gaps)
+        fits.append(depth)
+    warnings += [lack.problem for lack in collected.gaps]
+    return CalibrationResult(board, collected.units, colour, fits, warnings)

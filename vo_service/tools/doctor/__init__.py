@@ -1,0 +1,1 @@
+"""Checks of the sensor, the computer and the installation."""

@@ -1,0 +1,77 @@
+"""Which checks a camera gets, in their order: the one place where a new check is listed."""
+
+from drivers.kinect_usb.usb_ids import SensorModel
+from drivers.registry import ONI_SUFFIX
+from vo_service.tools.doctor.access import ExclusiveAccessCheck, KernelDriverCheck, PermissionCheck
+from vo_service.tools.doctor.bus import ControllerCheck, SensorPresenceCheck, UsbSpeedCheck
+from vo_service.tools.doctor.context import RequestedSensor
+from vo_service.tools.doctor.finding import Check
+from vo_service.tools.doctor.firmware import FirmwareCheck
+from vo_service.tools.doctor.libraries import LibrariesCheck
+from vo_service.tools.doctor.stream import FirstFramesCheck, FrameRateCheck, LostPacketsCheck
+from vo_service.tools.doctor.timing import ClockRateCheck, GravityCheck, SkewCheck
+
+KINECT_MODELS = frozenset({SensorModel.K1414, SensorModel.K1473, SensorModel.K4W})
+PRIMESENSE_MODELS = frozenset(
+    {SensorModel.PRIMESENSE, SensorModel.XTION, SensorModel.XTION_LIVE, SensorModel.CARMINE}
+)
+SENSOR_HZ = 30.0
+ANY_RATE_HZ = 0.0
+USB_CHECKS: tuple[Check, ...] = (
+    SensorPresenceCheck(),
+    UsbSpeedCheck(),
+    ControllerCheck(),
+    PermissionCheck(),
+    KernelDriverCheck(),
+    ExclusiveAccessCheck(),
+)
+# The picture cannot come while one of these fails.
+FRAME_PREREQUISITES = ("libraries", "sensor", "usb-speed", "permission", "sole-use")
+
+
+def requested_sensor_for(source: str) -> RequestedSensor:
+    """The sensors that `--camera SOURCE` means."""
+    kind, _, argument = source.partition(":")
+    if kind == "openni2":
+        return RequestedSensor(PRIMESENSE_MODELS, "plug it in")
+    return RequestedSensor(
+        KINECT_MODELS, "plug it in, with its own power supply: its light must blink", argument
+    )
+
+
+def checks_for(source: str) -> tuple[Check, ...]:
+    """The checks that make sense for `--camera SOURCE`."""
+    kind, _, argument = source.partition(":")
+    if kind == "freenect":
+        libraries = LibrariesCheck("libusb-1.0.so.0", "libfreenect.so.0.5")
+        return (libraries, *USB_CHECKS, FirmwareCheck(), *_stream_checks(has_accelerometer=True))
+    if kind == "openni2" and not argument.lower().endswith(ONI_SUFFIX):
+        libraries = LibrariesCheck("libusb-1.0.so.0", "libOpenNI2.so.0")
+        return (libraries, *USB_CHECKS, *_stream_checks(has_accelerometer=False))
+    if kind == "openni2":
+        return (
+            LibrariesCheck("libOpenNI2.so.0"),
+            FirstFramesCheck("libraries"),
+            *_RECORDING_CHECKS,
+        )
+    return (FirstFramesCheck(), *_RECORDING_CHECKS)
+
+
+def _stream_checks(has_accelerometer: bool) -> tuple[Check, ...]:
+    return (
+        FirstFramesCheck(*FRAME_PREREQUISITES),
+        FrameRateCheck(SENSOR_HZ),
+        LostPacketsCheck(),
+        SkewCheck(),
+        ClockRateCheck(),
+        GravityCheck(has_accelerometer),
+    )
+
+
+# How fast a player plays says nothing about any device's clock.
+_RECORDING_CHECKS: tuple[Check, ...] = (
+    FrameRateCheck(ANY_RATE_HZ),
+    LostPacketsCheck(),
+    SkewCheck(),
+    GravityCheck(is_expected=False),
+)

@@ -1,0 +1,132 @@
+"""Findings for a person: aligned lines on a terminal, plain ones in a log."""
+
+import os
+import shutil
+import textwrap
+from collections.abc import Sequence
+from typing import TextIO
+
+from vo_service.tools.doctor.finding import CheckVerdict
+from vo_service.tools.doctor.runner import CheckResult
+
+SYMBOLS = {
+    CheckVerdict.PASS: "✓",
+    CheckVerdict.WARNING: "!",
+    CheckVerdict.FAIL: "✗",
+    CheckVerdict.UNKNOWN: "?",
+    CheckVerdict.SKIPPED: "-",
+}
+PLAIN_SYMBOLS = SYMBOLS | {CheckVerdict.PASS: "+", CheckVerdict.FAIL: "x"}
+GREEN, YELLOW, RED, FAINT, BOLD = "32", "33", "31", "2", "1"
+COLORS = {
+    CheckVerdict.PASS: GREEN,
+    CheckVerdict.WARNING: YELLOW,
+    CheckVerdict.FAIL: RED,
+    CheckVerdict.UNKNOWN: FAINT,
+    CheckVerdict.SKIPPED: FAINT,
+}
+MIN_WIDTH, MAX_WIDTH = 50, 100
+FIX_PREFIX = "fix: "
+NOT_CHECKED = "not checked"
+
+
+class NullFindingPrinter:
+    """For programs, which read JSON."""
+
+    def print_heading(self, text: str) -> None:
+        """See `Printer`."""
+
+    def print_result(self, result: CheckResult) -> None:
+        """See `Printer`."""
+
+    def print_conclusion(self, results: Sequence[CheckResult]) -> None:
+        """See `Printer`."""
+
+
+class FindingPrinter:
+    """Writes to one stream; what is too long for a line goes on below, indented."""
+
+    def __init__(self, stream: TextIO, names: Sequence[str]) -> None:
+        """`names` are those of all checks that will come, for the width of their column."""
+        self._stream = stream
+        encoding = (stream.encoding or "").lower().replace("-", "")
+        self._symbols = SYMBOLS if encoding.startswith("utf") else PLAIN_SYMBOLS
+        self._has_color = stream.isatty() and not os.environ.get("NO_COLOR")
+        self._name_width = max(len(name) for name in (*names, NOT_CHECKED))
+        self._skipped: list[CheckResult] = []
+        # A log is read in a window of any width: its lines are left whole.
+        columns = shutil.get_terminal_size().columns
+        self._width = min(max(columns, MIN_WIDTH), MAX_WIDTH) if stream.isatty() else 0
+
+    def print_heading(self, text: str) -> None:
+        """A line of its own, before the checks."""
+        self._write(f"{self._paint(text, BOLD)}\n")
+
+    def print_result(self, result: CheckResult) -> None:
+        """One check; those that were skipped one after another share a line."""
+        if self._skipped and result.finding != self._skipped[0].finding:
+            self._print_skipped()
+        if result.finding.verdict is CheckVerdict.SKIPPED:
+            self._skipped.append(result)
+            return
+        self._print_line(result.finding.verdict, result.name.replace("-", " "), result.finding.text)
+        if result.finding.fix:
+            fix, *rest = self._wrap(result.finding.fix, len(FIX_PREFIX))
+            self._print_indented(self._paint(FIX_PREFIX, COLORS[result.finding.verdict]) + fix)
+            for line in rest:
+                self._print_indented(" " * len(FIX_PREFIX) + line)
+
+    def print_conclusion(self, results: Sequence[CheckResult]) -> None:
+        """What it all comes to."""
+        if self._skipped:
+            self._print_skipped()
+        by_verdict = {kind: _names(results, kind) for kind in CheckVerdict}
+        failures, warnings = by_verdict[CheckVerdict.FAIL], by_verdict[CheckVerdict.WARNING]
+        skipped = by_verdict[CheckVerdict.SKIPPED]
+        if failures:
+            rest = f", {len(skipped)} not checked" if skipped else ""
+            text = f"{len(failures)} failed ({', '.join(failures)}){rest}: mend that, run it again"
+            self._write(f"\n{self._paint(text, RED)}")
+        elif warnings:
+            text = f"it works; look at {', '.join(warnings)}"
+            self._write(f"\n{self._paint(text, YELLOW)}")
+        else:
+            self._write(f"\n{self._paint('all is well', GREEN)}")
+
+    def _print_skipped(self) -> None:
+        names = ", ".join(result.name.replace("-", " ") for result in self._skipped)
+        text = f"{names} ({self._skipped[0].finding.text})"
+        self._skipped = []
+        self._print_line(CheckVerdict.SKIPPED, NOT_CHECKED, text)
+
+    def _print_line(self, verdict: CheckVerdict, name: str, text: str) -> None:
+        symbol = self._paint(self._symbols[verdict], COLORS[verdict])
+        faint = FAINT if verdict in (CheckVerdict.SKIPPED, CheckVerdict.UNKNOWN) else ""
+        first, *rest = (self._paint(line, faint) for line in self._wrap(text))
+        self._write(f"  {symbol} {name.ljust(self._name_width)}  {first}")
+        for line in rest:
+            self._print_indented(line)
+
+    def _wrap(self, text: str, indent: int = 0) -> list[str]:
+        if not self._width:
+            return [text]
+        width = self._width - self._name_width - 6 - indent
+        return textwrap.wrap(text, width, break_on_hyphens=False, break_long_words=False) or [""]
+
+    def _print_indented(self, line: str) -> None:
+        self._write(f"{' ' * (self._name_width + 6)}{line}")
+
+    def _paint(self, text: str, color: str) -> str:
+        return f"\x1b[{color}m{text}\x1b[0m" if self._has_color and color else text
+
+    def _write(self, line: str) -> None:
+        encoding = self._stream.encoding or "ascii"
+        safe = line.encode(encoding, "replace").decode(encoding)
+        self._stream.write(f"{safe.rstrip()}\n" if line.strip() else "\n")
+        self._stream.flush()
+
+
+def _names(results: Sequence[CheckResult], verdict: CheckVerdict) -> list[str]:
+    return [
+        result.name.replace("-", " ") for result in results if result.finding.verdict is verdict
+    ]

@@ -1,0 +1,109 @@
+"""A picture of a trajectory beside its ground truth: from above, from the side, error over time."""
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drivers.core.errors import InputError, UserFacingError
+from drivers.core.files import atomic_write, is_disk_full
+from drivers.core.geometry import Array, inverse, transform_points
+from drivers.core.trajectory import MAX_STAMP_DIFFERENCE_S, Trajectory
+from vo_service.tools.evaluation.association import associate
+from vo_service.tools.evaluation.metrics import best_alignment, position_errors_m
+
+if TYPE_CHECKING:  # drawn with rarely, and slow to import
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FORMATS = (".png", ".svg")
+# A line is broken where poses are further apart than this many usual steps.
+MIN_GAP_STEPS = 3.0
+GROUND_TRUTH_STYLE: dict[str, Any] = {"color": "0.55", "linewidth": 2.5, "label": "ground truth"}
+TRAJECTORY_STYLE: dict[str, Any] = {"color": "tab:blue", "linewidth": 1.2, "label": "trajectory"}
+
+
+def write_plot(path: Path, trajectory: Trajectory, truth: Trajectory, title: str) -> None:
+    """Draw both after the best rigid alignment, in metres, and write a PNG or SVG by the suffix.
+
+    The axes are those of the first true camera: right, forward, up.
+
+    Raises InputError for any other suffix, if fewer than 3 poses have ground truth within 20 ms or
+    if the file cannot be created; UserFacingError if the disk is full. No half of a file is left.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"{path}: a picture is {' or '.join(FORMATS)}: name it so")
+    figure = draw_plot(trajectory, truth, title)
+    image = io.BytesIO()
+    figure.savefig(image, format=path.suffix.lower().removeprefix("."))
+    try:
+        atomic_write(path, image.getvalue())
+    except OSError as error:
+        raise (UserFacingError if is_disk_full(error) else InputError)(
+            f"{path}: cannot write the picture: {error.strerror}; name a folder that can be "
+            "written to"
+        ) from error
+
+
+def draw_plot(trajectory: Trajectory, truth: Trajectory, title: str) -> "Figure":
+    """The picture as a matplotlib figure, drawn without pyplot: no global state, no window."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    matched = associate(trajectory, truth)
+    T_truth_world = best_alignment(matched)
+    T_first_truth = inverse(matched.T_truth_camera[0])
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title)
+    plots = figure.subplot_mosaic("AB;EE", height_ratios=[3, 1])
+    label_axes(plots["A"], "from above", "right (m)", "forward (m)")
+    label_axes(plots["B"], "from the right", "forward (m)", "up (m)")
+    label_axes(plots["E"], "position error after alignment", "time (s)", "error (m)")
+    seen = crop_trajectory(truth, *matched.stamps_s[[0, -1]])
+    draw_trajectory(plots, seen, T_first_truth, GROUND_TRUTH_STYLE)
+    draw_trajectory(plots, trajectory, T_first_truth @ T_truth_world, TRAJECTORY_STYLE)
+    for view in (plots["A"], plots["B"]):
+        view.set_aspect("equal", adjustable="datalim")
+    plots["A"].legend()
+    errors_m = position_errors_m(matched, T_truth_world)
+    time_s = matched.stamps_s - matched.stamps_s[0]
+    plots["E"].plot(*insert_nan_at_gaps(matched.stamps_s, np.column_stack([time_s, errors_m])).T)
+    plots["E"].set_ylim(bottom=0)
+    return figure
+
+
+def label_axes(plot: "Axes", title: str, x: str, y: str) -> None:
+    """A title, what the axes are, and a grid."""
+    plot.set_title(title)
+    plot.set_xlabel(x)
+    plot.set_ylabel(y)
+    plot.grid(alpha=0.3)
+
+
+def draw_trajectory(
+    plots: "dict[str, Axes]", poses: Trajectory, T_first_world: Array, style: dict[str, Any]
+) -> None:
+    """Draw into both views; T_first_world maps to the axes of the first true camera."""
+    positions_m = transform_points(T_first_world, poses.T_world_camera[:, :3, 3])
+    right_m, down_m, forward_m = insert_nan_at_gaps(poses.stamps_s, positions_m).T
+    plots["A"].plot(right_m, forward_m, **style)
+    plots["B"].plot(forward_m, -down_m, **style)
+
+
+def crop_trajectory(poses: Trajectory, begin_s: float, end_s: float) -> Trajectory:
+    """Those of the truth while a trajectory lasts: motion capture may have started long before."""
+    during = (poses.stamps_s >= begin_s - MAX_STAMP_DIFFERENCE_S) & (
+        poses.stamps_s <= end_s + MAX_STAMP_DIFFERENCE_S
+    )
+    return Trajectory(poses.stamps_s[during], poses.T_world_camera[during])
+
+
+def insert_nan_at_gaps(stamps_s: Array, columns: Array) -> Array:
+    """`columns` (N, k) with a row of NaN wherever poses are missing: no line is drawn there."""
+    if len(stamps_s) < 2:
+        return columns
+    steps_s = np.diff(stamps_s)
+    gaps = np.flatnonzero(steps_s > MIN_GAP_STEPS * np.median(steps_s))
+    return np.insert(columns, gaps + 1, np.nan, axis=0)

@@ -1,0 +1,109 @@
+"""One trajectory against its ground truth: every figure of it, for scripts and for people."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from drivers.core.geometry import Array
+from drivers.core.trajectory import Trajectory
+from vo_service.text_table import format_columns, format_mm
+from vo_service.tools.evaluation.association import associate, coverage
+from vo_service.tools.evaluation.metrics import (
+    best_alignment,
+    consecutive_pairs,
+    first_pose_alignment,
+    pairs_one_second_apart,
+    position_errors_m,
+    relative_errors,
+    rms,
+)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What `evaluate` found. None: could not be computed, the trajectory does not hold enough.
+
+    ate_*                  distance from the truth after the best rigid alignment
+    mean_global_error_m    mean distance from the truth with the first matched poses joined
+    rpe_frame_*, rpe_1s_*  root mean square of the relative error, frame to frame and over 1 s
+    coverage               0 to 1: poses with truth, of the frames with truth
+    poses, matched         poses of the trajectory, and pairs of poses compared
+    """
+
+    ate_rmse_m: float
+    ate_mean_m: float
+    ate_median_m: float
+    ate_max_m: float
+    mean_global_error_m: float
+    rpe_frame_m: float | None
+    rpe_frame_deg: float | None
+    rpe_1s_m: float | None
+    rpe_1s_deg: float | None
+    coverage: float | None
+    poses: int
+    matched: int
+
+    def as_json(self) -> dict[str, float | None]:
+        """One flat object, keyed as the fields."""
+        return asdict(self)
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Label and value of each line of the table; "-" for what could not be computed."""
+        return [
+            ("ATE, RMSE", format_mm(self.ate_rmse_m)),
+            ("ATE, mean", format_mm(self.ate_mean_m)),
+            ("ATE, median", format_mm(self.ate_median_m)),
+            ("ATE, largest", format_mm(self.ate_max_m)),
+            ("mean global error", format_mm(self.mean_global_error_m)),
+            (
+                "RPE, one frame",
+                f"{format_mm(self.rpe_frame_m)}  {_format_degrees(self.rpe_frame_deg)}",
+            ),
+            ("RPE, one second", f"{format_mm(self.rpe_1s_m)}  {_format_degrees(self.rpe_1s_deg)}"),
+            ("coverage", _format_percent(self.coverage)),
+            ("poses", f"{self.poses:9d}"),
+            ("matched", f"{self.matched:9d}"),
+        ]
+
+    def as_table(self) -> str:
+        """Aligned text for a terminal, without a newline at its end."""
+        return format_columns(self.rows())
+
+
+def evaluate(
+    trajectory: Trajectory, truth: Trajectory, frame_stamps_s: Array | None = None
+) -> Evaluation:
+    """Compare a trajectory with the ground truth, each in a world of its own.
+
+    frame_stamps_s  (F,) rising stamps of all frames delivered, for the coverage; see `coverage`
+
+    Raises InputError if fewer than 3 poses have ground truth within 20 ms.
+    """
+    matched = associate(trajectory, truth)
+    errors_m = position_errors_m(matched, best_alignment(matched))
+    per_frame = relative_errors(matched, consecutive_pairs(matched))
+    per_second = relative_errors(matched, pairs_one_second_apart(matched))
+    return Evaluation(
+        ate_rmse_m=float(np.sqrt(np.mean(errors_m**2))),
+        ate_mean_m=float(np.mean(errors_m)),
+        ate_median_m=float(np.median(errors_m)),
+        ate_max_m=float(np.max(errors_m)),
+        mean_global_error_m=float(
+            np.mean(position_errors_m(matched, first_pose_alignment(matched)))
+        ),
+        rpe_frame_m=rms(per_frame.translation_m),
+        rpe_frame_deg=rms(per_frame.rotation_deg),
+        rpe_1s_m=rms(per_second.translation_m),
+        rpe_1s_deg=rms(per_second.rotation_deg),
+        coverage=coverage(trajectory.stamps_s, truth.stamps_s, frame_stamps_s),
+        poses=len(trajectory),
+        matched=len(matched.stamps_s),
+    )
+
+
+def _format_degrees(value: float | None) -> str:
+    return f"{'-':>8}" if value is None else f"{value:8.3f} deg"
+
+
+def _format_percent(value: float | None) -> str:
+    return f"{'-':>9}" if value is None else f"{100 * value:9.1f} %"

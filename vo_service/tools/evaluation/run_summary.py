@@ -1,0 +1,128 @@
+"""The figures at the end of a run: for scripts as JSON, for people as a table."""
+
+import logging
+from dataclasses import dataclass
+from typing import Any, Self
+
+from drivers.camera import CameraCounters
+from drivers.core.errors import InputError
+from drivers.core.geometry import Array
+from drivers.core.trajectory import Trajectory
+from vo_service.service_statistics import ServiceStatistics
+from vo_service.text_table import format_columns, format_mm
+from vo_service.tools.evaluation import Evaluation, evaluate
+
+logger = logging.getLogger(__name__)
+
+# Keys that are there, and null, where there is no ground truth to evaluate with.
+EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What a run did, and how good its trajectory is where the truth is known."""
+
+    statistics: ServiceStatistics
+    counters: CameraCounters
+    evaluation: Evaluation | None
+    loop_closure: "LoopClosureSummary | None" = None
+
+    @classmethod
+    def from_run(
+        cls,
+        statistics: ServiceStatistics,
+        counters: CameraCounters,
+        trajectory: Trajectory,
+        ground_truth: Trajectory | None,
+        frames_s: Array,
+        loop_closure: "LoopClosureSummary | None" = None,
+    ) -> Self:
+        """Evaluate the trajectory, if there is a truth and enough of both; frames_s as there."""
+        evaluation = evaluate_if_possible(trajectory, ground_truth, frames_s)
+        return cls(statistics, counters, evaluation, loop_closure)
+
+    def as_json(self) -> dict[str, Any]:
+        """One flat object; null for what could not be computed."""
+        statistics, counters = self.statistics, self.counters
+        rolling = statistics.compute_rolling()
+        judged = self.evaluation.as_json() if self.evaluation else dict.fromkeys(EVALUATION_KEYS)
+        return {
+            "frames": statistics.frames,
+            "failed": statistics.failed,
+            "skipped": counters.skipped + statistics.out_of_order,
+            "dropped": counters.dropped,
+            "fps": round(statistics.mean_fps, 3),
+            "latency_p50_ms": round(rolling.latency_p50_ms, 3),
+            "latency_p99_ms": round(rolling.latency_p99_ms, 3),
+            "cpu_ms_per_frame": round(statistics.cpu_ms_per_frame, 3),
+            "stage_ms": {name: round(spent, 3) for name, spent in statistics.stage_ms.items()},
+            **judged,
+            **(self.loop_closure.as_json() if self.loop_closure else {}),
+        }
+
+    def as_table(self) -> str:
+        """Aligned text for a terminal."""
+        statistics, counters = self.statistics, self.counters
+        rolling = statistics.compute_rolling()
+        stages = ", ".join(f"{name} {spent:.2f}" for name, spent in statistics.stage_ms.items())
+        rows = [
+            ("frames", f"{statistics.frames:6d}"),
+            ("failed", f"{statistics.failed:6d}"),
+            ("skipped", f"{counters.skipped + statistics.out_of_order:6d}"),
+            ("dropped", f"{counters.dropped:6d}"),
+            ("rate", f"{statistics.mean_fps:6.1f} frames/s"),
+            (
+                "latency",
+                f"{rolling.latency_p50_ms:6.1f} ms median, {rolling.latency_p99_ms:.1f} ms p99",
+            ),
+            ("CPU a frame", f"{statistics.cpu_ms_per_frame:6.1f} ms ({stages})"),
+        ]
+        rows += self.evaluation.rows() if self.evaluation else []
+        rows += self.loop_closure.rows() if self.loop_closure else []
+        return format_columns(rows)
+
+
+@dataclass(frozen=True)
+class LoopClosureSummary:
+    """What the places that were known again have changed.
+
+    places, loops  that there are in the end
+    evaluation     of the corrected trajectory; None without a truth
+    """
+
+    places: int
+    loops: int
+    evaluation: Evaluation | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Keys beside those of the summary."""
+        ate_m = self.evaluation.ate_rmse_m if self.evaluation else None
+        global_m = self.evaluation.mean_global_error_m if self.evaluation else None
+        return {
+            "places": self.places,
+            "loops": self.loops,
+            "corrected_ate_rmse_m": ate_m,
+            "corrected_mean_global_error_m": global_m,
+        }
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Lines of the table."""
+        rows = [("places, loops", f"{self.places:6d}, {self.loops}")]
+        if self.evaluation is not None:
+            corrected = self.evaluation
+            rows.append(("corrected ATE, RMSE", format_mm(corrected.ate_rmse_m)))
+            rows.append(("corrected global error", format_mm(corrected.mean_global_error_m)))
+        return rows
+
+
+def evaluate_if_possible(
+    trajectory: Trajectory, ground_truth: Trajectory | None, frames_s: Array
+) -> Evaluation | None:
+    """How good a trajectory is, if there is a truth and enough of both."""
+    if ground_truth is None or not len(trajectory):
+        return None
+    try:
+        return evaluate(trajectory, ground_truth, frames_s)
+    except InputError as error:
+        logger.warning("no evaluation: %s", error)
+        return None

@@ -1,0 +1,1 @@
+"""Installing the program, its systemd units and its udev rules."""

@@ -1,0 +1,154 @@
+"""The program where a service may read it: a virtual environment of its own below /opt.
+
+A service without a user of its own (DynamicUser, ProtectHome) sees neither /root nor /home, where
+checkouts are. Nothing is downloaded: what runs this is what is copied.
+"""
+
+import compileall
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from drivers.core.errors import UserFacingError
+from vo_service.tools.install.distributions import (
+    DISTRIBUTION_NAME,
+    list_files,
+    runtime_distributions,
+)
+
+PROGRAM_FOLDER = Path("opt/kinect-vo")
+SCRIPT_PATH = PROGRAM_FOLDER / "bin" / "kinect-vo"
+DIGEST_FILE = "installed.txt"
+# Hidden from the service, or its own there: see the unit.
+HIDDEN_FOLDERS = tuple(Path(name) for name in ("/home", "/root", "/run/user", "/tmp", "/var/tmp"))
+CHECK_TIMEOUT_S = 120.0
+
+_SCRIPT_TEMPLATE = """\
+#!/{python}
+from vo_service.cli import main
+
+main()
+"""
+
+
+def install_program(root: Path, on_progress: Callable[[str], None]) -> bool:
+    """Copy what runs now to `root`/opt/kinect-vo; False if that is what is there.
+
+    The old one stays until the new one is complete and has run once. `tell` hears of the steps.
+    Raises UserFacingError where the service could not run it; OSError.
+    """
+    target = root / PROGRAM_FOLDER
+    if Path(sys.prefix).resolve() == target.resolve():
+        return False
+    python = _check_python()
+    files = [pair for package in runtime_distributions() for pair in list_files(package)]
+    mark = _files_digest(files)
+    if (target / DIGEST_FILE).is_file() and (target / DIGEST_FILE).read_text() == mark:
+        return False
+    new = target.with_name(f".{target.name}.new")
+    shutil.rmtree(new, ignore_errors=True)
+    try:
+        _create_environment(new, python, files, on_progress)
+        (new / DIGEST_FILE).write_text(mark)
+        _check_that_it_runs(new)
+    except BaseException:
+        shutil.rmtree(new, ignore_errors=True)
+        raise
+    _replace_folder(new, target)
+    return True
+
+
+def remove_program(root: Path) -> bool:
+    """Remove it; False if it was not there. Raises OSError."""
+    target = root / PROGRAM_FOLDER
+    if not target.exists():
+        return False
+    shutil.rmtree(target)
+    return True
+
+
+def _check_python() -> Path:
+    """The Python below the environment that runs now. Raises UserFacingError."""
+    python = Path(os.path.realpath(sys.executable))
+    hidden = [folder for folder in HIDDEN_FOLDERS if python.is_relative_to(folder)]
+    closed = [folder for folder in python.parents if not folder.stat().st_mode & 0o001]
+    if hidden or closed:
+        raise UserFacingError(
+            f"{python}: a service cannot run a Python below {(hidden + closed)[0]}; set up the "
+            "checkout with Debian's: KINECT_VO_PYTHON=/usr/bin/python3 scripts/setup.sh"
+        )
+    return python
+
+
+def _files_digest(files: list[tuple[Path, Path]]) -> str:
+    """What was copied, in one line: other files or another Python give another."""
+    digest = hashlib.sha256(sys.version.encode())
+    for source, place in files:
+        state = source.stat()
+        digest.update(f"{place} {state.st_size} {state.st_mtime_ns}\n".encode())
+    return f"{DISTRIBUTION_NAME} {digest.hexdigest()}\n"
+
+
+def _create_environment(
+    folder: Path, python: Path, files: list[tuple[Path, Path]], on_progress: Callable[[str], None]
+) -> None:
+    """A virtual environment (PEP 405) with these files."""
+    binaries = folder / "bin"
+    binaries.mkdir(parents=True)
+    for name in ("python", "python3"):
+        (binaries / name).symlink_to(python)
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    (folder / "pyvenv.cfg").write_text(
+        f"home = {python.parent}\ninclude-system-site-packages = false\nversion = {version}\n"
+    )
+    packages = folder / "lib" / f"python{version}" / "site-packages"
+    on_progress("copying")
+    for source, place in files:
+        _copy_file(source, packages / place)
+    script = binaries / SCRIPT_PATH.name
+    script.write_text(_SCRIPT_TEMPLATE.format(python=PROGRAM_FOLDER / "bin" / "python3"))
+    script.chmod(0o755)
+    # The service may not write there, so it could never keep what Python compiles.
+    on_progress("compiling")
+    at = str(Path("/") / PROGRAM_FOLDER / packages.relative_to(folder))
+    compileall.compile_dir(packages, quiet=2, stripdir=str(packages), prependdir=at, workers=0)
+
+
+def _copy_file(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
+    state = source.stat()
+    os.utime(target, ns=(state.st_atime_ns, state.st_mtime_ns))
+    target.chmod(0o755 if state.st_mode & 0o100 else 0o644)
+
+
+def _check_that_it_runs(folder: Path) -> None:
+    """Raises UserFacingError unless the copy can load all that the service needs."""
+    command = [str(folder / "bin" / "python3"), "-I", str(folder / "bin" / SCRIPT_PATH.name)]
+    done = subprocess.run(
+        [*command, "run", "--help"],
+        capture_output=True,
+        text=True,
+        timeout=CHECK_TIMEOUT_S,
+        check=False,
+    )
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or ["no word"])[-1]
+        raise UserFacingError(
+            f"the copy in {folder} does not run ({last}); set up the checkout anew with "
+            "scripts/setup.sh and install again"
+        )
+
+
+def _replace_folder(new: Path, target: Path) -> None:
+    """Put the new one in the place of the old one."""
+    old = target.with_name(f".{target.name}.old")
+    shutil.rmtree(old, ignore_errors=True)
+    if target.exists():
+        target.rename(old)
+    new.rename(target)
+    shutil.rmtree(old, ignore_errors=True)

@@ -1,0 +1,94 @@
+"""The two system files that let a sensor be opened without root, made from the table of USB ids."""
+
+from pathlib import Path
+
+from drivers.kinect_usb.usb_ids import SUPPORTED_IDS, UsbId
+from vo_service.tools.install.run_command import run_command
+from vo_service.tools.install.system_files import SystemFile, remove_file, write_error, write_file
+
+GROUP = "plugdev"
+KERNEL_DRIVER = "gspca_kinect"  # makes a webcam of a Kinect, and so holds its camera
+# Debian's 60-libopenni2-0.rules opens some of these ids to everybody, and with ":=", which no later
+# file can change. Only a file that comes before it and itself says ":=" can keep them closed.
+RULES_FILE = Path("etc/udev/rules.d/59-kinect-vo.rules")
+MODPROBE_FILE = Path("etc/modprobe.d/kinect-vo.conf")
+
+_RULES_HEADING = f"""\
+# Depth cameras may be used by who sits at the computer (uaccess) and by the group {GROUP}.
+# Written by: kinect-vo udev install    Taken away by: kinect-vo udev uninstall
+# The name begins with 59 and the assignments with ":=" for one reason: 60-libopenni2-0.rules
+# sets MODE:="0666" for some of these devices, and the first ":=" is the one that counts.
+# The Kinect 1473 has ids of the 1414 and of the Kinect for Windows.
+ACTION=="remove", GOTO="kinect_vo_end"
+SUBSYSTEM!="usb", GOTO="kinect_vo_end"
+ENV{{DEVTYPE}}!="usb_device", GOTO="kinect_vo_end"
+"""
+_MODPROBE_TEXT = f"""\
+# The kernel's own driver makes a webcam of a Kinect and would hold its camera.
+# Written by: kinect-vo udev install    Taken away by: kinect-vo udev uninstall
+blacklist {KERNEL_DRIVER}
+"""
+
+
+def list_system_files() -> tuple[SystemFile, ...]:
+    """The udev rules and the modprobe blacklist."""
+    return (SystemFile(RULES_FILE, format_rules()), SystemFile(MODPROBE_FILE, _MODPROBE_TEXT))
+
+
+def format_rules() -> str:
+    """One rule for every id of every sensor that can be driven."""
+    rules = "".join(_format_rule(line) for line in SUPPORTED_IDS)
+    return f'{_RULES_HEADING}{rules}LABEL="kinect_vo_end"\n'
+
+
+def _format_rule(line: UsbId) -> str:
+    product = "" if line.product is None else f'ATTR{{idProduct}}=="{line.product:04x}", '
+    return (
+        f"# {line.model}: {line.role}\n"
+        f'ATTR{{idVendor}}=="{line.vendor:04x}", {product}'
+        f'MODE:="0660", GROUP:="{GROUP}", TAG+="uaccess"\n'
+    )
+
+
+def install(root: Path) -> list[Path]:
+    """Write what differs, whole or not at all; the paths of what was written.
+
+    Raises UserFacingError, with the command to run instead, where this user may not.
+    """
+    written = []
+    for file in list_system_files():
+        path = root / file.path
+        try:
+            if write_file(path, file.text):
+                written.append(path)
+        except OSError as error:
+            raise write_error(path, error, root, "udev", "install") from error
+    return written
+
+
+def uninstall(root: Path) -> list[Path]:
+    """Remove the files; the paths of what was there. Raises as `install`."""
+    removed = []
+    for file in list_system_files():
+        path = root / file.path
+        try:
+            if remove_file(path):
+                removed.append(path)
+        except OSError as error:
+            raise write_error(path, error, root, "udev", "uninstall") from error
+    return removed
+
+
+def apply_rules() -> str:
+    """Have udev read its rules again and unload the webcam driver; "" or what did not work."""
+    complaints = [run_command("udevadm", "control", "--reload")]
+    if _is_loaded(KERNEL_DRIVER):
+        complaints.append(run_command("modprobe", "--remove", KERNEL_DRIVER))
+    return "; ".join(complaint for complaint in complaints if complaint)
+
+
+def _is_loaded(module: str) -> bool:
+    try:
+        return any(line.split()[0] == module for line in Path("/proc/modules").open())
+    except OSError:
+        return False

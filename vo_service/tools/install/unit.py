@@ -1,0 +1,77 @@
+"""The units, the first configuration, and the command's name: all that is written beside /opt."""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.core.errors import InputError
+from vo_service.tools.install.program import SCRIPT_PATH
+from vo_service.tools.install.system_files import SystemFile
+
+SERVICE_FILES = Path(__file__).parents[2] / "service_files"
+UNIT_FOLDER = Path("etc/systemd/system")
+CONFIG_FOLDER = Path("etc/kinect-vo")
+COMMAND_LINK = Path("usr/local/bin/kinect-vo")
+UNITS = ("kinect-vo.service", "kinect-vo@.service", "kinect-vo-replay@.service")
+DROP_IN = "network-tls.conf"
+
+
+@dataclass(frozen=True)
+class ServiceUnit:
+    """A service of this computer: ``kinect-vo``, or ``kinect-vo@NAME`` with keys of its own.
+
+    Raises InputError for a name that is no single word.
+    """
+
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if self.name and not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}", self.name):
+            raise InputError(
+                f"--name {self.name!r}: use letters, digits, '_', '-' or '.', such as front"
+            )
+
+    @property
+    def unit_name(self) -> str:
+        """As systemd calls it."""
+        return f"kinect-vo@{self.name}.service" if self.name else "kinect-vo.service"
+
+    @property
+    def config(self) -> Path:
+        """Its configuration, below the root."""
+        return CONFIG_FOLDER / f"{self.name or 'kinect'}.toml"
+
+    @property
+    def drop_in(self) -> Path:
+        """Where the drop-in that opens the network goes, below the root."""
+        return UNIT_FOLDER / f"{self.unit_name}.d" / DROP_IN
+
+
+def list_unit_files() -> tuple[SystemFile, ...]:
+    """The units."""
+    return tuple(SystemFile(UNIT_FOLDER / name, read_service_file(name)) for name in UNITS)
+
+
+def read_service_file(name: str) -> str:
+    """One of the files that come with the program."""
+    return (SERVICE_FILES / name).read_text(encoding="utf-8")
+
+
+def link_command(root: Path) -> bool:
+    """Have ``kinect-vo`` found by everybody; False if it is, or is another's. Raises OSError."""
+    link = root / COMMAND_LINK
+    if os.path.lexists(link):
+        return False
+    link.parent.mkdir(parents=True, exist_ok=True)
+    link.symlink_to(Path("/") / SCRIPT_PATH)
+    return True
+
+
+def unlink_command(root: Path) -> bool:
+    """Take that away; False if it is not ours. Raises OSError."""
+    link = root / COMMAND_LINK
+    if not link.is_symlink() or link.readlink() != Path("/") / SCRIPT_PATH:
+        return False
+    link.unlink()
+    return True

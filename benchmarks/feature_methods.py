@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.image_transforms import Grey
+from benchmarks.image_transforms import Gray
 from vo_service.odometry.surf import SurfExtractor
 
 COUNT = 1000
@@ -31,14 +31,14 @@ class FeatureSet:
         return len(self.position_px)
 
 
-FeatureMethod = Callable[[Grey], FeatureSet]
+FeatureMethod = Callable[[Gray], FeatureSet]
 
 
 def make_surf(upright: bool = False) -> FeatureMethod:
     """Ours, the strongest 1000."""
     extractor = SurfExtractor(COUNT, upright)
 
-    def extract(image: Grey) -> FeatureSet:
+    def extract(image: Gray) -> FeatureSet:
         found = extractor.extract(image)
         return FeatureSet(
             found.position_px.astype(np.float64),
@@ -52,7 +52,7 @@ def make_surf(upright: bool = False) -> FeatureMethod:
 def make_opencv_method(detector: cv2.Feature2D) -> FeatureMethod:
     """One of OpenCV's."""
 
-    def extract(image: Grey) -> FeatureSet:
+    def extract(image: Gray) -> FeatureSet:
         keypoints, descriptors = detector.detectAndCompute(image, np.ones_like(image))
         position_px = np.array([k.pt for k in keypoints], np.float64).reshape(-1, 2)
         scale_px = np.array([k.size for k in keypoints], np.float64)

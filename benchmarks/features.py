@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.feature_methods import FeatureMethod, make_all_methods
 from benchmarks.feature_scores import FeatureScore, score_features
-from benchmarks.image_transforms import Grey, all_transforms
+from benchmarks.image_transforms import Gray, all_transforms
 from drivers.core.errors import InputError, UserFacingError
 from drivers.synthetic.camera import SyntheticCamera
 from drivers.synthetic.config import SyntheticConfig
@@ -86,8 +86,8 @@ def main() -> int:
     return 0
 
 
-def load_images(sources: list[Path], frames: int) -> Iterator[Grey]:
-    """Grey images of folders (so many, evenly spread) and files, or of the virtual Kinect.
+def load_images(sources: list[Path], frames: int) -> Iterator[Gray]:
+    """Gray images of folders (so many, evenly spread) and files, or of the virtual Kinect.
 
     Raises InputError if one cannot be read.
     """
@@ -104,13 +104,13 @@ def load_images(sources: list[Path], frames: int) -> Iterator[Grey]:
 
 
 def sample_images(folder: Path, count: int) -> list[Path]:
-    """The colour images of so many frames of a folder, from its first to its last."""
+    """The color images of so many frames of a folder, from its first to its last."""
     pairs = read_frame_pairs(folder).pairs
     chosen = np.unique(np.linspace(0, len(pairs) - 1, max(count, 1)).round().astype(int))
     return [pairs[i].color.file for i in chosen]
 
 
-def measure(method: FeatureMethod, images: list[Grey]) -> FeatureBenchmarkResult:
+def measure(method: FeatureMethod, images: list[Gray]) -> FeatureBenchmarkResult:
     """All changes of all images, and the time of the images as they are."""
     cpu_s, features = np.mean([measure_cost(method, image) for image in images], axis=0)
     scores = [found for image in images for found in score_method(method, image)]
@@ -131,7 +131,7 @@ def measure(method: FeatureMethod, images: list[Grey]) -> FeatureBenchmarkResult
     )
 
 
-def score_method(method: FeatureMethod, image: Grey) -> Iterator[tuple[str, FeatureScore]]:
+def score_method(method: FeatureMethod, image: Gray) -> Iterator[tuple[str, FeatureScore]]:
     """What becomes of the features of one image under each change, beside the kind of change."""
     size = (image.shape[1], image.shape[0])
     original = method(image)
@@ -140,7 +140,7 @@ def score_method(method: FeatureMethod, image: Grey) -> Iterator[tuple[str, Feat
         yield change.group, score_features(original, changed, change.homography(image), size)
 
 
-def measure_cost(method: FeatureMethod, image: Grey) -> tuple[float, int]:
+def measure_cost(method: FeatureMethod, image: Gray) -> tuple[float, int]:
     """CPU seconds, the median of a few rounds after one that compiles, and features found."""
     features = len(method(image))
     spent_s = []

@@ -70,7 +70,7 @@ def freeze(piece: Frames) -> Frames:
 
 
 def replace_with_noise(piece: Frames) -> Frames:
-    """Nothing but noise in colour and depth."""
+    """Nothing but noise in color and depth."""
     return [_noise_frame(f) for f in piece]
 
 
@@ -88,11 +88,11 @@ def add_swing(piece: Frames, motion: SwingMotion) -> Frames:
 def _noise_frame(frame: RgbdFrame) -> RgbdFrame:
     random = np.random.default_rng(frame.seq)
     shape = frame.color_bgr.shape
-    grey = random.integers(0, 256, (*shape[:2], 1), np.uint8)
+    gray = random.integers(0, 256, (*shape[:2], 1), np.uint8)
     farthest = int(5.0 * frame.depth_factor)
     return replace(
         frame,
-        color_bgr=np.repeat(grey, 3, axis=2),
+        color_bgr=np.repeat(gray, 3, axis=2),
         depth_raw=random.integers(0, farthest, shape[:2]).astype(np.uint16),
     )
 

@@ -32,7 +32,7 @@ from drivers.freenect.library import (
 from drivers.subprocess_camera.camera import SubprocessCamera
 
 WARM_UP_S = 2.0
-COLOUR_BYTES, DEPTH_BYTES = 640 * 480 * 3, 640 * 480 * 2
+COLOR_BYTES, DEPTH_BYTES = 640 * 480 * 3, 640 * 480 * 2
 
 
 def measure_bare_loop(seconds: float) -> float:
@@ -47,7 +47,7 @@ def measure_bare_loop(seconds: float) -> float:
     library.freenect_set_depth_mode(device, registered)
     rgb = library.freenect_find_video_mode(RESOLUTION_640X480, VIDEO_RGB)
     library.freenect_set_video_mode(device, rgb)
-    callbacks = [_make_copying_callback(COLOUR_BYTES), _make_copying_callback(DEPTH_BYTES)]
+    callbacks = [_make_copying_callback(COLOR_BYTES), _make_copying_callback(DEPTH_BYTES)]
     library.freenect_set_video_callback(device, callbacks[0])
     library.freenect_set_depth_callback(device, callbacks[1])
     library.freenect_start_depth(device)

@@ -41,13 +41,13 @@ from drivers.core.geometry import Array
 from drivers.synthetic.config import SyntheticConfig
 
 MAX_POINTS = 200_000
-# Of each: whether the surface has colours, whether it has triangles, what bounds its memory.
+# Of each: whether the surface has colors, whether it has triangles, what bounds its memory.
 CANDIDATES: Mapping[str, tuple[Callable[[], FusionVolume], str]] = {
-    "ours, 10 mm": (partial(ServiceVolume, 0.01), "colours, triangles, bounded"),
-    "cv2 HashTSDF, 10 mm": (partial(OpenCvHashVolume, 0.01), "points, no colours, grows"),
-    "ours, 20 mm": (partial(ServiceVolume, 0.02), "colours, triangles, bounded"),
-    "cv2 HashTSDF, 20 mm": (partial(OpenCvHashVolume, 0.02), "points, no colours, grows"),
-    "cv2 ColorTSDF, 20 mm": (partial(OpenCvDenseVolume, 0.02), "colours, points, a fixed box"),
+    "ours, 10 mm": (partial(ServiceVolume, 0.01), "colors, triangles, bounded"),
+    "cv2 HashTSDF, 10 mm": (partial(OpenCvHashVolume, 0.01), "points, no colors, grows"),
+    "ours, 20 mm": (partial(ServiceVolume, 0.02), "colors, triangles, bounded"),
+    "cv2 HashTSDF, 20 mm": (partial(OpenCvHashVolume, 0.02), "points, no colors, grows"),
+    "cv2 ColorTSDF, 20 mm": (partial(OpenCvDenseVolume, 0.02), "colors, points, a fixed box"),
 }
 
 

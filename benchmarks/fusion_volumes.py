@@ -71,7 +71,7 @@ class OpenCvVolume:
 
 
 class OpenCvHashVolume(OpenCvVolume):
-    """OpenCV's sparse volume: no colours; points, no triangles.
+    """OpenCV's sparse volume: no colors; points, no triangles.
 
     `fetchPointsNormals` gives every voxel near the surface (opencv/opencv issue 22896), so the
     surface is what rays meet that are cast from some of the poses.
@@ -101,7 +101,7 @@ class OpenCvHashVolume(OpenCvVolume):
 
 
 class OpenCvDenseVolume(OpenCvVolume):
-    """OpenCV's dense volume with colours: a box that is given beforehand; points, no triangles."""
+    """OpenCV's dense volume with colors: a box that is given beforehand; points, no triangles."""
 
     def __init__(self, voxel_m: float) -> None:
         super().__init__(cv2.VolumeType_ColorTSDF, voxel_m)
@@ -114,9 +114,9 @@ class OpenCvDenseVolume(OpenCvVolume):
         """See `FusionVolume`."""
         depth = frame.depth_raw.astype(np.float32)
         # The binding takes four channels of float, and no others.
-        colour = cv2.cvtColor(frame.color_bgr, cv2.COLOR_BGR2BGRA).astype(np.float32)
+        color = cv2.cvtColor(frame.color_bgr, cv2.COLOR_BGR2BGRA).astype(np.float32)
         pose = T_world_camera.astype(np.float32)
-        self.get_volume(frame).integrateColor(depth, colour, pose)
+        self.get_volume(frame).integrateColor(depth, color, pose)
 
     def points_m(self) -> Array:
         """See `FusionVolume`."""

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 
-Grey = NDArray[np.uint8]
+Gray = NDArray[np.uint8]
 Corners = list[tuple[float, float]]
 
 # Blur of a camera's own optics, in its pixels (Lowe 2004, Section 3.3).
 CAMERA_BLUR_PX = 0.5
 
 
-def _identity(image: Grey) -> Grey:
+def _identity(image: Gray) -> Gray:
     return image
 
 
@@ -34,13 +34,13 @@ class ImageTransform:
     group: str
     warp: Callable[[int, int], Array] = field(default=lambda width, height: np.eye(3))
     zoom: float = 1.0
-    change_brightness: Callable[[Grey], Grey] = _identity
+    change_brightness: Callable[[Gray], Gray] = _identity
 
-    def homography(self, image: Grey) -> Array:
+    def homography(self, image: Gray) -> Array:
         """3x3, from pixels of the original to pixels of the changed image."""
         return self.warp(image.shape[1], image.shape[0])
 
-    def apply(self, image: Grey) -> Grey:
+    def apply(self, image: Gray) -> Gray:
         """The changed image, of the same size as the original."""
         size = (image.shape[1], image.shape[0])
         H = self.homography(image)
@@ -117,25 +117,25 @@ def make_perspective_tilt(
     return warp
 
 
-def blur(sigma_px: float, image: Grey) -> Grey:
+def blur(sigma_px: float, image: Gray) -> Gray:
     """Out of focus."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8)
 
 
-def change_lighting(gamma: float, contrast: float, offset: float, image: Grey) -> Grey:
+def change_lighting(gamma: float, contrast: float, offset: float, image: Gray) -> Gray:
     """Other light and exposure; what is too bright is cut off."""
     levels = 255.0 * (np.arange(256) / 255.0) ** gamma
     table = np.clip(np.rint(contrast * levels + offset), 0, 255).astype(np.uint8)
     return table[image]
 
 
-def add_noise(sigma: float, image: Grey) -> Grey:
+def add_noise(sigma: float, image: Gray) -> Gray:
     """Sensor noise, the same in every run."""
     noise = np.random.default_rng(0).normal(0.0, sigma, image.shape)
     return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
 
 
-def _resample(image: Grey, H: Array, size: tuple[int, int], zoom: float) -> Grey:
+def _resample(image: Gray, H: Array, size: tuple[int, int], zoom: float) -> Gray:
     """Warp; where the image shrinks, first blur it as the camera's optics would have."""
     blur_px = CAMERA_BLUR_PX * np.sqrt(max(1.0 / zoom**2 - 1.0, 0.0))
     smooth = blur(float(blur_px), image) if blur_px > 0 else image

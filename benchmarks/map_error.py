@@ -29,8 +29,8 @@ from vo_service.tools.evaluation import evaluate
 from vo_service.tools.evaluation.association import associate
 from vo_service.tools.evaluation.metrics import first_pose_alignment
 
-# A vertex of `reconstruct`'s own: place, normal, colour.
-VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
+# A vertex of `reconstruct`'s own: place, normal, color.
+VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@
 
 TRACKS is a folder of trajectories in TUM format, NAME-groundtruth.txt, such as those of the TUM
 RGB-D benchmark. Each becomes OUTPUT/NAME-roomSEED-TIMING, another room for each seed. "ideal" takes
-all of a frame in one instant; "rolling-12" reads out for 20 ms and takes depth 12 ms after colour.
+all of a frame in one instant; "rolling-12" reads out for 20 ms and takes depth 12 ms after color.
 What is there and whole is kept. All else of the sensor is as a Kinect's.
 """
 

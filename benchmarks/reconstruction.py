@@ -3,7 +3,7 @@
     python -m benchmarks.reconstruction [--seconds 20] [--seed 1] [--voxels 0.01 0.02] [--json]
 
 The virtual Kinect has all of its faults: noise and steps of the depth, shadows, frayed edges, a
-rolling shutter, depth 10 ms after colour. Each map is made with the true poses and with those of
+rolling shutter, depth 10 ms after color. Each map is made with the true poses and with those of
 the odometry, whose first pose is laid on the true one. Distances are from every vertex of the mesh
 to the nearest true surface.
 """

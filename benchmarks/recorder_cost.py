@@ -3,7 +3,7 @@
     python -m benchmarks.recorder_cost [--folder RECORDING] [--seconds 15] [--rate 30] [--json]
 
 Frames that are in memory already are given to it at the rate of a camera: 640x480 with noise in
-colour and depth, or those of a recording in TUM format. `here` is the process of the service, in
+color and depth, or those of a recording in TUM format. `here` is the process of the service, in
 which nothing else is done; `there` is the recorder's own. Three spells: it only remembers; it
 records as well; it writes an incident at the beginning. Memory is
 without the ring, which both share.
@@ -157,12 +157,12 @@ def _make_frame(seq: int) -> RgbdFrame:
     """A slanted wall of blobs, with a Kinect's noise in both images."""
     random = np.random.default_rng(seq)
     blobs = cv2.resize(random.integers(0, 255, (48, 64, 3), np.uint8), (640, 480))
-    colour = np.clip(blobs + random.normal(0.0, 2.0, blobs.shape), 0, 255).astype(np.uint8)
+    color = np.clip(blobs + random.normal(0.0, 2.0, blobs.shape), 0, 255).astype(np.uint8)
     wall_mm = np.linspace(1500.0, 3500.0, 640) + random.normal(0.0, 8.0, (480, 640))
     depth = wall_mm.astype(np.uint16)
     depth[random.random(depth.shape) < 0.05] = 0
     camera = PinholeCamera(640, 480, 525.0, 525.0, 319.5, 239.5)
-    return RgbdFrame(seq, 0.0, 0.0, colour, depth, 1000.0, camera)
+    return RgbdFrame(seq, 0.0, 0.0, color, depth, 1000.0, camera)
 
 
 def _make_update(frame: RgbdFrame) -> OdometryUpdate:

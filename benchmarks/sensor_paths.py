@@ -4,7 +4,7 @@
 
 FOLDER is a TUM folder of 640x480 frames. It is replayed as it is; written as an .oni recording and
 played by the real libOpenNI2; written as a dump and played by the real fakenect; and played as a
-Kinect on the wire, for the real libfreenect, in the Kinect's own encoding: one colour a pixel
+Kinect on the wire, for the real libfreenect, in the Kinect's own encoding: one color a pixel
 (Bayer) and 11 bits of depth. Each time it is `kinect-vo run` that finds the poses. Distances in mm.
 """
 

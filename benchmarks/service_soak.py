@@ -56,7 +56,7 @@ rate_hz = {rate}
 duration_s = {duration_s}
 loop = true
 texel_m = 0.004
-colour = {{ distortion = [0.0, 0.0, 0.0, 0.0, 0.0], exposure_s = 0.0, smooth_edges = false }}
+color = {{ distortion = [0.0, 0.0, 0.0, 0.0, 0.0], exposure_s = 0.0, smooth_edges = false }}
 timing = {{ readout_s = 0.0, skew_s = 0.0 }}
 """
 

@@ -38,7 +38,7 @@ def save_plot(record: SoakRecord, file: Path) -> None:
     for axis, (label, lines) in zip(axes, PANELS, strict=True):
         _draw(axis, label, lines, at, record)
         for frames in before[1:]:
-            axis.axvline(frames / 1000, color="grey", linestyle=":")
+            axis.axvline(frames / 1000, color="gray", linestyle=":")
     axes[-1].set_xlabel("thousand frames")
     figure.savefig(file, dpi=100)
     pyplot.close(figure)

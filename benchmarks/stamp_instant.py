@@ -1,4 +1,4 @@
-"""Which instant a Kinect's colour stamp marks: its own light, seen in a mirror.
+"""Which instant a Kinect's color stamp marks: its own light, seen in a mirror.
 
     python -m benchmarks.stamp_instant [--serial SERIAL] [--seconds 60]
 
@@ -80,7 +80,7 @@ def main() -> int:
 
 @dataclass
 class LedObservations:
-    """Small grey pictures with their stamps, and when the light was switched."""
+    """Small gray pictures with their stamps, and when the light was switched."""
 
     stamps_s: list[float]
     pictures: list[NDArray[np.uint8]]

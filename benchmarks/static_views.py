@@ -56,7 +56,7 @@ class StaticView:
     def frame(self, seq: int) -> RgbdFrame:
         """Frame `seq`: the same bytes whenever it is made."""
         config, stamp_s = self.config, seq / self.config.rate_hz
-        sight = replace(self.noiseless, gain=gain_at(config.colour, stamp_s, PERIOD_S))
+        sight = replace(self.noiseless, gain=gain_at(config.color, stamp_s, PERIOD_S))
         images = self.renderer.apply_sensor_noise(
             sight, PooledNoise(self.pool, [config.seed, 9, seq])
         )

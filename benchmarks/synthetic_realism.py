@@ -37,7 +37,7 @@ INLIER_M = 0.03
 class RealismView:
     """What a pipeline is given of a frame, and where it truly was."""
 
-    grey: NDArray[np.uint8]
+    gray: NDArray[np.uint8]
     depth_m: NDArray[np.float32]
     camera: PinholeCamera
     T_world_camera: Array
@@ -70,7 +70,7 @@ def fit_rigid(source: Array, target: Array) -> Array:
 
 def find_features(detector: cv2.Feature2D, view: RealismView) -> PointFeatures:
     """Features at pixels that have a depth."""
-    keypoints, descriptors = detector.detectAndCompute(view.grey, np.ones_like(view.grey))
+    keypoints, descriptors = detector.detectAndCompute(view.gray, np.ones_like(view.gray))
     if not keypoints:
         return PointFeatures(np.zeros((0, 1), np.uint8), np.zeros((0, 3)))
     pixels = np.array([keypoint.pt for keypoint in keypoints])
@@ -144,15 +144,15 @@ def render_views(config: SyntheticConfig) -> list[RealismView]:
 def load_views(folder: Path, camera: PinholeCamera, factor: float) -> list[RealismView]:
     """Frames of a folder whose ground truth has one pose a frame."""
     truth = read_trajectory(folder / "groundtruth.txt")
-    colour, depth = sorted((folder / "rgb").iterdir()), sorted((folder / "depth").iterdir())
+    color, depth = sorted((folder / "rgb").iterdir()), sorted((folder / "depth").iterdir())
     views = []
-    for T, c, d in zip(truth.T_world_camera, colour, depth, strict=True):
-        grey = cv2.imread(str(c), cv2.IMREAD_GRAYSCALE)
+    for T, c, d in zip(truth.T_world_camera, color, depth, strict=True):
+        gray = cv2.imread(str(c), cv2.IMREAD_GRAYSCALE)
         raw = cv2.imread(str(d), cv2.IMREAD_UNCHANGED)
-        if grey is None or raw is None:
+        if gray is None or raw is None:
             raise SystemExit(f"{c} or {d}: not an image")
         depth_m = (raw / np.float32(factor)).astype(np.float32)
-        views.append(RealismView(grey.astype(np.uint8), depth_m, camera, T))
+        views.append(RealismView(gray.astype(np.uint8), depth_m, camera, T))
     return views
 
 
@@ -200,10 +200,8 @@ def main() -> None:
         ideal = replace(SyntheticConfig.ideal(), seed=seed, **driven)
         variants = {
             "default": default,
-            "pinhole": replace(default, colour=replace(default.colour, distortion=NO_DISTORTION)),
-            "freiburg1": replace(
-                default, colour=replace(default.colour, distortion=FREIBURG1_LENS)
-            ),
+            "pinhole": replace(default, color=replace(default.color, distortion=NO_DISTORTION)),
+            "freiburg1": replace(default, color=replace(default.color, distortion=FREIBURG1_LENS)),
             "ideal": ideal,
         }
         for name in options.only:

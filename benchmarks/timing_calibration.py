@@ -4,8 +4,8 @@
 
 TRACKS is a folder of trajectories in TUM format, NAME-groundtruth.txt, of the TUM RGB-D benchmark's
 freiburg1 desk, rpy and xyz. The films are rendered into OUTPUT, where what is there and whole is
-kept. Their stamps claim that depth was taken with colour, so all of the skew is to be found.
-Prints a table; "late" is how much later than colour depth was taken.
+kept. Their stamps claim that depth was taken with color, so all of the skew is to be found.
+Prints a table; "late" is how much later than color depth was taken.
 """
 
 import argparse

@@ -27,7 +27,7 @@ def make_tour_config(seed: int, seconds: float, aliased_corners: bool) -> Synthe
         twin_corners=aliased_corners,
         texel_m=0.003,
     )
-    return replace(config, colour=replace(config.colour, exposure_s=0.0, smooth_edges=False))
+    return replace(config, color=replace(config.color, exposure_s=0.0, smooth_edges=False))
 
 
 def compute_true_poses(config: SyntheticConfig) -> Array:

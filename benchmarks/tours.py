@@ -126,7 +126,9 @@ def format_row(name: str, result: Json) -> str:
         f"{result['wrong_loop_closures']}",
     ]
     row = "".join(f"{cell:>11}" for cell in cells)
-    times = f"{_format_pair(result['cpu_ms'], 2):>15}{_format_pair(result['loop_closure_ms'], 2):>15}"
+    times = (
+        f"{_format_pair(result['cpu_ms'], 2):>15}{_format_pair(result['loop_closure_ms'], 2):>15}"
+    )
     return f"{name:30}{row}{times}{_format_pair(result['memory_mb'], 0):>13}"
 
 

@@ -24,7 +24,7 @@ def render_with_truth(config: SyntheticConfig) -> Iterator[tuple[RgbdFrame, Arra
 
 
 def scaled_camera(scale: float) -> PinholeCamera:
-    """The virtual Kinect's colour camera with images of another size; 1 is 640 x 480."""
+    """The virtual Kinect's color camera with images of another size; 1 is 640 x 480."""
     whole = KINECT_COLOR
     return replace(
         whole,

@@ -1,1 +1,1 @@
-"""Cameras that deliver colour and registered depth. Knows nothing of odometry."""
+"""Cameras that deliver color and registered depth. Knows nothing of odometry."""

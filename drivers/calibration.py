@@ -38,7 +38,7 @@ class RigidTransform:
 class DepthCameraCalibration:
     """`[depth]`: a depth camera of its own, for depth that the sensor does not register.
 
-    T_color_depth  maps coordinates of the depth camera to those of the colour camera
+    T_color_depth  maps coordinates of the depth camera to those of the color camera
     scale          true distance per distance read
     """
 
@@ -67,7 +67,7 @@ class CameraCalibration:
     depth_factor    value of the depth images per metre
     readout_s       rolling shutter: seconds from the first row to the last; a stamp is the middle
                     row
-    depth_offset_s  instant of a depth image minus what its stamp says, relative to colour; a
+    depth_offset_s  instant of a depth image minus what its stamp says, relative to color; a
                     frame's skew is this and the difference of its two stamps
     """
 
@@ -107,7 +107,7 @@ def _tum_calibration(
     return CameraCalibration(640, 480, fx, fy, cx, cy, distortion, 5000.0)
 
 
-# The colour calibration that the TUM RGB-D benchmark publishes for its three sensors (the page
+# The color calibration that the TUM RGB-D benchmark publishes for its three sensors (the page
 # "File Formats"; freiburg3 was undistorted before it was published). The factor is the nominal
 # 5000 for all: the scale corrections on the same page (1.035, 1.031, 1.000) are not applied, so
 # that results compare with published ones. A camera file in the folder can say otherwise.
@@ -162,7 +162,7 @@ def _format_depth(depth: DepthCameraCalibration) -> str:
         f"cy = {depth.cy!r}\n"
         f"distortion = {list(depth.distortion)!r}\n"
         f"scale = {depth.scale!r}  # true distance per distance read\n"
-        "\n[depth.T_color_depth]  # maps depth camera coordinates to the colour camera\n"
+        "\n[depth.T_color_depth]  # maps depth camera coordinates to the color camera\n"
         f"translation_m = {list(depth.T_color_depth.translation_m)!r}\n"
         f"quaternion_xyzw = {list(depth.T_color_depth.quaternion_xyzw)!r}\n"
     )

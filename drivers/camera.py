@@ -41,20 +41,20 @@ class PinholeCamera:
 
 @dataclass(frozen=True)
 class RgbdFrame:
-    """One instant of the camera: colour and depth never travel apart.
+    """One instant of the camera: color and depth never travel apart.
 
-    Both images are undistorted and share `camera`; depth is registered to colour.
+    Both images are undistorted and share `camera`; depth is registered to color.
     The arrays are read-only by agreement: several readers share them.
 
     seq             number of this frame at its source, from 0; a gap means frames not delivered
-    stamp_s         instant of the colour image's middle row, on the clock named by the camera
+    stamp_s         instant of the color image's middle row, on the clock named by the camera
     receive_time_s       CLOCK_MONOTONIC when the whole frame was in the host's hands
     color_bgr      (height, width, 3) uint8, OpenCV's channel order
     depth_raw       (height, width) uint16 as the sensor gave it, 0 = no reading
     depth_factor    value of `depth_raw` per metre
     camera          intrinsics of both images
     device_stamp_s  the device's own clock, where it has one
-    skew_s          instant of depth minus instant of colour
+    skew_s          instant of depth minus instant of color
     lost_packets    packets lost since the frame before
     gravity_m_s2    gravity in camera axes (x right, y down, z forward), where an accelerometer
                     tells it
@@ -83,8 +83,8 @@ class RgbdFrame:
     @cached_property
     def gray(self) -> NDArray[np.uint8]:
         """(height, width) uint8 brightness."""
-        grey: NDArray[np.uint8] = cv2.cvtColor(self.color_bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[assignment]
-        return grey
+        gray: NDArray[np.uint8] = cv2.cvtColor(self.color_bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[assignment]
+        return gray
 
 
 class Clock(StrEnum):
@@ -227,7 +227,7 @@ class RgbdCamera(ABC):
 
     @property
     def ground_truth(self) -> Trajectory | None:
-        """True poses of the colour camera, where the source knows them."""
+        """True poses of the color camera, where the source knows them."""
         return None
 
     def __enter__(self) -> Self:

@@ -66,18 +66,18 @@ _ZERO_DISTORTION = np.zeros(5)
 
 
 class SoftwareRegistration:
-    """Moves each reading to where the colour camera sees it, the nearest in front.
+    """Moves each reading to where the color camera sees it, the nearest in front.
 
     Values stay in the sensor's own unit; `depth_factor` of the result is value per true metre, so
     it holds the table's scale. Where no reading arrives (in the shadow of something near, outside
-    the depth camera's view) the result is 0. Where the colour camera's pixels are the finer ones,
+    the depth camera's view) the result is 0. Where the color camera's pixels are the finer ones,
     a reading covers all that it spans.
     """
 
     def __init__(
         self, color: PinholeCamera, depth: DepthCameraCalibration, depth_factor: float
     ) -> None:
-        """`colour` is the undistorted colour camera, `depth_factor` the sensor's value per metre.
+        """`color` is the undistorted color camera, `depth_factor` the sensor's value per metre.
 
         Raises InputError if the two cameras do not look the same way.
         """
@@ -94,7 +94,7 @@ class SoftwareRegistration:
         self._min_value, self._max_value = _usable_range(depth.pinhole, self._T_color_depth)
 
     def register(self, depth_raw: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        """(height, width) uint16 of the depth camera to that of the colour camera; 0 is none."""
+        """(height, width) uint16 of the depth camera to that of the color camera; 0 is none."""
         seen = self._undistorter.undistort_depth(depth_raw)
         is_usable = cv2.inRange(seen, self._min_value, self._max_value)
         usable = cv2.bitwise_and(seen, seen, mask=is_usable)
@@ -111,18 +111,18 @@ class SoftwareRegistration:
 
 
 def _usable_range(depth: PinholeCamera, T_color_depth: Array) -> tuple[int, int]:
-    """The least and the greatest reading that stays in front of the colour camera and in 16 bits.
+    """The least and the greatest reading that stays in front of the color camera and in 16 bits.
 
     OpenCV lets others wrap around.
     """
     u, v = np.meshgrid((0, depth.width - 1), (0, depth.height - 1))
     rays = np.stack([(u - depth.cx) / depth.fx, (v - depth.cy) / depth.fy, np.ones_like(u)])
-    # Depth in the colour camera grows by so much per depth read; a plane's extremes are corners.
+    # Depth in the color camera grows by so much per depth read; a plane's extremes are corners.
     growth = np.tensordot(T_color_depth[2, :3], rays, axes=1)
     if growth.min() <= 0.1:
         raise InputError(
-            "camera file: [depth] T_color_depth turns the depth camera away from the colour "
-            "camera; it must map depth camera coordinates to the colour camera's"
+            "camera file: [depth] T_color_depth turns the depth camera away from the color "
+            "camera; it must map depth camera coordinates to the color camera's"
         )
     offset = T_color_depth[2, 3] * MILLIMETRES_PER_METRE
     nearest = max(0, math.floor(-offset / growth.min())) + 1

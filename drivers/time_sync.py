@@ -101,7 +101,7 @@ D = TypeVar("D")
 
 @dataclass(frozen=True)
 class StampedPair(Generic[C, D]):
-    """A depth image and the colour image nearest to it."""
+    """A depth image and the color image nearest to it."""
 
     color_s: float
     color: C
@@ -110,19 +110,19 @@ class StampedPair(Generic[C, D]):
 
     @property
     def skew_s(self) -> float:
-        """Instant of depth minus instant of colour."""
+        """Instant of depth minus instant of color."""
         return self.depth_s - self.color_s
 
 
 class NearestFramePairing(Generic[C, D]):
     """Pairs images by their device stamps, in whichever order the two streams arrive.
 
-    A depth image is decided on as soon as no colour image still to come can be nearer: a colour
+    A depth image is decided on as soon as no color image still to come can be nearer: a color
     image at or after it is there, or one so shortly before it that the next must be farther. With
     both streams at 30 a second it waits at most half a period (17 ms) for its partner, and never
-    has the farther neighbour. A colour image has at most one partner.
+    has the farther neighbour. A color image has at most one partner.
     Each stream's stamps must rise. `unpaired` counts depth images without a partner, those from
-    before the first colour image left out: the streams do not start at the same instant.
+    before the first color image left out: the streams do not start at the same instant.
     """
 
     def __init__(
@@ -132,11 +132,11 @@ class NearestFramePairing(Generic[C, D]):
         self._half_min_period_s = min_period_s / 2
         self._colors: deque[tuple[float, C]] = deque()
         self._depths: deque[tuple[float, D]] = deque()
-        self._first_color_s, self._last_discarded_s = math.inf, -math.inf  # stamps of colour images
+        self._first_color_s, self._last_discarded_s = math.inf, -math.inf  # stamps of color images
         self.unpaired = 0
 
     def add_color(self, stamp_s: float, image: C) -> list[StampedPair[C, D]]:
-        """The pairs that this colour image decides, in order."""
+        """The pairs that this color image decides, in order."""
         self._first_color_s = min(self._first_color_s, stamp_s)
         self._colors.append((stamp_s, image))
         pairs = self._pair_decidable()
@@ -174,8 +174,8 @@ class NearestFramePairing(Generic[C, D]):
             self._count_unpaired(depth_s)
             return []
         for _ in range(nearest):  # nothing older can be nearest to a later depth image
-            self._last_discarded_s, colour = self._colors.popleft()
-        return [StampedPair(self._last_discarded_s, colour, depth_s, depth)]
+            self._last_discarded_s, color = self._colors.popleft()
+        return [StampedPair(self._last_discarded_s, color, depth_s, depth)]
 
     def _count_unpaired(self, depth_s: float) -> None:
         self.unpaired += depth_s >= self._first_color_s
@@ -191,7 +191,7 @@ def pair_nearest(color_us: StampsUs, depth_us: StampsUs, max_skew_us: int) -> li
     of two equally close the earlier goes first. Only neighbours within reach are ever listed, so
     time and memory grow with the length of the lists.
 
-    Returns (index in colour, index in depth), in order of time.
+    Returns (index in color, index in depth), in order of time.
     """
     first = np.searchsorted(depth_us, color_us - max_skew_us, side="left")
     last = np.searchsorted(depth_us, color_us + max_skew_us, side="right")

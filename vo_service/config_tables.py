@@ -23,7 +23,7 @@ class RerunConfig:
     picture_hz: float = config_field(
         10.0, "pictures a second; numbers go with every frame", minimum=0.1
     )
-    jpeg_quality: int = config_field(80, "of colour images, percent", minimum=10, maximum=100)
+    jpeg_quality: int = config_field(80, "of color images, percent", minimum=10, maximum=100)
     memory_mb: int = config_field(300, "most memory of each viewer's process", minimum=250)
     file_mb: int = config_field(
         500, "an .rrd file of this size is closed and the next begun", minimum=1

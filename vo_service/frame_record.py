@@ -39,7 +39,7 @@ class PublishedOdometry:
 class FrameMetadata:
     """Everything of a frame but its images.
 
-    depth_bytes  how long the packed depth is; the colour follows it
+    depth_bytes  how long the packed depth is; the color follows it
     more         what whoever put it in the ring has to say beside, if anything
     """
 
@@ -89,12 +89,12 @@ def decode_frame(record: RingRecord, clock_offset_s: float) -> RgbdFrame:
     """
     note = decode_metadata(record.metadata)
     width, height = note.camera.width, note.camera.height
-    colour = np.frombuffer(record.payload, np.uint8, offset=note.depth_bytes)
+    color = np.frombuffer(record.payload, np.uint8, offset=note.depth_bytes)
     return RgbdFrame(
         seq=note.seq,
         stamp_s=note.stamp_s + clock_offset_s,
         receive_time_s=note.receive_time_s,
-        color_bgr=colour.reshape(height, width, 3),
+        color_bgr=color.reshape(height, width, 3),
         depth_raw=unpack_depth(record.payload[: note.depth_bytes], height, width),
         depth_factor=note.depth_factor,
         camera=note.camera,

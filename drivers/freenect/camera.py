@@ -26,13 +26,13 @@ RELEASE_TIMEOUT_S = 10.0
 
 
 class FreenectCamera(RgbdCamera):
-    """Colour with depth registered to it, in millimetres, 640x480, 30 a second.
+    """Color with depth registered to it, in millimetres, 640x480, 30 a second.
 
     It is documented nowhere which instant a Kinect's stamp marks. Here it is assumed to be the
     one at which the image's first packet leaves, and `stamp_s` is that instant on the host's clock:
     with rows sent as they are read out, the middle row's exposure lies around it. What a
     measurement shows to be different goes into `stamp_offset_s` of the configuration.
-    `seq` counts the colour images that the Kinect sent.
+    `seq` counts the color images that the Kinect sent.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class FreenectCamera(RgbdCamera):
 
     @property
     def intrinsics_source(self) -> str:
-        """See `RgbdCamera`; a Kinect does not tell its colour camera's."""
+        """See `RgbdCamera`; a Kinect does not tell its color camera's."""
         return self._rectifier.intrinsics_source
 
     @property
@@ -144,13 +144,13 @@ class FreenectCamera(RgbdCamera):
         self._status = CameraStatus(state if is_there else CameraState.ABSENT, str(error))
 
     def _make_frame(self, pair: ImagePair, lost_packets: int) -> RgbdFrame:
-        colour, images = pair.color, self._rectifier
+        color, images = pair.color, self._rectifier
         lost, self._last_lost_packets = lost_packets - self._last_lost_packets, lost_packets
         return RgbdFrame(
-            seq=colour.seq,
-            stamp_s=self._stamp_converter.to_host_s(pair.color_s, colour.receive_time_s),
-            receive_time_s=max(colour.receive_time_s, pair.depth.receive_time_s),
-            color_bgr=images.rectify_color(colour.pixels),
+            seq=color.seq,
+            stamp_s=self._stamp_converter.to_host_s(pair.color_s, color.receive_time_s),
+            receive_time_s=max(color.receive_time_s, pair.depth.receive_time_s),
+            color_bgr=images.rectify_color(color.pixels),
             depth_raw=images.rectify_depth(pair.depth.pixels, self._depth_filter),
             depth_factor=images.depth_factor,
             camera=images.camera,

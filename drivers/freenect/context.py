@@ -125,16 +125,16 @@ class FreenectDevice:
         video_mode = library.freenect_find_video_mode(RESOLUTION_640X480, VIDEO_RGB)
         depth_mode = library.freenect_find_depth_mode(RESOLUTION_640X480, depth)
         for step, call, *arguments in (
-            ("set the colour mode", library.freenect_set_video_mode, video_mode),
+            ("set the color mode", library.freenect_set_video_mode, video_mode),
             ("set the depth mode", library.freenect_set_depth_mode, depth_mode),
             ("start depth", library.freenect_start_depth),
-            ("start colour", library.freenect_start_video),
+            ("start color", library.freenect_start_video),
         ):
             if call(pointer, *arguments) < 0:
                 raise start_failed_error(step, self.log)
 
     def set_flag(self, flag: Flag, is_on: bool) -> None:
-        """Switch something of the colour camera, once it streams; a refusal is only logged."""
+        """Switch something of the color camera, once it streams; a refusal is only logged."""
         if self._library.freenect_set_flag(self._pointer, flag, is_on) < 0:
             what, state = flag.name.lower().replace("_", " "), "on" if is_on else "off"
             _log.warning("the Kinect does not take %s = %s", what, state)

@@ -23,7 +23,7 @@ class StampConverter(Protocol):
 class DeviceSource(Protocol):
     """Where the real device and the dump differ.
 
-    shortest_period_s  colour images are never closer together
+    shortest_period_s  color images are never closer together
     """
 
     name: str
@@ -56,5 +56,5 @@ class DeviceSource(Protocol):
         ...
 
     def make_stamp_converter(self) -> StampConverter:
-        """For the colour stream, from its first image on."""
+        """For the color stream, from its first image on."""
         ...

@@ -112,7 +112,7 @@ def check_dump_folder(folder: Path) -> None:
     names = _read_index(folder)
     for name in names:
         _check_file(folder / name)
-    for kind, what in (("d", "depth"), ("r", "colour")):
+    for kind, what in (("d", "depth"), ("r", "color")):
         if not any(name.startswith(kind) for name in names):
             raise InputError(f"{folder / INDEX_FILE}: names no {what} image; record the dump again")
     _check_unit(folder / next(name for name in names if name.startswith("d")))

@@ -22,7 +22,7 @@ from drivers.freenect.watchdog import StreamTimeouts
 from drivers.sensor_config import SensorConfig
 from drivers.time_sync import MIN_IMAGE_PERIOD_S, HostClockSync
 
-# From the instant that a stamp marks until the host has the whole colour image, at the soonest:
+# From the instant that a stamp marks until the host has the whole color image, at the soonest:
 # 162 packets, one every 125 us. That the stamp marks the first packet is not known, but assumed.
 COLOR_READOUT_S = 162 * 125e-6
 

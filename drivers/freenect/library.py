@@ -37,12 +37,12 @@ class DepthFormat(IntEnum):
     """What a depth image holds."""
 
     RAW_11_BIT = 0
-    REGISTERED_MM = 4  # as seen by the colour camera
+    REGISTERED_MM = 4  # as seen by the color camera
     MM = 5  # as seen by the depth camera
 
 
 class Flag(IntEnum):
-    """Switches of the colour camera. Mirroring is done in software, see `Images`."""
+    """Switches of the color camera. Mirroring is done in software, see `Images`."""
 
     AUTO_WHITE_BALANCE = 1 << 1
     AUTO_EXPOSURE = 1 << 14
@@ -84,7 +84,7 @@ class Registration(Structure):
         ("registration_polynomials", c_int32 * 29),
         ("padding", c_uint16 * 3),
         ("emitter_distance_cm", c_float),
-        ("colour_distance_cm", c_float),
+        ("color_distance_cm", c_float),
         ("reference_distance_mm", c_float),
         ("reference_pixel_mm", c_float),
         ("const_shift", c_double),

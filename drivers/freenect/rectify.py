@@ -21,7 +21,7 @@ WIDTH, HEIGHT = 640, 480
 MILLIMETRES_PER_METRE = 1000.0
 # A camera file corrects the Kinect's scale by per cent; beyond this it is one for another unit.
 MAX_SCALE_CORRECTION = 1.25
-# The usual values for the colour camera, to which the Kinect's own registration maps.
+# The usual values for the color camera, to which the Kinect's own registration maps.
 DEFAULT_CALIBRATION = CameraCalibration(
     WIDTH, HEIGHT, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, MILLIMETRES_PER_METRE
 )
@@ -29,14 +29,14 @@ DEFAULT_CALIBRATION = CameraCalibration(
 
 @dataclass(frozen=True)
 class HardwareRegistration:
-    """libfreenect moves depth to where the colour camera sees it, lens distortion included."""
+    """libfreenect moves depth to where the color camera sees it, lens distortion included."""
 
     undistorter: Undistorter
     depth_factor: float
     depth_format = DepthFormat.REGISTERED_MM
 
     def register(self, depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        """(480, 640) uint16: what the undistorted colour camera sees."""
+        """(480, 640) uint16: what the undistorted color camera sees."""
         return self.undistorter.undistort_depth(depth_mm)
 
 

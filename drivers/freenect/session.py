@@ -98,15 +98,15 @@ class CaptureSession:
         return torn + torn_depth, images + depths
 
     def _make_watchdog(self) -> StreamWatchdog:
-        streams = {"colour": self._log.color, "depth": self._log.depth}
+        streams = {"color": self._log.color, "depth": self._log.depth}
         return StreamWatchdog(streams, self._timeouts, time.monotonic())
 
     def _make_callbacks(self) -> StreamCallbacks:
         """For the thread alone: kept here, they and their slots would be gone only much later."""
         clock = StampUnwrapper(TICKS_PER_SECOND, STAMP_BITS)
-        colour, depth = BufferPool((480, 640, 3), np.uint8), BufferPool((480, 640), np.uint16)
+        color, depth = BufferPool((480, 640, 3), np.uint8), BufferPool((480, 640), np.uint16)
         return StreamCallbacks(
-            FrameCallback(colour, clock, self._log.color, self._add_color).handle_frame,
+            FrameCallback(color, clock, self._log.color, self._add_color).handle_frame,
             FrameCallback(depth, clock, self._log.depth, self._add_depth).handle_frame,
             self._finish,
         )

@@ -26,7 +26,7 @@ class UsbRole(StrEnum):
     """Which part of a sensor a USB device is. Each part of a Kinect is a device of its own."""
 
     CAMERA = "camera"
-    COLOR = "colour camera"  # only where it is a device beside the depth camera
+    COLOR = "color camera"  # only where it is a device beside the depth camera
     MOTOR = "motor"
     AUDIO = "audio"
     HUB = "hub"

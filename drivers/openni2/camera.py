@@ -21,8 +21,8 @@ class OpenNI2Camera(RgbdCamera):
     """The newest frames of a sensor, on the reader's thread (see `drivers.openni2.library`).
 
     `wanted` is the sensor's URI or serial number, "" for the first one. The sensor is asked to
-    register depth to colour and to take both at once, and the answer is checked:
-    `drivers.openni2.rectify` has the rule. Depth and colour are paired by nearest stamp.
+    register depth to color and to take both at once, and the answer is checked:
+    `drivers.openni2.rectify` has the rule. Depth and color are paired by nearest stamp.
     """
 
     clock = Clock.MONOTONIC

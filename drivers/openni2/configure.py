@@ -21,22 +21,20 @@ def configure_device(
 
     Raises InputError if the device lacks what is needed, OpenNI2Error if a call fails.
     """
-    colour, depth = (
-        _create_stream(name, device, sensor, calibration_file) for sensor in SensorType
-    )
+    color, depth = (_create_stream(name, device, sensor, calibration_file) for sensor in SensorType)
     is_registered = device.enable_depth_registration(not calibration_file.has_depth_camera)
     if not device.enable_depth_color_sync():
-        _log.info("%s: does not take depth and colour together; they are paired by stamp", name)
-    for stream in (colour, depth):
+        _log.info("%s: does not take depth and color together; they are paired by stamp", name)
+    for stream in (color, depth):
         _try_set_flag(stream, StreamProperty.MIRRORING, settings.mirror)
     return SourceProperties(
         name=name,
-        color_size=(colour.video_mode.width, colour.video_mode.height),
+        color_size=(color.video_mode.width, color.video_mode.height),
         depth_size=(depth.video_mode.width, depth.video_mode.height),
-        color_fov_rad=colour.fov_rad,
+        color_fov_rad=color.fov_rad,
         depth_factor=DEPTH_FACTORS[PixelFormat(depth.video_mode.format)],
         registration=DepthRegistration.YES if is_registered else DepthRegistration.NO,
-        flip_color=colour.is_mirrored != settings.mirror,
+        flip_color=color.is_mirrored != settings.mirror,
         flip_depth=depth.is_mirrored != settings.mirror,
     )
 
@@ -49,7 +47,7 @@ def start_streams(device: OpenNI2Device, settings: SensorConfig) -> None:
     for stream in device.streams:
         stream.start()
     for stream in device.streams:
-        if stream.sensor is SensorType.COLOUR:
+        if stream.sensor is SensorType.COLOR:
             _try_set_flag(stream, StreamProperty.AUTO_EXPOSURE, settings.auto_exposure)
             _try_set_flag(stream, StreamProperty.AUTO_WHITE_BALANCE, settings.auto_white_balance)
 
@@ -59,7 +57,7 @@ def _create_stream(
 ) -> OpenNI2Stream:
     if not device.has_sensor(sensor):
         raise InputError(
-            f"{name}: has no {sensor.name.lower()} sensor; colour and depth are both needed"
+            f"{name}: has no {sensor.name.lower()} sensor; color and depth are both needed"
         )
     stream = device.create_stream(sensor)
     stream.set_video_mode(

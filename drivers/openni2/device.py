@@ -100,7 +100,7 @@ class OpenNI2Device:
         return text.value.decode(errors="replace")
 
     def enable_depth_registration(self, is_wanted: bool) -> bool:
-        """Ask for depth in the colour camera's pixels, or in its own; what is now the case."""
+        """Ask for depth in the color camera's pixels, or in its own; what is now the case."""
         supports = self._library.oniDeviceIsImageRegistrationModeSupported
         # Some drivers take a mode that they do not have, and then give it back as set.
         if not supports(self._handle, REGISTRATION_DEPTH_TO_COLOR):
@@ -111,7 +111,7 @@ class OpenNI2Device:
         return now.value == REGISTRATION_DEPTH_TO_COLOR
 
     def enable_depth_color_sync(self) -> bool:
-        """Ask for depth and colour to be taken together; whether they are."""
+        """Ask for depth and color to be taken together; whether they are."""
         status = self._library.oniDeviceEnableDepthColorSync(self._handle)
         return status == 0 and bool(self._library.oniDeviceGetDepthColorSyncEnabled(self._handle))
 

@@ -22,7 +22,7 @@ MAX_TEXT_BYTES = 256
 class SensorType(IntEnum):
     """What a stream comes from."""
 
-    COLOUR = 2
+    COLOR = 2
     DEPTH = 3
 
 

@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class ReceivedColorImage:
-    """A colour image: its number at the sensor, and CLOCK_MONOTONIC when it was fetched."""
+    """A color image: its number at the sensor, and CLOCK_MONOTONIC when it was fetched."""
 
     index: int
     receive_time_s: float
@@ -137,17 +137,17 @@ class LiveStream:
                 )
 
     def _make_frame(self, pair: StampedPair[ReceivedColorImage, NDArray[np.uint16]]) -> RgbdFrame:
-        colour = pair.color
+        color = pair.color
         if self._first_index < 0:
-            self._first_index = colour.index
-        seq = max(self._next_seq, colour.index - self._first_index)
+            self._first_index = color.index
+        seq = max(self._next_seq, color.index - self._first_index)
         self._dropped += seq - self._next_seq
         self._delivered, self._next_seq = self._delivered + 1, seq + 1
         return RgbdFrame(
             seq=seq,
-            stamp_s=self._clock_sync.to_host_s(pair.color_s, colour.receive_time_s),
+            stamp_s=self._clock_sync.to_host_s(pair.color_s, color.receive_time_s),
             receive_time_s=time.monotonic(),
-            color_bgr=self.rectifier.rectify_color(colour.pixels),
+            color_bgr=self.rectifier.rectify_color(color.pixels),
             depth_raw=self.rectifier.rectify_depth(pair.depth),
             depth_factor=self.rectifier.depth_factor,
             camera=self.rectifier.camera,

@@ -13,7 +13,7 @@ from drivers.sensor_config import SensorConfig
 class OniCamera(RgbdCamera):
     """Plays a recording through libOpenNI2, on the reader's thread (see `drivers.openni2.library`).
 
-    Stamps are the recording's own (microseconds since it began, as a rule). Colour and depth are
+    Stamps are the recording's own (microseconds since it began, as a rule). Color and depth are
     paired by nearest stamp over the whole file, so both paces deliver the same frames.
     `drivers.openni2.rectify` has the rule by which depth counts as registered. A recording that
     was taken mirrored is turned back (`settings.mirror` asks for it mirrored); the other settings
@@ -70,7 +70,7 @@ class OniCamera(RgbdCamera):
 
     @property
     def frame_count(self) -> int | None:
-        """Pairs of colour and depth; None before `open`."""
+        """Pairs of color and depth; None before `open`."""
         return len(self._playback.index.pairs) if self._playback else None
 
     @property

@@ -25,7 +25,7 @@ IMAGE_FIELDS = struct.Struct("<QI")
 FILE_MAGIC, RECORD_MAGIC = b"NI10", 0x0052494E
 FILE_VERSION = (1, 0, 1, 0)
 IMAGE_RECORD, END_RECORD, NODE_ADDED_RECORD = 0x0A, 0x0B, 0x0D
-SENSOR_TYPES = {2: SensorType.DEPTH, 3: SensorType.COLOUR}
+SENSOR_TYPES = {2: SensorType.DEPTH, 3: SensorType.COLOR}
 # Partners farther apart in the file than this would have to be kept in memory for too long.
 MAX_PAIR_DISTANCE_IMAGES = 60
 # The library's own buffers: more than this it does not read.
@@ -48,8 +48,8 @@ class IndexedImage:
 class OniIndex:
     """A whole recording.
 
-    images  all depth and colour images, in the order in which they are played
-    pairs   positions in `images` of colour and depth that belong together, in order of time
+    images  all depth and color images, in the order in which they are played
+    pairs   positions in `images` of color and depth that belong together, in order of time
     """
 
     images: list[IndexedImage]
@@ -65,9 +65,9 @@ class OniIndex:
         return self.images[position].stamp_us / 1e6
 
     def skew_s(self, pair: tuple[int, int]) -> float:
-        """Instant of depth minus instant of colour."""
-        colour, depth = pair
-        return (self.images[depth].stamp_us - self.images[colour].stamp_us) / 1e6
+        """Instant of depth minus instant of color."""
+        color, depth = pair
+        return (self.images[depth].stamp_us - self.images[color].stamp_us) / 1e6
 
 
 def read_oni_index(path: Path) -> OniIndex:
@@ -82,12 +82,12 @@ def read_oni_index(path: Path) -> OniIndex:
     for sensor in SensorType:
         if not any(image.sensor is sensor for image in images):
             raise InputError(
-                f"{path}: holds no {sensor.name.lower()} images; record colour and depth together"
+                f"{path}: holds no {sensor.name.lower()} images; record color and depth together"
             )
     pairs = _pair_images(images)
     if not pairs:
         raise InputError(
-            f"{path}: no colour image within {MAX_PAIR_SKEW_US / 1e3:.0f} ms of a depth image; record "
+            f"{path}: no color image within {MAX_PAIR_SKEW_US / 1e3:.0f} ms of a depth image; record "
             "both streams at once"
         )
     return OniIndex(images, pairs)
@@ -102,7 +102,7 @@ class _Record:
 
 
 def _read_images(file: BinaryIO, path: Path) -> Iterator[IndexedImage]:
-    """The images of the first depth and the first colour node: those that the library plays."""
+    """The images of the first depth and the first color node: those that the library plays."""
     nodes: dict[int, tuple[SensorType, int]] = {}
     for record in _read_records(file, path):
         if record.kind == NODE_ADDED_RECORD:
@@ -166,10 +166,10 @@ def _parse_node(fields: bytes, path: Path) -> tuple[SensorType | None, int]:
 
 
 def _pair_images(images: list[IndexedImage]) -> list[tuple[int, int]]:
-    colours, depths = (_increasing_positions(images, sensor) for sensor in SensorType)
+    colors, depths = (_increasing_positions(images, sensor) for sensor in SensorType)
     stamps_us = np.array([image.stamp_us for image in images], dtype=np.int64)
-    pairs = pair_nearest(stamps_us[colours], stamps_us[depths], MAX_PAIR_SKEW_US)
-    found = ((colours[i], depths[j]) for i, j in pairs)
+    pairs = pair_nearest(stamps_us[colors], stamps_us[depths], MAX_PAIR_SKEW_US)
+    found = ((colors[i], depths[j]) for i, j in pairs)
     return [(i, j) for i, j in found if abs(i - j) <= MAX_PAIR_DISTANCE_IMAGES]
 
 

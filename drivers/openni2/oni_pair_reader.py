@@ -1,4 +1,4 @@
-"""Colour and depth that belong together, out of a file in which they lie apart."""
+"""Color and depth that belong together, out of a file in which they lie apart."""
 
 import time
 
@@ -25,7 +25,7 @@ class OniPairReader:
     def read_pair(
         self, seq: int, deadline_s: float
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-        """Colour (height, width, 3) BGR and depth (height, width) of pair `seq`.
+        """Color (height, width, 3) BGR and depth (height, width) of pair `seq`.
 
         Pairs before it can no longer be had. Raises NoFrameYet at `deadline_s` (CLOCK_MONOTONIC),
         TornFrameError if one of the two images is not whole, CameraError if the library does not
@@ -46,7 +46,7 @@ class OniPairReader:
         self._player.wait_for_image(expected, deadline_s - time.monotonic())
         with self._player.read_image(expected) as frame:
             try:
-                if seq >= min_seq and frame.sensor == SensorType.COLOUR:
+                if seq >= min_seq and frame.sensor == SensorType.COLOR:
                     self._colors[seq] = decode_color(frame)
                 elif seq >= min_seq:
                     self._depths[seq] = decode_depth(frame)

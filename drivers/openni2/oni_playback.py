@@ -66,13 +66,13 @@ class OniPlayback:
         self._exit_stack.close()
 
     def _make_frame(self, seq: int, deadline_s: float) -> RgbdFrame:
-        colour, depth = self._reader.read_pair(seq, deadline_s)
+        color, depth = self._reader.read_pair(seq, deadline_s)
         pair = self.index.pairs[seq]
         return RgbdFrame(
             seq=seq,
             stamp_s=self.index.stamp_s(pair[0]),
             receive_time_s=time.monotonic(),
-            color_bgr=self.rectifier.rectify_color(colour),
+            color_bgr=self.rectifier.rectify_color(color),
             depth_raw=self.rectifier.rectify_depth(depth),
             depth_factor=self.rectifier.depth_factor,
             camera=self.rectifier.camera,

@@ -58,15 +58,15 @@ class OniPlayer:
 
     def read_properties(self, mirror: bool) -> SourceProperties:
         """What the recording says of its images; `mirror` is how they are wanted."""
-        colour, depth = self._streams[SensorType.COLOUR], self._streams[SensorType.DEPTH]
+        color, depth = self._streams[SensorType.COLOR], self._streams[SensorType.DEPTH]
         return SourceProperties(
             name=f"openni2:{self._path}",
-            color_size=(colour.video_mode.width, colour.video_mode.height),
+            color_size=(color.video_mode.width, color.video_mode.height),
             depth_size=(depth.video_mode.width, depth.video_mode.height),
-            color_fov_rad=colour.fov_rad,
+            color_fov_rad=color.fov_rad,
             depth_factor=DEPTH_FACTORS[PixelFormat(depth.video_mode.format)],
             registration=DepthRegistration.UNKNOWN,
-            flip_color=colour.is_mirrored != mirror,
+            flip_color=color.is_mirrored != mirror,
             flip_depth=depth.is_mirrored != mirror,
         )
 

@@ -33,7 +33,7 @@ Size = tuple[int, int]
 
 
 class DepthRegistration(Enum):
-    """Whether the depth that a source delivers is registered to its colour image."""
+    """Whether the depth that a source delivers is registered to its color image."""
 
     YES = "yes"
     NO = "no"
@@ -73,7 +73,7 @@ class CalibrationFile:
 
 
 class DepthRectifier(Protocol):
-    """Makes depth as delivered the depth of the undistorted colour camera."""
+    """Makes depth as delivered the depth of the undistorted color camera."""
 
     def __call__(self, image: NDArray[np.uint16], /) -> NDArray[np.uint16]:
         """(height, width) uint16 in the same unit."""
@@ -168,7 +168,7 @@ def _source_intrinsics(source: SourceProperties) -> tuple[PinholeCamera, str]:
 
 
 def _check_calibration(source: SourceProperties, calibration: CameraCalibration, name: str) -> None:
-    _check_size(source, "colour", source.color_size, (calibration.width, calibration.height), name)
+    _check_size(source, "color", source.color_size, (calibration.width, calibration.height), name)
     if calibration.depth is not None:
         depth_size = (calibration.depth.width, calibration.depth.height)
         _check_size(source, "depth", source.depth_size, depth_size, f"[depth] of {name}")
@@ -201,7 +201,7 @@ def _check_same_size(source: SourceProperties) -> None:
     if source.color_size != source.depth_size:
         (w, h), (depth_w, depth_h) = source.color_size, source.depth_size
         raise InputError(
-            f"{source.name}: colour is {w}x{h} but depth is {depth_w}x{depth_h}, so it cannot be "
+            f"{source.name}: color is {w}x{h} but depth is {depth_w}x{depth_h}, so it cannot be "
             "registered; give a camera file with a [depth] table (kinect-vo calibrate --depth)"
         )
 
@@ -209,11 +209,11 @@ def _check_same_size(source: SourceProperties) -> None:
 def _unregistered_error(source: SourceProperties) -> InputError:
     if source.registration is DepthRegistration.UNKNOWN:
         return InputError(
-            f"{source.name}: does not say whether its depth was registered to colour; give a "
+            f"{source.name}: does not say whether its depth was registered to color; give a "
             "camera file: without a [depth] table if it was, with one if it was not (kinect-vo "
             "calibrate --depth)"
         )
     return InputError(
-        f"{source.name}: does not register its depth to colour; give a camera file with a [depth] "
+        f"{source.name}: does not register its depth to color; give a camera file with a [depth] "
         "table (kinect-vo calibrate --depth)"
     )

@@ -18,7 +18,7 @@ def choose_video_mode(
 
     Raises InputError if no mode will do.
     """
-    known = list(TO_BGR) if sensor is SensorType.COLOUR else list(DEPTH_FACTORS)
+    known = list(TO_BGR) if sensor is SensorType.COLOR else list(DEPTH_FACTORS)
     usable = [mode for mode in modes if mode.format in known]
     if not usable:
         raise InputError(

@@ -43,15 +43,15 @@ class FrameSlots:
             )
         values = _pack_header(ordinal, frame)
         _HEADER.pack_into(self._memory, slot * SLOT_BYTES, *values)
-        colour, depth = self._images(slot, camera.width, camera.height)
-        np.copyto(colour, frame.color_bgr)
+        color, depth = self._images(slot, camera.width, camera.height)
+        np.copyto(color, frame.color_bgr)
         np.copyto(depth, frame.depth_raw)
 
     def read(self, slot: int) -> tuple[int, RgbdFrame]:
         """The ordinal and a copy of the frame in a slot."""
         values = _HEADER.unpack_from(self._memory, slot * SLOT_BYTES)
-        colour, depth = self._images(slot, *values[12:14])
-        return values[0], _make_frame(values, colour.copy(), depth.copy())
+        color, depth = self._images(slot, *values[12:14])
+        return values[0], _make_frame(values, color.copy(), depth.copy())
 
     def close(self) -> None:
         """Unmap the memory."""
@@ -63,7 +63,7 @@ class FrameSlots:
     def _images(
         self, slot: int, width: int, height: int
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-        """Colour and depth where they lie."""
+        """Color and depth where they lie."""
         begin = slot * SLOT_BYTES + _HEADER_BYTES
         depth_begin = begin + 3 * width * height
         depth_begin += depth_begin % 2

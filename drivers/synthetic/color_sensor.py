@@ -15,7 +15,7 @@ from drivers.synthetic.raytracing.raycast import Floats
 MAX_BLUR_TAPS = 12
 # So many rows are exposed at a time: what is made on the way then stays in the cache.
 BAND_ROWS = 32
-MID_GREY = 128.0
+MID_GRAY = 128.0
 # A camera's automatic exposure hunts slowly: relative parts, and hertz.
 GAIN_WAVES = ((0.7, 0.11, 0.3), (0.3, 0.43, 1.9))
 
@@ -44,7 +44,7 @@ def expose(
     sensor: ColorSensorModel,
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8: half of the noise's power at mid grey is shot noise, half read-out."""
+    """(H, W, 3) uint8: half of the noise's power at mid gray is shot noise, half read-out."""
     if sensor.softness_px > 0:
         image = cv2.GaussianBlur(image, (0, 0), sensor.softness_px)  # type: ignore[assignment]
     result = np.empty(image.shape, dtype=np.uint8)
@@ -52,7 +52,7 @@ def expose(
         rows = slice(top, top + BAND_ROWS)
         exposed = image[rows] * (np.float32(gain) * vignetting[rows])[..., None]
         if sensor.noise_sigma > 0:
-            sigma = sensor.noise_sigma * np.sqrt(0.5 + exposed * np.float32(0.5 / MID_GREY))
+            sigma = sensor.noise_sigma * np.sqrt(0.5 + exposed * np.float32(0.5 / MID_GRAY))
             exposed += sigma * rng.standard_normal(exposed.shape, dtype=np.float32)
         result[rows] = np.clip(exposed + np.float32(0.5), 0, 255)
     return result

@@ -30,14 +30,14 @@ class MotionKind(StrEnum):
 
 @dataclass(frozen=True)
 class ColorSensorModel:
-    """The colour sensor. The defaults are those of a Kinect v1 indoors."""
+    """The color sensor. The defaults are those of a Kinect v1 indoors."""
 
     distortion: tuple[float, ...] = config_field(
         (0.05, -0.10, 0.0005, -0.0005, 0.0), "five values of the lens: k1 k2 p1 p2 k3"
     )
-    noise_sigma: float = config_field(3.0, "noise at mid grey, grey levels", minimum=0.0)
+    noise_sigma: float = config_field(3.0, "noise at mid gray, gray levels", minimum=0.0)
     softness_px: float = config_field(
-        0.9, "blur of the lens and the colour filters, pixels", minimum=0.0
+        0.9, "blur of the lens and the color filters, pixels", minimum=0.0
     )
     exposure_s: float = config_field(
         0.012, "motion blur, seconds; 0 = a perfect instant", minimum=0.0
@@ -62,10 +62,10 @@ class DepthSensorModel:
         0.075, "from the projector to the infrared camera", exclusive_minimum=0.0
     )
     eye_offset_m: float = config_field(
-        0.025, "the infrared camera is so far left of the colour camera"
+        0.025, "the infrared camera is so far left of the color camera"
     )
     registration: bool = config_field(
-        True, "false = depth is seen through the colour camera, without parallax"
+        True, "false = depth is seen through the color camera, without parallax"
     )
     shadows: bool = config_field(True, "no reading where the projector's light is hidden")
     disparity_step_px: float = config_field(
@@ -86,7 +86,7 @@ class ShutterTiming:
     readout_s: float = config_field(
         0.020, "rolling shutter: first row to last, of both images; at most a frame", minimum=0.0
     )
-    skew_s: float = config_field(0.010, "depth after colour, seconds; at most half a frame")
+    skew_s: float = config_field(0.010, "depth after color, seconds; at most half a frame")
 
 
 class DynamicObjectKind(StrEnum):
@@ -129,7 +129,7 @@ class SyntheticConfig:
         20.0, "length of the film, seconds; one frame at least", exclusive_minimum=0.0
     )
     rate_hz: float = config_field(30.0, "frames a second", exclusive_minimum=0.0)
-    camera: PinholeCamera = config_field(KINECT_COLOR, "intrinsics of the colour camera")
+    camera: PinholeCamera = config_field(KINECT_COLOR, "intrinsics of the color camera")
     depth_factor: float = config_field(
         1000.0, "depth value of one metre", minimum=1.0, maximum=10000.0
     )
@@ -144,7 +144,7 @@ class SyntheticConfig:
     bare_wall: bool = config_field(False, "one wall without texture")
     twin_corners: bool = config_field(False, "two opposite corners look the same")
     texel_m: float = config_field(0.0025, "size of a texture's pixel, metres", minimum=0.001)
-    colour: ColorSensorModel = field(default_factory=ColorSensorModel)
+    color: ColorSensorModel = field(default_factory=ColorSensorModel)
     depth: DepthSensorModel = field(default_factory=DepthSensorModel)
     timing: ShutterTiming = field(default_factory=ShutterTiming)
     movers: tuple[DynamicObjectConfig, ...] = config_field((), "what moves by itself")
@@ -160,11 +160,11 @@ class SyntheticConfig:
             (1 <= self.depth_factor <= 10000, "depth_factor must lie in 1 .. 10000"),
             (not (self.bare_wall and self.twin_corners), "twin_corners need all four walls"),
             (self.texel_m >= 0.001, "texel_m must be at least 0.001"),
-            (len(self.colour.distortion) == 5, "distortion needs five values: k1 k2 p1 p2 k3"),
+            (len(self.color.distortion) == 5, "distortion needs five values: k1 k2 p1 p2 k3"),
             (0 <= self.timing.readout_s <= 2 * half_frame_s, "readout_s must fit in one frame"),
             (abs(self.timing.skew_s) <= half_frame_s, "skew_s must be at most half a frame"),
-            (0 <= self.colour.exposure_s <= 2 * half_frame_s, "exposure_s must fit in one frame"),
-            (0 <= self.colour.gain_drift < 1, "gain_drift must lie in 0 .. 1"),
+            (0 <= self.color.exposure_s <= 2 * half_frame_s, "exposure_s must fit in one frame"),
+            (0 <= self.color.gain_drift < 1, "gain_drift must lie in 0 .. 1"),
         )
         for holds, message in checks:
             if not holds:
@@ -180,7 +180,7 @@ class SyntheticConfig:
         """No fault at all: exact depth, one instant, no noise."""
         return cls(
             depth_factor=5000.0,
-            colour=ColorSensorModel(
+            color=ColorSensorModel(
                 distortion=NO_DISTORTION,
                 noise_sigma=0.0,
                 softness_px=0.0,
@@ -204,5 +204,5 @@ class SyntheticConfig:
     def fast(cls) -> Self:
         """Stand-in for a live camera: quickly rendered, then played round and round."""
         full = cls(duration_s=10.0, loop=True, texel_m=0.004)
-        eye = replace(full.colour, distortion=NO_DISTORTION, exposure_s=0.0, smooth_edges=False)
-        return replace(full, colour=eye)
+        eye = replace(full.color, distortion=NO_DISTORTION, exposure_s=0.0, smooth_edges=False)
+        return replace(full, color=eye)

@@ -26,7 +26,7 @@ SHADOW_TOLERANCE_PX = 1.5
 
 
 def infrared_camera(sensor: DepthSensorModel, color_camera: PinholeCamera) -> PinholeCamera:
-    """Intrinsics of the infrared image, for a colour image of any size."""
+    """Intrinsics of the infrared image, for a color image of any size."""
     focal_px = sensor.focal_px * color_camera.width / KINECT_WIDTH_PX
     cx, cy = (color_camera.width - 1) / 2, (color_camera.height - 1) / 2
     return PinholeCamera(color_camera.width, color_camera.height, focal_px, focal_px, cx, cy)
@@ -106,10 +106,10 @@ def register_depth(
     infrared_offset_m: float,
     factor: float,
 ) -> NDArray[np.uint16]:
-    """Depth (H, W) as the colour camera's raw, distorted image would see it, 0 = no reading.
+    """Depth (H, W) as the color camera's raw, distorted image would see it, 0 = no reading.
 
     Every reading is carried to the pixel where its point falls; the nearest wins. `infrared` is
-    focal length and centre, `colour` fx fy cx cy; the infrared eye is `infrared_offset_m` to the left.
+    focal length and centre, `color` fx fy cx cy; the infrared eye is `infrared_offset_m` to the left.
     """
     height, width = measured_m.shape
     focal, cx, cy = infrared

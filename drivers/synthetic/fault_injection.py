@@ -19,11 +19,11 @@ class FaultKind(StrEnum):
 
     DROPPED = "dropped"  # the frame never comes
     FROZEN = "frozen"  # the images of the last good frame again, under a new stamp
-    BLACK = "black"  # the colour image is black
+    BLACK = "black"  # the color image is black
     TORN = "torn"  # upper half new, lower half of the frame before
     DARK = "dark"  # the lights are off: hardly more than noise; depth needs no light
-    COVERED = "covered"  # something lies on the camera: colour is black, and no depth is read
-    NOISE = "noise"  # nothing but noise, in colour and in depth
+    COVERED = "covered"  # something lies on the camera: color is black, and no depth is read
+    NOISE = "noise"  # nothing but noise, in color and in depth
     STAMP_JUMP = "stamp-jump"  # stamps are off by `seconds`
     STAMP_REPEAT = "stamp-repeat"  # the stamp of the frame before
     UNPLUGGED = "unplugged"  # gone at this frame, back after `seconds`
@@ -53,7 +53,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class RenderedImages:
-    """Colour (H, W, 3) uint8 BGR and depth registered to it (H, W) uint16, both undistorted."""
+    """Color (H, W, 3) uint8 BGR and depth registered to it (H, W) uint16, both undistorted."""
 
     color_bgr: Image
     depth_raw: Depth
@@ -111,19 +111,19 @@ class FaultInjector:
 
 
 def _tear(new: RenderedImages, old: RenderedImages) -> RenderedImages:
-    colour, depth = new.color_bgr.copy(), new.depth_raw.copy()
+    color, depth = new.color_bgr.copy(), new.depth_raw.copy()
     half = len(depth) // 2
-    colour[half:], depth[half:] = old.color_bgr[half:], old.depth_raw[half:]
-    return RenderedImages(colour, depth)
+    color[half:], depth[half:] = old.color_bgr[half:], old.depth_raw[half:]
+    return RenderedImages(color, depth)
 
 
 def _darken(images: RenderedImages, rng: np.random.Generator) -> RenderedImages:
     noise = DARK_NOISE_SIGMA * rng.standard_normal(images.color_bgr.shape, dtype=np.float32)
-    colour = np.clip(images.color_bgr * np.float32(DARK_GAIN) + noise + 0.5, 0, 255)
-    return RenderedImages(colour.astype(np.uint8), images.depth_raw)
+    color = np.clip(images.color_bgr * np.float32(DARK_GAIN) + noise + 0.5, 0, 255)
+    return RenderedImages(color.astype(np.uint8), images.depth_raw)
 
 
 def _replace_with_noise(images: RenderedImages, rng: np.random.Generator) -> RenderedImages:
-    colour = rng.integers(0, 256, images.color_bgr.shape, np.uint8)
+    color = rng.integers(0, 256, images.color_bgr.shape, np.uint8)
     farthest = max(1, int(images.depth_raw.max()))
-    return RenderedImages(colour, rng.integers(0, farthest, images.depth_raw.shape, np.uint16))
+    return RenderedImages(color, rng.integers(0, farthest, images.depth_raw.shape, np.uint16))

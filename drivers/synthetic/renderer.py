@@ -90,9 +90,9 @@ def make_renderer(
 class NoiselessFrame:
     """What reaches the sensor of one frame, before it measures with its noise.
 
-    light   (H, W, 3) float32 BGR on the colour sensor, the lens's distortion in it
+    light   (H, W, 3) float32 BGR on the color sensor, the lens's distortion in it
     true_m  (H, W) float32 distance before the depth sensor
-    gain    exposure of the colour image
+    gain    exposure of the color image
     """
 
     light_bgr: NDArray[np.float32]
@@ -108,8 +108,8 @@ class Renderer:
         self._motion = motion
         self._room = room
         camera, eye = config.camera, config.depth
-        self._distortion = np.array(config.colour.distortion)
-        self._undistort = make_undistorter(camera, config.colour.distortion)
+        self._distortion = np.array(config.color.distortion)
+        self._undistort = make_undistorter(camera, config.color.distortion)
         self._color_grid = RayGrid.from_rays(pixel_rays(camera, self._distortion))
         self._infrared = depth_sensor.infrared_camera(eye, camera)
         self._depth_grid, eye_offset_m = self._color_grid, 0.0
@@ -117,7 +117,7 @@ class Renderer:
             self._depth_grid = RayGrid.from_rays(pixel_rays(self._infrared, np.zeros(5)))
             eye_offset_m = eye.eye_offset_m
         self._T_color_depth = rigid_transform(np.eye(3), (-eye_offset_m, 0.0, 0.0))
-        self._vignette = color_sensor.vignetting_map(camera, config.colour.vignetting)
+        self._vignette = color_sensor.vignetting_map(camera, config.color.vignetting)
 
     def render(self, index: int) -> RenderedImages:
         """Frame `index`: the same bytes whenever and wherever it is rendered."""
@@ -130,18 +130,18 @@ class Renderer:
         return NoiselessFrame(
             light_bgr=self._render_color(stamp_s),
             depth_m=self._render_depth(stamp_s + config.timing.skew_s),
-            gain=color_sensor.gain_at(config.colour, stamp_s, config.duration_s),
+            gain=color_sensor.gain_at(config.color, stamp_s, config.duration_s),
         )
 
     def apply_sensor_noise(
         self, noiseless: NoiselessFrame, rng: np.random.Generator
     ) -> RenderedImages:
         """What the sensor makes of it: other noise each time, if `rng` goes on."""
-        eye = self._config.colour
-        colour = color_sensor.expose(noiseless.light_bgr, noiseless.gain, self._vignette, eye, rng)
+        eye = self._config.color
+        color = color_sensor.expose(noiseless.light_bgr, noiseless.gain, self._vignette, eye, rng)
         depth = self._measure_depth(noiseless.depth_m, rng)
         return RenderedImages(
-            self._undistort.undistort_color(colour), self._undistort.undistort_depth(depth)
+            self._undistort.undistort_color(color), self._undistort.undistort_depth(depth)
         )
 
     def _row_times(self, middle_s: float) -> Array:
@@ -154,9 +154,9 @@ class Renderer:
         view = prepare_scene(self._room.solids, self._color_grid, T_body_row)
         depth_m, solid = cast_rays(rays, view.kind, view.frames, view.candidates, view.near_m)
         image = self._shade(view, depth_m, solid)
-        if config.colour.exposure_s == 0:
+        if config.color.exposure_s == 0:
             return image
-        half_s, body = config.colour.exposure_s / 2, self._room.solids.body[solid]
+        half_s, body = config.color.exposure_s / 2, self._room.solids.body[solid]
         T_opening_now = np.linalg.inv(self._poses_in_bodies(times_s - half_s)) @ T_body_row
         T_closing_now = np.linalg.inv(self._poses_in_bodies(times_s + half_s)) @ T_body_row
         return color_sensor.motion_blur(
@@ -174,7 +174,7 @@ class Renderer:
         image, surface = shade(
             rays, depth_m, solid, view.kind, view.frames, atlas.texels, atlas.levels, pixel
         )
-        if self._config.colour.smooth_edges:
+        if self._config.color.smooth_edges:
             smooth_edges(
                 image,
                 surface,
@@ -190,7 +190,7 @@ class Renderer:
         return image
 
     def _render_depth(self, middle_s: float) -> NDArray[np.float32]:
-        """(H, W) from the infrared camera; without registration, from the colour camera."""
+        """(H, W) from the infrared camera; without registration, from the color camera."""
         T_body_row = self._poses_in_bodies(self._row_times(middle_s)) @ self._T_color_depth
         grid = self._depth_grid
         view = prepare_scene(self._room.solids, grid, T_body_row)

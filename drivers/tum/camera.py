@@ -83,7 +83,7 @@ class TumCamera(RgbdCamera):
 
     @property
     def unpaired(self) -> int | None:
-        """Colour and depth images without a partner within 20 ms; None before `open`."""
+        """Color and depth images without a partner within 20 ms; None before `open`."""
         return self._opened.frames.unpaired if self._opened else None
 
     @property

@@ -25,23 +25,23 @@ class UnreadableFrameError(Exception):
 
 
 def load_pair(pair: FramePair, size: tuple[int, int]) -> tuple[BgrImage, DepthImage]:
-    """Colour (height, width, 3) BGR uint8 and depth (height, width) uint16 of one frame.
+    """Color (height, width, 3) BGR uint8 and depth (height, width) uint16 of one frame.
 
     `size` is (width, height) of the camera. Raises UnreadableFrameError.
     """
-    colour = load_color(pair.color.file)
+    color = load_color(pair.color.file)
     depth = load_depth(pair.depth.file)
-    if colour.shape[:2] != depth.shape:
+    if color.shape[:2] != depth.shape:
         raise UnreadableFrameError(
-            f"{pair.color.file}: colour is {_size_text(colour)} but depth ({pair.depth.file}) is "
-            f"{_size_text(depth)}; register the depth to the colour image"
+            f"{pair.color.file}: color is {_size_text(color)} but depth ({pair.depth.file}) is "
+            f"{_size_text(depth)}; register the depth to the color image"
         )
     if depth.shape != size[::-1]:
         raise UnreadableFrameError(
-            f"{pair.color.file}: the image is {_size_text(colour)} but the camera is "
+            f"{pair.color.file}: the image is {_size_text(color)} but the camera is "
             f"{size[0]}x{size[1]}; give the camera file of these images"
         )
-    return colour, depth
+    return color, depth
 
 
 def load_color(file: Path) -> BgrImage:
@@ -49,8 +49,8 @@ def load_color(file: Path) -> BgrImage:
     image = _load(file)
     if image.dtype != np.uint8:
         raise UnreadableFrameError(
-            f"{file}: colour is not 8 bits a channel; give the colour image here "
-            "(in associations.txt colour stands before depth)"
+            f"{file}: color is not 8 bits a channel; give the color image here "
+            "(in associations.txt color stands before depth)"
         )
     if image.ndim == 2:
         return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)  # type: ignore[return-value]
@@ -92,7 +92,7 @@ def _load(file: Path) -> NDArray[Any]:
 def _find_fault(data: bytes) -> str:
     """Why an image file is not whole, "" if it is.
 
-    OpenCV would fill what is missing with grey, or complain on standard error: so look first.
+    OpenCV would fill what is missing with gray, or complain on standard error: so look first.
     """
     if not data:
         return "is empty (0 bytes)"

@@ -16,7 +16,7 @@ MICROSECOND = Decimal("1e-6")
 
 
 class ColorFormat(StrEnum):
-    """How colour images are stored; depth is always PNG."""
+    """How color images are stored; depth is always PNG."""
 
     PNG = "png"  # exact
     JPEG = "jpg"  # far smaller and quicker, but not exact
@@ -32,8 +32,8 @@ class FrameStamps:
     @classmethod
     def from_frame(cls, frame: RgbdFrame) -> Self:
         """From the shortest decimals that are the frame's floats: sums of them are exact."""
-        colour = Decimal(repr(float(frame.stamp_s)))
-        return cls(colour, EXACT_CONTEXT.add(colour, Decimal(repr(float(frame.skew_s)))))
+        color = Decimal(repr(float(frame.stamp_s)))
+        return cls(color, EXACT_CONTEXT.add(color, Decimal(repr(float(frame.skew_s)))))
 
     def is_after(self, other: "FrameStamps") -> bool:
         """True if both come later than those of `other`, to the microsecond."""

@@ -80,15 +80,15 @@ def read_frame_pairs(folder: Path) -> FolderFrames:
                 f"{folder / name}: no such file; a TUM folder holds rgb.txt and depth.txt, "
                 "or associations.txt"
             )
-    colour, depth = read_image_list(folder / "rgb.txt"), read_image_list(folder / "depth.txt")
-    found = pair_nearest(_stamps_us(colour), _stamps_us(depth), MAX_PAIR_SKEW_US)
+    color, depth = read_image_list(folder / "rgb.txt"), read_image_list(folder / "depth.txt")
+    found = pair_nearest(_stamps_us(color), _stamps_us(depth), MAX_PAIR_SKEW_US)
     if not found:
         raise InputError(
-            f"{folder}: no colour and depth images within {MAX_PAIR_SKEW_US // 1000} ms of each other; "
+            f"{folder}: no color and depth images within {MAX_PAIR_SKEW_US // 1000} ms of each other; "
             "rgb.txt and depth.txt must be of one recording, with stamps in seconds"
         )
-    pairs = [FramePair(colour[i], depth[j]) for i, j in found]
-    return FolderFrames(pairs, len(colour) + len(depth) - 2 * len(pairs))
+    pairs = [FramePair(color[i], depth[j]) for i, j in found]
+    return FolderFrames(pairs, len(color) + len(depth) - 2 * len(pairs))
 
 
 def _stamps_us(images: list[ListedImage]) -> StampsUs:

@@ -21,12 +21,12 @@ class TumFrameReader:
     def read(self, pair: FramePair, seq: int) -> RgbdFrame:
         """Load, undistort and stamp one pair. Raises UnreadableFrameError."""
         camera = self._folder.calibration
-        colour, depth = load_pair(pair, (camera.width, camera.height))
+        color, depth = load_pair(pair, (camera.width, camera.height))
         return RgbdFrame(
             seq=seq,
             stamp_s=pair.color.stamp_s,
             receive_time_s=time.monotonic(),
-            color_bgr=self._undistorter.undistort_color(colour),
+            color_bgr=self._undistorter.undistort_color(color),
             depth_raw=self._undistorter.undistort_depth(depth),
             depth_factor=camera.depth_factor,
             camera=self._pinhole,

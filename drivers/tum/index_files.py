@@ -29,14 +29,14 @@ class ListedImage:
 
 @dataclass(frozen=True)
 class FramePair:
-    """Colour and depth that belong together."""
+    """Color and depth that belong together."""
 
     color: ListedImage
     depth: ListedImage
 
     @property
     def skew_s(self) -> float:
-        """Instant of depth minus instant of colour."""
+        """Instant of depth minus instant of color."""
         return float(EXACT_CONTEXT.subtract(self.depth.stamp, self.color.stamp))
 
 
@@ -53,11 +53,11 @@ def read_image_list(path: Path) -> list[ListedImage]:
 
 
 def read_associations(path: Path) -> list[FramePair]:
-    """Read ``associations.txt``: lines of ``stamp colour_file stamp depth_file``.
+    """Read ``associations.txt``: lines of ``stamp color_file stamp depth_file``.
 
     Raises InputError as `read_image_list`, for either column of stamps.
     """
-    rows = _read_image_rows(path, "stamp colour_file stamp depth_file")
+    rows = _read_image_rows(path, "stamp color_file stamp depth_file")
     pairs = [FramePair(_parse_image(w[:2], path, n), _parse_image(w[2:], path, n)) for n, w in rows]
     _check_increasing([pair.color for pair in pairs])
     _check_increasing([pair.depth for pair in pairs])

@@ -123,14 +123,14 @@ class TumWriter:
 
     def _commit(self, frame: EncodedFrame) -> None:
         stamps = frame.stamps
-        colour_file = f"rgb/{round_to_microseconds(stamps.color):f}.{self._color_format}"
+        color_file = f"rgb/{round_to_microseconds(stamps.color):f}.{self._color_format}"
         depth_file = f"depth/{round_to_microseconds(stamps.depth):f}.png"
         self._write_files(
-            [(self.folder / colour_file, frame.color), (self.folder / depth_file, frame.depth)]
+            [(self.folder / color_file, frame.color), (self.folder / depth_file, frame.depth)]
         )
-        colour_line = f"{format_stamp(stamps.color)} {colour_file}"
+        color_line = f"{format_stamp(stamps.color)} {color_file}"
         depth_line = f"{format_stamp(stamps.depth)} {depth_file}"
-        lines = (colour_line, depth_line, f"{colour_line} {depth_line}")
+        lines = (color_line, depth_line, f"{color_line} {depth_line}")
         try:
             self._accelerometer.add(format_stamp(stamps.color), frame.gravity_m_s2)
             for growing, line in zip(self._index_files, lines, strict=True):

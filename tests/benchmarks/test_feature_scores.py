@@ -12,7 +12,7 @@ from benchmarks import features
 from benchmarks.feature_methods import FeatureSet, make_opencv_method
 from benchmarks.feature_scores import is_inside, scale_at, score_features, transform_points
 from benchmarks.image_transforms import (
-    Grey,
+    Gray,
     ImageTransform,
     all_transforms,
     make_perspective_tilt,
@@ -39,7 +39,7 @@ def moved(found: FeatureSet, by_px: float = 0.0, scale: float = 1.0) -> FeatureS
     )
 
 
-def texture() -> Grey:
+def texture() -> Gray:
     noise = np.random.default_rng(1).integers(0, 256, (240, 320), dtype=np.uint8)
     smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
     return np.asarray(cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX), np.uint8)  # type: ignore[call-overload]

@@ -24,8 +24,8 @@ TRUTH = Trajectory(STAMPS_S, T_ROOM_CAMERA @ WAY)
 def measured(folder: Path, points_m: Array) -> MapError:
     """Of a map that has these points of the room as its vertices."""
     in_map_m = transform_points(inverse(T_ROOM_CAMERA), points_m).astype(np.float32)
-    grey = np.zeros((len(points_m), 3), np.uint8)
-    write_ply(folder / "map.ply", Mesh(in_map_m, in_map_m, grey, np.zeros((1, 3), np.int32)))
+    gray = np.zeros((len(points_m), 3), np.uint8)
+    write_ply(folder / "map.ply", Mesh(in_map_m, in_map_m, gray, np.zeros((1, 3), np.int32)))
     (folder / "trajectory.txt").write_text("".join(map(format_pose_line, STAMPS_S, WAY)))
     return measure(folder, TRUTH, [BOX])
 

@@ -19,9 +19,9 @@ from drivers.rectify import SoftwareRegistration
 from tests.vo_service.odometry.synthetic_views import CAMERA, FLOOR, WALL, render_corner
 from vo_service.odometry.surf.odometry import SurfOdometry
 
-COLOUR = PinholeCamera(160, 120, 131.0, 131.5, 80.2, 59.1)
+COLOR = PinholeCamera(160, 120, 131.0, 131.5, 80.2, 59.1)
 SAME = RigidTransform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-# The depth camera sits 2.5 cm to the left of the colour camera.
+# The depth camera sits 2.5 cm to the left of the color camera.
 BESIDE = RigidTransform((-0.025, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
@@ -61,11 +61,11 @@ def units(depth_m: Array, factor: float = 1000.0) -> NDArray[np.uint16]:
 
 
 @settings(max_examples=20, deadline=None)
-@given(depth=arrays(np.uint16, (COLOUR.height, COLOUR.width), fill=st.just(1500)))
-def test_a_depth_camera_that_is_the_colour_camera_changes_nothing(
+@given(depth=arrays(np.uint16, (COLOR.height, COLOR.width), fill=st.just(1500)))
+def test_a_depth_camera_that_is_the_color_camera_changes_nothing(
     depth: NDArray[np.uint16],
 ) -> None:
-    registration = SoftwareRegistration(COLOUR, table(COLOUR, SAME), 1000.0)
+    registration = SoftwareRegistration(COLOR, table(COLOR, SAME), 1000.0)
     np.testing.assert_array_equal(registration.register(depth), depth)
 
 
@@ -83,7 +83,7 @@ small = st.floats(-1.0, 1.0)
     factor=st.sampled_from([1000.0, 5000.0, 10000.0]),
     scale=st.floats(0.9, 1.1),
 )
-def test_plane_gets_the_depth_at_which_the_colour_camera_sees_it(
+def test_plane_gets_the_depth_at_which_the_color_camera_sees_it(
     offset: tuple[float, float, float],
     turn: tuple[float, float, float],
     tilt: tuple[float, float],
@@ -92,14 +92,14 @@ def test_plane_gets_the_depth_at_which_the_colour_camera_sees_it(
     factor: float,
     scale: float,
 ) -> None:
-    T_colour_depth = rigid_transform(so3_exp(0.02 * np.array(turn)), 0.03 * np.array(offset))
-    eye = PinholeCamera(176, 132, COLOUR.fx * focal, COLOUR.fy * focal, 87.0, 66.0)
+    T_color_depth = rigid_transform(so3_exp(0.02 * np.array(turn)), 0.03 * np.array(offset))
+    eye = PinholeCamera(176, 132, COLOR.fx * focal, COLOR.fy * focal, 87.0, 66.0)
     plane = np.array([0.3 * tilt[0], 0.3 * tilt[1], 1.0]) / distance_m
-    read_m = plane_depth_m(eye, T_colour_depth, plane) / scale
-    depth = replace(table(eye, pose_of(T_colour_depth)), scale=scale)
-    registration = SoftwareRegistration(COLOUR, depth, factor)
+    read_m = plane_depth_m(eye, T_color_depth, plane) / scale
+    depth = replace(table(eye, pose_of(T_color_depth)), scale=scale)
+    registration = SoftwareRegistration(COLOR, depth, factor)
     registered = registration.register(units(read_m, factor))
-    truth_m = plane_depth_m(COLOUR, np.eye(4), plane)
+    truth_m = plane_depth_m(COLOR, np.eye(4), plane)
     # A reading lands on the nearest pixel, and is spread where pixels are finer: how much does
     # depth change on the way?
     steepest_m = np.max(np.abs(np.gradient(truth_m))) * (1.5 if focal >= 1.0 else 3.0)
@@ -110,9 +110,9 @@ def test_plane_gets_the_depth_at_which_the_colour_camera_sees_it(
 
 
 def test_what_is_nearer_hides_what_is_behind_it_and_leaves_a_shadow() -> None:
-    depth = np.full((COLOUR.height, COLOUR.width), 3000, np.uint16)
+    depth = np.full((COLOR.height, COLOR.width), 3000, np.uint16)
     depth[:, 70:90] = 600
-    row = SoftwareRegistration(COLOUR, table(COLOUR, BESIDE), 1000.0).register(depth)[60]
+    row = SoftwareRegistration(COLOR, table(COLOR, BESIDE), 1000.0).register(depth)[60]
     moved_far, moved_near = round(131 * 0.025 / 3.0), round(131 * 0.025 / 0.6)
     assert set(row.tolist()) == {0, 600, 3000}
     assert np.all(row[70 - moved_near : 90 - moved_near] == 600)
@@ -121,16 +121,16 @@ def test_what_is_nearer_hides_what_is_behind_it_and_leaves_a_shadow() -> None:
 
 
 def test_holes_stay_holes() -> None:
-    depth = np.zeros((COLOUR.height, COLOUR.width), np.uint16)
-    registered = SoftwareRegistration(COLOUR, table(COLOUR, BESIDE), 1000.0).register(depth)
+    depth = np.zeros((COLOR.height, COLOR.width), np.uint16)
+    registered = SoftwareRegistration(COLOR, table(COLOR, BESIDE), 1000.0).register(depth)
     assert registered.dtype == np.uint16
     assert not registered.any()
 
 
-def test_coarse_depth_fills_the_finer_colour_image() -> None:
-    half = PinholeCamera(80, 60, COLOUR.fx / 2, COLOUR.fy / 2, COLOUR.cx / 2, COLOUR.cy / 2)
+def test_coarse_depth_fills_the_finer_color_image() -> None:
+    half = PinholeCamera(80, 60, COLOR.fx / 2, COLOR.fy / 2, COLOR.cx / 2, COLOR.cy / 2)
     depth = np.full((60, 80), 2000, np.uint16)
-    registered = SoftwareRegistration(COLOUR, table(half, SAME), 1000.0).register(depth)
+    registered = SoftwareRegistration(COLOR, table(half, SAME), 1000.0).register(depth)
     assert registered.shape == (120, 160)
     assert np.all(registered[2:-2, 2:-2] == 2000)
 
@@ -140,11 +140,11 @@ def test_lens_of_the_depth_camera_is_taken_out() -> None:
     plane = np.array([0.3, -0.2, 1.0]) / 1.5
     v, u = np.mgrid[:120, :160].astype(np.float64)
     pixels = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
-    seen = cv2.undistortPoints(pixels, COLOUR.K, np.array(distortion)).reshape(120, 160, 2)
+    seen = cv2.undistortPoints(pixels, COLOR.K, np.array(distortion)).reshape(120, 160, 2)
     distorted_m = 1.0 / (seen @ plane[:2] + plane[2])
-    depth = replace(table(COLOUR, SAME), distortion=distortion)
-    registered = SoftwareRegistration(COLOUR, depth, 1000.0).register(units(distorted_m))
-    truth_m = plane_depth_m(COLOUR, np.eye(4), plane)
+    depth = replace(table(COLOR, SAME), distortion=distortion)
+    registered = SoftwareRegistration(COLOR, depth, 1000.0).register(units(distorted_m))
+    truth_m = plane_depth_m(COLOR, np.eye(4), plane)
     has_depth = registered > 0
     error_m = np.abs(registered / 1000.0 - truth_m)[has_depth]
     # What is left is half a pixel of a steep plane.
@@ -157,18 +157,18 @@ def test_readings_too_near_or_too_far_to_be_placed_are_dropped() -> None:
     back = RigidTransform((0.0, 0.0, -0.05), (0.0, 0.0, 0.0, 1.0))
     forth = RigidTransform((0.0, 0.0, 0.05), (0.0, 0.0, 0.0, 1.0))
     for pose, reading in ((back, 40), (forth, 65500)):
-        depth = np.full((COLOUR.height, COLOUR.width), reading, np.uint16)
-        registered = SoftwareRegistration(COLOUR, table(COLOUR, pose), 1000.0).register(depth)
+        depth = np.full((COLOR.height, COLOR.width), reading, np.uint16)
+        registered = SoftwareRegistration(COLOR, table(COLOR, pose), 1000.0).register(depth)
         assert not registered.any()
 
 
 def test_depth_camera_that_looks_elsewhere_is_refused() -> None:
     behind = RigidTransform((0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
     with pytest.raises(InputError, match="turns the depth camera away"):
-        SoftwareRegistration(COLOUR, table(COLOUR, behind), 1000.0)
+        SoftwareRegistration(COLOR, table(COLOR, behind), 1000.0)
 
 
-# A walk past a corner, by a sensor whose depth camera sits beside its colour camera.
+# A walk past a corner, by a sensor whose depth camera sits beside its color camera.
 
 EYE = PinholeCamera(320, 240, 315.0, 316.0, 158.0, 121.5)
 EYE_POSE = RigidTransform((-0.025, 0.001, -0.002), (0.002, -0.003, 0.001, 0.999993))
@@ -182,9 +182,9 @@ def walk(frames: int = 25) -> Iterator[tuple[Array, RgbdFrame]]:
         yield T, render_corner(T, seq)
 
 
-def eye_depth_mm(T_world_colour: Array) -> NDArray[np.uint16]:
+def eye_depth_mm(T_world_color: Array) -> NDArray[np.uint16]:
     """What the depth camera reads."""
-    T_world_eye = T_world_colour @ EYE_POSE.matrix
+    T_world_eye = T_world_color @ EYE_POSE.matrix
     planes = [normal / distance for normal, distance in (WALL, FLOOR)]
     depths_m = [plane_depth_m(EYE, T_world_eye, plane) for plane in planes]
     seen_m = np.min([np.where(depth_m > 0, depth_m, np.inf) for depth_m in depths_m], axis=0)

@@ -10,14 +10,14 @@ Images = list[StampedPair[int, int]]
 
 
 def run(
-    colours_s: Sequence[float],
+    colors_s: Sequence[float],
     depths_s: Sequence[float],
     late_s: float = 0.0,
     period_s: float = 0.0,
 ) -> tuple[Images, NearestFramePairing[int, int]]:
-    """Pairs, when depth arrives `late_s` behind colour of the same stamp."""
+    """Pairs, when depth arrives `late_s` behind color of the same stamp."""
     pairing: NearestFramePairing[int, int] = NearestFramePairing(min_period_s=period_s)
-    events = [(s, pairing.add_color, s, k) for k, s in enumerate(colours_s)]
+    events = [(s, pairing.add_color, s, k) for k, s in enumerate(colors_s)]
     events += [(s + late_s, pairing.add_depth, s, k) for k, s in enumerate(depths_s)]
     pairs: Images = []
     for _, add, stamp_s, k in sorted(events, key=lambda event: event[0]):
@@ -34,22 +34,22 @@ def irregular() -> st.SearchStrategy[list[float]]:
 
 @given(irregular(), irregular(), st.floats(-0.03, 0.03))
 def test_no_depth_image_gets_the_farther_neighbour(
-    colours_s: list[float], depths_s: list[float], late_s: float
+    colors_s: list[float], depths_s: list[float], late_s: float
 ) -> None:
-    for pair in run(colours_s, depths_s, late_s)[0]:
+    for pair in run(colors_s, depths_s, late_s)[0]:
         assert abs(pair.skew_s) <= MAX_PAIR_SKEW_S
-        assert all(abs(pair.skew_s) <= abs(pair.depth_s - s) for s in colours_s)
+        assert all(abs(pair.skew_s) <= abs(pair.depth_s - s) for s in colors_s)
 
 
 @given(irregular(), irregular())
 def test_every_image_is_used_once_and_in_order_or_counted(
-    colours_s: list[float], depths_s: list[float]
+    colors_s: list[float], depths_s: list[float]
 ) -> None:
-    pairs, pairing = run(colours_s, depths_s)
+    pairs, pairing = run(colors_s, depths_s)
     for used in ([p.color for p in pairs], [p.depth for p in pairs]):
         assert used == sorted(set(used))
-    paired_early = [p for p in pairs if p.depth_s < colours_s[0]]
-    later = [s for s in depths_s if colours_s and s >= colours_s[0]]
+    paired_early = [p for p in pairs if p.depth_s < colors_s[0]]
+    later = [s for s in depths_s if colors_s and s >= colors_s[0]]
     assert len(pairs) - len(paired_early) + pairing.unpaired == len(later)
 
 
@@ -57,14 +57,14 @@ def test_every_image_is_used_once_and_in_order_or_counted(
 def test_two_streams_of_30_a_second_pair_up_whatever_their_phase(
     phase_s: float, late_s: float, torn: set[int]
 ) -> None:
-    colours_s = [k * PERIOD_S for k in range(60)]
+    colors_s = [k * PERIOD_S for k in range(60)]
     depths_s = [k * PERIOD_S + phase_s for k in range(60) if k not in torn]
-    pairs, _ = run(colours_s, depths_s, late_s, period_s=0.03)
+    pairs, _ = run(colors_s, depths_s, late_s, period_s=0.03)
     assert len(pairs) == len(depths_s)
     assert all(abs(pair.skew_s - phase_s) < 1e-9 for pair in pairs)
 
 
-def test_the_next_colour_image_is_waited_for_where_it_is_nearer() -> None:
+def test_the_next_color_image_is_waited_for_where_it_is_nearer() -> None:
     pairing: NearestFramePairing[str, str] = NearestFramePairing()
     assert pairing.add_color(0.0, "before") == []
     assert pairing.add_depth(0.021, "depth") == []
@@ -74,9 +74,9 @@ def test_the_next_colour_image_is_waited_for_where_it_is_nearer() -> None:
 
 def test_a_pair_that_cannot_get_better_is_there_at_once() -> None:
     pairing: NearestFramePairing[str, str] = NearestFramePairing()
-    pairing.add_color(0.0, "colour")
+    pairing.add_color(0.0, "color")
     (pair,) = pairing.add_depth(0.012, "depth")
-    assert (pair.color, pair.depth, pair.skew_s) == ("colour", "depth", 0.012)
+    assert (pair.color, pair.depth, pair.skew_s) == ("color", "depth", 0.012)
 
 
 def test_images_too_far_apart_are_no_pair() -> None:
@@ -92,6 +92,6 @@ def test_a_stream_that_falls_silent_holds_up_only_a_few_images() -> None:
     assert pairing.unpaired == 96
 
 
-def test_depth_from_before_the_first_colour_image_is_not_missed() -> None:
+def test_depth_from_before_the_first_color_image_is_not_missed() -> None:
     pairs, pairing = run([0.1, 0.1333], [0.0, 0.0333, 0.0667, 0.1, 0.1333])
     assert (len(pairs), pairing.unpaired) == (2, 0)

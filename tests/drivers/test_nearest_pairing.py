@@ -11,19 +11,17 @@ def rising(*stamps: int) -> StampsUs:
     return np.array(stamps, dtype=np.int64)
 
 
-def brute_force(colour: StampsUs, depth: StampsUs, within: int) -> list[tuple[int, int]]:
+def brute_force(color: StampsUs, depth: StampsUs, within: int) -> list[tuple[int, int]]:
     """All pairs of all stamps, the closest free one first, again and again."""
     pairs: list[tuple[int, int]] = []
-    free_colour, free_depth = set(range(len(colour))), set(range(len(depth)))
+    free_color, free_depth = set(range(len(color))), set(range(len(depth)))
     while True:
-        near = [
-            (abs(int(colour[i]) - int(depth[j])), i, j) for i in free_colour for j in free_depth
-        ]
+        near = [(abs(int(color[i]) - int(depth[j])), i, j) for i in free_color for j in free_depth]
         if not near or min(near)[0] > within:
             return sorted(pairs)
         _, i, j = min(near)
         pairs.append((i, j))
-        free_colour.remove(i)
+        free_color.remove(i)
         free_depth.remove(j)
 
 
@@ -32,23 +30,23 @@ stamps = st.sets(st.integers(0, 300), max_size=12).map(lambda s: rising(*sorted(
 
 @given(stamps, stamps, st.integers(0, 60))
 def test_pairs_are_those_of_the_brute_force_greedy(
-    colour: StampsUs, depth: StampsUs, within: int
+    color: StampsUs, depth: StampsUs, within: int
 ) -> None:
-    assert pair_nearest(colour, depth, within) == brute_force(colour, depth, within)
+    assert pair_nearest(color, depth, within) == brute_force(color, depth, within)
 
 
 @given(stamps, stamps, st.integers(0, 60))
 def test_the_farther_neighbour_is_never_taken_while_the_nearer_is_free(
-    colour: StampsUs, depth: StampsUs, within: int
+    color: StampsUs, depth: StampsUs, within: int
 ) -> None:
-    pairs = pair_nearest(colour, depth, within)
-    of_colour, of_depth = dict(pairs), {j: i for i, j in pairs}
-    assert len(of_colour) == len(of_depth) == len(pairs)
-    for i in range(len(colour)):
+    pairs = pair_nearest(color, depth, within)
+    of_color, of_depth = dict(pairs), {j: i for i, j in pairs}
+    assert len(of_color) == len(of_depth) == len(pairs)
+    for i in range(len(color)):
         for j in range(len(depth)):
-            gap = abs(colour[i] - depth[j])
-            mine = abs(colour[i] - depth[of_colour[i]]) if i in of_colour else within + 1
-            its = abs(colour[of_depth[j]] - depth[j]) if j in of_depth else within + 1
+            gap = abs(color[i] - depth[j])
+            mine = abs(color[i] - depth[of_color[i]]) if i in of_color else within + 1
+            its = abs(color[of_depth[j]] - depth[j]) if j in of_depth else within + 1
             assert gap >= min(mine, its)
 
 
@@ -67,5 +65,5 @@ def test_empty_lists_have_no_pairs() -> None:
 
 def test_an_hour_at_30_hz_is_paired_in_a_moment() -> None:
     """All against all would be 10^10 candidates: hours, and more memory than there is."""
-    colour = np.arange(108_000, dtype=np.int64) * 33_333
-    assert pair_nearest(colour, colour + 9_000, WITHIN) == [(k, k) for k in range(108_000)]
+    color = np.arange(108_000, dtype=np.int64) * 33_333
+    assert pair_nearest(color, color + 9_000, WITHIN) == [(k, k) for k in range(108_000)]

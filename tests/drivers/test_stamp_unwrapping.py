@@ -29,13 +29,13 @@ def test_two_streams_agree_when_they_come_out_of_order_around_a_wrap(
     before: int, apart: int, depth_first: bool
 ) -> None:
     clock = StampUnwrapper(TICKS, 32)
-    colour = [WRAP + (k - before) * TICKS // 30 for k in range(600)]
+    color = [WRAP + (k - before) * TICKS // 30 for k in range(600)]
     seconds = {}
-    for k, ticks in enumerate(colour):
-        pair = [("colour", ticks), ("depth", ticks + apart)]
+    for k, ticks in enumerate(color):
+        pair = [("color", ticks), ("depth", ticks + apart)]
         for name, value in reversed(pair) if depth_first ^ (k % 7 == 3) else pair:
             seconds[name] = clock.unwrap_s(value % WRAP)
-        assert seconds["depth"] - seconds["colour"] == pytest.approx(apart / TICKS, abs=1e-9)
+        assert seconds["depth"] - seconds["color"] == pytest.approx(apart / TICKS, abs=1e-9)
 
 
 def test_a_counter_in_microseconds_that_never_wraps_passes_unchanged() -> None:

@@ -30,8 +30,8 @@ def far_from_ties(pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 def test_without_distortion_images_pass_untouched() -> None:
     lens = make_undistorter(CAMERA, (0.0,) * 5)
-    colour, depth = np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), np.uint16)
-    assert lens.undistort_color(colour) is colour
+    color, depth = np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), np.uint16)
+    assert lens.undistort_color(color) is color
     assert lens.undistort_depth(depth) is depth
 
 
@@ -55,7 +55,7 @@ def test_depth_is_never_blended_across_an_edge() -> None:
     assert set(np.unique(found)) == {0, 5000, 20000}
 
 
-def test_colour_is_bilinear() -> None:
+def test_color_is_bilinear() -> None:
     v, u = np.mgrid[0:480, 0:640]
     ramp = np.dstack([u / 4, v / 4, (u + v) / 8]).round().astype(np.uint8)
     found = make_undistorter(CAMERA, FREIBURG1).undistort_color(ramp)

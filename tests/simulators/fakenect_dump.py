@@ -18,12 +18,12 @@ def write_fakenect_dump(
     frames: Iterable[tuple[ColorBgr, DepthMm]],
     rate_hz: float = 30.0,
     start_ticks: int = 0,
-    colour_offset_s: float = 0.0,
+    color_offset_s: float = 0.0,
     acceleration: tuple[int, int, int] = LEVEL,
 ) -> int:
     """Write frames, each with an accelerometer reading before it; how many there were.
 
-    Colour is (480, 640, 3) uint8 BGR, depth (480, 640) uint16; fakenect hands depth on as it is,
+    Color is (480, 640, 3) uint8 BGR, depth (480, 640) uint16; fakenect hands depth on as it is,
     so it may be millimetres. Stamps are those of the camera's 60 MHz clock, 32 bits, that begins
     at `start_ticks`; the host's times in the names set the pace of the playing.
     """
@@ -32,11 +32,11 @@ def write_fakenect_dump(
     count = 0
     for count, (bgr, depth) in enumerate(frames, start=1):
         depth_s = (count - 1) / rate_hz
-        colour_s = depth_s + colour_offset_s
+        color_s = depth_s + color_offset_s
         files = {
             _name("a", depth_s, start_ticks, "dump"): struct.pack(_TILT_STATE, *acceleration, 0, 0),
             _name("d", depth_s, start_ticks, "pgm"): _pnm_bytes("P5", 65535, depth.astype("<u2")),
-            _name("r", colour_s, start_ticks, "ppm"): _pnm_bytes("P6", 255, bgr[:, :, ::-1]),
+            _name("r", color_s, start_ticks, "ppm"): _pnm_bytes("P6", 255, bgr[:, :, ::-1]),
         }
         for name, data in files.items():
             (folder / name).write_bytes(data)

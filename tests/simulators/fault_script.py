@@ -14,7 +14,7 @@ _ACTIONS: dict[str, Callable[[KinectSimulator, bool, int], None]] = {
     "unplug": lambda kinect, on, _: kinect.unplug() if on else kinect.plug(),
     "stall": lambda kinect, on, _: kinect.stall(on),
     "stall-depth": lambda kinect, on, _: kinect.stall(on, KinectStream.DEPTH),
-    "stall-colour": lambda kinect, on, _: kinect.stall(on, KinectStream.COLOR),
+    "stall-color": lambda kinect, on, _: kinect.stall(on, KinectStream.COLOR),
     "lose": lambda kinect, on, every: _lose_packets(kinect, every if on else 0),
     "freeze": lambda kinect, on, _: kinect.freeze_control(on),
     "busy": lambda kinect, on, _: kinect.set_busy(on),

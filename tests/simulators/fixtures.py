@@ -24,7 +24,7 @@ SimulateKinect = Callable[..., KinectSimulator]
 def pattern_frame(seq: int) -> tuple[np.ndarray[Any, np.dtype[np.uint8]], Any]:
     """Frame `seq` of the film of most tests: BGR and millimetres, no two frames alike.
 
-    Colour is smooth, so that it survives Bayer's mosaic but for a few grey levels; depth is a slope
+    Color is smooth, so that it survives Bayer's mosaic but for a few gray levels; depth is a slope
     from 0.6 to 3.5 m with a hole.
     """
     rows, columns = np.mgrid[0:480, 0:640]

@@ -123,27 +123,27 @@ class KinectReadings:
 
     @property
     def frames_sent(self) -> tuple[int, int]:
-        """Whole frames of depth and of colour sent, lost packets included."""
-        depth, colour = self._control.streams
-        return depth.frames_sent, colour.frames_sent
+        """Whole frames of depth and of color sent, lost packets included."""
+        depth, color = self._control.streams
+        return depth.frames_sent, color.frames_sent
 
     @property
     def packets_lost(self) -> tuple[int, int]:
-        """Packets of depth and of colour lost on purpose."""
-        depth, colour = self._control.streams
-        return depth.packets_lost, colour.packets_lost
+        """Packets of depth and of color lost on purpose."""
+        depth, color = self._control.streams
+        return depth.packets_lost, color.packets_lost
 
     @property
     def streaming(self) -> tuple[bool, bool]:
-        """Whether depth and colour are switched on."""
+        """Whether depth and color are switched on."""
         registers = self._control.registers
         return bool(registers[REGISTER_DEPTH]), bool(registers[REGISTER_VIDEO])
 
     @property
     def submitted_transfers(self) -> tuple[int, int]:
-        """Transfers that wait for depth and for colour; those of a killed process count on."""
-        depth, colour = self._control.streams
-        return depth.submitted_transfers, colour.submitted_transfers
+        """Transfers that wait for depth and for color; those of a killed process count on."""
+        depth, color = self._control.streams
+        return depth.submitted_transfers, color.submitted_transfers
 
     @property
     def abandoned_transfers(self) -> int:

@@ -1,4 +1,4 @@
-"""Where a pixel of a played Kinect's depth camera lies in its colour camera's image.
+"""Where a pixel of a played Kinect's depth camera lies in its color camera's image.
 
 A Kinect keeps in its memory how its depth image is to be warped; libfreenect reads that when it
 opens the camera, together with the constants of the depth itself (`depth_scale`).
@@ -30,20 +30,20 @@ _UNITS_PER_SLOPE = 32768
 # Where they stand among the 29 numbers of the map's polynomial.
 _X_START, _Y_START, _X_SLOPE, _Y_SLOPE, _NUMBERS = 5, 10, 17, 20, 29
 
-# Kinect v1, colour and depth camera (nominal): focal length and centre of 640x480 images.
+# Kinect v1, color and depth camera (nominal): focal length and centre of 640x480 images.
 _COLOR_FOCAL_PX = 525.0
 _CENTER_PX = (319.5, 239.5)
 
 
 @dataclass(frozen=True)
 class RegistrationTable:
-    """`polynomial` maps depth pixels to colour pixels; `magnification` see IDENTITY."""
+    """`polynomial` maps depth pixels to color pixels; `magnification` see IDENTITY."""
 
     polynomial: tuple[int, ...]
     magnification: float = 1.0
 
     def zero_plane(self, scale: RawDepthScale) -> tuple[float, float, float, float]:
-        """As the camera sends it: emitter, colour camera, reference plane, pixel; cm."""
+        """As the camera sends it: emitter, color camera, reference plane, pixel; cm."""
         return (
             scale.emitter_cm * self.magnification,
             _REPORTED_BASELINE_CM,
@@ -61,7 +61,7 @@ def _polynomial(shift_px: tuple[float, float], slope: float) -> tuple[int, ...]:
 
 
 def _make_factory_table() -> RegistrationTable:
-    """A Kinect as made: colour camera 2.4 cm beside the depth camera, with a wider view."""
+    """A Kinect as made: color camera 2.4 cm beside the depth camera, with a wider view."""
     slope = _COLOR_FOCAL_PX / NOMINAL.focal_px - 1.0
     # libfreenect shifts columns by this much at infinity, and by nothing at the reference distance.
     at_infinity_px = _BASELINE_CM / (2.0 * NOMINAL.pixel_cm)

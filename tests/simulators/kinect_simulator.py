@@ -11,8 +11,8 @@ the first time. Each test may then have a Kinect of its own: libusb's users see 
 at their next look at the bus.
 
 What it is        model, serial (of the camera on the 1414, else of the audio device), registration:
-                  FACTORY, or IDENTITY where the depth given is registered to colour already
-Settings          rate, loop, start_ticks, start_delay_s, colour_offset_s, clock_error_ppm,
+                  FACTORY, or IDENTITY where the depth given is registered to color already
+Settings          rate, loop, start_ticks, start_delay_s, color_offset_s, clock_error_ppm,
                   tilt_deg_per_s, patient: to be set before streaming
                   set_accelerometer, rewind: at any time
 Faults            unplug, plug, lose_packets, lose_burst, stall, freeze_control, busy, forbid,
@@ -22,7 +22,7 @@ Readings          tilt_deg, tilt_moving, led, frames_sent, packets_lost, streami
 
 The film begins with frame 0 when the first stream is switched on, and goes on from there as the
 world does, unplugged or not; `rewind` lets it begin anew. What comes back of a frame:
-`quantised_mm(depth_mm, film.scale)` (depth_scale.py), and colour through libfreenect's demosaic of
+`quantised_mm(depth_mm, film.scale)` (depth_scale.py), and color through libfreenect's demosaic of
 `bayer(bgr)` (wire_film.py). `write_fitted_usb_frames` (film_sources.py) gives the Kinect the constants of the
 one that made a recording, so that its depth comes back within a millimetre.
 """
@@ -89,7 +89,7 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
     loop             what follows the film's end (Loop): True, its beginning; False, nothing
     start_ticks      what its 60 MHz clock says at the first frame after plugging in
     start_delay_s    from the command to stream until the first frame begins
-    colour_offset_s  how much later than depth a colour frame begins; its stamp says so too
+    color_offset_s  how much later than depth a color frame begins; its stamp says so too
     clock_error_ppm  how much too fast its clock runs
     tilt_deg_per_s   how fast the motor is
     patient          True: a program that is late loses nothing; else what came meanwhile, as on
@@ -161,7 +161,7 @@ class KinectSimulator(KinectFaultControls, KinectReadings):
 
     @property
     def color_offset_s(self) -> float:
-        """How much later than depth a colour frame begins; negative: earlier."""
+        """How much later than depth a color frame begins; negative: earlier."""
         offset_ns: int = self._control.streams[KinectStream.COLOR].offset_ns
         return offset_ns / 1e9
 

@@ -48,7 +48,7 @@ class OniSensor(IntEnum):
 
 @dataclass(frozen=True)
 class OniImage:
-    """One image: (height, width) uint16 depth, or (height, width, 3) uint8 BGR colour."""
+    """One image: (height, width) uint16 depth, or (height, width, 3) uint8 BGR color."""
 
     sensor: OniSensor
     stamp_us: int
@@ -169,8 +169,8 @@ class _OniWriter:
         before, node.last_at = node.last_at, self._file.tell()
         node.index.append((image.stamp_us, node.last_at))
         fields = struct.pack("<QI", image.stamp_us, len(node.index))
-        is_colour = image.sensor is OniSensor.COLOR
-        pixels = image.pixels[..., ::-1] if is_colour else image.pixels
+        is_color = image.sensor is OniSensor.COLOR
+        pixels = image.pixels[..., ::-1] if is_color else image.pixels
         self._record(OniRecordType.IMAGE, node.number, fields, pixels.tobytes(), before)
 
     def _finish(self) -> None:

@@ -26,7 +26,7 @@ def test_stamps_count_on_across_the_end_of_their_32_bits(simulate_kinect: Simula
     assert min(probe.depth.stamps) < TICKS_A_FRAME
 
 
-def test_colour_may_come_later_and_says_so(simulate_kinect: SimulateKinect) -> None:
+def test_color_may_come_later_and_says_so(simulate_kinect: SimulateKinect) -> None:
     kinect = simulate_kinect()
     kinect.color_offset_s = 0.010
     probe = capture_kinect(kinect, frames=3)

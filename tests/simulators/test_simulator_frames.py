@@ -39,7 +39,7 @@ def test_raw_depth_comes_bit_for_bit(simulate_kinect: SimulateKinect) -> None:
         assert np.array_equal(image, mm_to_raw(pattern_frame(film_frame(stamp))[1]))
 
 
-def test_colour_survives_the_mosaic(simulate_kinect: SimulateKinect) -> None:
+def test_color_survives_the_mosaic(simulate_kinect: SimulateKinect) -> None:
     probe = capture_kinect(simulate_kinect(), frames=3)
     for stamp, rgb in zip(probe.video.stamps, probe.video.images, strict=True):
         error = rgb[2:-2, 2:-2, ::-1].astype(int) - pattern_frame(film_frame(stamp))[0][2:-2, 2:-2]
@@ -104,7 +104,7 @@ def _table_of(probe: FreenectProbe) -> np.ndarray[tuple[int], np.dtype[np.uint16
 def test_a_factory_kinect_moves_a_wall_by_its_parallax(
     simulate_kinect: SimulateKinect, tmp_path: Path
 ) -> None:
-    """A post 1.5 m away stands where the colour camera sees it."""
+    """A post 1.5 m away stands where the color camera sees it."""
     column, depth_mm, behind_mm = 200, 1500, 4000
     depth = np.full((480, 640), behind_mm, np.uint16)
     depth[:, column - 8 : column + 9] = depth_mm
@@ -116,7 +116,7 @@ def test_a_factory_kinect_moves_a_wall_by_its_parallax(
     assert near.mean() == pytest.approx(expected, abs=1.0)
 
 
-def test_infrared_comes_in_place_of_colour(simulate_kinect: SimulateKinect, tmp_path: Path) -> None:
+def test_infrared_comes_in_place_of_color(simulate_kinect: SimulateKinect, tmp_path: Path) -> None:
     infrared = (np.mgrid[0:488, 0:640][1] + 100).astype(np.uint16)
     kinect = simulate_kinect(write_usb_frames(tmp_path, [pattern_frame(0)], [infrared]))
     kinect.activate()

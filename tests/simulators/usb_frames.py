@@ -1,4 +1,4 @@
-"""Frames as a Kinect sends them: packed 11-bit depth, Bayer colour, packed 10-bit infrared."""
+"""Frames as a Kinect sends them: packed 11-bit depth, Bayer color, packed 10-bit infrared."""
 
 import struct
 from collections.abc import Iterable, Sequence
@@ -37,7 +37,7 @@ def write_usb_frames(
 ) -> UsbFrames:
     """Write frames to a new file in `folder`.
 
-    Colour is (480, 640, 3) uint8 BGR, depth (480, 640) uint16 millimetres with 0 for no reading,
+    Color is (480, 640, 3) uint8 BGR, depth (480, 640) uint16 millimetres with 0 for no reading,
     infrared (488, 640) uint16 below 1024: none at all, or one for each frame. `scale` is that of
     the Kinect that shall play it; `fit_scale` finds the one that recorded the frames.
     """
@@ -61,7 +61,7 @@ def write_usb_frames(
 
 
 def to_bayer(bgr: ColorBgr) -> NDArray[np.uint8]:
-    """What a sensor behind the Kinect's colour filters sees: green red / blue green."""
+    """What a sensor behind the Kinect's color filters sees: green red / blue green."""
     mosaic = np.ascontiguousarray(bgr[:, :, 1])
     mosaic[0::2, 1::2] = bgr[0::2, 1::2, 2]
     mosaic[1::2, 0::2] = bgr[1::2, 0::2, 0]

@@ -29,7 +29,7 @@ duration_s = 0.2
 loop = true
 texel_m = 0.01
 camera = { width = 320, height = 240, fx = 262.5, fy = 262.5, cx = 159.5, cy = 119.5 }
-colour = { distortion = [0.0, 0.0, 0.0, 0.0, 0.0], exposure_s = 0.0, smooth_edges = false }
+color = { distortion = [0.0, 0.0, 0.0, 0.0, 0.0], exposure_s = 0.0, smooth_edges = false }
 """
 
 

@@ -34,7 +34,7 @@ targets = ["serve", "run.rrd"]
 [synthetic]
 seed = 7
 duration_s = 2
-[synthetic.colour]
+[synthetic.color]
 noise_sigma = 0.0
 [[synthetic.faults]]
 kind = "black"
@@ -82,7 +82,7 @@ def test_every_table_is_read(tmp_path: Path) -> None:
     assert (config.zenoh.odom_frame_id, config.zenoh.child_frame_id) == ("o", "b")
     assert config.rerun.targets == ("serve", "run.rrd")
     assert (config.synthetic.seed, config.synthetic.duration_s) == (7, 2.0)
-    assert config.synthetic.colour.noise_sigma == 0.0
+    assert config.synthetic.color.noise_sigma == 0.0
     assert config.synthetic.faults[0].first == 5
 
 

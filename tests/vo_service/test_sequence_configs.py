@@ -36,7 +36,7 @@ def test_all_are_virtual_kinects_that_end_and_are_told_of(file: Path) -> None:
     config = read_config(file)
     assert config.camera.source == "synthetic"
     assert not config.synthetic.loop
-    assert config.synthetic.colour == SyntheticConfig().colour
+    assert config.synthetic.color == SyntheticConfig().color
     assert f"--config config/sequences/{file.name} recordings/synthetic-" in file.read_text()
     assert file.stem in PAGE.read_text()
 

@@ -100,7 +100,7 @@ def rolling_over(frames: Iterable[RgbdFrame]) -> RollingStatistics:
     return statistics.compute_rolling()
 
 
-def test_skew_is_the_median_of_depth_minus_colour() -> None:
+def test_skew_is_the_median_of_depth_minus_color() -> None:
     skews_s = [0.004, -0.9, 0.005, 0.006, 0.9]
     rolling = rolling_over(replace(make_frame(k), skew_s=skew) for k, skew in enumerate(skews_s))
     assert rolling.skew_ms == pytest.approx(5.0)

@@ -60,8 +60,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--depth", action="store_true",
-        help="calibrate the depth camera too: its lens, its place beside the colour camera, its "
-        "scale; depth must not be registered to colour",
+        help="calibrate the depth camera too: its lens, its place beside the color camera, its "
+        "scale; depth must not be registered to color",
     )  # fmt: skip
     parser.add_argument(
         "--timing", action="store_true",

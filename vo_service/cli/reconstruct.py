@@ -1,4 +1,4 @@
-"""``kinect-vo reconstruct``: a coloured surface of what a recording shows."""
+"""``kinect-vo reconstruct``: a colored surface of what a recording shows."""
 
 import argparse
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from vo_service.cli.options import add_config_options
 from vo_service.reconstruction.tsdf_config import TsdfConfig
 
 NAME = "reconstruct"
-HELP = "make a coloured surface of what a recording shows"
+HELP = "make a colored surface of what a recording shows"
 EPILOG = """\
 examples:
   kinect-vo reconstruct recordings/desk
@@ -19,7 +19,7 @@ examples:
 Without TRAJECTORY the odometry runs first, and frames that it does not track well are left out.
 With --loops its poses are corrected by the places that are seen again: what is come back to is not
 drawn twice, and the odometry finds back to known places after a loss.
-OUTPUT gets map.ply (a mesh with colours and normals, in the trajectory's world), top.png,
+OUTPUT gets map.ply (a mesh with colors and normals, in the trajectory's world), top.png,
 perspective.png, view.png and reconstruction.json, and trajectory.txt where the odometry ran.
 Ctrl-C ends the fusion and writes what there is by then; a second one writes nothing more.
 """

@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="stop after S seconds of the camera's time (default: at its end, or at Ctrl-C)",
     )  # fmt: skip
     parser.add_argument(
-        "--jpeg", action="store_true", help="colour as JPEG: a third of the size, not bit for bit"
+        "--jpeg", action="store_true", help="color as JPEG: a third of the size, not bit for bit"
     )
 
 
@@ -92,8 +92,8 @@ def _write_frames(
     terminal: Terminal,
 ) -> int:
     """Make the folder; how many frames there are in it at the end."""
-    colour = ColorFormat.JPEG if args.jpeg else ColorFormat.PNG
-    with TumWriter(args.folder, ground_truth=camera.ground_truth, color_format=colour) as writer:
+    color = ColorFormat.JPEG if args.jpeg else ColorFormat.PNG
+    with TumWriter(args.folder, ground_truth=camera.ground_truth, color_format=color) as writer:
         for frame in chain([first], rest):
             if frame.stamp_s - first.stamp_s >= args.seconds:
                 break

@@ -1,4 +1,4 @@
-"""A frame without its colour: what a keyframe keeps of it."""
+"""A frame without its color: what a keyframe keeps of it."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -26,7 +26,7 @@ class GrayFrame:
 
     @classmethod
     def of(cls, frame: "RgbdFrame | GrayFrame") -> Self:
-        """Share the images of `frame`, but for its colour."""
+        """Share the images of `frame`, but for its color."""
         return cls(frame.gray, frame.depth_raw, frame.depth_factor, frame.camera, frame.stamp_s)
 
     @property

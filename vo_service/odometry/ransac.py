@@ -14,7 +14,7 @@ from vo_service.odometry.feature_points import PointPairs
 
 # A pair agrees if its distance, in standard deviations of the two readings, is below this.
 GATE_SIGMAS = 3.0
-# What the noise model leaves out: rolling shutter, colour and depth not taken at once.
+# What the noise model leaves out: rolling shutter, color and depth not taken at once.
 MODEL_ERROR_M = 0.002
 # The search stops when the chance of having missed a better motion is below this.
 MISS_PROBABILITY = 1e-4

@@ -45,7 +45,7 @@ def _make_icp(_features: FeatureConfig, timer: StageTimer) -> Odometry:
 
 
 def _make_sfm(features: FeatureConfig, timer: StageTimer) -> Odometry:
-    """Colour alone; the first scale is that of the first depth."""
+    """Color alone; the first scale is that of the first depth."""
     from vo_service.odometry.sfm.odometry import SfmOdometry
     from vo_service.odometry.surf import SurfExtractor
 

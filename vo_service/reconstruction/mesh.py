@@ -1,4 +1,4 @@
-"""A coloured surface made of triangles."""
+"""A colored surface made of triangles."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -13,7 +13,7 @@ class Mesh:
 
     vertices_m   (N, 3) float32
     normals      (N, 3) float32 of length 1, towards where it was seen from
-    colours_rgb  (N, 3) uint8
+    colors_rgb  (N, 3) uint8
     triangles    (M, 3) int32 indices of vertices, counter-clockwise seen from where the normals
                  point
     """

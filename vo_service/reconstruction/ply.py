@@ -7,7 +7,7 @@ import numpy as np
 from drivers.core.files import atomic_write
 from vo_service.reconstruction.mesh import Mesh
 
-_VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
+_VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
 _FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
 _HEADER = """\
 ply
@@ -34,7 +34,7 @@ def write_ply(path: Path, mesh: Mesh) -> None:
     vertices = np.empty(len(mesh.vertices_m), _VERTEX)
     vertices["position"] = mesh.vertices_m
     vertices["normal"] = mesh.normals
-    vertices["colour"] = mesh.colors_rgb
+    vertices["color"] = mesh.colors_rgb
     faces = np.empty(len(mesh.triangles), _FACE)
     faces["count"] = 3
     faces["vertices"] = mesh.triangles

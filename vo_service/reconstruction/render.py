@@ -64,14 +64,14 @@ def render_orthographic(mesh: Mesh, view: OrthographicView) -> RgbImage:
 def _render(mesh: Mesh, pixels: Array, facing: Array, width: int, height: int) -> RgbImage:
     """`pixels` (N, 3) are column, row, and how near: greater is nearer; NaN is not drawn."""
     light = 1.0 - EDGE_ON_DARKENING * (1.0 - np.clip(facing, 0.0, 1.0))
-    colours = mesh.colors_rgb * light[:, None]
+    colors = mesh.colors_rgb * light[:, None]
     # The centre of the first pixel is that of SAMPLES x SAMPLES finer ones.
     pixels = pixels * [SUPERSAMPLING, SUPERSAMPLING, 1.0] + [
         (SUPERSAMPLING - 1) / 2,
         (SUPERSAMPLING - 1) / 2,
         0.0,
     ]
-    fine = rasterize(pixels, colours, mesh.triangles, SUPERSAMPLING * width, SUPERSAMPLING * height)
+    fine = rasterize(pixels, colors, mesh.triangles, SUPERSAMPLING * width, SUPERSAMPLING * height)
     coarse: Array = fine.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING, 3).mean(axis=(1, 3))
     return np.rint(coarse).astype(np.uint8)
 
@@ -83,7 +83,7 @@ def rasterize(
     """(H, W, 3): the nearest triangle of each pixel, of those that turn counter-clockwise.
 
     pixels   (N, 3) column, row and nearness of every vertex, all linear in the image
-    colours  (N, 3)
+    colors  (N, 3)
     """
     image = np.full((height, width, 3), BACKGROUND, np.uint8)
     nearest = np.full((height, width), -np.inf)

@@ -47,17 +47,17 @@ def extract_surface(blocks: VoxelBlockGrid, voxel_m: float, min_weight: float) -
     """The mesh of all voxels whose weight is at least `min_weight`."""
     n = blocks.count
     coordinates, distance_m = blocks.coordinates[:n], blocks.distance_m[:n]
-    weight, colour = blocks.weight[:n], blocks.color[:n]
+    weight, color = blocks.weight[:n], blocks.color[:n]
     cells, count = _number_vertices(coordinates, blocks.hash_table, distance_m, weight, min_weight)
-    vertices_m, normals, colours_rgb = _compute_vertices(
-        coordinates, blocks.hash_table, distance_m, colour, cells, count, voxel_m
+    vertices_m, normals, colors_rgb = _compute_vertices(
+        coordinates, blocks.hash_table, distance_m, color, cells, count, voxel_m
     )
     triangles = np.empty(
         (_emit_triangles(coordinates, blocks.hash_table, distance_m, cells, _no_triangles()), 3),
         np.int32,
     )
     _emit_triangles(coordinates, blocks.hash_table, distance_m, cells, triangles)
-    return Mesh(vertices_m, normals, colours_rgb, triangles)
+    return Mesh(vertices_m, normals, colors_rgb, triangles)
 
 
 def _no_triangles() -> NDArray[np.int32]:
@@ -132,12 +132,12 @@ def _compute_vertices(
     count: int,
     voxel_m: float,
 ) -> tuple[Floats, Floats, NDArray[np.uint8]]:
-    """Position, normal and colour of every vertex."""
+    """Position, normal and color of every vertex."""
     vertices_m = np.empty((count, 3), np.float32)
     normals = np.empty((count, 3), np.float32)
-    colours_rgb = np.empty((count, 3), np.uint8)
+    colors_rgb = np.empty((count, 3), np.uint8)
     distances = np.empty(CORNERS)
-    colours = np.empty((CORNERS, 3))
+    colors = np.empty((CORNERS, 3))
     for b in range(len(coordinates)):
         around = _neighbor_blocks(b, 1, coordinates, table)
         for voxel in range(VOXELS_PER_BLOCK):
@@ -150,21 +150,21 @@ def _compute_vertices(
                 block, corner = around[_neighbor_index(ci, cj, ck)], _voxel_index(ci, cj, ck)
                 distances[c] = distance_m[block, corner]
                 for channel in range(3):
-                    colours[c, channel] = color[block, corner, channel]
-            place, paint = _mean_crossing(distances, colours)
+                    colors[c, channel] = color[block, corner, channel]
+            place, paint = _mean_crossing(distances, colors)
             slope = _gradient(distances)
             first = (i, j, k)
             for axis in range(3):
                 begin = coordinates[b, axis] * BLOCK_SIDE + first[axis]
                 vertices_m[vertex, axis] = (begin + place[axis]) * voxel_m
                 normals[vertex, axis] = slope[axis]
-                colours_rgb[vertex, axis] = np.uint8(min(255.0, paint[axis] / 256.0 + 0.5))
-    return vertices_m, normals, colours_rgb
+                colors_rgb[vertex, axis] = np.uint8(min(255.0, paint[axis] / 256.0 + 0.5))
+    return vertices_m, normals, colors_rgb
 
 
 @kernel
 def _mean_crossing(distances: Array, colors: Array) -> tuple[Array, Array]:
-    """Mean of where the surface crosses the cell's edges, in voxels, and of the colours there."""
+    """Mean of where the surface crosses the cell's edges, in voxels, and of the colors there."""
     place, paint = np.zeros(3), np.zeros(3)
     crossings = 0
     for c in range(CORNERS):

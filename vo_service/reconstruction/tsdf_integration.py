@@ -15,7 +15,7 @@ from drivers.core.geometry import Array
 from drivers.core.jit import inline_kernel, kernel
 from vo_service.reconstruction.voxel_block_grid import BLOCK_SIDE, BlockCoordinates
 
-# The weight of a colour: a reading of weight 1 is so many parts, and there are at most so many.
+# The weight of a color: a reading of weight 1 is so many parts, and there are at most so many.
 COLOR_WEIGHT_SCALE = 64.0
 MAX_COLOR_WEIGHT = 65535
 
@@ -122,11 +122,11 @@ def integrate_frame(
 ) -> None:
     """Bring the blocks `seen` up to date.
 
-    voxels        distance, weight and colour, as `Blocks` has them
-    images        depth (H, W), the weight of each reading (H, W), and colours in blue, green, red
+    voxels        distance, weight and color, as `Blocks` has them
+    images        depth (H, W), the weight of each reading (H, W), and colors in blue, green, red
     truncation_m  nothing is said of what is further behind the surface
     """
-    distance_m, weight, colour = voxels
+    distance_m, weight, color = voxels
     depth_m, reading_weight, color_bgr = images
     height, width = depth_m.shape
     fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
@@ -159,16 +159,16 @@ def integrate_frame(
                 distance_m[b, voxel] += share * (
                     min(in_front_m, truncation_m) - distance_m[b, voxel]
                 )
-                # What is seen through a voxel is not its colour.
+                # What is seen through a voxel is not its color.
                 if in_front_m < truncation_m:
-                    _blend_color(colour, b, voxel, color_bgr, v, u, w)
+                    _blend_color(color, b, voxel, color_bgr, v, u, w)
 
 
 @inline_kernel
 def _blend_color(
     color: NDArray[np.uint16], b: int, voxel: int, color_bgr: ColorImage, v: int, u: int, w: float
 ) -> None:
-    """Bring a pixel's colour into the mean, whose weight is apart from the distance's."""
+    """Bring a pixel's color into the mean, whose weight is apart from the distance's."""
     parts = math.ceil(COLOR_WEIGHT_SCALE * w)
     total = min(MAX_COLOR_WEIGHT, color[b, voxel, 3] + parts)
     color[b, voxel, 3] = total

@@ -1,4 +1,4 @@
-"""Depth and colour of many frames, fused into one surface.
+"""Depth and color of many frames, fused into one surface.
 
 A truncated signed distance in voxels that exist only near surfaces, and only so many of them:
 `blocks.py` keeps them, `integrate.py` fills them, `surface.py` makes the mesh.
@@ -62,7 +62,7 @@ class TsdfVolume:
         camera: PinholeCamera,
         T_world_camera: Array,
     ) -> None:
-        """Fuse one frame: depth (H, W) in metres, 0 = no reading, and colour (H, W, 3)."""
+        """Fuse one frame: depth (H, W) in metres, 0 = no reading, and color (H, W, 3)."""
         blocks, settings = self._blocks, self.config
         block_m = BLOCK_SIDE * settings.voxel_m
         focal_centre = np.array([camera.fx, camera.fy, camera.cx, camera.cy])

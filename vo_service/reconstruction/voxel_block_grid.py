@@ -36,7 +36,7 @@ class VoxelBlockGrid:
     coordinates  (capacity, 3) in blocks: block (x, y, z) begins at 8 voxels times this
     distance_m   (capacity, 512) to the nearest surface, positive in front of it
     weight       (capacity, 512) 1 for each reading as good as can be; 0 = never seen
-    colour       (capacity, 512, 4) red, green, blue in steps of 1/256, and the weight of these
+    color       (capacity, 512, 4) red, green, blue in steps of 1/256, and the weight of these
     """
 
     def __init__(self, capacity: int) -> None:

@@ -16,7 +16,7 @@ def _empty_pixels() -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class TrackingDebug:
-    """What a viewer can draw of one estimate. Pixels are (u, v) in the colour image.
+    """What a viewer can draw of one estimate. Pixels are (u, v) in the color image.
 
     keypoints_px          (N, 2) features of this frame
     matches_px            (M, 2) matched features of this frame

@@ -32,7 +32,7 @@ class Status:
     camera_state  how far the camera is from sending frames
     intrinsics    where they come from: "camera file FILE", "factory", "default"; "" = exact
     level         how it is known which way is up; assumed until the first frame says
-    skew_ms       instant of depth minus instant of colour, median of the last frames
+    skew_ms       instant of depth minus instant of color, median of the last frames
     jitter_ms     standard deviation of the time from one stamp to the next
     paused        asked to publish no poses
     recording     folder that is being recorded into; "" = none

@@ -158,8 +158,8 @@ def _paint_spine(rng: np.random.Generator, height: int, width: int) -> Paint:
     """One book, painted lying on its side, then stood up."""
     light = 1.0 + 0.05 * fractal_noise(rng, width, height, height / 2)
     round_back = np.sin(np.linspace(0.6, np.pi - 0.6, width, dtype=np.float32))
-    colour = random_color(rng, rng.uniform(0.2, 0.9))
-    lying = to_canvas(tint(colour, light * round_back[:, None]))
+    color = random_color(rng, rng.uniform(0.2, 0.9))
+    lying = to_canvas(tint(color, light * round_back[:, None]))
     for _ in range(int(rng.integers(0, 3))):
         x = int(rng.uniform(0.02, 0.95) * height)
         lying[:, x : x + max(1, height // 25)] = random_color(rng)

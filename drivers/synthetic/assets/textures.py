@@ -51,7 +51,7 @@ def anisotropic_noise(
 
 
 def tint(color: Color, light: Paint) -> Paint:
-    """A colour times a map of brightness (H, W): float32 (H, W, 3)."""
+    """A color times a map of brightness (H, W): float32 (H, W, 3)."""
     result: Paint = light[..., None] * np.array(color, dtype=np.float32)
     return result
 
@@ -59,7 +59,7 @@ def tint(color: Color, light: Paint) -> Paint:
 def random_color(
     rng: np.random.Generator, saturation: float = 0.5, low: float = 60.0, high: float = 210.0
 ) -> Color:
-    """A random hue: saturation 0 is grey."""
+    """A random hue: saturation 0 is gray."""
     brightness = rng.uniform(low, high)
     hue = rng.dirichlet((2.0, 2.0, 2.0)) * 3.0
     mix = (1.0 - saturation) + saturation * hue / max(hue.max(), 1.0)
@@ -68,7 +68,7 @@ def random_color(
 
 
 def flat_color(color: Color) -> TexturePainter:
-    """One flat colour: what a bare wall is."""
+    """One flat color: what a bare wall is."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         return np.full((height, width, 3), color, dtype=np.float32)
@@ -89,7 +89,7 @@ def plaster(color: Color, roughness: float = 0.04) -> TexturePainter:
 
 
 def fabric(color: Color, other: Color) -> TexturePainter:
-    """Woven cloth or carpet: irregular stripes, the second colour a hint; yarn and wear."""
+    """Woven cloth or carpet: irregular stripes, the second color a hint; yarn and wear."""
     b, g, r = (0.75 * one + 0.15 * two for one, two in zip(color, other, strict=True))
     shade = (b, g, r)
 

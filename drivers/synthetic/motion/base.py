@@ -1,4 +1,4 @@
-"""What a motion is: the exact pose of the colour eye at any instant.
+"""What a motion is: the exact pose of the color eye at any instant.
 
 The room's world is z up with its origin on the middle of the floor; the camera's axes are optical
 (x right, y down, z forward).
@@ -12,7 +12,7 @@ from drivers.core.geometry import Array
 
 
 class CameraMotion(ABC):
-    """The exact motion of the colour eye."""
+    """The exact motion of the color eye."""
 
     @abstractmethod
     def poses(self, times_s: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The colour of what a ray meets."""
+"""The color of what a ray meets."""
 
 import math
 
@@ -35,7 +35,7 @@ def shade(
     levels: Table,
     pixel: float,
 ) -> tuple[Floats, Indices]:
-    """Colour (H, W, 3) of what was cast, and a number (H, W) for each surface met.
+    """Color (H, W, 3) of what was cast, and a number (H, W) for each surface met.
 
     `pixel` is the size of a pixel on the plane z = 1.
     """
@@ -120,7 +120,7 @@ def color_at(
     levels: Table,
     pixel: float,
 ) -> tuple[int, float, float, float]:
-    """Face and colour where the ray (x, y, 1) of row v meets solid s at depth t."""
+    """Face and color where the ray (x, y, 1) of row v meets solid s at depth t."""
     ox, oy, oz, dx, dy, dz = in_unit_cube(x, y, v, s, frames)
     px, py, pz = ox + t * dx, oy + t * dy, oz + t * dz
     if kind >= CYLINDER:
@@ -166,7 +166,7 @@ def round_surface_color(
     levels: Table,
     pixel: float,
 ) -> Color3:
-    """Colour of a tube or ball at (px, py, pz) in its unit cube: the skin is wound round it."""
+    """Color of a tube or ball at (px, py, pz) in its unit cube: the skin is wound round it."""
     wide, high = levels[s, 0, 0, 1], levels[s, 0, 0, 2]
     turn = math.atan2(py, px) / (2.0 * math.pi) + 0.5
     scale = math.sqrt(frames[v, s, 0, 0] ** 2 + frames[v, s, 1, 0] ** 2 + frames[v, s, 2, 0] ** 2)

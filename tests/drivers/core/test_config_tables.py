@@ -19,7 +19,7 @@ class Shade(StrEnum):
 @dataclass(frozen=True)
 class Lamp:
     power_w: float = config_field(5.0, "electric power", exclusive_minimum=0.0, maximum=100.0)
-    shade: Shade = config_field(Shade.LIGHT, "colour of the shade")
+    shade: Shade = config_field(Shade.LIGHT, "color of the shade")
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ if __name__ == "__main__":
         sys.exit(f"InputError: {error}")
     np.savez(
         sys.argv[3],
-        colour=[frame.color_bgr for frame in _frames],
+        color=[frame.color_bgr for frame in _frames],
         depth=[frame.depth_raw for frame in _frames],
         stamp_s=[frame.stamp_s for frame in _frames],
         device_stamp_s=np.array([frame.device_stamp_s for frame in _frames], dtype=float),

@@ -46,7 +46,7 @@ def test_a_dump_comes_back_bit_for_bit_and_twice(
     write_fakenect_dump(tmp_path, film, rate_hz=300.0)
     frames = played(tmp_path)
     for seq, (bgr, depth) in enumerate(film):
-        assert np.array_equal(frames["colour"][seq], bgr)
+        assert np.array_equal(frames["color"][seq], bgr)
         assert np.array_equal(frames["depth"][seq], np.where(depth < 10_000, depth, 0))
     assert frames["seq"].tolist() == list(range(FRAMES))
     assert frames["again"] == FRAMES
@@ -57,7 +57,7 @@ def test_stamps_are_the_recorded_ones_and_exact_through_the_wrap(
     film: list[tuple[Any, Any]], offset_s: float, tmp_path: Path
 ) -> None:
     start_ticks = 2**32 - 60_000_000 // 10
-    write_fakenect_dump(tmp_path, film, start_ticks=start_ticks, colour_offset_s=offset_s)
+    write_fakenect_dump(tmp_path, film, start_ticks=start_ticks, color_offset_s=offset_s)
     frames = played(tmp_path)
     expected_s = start_ticks / 60e6 + np.arange(FRAMES) / 30 + offset_s
     np.testing.assert_allclose(frames["device_stamp_s"], expected_s, atol=1e-6)

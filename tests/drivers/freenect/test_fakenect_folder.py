@@ -50,9 +50,9 @@ def test_what_would_end_the_process_is_said_before(
         check_dump_folder(dump)
 
 
-def test_colour_must_be_there(dump: Path) -> None:
+def test_color_must_be_there(dump: Path) -> None:
     index = dump / "INDEX.txt"
     lines = index.read_text().splitlines()
     index.write_text("\n".join(line for line in lines if not line.startswith("r")))
-    with pytest.raises(InputError, match="names no colour image"):
+    with pytest.raises(InputError, match="names no color image"):
         check_dump_folder(dump)

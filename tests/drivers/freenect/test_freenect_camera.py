@@ -19,7 +19,7 @@ from tests.simulators.kinect_registration import quantize_mm
 from tests.simulators.kinect_simulator import KinectModel, KinectSimulator
 from tests.waiting import wait_until
 
-# Where the colour sensor's firmware keeps its automatic functions.
+# Where the color sensor's firmware keeps its automatic functions.
 SWITCHES = 0x106
 
 
@@ -30,7 +30,7 @@ def film_seq(frame: RgbdFrame) -> int:
 
 
 def cmos(kinect: KinectSimulator) -> Any:
-    """The registers of the colour sensor."""
+    """The registers of the color sensor."""
     return kinect._control.cmos
 
 
@@ -44,7 +44,7 @@ def test_each_model_delivers_exactly_the_pixels_on_the_wire(
     for frame in frames:
         bgr, depth_mm = pattern_frame(film_seq(frame))
         assert np.array_equal(frame.depth_raw, quantize_mm(depth_mm))
-        # The mosaic leaves out two of three colours; where brightness wraps, it shows edges.
+        # The mosaic leaves out two of three colors; where brightness wraps, it shows edges.
         off = np.abs(frame.color_bgr.astype(int) - bgr)[2:-2, 2:-2]
         assert np.median(off) <= 1
         assert np.mean(off <= 4) > 0.9

@@ -147,7 +147,7 @@ def test_a_stream_that_never_begins_is_noticed(
     with make_camera() as camera:
         assert camera.status.state is CameraState.STARTING
         error = read_until_lost(camera)
-    assert "no colour image within 2 s of its start" in str(error)
+    assert "no color image within 2 s of its start" in str(error)
     assert "12 V" in str(error)
 
 

@@ -50,12 +50,12 @@ def make_image(sensor: OniSensor, stamp_us: int, seed: int = 0) -> OniImage:
     if sensor is OniSensor.DEPTH:
         depth = random.integers(0, 10000, (height, width), dtype=np.uint16)
         return OniImage(sensor, stamp_us, depth)
-    colour = random.integers(0, 256, (height, width, 3), dtype=np.uint8)
-    return OniImage(sensor, stamp_us, colour)
+    color = random.integers(0, 256, (height, width, 3), dtype=np.uint8)
+    return OniImage(sensor, stamp_us, color)
 
 
 def make_images(frames: int) -> list[OniImage]:
-    """Depth and colour in turn, 30 a second, depth 2 ms later by its stamp."""
+    """Depth and color in turn, 30 a second, depth 2 ms later by its stamp."""
     return [
         make_image(sensor, seq * 33_333 + late_us)
         for seq in range(frames)

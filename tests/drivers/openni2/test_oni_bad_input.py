@@ -78,38 +78,38 @@ def test_a_flipped_byte_is_read_or_refused(
 
 
 @pytest.mark.parametrize(
-    ("only", "lacks"), [(OniSensor.DEPTH, "colour"), (OniSensor.COLOR, "depth")]
+    ("only", "lacks"), [(OniSensor.DEPTH, "color"), (OniSensor.COLOR, "depth")]
 )
 def test_one_stream_alone(only: OniSensor, lacks: str, tmp_path: Path) -> None:
     path = tmp_path / "half.oni"
     write_oni(path, [make_image(only, seq * 33_333) for seq in range(3)])
-    assert f"holds no {lacks} images; record colour and depth together" in complaint(path)
+    assert f"holds no {lacks} images; record color and depth together" in complaint(path)
 
 
 def test_streams_that_never_meet(tmp_path: Path) -> None:
     path = tmp_path / "apart.oni"
     write_oni(path, [make_image(OniSensor.DEPTH, 0), make_image(OniSensor.COLOR, 500_000)])
-    assert "no colour image within 20 ms of a depth image" in complaint(path)
+    assert "no color image within 20 ms of a depth image" in complaint(path)
 
 
 def test_no_camera_file(small_oni: Path) -> None:
     text = complaint(small_oni)
-    assert "does not say whether its depth was registered to colour" in text
+    assert "does not say whether its depth was registered to color" in text
     assert "without a [depth] table if it was, with one if it was not" in text
 
 
 def test_camera_file_of_another_size(small_oni: Path, camera_file: Path, tmp_path: Path) -> None:
     other = tmp_path / "camera.toml"
     other.write_text(camera_file.read_text().replace("64", "640"))
-    assert f"colour is 64x48, but camera file {other} is for 640x48" in complaint(small_oni, other)
+    assert f"color is 64x48, but camera file {other} is for 640x48" in complaint(small_oni, other)
 
 
 def test_depth_table_of_another_size(
     small_oni: Path, depth_camera_file: Path, tmp_path: Path
 ) -> None:
     other = tmp_path / "camera.toml"
-    colour, depth = depth_camera_file.read_text().split("[depth]")
-    other.write_text(f"{colour}[depth]{depth.replace('64', '32')}")
+    color, depth = depth_camera_file.read_text().split("[depth]")
+    other.write_text(f"{color}[depth]{depth.replace('64', '32')}")
     assert "depth is 64x48, but [depth] of camera file" in complaint(small_oni, other)
 
 

@@ -97,15 +97,13 @@ def test_no_image_is_lost_in_whatever_order_the_file_has_them(
     frames = list(read_all_frames(camera))
     assert camera.counters.delivered == len(frames) == camera.frame_count
     for frame in frames:
-        colour_us = round(frame.stamp_s * 1e6)
-        depth_us = colour_us + round(frame.skew_s * 1e6)
-        np.testing.assert_array_equal(frame.color_bgr, by_stamp[OniSensor.COLOR, colour_us])
+        color_us = round(frame.stamp_s * 1e6)
+        depth_us = color_us + round(frame.skew_s * 1e6)
+        np.testing.assert_array_equal(frame.color_bgr, by_stamp[OniSensor.COLOR, color_us])
         np.testing.assert_array_equal(frame.depth_raw, by_stamp[OniSensor.DEPTH, depth_us])
 
 
-def test_stamps_are_exact_and_skew_is_depth_minus_colour(
-    small_oni: Path, camera_file: Path
-) -> None:
+def test_stamps_are_exact_and_skew_is_depth_minus_color(small_oni: Path, camera_file: Path) -> None:
     frames = list(read_all_frames(OniCamera(small_oni, camera_file)))
     assert [frame.stamp_s for frame in frames] == [seq * 33_333 / 1e6 for seq in range(8)]
     assert {frame.skew_s for frame in frames} == {0.002}

@@ -110,10 +110,10 @@ def test_stream_that_stops_is_a_lost_camera(tmp_path: Path, depth_camera_file: P
     depth_goes_on = [make_image(OniSensor.DEPTH, seq * 33_333) for seq in range(4, 90)]
     uri = sensor(tmp_path / "a.oni", make_images(4) + depth_goes_on)
     with OpenNI2Camera(uri, depth_camera_file) as camera:
-        with pytest.raises(CameraLostError, match="its colour stream stopped for 1 s"):
+        with pytest.raises(CameraLostError, match="its color stream stopped for 1 s"):
             read_on(camera)
         assert camera.status.state is CameraState.LOST
-        assert "colour stream stopped" in camera.status.reason
+        assert "color stream stopped" in camera.status.reason
 
 
 def test_stream_that_never_begins_is_a_lost_camera(tmp_path: Path, depth_camera_file: Path) -> None:
@@ -150,14 +150,14 @@ def test_condition_follows_the_camera(tmp_path: Path, depth_camera_file: Path) -
 
 
 def test_mirror_is_made_where_the_sensor_does_not(tmp_path: Path, depth_camera_file: Path) -> None:
-    depth, colour = make_images(1)
+    depth, color = make_images(1)
     later_us = [seq * 33_333 for seq in range(30)]
-    images = [replace(view, stamp_us=us) for us in later_us for view in (depth, colour)]
+    images = [replace(view, stamp_us=us) for us in later_us for view in (depth, color)]
     uri = sensor(tmp_path / "a.oni", images)
     with OpenNI2Camera(uri, depth_camera_file, SensorConfig(mirror=True)) as camera:
         frame = camera.read(2.0)
     np.testing.assert_array_equal(frame.depth_raw, depth.pixels[:, ::-1])
-    np.testing.assert_array_equal(frame.color_bgr, colour.pixels[:, ::-1])
+    np.testing.assert_array_equal(frame.color_bgr, color.pixels[:, ::-1])
 
 
 @pytest.mark.parametrize("registered_file", [True, False])

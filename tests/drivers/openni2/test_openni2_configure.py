@@ -44,7 +44,7 @@ def device(registers: bool = True, obeys: bool = True, synchronises: bool = True
         oniDeviceEnableDepthColorSync=enable_sync,
         oniDeviceGetDepthColorSyncEnabled=lambda handle: state["sync"],
     )
-    return OpenNI2Device(SimpleNamespace(calls=library), "played")  # type: ignore[arg-type]
+    return OpenNI2Device(SimpleNamespace(library=library), "played")  # type: ignore[arg-type]
 
 
 def file_of(width: int, height: int, depth_factor: float = 1000.0) -> CameraCalibration:
@@ -70,11 +70,11 @@ def test_sync_is_what_the_device_says_afterwards() -> None:
 
 @pytest.mark.parametrize("modes", [[QVGA, FAST_VGA, VGA], [VGA_YUV, VGA], [VGA, FAST_VGA]])
 def test_usual_mode_is_640x480_rgb_at_30(modes: list[VideoMode]) -> None:
-    assert bytes(choose_video_mode(SensorType.COLOUR, modes, None)) == bytes(VGA)
+    assert bytes(choose_video_mode(SensorType.COLOR, modes, None)) == bytes(VGA)
 
 
 def test_size_of_the_camera_file_is_chosen() -> None:
-    chosen = choose_video_mode(SensorType.COLOUR, [VGA, QVGA], file_of(320, 240))
+    chosen = choose_video_mode(SensorType.COLOR, [VGA, QVGA], file_of(320, 240))
     assert (chosen.width, chosen.height) == (320, 240)
 
 
@@ -86,14 +86,14 @@ def test_unit_of_the_camera_file_is_chosen() -> None:
 
 
 def test_size_that_the_sensor_lacks_is_refused_with_those_it_has() -> None:
-    with pytest.raises(InputError, match=r"no colour of 64x48.* it has 320x240, 640x480"):
-        choose_video_mode(SensorType.COLOUR, [VGA, QVGA], file_of(64, 48))
+    with pytest.raises(InputError, match=r"no color of 64x48.* it has 320x240, 640x480"):
+        choose_video_mode(SensorType.COLOR, [VGA, QVGA], file_of(64, 48))
 
 
 def test_sensor_of_another_size_is_taken_without_a_camera_file() -> None:
-    assert choose_video_mode(SensorType.COLOUR, [QVGA], None).width == 320
+    assert choose_video_mode(SensorType.COLOR, [QVGA], None).width == 320
 
 
 def test_unknown_formats_alone_are_refused() -> None:
     with pytest.raises(InputError, match="no format that is supported"):
-        choose_video_mode(SensorType.COLOUR, [VideoMode(204, 640, 480, 30)], None)
+        choose_video_mode(SensorType.COLOR, [VideoMode(204, 640, 480, 30)], None)

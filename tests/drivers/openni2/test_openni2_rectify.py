@@ -96,7 +96,7 @@ def test_small_correction_of_the_unit_is_taken() -> None:
         (SENSOR, WITH_DEPTH, "registers its depth and cannot be told not to"),
         (replace(SENSOR, depth_size=(320, 240)), None, "depth is 320x240, so it cannot"),
         (replace(SENSOR, depth_size=(320, 240)), PLAIN, "depth is 320x240, so it cannot"),
-        (replace(SENSOR, color_size=(1280, 1024)), PLAIN, "colour is 1280x1024, but camera file"),
+        (replace(SENSOR, color_size=(1280, 1024)), PLAIN, "color is 1280x1024, but camera file"),
         (SENSOR, replace(PLAIN, depth_factor=5000.0), "set depth_factor = 1000.0"),
     ],
 )

@@ -11,7 +11,7 @@ CAMERA = PinholeCamera(128, 96, 100.0, 100.0, 63.5, 47.5)
 RAYS = pixel_rays(CAMERA, np.zeros(5))
 EVEN = np.ones((96, 128), dtype=np.float32)
 ROOM = np.zeros((96, 128), dtype=np.int64)
-CLEAN = SyntheticConfig.ideal().colour
+CLEAN = SyntheticConfig.ideal().color
 
 
 def blurred_edge(shift_m: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
@@ -41,9 +41,9 @@ def test_an_edge_is_smeared_as_far_as_the_image_moves() -> None:
 
 
 def test_noise_has_the_power_asked_for() -> None:
-    grey = np.full((96, 128, 3), 128.0, dtype=np.float32)
+    gray = np.full((96, 128, 3), 128.0, dtype=np.float32)
     eye = ColorSensorModel(noise_sigma=3.0, softness_px=0.0)
-    picture = expose(grey, 1.0, EVEN, eye, np.random.default_rng(0))
+    picture = expose(gray, 1.0, EVEN, eye, np.random.default_rng(0))
     assert np.std(picture) == pytest.approx(3.0, rel=0.05)
     assert np.mean(picture) == pytest.approx(128.0, abs=0.1)
 

@@ -11,7 +11,7 @@ QUIET = DepthSensorModel(
     shadows=False, disparity_step_px=0, disparity_sigma_px=0, lateral_sigma_px=0
 )
 FREIBURG1 = np.array([0.2624, -0.9531, -0.0054, 0.0026, 1.1633])
-COLOUR = (525.0, 525.0, 319.5, 239.5)
+COLOR = (525.0, 525.0, 319.5, 239.5)
 INFRARED = (580.0, 319.5, 239.5)
 
 
@@ -77,7 +77,7 @@ def test_a_reading_is_registered_where_its_point_falls(
         K = np.array([[525.0, 0, 319.5], [0, 525.0, 239.5], [0, 0, 1]])
         at, _ = cv2.projectPoints(point[None], np.zeros(3), np.array([-0.025, 0, 0]), K, distortion)
         column, row = np.rint(at.ravel()).astype(int)
-        registered = register_depth(read, INFRARED, COLOUR, distortion, 0.025, 1000.0)
+        registered = register_depth(read, INFRARED, COLOR, distortion, 0.025, 1000.0)
         assert registered[row, column] == round(z_m * 1000)
         assert np.count_nonzero(registered) == 1
 
@@ -93,5 +93,5 @@ def test_where_two_readings_fall_on_one_pixel_the_nearer_wins() -> None:
     both = next(columns for columns in hits.values() if len(columns) == 2)
     for z_m, column in both.items():
         read[240, column] = z_m
-    registered = register_depth(read, INFRARED, COLOUR, np.zeros(5), 0.025, 1000.0)
+    registered = register_depth(read, INFRARED, COLOR, np.zeros(5), 0.025, 1000.0)
     assert registered[registered > 0].tolist() == [500]

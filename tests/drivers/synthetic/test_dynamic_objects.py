@@ -72,7 +72,7 @@ def test_it_covers_as_much_of_the_view_as_its_size_says_and_then_it_is_gone(
     assert not changed(renderer, 16).any()
 
 
-def test_it_is_printed_and_of_another_colour_than_what_it_hides(shared_renderer: Shoot) -> None:
+def test_it_is_printed_and_of_another_color_than_what_it_hides(shared_renderer: Shoot) -> None:
     renderer = shared_renderer(STILL)
     seen = changed(renderer, 10)
     with_it, without = (renderer.render(index).color_bgr for index in (10, 0))
@@ -92,7 +92,7 @@ def test_a_rolling_shutter_sees_it_in_each_row_at_its_own_instant(shared_rendere
 
 
 def test_it_alone_is_blurred_where_the_camera_stands_still(shared_renderer: Shoot) -> None:
-    slow = replace(STILL, colour=replace(STILL.colour, exposure_s=0.05))
+    slow = replace(STILL, color=replace(STILL.color, exposure_s=0.05))
     sharp, blurred = (shared_renderer(config) for config in (STILL, slow))
     differs = np.any(sharp.render(10).color_bgr != blurred.render(10).color_bgr, axis=2)
     assert differs[changed(sharp, 10)].mean() > 0.5

@@ -50,9 +50,9 @@ def test_points_seen_in_two_ideal_frames_agree(ideal: SyntheticConfig) -> None:
     config = replace(ideal, camera=LARGER, texel_m=0.005, rate_hz=10.0, duration_s=1.0)
     renderer = make_renderer(config, 2)
     one, two = renderer.render(0), renderer.render(1)
-    grey = [cv2.cvtColor(images.color_bgr, cv2.COLOR_BGR2GRAY) for images in (one, two)]
-    corners = cv2.goodFeaturesToTrack(grey[0], 150, 0.05, 8)
-    found, ok, _ = cv2.calcOpticalFlowPyrLK(grey[0], grey[1], corners, corners + 0.0)
+    gray = [cv2.cvtColor(images.color_bgr, cv2.COLOR_BGR2GRAY) for images in (one, two)]
+    corners = cv2.goodFeaturesToTrack(gray[0], 150, 0.05, 8)
+    found, ok, _ = cv2.calcOpticalFlowPyrLK(gray[0], gray[1], corners, corners + 0.0)
     u, v = np.rint(corners[:, 0]).astype(int).T
     z = one.depth_raw[v, u] / config.depth_factor
     rays = (corners[:, 0] - (LARGER.cx, LARGER.cy)) / (LARGER.fx, LARGER.fy)
@@ -87,7 +87,7 @@ def test_each_row_of_a_rolling_shutter_is_seen_at_its_own_instant(
     assert np.any(rolled.depth_raw[0] != whole.render(middle).depth_raw[0])
 
 
-def test_depth_is_taken_later_than_colour_by_the_skew(
+def test_depth_is_taken_later_than_color_by_the_skew(
     shared_renderer: Shoot, ideal: SyntheticConfig
 ) -> None:
     at_once = replace(ideal, rate_hz=100.0)
@@ -102,7 +102,7 @@ def test_depth_is_taken_later_than_colour_by_the_skew(
 def test_distortion_is_rendered_and_taken_out_again(
     shared_renderer: Shoot, ideal: SyntheticConfig
 ) -> None:
-    distorted = replace(ideal, camera=LARGER, colour=replace(ideal.colour, distortion=FREIBURG1))
+    distorted = replace(ideal, camera=LARGER, color=replace(ideal.color, distortion=FREIBURG1))
     pinhole, lens = (
         shared_renderer(c).render(0) for c in (replace(ideal, camera=LARGER), distorted)
     )
@@ -148,8 +148,8 @@ def corners(picture: NDArray[np.uint8]) -> int:
 def test_standing_still_shows_the_same_scene(
     shared_renderer: Shoot, faulty: SyntheticConfig
 ) -> None:
-    steady = replace(faulty.colour, gain_drift=0.0)
-    renderer = shared_renderer(replace(faulty, motion=MotionKind.STILL, colour=steady))
+    steady = replace(faulty.color, gain_drift=0.0)
+    renderer = shared_renderer(replace(faulty, motion=MotionKind.STILL, color=steady))
     a, b = renderer.render(0).color_bgr, renderer.render(5).color_bgr
     assert 0 < np.mean(cv2.absdiff(a, b)) < 6
 
@@ -159,9 +159,9 @@ def test_every_fault_of_the_sensor_can_be_switched_off_alone(
 ) -> None:
     """Each change of one number changes the frames: none is decoration."""
     once = replace(faulty, camera=LARGER)
-    eye, depth = once.colour, once.depth
+    eye, depth = once.color, once.depth
     variants = [
-        replace(once, colour=ColorSensorModel(**{**vars(eye), key: value}))
+        replace(once, color=ColorSensorModel(**{**vars(eye), key: value}))
         for key, value in (
             ("distortion", (0.0,) * 5),
             ("noise_sigma", 0.0),

@@ -91,7 +91,7 @@ def test_live_frames_come_when_due_and_stamped_by_the_host(
         frames = read_frames(camera)
     assert [frame.seq for frame in frames] == list(range(6))
     assert frames[3].stamp_s == 5000.1
-    # The last row and the depth come after the middle of the colour image.
+    # The last row and the depth come after the middle of the color image.
     assert frames[3].receive_time_s == pytest.approx(5000.1 + 0.010 + 0.010)
     assert host.now_s == pytest.approx(frames[5].receive_time_s)
 
@@ -120,7 +120,7 @@ def test_a_slow_reader_gets_the_newest_frame_and_the_rest_is_counted(
         ({"depth_factor": 0.0}, "depth_factor"),
         ({"timing": ShutterTiming(skew_s=0.02)}, "skew_s must be at most half a frame"),
         ({"timing": ShutterTiming(readout_s=0.05)}, "readout_s"),
-        ({"colour": ColorSensorModel(distortion=(0.1,))}, "k1 k2 p1 p2 k3"),
+        ({"color": ColorSensorModel(distortion=(0.1,))}, "k1 k2 p1 p2 k3"),
     ],
 )
 def test_what_makes_no_sense_is_refused_by_name(change: dict[str, object], message: str) -> None:

@@ -27,7 +27,7 @@ def depth_image(seed: int) -> NDArray[np.uint16]:
 
 @pytest.fixture
 def make_folder(tmp_path: Path) -> FolderMaker:
-    """Write a folder of `count` frames with real images, depth `skew_s` after colour."""
+    """Write a folder of `count` frames with real images, depth `skew_s` after color."""
 
     def make(
         count: int = 5, period_s: float = 0.04, skew_s: float = 0.005, kind: str = "png"
@@ -35,7 +35,7 @@ def make_folder(tmp_path: Path) -> FolderMaker:
         folder = tmp_path / "recording"
         (folder / "rgb").mkdir(parents=True)
         (folder / "depth").mkdir()
-        lists = {"rgb": ["# colour"], "depth": ["# depth"]}
+        lists = {"rgb": ["# color"], "depth": ["# depth"]}
         for k in range(count):
             stamp_s = 1305031102.175304 + k * period_s
             images = {"rgb": (stamp_s, kind), "depth": (stamp_s + skew_s, "png")}

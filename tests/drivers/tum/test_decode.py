@@ -14,7 +14,7 @@ from drivers.tum.decode import PNG_SIGNATURE, UnreadableFrameError, load_pair
 from drivers.tum.index_files import FramePair, ListedImage
 
 SIZE = (64, 48)
-COLOUR = np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+COLOR = np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)
 DEPTH = np.random.default_rng(1).integers(0, 65536, (48, 64), dtype=np.uint16)
 
 
@@ -24,8 +24,8 @@ def encoded(image: NDArray[Any], kind: str = ".png") -> bytes:
 
 @pytest.fixture
 def load(tmp_path: Path) -> Callable[[bytes, bytes], tuple[NDArray[np.uint8], NDArray[np.uint16]]]:
-    def load(colour: bytes, depth: bytes) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-        (tmp_path / "c").write_bytes(colour)
+    def load(color: bytes, depth: bytes) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
+        (tmp_path / "c").write_bytes(color)
         (tmp_path / "d").write_bytes(depth)
         images = [ListedImage(Decimal(0), tmp_path / name, "list:1") for name in "cd"]
         return load_pair(FramePair(*images), SIZE)
@@ -37,29 +37,29 @@ Load = Callable[[bytes, bytes], tuple[NDArray[np.uint8], NDArray[np.uint16]]]
 
 
 def test_png_comes_back_bit_for_bit(load: Load) -> None:
-    colour, depth = load(encoded(COLOUR), encoded(DEPTH))
-    np.testing.assert_array_equal(colour, COLOUR)
+    color, depth = load(encoded(COLOR), encoded(DEPTH))
+    np.testing.assert_array_equal(color, COLOR)
     np.testing.assert_array_equal(depth, DEPTH)
-    assert (colour.dtype.name, depth.dtype.name) == ("uint8", "uint16")
+    assert (color.dtype.name, depth.dtype.name) == ("uint8", "uint16")
 
 
-def test_jpeg_colour_is_read(load: Load) -> None:
-    smooth = cv2.GaussianBlur(COLOUR, (0, 0), 4)
-    colour, _ = load(encoded(smooth, ".jpg"), encoded(DEPTH))
-    assert np.abs(colour.astype(int) - smooth).mean() < 3
+def test_jpeg_color_is_read(load: Load) -> None:
+    smooth = cv2.GaussianBlur(COLOR, (0, 0), 4)
+    color, _ = load(encoded(smooth, ".jpg"), encoded(DEPTH))
+    assert np.abs(color.astype(int) - smooth).mean() < 3
 
 
-def test_grey_and_transparent_colour_become_three_channels(load: Load) -> None:
-    grey, _ = load(encoded(COLOUR[..., 0]), encoded(DEPTH))
-    np.testing.assert_array_equal(grey, COLOUR[..., :1].repeat(3, axis=2))
-    transparent = np.dstack([COLOUR, COLOUR[..., 0]])
-    np.testing.assert_array_equal(load(encoded(transparent), encoded(DEPTH))[0], COLOUR)
+def test_gray_and_transparent_color_become_three_channels(load: Load) -> None:
+    gray, _ = load(encoded(COLOR[..., 0]), encoded(DEPTH))
+    np.testing.assert_array_equal(gray, COLOR[..., :1].repeat(3, axis=2))
+    transparent = np.dstack([COLOR, COLOR[..., 0]])
+    np.testing.assert_array_equal(load(encoded(transparent), encoded(DEPTH))[0], COLOR)
 
 
 def test_a_file_cut_short_anywhere_is_refused(
     load: Load, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    png, jpeg, depth = encoded(COLOUR), encoded(COLOUR, ".jpg"), encoded(DEPTH)
+    png, jpeg, depth = encoded(COLOR), encoded(COLOR, ".jpg"), encoded(DEPTH)
     for data in (png, jpeg):
         for length in (*range(60), len(data) // 2, len(data) - 5, len(data) - 1):
             with pytest.raises(UnreadableFrameError):
@@ -71,7 +71,7 @@ def test_a_file_cut_short_anywhere_is_refused(
 
 def test_a_damaged_png_is_refused_quietly(load: Load, capfd: pytest.CaptureFixture[str]) -> None:
     for position in range(8, 2000, 37):
-        data = bytearray(encoded(COLOUR))
+        data = bytearray(encoded(COLOR))
         data[position] ^= 0x10
         with pytest.raises(UnreadableFrameError, match=r"damaged|truncated"):
             load(bytes(data), encoded(DEPTH))
@@ -79,8 +79,8 @@ def test_a_damaged_png_is_refused_quietly(load: Load, capfd: pytest.CaptureFixtu
 
 
 def test_a_jpeg_with_an_embedded_preview_is_judged_by_the_picture_itself(load: Load) -> None:
-    jpeg = encoded(COLOUR, ".jpg")
-    preview = encoded(COLOUR[:8, :8], ".jpg")
+    jpeg = encoded(COLOR, ".jpg")
+    preview = encoded(COLOR[:8, :8], ".jpg")
     segment = b"\xff\xe1" + struct.pack(">H", len(preview) + 2) + preview
     whole = jpeg[:2] + segment + jpeg[2:]
     load(whole, encoded(DEPTH))
@@ -109,26 +109,26 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "image", [(DEPTH >> 8).astype(np.uint8), COLOUR, np.dstack([DEPTH] * 3)], ids=str
+    "image", [(DEPTH >> 8).astype(np.uint8), COLOR, np.dstack([DEPTH] * 3)], ids=str
 )
 def test_depth_must_be_16_bit_and_one_channel(load: Load, image: NDArray[np.uint16]) -> None:
     with pytest.raises(UnreadableFrameError, match="where 16 bits and 1 channel are needed"):
-        load(encoded(COLOUR), encoded(image))
+        load(encoded(COLOR), encoded(image))
 
 
-def test_depth_in_the_place_of_colour_is_refused(load: Load) -> None:
-    with pytest.raises(UnreadableFrameError, match="colour is not 8 bits a channel"):
-        load(encoded(DEPTH), encoded(COLOUR))
+def test_depth_in_the_place_of_color_is_refused(load: Load) -> None:
+    with pytest.raises(UnreadableFrameError, match="color is not 8 bits a channel"):
+        load(encoded(DEPTH), encoded(COLOR))
 
 
-def test_colour_and_depth_of_different_sizes_are_refused(load: Load) -> None:
-    with pytest.raises(UnreadableFrameError, match=r"colour is 64x48 but depth .* is 32x48"):
-        load(encoded(COLOUR), encoded(DEPTH[:, :32]))
+def test_color_and_depth_of_different_sizes_are_refused(load: Load) -> None:
+    with pytest.raises(UnreadableFrameError, match=r"color is 64x48 but depth .* is 32x48"):
+        load(encoded(COLOR), encoded(DEPTH[:, :32]))
 
 
 def test_images_of_another_size_than_the_camera_are_refused(load: Load) -> None:
     with pytest.raises(UnreadableFrameError, match="the image is 32x48 but the camera is 64x48"):
-        load(encoded(COLOUR[:, :32]), encoded(DEPTH[:, :32]))
+        load(encoded(COLOR[:, :32]), encoded(DEPTH[:, :32]))
 
 
 def test_an_absurd_size_is_refused_not_a_crash(load: Load) -> None:
@@ -140,4 +140,4 @@ def test_an_absurd_size_is_refused_not_a_crash(load: Load) -> None:
     header = struct.pack(">IIBBBBB", 600_000, 600_000, 16, 0, 0, 0, 0)
     bomb = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(99))) + chunk(b"IEND", b"")
     with pytest.raises(UnreadableFrameError, match="cannot be decoded"):
-        load(encoded(COLOUR), PNG_SIGNATURE + bomb)
+        load(encoded(COLOR), PNG_SIGNATURE + bomb)

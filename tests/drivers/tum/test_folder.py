@@ -40,8 +40,8 @@ def test_images_without_a_partner_are_counted(make_folder: FolderMaker) -> None:
 
 def test_associations_win_over_the_lists(make_folder: FolderMaker) -> None:
     folder = make_folder(count=3)
-    colour, depth = first_image(folder, "rgb").name, first_image(folder, "depth").name
-    (folder / "associations.txt").write_text(f"1.0 rgb/{colour} 1.1 depth/{depth}\n")
+    color, depth = first_image(folder, "rgb").name, first_image(folder, "depth").name
+    (folder / "associations.txt").write_text(f"1.0 rgb/{color} 1.1 depth/{depth}\n")
     (pair,) = open_tum_folder(folder, None).frames.pairs
     assert (pair.color.stamp_s, pair.skew_s) == (1.0, 0.1)
 
@@ -80,7 +80,7 @@ def test_a_list_that_is_missing_or_empty_is_refused(make_folder: FolderMaker, na
 
 def test_lists_of_different_times_are_refused(make_folder: FolderMaker) -> None:
     folder = make_folder(count=2, period_s=1.0, skew_s=0.3)
-    assert "no colour and depth images within 20 ms of each other" in complaint(folder)
+    assert "no color and depth images within 20 ms of each other" in complaint(folder)
 
 
 def test_a_folder_without_a_camera_is_refused(make_folder: FolderMaker) -> None:

@@ -16,7 +16,7 @@ def write(folder: Path, text: str, name: str = "rgb.txt") -> Path:
 
 
 def test_lines_become_stamps_and_files_beside_the_list(tmp_path: Path) -> None:
-    file = write(tmp_path, "# colour\n\n1305031102.175304 rgb/a.png\r\n  1305031103,rgb/b.png\n")
+    file = write(tmp_path, "# color\n\n1305031102.175304 rgb/a.png\r\n  1305031103,rgb/b.png\n")
     assert read_image_list(file) == [
         ListedImage(Decimal("1305031102.175304"), tmp_path / "rgb/a.png", f"{file}:3"),
         ListedImage(Decimal("1305031103"), tmp_path / "rgb/b.png", f"{file}:4"),

@@ -109,7 +109,7 @@ def test_ground_truth_is_kept(make_frame: FrameMaker, tmp_path: Path) -> None:
         np.testing.assert_allclose(camera.ground_truth.T_world_camera, T)
 
 
-def test_jpeg_colour_is_smaller_and_close(make_frame: FrameMaker, tmp_path: Path) -> None:
+def test_jpeg_color_is_smaller_and_close(make_frame: FrameMaker, tmp_path: Path) -> None:
     frame = make_frame(0)
     with TumWriter(tmp_path / "jpg", color_format=ColorFormat.JPEG) as writer:
         writer.write(frame)

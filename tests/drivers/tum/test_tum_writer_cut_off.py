@@ -26,10 +26,10 @@ writer = TumWriter(Path(sys.argv[1]))
 print("ready", flush=True)
 try:
     for k in range(int(sys.argv[2])):
-        colour = noise.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+        color = noise.integers(0, 256, (48, 64, 3), dtype=np.uint8)
         depth = noise.integers(0, 65536, (48, 64), dtype=np.uint16)
         camera = PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)
-        writer.write(RgbdFrame(k, 1000 + k / 30, 0.0, colour, depth, 5000.0, camera))
+        writer.write(RgbdFrame(k, 1000 + k / 30, 0.0, color, depth, 5000.0, camera))
     writer.close()
 except UserFacingError as error:
     writer.close()

@@ -1,4 +1,4 @@
-/* The camera's control protocol: registers, calibration, the colour sensor's own registers.
+/* The camera's control protocol: registers, calibration, the color sensor's own registers.
  *
  * A command is "GM", half its length, its number and a tag; the answer is fetched by a second
  * transfer and begins with "RB", half its length, the same number and tag.

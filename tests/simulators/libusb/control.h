@@ -42,10 +42,10 @@ struct control {
     /* What it is. */
     uint32_t model;
     char camera_serial[SERIAL_ROOM], audio_serial[SERIAL_ROOM], film[PATH_ROOM];
-    int32_t registration[29]; /* polynomial of the depth-to-colour map, as the camera stores it */
+    int32_t registration[29]; /* polynomial of the depth-to-color map, as the camera stores it */
     uint16_t padding[3];      /* start, end and cropping lines */
     uint16_t const_shift;
-    float zero_plane[4]; /* emitter, colour camera, reference plane, pixel on it; cm */
+    float zero_plane[4]; /* emitter, color camera, reference plane, pixel on it; cm */
 
     /* Faults and settings. */
     uint32_t plugged;

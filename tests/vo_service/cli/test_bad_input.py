@@ -75,7 +75,7 @@ def swap_truth(folder: Path) -> None:
 BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
     "no folder": (shutil.rmtree, "corner: no such folder"),
     "empty folder": (empty, "corner: the folder is empty"),
-    "no colour list": (lambda f: (f / "rgb.txt").unlink(), "rgb.txt: no such file"),
+    "no color list": (lambda f: (f / "rgb.txt").unlink(), "rgb.txt: no such file"),
     "no depth list": (lambda f: (f / "depth.txt").unlink(), "depth.txt: no such file"),
     "empty list": (lambda f: (f / "rgb.txt").write_text("# nothing\n"), "rgb.txt: names no image"),
     "three columns": (replace_line("rgb.txt", 4, "0.1 rgb/a b.png"), "rgb.txt:4: 3 columns"),
@@ -92,13 +92,13 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "sizes differ": (
         lambda f: write_image(f, "depth", (120, 160), np.uint16),
-        "colour is 320x240 but depth",
+        "color is 320x240 but depth",
     ),
     "another camera": (
         replace_text("camera.toml", "width = 320", "width = 640"),
         "the image is 320x240 but the camera is 640x240",
     ),
-    "no pairs in range": (unmatch, "no colour and depth images within 20 ms of each other"),
+    "no pairs in range": (unmatch, "no color and depth images within 20 ms of each other"),
     "no camera": (lambda f: (f / "camera.toml").unlink(), "no camera file, and the name says none"),
     "camera typo": (
         replace_text("camera.toml", "fx = ", "f_x = "),

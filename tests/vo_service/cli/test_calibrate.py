@@ -148,9 +148,9 @@ def test_a_kinect_is_calibrated_live_from_its_raw_images(
     # depth of the board before.
     nothing = np.full((480, 640, 3), 128, np.uint8)
     images = [
-        (colour, each.depth_raw)
+        (color, each.depth_raw)
         for each in photographs
-        for colour in (nothing, *[each.color_bgr] * 5)
+        for color in (nothing, *[each.color_bgr] * 5)
     ]
     kinect = simulate_kinect(write_usb_frames(tmp_path, images))
     kinect.rate = 10
@@ -163,7 +163,7 @@ def test_a_kinect_is_calibrated_live_from_its_raw_images(
     assert_is_the_cameras(read_calibration(tmp_path / "camera.toml"), within_px=2.0)
 
 
-def write_grey(folder: Path, names: Sequence[str]) -> Path:
+def write_gray(folder: Path, names: Sequence[str]) -> Path:
     folder.mkdir()
     for name in names:
         assert cv2.imwrite(str(folder / name), np.full((480, 640, 3), 128, np.uint8))
@@ -178,9 +178,9 @@ def assert_one_line(outcome: CommandResult, code: int, said: str) -> None:
 
 
 def test_images_without_the_board_say_what_to_check(tmp_path: Path, capfd: Capture) -> None:
-    write_grey(tmp_path / "grey", ["a.png", "b.png"])
-    outcome = run_in_process(capfd, *OPTIONS, "grey")
-    said = "grey: none of the 2 images shows a chessboard of 9x6 inner corners; see that --board"
+    write_gray(tmp_path / "gray", ["a.png", "b.png"])
+    outcome = run_in_process(capfd, *OPTIONS, "gray")
+    said = "gray: none of the 2 images shows a chessboard of 9x6 inner corners; see that --board"
     assert_one_line(outcome, 2, said)
     assert not (tmp_path / "camera.toml").exists()
 

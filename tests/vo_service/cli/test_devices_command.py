@@ -61,7 +61,7 @@ def test_the_json_has_the_same_with_keys_that_stay(
                 "name": "Kinect 1414",
                 "where": "bus 1 port 1.2",
                 "serial": "",
-                "trouble": "this user may not open it",
+                "error": "this user may not open it",
             }
         ],
     }

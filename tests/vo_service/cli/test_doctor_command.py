@@ -33,9 +33,13 @@ def kinect(
     ("fault", "check", "cause"),
     [
         (lambda kinect: kinect.unplug(), "sensor", "no sensor on the USB"),
-        (lambda kinect: kinect.forbid(), "permission", "this user may not open it"),
-        (lambda kinect: kinect.busy(), "sole-use", "another program has the camera"),
-        (lambda kinect: kinect.slow_bus(), "usb-speed", "12 Mbit/s; the sensor needs 480"),
+        (lambda kinect: kinect.deny_access(), "permission", "this user may not open it"),
+        (lambda kinect: kinect.set_busy(), "sole-use", "another program has the camera"),
+        (
+            lambda kinect: kinect.set_full_speed_bus(),
+            "usb-speed",
+            "12 Mbit/s; the sensor needs 480",
+        ),
     ],
     ids=["unplugged", "forbidden", "busy", "slow"],
 )

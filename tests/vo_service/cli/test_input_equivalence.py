@@ -129,7 +129,7 @@ def encoding_costs_m(farthest_mm: int, motions: int) -> float:
     """How far a position may be off, three sigma, after so many motions from image to image.
 
     A reading is rounded to the Kinect's steps of depth: off by step / sqrt(12). A motion is the
-    mean over the points of two images. Grey is not changed by the mosaic of colours.
+    mean over the points of two images. Gray is not changed by the mosaic of colors.
     """
     told_mm = raw_to_mm(np.arange(2048, dtype=np.uint16), NOMINAL)
     told_mm = told_mm[told_mm > 0]

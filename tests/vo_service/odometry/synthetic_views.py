@@ -49,14 +49,14 @@ def make_blob_image(
 
 
 def make_frame(
-    grey: NDArray[np.uint8], depth_m: Array, seq: int = 0, camera: PinholeCamera = CAMERA
+    gray: NDArray[np.uint8], depth_m: Array, seq: int = 0, camera: PinholeCamera = CAMERA
 ) -> RgbdFrame:
-    """A frame of a grey image and its depth."""
+    """A frame of a gray image and its depth."""
     return RgbdFrame(
         seq=seq,
         stamp_s=seq / 30.0,
         receive_time_s=0.0,
-        color_bgr=np.repeat(grey[:, :, None], 3, axis=2),
+        color_bgr=np.repeat(gray[:, :, None], 3, axis=2),
         depth_raw=np.rint(depth_m * DEPTH_FACTOR).astype(np.uint16),
         depth_factor=DEPTH_FACTOR,
         camera=camera,
@@ -70,7 +70,7 @@ def render_corner(T_world_camera: Array, seq: int = 0, camera: PinholeCamera = C
     rays = rays @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]
     depth_m = np.full(u.shape, np.inf)
-    grey = np.zeros(u.shape, np.uint8)
+    gray = np.zeros(u.shape, np.uint8)
     for seed, (normal, distance) in enumerate((WALL, FLOOR)):
         with np.errstate(divide="ignore"):
             z = (distance - normal @ origin) / (rays @ normal)
@@ -78,8 +78,8 @@ def render_corner(T_world_camera: Array, seq: int = 0, camera: PinholeCamera = C
         is_seen = z < depth_m
         depth_m[is_seen] = z[is_seen]
         points = origin + rays * np.where(is_seen, z, 0.0)[..., None]
-        grey[is_seen] = _texture(points, normal, seed)[is_seen]
-    return make_frame(grey, depth_m, seq, camera)
+        gray[is_seen] = _texture(points, normal, seed)[is_seen]
+    return make_frame(gray, depth_m, seq, camera)
 
 
 @cache
@@ -93,7 +93,7 @@ def _texture(points: Array, normal: Array, seed: int) -> NDArray[np.uint8]:
     across = np.cross(normal, along) / np.linalg.norm(normal)
     x, y = (TEXELS_PER_M * (points @ axis) + 512.0 for axis in (along, across))
     texture = _plane(seed)
-    colours: NDArray[np.uint8] = cv2.remap(
+    colors: NDArray[np.uint8] = cv2.remap(
         texture, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR
     )  # type: ignore[assignment]
-    return colours
+    return colors

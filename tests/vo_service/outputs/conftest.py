@@ -83,13 +83,13 @@ def _make_update(seq: int, *, ok: bool = True) -> OdometryUpdate:
 
 
 def _make_frame(seq: int, stamp_s: float) -> RgbdFrame:
-    """A colour gradient that moves, a slanted wall with a hole."""
+    """A color gradient that moves, a slanted wall with a hole."""
     ramp = np.arange(CAMERA.width, dtype=np.uint8) + np.uint8(seq % 100)
-    colour = np.broadcast_to(ramp[None, :, None], (CAMERA.height, CAMERA.width, 3)).copy()
+    color = np.broadcast_to(ramp[None, :, None], (CAMERA.height, CAMERA.width, 3)).copy()
     depth = np.full((CAMERA.height, CAMERA.width), 10000, np.uint16)
     depth += np.arange(CAMERA.width, dtype=np.uint16) * np.uint16(50)
     depth[10:20, 10:20] = 0
-    return RgbdFrame(seq, stamp_s, stamp_s, colour, depth, 5000.0, CAMERA)
+    return RgbdFrame(seq, stamp_s, stamp_s, color, depth, 5000.0, CAMERA)
 
 
 def _make_debug_data(seq: int) -> TrackingDebug:

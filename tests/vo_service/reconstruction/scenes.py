@@ -25,24 +25,24 @@ def pixel_rays() -> Array:
 
 
 def render_wall(
-    distance_m: float, colour: tuple[int, int, int] = RED
+    distance_m: float, color: tuple[int, int, int] = RED
 ) -> tuple[Depth, NDArray[np.uint8]]:
-    """Depth and colour of a wall across the optical axis."""
+    """Depth and color of a wall across the optical axis."""
     size = CAMERA.height, CAMERA.width
-    return np.full(size, distance_m, np.float32), np.full((*size, 3), colour, np.uint8)
+    return np.full(size, distance_m, np.float32), np.full((*size, 3), color, np.uint8)
 
 
 def render_ball(
-    T_world_camera: Array, radius_m: float = 0.5, colour: tuple[int, int, int] = BLUE
+    T_world_camera: Array, radius_m: float = 0.5, color: tuple[int, int, int] = BLUE
 ) -> tuple[Depth, NDArray[np.uint8]]:
-    """Depth and colour of a ball at the world's origin, and nothing else."""
+    """Depth and color of a ball at the world's origin, and nothing else."""
     directions = pixel_rays() @ T_world_camera[:3, :3].T
     eye = T_world_camera[:3, 3]
     a = np.sum(directions**2, axis=2)
     half_b = directions @ eye
     root = half_b**2 - a * (eye @ eye - radius_m**2)
     depth = np.where(root > 0, (-half_b - np.sqrt(np.maximum(root, 0.0))) / a, 0.0)
-    return depth.astype(np.float32), np.full((*depth.shape, 3), colour, np.uint8)
+    return depth.astype(np.float32), np.full((*depth.shape, 3), color, np.uint8)
 
 
 def fuse_views(

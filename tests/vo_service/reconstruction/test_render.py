@@ -1,4 +1,4 @@
-"""Pictures show the nearest surface, in its colour, where it belongs."""
+"""Pictures show the nearest surface, in its color, where it belongs."""
 
 import numpy as np
 import pytest
@@ -17,14 +17,14 @@ CAMERA = PinholeCamera(40, 30, 40.0, 40.0, 19.5, 14.5)
 GREEN, RED = (0, 200, 0), (200, 0, 0)
 
 
-def square(half_m: float, z: float, colour: tuple[int, int, int], x: float = 0.0) -> Mesh:
+def square(half_m: float, z: float, color: tuple[int, int, int], x: float = 0.0) -> Mesh:
     """Across the z axis, facing towards smaller z."""
     corners = [[x - half_m, -half_m, z], [x + half_m, -half_m, z]]
     corners += [[x + half_m, half_m, z], [x - half_m, half_m, z]]
     return Mesh(
         np.array(corners, np.float32),
         np.tile(np.array([0, 0, -1], np.float32), (4, 1)),
-        np.tile(np.array(colour, np.uint8), (4, 1)),
+        np.tile(np.array(color, np.uint8), (4, 1)),
         np.array([[0, 2, 1], [0, 3, 2]], np.int32),
     )
 
@@ -38,9 +38,9 @@ def both(first: Mesh, second: Mesh) -> Mesh:
     )
 
 
-def columns_of(image: np.ndarray, colour: tuple[int, int, int]) -> list[int]:
-    """Columns of the middle row that are nearly of this colour."""
-    near = np.all(np.abs(image[15].astype(int) - colour) < 45, axis=1)
+def columns_of(image: np.ndarray, color: tuple[int, int, int]) -> list[int]:
+    """Columns of the middle row that are nearly of this color."""
+    near = np.all(np.abs(image[15].astype(int) - color) < 45, axis=1)
     return [int(column) for column in np.flatnonzero(near)]
 
 

@@ -158,7 +158,7 @@ def align(
     weights   (2, CELLS) of brightness and of depth, by the cell of the image
     """
     # A camera that comes back may have images of another size.
-    coarsest = min(len(images.grey), len(points)) - 1
+    coarsest = min(len(images.gray), len(points)) - 1
     fit = initial_residual_model(affine_brightness)
     costs = [_mean_cost(points, images, T, prior.motion, fit, coarsest) for T in initial_guesses]
     T, movement = initial_guesses[int(np.argmin(costs))], prior.motion
@@ -167,7 +167,7 @@ def align(
     for level in range(coarsest, -1, -1):
         T, movement = solve_level(
             points[level],
-            images.grey[level],
+            images.gray[level],
             images.intrinsics[level + 1],
             images.inverse_depth,
             images.intrinsics[0],
@@ -200,7 +200,7 @@ def _initial_region_weights(
     cell_weights: Array,
 ) -> Array:
     """(2, CELLS) weights by how regions fit where the motion is begun."""
-    level = min(NUM_FINE_LEVELS, len(images.grey)) - 1
+    level = min(NUM_FINE_LEVELS, len(images.gray)) - 1
     readings = sample_points(points, images, T, motion, level)
     for _ in range(INITIAL_SWEEPS):
         fit_affine_brightness(points[level], readings, cell_weights, residual_model)
@@ -216,7 +216,7 @@ def sample_points(
         points[level],
         T,
         body_motion(T, motion),
-        images.grey[level],
+        images.gray[level],
         images.intrinsics[level + 1],
         images.inverse_depth,
         images.intrinsics[0],

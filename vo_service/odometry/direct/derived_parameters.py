@@ -2,7 +2,7 @@
 
 from vo_service.odometry.direct.parameters import HALF, INITIAL_SIGMAS, LITTLE
 
-# Spreads of brightness, grey levels, and of depth, 1/m: beyond the first a better motion is looked
+# Spreads of brightness, gray levels, and of depth, 1/m: beyond the first a better motion is looked
 # for; beyond the second it is wrong; and they are sought up to the last.
 SUSPECT_SIGMAS = (0.8 * INITIAL_SIGMAS[0], 0.8 * INITIAL_SIGMAS[1])
 MAX_VALID_SIGMAS = (1.7 * INITIAL_SIGMAS[0], 1.7 * INITIAL_SIGMAS[1])

@@ -27,7 +27,7 @@ DAMPING_SPAN_S = 1.0
 @kernel
 def solve_level(
     points: Array,
-    grey: NDArray[np.uint8],
+    gray: NDArray[np.uint8],
     intrinsics: Array,
     inverse_depth: NDArray[np.float32],
     depth_intrinsics: Array,
@@ -61,7 +61,7 @@ def solve_level(
             points,
             T,
             body_motion(T, motion),
-            grey,
+            gray,
             intrinsics,
             inverse_depth,
             depth_intrinsics,

@@ -15,7 +15,7 @@ from vo_service.odometry.direct.derived_parameters import GAIN_RANGE
 from vo_service.odometry.direct.parameters import POINT_BLOCKS_PX
 
 # Brightness in a half, a quarter, an eighth and a sixteenth of the frame's size. The whole size
-# gains nothing: a Kinect's colours are interpolated, and edges in it are 2 pixels wide.
+# gains nothing: a Kinect's colors are interpolated, and edges in it are 2 pixels wide.
 NUM_LEVELS = len(POINT_BLOCKS_PX)
 # Of these, those on which regions that move by themselves are told, and a motion that is nearly
 # right is made exact.
@@ -26,10 +26,10 @@ MIN_IMAGE_PX = 12
 
 @dataclass(frozen=True)
 class ImageTiming:
-    """When rows were taken, counted from the instant of the colour image's middle row.
+    """When rows were taken, counted from the instant of the color image's middle row.
 
     readout_s  from the first row to the last, of both images
-    skew_s     middle row of the depth image after that of the colour image
+    skew_s     middle row of the depth image after that of the color image
     """
 
     readout_s: float
@@ -42,7 +42,7 @@ class ImageTiming:
 
 
 class HasMeanBrightness(Protocol):
-    """Something of which the mean brightness is known, in grey levels."""
+    """Something of which the mean brightness is known, in gray levels."""
 
     @property
     def mean_brightness(self) -> float: ...
@@ -52,13 +52,13 @@ class HasMeanBrightness(Protocol):
 class ImagePyramid:
     """What is read of a frame.
 
-    grey           (H / 2, W / 2) uint8 and smaller ones, each half the size of the one before
+    gray           (H / 2, W / 2) uint8 and smaller ones, each half the size of the one before
     inverse_depth  (H, W) float32, 1/m; 0 = no reading
     camera         intrinsics of the whole size
     falloff        of the lens's light, see `falloff`
     """
 
-    grey: tuple[NDArray[np.uint8], ...]
+    gray: tuple[NDArray[np.uint8], ...]
     inverse_depth: NDArray[np.float32]
     camera: PinholeCamera
     shutter: ImageTiming
@@ -67,10 +67,10 @@ class ImagePyramid:
 
     @cached_property
     def intrinsics(self) -> tuple[Array, ...]:
-        """(4,) fx, fy, cx, cy of the whole size, then of each grey image."""
+        """(4,) fx, fy, cx, cy of the whole size, then of each gray image."""
         camera = self.camera
         whole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-        return tuple(scale_intrinsics(whole, level) for level in range(len(self.grey) + 1))
+        return tuple(scale_intrinsics(whole, level) for level in range(len(self.gray) + 1))
 
     def brightness_ratio(self, other: HasMeanBrightness) -> float:
         """How many times as bright as another view, within what is believed of a gain."""
@@ -79,8 +79,8 @@ class ImagePyramid:
 
     @cached_property
     def mean_brightness(self) -> float:
-        """Of the whole image, grey levels."""
-        return float(self.grey[-1].mean())
+        """Of the whole image, gray levels."""
+        return float(self.gray[-1].mean())
 
 
 def scale_intrinsics(intrinsics: Array, level: int) -> Array:
@@ -95,7 +95,7 @@ def build_image_pyramid(frame: RgbdFrame, vignetting: float = 0.0) -> ImagePyram
     depth_raw = frame.depth_raw.view()
     depth_raw.flags.writeable = False  # as some cameras' are: one kind of array is compiled
     return ImagePyramid(
-        grey=_downscale(frame.gray),
+        gray=_downscale(frame.gray),
         inverse_depth=invert_depth(depth_raw, float(frame.depth_factor)),
         camera=frame.camera,
         shutter=ImageTiming(frame.readout_s, frame.skew_s),
@@ -104,14 +104,14 @@ def build_image_pyramid(frame: RgbdFrame, vignetting: float = 0.0) -> ImagePyram
     )
 
 
-def _downscale(grey: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
+def _downscale(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], ...]:
     levels: list[NDArray[np.uint8]] = []
-    height, width = grey.shape
+    height, width = gray.shape
     for _ in range(NUM_LEVELS):
         height, width = max(height // 2, 1), max(width // 2, 1)
         if levels and min(height, width) < MIN_IMAGE_PX:
             break
-        last = levels[-1] if levels else grey
+        last = levels[-1] if levels else gray
         cut = last[: 2 * height, : 2 * width]
         levels.append(cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA))  # type: ignore[arg-type]
     return tuple(levels)

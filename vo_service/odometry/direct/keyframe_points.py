@@ -32,7 +32,7 @@ from vo_service.odometry.direct.rolling_shutter import (
 from vo_service.odometry.plane_fit import fit_plane
 
 # Columns of a point: where it is (x, y, z in m), its brightness, the variance of that for the
-# interpolation, how brightness changes with its place (3, grey / m), how the depth reading there
+# interpolation, how brightness changes with its place (3, gray / m), how the depth reading there
 # differs from its own with its place (3, 1/m / m), and whether brightness and depth count (0 or 1).
 (
     POINT_X,
@@ -44,7 +44,7 @@ from vo_service.odometry.plane_fit import fit_plane
     HAS_SHAPE,
 ) = 0, 3, 4, 5, 8, 11, 12
 NUM_POINT_COLUMNS = 13
-# A point has texture where brightness changes by so many grey levels a pixel.
+# A point has texture where brightness changes by so many gray levels a pixel.
 MIN_GRADIENT = GATE_SIGMAS * SENSOR_SIGMAS[0]
 # Readings of the plane around a point are so many pixels apart; to either side there are so many.
 PLANE_STEP_PX = 2
@@ -66,7 +66,7 @@ def select_points(
     readout_s, skew_s = images.shutter.readout_s, images.shutter.skew_s
     return tuple(
         _select_level(
-            grey,
+            gray,
             level_intrinsics,
             POINT_BLOCKS_PX[level],
             images.inverse_depth,
@@ -76,13 +76,13 @@ def select_points(
             motion,
             is_static,
         )
-        for level, (grey, level_intrinsics) in enumerate(zip(images.grey, halved, strict=True))
+        for level, (gray, level_intrinsics) in enumerate(zip(images.gray, halved, strict=True))
     )
 
 
 @kernel
 def _select_level(
-    grey: NDArray[np.uint8],
+    gray: NDArray[np.uint8],
     intrinsics: Array,
     block: int,
     inverse_depth: NDArray[np.float32],
@@ -92,14 +92,14 @@ def _select_level(
     motion: Array,
     is_static: NDArray[np.bool_],
 ) -> Array:
-    height, width = grey.shape
+    height, width = gray.shape
     rows, columns = height // block, width // block
     points = np.empty((rows * columns, NUM_POINT_COLUMNS))
     scale = depth_intrinsics[0] / intrinsics[0]
     found = 0
     for i in range(rows):
         for j in range(columns):
-            u, v, gu, gv = _find_steepest_pixel(grey, j * block, i * block, block)
+            u, v, gu, gv = _find_steepest_pixel(gray, j * block, i * block, block)
             if u < 0 or not is_static[cell_index(u / width, v / height)]:
                 continue
             point = points[found]
@@ -115,7 +115,7 @@ def _select_level(
                 point,
             ):
                 continue
-            point[POINT_BRIGHTNESS] = grey[v, u]
+            point[POINT_BRIGHTNESS] = gray[v, u]
             squared = gu * gu + gv * gv
             has_texture = squared >= MIN_GRADIENT * MIN_GRADIENT
             point[HAS_TEXTURE] = 1.0 if has_texture else 0.0
@@ -132,10 +132,10 @@ def _select_level(
 
 @inline_kernel
 def _find_steepest_pixel(
-    grey: NDArray[np.uint8], left: int, top: int, block: int
+    gray: NDArray[np.uint8], left: int, top: int, block: int
 ) -> tuple[int, int, float, float]:
     """Pixel u, v of a block, and its gradient; the middle without texture, -1 at the border."""
-    height, width = grey.shape
+    height, width = gray.shape
     middle = block // 2
     best_u, best_v, best_gu, best_gv = left + middle, top + middle, 0.0, 0.0
     if best_u < 1 or best_v < 1 or best_u >= width - 1 or best_v >= height - 1:
@@ -143,8 +143,8 @@ def _find_steepest_pixel(
     most = MIN_GRADIENT * MIN_GRADIENT
     for v in range(max(top, 1), min(top + block, height - 1)):
         for u in range(max(left, 1), min(left + block, width - 1)):
-            gu = 0.5 * (float(grey[v, u + 1]) - float(grey[v, u - 1]))
-            gv = 0.5 * (float(grey[v + 1, u]) - float(grey[v - 1, u]))
+            gu = 0.5 * (float(gray[v, u + 1]) - float(gray[v, u - 1]))
+            gv = 0.5 * (float(gray[v + 1, u]) - float(gray[v - 1, u]))
             squared = gu * gu + gv * gv
             if squared >= most:
                 most = squared
@@ -178,7 +178,7 @@ def _locate_point(
     w, wu, wv, has_shape = _fit_surface(inverse_depth, u_depth, v_depth)
     if w <= 0.0:
         return False
-    # Back to the instant of the colour, on its ray; then to the frame's stamp.
+    # Back to the instant of the color, on its ray; then to the frame's stamp.
     z = 1.0 / w - shift_m
     x, y, z = propagate_point(propagate_motion(motion, tau), ray_x * z, ray_y * z, z, -tau)
     fx, fy = depth_intrinsics[0], depth_intrinsics[1]
@@ -201,7 +201,7 @@ def _find_in_depth_image(
     skew_s: float,
     motion: Array,
 ) -> tuple[float, float, float]:
-    """Where the depth image, taken later, has what the colour's ray met at `tau`; how much further.
+    """Where the depth image, taken later, has what the color's ray met at `tau`; how much further.
 
     A pixel of -1 where there is no reading on the way.
     """

@@ -26,7 +26,7 @@ class DirectKeyframe:
     points            (N, COLUMNS) of each level, in its camera's axes at its stamp
     T_world_keyframe  4x4
     movement          (9,) of its camera in its own axes, see `movement`
-    frame             for features, where those are needed; without colour, for there are many
+    frame             for features, where those are needed; without color, for there are many
     """
 
     points: tuple[Array, ...]

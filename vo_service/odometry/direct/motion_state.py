@@ -32,7 +32,7 @@ class MotionState:
     velocity         (6,) twist of the camera in its own axes, m/s and rad/s
     stamp_s          of that frame
     light            gain and offset of its brightness against the keyframe's
-    mean_brightness  of the whole image, grey levels
+    mean_brightness  of the whole image, gray levels
     agitation        (2,) how much the velocity changes from frame to frame, m/s and rad/s: root of
                      a fading mean of squares over its three components; infinite: not known
     unrest           how far poses are from where they are expected: 1 is as far as their covariance

@@ -93,7 +93,7 @@ def fit_affine_brightness(
 
 @kernel
 def accumulate(points: Array, samples: Array, cell_weights: Array, residual_model: Array) -> Array:
-    """(2 BANDS, 27) sums over the bands of the colour image, then over those of the depth image.
+    """(2 BANDS, 27) sums over the bands of the color image, then over those of the depth image.
 
     With r = J d, d a small motion of the keyframe's points as a twist (translation m, rotation rad)
     in the keyframe's axes: the upper triangle of sum w J^T J, row by row, then sum w J^T r. Rows of

@@ -1,7 +1,7 @@
 """Everything about the keyframe odometry that was chosen by measurement: 25 quantities.
 
 docs/keyframe.md shows what other values do. Kernels are compiled with these: they are no settings.
-A tuple is one quantity: by level from fine to coarse; or of brightness, in grey levels, and of
+A tuple is one quantity: by level from fine to coarse; or of brightness, in gray levels, and of
 depth, in 1/m, the unit of inverse depth 1/z; or of metres and radians; or from few to many. What is
 derived from them is in `limits.py` or stands beside its use, as do sizes of arrays and where
 iterations end.
@@ -16,7 +16,7 @@ INTERPOLATION_PX = 0.15
 PLANE_RADIUS_PX = 6
 # At least this share of them is of the same surface.
 MIN_PLANE_SUPPORT = 0.6
-# Noise of its slopes, a pixel: of brightness, grey levels, and of depth, 1/m.
+# Noise of its slopes, a pixel: of brightness, gray levels, and of depth, 1/m.
 SLOPE_NOISE = (0.7, 8.9e-5)
 
 # WHAT READINGS WEIGH

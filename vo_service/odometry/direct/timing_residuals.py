@@ -46,7 +46,7 @@ def make_posed_frame(frame: RgbdFrame, T_world_camera: Array, velocity: Array) -
 
 
 def brightness_sigmas(reference: PosedFrame, others: Iterable[PosedFrame]) -> list[float]:
-    """Of each of the others laid on the reference: the spread of brightness, grey levels.
+    """Of each of the others laid on the reference: the spread of brightness, gray levels.
 
     Only the poses are found anew, from those that are given; the velocities are taken as they are.
     """

@@ -15,8 +15,8 @@ MIN_DEPTH_M = 0.05
 # weighed.
 NUM_ROW_BANDS = 16
 # Columns of a reading: brightness, 1/z of the surface less that of the point (1/m, as seen from the
-# keyframe), the cell, the bands of the colour and of the depth image, and the pixel in the whole
-# colour image; NaN or -1 where none. Then whether another surface hides the point (1), or is seen
+# keyframe), the cell, the bands of the color and of the depth image, and the pixel in the whole
+# color image; NaN or -1 where none. Then whether another surface hides the point (1), or is seen
 # through it (-1): that tells neither brightness nor depth.
 (
     SAMPLE_BRIGHTNESS,
@@ -39,7 +39,7 @@ def warp_and_sample(
     points: Array,
     T_camera_keyframe: Array,
     motion: Array,
-    grey: NDArray[np.uint8],
+    gray: NDArray[np.uint8],
     intrinsics: Array,
     inverse_depth: NDArray[np.float32],
     depth_intrinsics: Array,
@@ -71,7 +71,7 @@ def warp_and_sample(
                 motion, x, y, z, depth_intrinsics, height, readout_s, skew_s
             )
         scale = intrinsics[0] / depth_intrinsics[0]
-        brightness = _interpolate_brightness(grey, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
+        brightness = _interpolate_brightness(gray, (u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5)
         if brightness < 0.0 or z_depth < MIN_DEPTH_M:
             continue
         reading[SAMPLE_U], reading[SAMPLE_V] = u, v
@@ -119,15 +119,15 @@ def _row_band(v: float, height: int) -> int:
 
 
 @inline_kernel
-def _interpolate_brightness(grey: NDArray[np.uint8], u: float, v: float) -> float:
+def _interpolate_brightness(gray: NDArray[np.uint8], u: float, v: float) -> float:
     """Between four pixels; -1 outside of the image."""
-    height, width = grey.shape
+    height, width = gray.shape
     if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
         return -1.0
     column, row = int(u), int(v)
     right, down = u - column, v - row
-    a, b = float(grey[row, column]), float(grey[row, column + 1])
-    c, d = float(grey[row + 1, column]), float(grey[row + 1, column + 1])
+    a, b = float(gray[row, column]), float(gray[row, column + 1])
+    c, d = float(gray[row + 1, column]), float(gray[row + 1, column + 1])
     above, below = a + right * (b - a), c + right * (d - c)
     return above + down * (below - above)
 

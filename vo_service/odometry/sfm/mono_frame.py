@@ -1,4 +1,4 @@
-"""A frame as structure from motion knows it: colour alone."""
+"""A frame as structure from motion knows it: color alone."""
 
 from dataclasses import dataclass, replace
 from typing import Self

@@ -1,4 +1,4 @@
-"""Structure from motion: how the camera moves by colour alone, but for a first scale.
+"""Structure from motion: how the camera moves by color alone, but for a first scale.
 
 Nistér, Naroditsky and Bergen, "Visual odometry", CVPR 2004; Scaramuzza and Fraundorfer, "Visual
 odometry, part I", IEEE Robotics and Automation Magazine 18 (2011), whose steps these are.
@@ -31,7 +31,7 @@ KNOWN_POINTS_VERIFIER = MatchVerifier(inlier_share_if_right=0.5, inlier_share_by
 
 
 class SfmOdometry:
-    """Keyframe odometry by colour alone; a frame that fails is left out. World: the first camera.
+    """Keyframe odometry by color alone; a frame that fails is left out. World: the first camera.
 
     Until the camera has moved far enough from where it began there is no pose. `scale_source`
     then says how far that is; from there on the points in common carry the scale. Where tracking

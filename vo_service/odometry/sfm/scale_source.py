@@ -1,4 +1,4 @@
-"""Where the first scale comes from: colour alone has none.
+"""Where the first scale comes from: color alone has none.
 
 This is the one place where structure from motion may look at depth, and at that of the first
 frame alone.

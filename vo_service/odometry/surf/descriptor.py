@@ -12,7 +12,7 @@ DESCRIPTOR_SIZE = 64
 REGIONS_PER_SIDE = 4  # 4x4 square regions
 SAMPLES_PER_REGION = 5  # of 5x5 samples each
 WINDOW_SIDE = REGIONS_PER_SIDE * SAMPLES_PER_REGION  # the window is 20 s wide
-PATCH_SIDE = WINDOW_SIDE + 1  # grey values a side: differences lie between them
+PATCH_SIDE = WINDOW_SIDE + 1  # gray values a side: differences lie between them
 
 # Descriptors are rounded to whole numbers of this length: it loses nothing in matching, and dot
 # products of them are exact in float32, whatever order or number of threads adds them up.
@@ -49,7 +49,7 @@ def describe(
     vs = np.empty(PATCH_SIDE * PATCH_SIDE, np.float32)
     where = np.empty(PATCH_SIDE * PATCH_SIDE, np.int32)
     squares = np.empty(PATCH_SIDE * PATCH_SIDE, np.uint32)
-    grey = np.empty(PATCH_SIDE * PATCH_SIDE, np.float32)
+    gray = np.empty(PATCH_SIDE * PATCH_SIDE, np.float32)
     dx = np.empty((WINDOW_SIDE, PATCH_SIDE), np.float32)
     dy = np.empty((WINDOW_SIDE, PATCH_SIDE), np.float32)
     sums = np.empty((4, WINDOW_SIDE), np.float32)
@@ -69,19 +69,19 @@ def describe(
             rotate_grid(x, y, spacing, np.float32(0.0), disc_grid, us[:cells], vs[:cells])
             sample_bilinear(
                 packed, offset, height, width,
-                us[:cells], vs[:cells], where[:cells], squares[:cells], grey[:cells],
+                us[:cells], vs[:cells], where[:cells], squares[:cells], gray[:cells],
             )  # fmt: skip
-            co, si = dominant_direction(grey[:cells], disc_weights, us, vs, where)
+            co, si = dominant_direction(gray[:cells], disc_weights, us, vs, where)
         directions[n, 0], directions[n, 1] = co, si
         rotate_grid(x, y, spacing * co, spacing * si, patch_grid, us, vs)
-        sample_bilinear(packed, offset, height, width, us, vs, where, squares, grey)
-        _sum_regions(grey, patch_weights, dx, dy, sums, descriptors[n])
+        sample_bilinear(packed, offset, height, width, us, vs, where, squares, gray)
+        _sum_regions(gray, patch_weights, dx, dy, sums, descriptors[n])
         _normalize(descriptors[n])
 
 
 @inline_kernel
 def _sum_regions(
-    grey: NDArray[np.float32],
+    gray: NDArray[np.float32],
     weights: NDArray[np.float32],
     dx: NDArray[np.float32],
     dy: NDArray[np.float32],
@@ -93,8 +93,8 @@ def _sum_regions(
     dx and dy (20, 21), their last column void, and sums (4, 20) are scratch.
     """
     flat_dx, flat_dy = dx.reshape(-1), dy.reshape(-1)
-    upper, upper_right = grey, grey[1:]
-    lower, lower_right = grey[PATCH_SIDE:], grey[PATCH_SIDE + 1 :]
+    upper, upper_right = gray, gray[1:]
+    lower, lower_right = gray[PATCH_SIDE:], gray[PATCH_SIDE + 1 :]
     for k in range(WINDOW_SIDE * PATCH_SIDE - 1):
         falling = lower_right[k] - upper[k]
         rising = upper_right[k] - lower[k]

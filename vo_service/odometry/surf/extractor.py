@@ -12,7 +12,7 @@ from vo_service.odometry.surf.orientation import GRID_SIDE, disc_weights
 from vo_service.odometry.surf.packed_pyramid import build_pyramid, centered_grid
 from vo_service.odometry.surf.scale_space import ScaleSpace
 
-# Below this response (grey levels^2) a maximum is sensor noise.
+# Below this response (gray levels^2) a maximum is sensor noise.
 MIN_THRESHOLD = 10.0
 # The next search starts at this share of the weakest response kept, to find just enough.
 NEXT_THRESHOLD_RATIO = 0.6
@@ -27,7 +27,7 @@ class Features:
     position_px  (N, 2) float32, (x, y); the centre of the first pixel is (0, 0)
     scale_px     (N,) float32, the sigma s of the blob
     direction    (N, 2) float32, (cos, sin) of the dominant direction, x right and y down
-    response     (N,) float32, det(H), grey levels^2
+    response     (N,) float32, det(H), gray levels^2
     sign         (N,) float32, of the Laplacian: +1 dark blob, -1 bright blob
     descriptor   (N, 64) float32 whole numbers, of length 300 but for rounding
     """
@@ -63,12 +63,12 @@ class SurfExtractor:
             centered_grid(PATCH_SIDE),
         )
 
-    def extract(self, grey: NDArray[np.uint8]) -> Features:
+    def extract(self, gray: NDArray[np.uint8]) -> Features:
         """Features of a (H, W) uint8 image, at least 16x16."""
-        keypoints = self._select_strongest(self.detect(grey))
+        keypoints = self._select_strongest(self.detect(gray))
         directions = np.empty((len(keypoints), 2), np.float32)
         descriptors = np.empty((len(keypoints), DESCRIPTOR_SIZE), np.float32)
-        pyramid = build_pyramid(grey)
+        pyramid = build_pyramid(gray)
         describe(
             pyramid.packed, pyramid.level_table, keypoints, self._upright,
             *self._templates, directions, descriptors,
@@ -82,12 +82,12 @@ class SurfExtractor:
             descriptor=descriptors,
         )
 
-    def detect(self, grey: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def detect(self, gray: NDArray[np.uint8]) -> NDArray[np.float32]:
         """At least the `count` strongest keypoints, where there are as many, in image order."""
-        if grey.shape != self._shape:
-            self._shape = (grey.shape[0], grey.shape[1])
+        if gray.shape != self._shape:
+            self._shape = (gray.shape[0], gray.shape[1])
             self._scale_space = ScaleSpace(*self._shape)
-        self._scale_space.compute_responses(cv2.integral(grey))  # type: ignore[arg-type]
+        self._scale_space.compute_responses(cv2.integral(gray))  # type: ignore[arg-type]
         found = self._scale_space.find_maxima(self._threshold)
         while len(found) < self.count and self._threshold > MIN_THRESHOLD:
             self._threshold = max(RETRY_THRESHOLD_RATIO * self._threshold, MIN_THRESHOLD)

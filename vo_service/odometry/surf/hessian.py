@@ -30,7 +30,7 @@ def fill_responses(
 ) -> None:
     """Write det(H) at every step-th pixel into `response`; where the filter leaves the image, 0.
 
-    integral (H+1, W+1) int32; response (ceil(H/step), ceil(W/step)) float32, in grey levels^2,
+    integral (H+1, W+1) int32; response (ceil(H/step), ceil(W/step)) float32, in gray levels^2,
     normalised by the area of a lobe pair so that one threshold serves all sizes (eq. 3).
     """
     width = integral.shape[1] - 1

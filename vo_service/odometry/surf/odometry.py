@@ -34,7 +34,7 @@ class FeatureExtractor(Protocol):
 
     count: int
 
-    def extract(self, grey: NDArray[np.uint8]) -> Features:
+    def extract(self, gray: NDArray[np.uint8]) -> Features:
         """Features of a (H, W) image."""
         ...
 

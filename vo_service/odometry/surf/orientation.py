@@ -21,7 +21,7 @@ def disc_weights() -> NDArray[np.float32]:
 
 @inline_kernel
 def dominant_direction(
-    grey: NDArray[np.float32],
+    gray: NDArray[np.float32],
     weights: NDArray[np.float32],
     dxs: NDArray[np.float32],
     dys: NDArray[np.float32],
@@ -29,13 +29,13 @@ def dominant_direction(
 ) -> tuple[np.float32, np.float32]:
     """(cos, sin) of the longest sum of Haar responses in any 60-degree window.
 
-    grey (15 * 15,) samples at the keypoint's spacing; dxs, dys and bins are scratch of 13 * 13
+    gray (15 * 15,) samples at the keypoint's spacing; dxs, dys and bins are scratch of 13 * 13
     or more.
     """
     side = 2 * RADIUS + 1
     sum_x = np.zeros(NUM_BINS, np.float32)
     sum_y = np.zeros(NUM_BINS, np.float32)
-    square = grey.reshape((GRID_SIDE, GRID_SIDE))
+    square = gray.reshape((GRID_SIDE, GRID_SIDE))
     for i in range(side):
         for j in range(side):
             k = i * side + j

@@ -1,4 +1,4 @@
-"""Grey values at half, quarter, ... size, packed so that a bilinear sample is one load.
+"""Gray values at half, quarter, ... size, packed so that a bilinear sample is one load.
 
 The paper samples Haar wavelets on the integral image. Sampling a smoothed pyramid instead, at the
 keypoint's own scale, is rotation-proof between pixels, matches better and costs less.
@@ -17,7 +17,7 @@ NUM_LEVELS = 4  # the largest keypoints (scale 14) are sampled at an eighth of t
 
 @dataclass(frozen=True)
 class PackedPyramid:
-    """All levels in one table. Entry (x, y) of a level holds the grey values of a 2x2 square.
+    """All levels in one table. Entry (x, y) of a level holds the gray values of a 2x2 square.
 
     packed  (sum of level sizes,) uint32: (x, y), (x+1, y), (x, y+1), (x+1, y+1), low byte first
     shape   (LEVELS, 3) int64: offset into `packed`, height, width of each level
@@ -27,9 +27,9 @@ class PackedPyramid:
     level_table: NDArray[np.int64]
 
 
-def build_pyramid(grey: NDArray[np.uint8]) -> PackedPyramid:
-    """Smooth a little, halve LEVELS - 1 times by area, pack. grey (H, W) uint8, at least 16x16."""
-    images = [_smooth(grey)]
+def build_pyramid(gray: NDArray[np.uint8]) -> PackedPyramid:
+    """Smooth a little, halve LEVELS - 1 times by area, pack. gray (H, W) uint8, at least 16x16."""
+    images = [_smooth(gray)]
     for _ in range(1, NUM_LEVELS):
         images.append(_halve(images[-1]))
     sizes = [image.size for image in images]
@@ -115,7 +115,7 @@ def sample_bilinear(
     squares: NDArray[np.uint32],
     out: NDArray[np.float32],
 ) -> None:
-    """Bilinear grey values at the positions (x, y) of one level, clamped to the image.
+    """Bilinear gray values at the positions (x, y) of one level, clamped to the image.
 
     All arrays are of one length; `where` and `squares` are scratch, and so are x and y afterwards.
     Three loops, because only the middle one, the loads, does not vectorise.

@@ -35,7 +35,7 @@ def make_blueprint() -> rrb.Blueprint:
         ],
     )
     pictures = rrb.Horizontal(
-        rrb.Spatial2DView(name="Colour: features and matches", origin=IMAGE),
+        rrb.Spatial2DView(name="Color: features and matches", origin=IMAGE),
         rrb.Spatial2DView(name="Depth", origin=DEPTH),
     )
     plots = rrb.Horizontal(

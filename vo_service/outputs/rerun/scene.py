@@ -115,13 +115,13 @@ class RerunScene:
 
     def _log_static(self) -> None:
         self._stream.log(paths.WORLD, rr.ViewCoordinates.RDF, static=True)
-        colours = {
+        colors = {
             "features": FEATURE_COLOR,
             "matches": MATCH_COLOR,
             "inliers": INLIER_COLOR,
         }
-        for name, colour in colours.items():
-            style = rr.SeriesLines(colors=colour, names=name, widths=1.5)
+        for name, color in colors.items():
+            style = rr.SeriesLines(colors=color, names=name, widths=1.5)
             self._stream.log(f"{paths.COUNTS}/{name}", style, static=True)
 
     def _log_state(self, state: TrackingStatus) -> None:
@@ -161,16 +161,16 @@ class RerunScene:
             evidence.keypoints_px, colors=FEATURE_COLOR, radii=rr.Radius.ui_points(1.0)
         )
         self._stream.log(paths.FEATURES, features)
-        for path, some, colour in (
+        for path, some, color in (
             (paths.INLIERS, lines[inlier], INLIER_COLOR),
             (paths.OUTLIERS, lines[~inlier], OUTLIER_COLOR),
         ):
-            strips = rr.LineStrips2D(some, colors=colour, radii=rr.Radius.ui_points(1.0))
+            strips = rr.LineStrips2D(some, colors=color, radii=rr.Radius.ui_points(1.0))
             self._stream.log(path, strips)
 
     def _log_points(self, frame: RgbdFrame) -> None:
-        points, colours = back_project(frame, POINT_GRID_PX)
-        cloud = rr.Points3D(points, colors=colours, radii=rr.Radius.ui_points(2.0))
+        points, colors = back_project(frame, POINT_GRID_PX)
+        cloud = rr.Points3D(points, colors=colors, radii=rr.Radius.ui_points(2.0))
         self._stream.log(paths.POINTS, cloud)
 
     def _jpeg(self, image_bgr: NDArray[np.uint8]) -> rr.EncodedImage:

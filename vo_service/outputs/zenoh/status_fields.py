@@ -14,7 +14,7 @@ STATUS_FIELD_DESCRIPTIONS: Mapping[str, str] = {
     "fps": "poses a second, of the last two seconds",
     "latency_p50_ms": "from a frame's arrival to its pose, median of the last 100 frames",
     "latency_p99_ms": "the same, 99th percentile",
-    "skew_ms": "instant of depth minus instant of colour, median of the last 100 frames",
+    "skew_ms": "instant of depth minus instant of color, median of the last 100 frames",
     "jitter_ms": "standard deviation of the time from one stamp to the next",
     "features": "found in the last frame",
     "matches": "of them, with the frame before",

@@ -28,7 +28,7 @@ _SPACING_GROWTH = math.sqrt(2.0)
 
 @dataclass(frozen=True)
 class MeshKeyframe:
-    """One view: colour as JPEG, depth without loss, and where the camera was.
+    """One view: color as JPEG, depth without loss, and where the camera was.
 
     from_place  the same pose, for when the map is corrected
     """
@@ -66,8 +66,8 @@ class MeshKeyframe:
     def color_bgr(self) -> NDArray[np.uint8]:
         """(height, width, 3) uint8, nearly as it was."""
         data = np.frombuffer(self.jpeg, np.uint8)
-        colour: NDArray[np.uint8] = cv2.imdecode(data, cv2.IMREAD_COLOR)  # type: ignore[assignment]
-        return colour
+        color: NDArray[np.uint8] = cv2.imdecode(data, cv2.IMREAD_COLOR)  # type: ignore[assignment]
+        return color
 
     @property
     def depth_m(self) -> NDArray[np.float32]:

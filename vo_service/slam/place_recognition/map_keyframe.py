@@ -59,7 +59,7 @@ class MapKeyframe:
     landmarks        in the camera's axes at the stamp
     summary          (D,) int8, see `words`
     packed_points    of each level, for the dense alignment
-    mean_brightness  of the whole image, grey levels
+    mean_brightness  of the whole image, gray levels
     """
 
     number: int

@@ -70,7 +70,7 @@ class ConfiguredMethodFactory:
 
 @dataclass(frozen=True)
 class TrueScaleSfmFactory:
-    """The colour-only method with its first scale from the ground truth; see `Recipe`."""
+    """The color-only method with its first scale from the ground truth; see `Recipe`."""
 
     odometry: OdometryConfig
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.core.geometry import Array
 
-GreyImage = NDArray[np.uint8]
+GrayImage = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,11 @@ class Board(Protocol):
         """For people: "chessboard of 9x6 inner corners"."""
         ...
 
-    def find_corners(self, grey: GreyImage) -> BoardCorners:
+    def find_corners(self, gray: GrayImage) -> BoardCorners:
         """Its corners to a fraction of a pixel; NO_CORNERS where it is not seen well enough."""
         ...
 
-    def suggest_other_board(self, grey: GreyImage) -> str:
+    def suggest_other_board(self, gray: GrayImage) -> str:
         """The option for a similar board that the image shows; "" if there is none."""
         ...
 

@@ -19,7 +19,7 @@ MIN_READINGS_PER_VIEW = 40
 
 @dataclass(frozen=True)
 class BoardReadings:
-    """Readings on boards, one row each; planes are n . x = offset in the colour camera.
+    """Readings on boards, one row each; planes are n . x = offset in the color camera.
 
     shape       (height, width) of the depth images
     view        (N,) number of the view
@@ -52,7 +52,7 @@ def collect_board_readings(
 ) -> BoardReadings:
     """Collect them, with the board outlined in each depth image as `model` has it.
 
-    T_camera_board (V, 4, 4) is where the colour camera saw the boards. Views with too few readings
+    T_camera_board (V, 4, 4) is where the color camera saw the boards. Views with too few readings
     give none.
     """
     rows: list[Array] = []

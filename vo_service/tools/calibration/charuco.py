@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.core.errors import InputError
 from drivers.core.geometry import Array
-from vo_service.tools.calibration.board import NO_CORNERS, BoardCorners, BoardLayout, GreyImage
+from vo_service.tools.calibration.board import NO_CORNERS, BoardCorners, BoardLayout, GrayImage
 from vo_service.tools.calibration.chessboard import SUBPIXEL_CRITERIA
 
 # Fewer corners tell little, and may all lie in two rows.
@@ -50,31 +50,31 @@ class Charuco:
         size = f"{self.layout.columns}x{self.layout.rows}"
         return f"ChArUco board of {size} squares, dictionary {self.dictionary}"
 
-    def find_corners(self, grey: GreyImage) -> BoardCorners:
+    def find_corners(self, gray: GrayImage) -> BoardCorners:
         """The inner corners beside markers that were read."""
         for detector in self._detectors:
-            pixels, ids, _, _ = detector.detectBoard(grey)
+            pixels, ids, _, _ = detector.detectBoard(gray)
             if ids is not None and len(ids) >= MIN_CORNERS:
                 points_m = self.layout.inner_corners_m[np.ravel(ids)]
-                return self._refine_corners(grey, np.asarray(pixels, np.float32), points_m)
+                return self._refine_corners(gray, np.asarray(pixels, np.float32), points_m)
         return NO_CORNERS
 
     def _refine_corners(
-        self, grey: GreyImage, pixels: NDArray[np.float32], points_m: Array
+        self, gray: GrayImage, pixels: NDArray[np.float32], points_m: Array
     ) -> BoardCorners:
         """To a tenth of a pixel; NO_CORNERS where they are too close together for that."""
         square_px = _square_px(pixels.reshape(-1, 2), points_m, self.layout.square_m)
         if square_px < MIN_SQUARE_PX:
             return NO_CORNERS
         half = max(MIN_HALF_WINDOW_PX, round(HALF_WINDOW_RATIO * square_px))
-        refined = cv2.cornerSubPix(grey, pixels, (half, half), (-1, -1), SUBPIXEL_CRITERIA)
+        refined = cv2.cornerSubPix(gray, pixels, (half, half), (-1, -1), SUBPIXEL_CRITERIA)
         return BoardCorners(refined.reshape(-1, 2).astype(np.float64), points_m)
 
-    def suggest_other_board(self, grey: GreyImage) -> str:
+    def suggest_other_board(self, gray: GrayImage) -> str:
         """A chessboard would not tell; another dictionary's markers do."""
         for name in DICTIONARIES:
             detector = aruco.ArucoDetector(_dictionary(name))
-            _, ids, _ = detector.detectMarkers(grey)
+            _, ids, _ = detector.detectMarkers(gray)
             if name != self.dictionary and ids is not None and len(ids) >= MIN_CORNERS:
                 return f"{self._option} --dictionary {name}"
         return ""

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from drivers.core.geometry import Array
-from vo_service.tools.calibration.board import NO_CORNERS, BoardCorners, BoardLayout, GreyImage
+from vo_service.tools.calibration.board import NO_CORNERS, BoardCorners, BoardLayout, GrayImage
 
 # Refinement looks at windows of up to 11 x 11 pixels, less where corners are close together.
 MAX_HALF_WINDOW_PX = 5
@@ -29,9 +29,9 @@ class Chessboard:
         columns, rows = self._inner_corners
         return f"chessboard of {columns}x{rows} inner corners"
 
-    def find_corners(self, grey: GreyImage) -> BoardCorners:
+    def find_corners(self, gray: GrayImage) -> BoardCorners:
         """All inner corners or none."""
-        found, pixels = cv2.findChessboardCornersSB(grey, self._inner_corners, flags=FIND_FLAGS)
+        found, pixels = cv2.findChessboardCornersSB(gray, self._inner_corners, flags=FIND_FLAGS)
         if not found:
             return NO_CORNERS
         columns, rows = self._inner_corners
@@ -41,13 +41,13 @@ class Chessboard:
             return NO_CORNERS
         half = int(min(MAX_HALF_WINDOW_PX, spacing_px / 2 - 1))
         # Better than the finder's own fraction of a pixel, which is that of a fitted grid.
-        refined = cv2.cornerSubPix(grey, pixels, (half, half), (-1, -1), SUBPIXEL_CRITERIA)
+        refined = cv2.cornerSubPix(gray, pixels, (half, half), (-1, -1), SUBPIXEL_CRITERIA)
         return BoardCorners(refined.reshape(-1, 2).astype(np.float64), self.layout.inner_corners_m)
 
-    def suggest_other_board(self, grey: GreyImage) -> str:
+    def suggest_other_board(self, gray: GrayImage) -> str:
         """A chessboard of any other size."""
         flags = FIND_FLAGS | cv2.CALIB_CB_LARGER
-        found, _, meta = cv2.findChessboardCornersSBWithMeta(grey, MIN_PATTERN, flags)
+        found, _, meta = cv2.findChessboardCornersSBWithMeta(gray, MIN_PATTERN, flags)
         if not found or meta.shape[:2] in (self._inner_corners, self._inner_corners[::-1]):
             return ""
         rows, columns = sorted(meta.shape[:2])

@@ -62,7 +62,7 @@ def _no_board_message(board: Board, files: list[SnapshotFiles]) -> str:
     count = len(files)
     spread = files[:: max(1, count // MAX_SEARCHED_IMAGES)]
     seen = [
-        board.suggest_other_board(found.grey)
+        board.suggest_other_board(found.gray)
         for found in read_snapshots(spread)
         if found is not None
     ]

@@ -1,4 +1,4 @@
-"""The colour camera from views of a board: Zhang's method, as OpenCV has it.
+"""The color camera from views of a board: Zhang's method, as OpenCV has it.
 
 Zhang, A flexible new technique for camera calibration, IEEE PAMI 22(11), 2000.
 """

@@ -1,7 +1,7 @@
-"""The depth camera from the planes of a board that the colour camera has seen.
+"""The depth camera from the planes of a board that the color camera has seen.
 
 Every depth pixel on the board must lie in the board's plane, once it is turned into a point by the
-depth camera's intrinsics and carried into the colour camera. That ties down intrinsics, relative
+depth camera's intrinsics and carried into the color camera. That ties down intrinsics, relative
 pose and scale together, if the board is seen at many tilts, places and distances.
 """
 
@@ -93,7 +93,7 @@ class DepthCalibrationResult:
 def calibrate_depth(
     color: ColorCalibrationResult, layout: BoardLayout, depth_factor: float, progress: Progress
 ) -> DepthCalibrationResult:
-    """Fit the depth camera to the boards of `colour`, whose views hold its images.
+    """Fit the depth camera to the boards of `color`, whose views hold its images.
 
     `progress` gets (done, total). Raises UserFacingError if the readings are not on the boards, or
     on too few of them.
@@ -173,7 +173,7 @@ def _jackknife_sigma(
     """(13,) from calibrations of both cameras that each leave out a tenth of the views.
 
     The normal matrix would promise ten times too much: the pixels of one view agree with each
-    other far better than with the truth, and all views share the colour camera's error.
+    other far better than with the truth, and all views share the color camera's error.
     """
     fits = []
     count = min(JACKKNIFE_GROUPS, len(color.views))
@@ -194,7 +194,7 @@ def _make_result(
     part = float(is_used.mean())
     if noise > MAX_NOISE_RATIO or part < MIN_USED_FRACTION:
         raise UserFacingError(
-            f"depth does not agree with the boards that the colour camera saw: {noise:.0f} times "
+            f"depth does not agree with the boards that the color camera saw: {noise:.0f} times "
             f"the sensor's noise, {part:.0%} of the readings of use; the board must be flat and "
             "still, and no image mirrored"
         )

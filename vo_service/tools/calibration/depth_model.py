@@ -14,7 +14,7 @@ DISTORTION = slice(4, 6)
 ROTATION = slice(6, 9)
 TRANSLATION = slice(9, 12)
 SCALE_INDEX = 12
-# Kinect and Xtion: infrared focal length over the image's width, and the colour camera 25 mm to
+# Kinect and Xtion: infrared focal length over the image's width, and the color camera 25 mm to
 # the right of the infrared one.
 DEFAULT_FOCAL_RATIO = 575.8 / 640.0
 DEFAULT_TRANSLATION_M = (-0.025, 0.0, 0.0)
@@ -49,7 +49,7 @@ class DepthModel:
 
     @property
     def T_color_depth(self) -> Array:
-        """4x4; maps depth camera coordinates to the colour camera."""
+        """4x4; maps depth camera coordinates to the color camera."""
         return rigid_transform(so3_exp(self.vector[ROTATION]), self.vector[TRANSLATION])
 
     @property
@@ -64,7 +64,7 @@ class DepthModel:
         return Lens(fx, fy, cx, cy, (k1, k2, 0.0, 0.0, 0.0))
 
     def points_m(self, pixels: Array, readings_m: Array) -> Array:
-        """(N, 3) in the colour camera, of readings (N,) at pixels (N, 2)."""
+        """(N, 3) in the color camera, of readings (N,) at pixels (N, 2)."""
         rays = self._rays(pixels)
         points = rays * (self.scale * readings_m)[:, None]
         T = self.T_color_depth

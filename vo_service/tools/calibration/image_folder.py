@@ -93,9 +93,9 @@ def _check_size(found: Snapshot, first: Snapshot) -> None:
 
 
 def _format_size(snapshot: Snapshot) -> str:
-    colour = "{}x{}".format(*snapshot.size)
+    color = "{}x{}".format(*snapshot.size)
     height, width = snapshot.depth_raw.shape
-    return f"{colour} (depth {width}x{height})" if width else colour
+    return f"{color} (depth {width}x{height})" if width else color
 
 
 def read_depth_units(folder: Path, given: Path | None) -> DepthUnits:

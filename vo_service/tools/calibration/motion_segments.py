@@ -88,8 +88,8 @@ class FastestSegments:
 
 def _make_thumbnail(frame: RgbdFrame) -> Array:
     small = cv2.resize(frame.color_bgr, THUMBNAIL_SIZE_PX, interpolation=cv2.INTER_AREA)
-    grey: Array = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    return grey
+    gray: Array = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    return gray
 
 
 CAPTURE_DURATION_S = 60.0

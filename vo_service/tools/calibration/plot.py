@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # drawn with rarely, and slow to import
 FORMATS = (".png", ".svg")
 # Length of an arrow whose corner is off by the usual error, in parts of the image's width.
 ARROW_LENGTH_RATIO = 0.025
-# Colours of depth residuals end at so many usual ones.
+# Colors of depth residuals end at so many usual ones.
 MAX_RESIDUAL_SIGMAS = 2.5
 
 
@@ -48,16 +48,16 @@ def draw_plot(calibration: CalibrationResult) -> "Figure":
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    colour, rows = calibration.color, 1 + len(calibration.depth)
+    color, rows = calibration.color, 1 + len(calibration.depth)
     figure = Figure(figsize=(13, 5.2 * rows), layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(f"{len(colour.views)} views of a {calibration.board.name}")
+    figure.suptitle(f"{len(color.views)} views of a {calibration.board.name}")
     plots = figure.subplots(rows, 2, width_ratios=[1.55, 1], squeeze=False)
-    _draw_corners(plots[0, 0], colour)
-    _draw_bars(plots[0, 1], colour.view_rms_px, "error in each view", "px")
+    _draw_corners(plots[0, 0], color)
+    _draw_bars(plots[0, 1], color.view_rms_px, "error in each view", "px")
     for depth, (image, bars) in zip(calibration.depth, plots[1:], strict=True):
         _draw_readings(figure, image, depth)
-        errors_mm = _view_rms_mm(depth, len(colour.views))
+        errors_mm = _view_rms_mm(depth, len(color.views))
         _draw_bars(bars, errors_mm, "depth off the board in each view", "mm")
     return figure
 
@@ -86,7 +86,7 @@ def _round_to_one_digit(value: float) -> float:
 
 
 def _draw_zones(plot: "Axes", color: ColorCalibrationResult) -> None:
-    """Grey out the zones that hardly a corner was seen in, and rule the others off."""
+    """Gray out the zones that hardly a corner was seen in, and rule the others off."""
     from matplotlib.patches import Rectangle
 
     edges = np.array([0.0, *ZONE_EDGES, 1.0])
@@ -103,7 +103,7 @@ def _draw_zones(plot: "Axes", color: ColorCalibrationResult) -> None:
 
 
 def _draw_readings(figure: "Figure", plot: "Axes", depth: DepthCalibrationResult) -> None:
-    """Used depth readings, coloured by how far they are from their board."""
+    """Used depth readings, colored by how far they are from their board."""
     height, width = depth.pixels.shape
     _set_image_axes(plot, (width, height))
     pixels, residuals_mm = depth.pixels.pixels[depth.is_used], 1e3 * depth.residuals_m

@@ -54,32 +54,32 @@ class CalibrationResult:
 
     def as_table(self) -> str:
         """For people."""
-        colour = self.color
-        width, height = colour.size
-        count = f"{len(colour.views)} views of a {self.board.name}"
+        color = self.color
+        width, height = color.size
+        count = f"{len(color.views)} views of a {self.board.name}"
         rows = [f"{count}, {width}x{height}", ""]
-        rows.append(ROW_FORMAT.format("", "colour camera", "depth camera" if self.depth else ""))
-        figures = [_format_column(colour.lens, colour.sigma)]
+        rows.append(ROW_FORMAT.format("", "color camera", "depth camera" if self.depth else ""))
+        figures = [_format_column(color.lens, color.sigma)]
         figures += [_format_column(d.model.lens, d.sigma[:6]) for d in self.depth]
         for number, name in enumerate(("fx", "fy", "cx", "cy", *COEFFICIENTS)):
             unit = " (px)" if number < 4 else ""
             cells = [column[number] for column in figures]
             rows.append(ROW_FORMAT.format(name + unit, *cells, *[""] * (2 - len(cells))))
-        errors = [f"{colour.rms_px:.3f} px", *(f"{1e3 * d.rms_m:.2f} mm" for d in self.depth)]
+        errors = [f"{color.rms_px:.3f} px", *(f"{1e3 * d.rms_m:.2f} mm" for d in self.depth)]
         rows.append(ROW_FORMAT.format("error (rms)", *errors, *[""] * (2 - len(errors))))
         rows += [line for depth in self.depth for line in _format_pose(depth)]
         return "\n".join(row.rstrip() for row in rows)
 
     def as_json(self) -> dict[str, Any]:
         """For programs; keys stay."""
-        colour = self.color
+        color = self.color
         return {
             "board": self.board.name,
-            "image": list(colour.size),
-            "views": len(colour.views),
-            "rejected": colour.rejected,
+            "image": list(color.size),
+            "views": len(color.views),
+            "rejected": color.rejected,
             "warnings": self.warnings,
-            "colour": _lens_as_json(colour.lens, colour.sigma) | {"rms_px": float(colour.rms_px)},
+            "color": _lens_as_json(color.lens, color.sigma) | {"rms_px": float(color.rms_px)},
             "depth": _depth_as_json(self.depth[0]) if self.depth else None,
         }
 
@@ -120,7 +120,7 @@ def _format_pose(depth: DepthCalibrationResult) -> list[str]:
     turn = _format_axes(np.degrees(vector[ROTATION]), np.degrees(sigma[ROTATION]))
     return [
         "",
-        "from the depth camera to the colour camera (T_color_depth)",
+        "from the depth camera to the color camera (T_color_depth)",
         f"  shift (mm)  {shift}",
         f"  turn (deg)  {turn}",
         f"true distance per distance read (scale)  {depth.model.scale:.4f} ± {sigma[SCALE_INDEX]:.4f}",

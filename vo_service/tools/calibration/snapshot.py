@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.calibration import Distortion
 from drivers.core.geometry import Array, rigid_transform, so3_exp
-from vo_service.tools.calibration.board import BoardCorners, GreyImage
+from vo_service.tools.calibration.board import BoardCorners, GrayImage
 
 NO_DEPTH: NDArray[np.uint16] = np.zeros((0, 0), np.uint16)
 
@@ -30,19 +30,19 @@ class Snapshot:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) of the colour image."""
+        """(width, height) of the color image."""
         return self.color_bgr.shape[1], self.color_bgr.shape[0]
 
     @property
-    def grey(self) -> GreyImage:
+    def gray(self) -> GrayImage:
         """(height, width) uint8 brightness."""
-        grey: GreyImage = cv2.cvtColor(self.color_bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[assignment]
-        return grey
+        gray: GrayImage = cv2.cvtColor(self.color_bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[assignment]
+        return gray
 
 
 @dataclass(frozen=True)
 class BoardView:
-    """A snapshot that shows the board; of its colour image only the size is kept."""
+    """A snapshot that shows the board; of its color image only the size is kept."""
 
     name: str
     size: tuple[int, int]
@@ -51,7 +51,7 @@ class BoardView:
 
 
 def make_view(snapshot: Snapshot, corners: BoardCorners) -> BoardView:
-    """The snapshot without its colours."""
+    """The snapshot without its colors."""
     return BoardView(snapshot.name, snapshot.size, corners, snapshot.depth_raw)
 
 

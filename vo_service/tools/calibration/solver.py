@@ -12,19 +12,19 @@ from vo_service.tools.calibration.validation import validate_color, validate_dep
 def solve_calibration(
     board: Board, collected: CollectedViews, with_depth: bool, terminal: Terminal
 ) -> CalibrationResult:
-    """Fit the colour camera, then the depth camera to it.
+    """Fit the color camera, then the depth camera to it.
 
     Raises UserFacingError if the views are too few or too much alike, or the result cannot be.
     """
-    with terminal.busy("fitting the colour camera"):
-        colour = calibrate_color(collected.views)
-    warnings = validate_color(colour, collected.gaps)
+    with terminal.busy("fitting the color camera"):
+        color = calibrate_color(collected.views)
+    warnings = validate_color(color, collected.gaps)
     fits = []
     if with_depth:
         with terminal.busy("fitting the depth camera") as busy:
             factor = collected.units.depth_factor
-            depth = calibrate_depth(colour, board.layout, factor, busy.progress_callback("step"))
-        warnings += validate_depth(depth, colour, collected.gaps)
+            depth = calibrate_depth(color, board.layout, factor, busy.progress_callback("step"))
+        warnings += validate_depth(depth, color, collected.gaps)
         fits.append(depth)
     warnings += [lack.problem for lack in collected.gaps]
-    return CalibrationResult(board, collected.units, colour, fits, warnings)
+    return CalibrationResult(board, collected.units, color, fits, warnings)

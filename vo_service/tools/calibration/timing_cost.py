@@ -32,7 +32,7 @@ class SensorTiming:
     """When rows are taken.
 
     readout_s       from the first row to the last, of both images
-    depth_offset_s  instant of a depth image minus what its stamp says, relative to colour
+    depth_offset_s  instant of a depth image minus what its stamp says, relative to color
     """
 
     readout_s: float

@@ -42,7 +42,7 @@ class ParameterUncertainty:
 def validate_color(color: ColorCalibrationResult, gaps: Iterable[CoverageGap]) -> list[str]:
     """Warnings. Raises UserFacingError if the views do not determine the camera."""
     warnings = _check_uncertainties(
-        "colour", _lens_uncertainties(color.lens.fx, color.lens.fy, color.sigma), gaps
+        "color", _lens_uncertainties(color.lens.fx, color.lens.fy, color.sigma), gaps
     )
     if len(color.views) < MIN_GOOD_VIEWS:
         warnings.append(f"only {len(color.views)} views: 25 make a calibration that lasts")
@@ -63,8 +63,8 @@ def validate_depth(
     same_lens = abs(model.lens.fx / color.lens.fx - 1.0) < MAX_SAME_FOCAL_RATIO
     if gap_m < MIN_CAMERA_DISTANCE_M and same_lens:
         raise UserFacingError(
-            f"this depth is registered to colour already (its camera would be {1e3 * gap_m:.0f} mm "
-            "from the colour camera); leave out --depth, or record with --depth --keep"
+            f"this depth is registered to color already (its camera would be {1e3 * gap_m:.0f} mm "
+            "from the color camera); leave out --depth, or record with --depth --keep"
         )
     return _check_uncertainties("depth", _depth_uncertainties(depth), gaps)
 

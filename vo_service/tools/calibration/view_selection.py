@@ -91,7 +91,7 @@ class ViewSelector:
     def process(self, snapshot: Snapshot) -> ViewDecision:
         """Look for the board; keep the view if it is still and new."""
         self.snapshot_count += 1
-        corners = self.board.find_corners(snapshot.grey)
+        corners = self.board.find_corners(snapshot.gray)
         is_still = self._is_still(snapshot.stamp_s, corners)
         self._last_stamp_s, self.corners = snapshot.stamp_s, corners
         if not len(corners.pixels):

@@ -18,7 +18,7 @@ def add_report_contents(report: BugReport, camera: RgbdCamera) -> str:
     report.add_text("usb.txt", format_usb_listing(Path("/")))
     for name, text in read_journals().items():
         report.add_text(name, text)
-    # Depth is kept exactly; colour is not, for the sake of a file that can be sent.
+    # Depth is kept exactly; color is not, for the sake of a file that can be sent.
     with TumWriter(report.folder / "frames", color_format=ColorFormat.JPEG) as writer:
         watched = probe_stream(camera, RECORDED_DURATION_S, writer.write)
     if watched.error:

@@ -28,7 +28,7 @@ class FirstFramesCheck:
         width, height = watched.size
         source = watched.intrinsics_source
         return passed(
-            f"colour and depth, {width}x{height}, after {watched.first_frame_s:.1f} s"
+            f"color and depth, {width}x{height}, after {watched.first_frame_s:.1f} s"
             + (f"; intrinsics: {source}" if source else ""),
             after_s=round(watched.first_frame_s, 3),
             intrinsics=source,

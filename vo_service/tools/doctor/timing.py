@@ -1,4 +1,4 @@
-"""Whether colour, depth and clocks agree, and which way is down."""
+"""Whether color, depth and clocks agree, and which way is down."""
 
 import math
 from statistics import median
@@ -10,13 +10,13 @@ from vo_service.tools.doctor.context import CheckContext
 from vo_service.tools.doctor.finding import Finding, failed, passed, unknown, warned
 from vo_service.tools.doctor.stream import MIN_FRAMES_FOR_RATE
 
-# Colour and depth of 30 frames a second that belong together are at most half a frame apart.
+# Color and depth of 30 frames a second that belong together are at most half a frame apart.
 MAX_SKEW_S = 0.017
 MAX_CLOCK_RATE_ERROR = 0.01
 
 
 class SkewCheck:
-    """Colour and depth have shutters of their own."""
+    """Color and depth have shutters of their own."""
 
     name = "skew"
     needs = ("first-frames",)
@@ -26,7 +26,7 @@ class SkewCheck:
         skews_s = [abs(sample.skew_s) for sample in context.stream.samples]
         typical_s, largest_s = median(skews_s), max(skews_s)
         facts = {"median_ms": round(typical_s * 1e3, 3), "largest_ms": round(largest_s * 1e3, 3)}
-        text = f"depth and colour {typical_s * 1e3:.1f} ms apart, at most {largest_s * 1e3:.1f} ms"
+        text = f"depth and color {typical_s * 1e3:.1f} ms apart, at most {largest_s * 1e3:.1f} ms"
         if typical_s > MAX_SKEW_S:
             return warned(
                 f"{text}; half a frame is {MAX_SKEW_S * 1e3:.0f} ms",

@@ -71,7 +71,7 @@ def test_even_the_smallest_face_can_be_painted(width: int, height: int) -> None:
         assert np.all(np.isfinite(image))
 
 
-def test_a_bare_wall_is_one_colour() -> None:
+def test_a_bare_wall_is_one_color() -> None:
     assert len(np.unique(paint(flat_color(RED)).reshape(-1, 3), axis=0)) == 1
 
 

@@ -100,7 +100,7 @@ def test_two_corners_look_the_same_and_the_other_two_do_not(ideal: SyntheticConf
     room = RoomModel.build(config, make_motion(config, ROOM_HEIGHT_M), threads=2)
 
     def unlike(T: Array) -> tuple[float, float]:
-        """Mean difference of colour, and share of other depth, seen from T and from opposite."""
+        """Mean difference of color, and share of other depth, seen from T and from opposite."""
         a, b = (
             Renderer(config, StationaryMotion(each), room).render(0) for each in (T, HALF_TURN @ T)
         )

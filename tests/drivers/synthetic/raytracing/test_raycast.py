@@ -17,7 +17,7 @@ from drivers.synthetic.solids import Solid, SolidArrays, SolidKind, make_solid
 CAMERA = PinholeCamera(64, 48, 50.0, 50.0, 31.5, 23.5)
 GRID = RayGrid.from_rays(pixel_rays(CAMERA, np.zeros(5)))
 CENTRE = (24, 32)
-GREY = flat_color((128.0, 128.0, 128.0))
+GRAY = flat_color((128.0, 128.0, 128.0))
 # A camera at the origin that looks along the world's y, upright.
 FORWARD = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
 ANGLES = st.floats(-1.2, 1.2)
@@ -35,7 +35,7 @@ def cast_view(view: RaycastScene) -> tuple[NDArray[np.float32], NDArray[np.int32
 
 
 def test_a_wall_seen_straight_on_has_one_depth() -> None:
-    wall = make_solid((0, 3.0, 0), (20, 1.0, 20), GREY)
+    wall = make_solid((0, 3.0, 0), (20, 1.0, 20), GRAY)
     depth_m, solid = see([wall], rigid_transform(FORWARD, (0, 0, 0)))
     np.testing.assert_allclose(depth_m, 2.5, rtol=1e-6)
     assert np.all(solid == 0)
@@ -47,7 +47,7 @@ def test_a_room_has_the_depth_of_its_nearest_plane_ahead(
     a: float, b: float, c: float, x: float, y: float
 ) -> None:
     T = rigid_transform(so3_exp([a, b, c]) @ FORWARD, (x, y, 0.3))
-    depth_m, _ = see([make_solid((0, 0, 0), (4, 5, 3), GREY, kind=SolidKind.ROOM)], T)
+    depth_m, _ = see([make_solid((0, 0, 0), (4, 5, 3), GRAY, kind=SolidKind.ROOM)], T)
     d = np.dstack([GRID.rays, np.ones(GRID.rays.shape[:2])]) @ T[:3, :3].T
     ahead = (np.sign(d) * (2.0, 2.5, 1.5) - T[:3, 3]) / d
     np.testing.assert_allclose(depth_m, ahead.min(axis=2), rtol=1e-5)
@@ -55,8 +55,8 @@ def test_a_room_has_the_depth_of_its_nearest_plane_ahead(
 
 def test_the_nearer_box_hides_the_further_one() -> None:
     near, far = (
-        make_solid((0, 1.0, 0), (0.2, 0.2, 0.2), GREY),
-        make_solid((0, 3.0, 0), (9, 0.2, 9), GREY),
+        make_solid((0, 1.0, 0), (0.2, 0.2, 0.2), GRAY),
+        make_solid((0, 3.0, 0), (9, 0.2, 9), GRAY),
     )
     depth_m, solid = see([far, near], rigid_transform(FORWARD, (0, 0, 0)))
     assert solid[CENTRE] == 1
@@ -67,7 +67,7 @@ def test_the_nearer_box_hides_the_further_one() -> None:
 
 def test_a_turned_box_is_met_at_its_turned_face() -> None:
     """A cube of side 1 turned by 45 degrees shows its edge, sqrt(1/2) before its middle."""
-    solids = [make_solid((0, 3.0, 0), (1, 1, 1), GREY, yaw_rad=np.pi / 4)]
+    solids = [make_solid((0, 3.0, 0), (1, 1, 1), GRAY, yaw_rad=np.pi / 4)]
     T = rigid_transform(FORWARD, (0.5 / CAMERA.fx * -3.0, 0, 0))
     depth_m, _ = see(solids, T)
     assert abs(depth_m[CENTRE] - (3.0 - np.sqrt(0.5))) < 0.05
@@ -75,7 +75,7 @@ def test_a_turned_box_is_met_at_its_turned_face() -> None:
 
 def test_a_ball_is_met_at_its_radius_and_the_empty_beyond_is_far() -> None:
     depth_m, solid = see(
-        [make_solid((0, 2, 0), (1, 1, 1), GREY, kind=SolidKind.SPHERE)], np.eye(4) @ pose()
+        [make_solid((0, 2, 0), (1, 1, 1), GRAY, kind=SolidKind.SPHERE)], np.eye(4) @ pose()
     )
     x, y = GRID.rays[CENTRE]
     a, c = x * x + y * y + 1, 2.0 * 2.0 - 0.25
@@ -87,8 +87,8 @@ def test_a_ball_is_met_at_its_radius_and_the_empty_beyond_is_far() -> None:
 def test_one_looks_through_an_open_tube() -> None:
     down = rigid_transform(np.diag([1.0, -1.0, -1.0]), (0, 0, 2.0))
     tube, floor = (
-        make_solid((0, 0, 0.5), (0.6, 0.6, 1.0), GREY, kind=SolidKind.CYLINDER),
-        make_solid((0, 0, -0.1), (9, 9, 0.2), GREY),
+        make_solid((0, 0, 0.5), (0.6, 0.6, 1.0), GRAY, kind=SolidKind.CYLINDER),
+        make_solid((0, 0, -0.1), (9, 9, 0.2), GRAY),
     )
     depth_m, solid = see([tube, floor], down)
     assert solid[CENTRE] == 1

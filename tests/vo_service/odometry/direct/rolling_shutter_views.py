@@ -17,8 +17,8 @@ from drivers.core.geometry import Array
 CAMERA = PinholeCamera(320, 240, 290.0, 290.0, 159.5, 119.5)
 # Fine steps, that truth may be exact.
 DEPTH_FACTOR = 15000.0
-# Noise as of a Kinect: grey levels, and 1/m of disparity.
-GREY_NOISE, DISPARITY_NOISE_PER_M = 1.5, 8e-4
+# Noise as of a Kinect: gray levels, and 1/m of disparity.
+GRAY_NOISE, DISPARITY_NOISE_PER_M = 1.5, 8e-4
 
 # A plane is n . X = d in the world.
 Plane = tuple[tuple[float, float, float], float]
@@ -78,16 +78,16 @@ def render_view(
     camera: PinholeCamera = CAMERA,
     paint: float = 1.0,
 ) -> RgbdFrame:
-    """A frame without noise. Paint 0: all is of one grey."""
+    """A frame without noise. Paint 0: all is of one gray."""
     rows_s = readout_s * (np.arange(camera.height) / (camera.height - 1) - 0.5)
-    colour = _cast_rays(planes, motion, stamp_s + rows_s, camera)
-    depth = _cast_rays(planes, motion, stamp_s + skew_s + rows_s, camera) if skew_s else colour
-    grey = 128.0 + paint * (texture_at(colour.points) - 128.0)
+    color = _cast_rays(planes, motion, stamp_s + rows_s, camera)
+    depth = _cast_rays(planes, motion, stamp_s + skew_s + rows_s, camera) if skew_s else color
+    gray = 128.0 + paint * (texture_at(color.points) - 128.0)
     return RgbdFrame(
         seq=round(stamp_s * 30),
         stamp_s=stamp_s,
         receive_time_s=stamp_s,
-        color_bgr=_to_bgr(grey),
+        color_bgr=_to_bgr(gray),
         depth_raw=np.rint(depth.z_m * DEPTH_FACTOR).astype(np.uint16),
         depth_factor=DEPTH_FACTOR,
         camera=camera,
@@ -107,12 +107,12 @@ def add_noise(frame: RgbdFrame, seed: int, times: float = 1.0) -> RgbdFrame:
     """The same frame with a Kinect's noise."""
     random = np.random.default_rng(seed)
     shape = frame.depth_raw.shape
-    grey = frame.gray + random.normal(0.0, times * GREY_NOISE, shape)
+    gray = frame.gray + random.normal(0.0, times * GRAY_NOISE, shape)
     w = frame.depth_factor / np.maximum(frame.depth_raw, 1)
     w += random.normal(0.0, times * DISPARITY_NOISE_PER_M, shape)
     depth_raw = np.clip(np.rint(frame.depth_factor / np.maximum(w, 0.1)), 0, 65535)
     depth_raw[frame.depth_raw == 0] = 0
-    return replace(frame, color_bgr=_to_bgr(grey), depth_raw=depth_raw.astype(np.uint16))
+    return replace(frame, color_bgr=_to_bgr(gray), depth_raw=depth_raw.astype(np.uint16))
 
 
 def change_lighting(frame: RgbdFrame, gain: float, offset: float = 0.0) -> RgbdFrame:
@@ -126,12 +126,12 @@ def remove_color(frame: RgbdFrame) -> RgbdFrame:
 
 
 def remove_depth(frame: RgbdFrame) -> RgbdFrame:
-    """The same frame, with colour alone."""
+    """The same frame, with color alone."""
     return replace(frame, depth_raw=np.zeros_like(frame.depth_raw))
 
 
 def make_empty_frame(frame: RgbdFrame) -> RgbdFrame:
-    """Neither colour nor depth."""
+    """Neither color nor depth."""
     return remove_color(remove_depth(frame))
 
 
@@ -139,9 +139,9 @@ def make_noise_frame(frame: RgbdFrame) -> RgbdFrame:
     """Noise and nothing else, of its number's own."""
     shape = frame.depth_raw.shape
     random = np.random.default_rng(frame.seq)
-    colour = np.repeat(random.integers(0, 256, (*shape, 1), np.uint8), 3, axis=2)
+    color = np.repeat(random.integers(0, 256, (*shape, 1), np.uint8), 3, axis=2)
     depth = random.integers(0, 2**16, shape, np.uint16)
-    return replace(frame, color_bgr=colour, depth_raw=depth)
+    return replace(frame, color_bgr=color, depth_raw=depth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,15 +172,15 @@ def _cast_rays(
 def texture_at(places: Array) -> Array:
     """(...) brightness of places (..., 3) in the world."""
     random = np.random.default_rng(5)
-    grey = np.full(places.shape[:-1], 128.0)
+    gray = np.full(places.shape[:-1], 128.0)
     for wavelength_m in (0.09, 0.1, 0.13, 0.16, 0.2, 0.3, 0.5, 0.9):
         direction = random.normal(size=3)
         k = 2 * np.pi / wavelength_m * direction / np.linalg.norm(direction)
         phase = places @ k + random.uniform(0.0, 2 * np.pi)
-        grey += 17.0 * np.sin(phase.astype(np.float32))
-    return grey
+        gray += 17.0 * np.sin(phase.astype(np.float32))
+    return gray
 
 
-def _to_bgr(grey: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
-    whole = np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+def _to_bgr(gray: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+    whole = np.clip(np.rint(gray), 0, 255).astype(np.uint8)
     return np.repeat(whole[:, :, None], 3, axis=2)

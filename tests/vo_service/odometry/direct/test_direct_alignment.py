@@ -108,7 +108,7 @@ def off_rad(found: DirectAlignment) -> float:
     return float(np.linalg.norm(so3_log(found.T_camera_keyframe[:3, :3])))
 
 
-def test_depth_that_is_late_tells_no_velocity_but_the_motion_of_the_colour() -> None:
+def test_depth_that_is_late_tells_no_velocity_but_the_motion_of_the_color() -> None:
     late = render_view(BRISK, 0.1, skew_s=0.012)
     told, untold = laid(late, moving()), laid(replace(late, skew_s=0.0), moving())
     error_m, untold_m = (

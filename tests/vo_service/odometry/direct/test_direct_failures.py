@@ -27,7 +27,7 @@ from tests.vo_service.odometry.hand_held_sequence import assert_close, estimate_
 from vo_service.odometry.direct.odometry import MAX_FAILURES, MAX_INITIAL_FAILURES, DirectOdometry
 
 SHAPE = (CAMERA.height, CAMERA.width)
-# Noise of the brightness, grey levels: bad, and still to be recognised.
+# Noise of the brightness, gray levels: bad, and still to be recognised.
 GRAIN = 45.0
 
 

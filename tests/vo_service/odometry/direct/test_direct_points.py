@@ -44,7 +44,7 @@ def off_wall_m(places: Array) -> Array:
 
 
 def off_paint(points: Array) -> float:
-    """How far brightness is from that of the paint where the points are, grey levels."""
+    """How far brightness is from that of the paint where the points are, gray levels."""
     return float(np.abs(points[:, POINT_BRIGHTNESS] - texture_at(points[:, :3])).mean())
 
 

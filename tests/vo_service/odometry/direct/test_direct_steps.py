@@ -38,11 +38,11 @@ def test_after_a_gap_features_are_asked_as_well_though_all_fits() -> None:
 
 
 def covered(frame: RgbdFrame, share: float) -> RgbdFrame:
-    """The same frame, so much of it behind a near plate of one grey."""
-    colour, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
+    """The same frame, so much of it behind a near plate of one gray."""
+    color, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
     until = round(share * frame.camera.width)
-    colour[:, :until], depth[:, :until] = 90, round(NEAR_M * frame.depth_factor)
-    return replace(frame, color_bgr=colour, depth_raw=depth)
+    color[:, :until], depth[:, :until] = 90, round(NEAR_M * frame.depth_factor)
+    return replace(frame, color_bgr=color, depth_raw=depth)
 
 
 def test_a_frame_of_which_most_is_covered_is_not_believed_though_the_rest_fits() -> None:

@@ -40,10 +40,10 @@ def turned(angle_rad: float) -> Array:
 
 
 def with_a_thing(frame: RgbdFrame, left: int, right: int) -> RgbdFrame:
-    colour, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
-    colour[ROWS, left:right] = np.roll(colour, 90, axis=1)[ROWS, left:right]
+    color, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
+    color[ROWS, left:right] = np.roll(color, 90, axis=1)[ROWS, left:right]
     depth[ROWS, left:right] = round(THING_M * frame.depth_factor)
-    return replace(frame, color_bgr=colour, depth_raw=depth)
+    return replace(frame, color_bgr=color, depth_raw=depth)
 
 
 def keyframe_at(T: Array, thing: tuple[int, int] = (0, 0), seed: int = 0) -> DirectKeyframe:

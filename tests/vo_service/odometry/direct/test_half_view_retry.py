@@ -51,10 +51,10 @@ KEYFRAME = make_keyframe(
 
 def with_a_thing(frame: RgbdFrame, thing: RgbdFrame) -> RgbdFrame:
     """The left of the view is that of another frame."""
-    colour, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
+    color, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
     until = LEFT * frame.camera.width // CELL_COLUMNS
-    colour[:, :until], depth[:, :until] = thing.color_bgr[:, :until], thing.depth_raw[:, :until]
-    return replace(frame, color_bgr=colour, depth_raw=depth)
+    color[:, :until], depth[:, :until] = thing.color_bgr[:, :until], thing.depth_raw[:, :until]
+    return replace(frame, color_bgr=color, depth_raw=depth)
 
 
 def found_by(images: ImagePyramid, weights: Array) -> TrackingResult:

@@ -17,16 +17,16 @@ from vo_service.odometry.direct.image_pyramid import (
 )
 
 
-def test_each_grey_image_is_half_the_size_of_the_one_before() -> None:
+def test_each_gray_image_is_half_the_size_of_the_one_before() -> None:
     images = build_image_pyramid(render_view())
-    assert [grey.shape for grey in images.grey] == [(120, 160), (60, 80), (30, 40), (15, 20)]
+    assert [gray.shape for gray in images.gray] == [(120, 160), (60, 80), (30, 40), (15, 20)]
     assert images.inverse_depth.shape == (240, 320)
 
 
 def test_a_pixel_of_a_smaller_image_is_the_mean_of_four() -> None:
     frame = render_view()
     mean = frame.gray.reshape(120, 2, 160, 2).mean(axis=(1, 3))
-    assert np.abs(build_image_pyramid(frame).grey[0] - mean).max() <= 0.5
+    assert np.abs(build_image_pyramid(frame).gray[0] - mean).max() <= 0.5
 
 
 def test_a_place_has_the_same_ray_in_every_size() -> None:
@@ -53,8 +53,8 @@ def test_images_whose_size_is_odd_lose_their_last_line() -> None:
     frame = render_view()
     odd = replace(frame, color_bgr=frame.color_bgr[:-1, :-1], depth_raw=frame.depth_raw[:-1, :-1])
     images = build_image_pyramid(odd)
-    assert images.grey[0].shape == (119, 159)
-    np.testing.assert_array_equal(images.grey[0], build_image_pyramid(frame).grey[0][:-1, :-1])
+    assert images.gray[0].shape == (119, 159)
+    np.testing.assert_array_equal(images.gray[0], build_image_pyramid(frame).gray[0][:-1, :-1])
 
 
 def test_a_shutter_is_instant_only_if_both_images_are_of_one_instant() -> None:

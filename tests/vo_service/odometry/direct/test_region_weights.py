@@ -53,9 +53,9 @@ def with_a_mover(frame: RgbdFrame, other: RgbdFrame) -> RgbdFrame:
     within = np.s_[
         rows.start * height : rows.stop * height, columns.start * width : columns.stop * width
     ]
-    colour, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
-    colour[within], depth[within] = other.color_bgr[within], other.depth_raw[within]
-    return replace(frame, color_bgr=colour, depth_raw=depth)
+    color, depth = frame.color_bgr.copy(), frame.depth_raw.copy()
+    color[within], depth[within] = other.color_bgr[within], other.depth_raw[within]
+    return replace(frame, color_bgr=color, depth_raw=depth)
 
 
 def laid_on(frame: RgbdFrame, weights: Array) -> DirectAlignment:

@@ -53,7 +53,7 @@ def readings_of(
         points,
         T_camera_keyframe,
         movement,
-        images.grey[0],
+        images.gray[0],
         images.intrinsics[1],
         images.inverse_depth,
         images.intrinsics[0],

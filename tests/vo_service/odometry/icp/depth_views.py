@@ -22,7 +22,7 @@ ROOM = (WALL, FLOOR, SIDE)
 def render_view(
     planes: Sequence[Plane], T_world_camera: Array, seq: int = 0, camera: PinholeCamera = CAMERA
 ) -> RgbdFrame:
-    """The nearest of some planes at every pixel, exact to the sensor's units; without colour."""
+    """The nearest of some planes at every pixel, exact to the sensor's units; without color."""
     v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
     rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], -1)
     rays = rays @ T_world_camera[:3, :3].T

@@ -1,4 +1,4 @@
-"""A walk past a known scene, followed by colour."""
+"""A walk past a known scene, followed by color."""
 
 import numpy as np
 import pytest

@@ -41,13 +41,13 @@ def going(frames: float) -> Array:
 def rolled(k: int) -> RgbdFrame:
     """The k-th frame, strip by strip."""
     whole = render_corner(going(k), k)
-    colour, depth = whole.color_bgr.copy(), whole.depth_raw.copy()
-    for top in range(0, len(colour), STRIP):
-        delay_s = READOUT_S * ((top + STRIP / 2) / len(colour) - 0.5)
+    color, depth = whole.color_bgr.copy(), whole.depth_raw.copy()
+    for top in range(0, len(color), STRIP):
+        delay_s = READOUT_S * ((top + STRIP / 2) / len(color) - 0.5)
         at_once = render_corner(going(k + 30.0 * delay_s), k)
         rows = slice(top, top + STRIP)
-        colour[rows], depth[rows] = at_once.color_bgr[rows], at_once.depth_raw[rows]
-    return replace(whole, color_bgr=colour, depth_raw=depth, readout_s=READOUT_S)
+        color[rows], depth[rows] = at_once.color_bgr[rows], at_once.depth_raw[rows]
+    return replace(whole, color_bgr=color, depth_raw=depth, readout_s=READOUT_S)
 
 
 @given(small_vectors(2.0), small_vectors(1.0))

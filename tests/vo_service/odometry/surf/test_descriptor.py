@@ -10,20 +10,20 @@ from vo_service.odometry.surf.descriptor import DESCRIPTOR_NORM, DESCRIPTOR_SIZE
 from vo_service.odometry.surf.packed_pyramid import build_pyramid
 
 
-def grey_patch(image: NDArray[np.uint8], features: Features, n: int) -> Array:
-    """21x21 grey values in the keypoint's own axes, sampled at 0.9 to 1.8 pixels."""
+def gray_patch(image: NDArray[np.uint8], features: Features, n: int) -> Array:
+    """21x21 gray values in the keypoint's own axes, sampled at 0.9 to 1.8 pixels."""
     scale = features.scale_px[n]
     level = min(3, max(0, int(np.ceil(np.log2(scale / 1.8)))))
     pyramid = build_pyramid(image)
     offset, height, width = pyramid.level_table[level]
     packed = pyramid.packed[offset : offset + height * width]
-    grey = (packed & 255).astype(float).reshape(height, width)
+    gray = (packed & 255).astype(float).reshape(height, width)
     zoom = np.array([width / image.shape[1], height / image.shape[0]])
     x, y = (features.position_px[n] + 0.5) * zoom - 0.5
     down, along = np.mgrid[-10:11, -10:11] * float(scale * zoom[0])
     c, s = features.direction[n]
     at = [y + s * along + c * down, x + c * along - s * down]
-    patch: Array = map_coordinates(grey, at, order=1, mode="nearest", prefilter=False)
+    patch: Array = map_coordinates(gray, at, order=1, mode="nearest", prefilter=False)
     return patch
 
 
@@ -54,7 +54,7 @@ def test_descriptors_are_those_of_a_slow_reading_of_the_paper(
     features = SurfExtractor(400, upright).extract(image)
     largest = int(features.scale_px.argmax())
     for n in (0, 1, 50, 100, 200, len(features) - 1, largest):
-        expected = expected_descriptor(grey_patch(image, features, n))
+        expected = expected_descriptor(gray_patch(image, features, n))
         assert features.descriptor[n] == pytest.approx(expected, abs=1.0)
         assert np.mean(np.abs(features.descriptor[n] - expected)) < 0.35  # rounding alone: 0.25
 

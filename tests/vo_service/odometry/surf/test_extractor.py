@@ -71,9 +71,9 @@ def test_all_fields_are_float32_and_of_one_length() -> None:
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (20, 33), (17, 640), SHAPE])
-@pytest.mark.parametrize("grey", [0, 128, 255])
-def test_a_blank_image_has_no_features(shape: tuple[int, int], grey: int) -> None:
-    features = SurfExtractor().extract(np.full(shape, grey, np.uint8))
+@pytest.mark.parametrize("gray", [0, 128, 255])
+def test_a_blank_image_has_no_features(shape: tuple[int, int], gray: int) -> None:
+    features = SurfExtractor().extract(np.full(shape, gray, np.uint8))
     assert len(features) == 0
     assert features.descriptor.shape == (0, 64)
 
@@ -86,8 +86,8 @@ def test_noise_of_any_size_is_described(shape: tuple[int, int]) -> None:
 
 
 def test_the_noise_of_a_sensor_alone_gives_no_feature() -> None:
-    grey = np.random.default_rng(1).normal(128.0, 0.8, SHAPE)
-    assert len(SurfExtractor().extract(np.rint(grey).astype(np.uint8))) == 0
+    gray = np.random.default_rng(1).normal(128.0, 0.8, SHAPE)
+    assert len(SurfExtractor().extract(np.rint(gray).astype(np.uint8))) == 0
 
 
 def test_an_image_that_is_not_contiguous_is_the_same_image() -> None:

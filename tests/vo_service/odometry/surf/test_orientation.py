@@ -17,11 +17,11 @@ HEIGHT, WIDTH = 400, 480
 MIDDLE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
 
 
-def direction_deg(grey: Array) -> float:
+def direction_deg(gray: Array) -> float:
     cells = (GRID_SIDE - 2) ** 2
     dxs, dys, bins = np.empty(cells, np.float32), np.empty(cells, np.float32), np.empty(cells, int)
     c, s = dominant_direction(
-        grey.astype(np.float32).ravel(), disc_weights(), dxs, dys, bins.astype(np.int32)
+        gray.astype(np.float32).ravel(), disc_weights(), dxs, dys, bins.astype(np.int32)
     )
     return float(np.degrees(np.arctan2(s, c)))
 
@@ -32,11 +32,11 @@ def turn_deg(a: Array | float, b: Array | float) -> Array:
 
 
 def slope(angle_deg: float, steepness: float) -> Array:
-    """Grey values that rise in a direction, about the middle of the keypoint's square."""
+    """Gray values that rise in a direction, about the middle of the keypoint's square."""
     y, x = np.mgrid[:GRID_SIDE, :GRID_SIDE] - GRID_SIDE // 2
     angle_rad = np.radians(angle_deg)
-    grey: Array = steepness * (np.cos(angle_rad) * x + np.sin(angle_rad) * y)
-    return grey
+    gray: Array = steepness * (np.cos(angle_rad) * x + np.sin(angle_rad) * y)
+    return gray
 
 
 @pytest.mark.slow
@@ -61,8 +61,8 @@ def test_of_two_slopes_the_steeper_one_decides_alone(angle_deg: float, turn: flo
     y, x = np.mgrid[:GRID_SIDE, :GRID_SIDE] - GRID_SIDE // 2
     steep, gentle = slope(angle_deg, 9.0), slope(angle_deg + turn, 4.0)
     along = np.cos(np.radians(angle_deg)) * x + np.sin(np.radians(angle_deg)) * y
-    grey = np.where(along >= 0, steep, gentle)
-    assert turn_deg(direction_deg(128 + grey), angle_deg) < 20.0
+    gray = np.where(along >= 0, steep, gentle)
+    assert turn_deg(direction_deg(128 + gray), angle_deg) < 20.0
 
 
 def test_flat_ground_has_the_direction_of_the_image() -> None:

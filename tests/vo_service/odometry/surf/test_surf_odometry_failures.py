@@ -109,12 +109,12 @@ def test_no_frame_is_an_error_and_every_pose_is_rigid(kinds: list[tuple[int, int
 def garbage(seed: int, kind: int) -> RgbdFrame:
     """Noise, stripes, dots on a line or nothing, with depth that is noise, a plane or none."""
     random = np.random.default_rng(seed)
-    grey = np.full(SHAPE, seed % 256, np.uint8)
+    gray = np.full(SHAPE, seed % 256, np.uint8)
     if kind in (0, 1):
-        grey = random.integers(0, 256, SHAPE, dtype=np.uint8)
+        gray = random.integers(0, 256, SHAPE, dtype=np.uint8)
     elif kind == 2:
-        grey[:, ::9] = 255 - seed % 256
+        gray[:, ::9] = 255 - seed % 256
     elif kind == 3:
-        grey[118:124, 30:300:12] = 255 - seed % 256
+        gray[118:124, 30:300:12] = 255 - seed % 256
     depth_m = random.uniform(0.0, 5.0, SHAPE) if kind == 0 else np.full(SHAPE, seed % 3 * 0.9)
-    return make_frame(grey, depth_m)
+    return make_frame(gray, depth_m)

@@ -89,8 +89,8 @@ def test_tracking_goes_on_from_where_it_was_found(
 
 def mirrored(frame: RgbdFrame) -> RgbdFrame:
     """Nothing that was ever seen: SURF does not know mirror images."""
-    colour, depth = frame.color_bgr[:, ::-1], frame.depth_raw[:, ::-1]
-    return replace(frame, color_bgr=colour.copy(), depth_raw=depth.copy())
+    color, depth = frame.color_bgr[:, ::-1], frame.depth_raw[:, ::-1]
+    return replace(frame, color_bgr=color.copy(), depth_raw=depth.copy())
 
 
 def test_after_a_fresh_start_the_old_views_are_forgotten(
@@ -112,8 +112,8 @@ def test_noise_is_no_place_seen_before(sweep: list[RgbdFrame], seed: int) -> Non
     odometry = SurfOdometry()
     estimate_all(odometry, sweep)
     for seq in range(7, 12):
-        grey = random.integers(0, 256, (*SHAPE, 1), np.uint8)
-        noise = replace(sweep[0], color_bgr=np.repeat(grey, 3, axis=2), stamp_s=seq / 30)
+        gray = random.integers(0, 256, (*SHAPE, 1), np.uint8)
+        noise = replace(sweep[0], color_bgr=np.repeat(gray, 3, axis=2), stamp_s=seq / 30)
         assert not odometry.estimate(noise).ok
 
 

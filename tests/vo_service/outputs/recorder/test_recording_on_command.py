@@ -57,7 +57,7 @@ def test_every_frame_from_start_to_stop_is_recorded(
     assert [f.stamp_s for f in found] == pytest.approx(
         [make_frame(n).stamp_s for n in range(3, 9)], abs=1e-6
     )
-    for seq, each in enumerate(found, 3):  # depth is exact; colour is JPEG
+    for seq, each in enumerate(found, 3):  # depth is exact; color is JPEG
         np.testing.assert_array_equal(each.depth_raw, make_frame(seq).depth_raw)
 
 

@@ -102,13 +102,13 @@ def test_only_changes_of_state_are_written_down(
 
 def test_points_fall_back_onto_their_pixels(make_update: MakeUpdate) -> None:
     frame = make_update(0).frame
-    points, colours = back_project(frame, grid_px=4)
+    points, colors = back_project(frame, grid_px=4)
     pixels = transform_points(rigid_transform(frame.camera.K, np.zeros(3)), points.astype(float))
     pixels = (pixels / pixels[:, 2:])[:, :2]
     np.testing.assert_allclose(pixels, np.round(pixels / 4) * 4, atol=1e-3)
     assert len(points) == 16 * 12 - 4  # the hole in the depth covers four grid points
     assert np.all(points[:, 2] > 0)
-    assert len(colours) == len(points)
+    assert len(colors) == len(points)
 
 
 def test_pictures_come_at_most_once_a_period_and_again_after_a_clock_step() -> None:

@@ -12,7 +12,7 @@ SESSION = "3b57c0fb217d7c04ac2566e74850a739"
 
 
 def line(text: str, target: str = "zenoh_link_tls::unicast", level: str = "WARN") -> str:
-    """As Zenoh writes it, colours and all."""
+    """As Zenoh writes it, colors and all."""
     return (
         f"\x1b[2m2026-11-21T16:35:58.828375Z\x1b[0m \x1b[33m {level}\x1b[0m acc-0 ThreadId(05) "
         f"\x1b[2m{target}\x1b[0m\x1b[2m:\x1b[0m {text}"

@@ -13,6 +13,6 @@ def kernels() -> None:
     """Those of the fusion, compiled and kept."""
     fusion = TsdfVolume(TsdfConfig(COARSE.voxel_m, COARSE.making_mb))
     shape = (CAMERA.height, CAMERA.width)
-    colour = np.zeros((*shape, 3), np.uint8)
-    fusion.integrate(np.full(shape, 2.0, np.float32), colour, CAMERA, np.eye(4))
+    color = np.zeros((*shape, 3), np.uint8)
+    fusion.integrate(np.full(shape, 2.0, np.float32), color, CAMERA, np.eye(4))
     assert len(fusion.extract_mesh().triangles)

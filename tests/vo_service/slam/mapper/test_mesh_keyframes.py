@@ -40,7 +40,7 @@ def places_m(keyframes: MeshKeyframeStore) -> list[float]:
     return [round(float(keyframe.T_odom_camera[0, 3]), 6) for keyframe in keyframes]
 
 
-def test_depth_stays_exact_and_colour_nearly(ring: RecordRingWriter) -> None:
+def test_depth_stays_exact_and_color_nearly(ring: RecordRingWriter) -> None:
     update = recorder_inputs.make_update(3)
     smooth = np.full_like(update.frame.color_bgr, (40, 80, 160))
     update = replace(update, frame=replace(update.frame, color_bgr=smooth))

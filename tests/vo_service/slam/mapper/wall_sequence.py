@@ -81,7 +81,7 @@ def read_vertices_m(file: Path) -> NDArray[np.float32]:
     """(N, 3) what a binary PLY of ours says of places."""
     header, _, data = file.read_bytes().partition(b"end_header\n")
     count = int(header.split(b"element vertex ")[1].split()[0])
-    kind = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
+    kind = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
     found = np.frombuffer(data, kind, count)["position"]
     return found.reshape(-1, 3)
 

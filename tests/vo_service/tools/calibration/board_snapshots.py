@@ -12,7 +12,7 @@ import pytest
 
 from tests.shared_fixture import make_once
 from tests.vo_service.tools.calibration.rendered_boards import random_board_poses, take_snapshots
-from vo_service.tools.calibration.board import BoardCorners, BoardLayout, GreyImage
+from vo_service.tools.calibration.board import BoardCorners, BoardLayout, GrayImage
 from vo_service.tools.calibration.chessboard import Chessboard
 from vo_service.tools.calibration.snapshot import Snapshot
 
@@ -25,7 +25,7 @@ FILE = "snapshots.pickle"
 
 
 def load_snapshots(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
-    """Colour and depth; rendered once."""
+    """Color and depth; rendered once."""
     folder = make_once(tmp_path_factory, "photographs", _render)
     found: list[Snapshot] = pickle.loads((folder / FILE).read_bytes())
     return found
@@ -45,18 +45,18 @@ def each_image_is_searched_once(tmp_path_factory: pytest.TempPathFactory) -> Ite
     find = Chessboard.find_corners
     known: dict[tuple[int, int, bytes], BoardCorners] = {}
 
-    def remembered(board: Chessboard, grey: GreyImage) -> BoardCorners:
-        image = hashlib.sha256(grey.tobytes()).digest()
+    def remembered(board: Chessboard, gray: GrayImage) -> BoardCorners:
+        image = hashlib.sha256(gray.tobytes()).digest()
         key = board.layout.columns, board.layout.rows, image
         if key not in known:
-            known[key] = find(board, grey)
+            known[key] = find(board, gray)
         found = known[key]
         points_m = board.layout.inner_corners_m  # whatever the side of its squares
         return replace(found, points_m=points_m) if len(found.pixels) else found
 
     def search(folder: Path) -> None:
         for photograph in load_snapshots(tmp_path_factory):
-            remembered(BOARD, photograph.grey)
+            remembered(BOARD, photograph.gray)
         (folder / FILE).write_bytes(pickle.dumps(known))
 
     folder = make_once(tmp_path_factory, "searched", search)

@@ -30,7 +30,7 @@ def board() -> Chessboard:
 
 @pytest.fixture(scope="session")
 def photographs(tmp_path_factory: pytest.TempPathFactory) -> list[Snapshot]:
-    """Of the board in many places, colour and depth."""
+    """Of the board in many places, color and depth."""
     return load_snapshots(tmp_path_factory)
 
 
@@ -47,9 +47,9 @@ def calibrated(
         with each_image_is_searched_once(tmp_path_factory):
             for photograph in photographs:
                 picker.process(photograph)
-        colour = calibrate_color(picker.views)
-        depth = calibrate_depth(colour, board.layout, 1000.0, lambda done, total: None)
-        (folder / FILE).write_bytes(pickle.dumps((picker, colour, depth)))
+        color = calibrate_color(picker.views)
+        depth = calibrate_depth(color, board.layout, 1000.0, lambda done, total: None)
+        (folder / FILE).write_bytes(pickle.dumps((picker, color, depth)))
 
     folder = make_once(tmp_path_factory, "calibrated", calibrate)
     found: CalibratedKinect = pickle.loads((folder / FILE).read_bytes())
@@ -63,8 +63,8 @@ def picker(calibrated: CalibratedKinect) -> ViewSelector:
 
 
 @pytest.fixture(scope="session")
-def colour(calibrated: CalibratedKinect) -> ColorCalibrationResult:
-    """The colour camera from the photographs."""
+def color(calibrated: CalibratedKinect) -> ColorCalibrationResult:
+    """The color camera from the photographs."""
     return calibrated[1]
 
 

@@ -30,10 +30,10 @@ T_COLOR_DEPTH = rigid_transform(so3_exp([0.010, -0.008, 0.006]), [-0.0252, 0.000
 class RenderedKinect:
     """Two cameras and how depth is read; `depth_scale` is true distance per distance read."""
 
-    colour: Lens = COLOR_LENS
+    color: Lens = COLOR_LENS
     depth: Lens = DEPTH_LENS
     depth_scale: float = 1.006
-    noise_grey: float = 2.0
+    noise_gray: float = 2.0
     T_color_depth: Array = field(default_factory=T_COLOR_DEPTH.copy)
 
     def take_snapshot(
@@ -41,9 +41,9 @@ class RenderedKinect:
     ) -> Snapshot:
         """What it sees of the board, one second after the snapshot of the seed before."""
         rng = np.random.default_rng(seed)
-        colour = self._colour_image(board, T_color_board, rng)
+        color = self._color_image(board, T_color_board, rng)
         depth = self._depth_image(board, T_color_board, rng) if with_depth else NO_DEPTH
-        return Snapshot(f"view {seed}", float(seed), colour, depth)
+        return Snapshot(f"view {seed}", float(seed), color, depth)
 
     def make_views(self, board: Board, poses: Sequence[Array]) -> list[BoardView]:
         """Depth as in a snapshot, corners from the truth with a twentieth of a pixel of noise."""
@@ -51,17 +51,17 @@ class RenderedKinect:
         points_m = board.layout.inner_corners_m
         found = []
         for number, T in enumerate(poses):
-            pixels = self.colour.project(T, points_m) + rng.normal(0, 0.05, (len(points_m), 2))
+            pixels = self.color.project(T, points_m) + rng.normal(0, 0.05, (len(points_m), 2))
             corners = BoardCorners(pixels, points_m)
             found.append(
                 BoardView(f"view {number}", SIZE, corners, self._depth_image(board, T, rng))
             )
         return found
 
-    def _colour_image(
+    def _color_image(
         self, board: Board, T_color_board: Array, rng: np.random.Generator
     ) -> NDArray[np.uint8]:
-        _, on_board_m = _intersect_board(self._colour_rays, T_color_board)
+        _, on_board_m = _intersect_board(self._color_rays, T_color_board)
         texels_m = board.layout.square_m / TEXELS_PER_SQUARE
         texels = on_board_m / texels_m + PAPER_SQUARES * TEXELS_PER_SQUARE - 0.5
         fine = cv2.remap(
@@ -74,9 +74,9 @@ class RenderedKinect:
         )
         seen = cv2.resize(fine, SIZE, interpolation=cv2.INTER_AREA)
         blurred = cv2.GaussianBlur(seen, (0, 0), 0.7).astype(np.float64)
-        noisy = blurred + self.noise_grey * rng.standard_normal(blurred.shape)
-        grey = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-        return np.dstack([grey] * 3)
+        noisy = blurred + self.noise_gray * rng.standard_normal(blurred.shape)
+        gray = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        return np.dstack([gray] * 3)
 
     def _depth_image(
         self, board: Board, T_color_board: Array, rng: np.random.Generator
@@ -100,8 +100,8 @@ class RenderedKinect:
         return millimetres
 
     @cached_property
-    def _colour_rays(self) -> Array:
-        return _rays(self.colour, SUPERSAMPLING)
+    def _color_rays(self) -> Array:
+        return _rays(self.color, SUPERSAMPLING)
 
     @cached_property
     def _depth_rays(self) -> Array:

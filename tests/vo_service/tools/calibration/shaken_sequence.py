@@ -37,7 +37,7 @@ FAST_SHAKING = ShakenCamera(np.array([0.25, -0.2, 0.15, -0.6, 0.8, 0.4]))
 
 
 def render_segment(readout_s: float, skew_s: float, frames: int = 32) -> list[RgbdFrame]:
-    """With noise; the stamps claim that depth was taken with colour."""
+    """With noise; the stamps claim that depth was taken with color."""
     film = [
         render_view(FAST_SHAKING, n / 30, readout_s=readout_s, skew_s=skew_s, camera=SMALL)
         for n in range(frames)

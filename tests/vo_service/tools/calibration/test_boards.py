@@ -22,8 +22,8 @@ CHARUCO = Charuco(BoardLayout(8, 6, 0.045), 0.031, "4X4_100")
 STRAIGHT = rigid_transform(np.eye(3), [-0.17, -0.12, 0.7])
 
 
-def grey_image(board: Board, T_color_board: Array) -> NDArray[np.uint8]:
-    return RenderedKinect().take_snapshot(board, T_color_board, seed=0).grey
+def gray_image(board: Board, T_color_board: Array) -> NDArray[np.uint8]:
+    return RenderedKinect().take_snapshot(board, T_color_board, seed=0).gray
 
 
 def error_px(corners: BoardCorners, T_color_board: Array) -> Array:
@@ -37,14 +37,14 @@ def error_px(corners: BoardCorners, T_color_board: Array) -> Array:
 @pytest.mark.parametrize("seed", range(4))
 def test_all_corners_of_a_chessboard_are_found(seed: int) -> None:
     (T,) = random_board_poses(CHESSBOARD, 1, seed)
-    errors = error_px(CHESSBOARD.find_corners(grey_image(CHESSBOARD, T)), T)
+    errors = error_px(CHESSBOARD.find_corners(gray_image(CHESSBOARD, T)), T)
     assert len(errors) == 54
     assert np.sqrt((errors**2).mean()) < 0.15
 
 
 def test_a_charuco_board_is_found_though_half_of_it_is_outside() -> None:
     T = rigid_transform(so3_exp([0.2, 0.3, 0.1]), [0.05, -0.12, 0.6])
-    corners = CHARUCO.find_corners(grey_image(CHARUCO, T))
+    corners = CHARUCO.find_corners(gray_image(CHARUCO, T))
     assert 12 <= len(corners.pixels) < 35
     errors = np.linalg.norm(corners.pixels - COLOR_LENS.project(T, corners.points_m), axis=1)
     assert np.median(errors) < 0.12
@@ -69,12 +69,12 @@ def test_where_there_is_no_board_there_are_no_corners(board: Board) -> None:
 @pytest.mark.parametrize("board", [CHESSBOARD, CHARUCO])
 def test_a_board_too_far_away_to_be_measured_is_left_alone(board: Board) -> None:
     T = rigid_transform(np.eye(3), [-0.17, -0.12, 4.0])
-    assert not len(board.find_corners(grey_image(board, T)).pixels)
+    assert not len(board.find_corners(gray_image(board, T)).pixels)
 
 
 def test_another_chessboard_is_named_as_the_option_has_it() -> None:
     other = Chessboard(BoardLayout(9, 7, 0.035))
-    image = grey_image(CHESSBOARD, STRAIGHT)
+    image = gray_image(CHESSBOARD, STRAIGHT)
     assert not len(other.find_corners(image).pixels)
     assert other.suggest_other_board(image) == "chessboard:9x6"
     assert CHESSBOARD.suggest_other_board(image) == ""
@@ -82,7 +82,7 @@ def test_another_chessboard_is_named_as_the_option_has_it() -> None:
 
 def test_another_dictionary_is_named_as_the_option_has_it() -> None:
     other = Charuco(CHARUCO.layout, CHARUCO.marker_m, "6X6_50")
-    image = grey_image(CHARUCO, rigid_transform(np.eye(3), [-0.17, -0.12, 0.6]))
+    image = gray_image(CHARUCO, rigid_transform(np.eye(3), [-0.17, -0.12, 0.6]))
     assert not len(other.find_corners(image).pixels)
     assert other.suggest_other_board(image).startswith("charuco:8x6 --dictionary 4X4_")
 

@@ -22,9 +22,9 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def calibration(
-    board: Chessboard, colour: ColorCalibrationResult, depth: DepthCalibrationResult
+    board: Chessboard, color: ColorCalibrationResult, depth: DepthCalibrationResult
 ) -> CalibrationResult:
-    return CalibrationResult(board, DepthUnits(1000.0, 0.02), colour, [depth], ["a warning"])
+    return CalibrationResult(board, DepthUnits(1000.0, 0.02), color, [depth], ["a warning"])
 
 
 def test_the_camera_file_holds_what_was_found(
@@ -80,8 +80,8 @@ def test_the_table_shows_both_cameras(calibration: CalibrationResult) -> None:
 
 def test_programs_get_numbers(calibration: CalibrationResult) -> None:
     told = json.loads(json.dumps(calibration.as_json()))
-    assert told["colour"]["fx"] == calibration.color.lens.fx
-    assert set(told["colour"]["sigma"]) == {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"}
+    assert told["color"]["fx"] == calibration.color.lens.fx
+    assert set(told["color"]["sigma"]) == {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"}
     assert told["depth"]["translation_m"][0] == pytest.approx(-0.025, abs=0.002)
     assert told["warnings"] == ["a warning"]
 

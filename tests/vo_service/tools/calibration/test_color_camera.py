@@ -1,4 +1,4 @@
-"""The colour camera from rendered boards."""
+"""The color camera from rendered boards."""
 
 from dataclasses import replace
 
@@ -32,35 +32,35 @@ def moved(view: BoardView, shift_px: Array) -> BoardView:
 
 
 def test_intrinsics_are_found_within_a_pixel_and_half_a_per_cent(
-    colour: ColorCalibrationResult,
+    color: ColorCalibrationResult,
 ) -> None:
-    error = intrinsics(colour.lens) - intrinsics(COLOR_LENS)
+    error = intrinsics(color.lens) - intrinsics(COLOR_LENS)
     assert np.all(np.abs(error[:2]) < 0.005 * intrinsics(COLOR_LENS)[:2])
     assert np.all(np.abs(error[2:]) < 1.0)
-    assert colour.rms_px < 0.15
-    assert colour.rejected == []
+    assert color.rms_px < 0.15
+    assert color.rejected == []
 
 
 def test_rays_go_within_a_pixel_of_where_they_should_all_over_the_image(
-    colour: ColorCalibrationResult,
+    color: ColorCalibrationResult,
 ) -> None:
     x, y = np.meshgrid(np.linspace(-0.55, 0.55, 12), np.linspace(-0.42, 0.42, 10))
     rays = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)])
-    found, true = colour.lens.project(np.eye(4), rays), COLOR_LENS.project(np.eye(4), rays)
+    found, true = color.lens.project(np.eye(4), rays), COLOR_LENS.project(np.eye(4), rays)
     assert np.linalg.norm(found - true, axis=1).max() < 1.0
 
 
 def test_the_standard_deviations_are_the_errors_order_of_size(
-    colour: ColorCalibrationResult,
+    color: ColorCalibrationResult,
 ) -> None:
-    error = np.abs(intrinsics(colour.lens) - intrinsics(COLOR_LENS))
-    assert np.all(error < 4 * colour.sigma[:4])
-    assert np.all(colour.sigma[:4] < 1.0)
+    error = np.abs(intrinsics(color.lens) - intrinsics(COLOR_LENS))
+    assert np.all(error < 4 * color.sigma[:4])
+    assert np.all(color.sigma[:4] < 1.0)
 
 
 def test_a_coefficient_that_cannot_be_told_is_left_out(board: Chessboard) -> None:
     found = calibrate_color(
-        RenderedKinect(colour=NO_BEND).make_views(board, random_board_poses(board, 15, 1))
+        RenderedKinect(color=NO_BEND).make_views(board, random_board_poses(board, 15, 1))
     )
     assert found.lens.distortion[-1] == 0.0
 

@@ -39,7 +39,7 @@ def test_its_intrinsics_are_found_within_a_pixel_and_half_a_per_cent(
     assert lens.cy == pytest.approx(DEPTH_LENS.cy, abs=1.0)
 
 
-def test_its_place_beside_the_colour_camera_is_found(depth: DepthCalibrationResult) -> None:
+def test_its_place_beside_the_color_camera_is_found(depth: DepthCalibrationResult) -> None:
     error = inverse(T_COLOR_DEPTH) @ depth.model.T_color_depth
     assert np.linalg.norm(error[:3, 3]) < 0.002
     assert np.degrees(rotation_angle_rad(error[:3, :3])) < 0.2
@@ -78,8 +78,8 @@ def test_the_table_holds_what_was_found(depth: DepthCalibrationResult) -> None:
 @pytest.mark.slow
 def test_a_lens_that_bends_is_found_all_over_the_image(board: Chessboard) -> None:
     bent = RenderedKinect(depth=replace(DEPTH_LENS, distortion=(-0.12, 0.2, 0.0, 0.0, 0.0)))
-    colour = calibrate_color(bent.make_views(board, random_board_poses(board, 24, 6)))
-    found = calibrate_depth(colour, board.layout, 1000.0, silent).model.lens
+    color = calibrate_color(bent.make_views(board, random_board_poses(board, 24, 6)))
+    found = calibrate_depth(color, board.layout, 1000.0, silent).model.lens
     rays = np.column_stack([*np.mgrid[-0.5:0.5:8j, -0.4:0.4:8j].reshape(2, -1), np.ones(64)])
     shift = found.project(np.eye(4), rays) - bent.depth.project(np.eye(4), rays)
     assert found.distortion[0] < -0.05
@@ -87,62 +87,60 @@ def test_a_lens_that_bends_is_found_all_over_the_image(board: Chessboard) -> Non
 
 
 def _with(
-    colour: ColorCalibrationResult, change: Callable[[NDArray[np.uint16]], NDArray[np.uint16]]
+    color: ColorCalibrationResult, change: Callable[[NDArray[np.uint16]], NDArray[np.uint16]]
 ) -> ColorCalibrationResult:
-    views = [replace(view, depth_raw=change(view.depth_raw)) for view in colour.views]
-    return replace(colour, views=views)
+    views = [replace(view, depth_raw=change(view.depth_raw)) for view in color.views]
+    return replace(color, views=views)
 
 
 @pytest.mark.slow
 def test_readings_that_are_not_on_the_board_are_left_out(
-    colour: ColorCalibrationResult, board: Chessboard
+    color: ColorCalibrationResult, board: Chessboard
 ) -> None:
     def with_a_hand(depth_raw: NDArray[np.uint16]) -> NDArray[np.uint16]:
         near = depth_raw.copy()
         near[200:260, 250:330] = 500
         return near
 
-    found = calibrate_depth(_with(colour, with_a_hand), board.layout, 1000.0, silent)
+    found = calibrate_depth(_with(color, with_a_hand), board.layout, 1000.0, silent)
     assert found.model.lens.fx == pytest.approx(DEPTH_LENS.fx, rel=0.005)
     assert found.model.scale == pytest.approx(TRUE_SCALE, rel=0.005)
 
 
-def test_no_depth_on_the_board_is_refused(
-    colour: ColorCalibrationResult, board: Chessboard
-) -> None:
+def test_no_depth_on_the_board_is_refused(color: ColorCalibrationResult, board: Chessboard) -> None:
     with pytest.raises(UserFacingError, match=r"only 0 of \d+ views have depth readings"):
-        calibrate_depth(_with(colour, np.zeros_like), board.layout, 1000.0, silent)
+        calibrate_depth(_with(color, np.zeros_like), board.layout, 1000.0, silent)
 
 
 @pytest.mark.slow
 def test_a_few_views_are_fitted_too_and_known_to_be_few(board: Chessboard) -> None:
-    colour = calibrate_color(RenderedKinect().make_views(board, random_board_poses(board, 8, 4)))
-    few = calibrate_depth(colour, board.layout, 1000.0, silent)
+    color = calibrate_color(RenderedKinect().make_views(board, random_board_poses(board, 8, 4)))
+    few = calibrate_depth(color, board.layout, 1000.0, silent)
     assert np.all(few.sigma[:4] > 0.0)
     assert few.view_count == 8
 
 
 def test_depth_of_another_scene_is_refused(
-    colour: ColorCalibrationResult, board: Chessboard
+    color: ColorCalibrationResult, board: Chessboard
 ) -> None:
-    depths = [view.depth_raw for view in colour.views]
+    depths = [view.depth_raw for view in color.views]
     views = [
         replace(view, depth_raw=depth_raw)
-        for view, depth_raw in zip(colour.views, [*depths[1:], depths[0]], strict=True)
+        for view, depth_raw in zip(color.views, [*depths[1:], depths[0]], strict=True)
     ]
     with pytest.raises(UserFacingError, match=r"depth does not agree with the boards|times as far"):
-        calibrate_depth(replace(colour, views=views), board.layout, 1000.0, silent)
+        calibrate_depth(replace(color, views=views), board.layout, 1000.0, silent)
 
 
-def test_a_wrong_depth_factor_is_refused(colour: ColorCalibrationResult, board: Chessboard) -> None:
+def test_a_wrong_depth_factor_is_refused(color: ColorCalibrationResult, board: Chessboard) -> None:
     with pytest.raises(UserFacingError, match=r"5\.\d\d times as far .* measure --square again"):
-        calibrate_depth(colour, board.layout, 5000.0, silent)
+        calibrate_depth(color, board.layout, 5000.0, silent)
 
 
 @pytest.mark.slow
-def test_depth_that_is_registered_to_colour_already_is_refused(board: Chessboard) -> None:
+def test_depth_that_is_registered_to_color_already_is_refused(board: Chessboard) -> None:
     same = RenderedKinect(depth=COLOR_LENS, T_color_depth=np.eye(4))
-    colour = calibrate_color(same.make_views(board, random_board_poses(board, 12, 4)))
-    found = calibrate_depth(colour, board.layout, 1000.0, silent)
-    with pytest.raises(UserFacingError, match="registered to colour already"):
-        validate_depth(found, colour, [])
+    color = calibrate_color(same.make_views(board, random_board_poses(board, 12, 4)))
+    found = calibrate_depth(color, board.layout, 1000.0, silent)
+    with pytest.raises(UserFacingError, match="registered to color already"):
+        validate_depth(found, color, [])

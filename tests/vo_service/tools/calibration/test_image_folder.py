@@ -41,7 +41,7 @@ def test_a_recorded_lens_is_not_taken_out(copy_recording: CopyRecording) -> None
     np.testing.assert_array_equal(found.color_bgr, cv2.imread(str(files[0].color)))
 
 
-def test_without_depth_a_list_of_colour_images_will_do(copy_recording: CopyRecording) -> None:
+def test_without_depth_a_list_of_color_images_will_do(copy_recording: CopyRecording) -> None:
     folder = copy_recording(lists=True)
     (folder / "depth.txt").unlink()
     files = list_snapshot_files(folder, with_depth=False)

@@ -68,10 +68,10 @@ def test_nothing_is_written_into_what_is_no_camera_file_or_onto_a_disk_that_refu
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = tmp_path / "other.toml"
-    other.write_text("schema = 1\ncolour = 'red'\n")
+    other.write_text("schema = 1\ncolor = 'red'\n")
     with pytest.raises(InputError, match=r"other\.toml"):
         save_timing(other, CAMERA, NOW, "")
-    assert other.read_text() == "schema = 1\ncolour = 'red'\n"
+    assert other.read_text() == "schema = 1\ncolor = 'red'\n"
 
     def full(path: Path, data: bytes) -> None:
         raise OSError(28, "No space left on device")

@@ -62,7 +62,7 @@ class FakeTerminal(io.StringIO):
         return self._encoding
 
     def isatty(self) -> bool:
-        """Whether it has columns and colours."""
+        """Whether it has columns and colors."""
         return self._is_terminal
 
 
@@ -88,7 +88,7 @@ def shown(screen: FakeTerminal, found: list[CheckResult]) -> str:
 
 @pytest.fixture(autouse=True)
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A terminal of 64 columns without colours."""
+    """A terminal of 64 columns without colors."""
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "64")
 
@@ -187,7 +187,7 @@ def test_a_stream_without_unicode_gets_plain_marks() -> None:
     assert text.isascii()
 
 
-def test_colours_are_for_terminals_that_want_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_colors_are_for_terminals_that_want_them(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "\x1b[" not in shown(FakeTerminal(), run(BAD))
     monkeypatch.setitem(os.environ, "NO_COLOR", "")
     assert "\x1b[31m" in shown(FakeTerminal(), run(BAD))

@@ -149,7 +149,7 @@ def test_no_gravity_matters_only_where_there_is_an_accelerometer() -> None:
 
 def test_where_the_intrinsics_come_from_is_said() -> None:
     finding = judged(FirstFramesCheck(), make_capture())
-    assert finding.text == "colour and depth, 640x480, after 1.2 s; intrinsics: factory"
+    assert finding.text == "color and depth, 640x480, after 1.2 s; intrinsics: factory"
 
 
 def test_an_empty_recording_is_no_crash() -> None:

@@ -53,9 +53,7 @@ def test_every_file_is_there_and_stays_below_site_packages(name: str) -> None:
 
 
 def test_the_copy_is_the_program_and_leads_to_no_checkout(copy: Path) -> None:
-    script = (
-        "import vo_service.tools.install.unit as u; print(u.__file__, len(u.read_service_file(u.DROP_IN)))"
-    )
+    script = "import vo_service.tools.install.unit as u; print(u.__file__, len(u.read_service_file(u.DROP_IN)))"
     command = [str(copy / PROGRAM_FOLDER / "bin" / "python3"), "-I", "-c", script]
     said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=100).stdout
     assert said.startswith(f"{copy / PROGRAM_FOLDER}/")

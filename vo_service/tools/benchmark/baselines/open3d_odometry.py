@@ -69,9 +69,9 @@ class Open3dHybrid:
         o3d = self._o3d
         if self._intrinsics is None:
             self._intrinsics = _intrinsics(o3d, frame.camera)
-        colour_rgb = cv2.cvtColor(frame.color_bgr, cv2.COLOR_BGR2RGB)
+        color_rgb = cv2.cvtColor(frame.color_bgr, cv2.COLOR_BGR2RGB)
         return o3d.geometry.RGBDImage.create_from_color_and_depth(
-            o3d.geometry.Image(colour_rgb),
+            o3d.geometry.Image(color_rgb),
             o3d.geometry.Image(frame.depth_raw),
             depth_scale=frame.depth_factor,
             depth_trunc=MAX_DEPTH_M,

@@ -37,9 +37,9 @@ class OpenCvExtractor:
         self._count = count
         self._detector = self._create(count)
 
-    def extract(self, grey: NDArray[np.uint8]) -> Features:
+    def extract(self, gray: NDArray[np.uint8]) -> Features:
         """Features of a (H, W) image, in OpenCV's order. All signs are +1: nothing is left out."""
-        keypoints, found = self._detector.detectAndCompute(grey, None)
+        keypoints, found = self._detector.detectAndCompute(gray, None)
         n = len(keypoints)
         size = self._detector.descriptorSize()
         table = np.asarray(found) if n else np.empty((0, size))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # drawn with rarely, and slow to import
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Told apart by people who see colours differently too (Okabe and Ito).
+# Told apart by people who see colors differently too (Okabe and Ito).
 METHOD_COLORS = {"surf": "#0072B2", "icp": "#D55E00", "sfm": "#009E73", "keyframe": "#CC79A7"}
 OTHER_METHOD_COLORS = ("#56B4E9", "#E69F00", "#000000")
 # Frames that a thick line's median is taken over.
@@ -80,11 +80,11 @@ def _draw_steps(result: SequenceResults, series: Mapping[str, ErrorSeries]) -> "
     label_axes(above, "", "", "error of a step (mm)")
     label_axes(below, "", "frame", "error of a step (degrees)")
     for method, errors in series.items():
-        colour = method_color(method, list(result.evaluations))
+        color = method_color(method, list(result.evaluations))
         _draw_smoothed(
-            above, result, errors.stamps_s[1:], 1e3 * errors.step_errors.translation_m, colour
+            above, result, errors.stamps_s[1:], 1e3 * errors.step_errors.translation_m, color
         )
-        _draw_smoothed(below, result, errors.stamps_s[1:], errors.step_errors.rotation_deg, colour)
+        _draw_smoothed(below, result, errors.stamps_s[1:], errors.step_errors.rotation_deg, color)
     for plot in (above, below):
         _set_log_scale(plot)
         _draw_lost_frames(plot, result)

@@ -4,7 +4,7 @@ INTRODUCTION_TEXT = (
     "Visual odometry works out how a camera moves from its pictures alone: from each frame to the "
     "next it estimates a small motion, and adds these up. A trajectory found like this drifts, as "
     "the errors add up as well. This page compares methods of doing so on recordings of an RGB-D "
-    "camera (colour, and the distance of every pixel). Where the recording's true trajectory is "
+    "camera (color, and the distance of every pixel). Where the recording's true trajectory is "
     "known, it says how far off each method was; for all of them, how long it took."
 )
 ERROR_TEXT = (
@@ -31,11 +31,11 @@ PAPER_TEXT = (
 )
 SFM_SCALE_TEXTS = {
     "first-depth": (
-        "The colour-only method (SfM) has no scale of its own: its first metre is taken from the "
+        "The color-only method (SfM) has no scale of its own: its first metre is taken from the "
         "first depth images; it must carry it on from there."
     ),
     "ground-truth": (
-        "The colour-only method (SfM) has no scale of its own: its first metre is taken from the "
+        "The color-only method (SfM) has no scale of its own: its first metre is taken from the "
         "ground truth; it must carry it on from there."
     ),
 }

@@ -41,7 +41,7 @@ PUBLISHED_RESULTS: Mapping[str, Mapping[str, PublishedResult]] = {
 METHOD_DESCRIPTIONS = {
     "surf": MethodDescription(
         "SURF (proposed)",
-        "colour and depth: SURF features of one frame are matched with those of the frame before; "
+        "color and depth: SURF features of one frame are matched with those of the frame before; "
         "RANSAC keeps the matches that agree on one motion, and singular value decomposition fits "
         "it. The method that the paper proposes.",
     ),
@@ -52,13 +52,13 @@ METHOD_DESCRIPTIONS = {
     ),
     "sfm": MethodDescription(
         "SfM",
-        "colour alone: features are followed from frame to frame, and motion and points are found "
-        "from them together (structure from motion). Colour alone has no scale: the first "
+        "color alone: features are followed from frame to frame, and motion and points are found "
+        "from them together (structure from motion). Color alone has no scale: the first "
         "is given from outside, and it may drift from there.",
     ),
     "keyframe": MethodDescription(
         "Keyframes",
-        "colour and depth: brightness and depth of every frame are laid on those of a keyframe, "
+        "color and depth: brightness and depth of every frame are laid on those of a keyframe, "
         "which stays as long as most of it is in view; each row of the sensor counts at its own "
         "time. Not of the paper: what the service uses unless told otherwise.",
     ),

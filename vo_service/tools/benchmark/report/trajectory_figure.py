@@ -28,10 +28,10 @@ MAX_SHOWN_EXTENTS = 2.0
 
 CAPTION = (
     "The way of the camera (as the paper's Figure 10), seen from above and from the right: "
-    "{grey}the methods' estimates in colour, all joined at the first frame. Where a line stops "
+    "{gray}the methods' estimates in color, all joined at the first frame. Where a line stops "
     "and begins again, frames in between were lost."
 )
-GROUND_TRUTH_CAPTION = "the truth in grey, "
+GROUND_TRUTH_CAPTION = "the truth in gray, "
 
 
 def make_trajectory_figures(result: SequenceResults) -> Iterator[NamedFigure]:
@@ -39,7 +39,7 @@ def make_trajectory_figures(result: SequenceResults) -> Iterator[NamedFigure]:
     paths = dict(_aligned_trajectories(result))
     if paths:
         truth = _cropped_ground_truth(result)
-        caption = CAPTION.format(grey="" if truth is None else GROUND_TRUTH_CAPTION)
+        caption = CAPTION.format(gray="" if truth is None else GROUND_TRUTH_CAPTION)
         yield NamedFigure("trajectory", caption, _draw(result, paths, truth))
 
 

@@ -46,9 +46,9 @@ def legend(figure: Figure) -> list[str]:
 
 
 def curve(figure: Figure, plot: int, method: str) -> Array:
-    """The first line of a method's colour; where it is broken is left out."""
-    colour = method_color(method, ["surf", "icp", "sfm"])
-    line = next(line for line in figure.axes[plot].lines if line.get_color() == colour)
+    """The first line of a method's color; where it is broken is left out."""
+    color = method_color(method, ["surf", "icp", "sfm"])
+    line = next(line for line in figure.axes[plot].lines if line.get_color() == color)
     points = np.asarray(line.get_xydata(), np.float64)
     return points[np.isfinite(points[:, 1])]
 
@@ -121,7 +121,7 @@ def test_without_truth_there_are_trajectories_alone() -> None:
     drawn = list(make_trajectory_figures(make_results(of, surf=make_outcome(of))))
     assert list(make_error_figures(make_results(of, surf=make_outcome(of)))) == []
     assert legend(drawn[0].figure) == ["SURF (proposed)"]
-    assert "grey" not in drawn[0].caption
+    assert "gray" not in drawn[0].caption
 
 
 def test_without_any_result_there_is_no_figure() -> None:

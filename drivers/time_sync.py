@@ -89,7 +89,8 @@ class HostClockSync:
 
 
 # Images farther apart than this are of two different instants.
-MAX_PAIR_SKEW_S = 0.020
+MAX_PAIR_SKEW_US = 20_000
+MAX_PAIR_SKEW_S = MAX_PAIR_SKEW_US / 1e6
 # No stream of these sensors sends faster than 30 images a second; the rest is room for jitter.
 MIN_IMAGE_PERIOD_S = 0.030
 # How far, in images, one stream may be behind the other.

@@ -37,6 +37,7 @@ check_code() {
     step "Checking the layout of the code" ruff format --check
     step "Checking the style of the code" ruff check
     step "Checking types" mypy
+    step "Checking the direction of imports" lint-imports --no-cache >/dev/null
 }
 # More of them at once than there are processors: many wait for a sensor, a viewer or a time-out.
 at_once=$(($(nproc) * 2))

@@ -16,8 +16,7 @@ import numpy as np
 
 from drivers.core.errors import InputError
 from drivers.openni2.library import SensorType
-from drivers.time_sync import pair_nearest
-from drivers.tum.folder import MAX_PAIR_SKEW_US
+from drivers.time_sync import MAX_PAIR_SKEW_US, pair_nearest
 
 FILE_HEADER = struct.Struct("<4sBBHIQI")
 RECORD_HEADER = struct.Struct("<5IQ")

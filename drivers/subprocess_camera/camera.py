@@ -12,7 +12,6 @@ from drivers.camera import (
     RgbdFrame,
 )
 from drivers.core.errors import CameraError, CameraLostError
-from drivers.core.process.timeouts import Timeouts
 from drivers.core.trajectory import Trajectory
 from drivers.sensor_config import Led
 from drivers.subprocess_camera.device_requests import DeviceRequest, SetLed, SetTilt
@@ -20,6 +19,7 @@ from drivers.subprocess_camera.frame_ring import FrameRingEndedError, FrameRingR
 from drivers.subprocess_camera.messages import CameraFactory, CameraWorkerConfig
 from drivers.subprocess_camera.sequencing import make_sequencer
 from drivers.subprocess_camera.supervisor import CameraWorkerSupervisor
+from drivers.subprocess_camera.timeouts import Timeouts
 
 
 class SubprocessCamera(RgbdCamera):

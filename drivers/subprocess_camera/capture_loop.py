@@ -14,7 +14,7 @@ from drivers.camera import (
     RgbdCamera,
 )
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
-from drivers.core.process.timeouts import ExponentialBackoff, WorkerPhase
+from drivers.core.process.backoff import ExponentialBackoff
 from drivers.subprocess_camera.frame_ring import FrameRingWriter
 from drivers.subprocess_camera.messages import (
     CameraFinished,
@@ -23,6 +23,7 @@ from drivers.subprocess_camera.messages import (
     CameraWorkerMessage,
     StartCameraWorker,
 )
+from drivers.subprocess_camera.timeouts import WorkerPhase
 
 POLL_S = 0.25
 
@@ -44,7 +45,9 @@ class CaptureLoop:
     ) -> None:
         self._camera, self._ring, self._send, self._stop = camera, ring, send, stop
         self._is_live, self._timeouts = config.config.is_live, config.config.timeouts
-        self._backoff = ExponentialBackoff(config.config.timeouts)
+        self._backoff = ExponentialBackoff(
+            config.config.timeouts.initial_retry_s, config.config.timeouts.max_retry_s
+        )
         self._earlier_counters, self._is_open = CameraCounters(), False
         self._phase, self._status = WorkerPhase.LAUNCHING, config.status
         self._last_heartbeat_s = 0.0

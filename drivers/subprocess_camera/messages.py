@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 from drivers.camera import CameraCounters, CameraStatus, PlaybackMode, RgbdCamera
 from drivers.core.errors import UserFacingError
-from drivers.core.process.timeouts import Timeouts, WorkerPhase
+from drivers.core.process.messages import LogMessage
 from drivers.core.trajectory import Trajectory
 from drivers.subprocess_camera.device_requests import DeviceRequest
 from drivers.subprocess_camera.frame_ring import FrameRingFds
+from drivers.subprocess_camera.timeouts import Timeouts, WorkerPhase
 
 # Makes the camera, in the driver's process: a class or function of a module, or a partial of one.
 CameraFactory = Callable[[], RgbdCamera]
@@ -73,15 +74,6 @@ class CameraFinished:
     """From the driver, last: no frame will follow, because of an error or without one."""
 
     error: UserFacingError | None = None
-
-
-@dataclass(frozen=True)
-class LogMessage:
-    """From the driver, for the service's log."""
-
-    level: int
-    logger_name: str
-    text: str
 
 
 CameraWorkerMessage = CameraHeartbeat | CameraProperties | CameraFinished | LogMessage

@@ -9,8 +9,9 @@ from contextlib import suppress
 
 from drivers.camera import CameraCounters, CameraState, CameraStatus, EndOfStream
 from drivers.core.errors import CameraLostError
-from drivers.core.process.timeouts import ExponentialBackoff, WorkerPhase
-from drivers.core.process.worker_process import CAMERA_WORKER, WorkerProcess
+from drivers.core.process.backoff import ExponentialBackoff
+from drivers.core.process.messages import LogMessage
+from drivers.core.process.worker_process import WorkerProcess, WorkerSpec
 from drivers.subprocess_camera.device_requests import DeviceRequest
 from drivers.subprocess_camera.frame_ring import FrameRingReader
 from drivers.subprocess_camera.messages import (
@@ -19,11 +20,13 @@ from drivers.subprocess_camera.messages import (
     CameraProperties,
     CameraWorkerConfig,
     CameraWorkerMessage,
-    LogMessage,
     StartCameraWorker,
 )
+from drivers.subprocess_camera.timeouts import WorkerPhase
 
 _log = logging.getLogger(__name__)
+
+CAMERA_WORKER = WorkerSpec("drivers.subprocess_camera.worker_main", "driver")
 
 
 class CameraWorkerSupervisor:
@@ -104,7 +107,9 @@ class CameraWorkerSupervisor:
         )
         self._counted = CameraCounters(), CameraCounters()  # earlier processes, and this one
         self._phase, self._was_open = WorkerPhase.LAUNCHING, False
-        self._backoff = ExponentialBackoff(self._config.timeouts)
+        self._backoff = ExponentialBackoff(
+            self._config.timeouts.initial_retry_s, self._config.timeouts.max_retry_s
+        )
         self._is_settled, self._stopping = threading.Event(), threading.Event()
         self._wake = -1
 

@@ -8,12 +8,10 @@ import numpy as np
 from drivers.calibration import CameraCalibration, find_calibration
 from drivers.core.errors import InputError
 from drivers.core.trajectory import Trajectory, read_trajectory
-from drivers.time_sync import StampsUs, pair_nearest
+from drivers.time_sync import MAX_PAIR_SKEW_US, StampsUs, pair_nearest
 from drivers.tum.accelerometer import GravitySeries, read_gravity
 from drivers.tum.decode import UnreadableFrameError, load_pair
 from drivers.tum.index_files import FramePair, ListedImage, read_associations, read_image_list
-
-MAX_PAIR_SKEW_US = 20_000
 
 
 @dataclass(frozen=True)

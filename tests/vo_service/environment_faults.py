@@ -18,7 +18,7 @@ from tests.vo_service.service_runner import ServiceRunner
 from tests.waiting import wait_until
 
 RECORDER = "vo_service.outputs.recorder.worker_main"
-MAPPER = "vo_service.slam.mapper.worker_main"
+MAPPER = "vo_service.mapper_process"
 NO_LIMIT = resource.RLIM_INFINITY
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from drivers.core.errors import InputError
 from drivers.core.paths import create_output_folder
+from vo_service.cli.loop_closure_observer import LoopClosureObserverFactory
 from vo_service.cli.options import add_benchmark_options, load_config, parse_count
 from vo_service.signals import StopSignal, stop_on_signals
 from vo_service.terminal import Terminal
@@ -22,7 +23,7 @@ from vo_service.tools.benchmark.methods import (
     find_unavailable_methods,
     make_method_factories,
 )
-from vo_service.tools.benchmark.observers import NULL_OBSERVER, LoopClosureObserverFactory
+from vo_service.tools.benchmark.observers import NULL_OBSERVER
 from vo_service.tools.benchmark.recordings import open_recordings
 from vo_service.tools.benchmark.report.bench_report import (
     BenchMetadata,

@@ -9,6 +9,7 @@ from pathlib import Path
 from drivers.core.errors import InputError
 from drivers.registry import CAMERA_USAGES
 from vo_service.config import Config, read_config
+from vo_service.outputs.rerun.preview import PreviewScene, open_previews
 from vo_service.signals import stop_on_signals
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.board import Board
@@ -18,6 +19,7 @@ from vo_service.tools.calibration.collect import CollectedViews, collect_from_fo
 from vo_service.tools.calibration.collect_live import LiveCollectionRequest, collect_live
 from vo_service.tools.calibration.output_files import check_writable, save_camera_file
 from vo_service.tools.calibration.plot import check_plot_format, write_plot
+from vo_service.tools.calibration.preview import BoardPreviewFrame
 from vo_service.tools.calibration.result import CalibrationResult
 from vo_service.tools.calibration.solver import solve_calibration
 
@@ -179,12 +181,21 @@ def _collect_views(
 ) -> CollectedViews:
     if args.folder is not None:
         return collect_from_folder(board, args.folder, args.camera_file, args.depth, terminal)
+    request = LiveCollectionRequest(args.camera, config.sensor, args.depth, args.views, args.keep)
     targets = () if args.rerun is None else (args.rerun,)
-    request = LiveCollectionRequest(
-        args.camera, config.sensor, args.depth, args.views, args.keep, targets
-    )
-    with stop_on_signals() as stop:
-        return collect_live(board, request, terminal, stop.event)
+    with (
+        stop_on_signals() as stop,
+        open_previews(
+            targets, "kinect-vo-calibrate", _load_scene_class, terminal.write_line
+        ) as previews,
+    ):
+        return collect_live(board, request, previews, terminal, stop.event)
+
+
+def _load_scene_class() -> type[PreviewScene[BoardPreviewFrame]]:
+    from vo_service.tools.calibration.rerun_board import BoardScene  # imports rerun
+
+    return BoardScene
 
 
 def _save_and_print(args: argparse.Namespace, calibration: CalibrationResult, output: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from drivers.core.errors import InputError
 from drivers.core.paths import create_output_folder
+from vo_service.cli.loop_closure_observer import LoopClosureObserverFactory
 from vo_service.cli.options import add_benchmark_options, load_config
 from vo_service.config import Config
 from vo_service.odometry.registry import METHODS
@@ -20,7 +21,7 @@ from vo_service.tools.benchmark.method_factory import (
     SfmScale,
     TrueScaleSfmFactory,
 )
-from vo_service.tools.benchmark.observers import NULL_OBSERVER, LoopClosureObserverFactory
+from vo_service.tools.benchmark.observers import NULL_OBSERVER
 from vo_service.tools.benchmark.recordings import BenchmarkRecording, open_recordings
 from vo_service.tools.benchmark.report.comparison_report import (
     ComparisonReport,

@@ -11,3 +11,12 @@ class Shutdown:
 @dataclass(frozen=True)
 class Heartbeat:
     """From the process, every second: it takes orders. What it says beside is up to it."""
+
+
+@dataclass(frozen=True)
+class LogMessage:
+    """From the driver, for the service's log."""
+
+    level: int
+    logger_name: str
+    text: str

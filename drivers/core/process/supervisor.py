@@ -14,13 +14,13 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from typing import Any, Generic, Protocol, TypeVar
 
+from drivers.core.process.backoff import ExponentialBackoff
 from drivers.core.process.messages import Heartbeat, Shutdown
-from drivers.core.process.timeouts import ExponentialBackoff, Timeouts
 from drivers.core.process.worker_process import start_module
 
 logger = logging.getLogger(__name__)
 
-_TIMEOUTS = Timeouts(initial_retry_s=0.2, max_retry_s=30.0)
+_INITIAL_RETRY_S, _MAX_RETRY_S = 0.2, 30.0
 # Without a word for so long, it is stuck: on a disk that hangs, or stopped.
 HEARTBEAT_TIMEOUT_S = 10.0
 # How long the service waits for its end. What it has begun to write it then finishes by itself.
@@ -69,7 +69,7 @@ class WorkerSupervisor(Generic[ConfigT]):
         self._wake = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._closing = threading.Event()
         self._last_message_s = time.monotonic()
-        self._back_off = ExponentialBackoff(_TIMEOUTS)
+        self._back_off = ExponentialBackoff(_INITIAL_RETRY_S, _MAX_RETRY_S)
         self.is_ready = False  # it takes orders
         self._thread = threading.Thread(target=self._run, name=f"{spec.name}-keeper", daemon=True)
         self._thread.start()

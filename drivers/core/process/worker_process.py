@@ -30,9 +30,6 @@ class WorkerSpec:
     name: str
 
 
-CAMERA_WORKER = WorkerSpec("drivers.subprocess_camera.worker_main", "driver")
-
-
 class WorkerProcess:
     """Starts the process; leaving the context ends it and leaves nothing of it.
 

@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.camera import Clock, PlaybackMode
-from drivers.core.process.timeouts import ExponentialBackoff, Timeouts
+from drivers.core.process.backoff import ExponentialBackoff
 from drivers.subprocess_camera.sequencing import make_sequencer
+from drivers.subprocess_camera.timeouts import Timeouts
 from tests.drivers.subprocess_camera.scripted_cameras import make_pattern_frame
 
 FRAME = make_pattern_frame(0, 0.0)
@@ -43,7 +44,7 @@ def test_a_recording_keeps_its_numbers_and_stamps() -> None:
 
 
 def test_the_waits_grow_to_their_limit_and_begin_anew_after_success() -> None:
-    back_off = ExponentialBackoff(Timeouts())
+    back_off = ExponentialBackoff(Timeouts().initial_retry_s, Timeouts().max_retry_s)
     assert [back_off.next_s() for _ in range(6)] == [0.2, 0.4, 0.8, 1.5, 1.5, 1.5]
     back_off.reset()
     assert back_off.next_s() == 0.2

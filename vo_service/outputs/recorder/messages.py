@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.process.messages import Heartbeat, Shutdown
+from drivers.core.process.messages import Heartbeat, LogMessage, Shutdown
 from drivers.core.shared_frames.record_ring import RecordRingMemory
-from drivers.subprocess_camera.messages import LogMessage
 
 
 @dataclass(frozen=True)

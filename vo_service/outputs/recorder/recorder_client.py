@@ -7,8 +7,8 @@ from dataclasses import replace
 from re import fullmatch
 
 from drivers.core.process.fault_reporter import FaultReporter
+from drivers.core.process.messages import LogMessage
 from drivers.core.process.supervisor import BackgroundWorkerSpec, WorkerSupervisor
-from drivers.subprocess_camera.messages import LogMessage
 from vo_service.outputs.recorder.incident_store import incident_name
 from vo_service.outputs.recorder.messages import (
     IncidentResult,

@@ -5,9 +5,9 @@ import threading
 import time
 
 from drivers.core.errors import UserFacingError
-from drivers.core.process.timeouts import ExponentialBackoff, Timeouts
+from drivers.core.process.backoff import ExponentialBackoff
+from drivers.core.process.messages import LogMessage
 from drivers.core.process.worker_process import WorkerProcess, WorkerSpec
-from drivers.subprocess_camera.messages import LogMessage
 from vo_service.outputs.rerun.fault_reporter import RerunFaultReporter
 from vo_service.outputs.rerun.messages import (
     InitialState,
@@ -34,7 +34,7 @@ TICK_S = 0.25
 # For a process that was killed, until nothing is left of it.
 KILL_TIMEOUT_S = 0.3
 # Waits before a process that ended is started again.
-RESTART_DELAYS = Timeouts(initial_retry_s=0.5, max_retry_s=30.0)
+INITIAL_RESTART_DELAY_S, MAX_RESTART_DELAY_S = 0.5, 30.0
 # One that ran for so long has not failed at once.
 MIN_HEALTHY_RUN_S = 30.0
 
@@ -80,7 +80,7 @@ class RerunSupervisor:
 
     def _run(self) -> None:
         """Body of the thread: one process after another, while there is a viewer."""
-        back_off = ExponentialBackoff(RESTART_DELAYS)
+        back_off = ExponentialBackoff(INITIAL_RESTART_DELAY_S, MAX_RESTART_DELAY_S)
         while not self._stopping.is_set() and self.start_error is None:
             if not self._health.connect():
                 self._faults.set(self._absence_text())

@@ -7,8 +7,8 @@ from dataclasses import replace
 from re import fullmatch
 
 from drivers.core.process.fault_reporter import FaultReporter
+from drivers.core.process.messages import LogMessage
 from drivers.core.process.supervisor import BackgroundWorkerSpec, WorkerSupervisor
-from drivers.subprocess_camera.messages import LogMessage
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.mapper.messages import (
@@ -26,7 +26,7 @@ from vo_service.types import NAME_PATTERN, CommandError, ErrorCode, MapSnapshot,
 logger = logging.getLogger(__name__)
 
 NAME = "map"
-WORKER_SPEC = BackgroundWorkerSpec("vo_service.slam.mapper.worker_main", NAME)
+WORKER_SPEC = BackgroundWorkerSpec("vo_service.mapper_process", NAME)
 
 
 class MapperClient:

@@ -12,7 +12,7 @@ from drivers.core.files import check_writable
 from drivers.core.shared_frames.record_ring import RecordRingReader, RingRecord
 from vo_service.config_tables import MEGABYTE, MapConfig
 from vo_service.frame_record import decode_metadata
-from vo_service.slam.mapper.mesh_job import MeshJob, build_mesh
+from vo_service.slam.mapper.mesh_job import FuseKeyframes, MeshJob, build_mesh
 from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe, MeshKeyframeStore
 from vo_service.slam.mapper.messages import (
     LoadMapRequest,
@@ -36,13 +36,15 @@ class MapperWorker:
         config: MapperWorkerConfig,
         send: SendMapperMessage,
         close_inherited: Callable[[], None],
+        fuse_keyframes: FuseKeyframes,
     ) -> None:
-        """`leave` is called in each process that makes a map, to let go of what is ours."""
+        """`close_inherited` is called in each process that makes a map, to let go of what is ours."""
         self._settings, self._send, self._close_inherited = config.map_config, send, close_inherited
         self._ring, self._next_record = RecordRingReader(config.frame_ring), config.first_frame
         self._keyframes = MeshKeyframeStore(config.map_config.max_mb * MEGABYTE)
         self._store = MapStore(config.maps_folder)
         self._loop_closure = open_loop_closure_worker(config.map_config, send)
+        self._fuse_keyframes = fuse_keyframes
         self._mesh_jobs: list[MeshJob] = []  # one at most
         with suppress(OSError):  # the facts tell what is wrong with the folder
             self._store.clean_up()
@@ -140,7 +142,9 @@ class MapperWorker:
         if not keyframes:
             self._send(SaveMapResult(file, error=f"{file}: there is no keyframe yet"))
             return
-        make = partial(build_mesh, self._store, name, keyframes, self._settings)
+        make = partial(
+            build_mesh, self._store, name, keyframes, self._settings, self._fuse_keyframes
+        )
         try:
             self._mesh_jobs.append(MeshJob(file, make, self._close_inherited))
         except OSError as error:

@@ -6,8 +6,8 @@ memory. What it takes itself goes back to the system when it ends.
 
 import os
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -69,44 +69,58 @@ class MeshJob:
         self._result.close()
 
 
+@dataclass(frozen=True)
+class FusedMesh:
+    """A surface that was made of keyframes.
+
+    Attributes:
+        triangle_count: How many triangles it has.
+        is_full: Whether its memory was full, so that a part is missing.
+        write: Writes it into a file.
+    """
+
+    triangle_count: int
+    is_full: bool
+    write: Callable[[Path], None]
+
+
+# Fuses keyframes into a surface. The mapper is given it: SLAM does not know the reconstruction.
+FuseKeyframes = Callable[[Iterable[MeshKeyframe], MapConfig], FusedMesh]
+
+
 def build_mesh(
-    store: MapStore, name: str, keyframes: Sequence[MeshKeyframe], settings: MapConfig
+    store: MapStore,
+    name: str,
+    keyframes: Sequence[MeshKeyframe],
+    config: MapConfig,
+    fuse_keyframes: FuseKeyframes,
 ) -> SaveMapResult:
     """Fuse the keyframes and write the surface; how it ended."""
     set_oom_score(OOM_SCORE)
     file = store.mesh_file(name)
     try:
-        return _fuse_keyframes(store, name, keyframes, settings)
+        mesh = fuse_keyframes(_throttle(keyframes), config)
+        if not mesh.triangle_count:
+            return SaveMapResult(file, error=f"{file}: no surface was seen well enough")
+        _exit_if_orphaned()
+        store.write(file, config.total_mb * MEGABYTE, mesh.write)
     except UserFacingError as error:
         return SaveMapResult(file, error=str(error))
     except MemoryError:
         return SaveMapResult(file, error=f"{file}: there is not enough memory; lower map.making_mb")
+    return SaveMapResult(file, len(keyframes), mesh.triangle_count, mesh.is_full)
 
 
-def _fuse_keyframes(
-    store: MapStore, name: str, keyframes: Sequence[MeshKeyframe], settings: MapConfig
-) -> SaveMapResult:
-    # It compiles kernels: only whoever makes a map needs the memory for that.
-    from vo_service.reconstruction.ply import write_ply
-    from vo_service.reconstruction.tsdf_config import TsdfConfig
-    from vo_service.reconstruction.tsdf_volume import TsdfVolume
+def _throttle(keyframes: Iterable[MeshKeyframe]) -> Iterator[MeshKeyframe]:
+    """Yield keyframes, resting after each for as long as its work took.
 
-    file = store.mesh_file(name)
-    fusion = TsdfVolume(TsdfConfig(voxel_m=settings.voxel_m, memory_mb=settings.making_mb))
+    Half of one processor is enough: the poses need the rest, where `nice` is forbidden too.
+    """
     for keyframe in keyframes:
         begin_cpu_s = time.process_time()
-        depth_m, color_bgr = keyframe.depth_m, keyframe.color_bgr
-        if fusion.has_depth_in_range(depth_m):
-            fusion.integrate(depth_m, color_bgr, keyframe.camera, keyframe.T_odom_camera)
+        yield keyframe
         _exit_if_orphaned()
-        # Half of one processor is enough: the poses need the rest, where `nice` is forbidden too.
         time.sleep(time.process_time() - begin_cpu_s)
-    mesh = fusion.extract_mesh()
-    if not len(mesh.triangles):
-        raise UserFacingError(f"{file}: no surface was seen well enough")
-    _exit_if_orphaned()
-    store.write(file, settings.total_mb * MEGABYTE, partial(write_ply, mesh=mesh))
-    return SaveMapResult(file, len(keyframes), len(mesh.triangles), fusion.is_full)
 
 
 def _exit_if_orphaned() -> None:

@@ -4,9 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.core.process.messages import Heartbeat, Shutdown
+from drivers.core.process.messages import Heartbeat, LogMessage, Shutdown
 from drivers.core.shared_frames.record_ring import RecordRingMemory
-from drivers.subprocess_camera.messages import LogMessage
 from vo_service.config_tables import MapConfig
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.types import MapSnapshot

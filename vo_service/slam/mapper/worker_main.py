@@ -1,10 +1,9 @@
-"""The mapper's process: ``python -m vo_service.slam.mapper.worker_main FD``, started by `Keeper`.
+"""The main function of the mapper's process; see `vo_service.mapper_process`.
 
 It keeps the keyframes, at low priority; for each map that is asked for it makes another process.
 """
 
 import math
-import sys
 import time
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
@@ -14,20 +13,21 @@ from drivers.core.process.background import configure_background_process
 from drivers.core.process.messages import Shutdown
 from drivers.core.process.parent_connection import ParentConnection, forward_logs
 from vo_service.slam.mapper.mapper_worker import MapperWorker
+from vo_service.slam.mapper.mesh_job import FuseKeyframes
 from vo_service.slam.mapper.messages import MapperWorkerConfig
 
 STATUS_PERIOD_S = 1.0
 POLL_PERIOD_S = 0.2
 
 
-def main(connection: "Connection[Any, Any]") -> None:
+def run_mapper(connection: "Connection[Any, Any]", fuse_keyframes: FuseKeyframes) -> None:
     """Work until the service says `Shutdown` or is gone; what is being made then is given up."""
     configure_background_process()
     outbox = ParentConnection(connection)
     with suppress(EOFError, OSError):  # also: gone before it said what to do
         job: MapperWorkerConfig = connection.recv()
         forward_logs(outbox, job.log_level)
-        desk = MapperWorker(job, outbox.send, connection.close)
+        desk = MapperWorker(job, outbox.send, connection.close, fuse_keyframes)
         try:
             _serve(connection, desk, outbox)
         finally:
@@ -53,8 +53,3 @@ def _serve(
             worker.handle(order)
         elif ready:
             worker.send_job_results()
-
-
-if __name__ == "__main__":
-    with Connection(int(sys.argv[1])) as _connection:
-        main(_connection)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drivers.core.errors import UserFacingError
+from drivers.core.process.messages import LogMessage
 from drivers.core.process.worker_process import WorkerProcess, WorkerSpec
-from drivers.subprocess_camera.messages import LogMessage
 from vo_service.tools.benchmark.messages import (
     KernelsCompiled,
     RunMessage,

@@ -1,7 +1,7 @@
 """From a camera, and whoever holds the board before it, to the views of a calibration."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +12,6 @@ from drivers.registry import CameraRequest, make_camera
 from drivers.sensor_config import SensorConfig
 from drivers.synthetic.config import SyntheticConfig
 from drivers.tum.writer import TumWriter
-from vo_service.outputs.rerun.preview import PreviewScene, open_previews
 from vo_service.terminal import Terminal
 from vo_service.tools.calibration.board import Board
 from vo_service.tools.calibration.collect import BOARD_NOT_FOUND_HINT, CollectedViews
@@ -23,7 +22,7 @@ from vo_service.tools.calibration.live_snapshots import (
     read_frames,
     write_raw_camera_file,
 )
-from vo_service.tools.calibration.preview import BoardPreviewFrame
+from vo_service.tools.calibration.preview import BoardPreview, BoardPreviewFrame
 from vo_service.tools.calibration.view_selection import ViewDecision, ViewSelector
 
 
@@ -36,11 +35,14 @@ class LiveCollectionRequest:
     with_depth: bool
     view_count: int
     save_folder: Path | None
-    rerun_targets: tuple[str, ...]
 
 
 def collect_live(
-    board: Board, request: LiveCollectionRequest, terminal: Terminal, stop: threading.Event
+    board: Board,
+    request: LiveCollectionRequest,
+    previews: Sequence[BoardPreview],
+    terminal: Terminal,
+    stop: threading.Event,
 ) -> CollectedViews:
     """Guide whoever holds the board until the views are enough, the camera ends, or `stop`.
 
@@ -49,9 +51,6 @@ def collect_live(
     picker = ViewSelector(board)
     guide = CoverageGuide(picker, request.view_count, request.with_depth)
     with (
-        open_previews(
-            request.rerun_targets, "kinect-vo-calibrate", _load_scene_class, terminal.write_line
-        ) as previews,
         _open_raw_camera(request) as camera,
         _open_frame_writer(request.save_folder) as keep,
     ):
@@ -79,12 +78,6 @@ def collect_live(
     if not picker.board_count:
         raise UserFacingError(f"the camera never saw a {board.name}; {BOARD_NOT_FOUND_HINT}")
     return CollectedViews(picker.views, units, guide.gaps)
-
-
-def _load_scene_class() -> type[PreviewScene[BoardPreviewFrame]]:
-    from vo_service.tools.calibration.rerun_board import BoardScene  # imports rerun
-
-    return BoardScene
 
 
 def _waiting_message(status: CameraStatus) -> str:

@@ -1,6 +1,7 @@
 """What a preview of a live calibration shows."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 from vo_service.tools.calibration.board import BoardCorners
 from vo_service.tools.calibration.snapshot import BoardView, Snapshot
@@ -14,3 +15,11 @@ class BoardPreviewFrame:
     corners: BoardCorners
     views: tuple[BoardView, ...]
     advice: str
+
+
+class BoardPreview(Protocol):
+    """One place where the preview is shown."""
+
+    def show(self, item: BoardPreviewFrame) -> None:
+        """Show it, soon; never blocks."""
+        ...

@@ -19,6 +19,7 @@ from tests.vo_service.slam.loop_closure.corner_trajectory import (
 )
 from tests.vo_service.slam.mapper.wall_sequence import COARSE
 from vo_service.frame_record import write_frame
+from vo_service.mapper_process import fuse_keyframes
 from vo_service.odometry.relocalization import RelocalizationResult
 from vo_service.slam.loop_closure.odometry_constraint import OdometryConstraint
 from vo_service.slam.mapper import mapper_worker as desk_module
@@ -89,14 +90,14 @@ def test_a_surface_is_made_where_the_places_are_in_the_map(
     monkeypatch.setattr(desk_module, "MeshJob", lambda file, make, leave: made.append(make))
     write_map(tmp_path / "corner.places", make_loop_closer(3).contents)
     job = MapperWorkerConfig(ring.memory, 0, tmp_path, replace(WITH_PLACES, load="corner"), 0)
-    desk = MapperWorker(job, lambda word: None, lambda: None)
+    desk = MapperWorker(job, lambda word: None, lambda: None, fuse_keyframes)
     odom = rigid_transform(so3_exp([0.0, 0.0, 2.0]), [7.0, -3.0, 1.0])
     for n in (2, 4):
         put(ring, n, HOP, odom)
     put(ring, 6, RelocalizationQuery(), odom, TrackingState.LOST)  # no pose to make a surface by
     desk.process_frames()
     desk.handle(SaveMapRequest("other"))
-    _, _, keyframes, _ = made[0].args
+    _, _, keyframes, _, _ = made[0].args
     assert len(keyframes) == 2
     for n, keyframe in zip((2, 4), keyframes, strict=True):
         assert np.allclose(keyframe.T_odom_camera[:3, 3], true_pose(n)[:3, 3], atol=0.03)

@@ -53,21 +53,3 @@ class Timeouts:
                 return self.max_retry_s + self.heartbeat_s
             case WorkerPhase.STARTING | WorkerPhase.STREAMING:
                 return self.heartbeat_s
-
-
-class ExponentialBackoff:
-    """Waits that grow while nothing works."""
-
-    def __init__(self, timeouts: Timeouts) -> None:
-        self._timeouts = timeouts
-        self._next_s = timeouts.initial_retry_s
-
-    def next_s(self) -> float:
-        """How long to wait this time."""
-        wait_s = self._next_s
-        self._next_s = min(2 * wait_s, self._timeouts.max_retry_s)
-        return wait_s
-
-    def reset(self) -> None:
-        """It worked: the next wait is a short one."""
-        self._next_s = self._timeouts.initial_retry_s

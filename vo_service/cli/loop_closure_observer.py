@@ -1,0 +1,102 @@
+"""Loop closure beside a method of a benchmark: it observes the run and changes nothing of it."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+
+import numpy as np
+
+from drivers.camera import RgbdFrame
+from vo_service.config_tables import MapConfig
+from vo_service.odom_frame import OdomFrame, StampedFrame
+from vo_service.odometry.covariance_accumulator import diagonal_covariance
+from vo_service.tools.benchmark.observers import RunObserver
+from vo_service.tools.benchmark.run import LoopClosureRun
+from vo_service.tools.benchmark.versions import digest_sources
+from vo_service.types import Estimate
+
+# What loops come from, beside the libraries.
+SOURCES = (
+    "vo_service/slam/pose_graph",
+    "vo_service/slam/loop_closure",
+    "vo_service/slam/place_recognition",
+    "vo_service/slam/saved_maps",
+    "vo_service/slam/keyframe_selector.py",
+    "vo_service/odometry/covariance_accumulator.py",
+    "vo_service/odom_frame.py",
+    "vo_service/cli/loop_closure_observer.py",
+)
+# Of a motion, where the method says nothing of how sure it is of that: about what a Kinect's depth
+# gives from one frame to the next.
+DEFAULT_SIGMA_M, DEFAULT_SIGMA_RAD = 0.003, 0.002
+
+
+@dataclass(frozen=True)
+class LoopClosureObserverFactory:
+    """Places that are known again, with the settings of a configuration."""
+
+    map: MapConfig
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """How much may be remembered, and the code that does it."""
+        return {
+            "loops": {
+                "places_mb": self.map.places_mb,
+                "source": digest_sources(SOURCES),
+                "scipy": version("scipy"),
+            }
+        }
+
+    @property
+    def config_tables(self) -> Mapping[str, Mapping[str, object]]:
+        """Of `[map]`, the memory."""
+        return {"map": {"places_mb": self.map.places_mb}}
+
+    def prepare(self, on_progress: Callable[[str], None]) -> None:
+        """Compile or load the kernels."""
+        from vo_service.slam.loop_closure.warm_up import warm_up_loop_closure  # slow to load
+
+        warm_up_loop_closure(on_progress)
+
+    def make(self) -> RunObserver:
+        """Knows no place yet."""
+        return _LoopClosureObserver(self.map)
+
+
+class _LoopClosureObserver:
+    """Makes places of the frames, closes loops, and counts what that takes."""
+
+    def __init__(self, settings: MapConfig) -> None:
+        from vo_service.slam.loop_closure.factory import create_synchronous_loop_closure
+
+        self._tracker = OdomFrame()
+        self._loop_closure = create_synchronous_loop_closure(settings)
+        self._cpu_ms: list[float] = []
+
+    def observe(self, frame: RgbdFrame, estimate: Estimate) -> None:
+        """As `Listener`."""
+        begin_cpu_s = time.process_time()
+        stamped = StampedFrame(frame, frame.stamp_s)
+        self._loop_closure.on_update(
+            self._tracker.update(stamped, _with_default_covariance(estimate), {}, 0.0)
+        )
+        self._cpu_ms.append(1e3 * (time.process_time() - begin_cpu_s))
+
+    @property
+    def result(self) -> LoopClosureRun:
+        """As `Listener`."""
+        self._loop_closure.close()
+        closer = self._loop_closure.loop_closer
+        mean_ms = float(np.mean(self._cpu_ms)) if self._cpu_ms else 0.0
+        return LoopClosureRun(
+            self._loop_closure.trajectory, len(closer.database), closer.loop_count, mean_ms
+        )
+
+
+def _with_default_covariance(estimate: Estimate) -> Estimate:
+    """Some methods do not say how sure they are of a motion."""
+    if estimate.covariance.any():
+        return estimate
+    return replace(estimate, covariance=diagonal_covariance(DEFAULT_SIGMA_M, DEFAULT_SIGMA_RAD))

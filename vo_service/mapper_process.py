@@ -1,0 +1,35 @@
+"""The mapper's process, as a program: ``python -m vo_service.mapper_process FD``.
+
+It connects SLAM, which keeps the keyframes, with the reconstruction, which fuses them.
+"""
+
+import sys
+from collections.abc import Iterable
+from functools import partial
+from multiprocessing.connection import Connection
+
+from vo_service.config_tables import MapConfig
+from vo_service.slam.mapper.mesh_job import FusedMesh
+from vo_service.slam.mapper.mesh_keyframes import MeshKeyframe
+from vo_service.slam.mapper.worker_main import run_mapper
+
+
+def fuse_keyframes(keyframes: Iterable[MeshKeyframe], config: MapConfig) -> FusedMesh:
+    """Fuse the depth and color of keyframes into one surface."""
+    # Its kernels take memory: only the process that makes a mesh needs them.
+    from vo_service.reconstruction.ply import write_ply
+    from vo_service.reconstruction.tsdf_config import TsdfConfig
+    from vo_service.reconstruction.tsdf_volume import TsdfVolume
+
+    volume = TsdfVolume(TsdfConfig(voxel_m=config.voxel_m, memory_mb=config.making_mb))
+    for keyframe in keyframes:
+        depth_m, color_bgr = keyframe.depth_m, keyframe.color_bgr
+        if volume.has_depth_in_range(depth_m):
+            volume.integrate(depth_m, color_bgr, keyframe.camera, keyframe.T_odom_camera)
+    mesh = volume.extract_mesh()
+    return FusedMesh(len(mesh.triangles), volume.is_full, partial(write_ply, mesh=mesh))
+
+
+if __name__ == "__main__":
+    with Connection(int(sys.argv[1])) as connection:
+        run_mapper(connection, fuse_keyframes)

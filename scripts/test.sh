@@ -33,11 +33,18 @@ for method in METHODS:
 ' || return
     [ -d tests/__pycache__ ] || pytest --collect-only --quiet >/dev/null
 }
+# It prints a page also where all is well.
+check_imports() {
+    found=$(lint-imports --no-cache 2>&1) || {
+        say "$found"
+        return 1
+    }
+}
 check_code() {
     step "Checking the layout of the code" ruff format --check
     step "Checking the style of the code" ruff check
     step "Checking types" mypy
-    step "Checking the direction of imports" lint-imports --no-cache >/dev/null
+    step "Checking the direction of imports" check_imports
 }
 # More of them at once than there are processors: many wait for a sensor, a viewer or a time-out.
 at_once=$(($(nproc) * 2))

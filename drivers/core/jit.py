@@ -55,12 +55,12 @@ def interruptible(check: Callable[[], None]) -> Iterator[None]:
     """
     from numba.core import event
 
-    class Check(event.Listener):
+    class InterruptCheck(event.Listener):
         def on_start(self, event: object) -> None:
             check()
 
         def on_end(self, event: object) -> None:
             pass
 
-    with event.install_listener("numba:compile", Check()):
+    with event.install_listener("numba:compile", InterruptCheck()):
         yield

@@ -1,0 +1,79 @@
+"""No file and no package imports itself by way of others, lazy imports included."""
+
+import ast
+from collections.abc import Callable, Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("drivers", "vo_service")
+
+
+def module_name(file: Path) -> str:
+    parts = file.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts).removesuffix(".__init__")
+
+
+MODULES = {module_name(file): file for name in PACKAGES for file in (ROOT / name).rglob("*.py")}
+
+
+def imported(file: Path) -> Iterator[str]:
+    """Names of our modules that a file imports, wherever in it."""
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            submodules = {f"{node.module}.{alias.name}" for alias in node.names} & MODULES.keys()
+            yield from submodules or {node.module} & MODULES.keys()
+        elif isinstance(node, ast.Import):
+            yield from {alias.name for alias in node.names} & MODULES.keys()
+
+
+IMPORTS = {name: set(imported(file)) for name, file in MODULES.items()}
+
+
+def whole(module: str) -> str:
+    return module
+
+
+def package(module: str) -> str:
+    """The folder or file right below `drivers` or `vo_service`."""
+    return ".".join(module.split(".")[:2])
+
+
+def grouped(unit_of: Callable[[str], str]) -> Mapping[str, set[str]]:
+    """Which units each unit imports."""
+    units: dict[str, set[str]] = {}
+    for module, others in IMPORTS.items():
+        unit = unit_of(module)
+        units.setdefault(unit, set()).update(unit_of(other) for other in others)
+    return {unit: others - {unit} for unit, others in units.items()}
+
+
+@pytest.mark.parametrize("unit_of", [whole, package])
+def test_nothing_imports_itself_by_way_of_others(unit_of: Callable[[str], str]) -> None:
+    assert len(IMPORTS) > 100
+    try:
+        TopologicalSorter(grouped(unit_of)).prepare()
+    except CycleError as circle:
+        pytest.fail(f"a circle: {' -> '.join(circle.args[1])}")
+
+
+def test_no_class_name_is_used_twice() -> None:
+    found: dict[str, list[str]] = {}
+    for name, file in MODULES.items():
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ClassDef):
+                found.setdefault(node.name, []).append(name)
+    assert {name: places for name, places in found.items() if len(places) > 1} == {}
+
+
+LIMIT_PREFIXES = ("MOST_", "FEWEST_", "LONGEST_", "SHORTEST_", "LARGEST_", "LEAST_", "FARTHEST_")
+
+
+def test_limits_are_called_max_and_min() -> None:
+    for file in MODULES.values():
+        names = {
+            node.id for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Name)
+        }
+        assert not {name for name in names if name.lstrip("_").startswith(LIMIT_PREFIXES)}, file

@@ -1,11 +1,11 @@
 """Whether a method is as sure as it should be: its errors against the covariance told with them.
 
-    python -m benchmarks.covariance FOLDER... [--method keyframe] [--every N] [--json]
+    python -m benchmarks.covariance FOLDER... [--method direct] [--every N] [--json]
     python -m benchmarks.covariance --rooms FOLDER [--seeds 101 102 ...]
 
 Each FOLDER is a TUM folder with an exact ground truth. --rooms renders five seconds for each seed,
 another room and another motion, and with another timing than the one before; FOLDER keeps them.
-"since" is the motion since the reference, for `keyframe` the keyframe; "step" is the motion since
+"since" is the motion since the reference, for `direct` the keyframe; "step" is the motion since
 the frame before, with the covariance that the service publishes for it. "mean" is the normalised
 square of the error for each freedom: 1 is exact, more is too sure. "in 95 %" says how often the
 ellipsoid of 95 % holds the truth.
@@ -60,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--rooms", type=Path, metavar="FOLDER", help="render rooms, and keep them")
     parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS, help="of the rooms")
     parser.add_argument("--processes", type=int, default=1, help="to render with")
-    parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--every", type=int, default=1, help="take every so-manieth frame")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser

@@ -1,6 +1,6 @@
 """What becomes of a method where it is hard: a table, one row for each thing that goes wrong.
 
-    python -m benchmarks.hard_cases FOLDER [--method keyframe] [--only dark wall] [--json]
+    python -m benchmarks.hard_cases FOLDER [--method direct] [--only dark wall] [--json]
 
 FOLDER keeps the sequences of config/sequences, which are rendered the first time (twenty minutes of
 one core). A gross error is a step off by more than 5 cm or 3 degrees; in brackets those at a frame
@@ -85,7 +85,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("folder", type=Path, help="where the sequences are kept")
-    parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--only", nargs="+", choices=CASES, default=CASES, metavar="CASE")
     parser.add_argument("--still-frames", type=int, default=STILL_FRAMES)
     parser.add_argument("--json", action="store_true", help="print one JSON object")

@@ -132,7 +132,7 @@ def save_maps(folder: Path) -> Iterator[InterferenceSetup]:
 @contextmanager
 def disable_loop_closure(folder: Path) -> Iterator[InterferenceSetup]:
     """Nothing is wrong, and no place is remembered: the others show what that costs."""
-    yield InterferenceSetup(f"{_viewers(_recording(folder))}[map]\nloops = false\n")
+    yield InterferenceSetup(f"{_viewers(_recording(folder))}[map]\nloop_closure = false\n")
 
 
 CASES = (

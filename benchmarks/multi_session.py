@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("folder", type=Path, help="where films, maps and outcomes are kept")
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
     parser.add_argument("--starts", type=int, default=20, help="of each seed")
-    parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--method", choices=METHODS, default="direct")
     return parser
 
 

@@ -96,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
     parser.add_argument("--unseen", action="store_true", help="uncovered where it never was")
     parser.add_argument("--twins", action="store_true", help="two corners look the same")
-    parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--alone", action="store_true", help="the odometry, without any place")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     return parser

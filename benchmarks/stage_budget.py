@@ -1,6 +1,6 @@
 """What each stage of the odometry takes of a frame, beside what it may take.
 
-    python -m benchmarks.stage_budget FOLDER... [--method keyframe] [--every 1] [--json]
+    python -m benchmarks.stage_budget FOLDER... [--method direct] [--every 1] [--json]
 
 Each FOLDER is a TUM folder, followed from its first frame to its last. Times are CPU milliseconds
 of one thread, decoding not counted. "mean" is over all frames: these add up to what a frame costs,
@@ -77,7 +77,7 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("folder", nargs="+", type=Path, help="TUM folder")
-    parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="only every Nth frame")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args()

@@ -1,6 +1,6 @@
 """How far a parked camera's pose gets from where it began: by default an hour of it, accelerated.
 
-    python -m benchmarks.stationary_drift [--minutes 60] [--seed 1] [--method keyframe]
+    python -m benchmarks.stationary_drift [--minutes 60] [--seed 1] [--method direct]
 
 The virtual Kinect of config/sequences/still.toml stands still, rolling shutter, skew and hunting
 exposure and all, with fresh noise in each frame. A line each minute of the film, so that a run that
@@ -107,7 +107,7 @@ def main() -> int:
     )
     parser.add_argument("--minutes", type=int, default=60, help="of film")
     parser.add_argument("--seed", type=int, default=1, help="of the room and of the noise")
-    parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--method", choices=METHODS, default="direct")
     args = parser.parse_args()
     cv2.setNumThreads(1)
     config = replace(case_config(STILL), seed=args.seed)

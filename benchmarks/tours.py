@@ -40,7 +40,7 @@ from vo_service.odometry.registry import METHODS
 from vo_service.odometry.warm_up import warm_up
 from vo_service.terminal import Terminal
 
-COLUMNS = ("frames", "cover %", "epochs", "gross", "ATE", "with loops", "loops", "wrong")
+COLUMNS = ("frames", "cover %", "epochs", "gross", "ATE", "with loops", "loop_closures", "wrong")
 PAIRS = f"{'CPU ms':>15}{'of loops':>15}{'MB':>13}"
 HEAD = f"{'':30}{''.join(f'{head:>11}' for head in COLUMNS)}{PAIRS}"
 
@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seconds", type=float, default=600.0, help="length of a tour")
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
     parser.add_argument("--twins", action="store_true", help="two corners look the same")
-    parser.add_argument("--method", choices=METHODS, default="keyframe")
+    parser.add_argument("--method", choices=METHODS, default="direct")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="error, CPU and memory over time")
     parser.add_argument("--alone", action="store_true", help="the odometry, without any place")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

@@ -1,6 +1,6 @@
 """What a wrong calibration costs: the same recordings, each with one figure of the camera changed.
 
-    python -m benchmarks.wrong_calibration FOLDER... [--method keyframe]
+    python -m benchmarks.wrong_calibration FOLDER... [--method direct]
 
 ATE RMSE, mean global error and RPE over a second, in millimetres, and the frames without a pose.
 The recordings are to be such whose calibration is known: rendered ones.

@@ -15,6 +15,6 @@ with PoseClient(connect=endpoint) as client:
             odom = client.map_odom()
         except (CommandRefused, ServiceUnavailable) as none:
             sys.exit(str(none))
-        if odom.is_located and odom.epoch == pose.epoch:
+        if odom.is_localized and odom.epoch == pose.epoch:
             T_map_base = odom.T_map_odom @ pose.T_odom_base
             print(pose.stamp_s, T_map_base[:3, 3], pose.state, flush=True)

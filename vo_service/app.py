@@ -284,7 +284,7 @@ def make_config_handlers(
         "recorder.total_mb": recorder,
         "map.max_mb": mapper,
         "map.voxel_m": mapper,
-        "map.making_mb": mapper,
+        "map.mesh_memory_mb": mapper,
         "map.total_mb": mapper,
         "log.level": lambda config: set_log_level(config.log.level),
     }

@@ -47,21 +47,21 @@ class RecorderConfig:
 
 @dataclass(frozen=True)
 class MapConfig:
-    """`[map]`: keyframes of where the camera has been, and places that are known again."""
+    """`[map]`: keyframes of where the camera has been, loop closure and relocalization."""
 
     enabled: bool = config_field(True, "false keeps no keyframes, and cannot save a map")
-    loops: bool = config_field(
-        True, "false knows no place again: no loops, no way back after a loss"
-    )
+    loop_closure: bool = config_field(True, "false disables loop closure and relocalization")
     load: str | None = config_field(None, "name of a saved map to begin in; unset = a new one")
     max_mb: int = config_field(
         100, "most memory of the keyframes, thinned out when it is full", minimum=10
     )
-    places_mb: int = config_field(100, "most memory of the places that are known again", minimum=5)
+    keyframe_database_mb: int = config_field(
+        100, "memory limit of the keyframe database for loop closure", minimum=5
+    )
     voxel_m: float = config_field(
         0.02, "finest detail of a map, metres", minimum=0.005, maximum=0.5
     )
-    making_mb: int = config_field(300, "most memory beside that, while a map is made", minimum=50)
+    mesh_memory_mb: int = config_field(300, "extra memory limit while meshing", minimum=50)
     total_mb: int = config_field(2000, "of all maps; the oldest are deleted first", minimum=1)
 
 
@@ -85,9 +85,7 @@ class ZenohConfig:
     )
     odom_frame_id: str = config_field("odom", "frame of the poses")
     child_frame_id: str = config_field("base_link", "frame that moves")
-    map_frame_id: str = config_field(
-        "map", "frame in which places are corrected; `odom` lies in it"
-    )
+    map_frame_id: str = config_field("map", "fixed frame of the map, parent of `odom`")
 
     def __post_init__(self) -> None:
         check_prefix(self.prefix)

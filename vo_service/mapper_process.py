@@ -21,7 +21,7 @@ def fuse_keyframes(keyframes: Iterable[MeshKeyframe], config: MapConfig) -> Fuse
     from vo_service.reconstruction.tsdf_config import TsdfConfig
     from vo_service.reconstruction.tsdf_volume import TsdfVolume
 
-    volume = TsdfVolume(TsdfConfig(voxel_m=config.voxel_m, memory_mb=config.making_mb))
+    volume = TsdfVolume(TsdfConfig(voxel_m=config.voxel_m, memory_mb=config.mesh_memory_mb))
     for keyframe in keyframes:
         depth_m, color_bgr = keyframe.depth_m, keyframe.color_bgr
         if volume.has_depth_in_range(depth_m):

@@ -22,7 +22,7 @@ RELOADABLE_KEYS = (
     "recorder.total_mb",
     "map.max_mb",
     "map.voxel_m",
-    "map.making_mb",
+    "map.mesh_memory_mb",
     "map.total_mb",
     "load.adapt",
     "load.min_features",

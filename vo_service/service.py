@@ -143,7 +143,7 @@ class Service:
         statistics, counters = self.statistics, self._frame_source.counters
         rolling = statistics.compute_rolling()
         estimate = self._last.estimate if self._last else None
-        the_map, places = self._control.map_state, self._loop_closure.snapshot
+        the_map, snapshot = self._control.map_state, self._loop_closure.snapshot
         return Status(
             state=state,
             reason=reason,
@@ -168,14 +168,14 @@ class Service:
             lost_packets=counters.lost_packets,
             paused=self._control.is_paused,
             recording=self._control.recording,
-            map_keyframes=the_map.keyframes,
+            mesh_keyframes=the_map.keyframes,
             saving_map=the_map.saving,
             saved_map=the_map.saved,
             loading_map=the_map.loading,
             loaded_map=the_map.loaded,
-            places=places.keyframes,
-            loops=places.loop_closures,
-            is_located=self._last.is_localized if self._last else places.is_localized,
+            map_keyframes=snapshot.keyframes,
+            loop_closures=snapshot.loop_closures,
+            is_localized=self._last.is_localized if self._last else snapshot.is_localized,
             warnings=warnings,
             cpu_ms_per_frame=rolling.cpu_ms_per_frame,
             stage_ms=rolling.stage_ms,

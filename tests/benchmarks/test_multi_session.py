@@ -44,16 +44,16 @@ def test_a_camera_that_begins_where_it_was_the_day_before_is_known_there(
     tour: TourSequence, tmp_path: Path
 ) -> None:
     file = tmp_path / "day.places"
-    T_room_map = build_map("keyframe", tour, file)
+    T_room_map = build_map("direct", tour, file)
     np.testing.assert_allclose(T_room_map, tour.T_room_camera[0] @ inverse(T_BODY_CAMERA))
-    outcome = relocalize_in_map("keyframe", tour, file, T_room_map, tour.second_half_start)
+    outcome = relocalize_in_map("direct", tour, file, T_room_map, tour.second_half_start)
     assert (outcome.frames, outcome.is_wrong) == (1, False)
     assert 0.0 < outcome.error_m <= outcome.settled_error_m < 0.02
     assert 0.0 < outcome.nearby_error_m < 0.02
     # The same poses, but the room said to lie elsewhere.
     aside = T_room_map.copy()
     aside[0, 3] += 0.06
-    assert relocalize_in_map("keyframe", tour, file, aside, tour.second_half_start).is_wrong
+    assert relocalize_in_map("direct", tour, file, aside, tour.second_half_start).is_wrong
 
 
 def test_starts_are_counted_by_what_became_of_them() -> None:
@@ -75,7 +75,7 @@ def test_seeds_that_are_finished_are_not_measured_again(
     monkeypatch.setattr(multi_session, "compute_true_poses", lambda config: tour.T_room_camera)
     monkeypatch.setattr(multi_session, "MAX_FRAMES", 10)
     monkeypatch.setattr(multi_session_measure, "MAX_FRAMES", 10)
-    args = argparse.Namespace(folder=tmp_path, seeds=[1], starts=2, method="keyframe")
+    args = argparse.Namespace(folder=tmp_path, seeds=[1], starts=2, method="direct")
     first = multi_session.run(args)
     assert len(first) == 2
     monkeypatch.setattr(multi_session, "compute_true_poses", lambda config: 1 / 0)

@@ -44,7 +44,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
 def test_a_recording_is_followed_and_what_it_cost_is_told(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "keyframe", {"images": 1e6, "align": 0.0})
+    monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "direct", {"images": 1e6, "align": 0.0})
     assert run(monkeypatch, str(recording), "--json") == 1
     stages = json.loads(capsys.readouterr().out)[str(recording)]
     assert (stages["images"]["frames"], stages["align"]["frames"]) == (12, 11)
@@ -54,7 +54,7 @@ def test_a_recording_is_followed_and_what_it_cost_is_told(
 def test_every_nth_frame_within_its_budget_is_all_well(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "keyframe", {"images": 1e6})
+    monkeypatch.setitem(registry.STAGE_BUDGETS_MS, "direct", {"images": 1e6})
     assert run(monkeypatch, str(recording), "--every", "4") == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[:2] for line in lines[2:4]] == [["images", "3"], ["align", "2"]]

@@ -121,7 +121,7 @@ class ServiceProcess:
 # What a service need not do where nobody looks at its maps: their process costs half a second, and
 # the libraries of places another.
 NO_MAP_CONFIG = "[map]\nenabled = false\n"
-NO_LOOP_CLOSURE_CONFIG = "[map]\nloops = false\n"
+NO_LOOP_CLOSURE_CONFIG = "[map]\nloop_closure = false\n"
 
 
 @contextmanager

@@ -58,7 +58,7 @@ def mistake(tmp_path: Path, text: str) -> str:
 
 def test_without_a_file_everything_has_its_default() -> None:
     config = read_config(None)
-    assert (config.camera.source, config.odometry.method) == ("synthetic", "keyframe")
+    assert (config.camera.source, config.odometry.method) == ("synthetic", "direct")
     assert config.zenoh.listen == ("tcp/127.0.0.1:7450",)
     assert (config.zenoh.prefix, config.zenoh.connect, config.rerun.targets) == ("kinect", (), ())
 

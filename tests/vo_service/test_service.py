@@ -101,7 +101,7 @@ def test_the_status_counts_failures_and_shows_the_last_frames_matches(clock: Fak
     assert (last.features, last.matches, last.inliers) == (20, 9, 3)
 
 
-@pytest.mark.parametrize(("method", "budget_ms"), [("keyframe", STAGE_BUDGET_MS), ("surf", {})])
+@pytest.mark.parametrize(("method", "budget_ms"), [("direct", STAGE_BUDGET_MS), ("surf", {})])
 def test_the_status_says_what_stages_may_cost(method: str, budget_ms: Mapping[str, float]) -> None:
     camera, collector = ScriptedCamera([make_frame(0)]), CollectingOutput()
     with camera:
@@ -120,7 +120,7 @@ def test_every_pose_carries_the_map_and_the_status_says_what_there_is_of_it() ->
         make_service(SinglePassSource(camera), [collector], loops=loops).run(threading.Event())
     last = collector.statuses[-1]
     assert collector.poses[0].map is the_map
-    assert (last.places, last.loops, last.is_located) == (4, 1, False)
+    assert (last.map_keyframes, last.loop_closures, last.is_localized) == (4, 1, False)
 
 
 def test_a_map_that_does_not_know_of_the_epoch_yet_does_not_say_where_odom_lies() -> None:
@@ -130,12 +130,12 @@ def test_a_map_that_does_not_know_of_the_epoch_yet_does_not_say_where_odom_lies(
             loops = FixedLoopClosure(make_map(epoch=epoch))
             make_service(SinglePassSource(camera), [collector], loops=loops).run(threading.Event())
         assert collector.poses[0].is_localized == (epoch == 0)
-        assert collector.statuses[-1].is_located == (epoch == 0)
+        assert collector.statuses[-1].is_localized == (epoch == 0)
 
 
 def test_where_there_is_no_map_the_status_says_so() -> None:
     last = run_loop([make_frame(0)]).statuses[-1]
-    assert (last.places, last.loops, last.is_located) == (0, 0, True)
+    assert (last.map_keyframes, last.loop_closures, last.is_localized) == (0, 0, True)
 
 
 def test_while_the_camera_is_away_the_status_says_so_and_goes_on(clock: FakeClock) -> None:

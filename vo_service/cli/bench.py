@@ -45,19 +45,18 @@ examples:
   kinect-vo bench recordings/desk --frames 200 --methods surf icp cv2-rgb-depth --against surf
 
 Each method runs over each folder (TUM format, as for replay) in a process of its own, on one
-processor, one after another; reading images is not counted. What each column means is in
-docs/bench.md. Methods of packages that are not installed are left out, with a note that says how
-to install them.
+processor, one after another. Times do not include reading images. docs/bench.md explains the
+columns. Methods of packages that are not installed are skipped; a note says how to install them.
 
-With --loops, each trajectory is also corrected by the places that are seen again in it: columns say
-how good it is then. The methods themselves are told nothing of places, also after a loss (where
-replay --loops finds back): all their own figures but the memory stay as they are.
+--loop-closure also optimizes each trajectory by loop closure and adds columns for the result. The
+methods do not use it, not even after a loss (unlike replay --loop-closure), so their own figures do
+not change, except for the memory.
 
-With --output, the folder gets report.json, bench.csv, the effective config.toml, and in runs/ what
-each run did: given again, the same command goes on where it was stopped.
+--output FOLDER receives report.json, bench.csv, the effective config.toml and runs/ with the result
+of each run. The same command resumes where it was stopped.
 
-exit codes: 0 all runs came to their end; 1 one did not (the table says so); 2 something given is
-wrong; 130 or 143 stopped, with a report of what was done until then.
+exit codes: 0 all runs finished; 1 a run failed (see the table); 2 wrong input; 130 or 143 stopped,
+with a report of the runs that finished.
 """
 
 
@@ -65,21 +64,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     parser.add_argument(
         "--methods", metavar="METHOD", nargs="+", choices=METHOD_NAMES, default=list(METHOD_NAMES),
-        help="which, in this order (default: all)",
+        help="methods to run, in this order (default: all)",
     )  # fmt: skip
     parser.add_argument(
         "--every", metavar="N", nargs="+", type=parse_count, default=[1],
-        help="use one frame in N only; several for several rates (default: 1, every frame)",
+        help="use every Nth frame; several values make several runs (default: 1)",
     )  # fmt: skip
     parser.add_argument(
-        "--frames", metavar="N", type=parse_count, help="the first N frames of each recording alone"
+        "--frames",
+        metavar="N",
+        type=parse_count,
+        help="use only the first N frames of each recording",
     )
     parser.add_argument(
         "--against", metavar="METHOD", choices=METHOD_NAMES,
-        help="the method whose figures the others are divided by (default: the first)",
+        help="baseline for relative figures (default: the first method)",
     )  # fmt: skip
     parser.add_argument(
-        "--output", metavar="FOLDER", type=Path, help="where a report goes, and runs are kept"
+        "--output", metavar="FOLDER", type=Path, help="folder for the report and the cached runs"
     )
     add_benchmark_options(parser)
 
@@ -99,7 +101,9 @@ def run(args: argparse.Namespace) -> int:
         odometry=config.odometry,
         camera_file=args.camera or config.camera.file,
         time_limit_s=args.time_limit,
-        observer_factory=LoopClosureObserverFactory(config.map) if args.loops else NULL_OBSERVER,
+        observer_factory=LoopClosureObserverFactory(config.map)
+        if args.loop_closure
+        else NULL_OBSERVER,
     )
     recordings = [
         whole.select(FrameSelection(every, args.frames))
@@ -109,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
     with _open_report_folder(args.output) as folder, stop_on_signals() as stop:
         runs = folder / "runs"
         plan = BatchPlan(
-            recordings, recipes, runs, args.time_limit, args.again, set_up.observer_factory
+            recordings, recipes, runs, args.time_limit, args.force, set_up.observer_factory
         )
         rankings = []
         for ranking in _run_methods(plan, set_up.reference_method, stop):

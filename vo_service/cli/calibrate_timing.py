@@ -95,7 +95,7 @@ def _collect_segments(
     args: argparse.Namespace, config: Config, terminal: Terminal
 ) -> CollectedSegments:
     with stop_on_signals() as stop:
-        run_warm_up(partial(warm_up, "keyframe"), terminal, stop)
+        run_warm_up(partial(warm_up, "direct"), terminal, stop)
         if args.folder is not None:
             film = collect_segments_from_folder(args.folder, args.camera_file, terminal, stop.event)
             stop.check()

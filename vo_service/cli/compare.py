@@ -44,14 +44,14 @@ examples:
   kinect-vo compare recordings/desk --methods surf --json | jq .sequences[0].methods.surf.ate_rmse_m
 
 Each method runs over each folder (TUM format, as for replay) in a process of its own, one after
-another. OUTPUT gets report.html, report.json, the tables as CSV, the figures as PNG and SVG, the
-effective config.toml, and in runs/ what each run did. Runs that came to their end are kept: given
-again, the same command goes on where it was stopped. They are made anew when the program, the
-settings, the computer or the recording changes, or with --again.
+another. OUTPUT receives report.html, report.json, the tables as CSV, the figures as PNG and SVG, the
+effective config.toml and runs/ with the result of each run. Finished runs are cached: the same
+command resumes where it was stopped. They are re-run if the program, the settings, the computer or
+the recording changes, or with --force.
 
-With --loops, a table says how good each trajectory is once it is corrected by the places that are
-seen again in it. The methods themselves are told nothing of places, also after a loss (where
-replay --loops finds back): all their own figures but the memory stay as they are.
+--loop-closure adds a table of each trajectory after optimization by loop closure. The methods do
+not use it, not even after a loss (unlike replay --loop-closure), so their own figures do not change,
+except for the memory.
 
 Without FOLDER/groundtruth.txt coverage, times and trajectories are reported, but no errors.
 
@@ -83,13 +83,13 @@ def run(args: argparse.Namespace) -> int:
     methods = list(dict.fromkeys(args.methods))
     camera_file = args.camera or config.camera.file
     scale = SfmScale(args.sfm_scale)
-    listener = LoopClosureObserverFactory(config.map) if args.loops else NULL_OBSERVER
+    listener = LoopClosureObserverFactory(config.map) if args.loop_closure else NULL_OBSERVER
     set_up = ComparisonMetadata(methods, config, scale, camera_file, args.time_limit, listener)
     recordings = open_recordings(args.folders, camera_file)
     recipes = make_method_factories(config, methods, scale)
     _check_ground_truth(recordings, recipes)
     runs = args.output / "runs"
-    plan = BatchPlan(recordings, recipes, runs, args.time_limit, args.again, listener)
+    plan = BatchPlan(recordings, recipes, runs, args.time_limit, args.force, listener)
     create_output_folder(args.output)
     terminal = Terminal()
     with stop_on_signals() as stop:

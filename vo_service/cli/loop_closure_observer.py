@@ -42,8 +42,8 @@ class LoopClosureObserverFactory:
     def settings(self) -> Mapping[str, object]:
         """How much may be remembered, and the code that does it."""
         return {
-            "loops": {
-                "places_mb": self.map.places_mb,
+            "loop_closure": {
+                "keyframe_database_mb": self.map.keyframe_database_mb,
                 "source": digest_sources(SOURCES),
                 "scipy": version("scipy"),
             }
@@ -52,7 +52,7 @@ class LoopClosureObserverFactory:
     @property
     def config_tables(self) -> Mapping[str, Mapping[str, object]]:
         """Of `[map]`, the memory."""
-        return {"map": {"places_mb": self.map.places_mb}}
+        return {"map": {"keyframe_database_mb": self.map.keyframe_database_mb}}
 
     def prepare(self, on_progress: Callable[[str], None]) -> None:
         """Compile or load the kernels."""

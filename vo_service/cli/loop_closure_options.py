@@ -1,4 +1,4 @@
-"""--loops and --trajectory-corrected: places that are known again in a recording."""
+"""Options --loop-closure and --optimized-trajectory: loop closure over a recording."""
 
 import argparse
 import os
@@ -22,11 +22,11 @@ if TYPE_CHECKING:  # its libraries are slow to load
 def add_loop_closure_options(parser: argparse.ArgumentParser) -> None:
     """Declare both."""
     parser.add_argument(
-        "--loops", action="store_true", help="know places again, and correct the way by them"
+        "--loop-closure", action="store_true", help="enable loop closure and correct the trajectory"
     )
     parser.add_argument(
-        "--trajectory-corrected", metavar="FILE", type=Path,
-        help="write the poses as the loops have corrected them in the end; means --loops",
+        "--optimized-trajectory", metavar="FILE", type=Path,
+        help="write the trajectory as loop closure has optimized it; implies --loop-closure",
     )  # fmt: skip
 
 
@@ -34,7 +34,7 @@ def make_requested_loop_closure(
     args: argparse.Namespace, config: Config, terminal: Terminal, stop: StopSignal
 ) -> "SynchronousLoopClosure | None":
     """Loops, if they are asked for, and all that they need. Raises as `prepare_loop_closure`."""
-    if args.trajectory_corrected is None and not args.loops:
+    if args.optimized_trajectory is None and not args.loop_closure:
         return None
     return make_loop_closure(config, terminal, stop)
 
@@ -76,7 +76,7 @@ def summarize_loop_closure(
 
 def check_optimized_trajectory_path(args: argparse.Namespace) -> None:
     """Raise InputError for what would only be found out in the end: it could not be written."""
-    path: Path | None = args.trajectory_corrected
+    path: Path | None = args.optimized_trajectory
     if path is None:
         return
     is_file_or_new = path.is_file() or not path.exists()

@@ -62,7 +62,7 @@ def add_prefix_option(parser: argparse.ArgumentParser) -> None:
 
 
 def add_benchmark_options(parser: argparse.ArgumentParser) -> None:
-    """FOLDER..., --config, --camera, --time-limit, --again, --json: of methods that are tried."""
+    """FOLDER..., --config, --camera, --time-limit, --force, --json: of methods that are tried."""
     parser.add_argument(
         "folders", metavar="FOLDER", nargs="+", type=Path, help="recordings in TUM format"
     )
@@ -75,11 +75,10 @@ def add_benchmark_options(parser: argparse.ArgumentParser) -> None:
         help="a run that takes longer is ended, and a row says so (default: %(default)g)",
     )  # fmt: skip
     parser.add_argument(
-        "--loops", action="store_true",
-        help="also correct each trajectory by the places that are seen again in it; what the "
-        "methods say, and their times, stay as they are",
+        "--loop-closure", action="store_true",
+        help="also optimize each trajectory by loop closure; the methods' own figures do not change",
     )  # fmt: skip
-    parser.add_argument("--again", action="store_true", help="run also what is kept")
+    parser.add_argument("--force", action="store_true", help="re-run cached results")
     parser.add_argument("--json", action="store_true", help="print report.json, nothing else")
 
 
@@ -94,8 +93,8 @@ def load_config(args: argparse.Namespace) -> Config:
         config = replace(
             config,
             load=replace(config.load, adapt=False),
-            # Another process answers when it can; a replay asks on its own thread (--loops).
-            map=replace(config.map, loops=False),
+            # Another process answers when it can; a replay asks on its own thread (--loop-closure).
+            map=replace(config.map, loop_closure=False),
         )
     if args.verbose:
         config = replace(config, log=LogConfig(LogLevel.INFO))

@@ -46,19 +46,19 @@ class TextPosePrinter:
 
     def print_map_odom(self, message: TransformMessage, attachment: dict[str, Any]) -> None:
         """Print to stderr what corrects it; a place more is no news."""
-        the_map = (bool(attachment["is_located"]), int(attachment["loops"]))
+        the_map = (bool(attachment["is_localized"]), int(attachment["loop_closures"]))
         if the_map == self._last_map:
             return
-        self._last_map = is_located, loops = the_map
-        if not is_located:
+        self._last_map = is_localized, loops = the_map
+        if not is_localized:
             print_notice(
-                f"map of places: {attachment['places']}; where odom lies in it is not known"
+                f"map of places: {attachment['map_keyframes']}; where odom lies in it is not known"
             )
             return
         position = " ".join(f"{v:.4f}" for v in message.translation_m)
         quaternion = " ".join(f"{v:.5f}" for v in message.quaternion_xyzw)
         print_notice(
-            f"map of places: {attachment['places']}, loops: {loops}; odom at {position} {quaternion}"
+            f"map of places: {attachment['map_keyframes']}, loops: {loops}; odom at {position} {quaternion}"
         )
 
 
@@ -94,7 +94,10 @@ class JsonPosePrinter:
             child_frame_id=message.child_frame_id,
             position_m=message.translation_m.tolist(),
             quaternion_xyzw=message.quaternion_xyzw.tolist(),
-            **{key: attachment[key] for key in ("seq", "epoch", "is_located", "places", "loops")},
+            **{
+                key: attachment[key]
+                for key in ("seq", "epoch", "is_localized", "map_keyframes", "loop_closures")
+            },
         )
 
     def _print(self, **content: Any) -> None:

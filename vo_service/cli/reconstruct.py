@@ -14,14 +14,14 @@ examples:
   kinect-vo reconstruct recordings/desk
   kinect-vo reconstruct recordings/desk recordings/desk/groundtruth.txt --voxel-m 0.005
   kinect-vo reconstruct recordings/desk desk.txt --rerun serve --output maps/desk
-  kinect-vo reconstruct recordings/tour --loops
+  kinect-vo reconstruct recordings/tour --loop-closure
 
 Without TRAJECTORY the odometry runs first, and frames that it does not track well are left out.
-With --loops its poses are corrected by the places that are seen again: what is come back to is not
-drawn twice, and the odometry finds back to known places after a loss.
-OUTPUT gets map.ply (a mesh with colors and normals, in the trajectory's world), top.png,
-perspective.png, view.png and reconstruction.json, and trajectory.txt where the odometry ran.
-Ctrl-C ends the fusion and writes what there is by then; a second one writes nothing more.
+--loop-closure optimizes its poses: surfaces that are seen again are not drawn twice, and the
+odometry relocalizes after a loss.
+OUTPUT receives map.ply (a mesh with colors and normals, in the trajectory's world), top.png,
+perspective.png, view.png, reconstruction.json, and trajectory.txt if the odometry ran.
+Ctrl-C ends the fusion and writes the surface so far; a second Ctrl-C writes nothing more.
 """
 MIN_VOXEL_M, MAX_VOXEL_M = 0.002, 0.5
 MIN_MEMORY_MB = 20
@@ -37,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add_config_options(parser)
     parser.add_argument(
-        "--loops", action="store_true",
-        help="know places again, and correct the odometry's poses by them before the map is made",
+        "--loop-closure", action="store_true",
+        help="enable loop closure and optimize the odometry's poses before the fusion",
     )  # fmt: skip
     parser.add_argument("--camera", metavar="FILE", type=Path, help="camera file (TOML)")
     parser.add_argument(

@@ -47,9 +47,9 @@ def run_reconstruction(args: argparse.Namespace) -> int:
     camera_file = args.camera or config.camera.file
     terminal = Terminal()
     # Whatever would only fail after the work.
-    if args.loops and args.trajectory is not None:
+    if args.loop_closure and args.trajectory is not None:
         raise InputError(
-            f"{args.trajectory}: --loops corrects the poses of the odometry alone; leave one out"
+            f"{args.trajectory}: --loop-closure corrects the poses of the odometry alone; leave one out"
         )
     open_tum_folder(args.folder, camera_file)
     poses = None if args.trajectory is None else _read_trajectory(args.trajectory, args.folder)
@@ -116,14 +116,17 @@ def _track_recording(
     stop: StopSignal,
 ) -> tuple[Trajectory, Mapping[str, int]]:
     """The odometry's poses, which are left among the results; with loops, how many there were."""
-    loops = make_loop_closure(config, terminal, stop) if args.loops else None
+    loops = make_loop_closure(config, terminal, stop) if args.loop_closure else None
     poses = track_recording(args.folder, camera, config, terminal, stop, loops)
     lines = map(format_pose_line, poses.stamps_s, poses.T_world_camera)
     with translate_write_errors(args.output / TRAJECTORY_FILE):
         atomic_write(args.output / TRAJECTORY_FILE, "".join(lines).encode())
     if loops is None:
         return poses, {}
-    return poses, {"places": len(loops.loop_closer.database), "loops": loops.loop_closer.loop_count}
+    return poses, {
+        "map_keyframes": len(loops.loop_closer.database),
+        "loop_closures": loops.loop_closer.loop_count,
+    }
 
 
 def _make_results(

@@ -42,7 +42,7 @@ examples:
   kinect-vo replay recordings/desk --trajectory desk.txt
   kinect-vo replay recordings/desk --pace realtime --rerun serve
   kinect-vo replay recordings/desk --json --no-publish | jq .ate_rmse_m
-  kinect-vo replay recordings/tour --trajectory-corrected tour.txt
+  kinect-vo replay recordings/tour --optimized-trajectory tour.txt
 
 The folder needs FOLDER/camera.toml, a name that says freiburg1, freiburg2 or freiburg3, or
 --camera FILE. With FOLDER/groundtruth.txt the summary says how good the trajectory is.
@@ -54,9 +54,9 @@ Several replays can run at once, and beside the service: where the default port 
 published on a free one, which is printed. A port of your own (zenoh.listen) that is taken is an
 error, as is any with --wait-for-subscriber.
 
-With --loops, places that are seen again are known again: after a loss the camera finds back, and
-the summary says what closing the loops has gained. The poses that are published stay smooth; what
-was learnt in the end goes into the file of --trajectory-corrected.
+--loop-closure recognizes places that were seen before. It relocalizes the camera after a loss, and
+the summary shows the gain. Published poses stay smooth; the optimized trajectory is written to the
+file of --optimized-trajectory.
 """
 
 # What a recording consists of, beside its images.
@@ -117,9 +117,9 @@ def run(args: argparse.Namespace) -> int:
         summary = RunSummary.from_run(
             ending.statistics, camera.counters, memory.trajectory, truth, frames_s, with_loops
         )
-    if loops and args.trajectory_corrected:
+    if loops and args.optimized_trajectory:
         write_optimized_trajectory(
-            args.trajectory_corrected, loops.trajectory, memory.publish_offset_s
+            args.optimized_trajectory, loops.trajectory, memory.publish_offset_s
         )
     print(json.dumps(summary.as_json()) if args.json else summary.as_table())
     return ending.exit_code
@@ -127,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _check_not_overwriting_recording(args: argparse.Namespace) -> None:
     """Raise InputError if a trajectory would be written over one of the recording's files."""
-    for path in (args.trajectory, args.trajectory_corrected):
+    for path in (args.trajectory, args.optimized_trajectory):
         if path is not None and path.exists():
             inside = path.resolve().is_relative_to(args.folder.resolve())
             if inside and path.name in RECORDING_FILES:

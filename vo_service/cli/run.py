@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     ):
         camera.prepare()
         prepare_kernels(config, terminal, stop)
-        if config.map.enabled and config.map.loops and not loops_are_prepared():
+        if config.map.enabled and config.map.loop_closure and not loops_are_prepared():
             prepare_loop_closure(terminal, stop)
         _serve(args, config, camera, terminal, stop, hangup)
     return 0

@@ -9,7 +9,13 @@ from drivers.core.geometry import Array
 from vo_service.client.message_parsing import check_fields, parse_json
 from vo_service.outputs.zenoh.cdr_transform import decode_transform
 
-_ATTACHMENT_FIELDS = {"seq": int, "epoch": int, "is_located": bool, "places": int, "loops": int}
+_ATTACHMENT_FIELDS = {
+    "seq": int,
+    "epoch": int,
+    "is_localized": bool,
+    "map_keyframes": int,
+    "loop_closures": int,
+}
 
 
 @dataclass(frozen=True)
@@ -23,10 +29,10 @@ class MapOdom:
     frame_id, child_frame_id  names of the map's frame and of `odom`
     T_map_odom    4x4; maps coordinates of odom to the map, metres
     seq, epoch    of that pose
-    is_located    False after a reset, after a loss and where a map was loaded, until one of its
+    is_localized    False after a reset, after a loss and where a map was loaded, until one of its
                   places is known again: then `odom` lies anywhere
-    places        how many there are
-    loops         how often one of them was known again
+    map_keyframes  how many there are
+    loop_closures  how often one of them was recognized
     heard_s       when it came, on this computer's CLOCK_MONOTONIC
     """
 
@@ -36,9 +42,9 @@ class MapOdom:
     T_map_odom: Array
     seq: int
     epoch: int
-    is_located: bool
-    places: int
-    loops: int
+    is_localized: bool
+    map_keyframes: int
+    loop_closures: int
     receive_time_s: float
 
     @property

@@ -10,7 +10,7 @@ from vo_service.odometry.direct.stage_budget import STAGE_BUDGET_MS
 from vo_service.odometry.profiling import StageTimer
 from vo_service.types import Odometry
 
-DEFAULT_METHOD = "keyframe"
+DEFAULT_METHOD = "direct"
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ METHODS: Mapping[str, Callable[[FeatureConfig, StageTimer], Odometry]] = {
     "surf": _make_surf,
     "icp": _make_icp,
     "sfm": _make_sfm,
-    "keyframe": _make_direct,
+    "direct": _make_direct,
 }
 
 # Milliseconds of processor time a frame that stages may take, of methods that have such budgets.
-STAGE_BUDGETS_MS: Mapping[str, Mapping[str, float]] = {"keyframe": STAGE_BUDGET_MS}
+STAGE_BUDGETS_MS: Mapping[str, Mapping[str, float]] = {"direct": STAGE_BUDGET_MS}

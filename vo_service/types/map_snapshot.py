@@ -19,7 +19,7 @@ class MapSnapshot:
                     is the last
     edges           (M, 2) int32, rows of `T_map_keyframe` that are joined
     is_loop         (M,) bool: joined because a place was known again, not by the odometry
-    is_located      False where a map was loaded, or there was a loss, and no place of the map has
+    is_localized      False where a map was loaded, or there was a loss, and no place of the map has
                     been known again since: `odom` then lies anywhere
     """
 

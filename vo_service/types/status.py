@@ -36,9 +36,9 @@ class Status:
     jitter_ms     standard deviation of the time from one stamp to the next
     paused        asked to publish no poses
     recording     folder that is being recorded into; "" = none
-    map_keyframes, saving_map, saved_map, loading_map, loaded_map  see `MapState`
+    mesh_keyframes, saving_map, saved_map, loading_map, loaded_map  see `MapState`
     places, loops see `MapSnapshot`
-    is_located    see `OdometryUpdate`; of the last one
+    is_localized    see `OdometryUpdate`; of the last one
     warnings      what the outputs complain of, and what was given up for want of time
     cpu_ms_per_frame, stage_ms  processor time of the odometry, whole and by stage: medians
     stage_mean_ms, stage_budget_ms  the mean of all frames, and what it may be
@@ -67,14 +67,14 @@ class Status:
     lost_packets: int
     paused: bool = False
     recording: str = ""
-    map_keyframes: int = 0
+    mesh_keyframes: int = 0
     saving_map: str = ""
     saved_map: str = ""
     loading_map: str = ""
     loaded_map: str = ""
-    places: int = 0
-    loops: int = 0
-    is_located: bool = True
+    map_keyframes: int = 0
+    loop_closures: int = 0
+    is_localized: bool = True
     warnings: tuple[str, ...] = ()
     cpu_ms_per_frame: float = 0.0
     stage_ms: Mapping[str, float] = field(default_factory=dict)

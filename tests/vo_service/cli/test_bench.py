@@ -89,15 +89,15 @@ def test_with_loops_each_method_has_them_beside_its_own_figures(
         bench, "make_method_factories", make_faulty_factories(surf="go on", icp="segfault")
     )
     done = run_in_process(
-        capfd, "bench", recording, "--methods", "surf", "icp", "--loops", "--json"
+        capfd, "bench", recording, "--methods", "surf", "icp", "--loop-closure", "--json"
     )
     report = json.loads(done.out)
     methods = report["results"][0]["methods"]
-    assert report["loops"]["places_mb"] == 100
-    assert (methods["surf"]["places"], methods["surf"]["loops"]) == (1, 0)
-    assert methods["surf"]["corrected_ate_rmse_m"] == pytest.approx(methods["surf"]["ate_rmse_m"])
-    assert methods["surf"]["loops_ms_per_frame"] > 0
-    assert methods["icp"]["loops"] is None
+    assert report["loop_closure"]["keyframe_database_mb"] == 100
+    assert (methods["surf"]["map_keyframes"], methods["surf"]["loop_closures"]) == (1, 0)
+    assert methods["surf"]["optimized_ate_rmse_m"] == pytest.approx(methods["surf"]["ate_rmse_m"])
+    assert methods["surf"]["loop_closure_ms_per_frame"] > 0
+    assert methods["icp"]["loop_closures"] is None
 
 
 def test_with_an_output_it_goes_on_where_it_was(

@@ -71,7 +71,7 @@ def test_a_good_configuration_is_said_to_be_good(
 def test_warming_up_says_that_it_is_done(capfd: pytest.CaptureFixture[str]) -> None:
     outcome = run_in_process(capfd, "warm-up")
     assert (outcome.code, outcome.error_lines) == (0, "")
-    assert outcome.out.startswith("the kernels of keyframe and of maps are ready (")
+    assert outcome.out.startswith("the kernels of direct and of maps are ready (")
 
 
 @pytest.mark.parametrize("enabled", ["true", "false"])

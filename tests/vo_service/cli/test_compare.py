@@ -75,16 +75,16 @@ def test_with_loops_there_is_a_table_of_what_they_have_gained(
     recording: Path, tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(compare, "make_method_factories", make_faulty_factories(surf="go on"))
-    options = ("--methods", "surf", "--loops", "--output", tmp_path / "out")
+    options = ("--methods", "surf", "--loop-closure", "--output", tmp_path / "out")
     done = run_in_process(capfd, "compare", recording, *options)
     assert (done.code, done.error_lines) == (0, "")
     *_, title, head, row, _, _ = done.out.splitlines()
     assert title == "With loops"
-    assert "corrected ATE mm" in head
+    assert "optimized ATE mm" in head
     _, _, _, ate, corrected_ate, *_, places, loops, _, state = row.split()
     assert (corrected_ate, places, loops, state) == (ate, "1", "0", "done")
-    assert (tmp_path / "out" / "loops.csv").exists()
-    corrected = tmp_path / "out" / "runs" / "corner" / "surf" / "trajectory_corrected.txt"
+    assert (tmp_path / "out" / "loop_closures.csv").exists()
+    corrected = tmp_path / "out" / "runs" / "corner" / "surf" / "trajectory_optimized.txt"
     assert len(corrected.read_text().splitlines()) == FRAMES
 
 

@@ -85,7 +85,7 @@ class Publisher:
         self.wait()
         T = rigid_transform(np.eye(3), [0.5, 0.25, 0.0])
         usual = {
-            "schema": 1, "seq": seq, "epoch": 0, "is_located": True, "places": 9, "loops": 1,
+            "schema": 1, "seq": seq, "epoch": 0, "is_localized": True, "map_keyframes": 9, "loop_closures": 1,
         }  # fmt: skip
         self._session.put(
             "kinect/map_odom",
@@ -153,11 +153,11 @@ def test_only_changes_of_status_are_said(endpoint: str) -> None:
 def test_what_corrects_the_map_is_said_once(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint) as process:
         said(process)
-        robot.map_odom(0, loops=0)
+        robot.map_odom(0, loop_closures=0)
         for seq in range(3):
             robot.map_odom(seq)
-        robot.map_odom(4, places=10)
-        robot.map_odom(5, is_located=False)
+        robot.map_odom(4, map_keyframes=10)
+        robot.map_odom(5, is_localized=False)
         assert said(process) == (
             "listen: map of places: 9, loops: 1; odom at 0.5000 0.2500 0.0000 "
             "0.00000 0.00000 0.00000 1.00000\n"
@@ -169,9 +169,9 @@ def test_json_gives_each_change_of_the_map(endpoint: str) -> None:
     with publisher(endpoint) as robot, listener(endpoint, "--json") as process:
         said(process)
         for seq, places in ((0, 9), (1, 9), (2, 10)):
-            robot.map_odom(seq, places=places)
+            robot.map_odom(seq, map_keyframes=places)
         found = [json.loads(printed(process)) for _ in range(2)]
-    assert [(each["kind"], each["seq"], each["places"]) for each in found] == [
+    assert [(each["kind"], each["seq"], each["map_keyframes"]) for each in found] == [
         ("map_odom", 0, 9), ("map_odom", 2, 10),
     ]  # fmt: skip
     assert found[0]["position_m"] == [0.5, 0.25, 0.0]

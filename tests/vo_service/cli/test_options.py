@@ -23,4 +23,4 @@ def test_a_run_in_lockstep_gives_up_nothing_on_a_slow_machine(
 )
 def test_a_run_in_lockstep_waits_for_no_other_process(pace: PlaybackMode, knows: bool) -> None:
     args = argparse.Namespace(config=None, pace=pace, verbose=False)
-    assert load_config(args).map.loops is knows
+    assert load_config(args).map.loop_closure is knows

@@ -100,8 +100,10 @@ def test_loops_cannot_correct_a_given_trajectory(
     recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     truth, output = recording / "groundtruth.txt", tmp_path / "output"
-    outcome = run_in_process(capfd, "reconstruct", recording, truth, "--loops", "--output", output)
-    assert_one_line(outcome, f"{truth}: --loops corrects the poses of the odometry alone")
+    outcome = run_in_process(
+        capfd, "reconstruct", recording, truth, "--loop-closure", "--output", output
+    )
+    assert_one_line(outcome, f"{truth}: --loop-closure corrects the poses of the odometry alone")
     assert not output.exists()
 
 

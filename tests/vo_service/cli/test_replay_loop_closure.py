@@ -18,7 +18,7 @@ pytestmark = pytest.mark.subprocess
 
 CopyRecording = Callable[..., Path]
 Capture = pytest.CaptureFixture[str]
-GIVEN = ("--method", "surf", "--no-publish", "--trajectory-corrected")
+GIVEN = ("--method", "surf", "--no-publish", "--optimized-trajectory")
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ def test_the_corrected_trajectory_has_every_frame_from_the_identity_on(replayed:
 
 def test_loops_bring_the_trajectory_nearer_to_the_truth(replayed: Replayed) -> None:
     figures = replayed.figures
-    assert min(figures["places"], figures["loops"]) > 5
-    assert figures["corrected_ate_rmse_m"] < figures["ate_rmse_m"]
-    assert figures["corrected_mean_global_error_m"] < 0.6 * figures["mean_global_error_m"]
+    assert min(figures["map_keyframes"], figures["loop_closures"]) > 5
+    assert figures["optimized_ate_rmse_m"] < figures["ate_rmse_m"]
+    assert figures["optimized_mean_global_error_m"] < 0.6 * figures["mean_global_error_m"]
 
 
 @pytest.mark.slow
@@ -69,7 +69,7 @@ def test_what_is_published_and_written_beside_it_knows_nothing_of_loops_without_
     given = ("--method", "surf", "--no-publish", "--trajectory", written, "--json")
     figures = json.loads(run_in_process(capfd, "replay", replayed.folder, *given).out)
     assert figures["ate_rmse_m"] == replayed.figures["ate_rmse_m"]
-    assert not {"places", "loops", "corrected_ate_rmse_m"} & set(figures)
+    assert not {"map_keyframes", "loop_closures", "optimized_ate_rmse_m"} & set(figures)
     assert written.read_bytes() != replayed.corrected.read_bytes()
 
 
@@ -81,7 +81,7 @@ def test_with_loops_a_replay_repeats_bit_for_bit_also_in_another_process(
     outcome = run_in_process(capfd, "replay", replayed.folder, *GIVEN, again)
     assert (outcome.code, outcome.error_lines) == (0, "")
     assert again.read_bytes() == replayed.corrected.read_bytes()
-    for label in ("places, loops", "corrected ATE, RMSE", "corrected global error"):
+    for label in ("keyframes, loop closures", "optimized ATE, RMSE", "optimized global error"):
         assert f"\n{label}  " in f"\n{outcome.out}"
 
 
@@ -89,15 +89,15 @@ def test_with_loops_a_replay_repeats_bit_for_bit_also_in_another_process(
 def test_with_loops_a_map_is_made_with_the_corrected_poses(
     replayed: Replayed, tmp_path: Path, capfd: Capture
 ) -> None:
-    given = ("--method", "surf", "--loops", "--voxel-m", 0.04, "--memory-mb", 100)
+    given = ("--method", "surf", "--loop-closure", "--voxel-m", 0.04, "--memory-mb", 100)
     outcome = run_in_process(
         capfd, "reconstruct", replayed.folder, *given, "--output", tmp_path / "map"
     )
     assert (outcome.code, outcome.error_lines) == (0, "")
     figures = json.loads((tmp_path / "map" / "reconstruction.json").read_text())
-    assert figures["places"] > 1
-    assert f"loops {figures['loops']}" in " ".join(outcome.out.split())
-    assert figures["loops"] > 0
+    assert figures["map_keyframes"] > 1
+    assert f"loops {figures['loop_closures']}" in " ".join(outcome.out.split())
+    assert figures["loop_closures"] > 0
     written = (tmp_path / "map" / "trajectory.txt").read_bytes()
     assert written == replayed.corrected.read_bytes()
 

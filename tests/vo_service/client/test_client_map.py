@@ -18,7 +18,9 @@ pytestmark = pytest.mark.zenoh
 def heard(talk: ServiceAndClient, seq: int) -> MapOdom:
     """What the client gives out once this has come."""
     publisher, client = talk
-    publisher.publish_map_odom(2.0, seq=seq, epoch=1, is_located=False, places=7, loops=2)
+    publisher.publish_map_odom(
+        2.0, seq=seq, epoch=1, is_localized=False, map_keyframes=7, loop_closures=2
+    )
 
     def is_there() -> bool:
         found = client._state.map_odom.item
@@ -31,8 +33,8 @@ def heard(talk: ServiceAndClient, seq: int) -> MapOdom:
 def test_it_has_all_that_the_message_says(talk: ServiceAndClient) -> None:
     found = heard(talk, 7)
     assert (found.stamp_s, found.frame_id, found.child_frame_id) == (12.5, "map", "odom")
-    assert (found.seq, found.epoch, found.is_located) == (7, 1, False)
-    assert (found.places, found.loops) == (7, 2)
+    assert (found.seq, found.epoch, found.is_localized) == (7, 1, False)
+    assert (found.map_keyframes, found.loop_closures) == (7, 2)
     np.testing.assert_allclose(found.T_map_odom[:3, 3], [0.0, 2.0, 0.0])
     assert 0 <= found.age_s < 20
 
@@ -59,12 +61,12 @@ def test_a_service_without_a_map_says_so() -> None:
 @pytest.mark.parametrize(
     ("payload", "attachment", "words"),
     [
-        (b"nonsense", b'{"schema": 1, "seq": 1}', "without epoch, is_located, loops, places"),
+        (b"nonsense", b'{"schema": 1, "seq": 1}', "without epoch, is_localized, loop_closures, map_keyframes"),
         (b"", None, "without its attachment"),
         (b"", b'{"schema": 2}', "a message of version 2, only 1 is known here"),
         (
             b"nonsense",
-            b'{"schema": 1, "seq": 1, "epoch": 0, "is_located": true, "places": 1, "loops": 0}',
+            b'{"schema": 1, "seq": 1, "epoch": 0, "is_localized": true, "map_keyframes": 1, "loop_closures": 0}',
             "CDR",
         ),
     ],

@@ -34,7 +34,7 @@ def test_a_reader_gets_poses_but_no_answer_to_a_command(
     with PoseClient(config_file=network.file("reader-tls.json5", "ours/reader")) as client:
         assert next(client.poses(timeout_s=100)).state == "tracking"
         assert client.query_latest().state == "tracking"
-        assert client.map_odom().places == 4
+        assert client.map_odom().map_keyframes == 4
         with pytest.raises(ServiceUnavailable):
             client.command("pause", timeout_s=1.0)
     assert robot.obeyed == []

@@ -1,6 +1,6 @@
 """Everything about the keyframe odometry that was chosen by measurement: 25 quantities.
 
-docs/keyframe.md shows what other values do. Kernels are compiled with these: they are no settings.
+docs/direct.md shows what other values do. Kernels are compiled with these: they are no settings.
 A tuple is one quantity: by level from fine to coarse; or of brightness, in gray levels, and of
 depth, in 1/m, the unit of inverse depth 1/z; or of metres and radians; or from few to many. What is
 derived from them is in `limits.py` or stands beside its use, as do sizes of arrays and where

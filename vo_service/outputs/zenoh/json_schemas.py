@@ -100,12 +100,18 @@ def _map_odom_attachment_schema() -> Schema:
                 "type": "integer",
                 "description": "of that pose; for poses of another epoch odom lies elsewhere",
             },
-            "is_located": {
+            "is_localized": {
                 "type": "boolean",
-                "description": STATUS_FIELD_DESCRIPTIONS["is_located"],
+                "description": STATUS_FIELD_DESCRIPTIONS["is_localized"],
             },
-            "places": {"type": "integer", "description": STATUS_FIELD_DESCRIPTIONS["places"]},
-            "loops": {"type": "integer", "description": STATUS_FIELD_DESCRIPTIONS["loops"]},
+            "map_keyframes": {
+                "type": "integer",
+                "description": STATUS_FIELD_DESCRIPTIONS["map_keyframes"],
+            },
+            "loop_closures": {
+                "type": "integer",
+                "description": STATUS_FIELD_DESCRIPTIONS["loop_closures"],
+            },
         },
     )
 

@@ -71,9 +71,9 @@ def map_odom_attachment(update: OdometryUpdate) -> bytes:
         "schema": MESSAGE_SCHEMA,
         "seq": update.seq,
         "epoch": update.epoch,
-        "is_located": update.is_localized,
-        "places": update.map.keyframes,
-        "loops": update.map.loop_closures,
+        "is_localized": update.is_localized,
+        "map_keyframes": update.map.keyframes,
+        "loop_closures": update.map.loop_closures,
     }
     return json.dumps(content).encode()
 

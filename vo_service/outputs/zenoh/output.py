@@ -72,7 +72,7 @@ class ZenohOutput:
     odom     CDR ``nav_msgs/msg/Odometry``; attachment: JSON of schema, seq, state, epoch, reason
     map_odom how `odom` lies in the map, where there is one: when that or the epoch has changed, and
              with each status. CDR ``geometry_msgs/msg/TransformStamped``; attachment: JSON of
-             schema, seq, epoch, is_located, places, loops
+             schema, seq, epoch, is_localized, places, loops
     status   JSON: schema, every field of `Status`, versions
     alive    a liveliness token that lasts as long as this object (or its process)
     latest, map_odom, status, schema, command/NAME   answer questions; see `docs/messages.md`

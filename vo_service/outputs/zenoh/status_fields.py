@@ -26,14 +26,14 @@ STATUS_FIELD_DESCRIPTIONS: Mapping[str, str] = {
     "lost_packets": "packets that the sensor sent and that did not arrive",
     "paused": "asked to publish no poses",
     "recording": 'folder that is being recorded into; "" = none',
-    "map_keyframes": "keyframes that a map would be made of now",
+    "mesh_keyframes": "keyframes that a map would be made of now",
     "saving_map": 'file of the map that is being made; "" = none',
     "saved_map": 'file of the last map that was made whole; "" = none since the start',
     "loading_map": 'file of the map whose places are being loaded; "" = none',
     "loaded_map": 'file of the map whose places are known; "" = none since the start',
-    "places": "places that are known again when they are seen again",
-    "loops": "how often one was, and corrected the map",
-    "is_located": "whether it is known where odom lies in the map: false after a reset, a loss or "
+    "map_keyframes": "places that are known again when they are seen again",
+    "loop_closures": "how often one was, and corrected the map",
+    "is_localized": "whether it is known where odom lies in the map: false after a reset, a loss or "
     "the load of a map, until one of its places is known again",
     "warnings": "what is wrong beside the tracking, one clause each",
     "cpu_ms_per_frame": "processor time of the odometry, median of the last 100 frames",

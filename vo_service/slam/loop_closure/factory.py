@@ -19,7 +19,7 @@ def create_synchronous_loop_closure(settings: MapConfig) -> SynchronousLoopClosu
 def create_loop_closer(settings: MapConfig) -> LoopCloser:
     """A loop closer that knows no place yet."""
     return LoopCloser(
-        PlaceRecognizer(), KeyframeDatabase(settings.places_mb * MEGABYTE), PoseGraph()
+        PlaceRecognizer(), KeyframeDatabase(settings.keyframe_database_mb * MEGABYTE), PoseGraph()
     )
 
 
@@ -30,7 +30,7 @@ def create_loop_closer_from_map(contents: MapContents, settings: MapConfig) -> L
     """
     worlds = sorted({place.world_id for place in contents.keyframes})
     today = {world: rank - len(worlds) for rank, world in enumerate(worlds)}
-    places = KeyframeDatabase(settings.places_mb * MEGABYTE)
+    places = KeyframeDatabase(settings.keyframe_database_mb * MEGABYTE)
     for place in contents.keyframes:
         places.add(replace(place, world_id=today[place.world_id]))
     nodes = (replace(node, world_id=today[node.world_id]) for node in contents.nodes)

@@ -41,7 +41,7 @@ class LiveMapper:
         """Start. `maps` is the folder of the maps. Raises OSError if the memory cannot be had."""
         self._keyframe_selector = KeyframeSelector()
         self._constraints = (
-            ConstraintAccumulator() if settings.loops else NullConstraintAccumulator()
+            ConstraintAccumulator() if settings.loop_closure else NullConstraintAccumulator()
         )
         self._memory_fault = ""
         self._is_closed = False
@@ -49,7 +49,7 @@ class LiveMapper:
         self._ring = RecordRingWriter("map-keyframes", _RING_S, _RING_BYTES)
         level = logging.getLogger().getEffectiveLevel()
         places = AsynchronousLoopClosure(self._enqueue)
-        self.loop_closure: LoopClosure = places if settings.loops else NullLoopClosure()
+        self.loop_closure: LoopClosure = places if settings.loop_closure else NullLoopClosure()
         self._asynchronous_loop_closure = places
         job = MapperWorkerConfig(self._ring.memory, 0, maps_folder, settings, level)
         self._client = MapperClient(

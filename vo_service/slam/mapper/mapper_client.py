@@ -144,7 +144,9 @@ class MapperClient:
             said = "%s: %s: %d triangles from %d keyframes"
             logger.info(said, NAME, file, result.triangle_count, result.keyframe_count)
         if result.is_truncated:
-            trouble = f"{file} lacks what did not fit into map.making_mb; raise that or map.voxel_m"
+            trouble = (
+                f"{file} lacks what did not fit into map.mesh_memory_mb; raise that or map.voxel_m"
+            )
         self._save_faults.set(trouble)
         with self._lock:
             saved = self.state.saved if result.error else str(file)

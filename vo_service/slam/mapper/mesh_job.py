@@ -107,7 +107,9 @@ def build_mesh(
     except UserFacingError as error:
         return SaveMapResult(file, error=str(error))
     except MemoryError:
-        return SaveMapResult(file, error=f"{file}: there is not enough memory; lower map.making_mb")
+        return SaveMapResult(
+            file, error=f"{file}: there is not enough memory; lower map.mesh_memory_mb"
+        )
     return SaveMapResult(file, len(keyframes), mesh.triangle_count, mesh.is_full)
 
 

@@ -32,7 +32,7 @@ class NullLoopClosureWorker:
 
     def load(self, file: Path) -> int:
         """Never possible. Raises InputError."""
-        raise InputError(f"{file}: no places are remembered (map.loops)")
+        raise InputError(f"{file}: no places are remembered (map.loop_closure)")
 
     def anchor_to_last_keyframe(self, T_odom_camera: Array) -> AnchoredPose:
         """There is none: the map is `odom`."""
@@ -47,7 +47,7 @@ def open_loop_closure_worker(
     settings: MapConfig, send: SendMapperMessage
 ) -> "LoopClosureWorker | NullLoopClosureWorker":
     """What the settings ask for."""
-    if not settings.loops:
+    if not settings.loop_closure:
         return NullLoopClosureWorker()
     from vo_service.slam.mapper.loop_closure_worker import LoopClosureWorker
 

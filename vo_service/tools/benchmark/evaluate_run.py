@@ -24,7 +24,7 @@ from vo_service.tools.evaluation.run_summary import LoopClosureSummary, evaluate
 
 EVALUATION_KEYS = tuple(Evaluation.__dataclass_fields__)
 # Keys that are there where loops were asked for.
-LOOP_CLOSURE_MS_KEY = "loops_ms_per_frame"
+LOOP_CLOSURE_MS_KEY = "loop_closure_ms_per_frame"
 LOOP_CLOSURE_KEYS = (*LoopClosureSummary(0, 0, None).as_json(), LOOP_CLOSURE_MS_KEY)
 
 

@@ -29,7 +29,7 @@ RESULT_FILE, TRAJECTORY_FILE, FRAMES_FILE, DETAILS_FILE = (
     "frames.csv",
     "error.txt",
 )
-OPTIMIZED_TRAJECTORY_FILE = "trajectory_corrected.txt"
+OPTIMIZED_TRAJECTORY_FILE = "trajectory_optimized.txt"
 FRAME_COLUMNS = ("stamp_s", "has_pose", "epoch", "inliers", "cpu_ms", "wall_ms", "reason")
 
 
@@ -98,11 +98,11 @@ class RunCache:
             skipped=int(result["skipped"]),
             stage_ms={str(stage): float(ms) for stage, ms in result["stage_ms"].items()},
             memory_mb=float(result["memory_mb"]),
-            loop_closure=self._load_loop_closure(result) if "loops" in result else None,
+            loop_closure=self._load_loop_closure(result) if "loop_closures" in result else None,
         )
 
     def _load_loop_closure(self, result: Mapping[str, Any]) -> LoopClosureRun:
-        count = int(result["corrected_poses"])
+        count = int(result["optimized_poses"])
         corrected = (
             read_trajectory(self.path / OPTIMIZED_TRAJECTORY_FILE)
             if count
@@ -110,8 +110,10 @@ class RunCache:
         )
         if len(corrected) != count:
             raise ValueError("the files are not of one run")
-        cpu_ms = float(result["loops_ms_per_frame"])
-        return LoopClosureRun(corrected, int(result["places"]), int(result["loops"]), cpu_ms)
+        cpu_ms = float(result["loop_closure_ms_per_frame"])
+        return LoopClosureRun(
+            corrected, int(result["map_keyframes"]), int(result["loop_closures"]), cpu_ms
+        )
 
     def _load_details(self) -> str:
         file = self.path / DETAILS_FILE
@@ -138,10 +140,10 @@ def loop_closure_as_json(loop_closure: LoopClosureRun | None) -> dict[str, objec
     if loop_closure is None:
         return {}
     return {
-        "places": loop_closure.map_keyframes,
-        "loops": loop_closure.loop_closures,
-        "loops_ms_per_frame": round(loop_closure.cpu_ms_per_frame, 3),
-        "corrected_poses": len(loop_closure.trajectory),
+        "map_keyframes": loop_closure.map_keyframes,
+        "loop_closures": loop_closure.loop_closures,
+        "loop_closure_ms_per_frame": round(loop_closure.cpu_ms_per_frame, 3),
+        "optimized_poses": len(loop_closure.trajectory),
     }
 
 

@@ -99,19 +99,19 @@ class LoopClosureSummary:
         ate_m = self.evaluation.ate_rmse_m if self.evaluation else None
         global_m = self.evaluation.mean_global_error_m if self.evaluation else None
         return {
-            "places": self.places,
-            "loops": self.loops,
-            "corrected_ate_rmse_m": ate_m,
-            "corrected_mean_global_error_m": global_m,
+            "map_keyframes": self.places,
+            "loop_closures": self.loops,
+            "optimized_ate_rmse_m": ate_m,
+            "optimized_mean_global_error_m": global_m,
         }
 
     def rows(self) -> list[tuple[str, str]]:
         """Lines of the table."""
-        rows = [("places, loops", f"{self.places:6d}, {self.loops}")]
+        rows = [("keyframes, loop closures", f"{self.places:6d}, {self.loops}")]
         if self.evaluation is not None:
             corrected = self.evaluation
-            rows.append(("corrected ATE, RMSE", format_mm(corrected.ate_rmse_m)))
-            rows.append(("corrected global error", format_mm(corrected.mean_global_error_m)))
+            rows.append(("optimized ATE, RMSE", format_mm(corrected.ate_rmse_m)))
+            rows.append(("optimized global error", format_mm(corrected.mean_global_error_m)))
         return rows
 
 

@@ -33,7 +33,7 @@ KERNELS = [
 
 def test_every_stage_of_the_method_is_run_and_told_and_has_a_budget() -> None:
     told: list[str] = []
-    assert warm_up("keyframe", told.append) > 0
+    assert warm_up("direct", told.append) > 0
     assert set(told) == set(STAGE_BUDGET_MS)
 
 
@@ -60,10 +60,10 @@ def all_that_may_happen() -> list[RgbdFrame]:
 
 
 def test_a_warm_method_compiles_nothing_more_for_real_frames() -> None:
-    warm_up("keyframe", lambda _: None)
+    warm_up("direct", lambda _: None)
     told: list[str] = []
     before = compiled()
-    odometry = METHODS["keyframe"](FeatureConfig(), StageReporter(told.append))
+    odometry = METHODS["direct"](FeatureConfig(), StageReporter(told.append))
     assert all(odometry.estimate(frame).ok for frame in all_that_may_happen())
     assert set(told) == set(STAGE_BUDGET_MS)
     assert KERNELS

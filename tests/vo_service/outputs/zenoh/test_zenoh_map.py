@@ -72,7 +72,7 @@ def test_it_goes_out_with_its_frames_and_the_stamp_of_the_pose(
     assert message.stamp_s == update.stamp_s
     np.testing.assert_allclose(message.T_frame_child, update.map.T_map_odom, atol=1e-15)
     assert about(talk.maps[0]) == {
-        "schema": 1, "seq": 7, "epoch": 1, "is_located": True, "places": 4, "loops": 1,
+        "schema": 1, "seq": 7, "epoch": 1, "is_localized": True, "map_keyframes": 4, "loop_closures": 1,
     }  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def test_a_map_of_the_epoch_before_does_not_know_where_odom_lies(
         for epoch in (1, 2):
             talk.output.on_update(replace(make_update(epoch), map=make_map(epoch=1), epoch=epoch))
         wait_until(lambda: len(talk.maps) >= 2)
-    assert [about(sample)["is_located"] for sample in talk.maps] == [True, False]
+    assert [about(sample)["is_localized"] for sample in talk.maps] == [True, False]
 
 
 def test_it_goes_out_again_with_each_status_and_the_newest_stamp(
@@ -135,7 +135,7 @@ def test_it_can_be_asked_for_and_has_the_stamp_of_the_newest_pose(
         wait_until(lambda: seq_of(query(talk.session, KEY)) == 5)
         (reply,) = query(talk.session, KEY)
     assert reply.ok is not None
-    assert about(reply.ok)["is_located"] is False
+    assert about(reply.ok)["is_localized"] is False
     assert decode_transform(reply.ok.payload.to_bytes()).stamp_s == make_update(5).stamp_s
 
 

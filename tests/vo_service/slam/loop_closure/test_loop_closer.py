@@ -65,11 +65,11 @@ def test_a_loop_that_the_odometry_cannot_have_missed_is_not_believed() -> None:
 
 def test_a_new_world_is_joined_when_two_places_say_so_alike() -> None:
     closer = make_loop_closer(1)
-    is_located = []
+    is_localized = []
     for n in (1, 2):
         closer.process_keyframe(make_observation(n, 1, ELSEWHERE))
-        is_located.append(closer.snapshot.is_localized)
-    assert is_located == [False, True]
+        is_localized.append(closer.snapshot.is_localized)
+    assert is_localized == [False, True]
     T_map_camera = closer.T_map_world @ ELSEWHERE @ odometry_pose(2)
     assert np.allclose(T_map_camera[:3, 3], true_pose(2)[:3, 3], atol=0.03)
 
@@ -98,7 +98,7 @@ def test_a_map_that_was_kept_is_known_the_next_day() -> None:
 def test_places_near_others_go_when_there_are_too_many() -> None:
     few = make_loop_closer(STEPS)
     limit_mb = 1 + few.database.size_bytes // 1_000_000
-    closer = create_loop_closer(MapConfig(places_mb=limit_mb))
+    closer = create_loop_closer(MapConfig(keyframe_database_mb=limit_mb))
     removed = [
         removal.number
         for n in range(2 * STEPS + 1)

@@ -11,7 +11,7 @@ from vo_service.reconstruction.tsdf_volume import TsdfVolume
 @pytest.fixture(scope="session")
 def kernels() -> None:
     """Those of the fusion, compiled and kept."""
-    fusion = TsdfVolume(TsdfConfig(COARSE.voxel_m, COARSE.making_mb))
+    fusion = TsdfVolume(TsdfConfig(COARSE.voxel_m, COARSE.mesh_memory_mb))
     shape = (CAMERA.height, CAMERA.width)
     color = np.zeros((*shape, 3), np.uint8)
     fusion.integrate(np.full(shape, 2.0, np.float32), color, CAMERA, np.eye(4))

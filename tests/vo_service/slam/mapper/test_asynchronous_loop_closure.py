@@ -29,7 +29,7 @@ from vo_service.slam.mapper.live_mapper import LiveMapper
 
 pytestmark = pytest.mark.subprocess
 
-WITH_PLACES = replace(COARSE, loops=True)
+WITH_PLACES = replace(COARSE, loop_closure=True)
 NAME = "corner"
 
 

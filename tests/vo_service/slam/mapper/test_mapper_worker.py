@@ -35,7 +35,7 @@ from vo_service.slam.mapper.messages import (
 from vo_service.slam.saved_maps.map_file import write_map
 from vo_service.types import OdometryUpdate, TrackingState
 
-WITH_PLACES = replace(COARSE, loops=True)
+WITH_PLACES = replace(COARSE, loop_closure=True)
 HOP = OdometryConstraint(np.zeros(6), np.eye(6) * 1e-5, 0.15)
 
 

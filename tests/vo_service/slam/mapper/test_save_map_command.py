@@ -36,7 +36,7 @@ def asked(
 def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> None:
     service = stage.start()
     service.wait_until_streaming(time.monotonic(), START_TIMEOUT_S)
-    service.wait_for_status(lambda status: status["map_keyframes"] == 1)  # the camera stands still
+    service.wait_for_status(lambda status: status["mesh_keyframes"] == 1)  # the camera stands still
     first = len(service.heard.poses)
     answer = asked(stage, "kitchen")
     file = stage.state_folder / "maps" / "kitchen.ply"

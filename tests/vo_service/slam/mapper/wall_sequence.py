@@ -20,7 +20,7 @@ from vo_service.types import OdometryUpdate, TrackingState
 
 CAMERA = PinholeCamera(width=64, height=48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 WALL_M = 2.0
-COARSE = MapConfig(loops=False, max_mb=10, voxel_m=0.05, making_mb=50)
+COARSE = MapConfig(loop_closure=False, max_mb=10, voxel_m=0.05, mesh_memory_mb=50)
 
 
 def make_wall_update(

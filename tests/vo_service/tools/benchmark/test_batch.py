@@ -126,7 +126,7 @@ def test_runs_with_loops_are_told_apart_from_those_without(recording: Path) -> N
     listeners = (
         NULL_OBSERVER,
         LoopClosureObserverFactory(MapConfig()),
-        LoopClosureObserverFactory(MapConfig(places_mb=20)),
+        LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20)),
     )
     keys = [key(recording, FaultyMethodFactory(), listener=listener) for listener in listeners]
     assert len(set(keys)) == 3

@@ -78,9 +78,11 @@ def test_a_corrected_trajectory_is_judged_beside_the_methods_own() -> None:
     outcome = make_outcome(walk, step_m=STEP_M + 0.002, with_loops=corrected)
     figures = evaluate_run(BatchResult(walk, "surf", outcome, has_loop_closure=True)).as_json()
     assert figures["mean_global_error_m"] == pytest.approx(0.039)
-    assert figures["corrected_mean_global_error_m"] == pytest.approx(0.0195)
-    assert figures["corrected_ate_rmse_m"] < figures["ate_rmse_m"]
-    assert [figures[key] for key in ("places", "loops", "loops_ms_per_frame")] == [3, 2, 1.5]
+    assert figures["optimized_mean_global_error_m"] == pytest.approx(0.0195)
+    assert figures["optimized_ate_rmse_m"] < figures["ate_rmse_m"]
+    assert [
+        figures[key] for key in ("map_keyframes", "loop_closures", "loop_closure_ms_per_frame")
+    ] == [3, 2, 1.5]
 
 
 def test_keys_of_loops_are_there_if_they_were_asked_for_and_null_without_a_result() -> None:
@@ -100,4 +102,4 @@ def test_without_truth_loops_are_counted_and_not_judged() -> None:
         has_loop_closure=True,
     )
     figures = evaluate_run(entry).as_json()
-    assert (figures["loops"], figures["corrected_ate_rmse_m"]) == (2, None)
+    assert (figures["loop_closures"], figures["optimized_ate_rmse_m"]) == (2, None)

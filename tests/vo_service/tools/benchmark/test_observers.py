@@ -21,7 +21,7 @@ from vo_service.tools.benchmark.observers import NULL_OBSERVER, ObserverFactory
 from vo_service.tools.benchmark.run import CompletedRun, LoopClosureRun
 from vo_service.tools.benchmark.runner import run_method
 
-LOOPS = LoopClosureObserverFactory(MapConfig(places_mb=20))
+LOOPS = LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20))
 
 
 def followed(folder: Path, listener: ObserverFactory) -> CompletedRun:
@@ -76,8 +76,8 @@ def test_of_no_frame_there_is_no_figure_and_no_error() -> None:
 
 
 def test_settings_that_matter_are_told_and_go_to_another_process() -> None:
-    loops = pickle.loads(pickle.dumps(LOOPS)).settings["loops"]
-    assert loops["places_mb"] == 20
-    assert set(loops) == {"places_mb", "source", "scipy"}
-    assert LOOPS.config_tables == {"map": {"places_mb": 20}}
+    loops = pickle.loads(pickle.dumps(LOOPS)).settings["loop_closure"]
+    assert loops["keyframe_database_mb"] == 20
+    assert set(loops) == {"keyframe_database_mb", "source", "scipy"}
+    assert LOOPS.config_tables == {"map": {"keyframe_database_mb": 20}}
     assert (NULL_OBSERVER.settings, NULL_OBSERVER.config_tables) == ({}, {})

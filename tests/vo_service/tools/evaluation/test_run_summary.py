@@ -97,7 +97,12 @@ def test_the_table_has_a_line_a_figure() -> None:
     assert len(of(TRUTH).as_table().splitlines()) == 7 + 10
 
 
-LOOPS_KEYS = ("places", "loops", "corrected_ate_rmse_m", "corrected_mean_global_error_m")
+LOOPS_KEYS = (
+    "map_keyframes",
+    "loop_closures",
+    "optimized_ate_rmse_m",
+    "optimized_mean_global_error_m",
+)
 DRIFTING = Trajectory(STAMPS_S, PATH @ PATH)
 
 
@@ -111,19 +116,19 @@ def test_with_loops_there_are_keys_more_and_the_others_stay() -> None:
     )
     figures = summary.as_json()
     assert {key: figures.pop(key) for key in LOOPS_KEYS} == {
-        "places": 12,
-        "loops": 5,
-        "corrected_ate_rmse_m": pytest.approx(0.0, abs=1e-6),
-        "corrected_mean_global_error_m": pytest.approx(0.0, abs=1e-6),
+        "map_keyframes": 12,
+        "loop_closures": 5,
+        "optimized_ate_rmse_m": pytest.approx(0.0, abs=1e-6),
+        "optimized_mean_global_error_m": pytest.approx(0.0, abs=1e-6),
     }
     assert figures == plain.as_json()
     assert figures["ate_rmse_m"] > 0.01
     *lines, loops, _, _ = (line.split() for line in summary.as_table().splitlines())
     assert lines == [line.split() for line in plain.as_table().splitlines()]
-    assert loops == ["places,", "loops", "12,", "5"]
+    assert loops == ["keyframes,", "loop", "closures", "12,", "5"]
 
 
 def test_without_truth_loops_are_counted_and_their_errors_null() -> None:
     with_loops = LoopClosureSummary(12, 5, None)
     assert list(with_loops.as_json().values()) == [12, 5, None, None]
-    assert [label for label, _ in with_loops.rows()] == ["places, loops"]
+    assert [label for label, _ in with_loops.rows()] == ["keyframes, loop closures"]

@@ -62,16 +62,19 @@ WALL_METRICS = _time_metrics("wall_ms", "wall ms", lambda frames: frames.wall_ms
 MEMORY_METRIC = MetricColumn("memory_mb", "memory MB", from_run(lambda run: run.memory_mb), 0)
 # Where loops were asked for, beside the others.
 LOOP_CLOSURE_METRICS = (
-    MetricColumn("corrected_ate_rmse_m", "corrected ATE mm", from_optimized_evaluation("ate_rmse_m"), 2, 1e3),
+    MetricColumn("optimized_ate_rmse_m", "optimized ATE mm", from_optimized_evaluation("ate_rmse_m"), 2, 1e3),
     MetricColumn(
-        "corrected_mean_global_error_m", "corrected global mm",
+        "optimized_mean_global_error_m", "corrected global mm",
         from_optimized_evaluation("mean_global_error_m"), 2, 1e3,
     ),
-    MetricColumn("places", "places", from_loop_closure(lambda loops: loops.map_keyframes), 0),
-    MetricColumn("loops", "loops", from_loop_closure(lambda loops: loops.loop_closures), 0),
+    MetricColumn("map_keyframes", "map_keyframes", from_loop_closure(lambda loops: loops.map_keyframes), 0),
+    MetricColumn("loop_closures", "loop_closures", from_loop_closure(lambda loops: loops.loop_closures), 0),
 )  # fmt: skip
 LOOP_CLOSURE_CPU_METRIC = MetricColumn(
-    "loops_ms_per_frame", "loops ms", from_loop_closure(lambda loops: loops.cpu_ms_per_frame), 2
+    "loop_closure_ms_per_frame",
+    "loops ms",
+    from_loop_closure(lambda loops: loops.cpu_ms_per_frame),
+    2,
 )
 
 ALL_METRICS = (*ERROR_METRICS, *ROBUSTNESS_METRICS, *CPU_METRICS, *WALL_METRICS, MEMORY_METRIC)

@@ -49,15 +49,15 @@ ALL_METRICS = (
 )  # fmt: skip
 LOOP_CLOSURE_METRICS = (
     MetricColumn("ate_rmse_m", "ATE mm", from_evaluation("ate_rmse_m"), 2, MM_PER_M),
-    MetricColumn("corrected_ate_rmse_m", "corrected ATE mm", from_optimized_evaluation("ate_rmse_m"), 2, MM_PER_M),
+    MetricColumn("optimized_ate_rmse_m", "optimized ATE mm", from_optimized_evaluation("ate_rmse_m"), 2, MM_PER_M),
     ERROR_METRIC,
     MetricColumn(
-        "corrected_mean_global_error_m", "corrected global error mm",
+        "optimized_mean_global_error_m", "corrected global error mm",
         from_optimized_evaluation("mean_global_error_m"), 2, MM_PER_M,
     ),
-    MetricColumn("places", "places", from_loop_closure(lambda loops: loops.map_keyframes), 0),
-    MetricColumn("loops", "loops", from_loop_closure(lambda loops: loops.loop_closures), 0),
-    MetricColumn("loops_ms_per_frame", "loops ms a frame", from_loop_closure(lambda loops: loops.cpu_ms_per_frame), 2),
+    MetricColumn("map_keyframes", "map_keyframes", from_loop_closure(lambda loops: loops.map_keyframes), 0),
+    MetricColumn("loop_closures", "loop_closures", from_loop_closure(lambda loops: loops.loop_closures), 0),
+    MetricColumn("loop_closure_ms_per_frame", "loops ms a frame", from_loop_closure(lambda loops: loops.cpu_ms_per_frame), 2),
 )  # fmt: skip
 # Of the frames: where fewer have a pose, the share stands beside the figure.
 MIN_FULL_COVERAGE = 0.99
@@ -89,7 +89,7 @@ def metrics_table(results: Sequence[SequenceResults]) -> Table:
 
 def loop_closure_table(results: Sequence[SequenceResults]) -> Table:
     """What loops have gained, one row a run."""
-    return _table_by_run("loops", "With loops", results, LOOP_CLOSURE_METRICS)
+    return _table_by_run("loop_closures", "With loops", results, LOOP_CLOSURE_METRICS)
 
 
 def _table_by_run(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # drawn with rarely, and slow to import
     from matplotlib.figure import Figure
 
 # Told apart by people who see colors differently too (Okabe and Ito).
-METHOD_COLORS = {"surf": "#0072B2", "icp": "#D55E00", "sfm": "#009E73", "keyframe": "#CC79A7"}
+METHOD_COLORS = {"surf": "#0072B2", "icp": "#D55E00", "sfm": "#009E73", "direct": "#CC79A7"}
 OTHER_METHOD_COLORS = ("#56B4E9", "#E69F00", "#000000")
 # Frames that a thick line's median is taken over.
 SMOOTHING_FRAMES = 15

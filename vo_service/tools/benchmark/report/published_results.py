@@ -56,7 +56,7 @@ METHOD_DESCRIPTIONS = {
         "from them together (structure from motion). Color alone has no scale: the first "
         "is given from outside, and it may drift from there.",
     ),
-    "keyframe": MethodDescription(
+    "direct": MethodDescription(
         "Keyframes",
         "color and depth: brightness and depth of every frame are laid on those of a keyframe, "
         "which stays as long as most of it is in view; each row of the sensor counts at its own "

@@ -186,19 +186,19 @@ def test_with_loops_the_report_says_what_they_have_gained(tmp_path: Path) -> Non
     found = make_results(
         walk, True, surf=make_outcome(walk, with_loops=make_loop_closure_run(walk))
     )
-    loops = LoopClosureObserverFactory(MapConfig(places_mb=20))
+    loops = LoopClosureObserverFactory(MapConfig(keyframe_database_mb=20))
     set_up = ComparisonMetadata(["surf"], Config(), SfmScale.FIRST_DEPTH, None, 3600.0, loops)
     report = write_comparison_report(tmp_path, [found], set_up, Terminal())
     text = " ".join(Page(report.page.read_text()).text.split())
     assert LOOP_CLOSURE_TEXT in text
-    assert report.content["loops"]["places_mb"] == 20
-    assert report.content["sequences"][0]["methods"]["surf"]["loops"] == 2
-    (row,) = csv.DictReader((tmp_path / "loops.csv").read_text().splitlines())
-    assert row["loops"] == "2"
-    assert read_toml(tmp_path / "config.toml", Config).map.places_mb == 20
+    assert report.content["loop_closure"]["keyframe_database_mb"] == 20
+    assert report.content["sequences"][0]["methods"]["surf"]["loop_closures"] == 2
+    (row,) = csv.DictReader((tmp_path / "loop_closures.csv").read_text().splitlines())
+    assert row["loop_closures"] == "2"
+    assert read_toml(tmp_path / "config.toml", Config).map.keyframe_database_mb == 20
 
 
 def test_without_loops_nothing_of_them_is_in_the_report(written: Path) -> None:
-    assert not (written / "loops.csv").exists()
-    assert "loops" not in (written / "report.html").read_text()
-    assert "loops" not in (written / "report.json").read_text()
+    assert not (written / "loop_closures.csv").exists()
+    assert "loop_closure" not in (written / "report.html").read_text()
+    assert "loop_closure" not in (written / "report.json").read_text()

@@ -150,7 +150,9 @@ def test_what_loops_have_gained_is_a_table_of_its_own() -> None:
         loop_closure_table([make_results(walk, True, surf=drifting, icp=CRASH)]).as_csv()
     )
     assert float(surf["mean_global_error_m"]) == pytest.approx(0.195)
-    assert float(surf["corrected_mean_global_error_m"]) == pytest.approx(0.0, abs=1e-9)
-    assert float(surf["corrected_ate_rmse_m"]) == pytest.approx(0.0, abs=1e-9)
-    assert [surf[key] for key in ("places", "loops", "loops_ms_per_frame")] == ["3", "2", "1.5"]
-    assert (icp["state"], icp["loops"]) == ("crashed", "")
+    assert float(surf["optimized_mean_global_error_m"]) == pytest.approx(0.0, abs=1e-9)
+    assert float(surf["optimized_ate_rmse_m"]) == pytest.approx(0.0, abs=1e-9)
+    assert [
+        surf[key] for key in ("map_keyframes", "loop_closures", "loop_closure_ms_per_frame")
+    ] == ["3", "2", "1.5"]
+    assert (icp["state"], icp["loop_closures"]) == ("crashed", "")

@@ -15,7 +15,7 @@ from tests.vo_service.slam.mapper.wall_sequence import read_vertices_m
 
 pytestmark = [pytest.mark.subprocess, pytest.mark.zenoh]
 
-SMALL = '\n[map]\nvoxel_m = 0.1\nmaking_mb = 50\n[log]\nlevel = "info"\n'
+SMALL = '\n[map]\nvoxel_m = 0.1\nmesh_memory_mb = 50\n[log]\nlevel = "info"\n'
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def test_a_map_is_made_on_command_while_poses_go_on(stage: ServiceRunner) -> Non
     assert json.loads(asked(stage, "kitchen", "load-map").stdout) == {"file": places}
     service.wait_for_status(lambda status: status["loaded_map"] == places)
     service.wait_for_status(
-        lambda status: status["places"] == 2
+        lambda status: status["map_keyframes"] == 2
     )  # that of the map, and what is seen now
     assert {(pose.state, pose.epoch) for pose in service.heard.poses} == {("tracking", 0)}
     assert service.stop() == 0

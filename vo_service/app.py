@@ -1,6 +1,6 @@
 """The composition root: the one file that knows all parts of the service and puts them together.
 
-A replay is `run_replay`, the service on a robot is `build_live_service`; both run the same `Service`.
+A replay is `run_replay`; the service on a robot is `build_live_service`. Both run `Service`.
 """
 
 import logging

@@ -19,10 +19,11 @@ INTRODUCTION = f"""\
 # Configuration
 
 Every key of the file that `kinect-vo run --config FILE` reads, with its default;
-[config/kinect.toml](../config/kinect.toml) is such a file. This page is written by `{REFERENCE_COMMAND}`.
+[config/kinect.toml](../config/kinect.toml) is such a file. `{REFERENCE_COMMAND}` writes this
+page.
 
-The file is TOML and begins with `schema = {SCHEMA_VERSION}`. Every table and every key below may be left
-out, unless it says *required*. A key that is not known, a value of a wrong type or out of range is
+The file is TOML and begins with `schema = {SCHEMA_VERSION}`. Every table and every key below may be
+left out, unless it says *required*. An unknown key, or a value of a wrong type or out of range, is
 refused with its file, line and reason; `kinect-vo config check FILE` says so before anyone relies
 on the file.
 

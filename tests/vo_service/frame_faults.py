@@ -46,7 +46,9 @@ FRAME_FAULTS = (
     FrameFault("frozen", FaultKind.FROZEN, 8, "tracking"),
     FrameFault("torn", FaultKind.TORN, 8, "tracking"),
     FrameFault("same stamp again", FaultKind.STAMP_REPEAT, 8, "", dropped_frames=8),
-    FrameFault("back in time for a moment", FaultKind.STAMP_JUMP, 8, "", "", JUMP_BACK_S, dropped_frames=8),
+    FrameFault(
+        "back in time for a moment", FaultKind.STAMP_JUMP, 8, "", "", JUMP_BACK_S, dropped_frames=8
+    ),
     FrameFault(
         "back in time for good", FaultKind.STAMP_JUMP, 20, "tracking", "", JUMP_BACK_S,
         dropped_frames=14, new_epoch=True,

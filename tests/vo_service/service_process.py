@@ -68,10 +68,13 @@ class ServiceProcess:
         self, reason_text: str, since_s: float, limit_s: float = DEFAULT_TIMEOUT_S
     ) -> float:
         """Wait until a status gives this reason for having no camera; when that was heard."""
-        return self._wait_for_first(
-            lambda: (s.receive_time_s for s in reversed(self.heard.statuses) if s.has_camera_reason(reason_text)),
-            since_s, limit_s, f"a status with {reason_text!r}",
-        )  # fmt: skip
+
+        def times_s() -> Iterator[float]:
+            for status in reversed(self.heard.statuses):
+                if status.has_camera_reason(reason_text):
+                    yield status.receive_time_s
+
+        return self._wait_for_first(times_s, since_s, limit_s, f"a status with {reason_text!r}")
 
     def wait_until_streaming(self, since_s: float, limit_s: float = DEFAULT_TIMEOUT_S) -> float:
         """Wait for the first pose heard after `since_s`, and a status that agrees; when it was."""

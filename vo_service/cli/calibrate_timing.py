@@ -109,7 +109,8 @@ def _collect_segments(
 def _as_table(before: SensorTiming, measured: TimingEstimate, collected: CollectedSegments) -> str:
     now, sigma = measured.timing, measured.sigma
     rows = [
-        f"{measured.segment_count} pieces of {SEGMENT_FRAMES} frames, the briskest of {collected.frame_count}",
+        f"the {measured.segment_count} fastest segments of {SEGMENT_FRAMES} frames, "
+        f"of {collected.frame_count} frames",
         "",
         f"{'':<20}{'before':>12}{'now':>20}",
         _format_row("readout_s", before.readout_s, now.readout_s, sigma.readout_s),

@@ -44,14 +44,14 @@ examples:
   kinect-vo compare recordings/desk --methods surf --json | jq .sequences[0].methods.surf.ate_rmse_m
 
 Each method runs over each folder (TUM format, as for replay) in a process of its own, one after
-another. OUTPUT receives report.html, report.json, the tables as CSV, the figures as PNG and SVG, the
-effective config.toml and runs/ with the result of each run. Finished runs are cached: the same
+another. OUTPUT receives report.html, report.json, the tables as CSV, the figures as PNG and SVG,
+the effective config.toml and runs/ with the result of each run. Finished runs are cached: the same
 command resumes where it was stopped. They are re-run if the program, the settings, the computer or
 the recording changes, or with --force.
 
 --loop-closure adds a table of each trajectory after optimization by loop closure. The methods do
-not use it, not even after a loss (unlike replay --loop-closure), so their own figures do not change,
-except for the memory.
+not use it, not even after a loss (unlike replay --loop-closure), so their own figures do not
+change, except for the memory.
 
 Without FOLDER/groundtruth.txt coverage, times and trajectories are reported, but no errors.
 

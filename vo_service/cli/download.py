@@ -33,10 +33,10 @@ examples:
 
 Each sequence is checked, unpacked and then put into its own folder below FOLDER; that folder's
 path is printed on standard output. A sequence that is there already is left as it is. What was
-interrupted or cut off goes on where it was when the same command is given again.
+interrupted resumes when the same command is given again.
 
-Nothing is contacted but {BENCHMARK_URL.split("/")[2]}, or the mirror, and that only by this command. The
-benchmark's terms: CC BY 4.0; cite Sturm et al., IROS 2012.
+This command contacts only {BENCHMARK_URL.split("/")[2]} or the mirror. Terms of the
+benchmark: CC BY 4.0; cite Sturm et al., IROS 2012.
 """
 _SHA256_PATTERN = re.compile(r"[0-9a-fA-F]{64}")
 

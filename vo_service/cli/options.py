@@ -76,7 +76,7 @@ def add_benchmark_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--loop-closure", action="store_true",
-        help="also optimize each trajectory by loop closure; the methods' own figures do not change",
+        help="also optimize each trajectory by loop closure; the methods' own figures stay",
     )  # fmt: skip
     parser.add_argument("--force", action="store_true", help="re-run cached results")
     parser.add_argument("--json", action="store_true", help="print report.json, nothing else")

@@ -52,13 +52,14 @@ class TextPosePrinter:
         self._last_map = is_localized, loops = the_map
         if not is_localized:
             print_notice(
-                f"map of places: {attachment['map_keyframes']}; where odom lies in it is not known"
+                f"map: {attachment['map_keyframes']} keyframes; its transform to odom is unknown"
             )
             return
         position = " ".join(f"{v:.4f}" for v in message.translation_m)
         quaternion = " ".join(f"{v:.5f}" for v in message.quaternion_xyzw)
         print_notice(
-            f"map of places: {attachment['map_keyframes']}, loops: {loops}; odom at {position} {quaternion}"
+            f"map: {attachment['map_keyframes']} keyframes, {loops} loop closures; "
+            f"odom at {position} {quaternion}"
         )
 
 

@@ -46,7 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where to leave the results (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--voxel-m", metavar="M", type=_length_parser(MIN_VOXEL_M, MAX_VOXEL_M), default=usual.voxel_m,
+        "--voxel-m", metavar="M", default=usual.voxel_m,
+        type=_length_parser(MIN_VOXEL_M, MAX_VOXEL_M),
         help="the finest detail, in metres (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(

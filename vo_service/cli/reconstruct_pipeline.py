@@ -49,7 +49,8 @@ def run_reconstruction(args: argparse.Namespace) -> int:
     # Whatever would only fail after the work.
     if args.loop_closure and args.trajectory is not None:
         raise InputError(
-            f"{args.trajectory}: --loop-closure corrects the poses of the odometry alone; leave one out"
+            f"{args.trajectory}: --loop-closure works only on the odometry's own poses; "
+            "leave one of the two out"
         )
     open_tum_folder(args.folder, camera_file)
     poses = None if args.trajectory is None else _read_trajectory(args.trajectory, args.folder)
@@ -101,7 +102,8 @@ def _read_trajectory(trajectory: Path, folder: Path) -> Trajectory:
     frames_s = np.array([pair.color.stamp_s for pair in read_frame_pairs(folder).pairs])
     if not has_match(frames_s, poses.stamps_s).any():
         raise InputError(
-            f"{trajectory}: has no pose within {1000 * MAX_STAMP_DIFFERENCE_S:.0f} ms of any frame of {folder} "
+            f"{trajectory}: has no pose within {1000 * MAX_STAMP_DIFFERENCE_S:.0f} ms of any frame "
+            f"of {folder} "
             f"(poses {poses.stamps_s[0]:.3f}..{poses.stamps_s[-1]:.3f} s, frames "
             f"{frames_s[0]:.3f}..{frames_s[-1]:.3f} s): give a trajectory of this recording"
         )

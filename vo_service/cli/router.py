@@ -39,9 +39,8 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f'{args.file}: this is no router\'s file; write mode: "router" in it')
     with stop_on_signals() as stop, capture_zenoh_log(), open_session(config) as session:
         log_link_events(session)
-        print_message(
-            f"router: listening at {', '.join(configured_endpoints(settings, 'listen'))} (Ctrl-C ends)"
-        )
+        endpoints = ", ".join(configured_endpoints(settings, "listen"))
+        print_message(f"router: listening at {endpoints} (Ctrl-C ends)")
         # Not for ever at once: the kernel may hand the signal to one of Zenoh's threads, and then
         # nothing wakes this one to act on it.
         while not stop.event.wait(_POLL_PERIOD_S):

@@ -85,7 +85,8 @@ class Publisher:
         self.wait()
         T = rigid_transform(np.eye(3), [0.5, 0.25, 0.0])
         usual = {
-            "schema": 1, "seq": seq, "epoch": 0, "is_localized": True, "map_keyframes": 9, "loop_closures": 1,
+            "schema": 1, "seq": seq, "epoch": 0, "is_localized": True,
+            "map_keyframes": 9, "loop_closures": 1,
         }  # fmt: skip
         self._session.put(
             "kinect/map_odom",
@@ -159,10 +160,10 @@ def test_what_corrects_the_map_is_said_once(endpoint: str) -> None:
         robot.map_odom(4, map_keyframes=10)
         robot.map_odom(5, is_localized=False)
         assert said(process) == (
-            "listen: map of places: 9, loops: 1; odom at 0.5000 0.2500 0.0000 "
+            "listen: map: 9 keyframes, 1 loop closures; odom at 0.5000 0.2500 0.0000 "
             "0.00000 0.00000 0.00000 1.00000\n"
         )
-        assert said(process) == ("listen: map of places: 9; where odom lies in it is not known\n")
+        assert said(process) == ("listen: map: 9 keyframes; its transform to odom is unknown\n")
 
 
 def test_json_gives_each_change_of_the_map(endpoint: str) -> None:

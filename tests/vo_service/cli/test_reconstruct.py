@@ -103,7 +103,7 @@ def test_loops_cannot_correct_a_given_trajectory(
     outcome = run_in_process(
         capfd, "reconstruct", recording, truth, "--loop-closure", "--output", output
     )
-    assert_one_line(outcome, f"{truth}: --loop-closure corrects the poses of the odometry alone")
+    assert_one_line(outcome, f"{truth}: --loop-closure works only on the odometry's own poses")
     assert not output.exists()
 
 

@@ -61,7 +61,11 @@ def test_a_service_without_a_map_says_so() -> None:
 @pytest.mark.parametrize(
     ("payload", "attachment", "words"),
     [
-        (b"nonsense", b'{"schema": 1, "seq": 1}', "without epoch, is_localized, loop_closures, map_keyframes"),
+        (
+            b"nonsense",
+            b'{"schema": 1, "seq": 1}',
+            "without epoch, is_localized, loop_closures, map_keyframes",
+        ),
         (b"", None, "without its attachment"),
         (b"", b'{"schema": 2}', "a message of version 2, only 1 is known here"),
         (

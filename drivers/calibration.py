@@ -1,4 +1,4 @@
-"""The camera file: what turns a recording's pixels and depth values into rays and metres."""
+"""The camera file: intrinsics, lens distortion, depth unit and timing of one camera."""
 
 import math
 import re
@@ -17,10 +17,10 @@ NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class RigidTransform:
-    """A rigid motion as a table."""
+    """A rigid transform as a table of a camera file."""
 
     translation_m: tuple[float, float, float] = required_field(
-        "x y z in metres", minimum=-10.0, maximum=10.0
+        "x y z in meters", minimum=-10.0, maximum=10.0
     )
     quaternion_xyzw: tuple[float, float, float, float] = required_field("x y z w, of length 1")
 
@@ -30,16 +30,17 @@ class RigidTransform:
 
     @property
     def matrix(self) -> Array:
-        """4x4."""
+        """The 4x4 transform."""
         return transform_from_pose(self.translation_m, self.quaternion_xyzw)
 
 
 @dataclass(frozen=True)
 class DepthCameraCalibration:
-    """`[depth]`: a depth camera of its own, for depth that the sensor does not register.
+    """The separate depth camera (`[depth]`), for depth that the sensor does not register.
 
-    T_color_depth  maps coordinates of the depth camera to those of the color camera
-    scale          true distance per distance read
+    Attributes:
+        T_color_depth: Maps coordinates of the depth camera to those of the color camera.
+        scale: True distance per distance read.
     """
 
     fx: float = required_field("horizontal focal length in pixels", minimum=1.0, maximum=1e6)
@@ -56,7 +57,7 @@ class DepthCameraCalibration:
 
     @property
     def pinhole(self) -> PinholeCamera:
-        """Intrinsics without the distortion."""
+        """The intrinsics without the distortion."""
         return PinholeCamera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
 
 
@@ -64,11 +65,12 @@ class DepthCameraCalibration:
 class CameraCalibration:
     """A pinhole camera with lens distortion (k1 k2 p1 p2 k3, Brown's model as in OpenCV).
 
-    depth_factor    value of the depth images per metre
-    readout_s       rolling shutter: seconds from the first row to the last; a stamp is the middle
-                    row
-    depth_offset_s  instant of a depth image minus what its stamp says, relative to color; a
-                    frame's skew is this and the difference of its two stamps
+    Attributes:
+        depth_factor: Value of the depth images per meter.
+        readout_s: Rolling shutter: seconds from the first row to the last. A stamp is the time of
+            the middle row.
+        depth_offset_s: Capture time of a depth image minus its stamp, relative to color. A frame's
+            skew is this plus the difference of its two stamps.
     """
 
     width: int = required_field("image width in pixels", minimum=1, maximum=16384)
@@ -81,7 +83,7 @@ class CameraCalibration:
         "k1, k2, p1, p2, k3; zeros for none", minimum=-1e3, maximum=1e3
     )
     depth_factor: float = required_field(
-        "depth image value of one metre: 5000 for TUM, 1000 for millimetres",
+        "depth image value of one meter: 5000 for TUM, 1000 for millimeters",
         minimum=1.0,
         maximum=1e6,
     )
@@ -89,15 +91,15 @@ class CameraCalibration:
         0.0, "seconds from the first row to the last", minimum=0.0, maximum=1.0
     )
     depth_offset_s: float = config_field(
-        0.0, "how much later depth was taken than its stamp says", minimum=-0.1, maximum=0.1
+        0.0, "capture time of depth minus its stamp, in seconds", minimum=-0.1, maximum=0.1
     )
     depth: DepthCameraCalibration | None = config_field(
-        None, "the depth camera, where it is one of its own"
+        None, "the depth camera, if the sensor does not register depth"
     )
 
     @property
     def pinhole(self) -> PinholeCamera:
-        """Intrinsics without the distortion."""
+        """The intrinsics without the distortion."""
         return PinholeCamera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
 
 
@@ -107,10 +109,10 @@ def _tum_calibration(
     return CameraCalibration(640, 480, fx, fy, cx, cy, distortion, 5000.0)
 
 
-# The color calibration that the TUM RGB-D benchmark publishes for its three sensors (the page
-# "File Formats"; freiburg3 was undistorted before it was published). The factor is the nominal
-# 5000 for all: the scale corrections on the same page (1.035, 1.031, 1.000) are not applied, so
-# that results compare with published ones. A camera file in the folder can say otherwise.
+# The color calibrations that the TUM RGB-D benchmark publishes for its three sensors (page
+# "File Formats"; the freiburg3 images are already undistorted). All have the nominal factor 5000:
+# the scale corrections on that page (1.035, 1.031, 1.000) are not applied, so that results compare
+# with published ones. A camera file in the folder overrides these.
 TUM_CALIBRATIONS = {
     "1": _tum_calibration(517.3, 516.5, 318.6, 255.3, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
     "2": _tum_calibration(520.9, 521.0, 325.1, 249.7, (0.2312, -0.7849, -0.0033, -0.0001, 0.9172)),
@@ -120,32 +122,39 @@ _TUM_NAME = re.compile(r"(?<![a-z0-9])(?:freiburg|fr)([123])(?![a-z0-9])", re.IG
 
 
 def find_calibration(folder: Path, camera_file: Path | None) -> CameraCalibration:
-    """The file `given`, else FOLDER/camera.toml, else TUM's camera named by the folder.
+    """Find the calibration of a recording.
 
-    Raises InputError if there is none of the three, or the file is wrong.
+    The order is: `camera_file`, FOLDER/camera.toml, the TUM camera that the folder's name contains.
+
+    Raises:
+        InputError: None of the three exists, or the file is invalid.
     """
     if camera_file is not None:
         return read_calibration(camera_file)
-    inside = folder / CAMERA_FILE_NAME
-    if inside.exists() or inside.is_symlink():
-        return read_calibration(inside)
-    known = _TUM_NAME.search(folder.resolve().name)
-    if known:
-        return TUM_CALIBRATIONS[known[1]]
+    default_file = folder / CAMERA_FILE_NAME
+    if default_file.exists() or default_file.is_symlink():
+        return read_calibration(default_file)
+    tum_name = _TUM_NAME.search(folder.resolve().name)
+    if tum_name:
+        return TUM_CALIBRATIONS[tum_name[1]]
     raise InputError(
-        f"{folder}: no camera file, and the name says none of freiburg1, freiburg2, freiburg3; "
-        f"write {inside} with the keys schema = {SCHEMA_VERSION}, width, height, fx, fy, cx, cy, "
-        "distortion = [k1, k2, p1, p2, k3], depth_factor"
+        f"{folder}: no camera file, and the folder's name contains none of freiburg1, freiburg2, "
+        f"freiburg3; write {default_file} with the keys schema = {SCHEMA_VERSION}, width, height, "
+        "fx, fy, cx, cy, distortion = [k1, k2, p1, p2, k3], depth_factor"
     )
 
 
 def read_calibration(path: Path) -> CameraCalibration:
-    """Read a camera file. Raises InputError naming file, line and key of what is wrong."""
+    """Read a camera file.
+
+    Raises:
+        InputError: The file is invalid; the message names file, line and key.
+    """
     return read_toml(path, CameraCalibration)
 
 
 def format_calibration(calibration: CameraCalibration) -> str:
-    """`camera` as a camera file; reading it gives exactly the same numbers."""
+    """Format a camera file; `read_calibration` gives back exactly the same numbers."""
     return _format_color(calibration) + (
         "" if calibration.depth is None else _format_depth(calibration.depth)
     )
@@ -178,7 +187,7 @@ def _format_color(calibration: CameraCalibration) -> str:
         f"cx = {calibration.cx!r}\n"
         f"cy = {calibration.cy!r}\n"
         f"distortion = {list(calibration.distortion)!r}  # k1 k2 p1 p2 k3\n"
-        f"depth_factor = {calibration.depth_factor!r}  # depth image value of one metre\n"
+        f"depth_factor = {calibration.depth_factor!r}  # depth image value of one meter\n"
         f"readout_s = {calibration.readout_s!r}  # rolling shutter: first row to last\n"
-        f"depth_offset_s = {calibration.depth_offset_s!r}  # depth is later than its stamp by this\n"
+        f"depth_offset_s = {calibration.depth_offset_s!r}  # depth capture time minus its stamp\n"
     )

@@ -1,4 +1,4 @@
-"""The camera contract: what every backend delivers and how it says that it cannot.
+"""The camera contract: the frames that every backend delivers, its states and its errors.
 
 A backend is one folder beside this file with one class derived from `RgbdCamera`.
 """
@@ -24,7 +24,7 @@ from drivers.sensor_config import Led
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """Intrinsics of an undistorted image, in pixels; the centre of the first pixel is (0, 0)."""
+    """Intrinsics of an undistorted image, in pixels; the center of the first pixel is (0, 0)."""
 
     width: int = required_field("columns of the image", minimum=1)
     height: int = required_field("rows of the image", minimum=1)
@@ -35,31 +35,32 @@ class PinholeCamera:
 
     @property
     def K(self) -> Array:
-        """3x3 intrinsics matrix."""
+        """The 3x3 intrinsics matrix."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True)
 class RgbdFrame:
-    """One instant of the camera: color and depth never travel apart.
+    """A color image and the depth image registered to it.
 
-    Both images are undistorted and share `camera`; depth is registered to color.
-    The arrays are read-only by agreement: several readers share them.
+    Both images are undistorted and share `camera`. Readers must not write to the arrays, which
+    several readers share.
 
-    seq             number of this frame at its source, from 0; a gap means frames not delivered
-    stamp_s         instant of the color image's middle row, on the clock named by the camera
-    receive_time_s       CLOCK_MONOTONIC when the whole frame was in the host's hands
-    color_bgr      (height, width, 3) uint8, OpenCV's channel order
-    depth_raw       (height, width) uint16 as the sensor gave it, 0 = no reading
-    depth_factor    value of `depth_raw` per metre
-    camera          intrinsics of both images
-    device_stamp_s  the device's own clock, where it has one
-    skew_s          instant of depth minus instant of color
-    lost_packets    packets lost since the frame before
-    gravity_m_s2    gravity in camera axes (x right, y down, z forward), where an accelerometer
-                    tells it
-    readout_s       rolling shutter: seconds from the first row to the last of both images; their
-                    instants are of the middle row. 0 = global shutter, or not known
+    Attributes:
+        seq: Number of this frame at its source, from 0; a gap means frames not delivered.
+        stamp_s: Capture time of the color image's middle row, on the camera's `clock`.
+        receive_time_s: CLOCK_MONOTONIC when the host had received the whole frame.
+        color_bgr: (height, width, 3) uint8, OpenCV's channel order.
+        depth_raw: (height, width) uint16 as the sensor gave it, 0 = no reading.
+        depth_factor: Value of `depth_raw` per meter.
+        camera: Intrinsics of both images.
+        device_stamp_s: Stamp on the device's own clock, if it has one.
+        skew_s: Capture time of depth minus capture time of color.
+        lost_packets: Packets lost since the previous frame.
+        gravity_m_s2: Gravity in camera axes (x right, y down, z forward), if an accelerometer
+            measures it.
+        readout_s: Rolling shutter: seconds from the first row to the last of both images. 0 =
+            global shutter, or unknown.
     """
 
     seq: int
@@ -77,35 +78,35 @@ class RgbdFrame:
 
     @cached_property
     def depth_m(self) -> NDArray[np.float32]:
-        """(height, width) float32 metres; 0 = no reading, never NaN."""
+        """Depth in meters, (height, width) float32; 0 = no reading, never NaN."""
         return self.depth_raw * np.float32(1.0 / self.depth_factor)
 
     @cached_property
     def gray(self) -> NDArray[np.uint8]:
-        """(height, width) uint8 brightness."""
+        """Brightness, (height, width) uint8."""
         gray: NDArray[np.uint8] = cv2.cvtColor(self.color_bgr, cv2.COLOR_BGR2GRAY)  # type: ignore[assignment]
         return gray
 
 
 class Clock(StrEnum):
-    """The clock that a camera's stamps are on."""
+    """The clock of a camera's stamps."""
 
     MONOTONIC = "monotonic"  # this host's CLOCK_MONOTONIC
     RECORDED = "recorded"  # the recording's own time
 
 
 class PlaybackMode(StrEnum):
-    """How a recorded or computed source delivers."""
+    """The timing of frames from a recorded or computed source."""
 
-    LOCKSTEP = "lockstep"  # every frame, as fast as the reader takes them: repeatable
-    REALTIME = "realtime"  # on the recording's own clock; frames not taken in time are dropped
+    LOCKSTEP = "lockstep"  # every frame, as fast as the reader reads: repeatable
+    REALTIME = "realtime"  # on the recording's own clock; frames not read in time are dropped
 
 
 class CameraState(StrEnum):
-    """Where a camera is on its way from nothing to frames."""
+    """The state of a camera."""
 
-    ABSENT = "absent"  # not there
-    OPENING = "opening"  # there, being opened
+    ABSENT = "absent"  # not connected
+    OPENING = "opening"  # connected, being opened
     STARTING = "starting"  # open, no frame yet
     STREAMING = "streaming"
     LOST = "lost"  # was streaming; unplugged, stalled or crashed
@@ -113,7 +114,7 @@ class CameraState(StrEnum):
 
 @dataclass(frozen=True)
 class CameraStatus:
-    """How a camera is; the reason is why it sends no frames, or fewer than it should, else ""."""
+    """A camera's state, and the reason why it sends no or too few frames ("" if none)."""
 
     state: CameraState
     reason: str = ""
@@ -124,11 +125,11 @@ class CameraStatus:
 
 @dataclass(frozen=True)
 class CameraCounters:
-    """Totals since `open`: what did not reach the reader, and why."""
+    """Totals since `open`."""
 
     delivered: int = 0
     dropped: int = 0  # whole frames that a newer one replaced before they were read
-    skipped: int = 0  # frames that could not be read (a broken file, a torn frame)
+    skipped: int = 0  # unreadable frames (a broken file, an incomplete image)
     lost_packets: int = 0
 
     def __add__(self, other: Self) -> Self:
@@ -145,38 +146,41 @@ class EndOfStream(Exception):  # noqa: N818 (like StopIteration: not an error)
 
 
 class FrameTimeout(Exception):  # noqa: N818 (a time-out that the reader expects)
-    """No frame came within the time given; the camera may still be healthy."""
+    """No frame arrived within the timeout; the camera may still be healthy."""
 
 
 class RgbdCamera(ABC):
     """A source of `RgbdFrame`. Use as a context manager; one reader at a time.
 
-    `open` may be called again after `close` (a camera that came back).
+    `open` may be called again after `close`, for example to reconnect.
     """
 
-    name: str  # for people: "tum:DIR", "synthetic"
+    name: str  # for messages: "tum:DIR", "synthetic"
     clock: Clock
 
     def prepare(self) -> None:  # noqa: B027 (most cameras have nothing to prepare)
-        """Begin what takes long before the first frame, if anything does. Returns at once.
+        """Start long preparations for the first frame in the background. Returns at once.
 
-        May be called before the first `open`, which raises what goes wrong.
+        May be called before the first `open`, which raises the errors of the preparations.
         """
 
     @abstractmethod
     def open(self) -> None:
-        """Start delivering.
+        """Start delivering frames.
 
-        Raises InputError if what the user named is wrong (a missing folder, a bad camera file),
-        CameraError if the camera is not there or refuses now.
+        Raises:
+            InputError: The user's input is wrong (a missing folder, a bad camera file).
+            CameraError: The camera is not connected or does not start now.
         """
 
     @abstractmethod
     def read(self, timeout_s: float) -> RgbdFrame:
         """Wait for the next frame: the next in order (lockstep) or the newest one not yet read.
 
-        Raises NoFrameYet after `timeout_s`, EndOfStream after the last frame, CameraLostError when
-        the camera has gone (close it, then open it again).
+        Raises:
+            FrameTimeout: No frame arrived within `timeout_s`.
+            EndOfStream: The source has delivered its last frame.
+            CameraLostError: The camera is lost; close it, then open it again.
         """
 
     @abstractmethod
@@ -186,48 +190,50 @@ class RgbdCamera(ABC):
     @property
     @abstractmethod
     def counters(self) -> CameraCounters:
-        """What was delivered, dropped, skipped and lost since `open`."""
+        """Frames delivered, dropped and skipped, and packets lost, since `open`."""
 
     @property
     def status(self) -> CameraStatus:
-        """How it is now. A camera whose `open` returns only once it can deliver need not say."""
+        """The status now. Override it if `open` returns before the camera can deliver."""
         return CameraStatus(CameraState.STREAMING)
 
     @property
     def intrinsics_source(self) -> str:
-        """Where the intrinsics come from: "camera file FILE", "factory", "default"; "" = exact."""
+        """The origin of the intrinsics: "camera file FILE", "factory", "default"; "" = exact."""
         return ""
 
     def wait_for_reconnect(self, timeout_s: float) -> None:
-        """Wait before the next `open`; return early when the device seems to be back."""
+        """Wait before the next `open`; return early if a device is plugged in."""
         time.sleep(timeout_s)
 
     @property
     def has_motor(self) -> bool:
-        """Whether there is a motor that tilts it, and a light."""
+        """Whether the camera has a tilt motor and an LED."""
         return False
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """Begin to tilt the head against the horizon: up is positive, +-31 degrees at most.
+        """Start tilting the head against the horizon: up is positive, at most +-31 degrees.
 
-        May be called from any thread. It lasts: whenever the camera is opened again, it is done
-        again. Raises CameraError without a motor, or if it cannot be done now: it is done then as
-        soon as it can be.
+        Thread-safe. The setting is applied again whenever the camera is opened.
+
+        Raises:
+            CameraError: There is no motor, or it does not answer now. In the latter case the
+                setting is applied as soon as possible.
         """
         raise CameraError(f"{self.name}: it has no motor")
 
     def set_led(self, led: Led) -> None:
-        """Switch the light. Lasts, and raises CameraError, as `set_tilt_deg`."""
-        raise CameraError(f"{self.name}: it has no light")
+        """Set the LED. Thread-safe, persistence and errors are those of `set_tilt_deg`."""
+        raise CameraError(f"{self.name}: it has no LED")
 
     @property
     def frame_count(self) -> int | None:
-        """How many frames the source holds, where that is known: for progress."""
+        """The number of frames of the source, if it is known: for progress."""
         return None
 
     @property
     def ground_truth(self) -> Trajectory | None:
-        """True poses of the color camera, where the source knows them."""
+        """True poses of the color camera, if the source knows them."""
         return None
 
     def __enter__(self) -> Self:

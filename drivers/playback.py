@@ -1,4 +1,4 @@
-"""Which pair of a recording comes next, and when."""
+"""Playback of recordings: which image pair comes next, and when."""
 
 import time
 from abc import ABC, abstractmethod
@@ -9,35 +9,42 @@ from drivers.camera import FrameTimeout, PlaybackMode
 
 
 class PlaybackScheduler(ABC):
-    """Decides for a recording whose pairs are numbered from 0."""
+    """Schedules the pairs of a recording, which are numbered from 0."""
 
     @abstractmethod
     def wait_until_due(self, seq: int, timeout_s: float) -> int:
-        """Wait for pair `seq` or a later one that is due already. Raises NoFrameYet."""
+        """Wait for pair `seq` or a later one that is already due; return its number.
+
+        Raises:
+            FrameTimeout: The pair is not due within `timeout_s`.
+        """
 
 
 def make_playback_scheduler(
     playback_mode: PlaybackMode, stamps_s: Sequence[float]
 ) -> PlaybackScheduler:
-    """`stamps_s` are those of all pairs."""
+    """Make the scheduler of a playback mode for pairs with these stamps."""
     if playback_mode is PlaybackMode.LOCKSTEP:
         return LockstepScheduler()
     return RealtimeScheduler([stamp_s - stamps_s[0] for stamp_s in stamps_s])
 
 
 class LockstepScheduler(PlaybackScheduler):
-    """Every pair, when it is asked for."""
+    """Delivers every pair at once when it is read."""
 
     def wait_until_due(self, seq: int, timeout_s: float) -> int:
-        """See `Pacer`."""
         return seq
 
 
 class RealtimeScheduler(PlaybackScheduler):
-    """Each pair when it is due, a newer one instead of it once that is due.
+    """Delivers each pair when it is due; pairs that were not read in time are dropped.
 
-    `offsets_s` are the stamps since the first; the recording starts to run when the first pair is
-    asked for.
+    Playback starts when the first pair is read.
+
+    Args:
+        offsets_s: Stamps relative to the first one.
+        clock: Returns the time in seconds.
+        sleep: Waits for a number of seconds.
     """
 
     def __init__(
@@ -50,7 +57,6 @@ class RealtimeScheduler(PlaybackScheduler):
         self._start_s: float | None = None
 
     def wait_until_due(self, seq: int, timeout_s: float) -> int:
-        """See `Pacer`."""
         now_s = self._clock()
         if self._start_s is None:
             self._start_s = now_s

@@ -1,4 +1,4 @@
-"""The cameras by name: the one place where a new backend is listed."""
+"""Cameras by name. A new backend is added to the two tables at the end."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,13 +17,14 @@ ONI_SUFFIX = ".oni"
 
 @dataclass(frozen=True)
 class CameraRequest:
-    """What a camera is made from.
+    """The name and the settings of the camera to make.
 
-    source     as `CAMERA_USAGES` says
-    file       camera file, for a sensor or for a recording without one of its own
-    pace       for sources that have a choice
-    sensor     a real sensor's settings
-    synthetic  the virtual Kinect's settings
+    Attributes:
+        source: The name, in one of the forms of `CAMERA_USAGES`.
+        camera_file: Camera file of a sensor, or of a recording without one.
+        playback_mode: For recorded and computed sources.
+        sensor: Settings of a real sensor.
+        synthetic: Settings of the virtual Kinect.
     """
 
     source: str
@@ -34,7 +35,11 @@ class CameraRequest:
 
 
 def make_camera(request: CameraRequest) -> RgbdCamera:
-    """The camera that was asked for, not opened yet. Raises InputError for an unknown one."""
+    """Make the requested camera without opening it.
+
+    Raises:
+        InputError: The camera is unknown, or its argument or camera file is wrong.
+    """
     kind, _, argument = request.source.partition(":")
     if kind not in CAMERA_FACTORIES:
         raise InputError(
@@ -56,12 +61,12 @@ def _synthetic(argument: str, request: CameraRequest) -> RgbdCamera:
 
     if argument:
         raise InputError(
-            f"camera 'synthetic:{argument}': it takes nothing after its name; "
+            f"camera 'synthetic:{argument}': it takes no argument; "
             "set it up in the [synthetic] table of a configuration file"
         )
     if request.camera_file is not None:
         raise InputError(
-            f"{request.camera_file}: the virtual Kinect knows its own camera; leave it out"
+            f"{request.camera_file}: the virtual Kinect takes no camera file; leave it out"
         )
     preparation = RenderOptions(cache_folder() / "films")
     return SyntheticCamera(request.synthetic, request.playback_mode, preparation)
@@ -70,19 +75,19 @@ def _synthetic(argument: str, request: CameraRequest) -> RgbdCamera:
 def _freenect(argument: str, request: CameraRequest) -> RgbdCamera:
     from drivers.freenect.factory import make_kinect_camera
 
-    recipe = partial(make_kinect_camera, argument, request.sensor, request.camera_file)
-    return _in_subprocess(request, Clock.MONOTONIC, recipe)
+    factory = partial(make_kinect_camera, argument, request.sensor, request.camera_file)
+    return _in_subprocess(request, Clock.MONOTONIC, factory)
 
 
 def _fakenect(argument: str, request: CameraRequest) -> RgbdCamera:
     from drivers.freenect.factory import make_fakenect_camera
 
     if not argument:
-        raise InputError("camera 'fakenect' needs a dump's folder: fakenect:FOLDER")
-    recipe = partial(
+        raise InputError("camera 'fakenect' needs the folder of a dump: fakenect:FOLDER")
+    factory = partial(
         make_fakenect_camera, Path(argument), request.camera_file, request.playback_mode
     )
-    return _in_subprocess(request, Clock.RECORDED, recipe)
+    return _in_subprocess(request, Clock.RECORDED, factory)
 
 
 def _openni2(argument: str, request: CameraRequest) -> RgbdCamera:
@@ -101,7 +106,7 @@ def _openni2(argument: str, request: CameraRequest) -> RgbdCamera:
 
 
 def _in_subprocess(request: CameraRequest, clock: Clock, factory: CameraFactory) -> RgbdCamera:
-    """A camera on a native library, which may hang or crash: in a process of its own."""
+    """Run a camera in a process of its own, because its native library may hang or crash."""
     from drivers.subprocess_camera.camera import SubprocessCamera
 
     return SubprocessCamera(request.source, clock, factory, request.playback_mode)

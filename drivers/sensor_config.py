@@ -1,4 +1,4 @@
-"""`[sensor]`: how a real sensor is set up, whichever library drives it."""
+"""The `[sensor]` table: settings of a real sensor, for every backend."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -7,7 +7,7 @@ from drivers.core.config import config_field
 
 
 class Led(StrEnum):
-    """The Kinect's light."""
+    """A state of the Kinect's LED."""
 
     OFF = "off"
     GREEN = "green"
@@ -19,7 +19,7 @@ class Led(StrEnum):
 
 @dataclass(frozen=True)
 class SensorConfig:
-    """Applied whenever the sensor is opened, so also after it was unplugged."""
+    """Settings of a real sensor, applied whenever it is opened."""
 
     auto_exposure: bool = config_field(True, "false keeps the exposure that it has")
     auto_white_balance: bool = config_field(True, "false keeps the white balance that it has")

@@ -1,4 +1,4 @@
-"""A device's own clock: counted on through its wraps, and set against the host's."""
+"""Device clocks: unwrapping of stamps, mapping to the host's clock, and pairing by stamp."""
 
 import math
 from collections import deque
@@ -8,21 +8,21 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-# Two good crystals differ by up to this much; an older minimum is trusted that much less.
+# The largest drift between two good crystals; an older minimum loses weight by it.
 MAX_CLOCK_DRIFT = 20e-6
 DELAY_WINDOW_S = 20.0
-# Without a frame for this long, what was known of the two clocks is out of date.
+# After a gap of this length the delays measured before it are discarded.
 MAX_GAP_S = 30.0
-# While stamps are too far ahead, they go on at this share of the device's pace.
+# While stamps are ahead, host time advances at this fraction of the device's rate.
 MIN_CLOCK_RATE = 0.5
 
 
 class StampUnwrapper:
-    """Seconds of a counter that wraps; the first stamp is taken as it is.
+    """Unwraps the stamps of a counter; the first stamp is taken as it is.
 
-    The streams of one device share one counter and so share one object: each stamp is the one
-    nearest to the stamp before, of whichever stream, so that streams may come out of order even
-    around a wrap. Exact while neighbours are less than half a wrap apart (Kinect: 35.8 s).
+    The streams of one device share one counter and one object. Each stamp is unwrapped to the value
+    nearest to the previous stamp of any stream, so streams may be out of order even around a wrap.
+    Consecutive stamps must be less than half a wrap apart (Kinect: 35.8 s).
     """
 
     def __init__(self, ticks_per_second: float, bits: int) -> None:
@@ -31,7 +31,7 @@ class StampUnwrapper:
         self._ticks: int | None = None
 
     def unwrap_s(self, stamp: int) -> float:
-        """Seconds since the counter's zero, `stamp` being the counter's value."""
+        """Return the seconds since the counter's zero, for the counter value `stamp`."""
         if self._ticks is None:
             self._ticks = stamp
         half = self._period_ticks // 2
@@ -41,7 +41,7 @@ class StampUnwrapper:
 
 @dataclass(frozen=True)
 class _DelaySample:
-    """How late a frame came: its arrival minus its stamp, less the leak up to that stamp."""
+    """A frame's delay: receive time minus stamp, corrected for the largest drift."""
 
     device_s: float
     delay_s: float
@@ -50,11 +50,11 @@ class _DelaySample:
 class HostClockSync:
     """Maps one stream's device seconds to CLOCK_MONOTONIC.
 
-    A frame can come late but never early. So the smallest difference between arrival and stamp
-    seen in the last 20 s is that of a frame which nothing held up, and such a frame needs
-    `readout_s` from the instant that the stamp marks until the host has all of it.
-    Stamps always rise: where the difference turns out to be smaller than thought, time goes on at
-    half its pace until that is made good. After a gap of 30 s everything is learnt anew.
+    A frame can arrive late but never early. So the smallest difference between receive time and
+    stamp in the last 20 s belongs to a frame without extra delay. Such a frame takes `readout_s`
+    from the instant of its stamp until the host has received all of it.
+    Host times never go back: when the smallest difference shrinks, they advance at half the rate
+    until they agree. After a gap of 30 s the estimate starts again.
     """
 
     def __init__(self, readout_s: float) -> None:
@@ -63,7 +63,12 @@ class HostClockSync:
         self._device_s = self._host_s = self._receive_time_s = -math.inf
 
     def to_host_s(self, device_s: float, receive_time_s: float) -> float:
-        """The instant of `device_s`, of a frame that was whole at `receive_time_s`; frames in order."""
+        """Convert a frame's device stamp to CLOCK_MONOTONIC; call it for frames in order.
+
+        Args:
+            device_s: Stamp on the device's clock.
+            receive_time_s: CLOCK_MONOTONIC when the host had received the whole frame.
+        """
         step_s = device_s - self._device_s
         if abs(step_s) > MAX_GAP_S or receive_time_s - self._receive_time_s > MAX_GAP_S:
             self._min_delays.clear()
@@ -80,7 +85,7 @@ class HostClockSync:
         return self._host_s
 
     def _add_sample(self, sample: _DelaySample) -> None:
-        """Keep what is, or may later be, the soonest of the window: the first is the soonest."""
+        """Update the sliding-window minimum; the first element is the smallest delay."""
         while self._min_delays and self._min_delays[-1].delay_s >= sample.delay_s:
             self._min_delays.pop()
         self._min_delays.append(sample)
@@ -88,12 +93,12 @@ class HostClockSync:
             self._min_delays.popleft()
 
 
-# Images farther apart than this are of two different instants.
+# Images farther apart than this are not paired.
 MAX_PAIR_SKEW_US = 20_000
 MAX_PAIR_SKEW_S = MAX_PAIR_SKEW_US / 1e6
-# No stream of these sensors sends faster than 30 images a second; the rest is room for jitter.
+# The streams have at most 30 images per second; the period leaves some room for jitter.
 MIN_IMAGE_PERIOD_S = 0.030
-# How far, in images, one stream may be behind the other.
+# The largest lag, in images, of one stream behind the other.
 MAX_HELD_IMAGES = 4
 
 C = TypeVar("C")
@@ -111,19 +116,19 @@ class StampedPair(Generic[C, D]):
 
     @property
     def skew_s(self) -> float:
-        """Instant of depth minus instant of color."""
+        """Stamp of depth minus stamp of color."""
         return self.depth_s - self.color_s
 
 
 class NearestFramePairing(Generic[C, D]):
-    """Pairs images by their device stamps, in whichever order the two streams arrive.
+    """Pairs color and depth images by their device stamps, in any order of arrival.
 
-    A depth image is decided on as soon as no color image still to come can be nearer: a color
-    image at or after it is there, or one so shortly before it that the next must be farther. With
-    both streams at 30 a second it waits at most half a period (17 ms) for its partner, and never
-    has the farther neighbour. A color image has at most one partner.
-    Each stream's stamps must rise. `unpaired` counts depth images without a partner, those from
-    before the first color image left out: the streams do not start at the same instant.
+    A depth image is paired as soon as no later color image can be nearer: a color image at or
+    after it has arrived, or one so shortly before it that the next must be farther. With 30 images
+    per second a depth image waits at most half a period (17 ms), and always gets the nearest color
+    image. A color image has at most one partner.
+    The stamps of each stream must rise. `unpaired` counts depth images without a partner, except
+    those before the first color image, because the streams do not start at the same instant.
     """
 
     def __init__(
@@ -137,7 +142,7 @@ class NearestFramePairing(Generic[C, D]):
         self.unpaired = 0
 
     def add_color(self, stamp_s: float, image: C) -> list[StampedPair[C, D]]:
-        """The pairs that this color image decides, in order."""
+        """Add a color image and return the pairs that it completes, in order."""
         self._first_color_s = min(self._first_color_s, stamp_s)
         self._colors.append((stamp_s, image))
         pairs = self._pair_decidable()
@@ -146,7 +151,7 @@ class NearestFramePairing(Generic[C, D]):
         return pairs
 
     def add_depth(self, stamp_s: float, image: D) -> list[StampedPair[C, D]]:
-        """The pairs that this depth image decides: itself, or none yet."""
+        """Add a depth image and return its pair, if it can be paired already."""
         self._depths.append((stamp_s, image))
         pairs = self._pair_decidable()
         if len(self._depths) > MAX_HELD_IMAGES:
@@ -154,7 +159,7 @@ class NearestFramePairing(Generic[C, D]):
         return pairs
 
     def finish(self) -> list[StampedPair[C, D]]:
-        """The pairs among what is still undecided; no image follows."""
+        """Pair the remaining images; no image may follow."""
         return [pair for _ in range(len(self._depths)) for pair in self._pair_oldest()]
 
     def _pair_decidable(self) -> list[StampedPair[C, D]]:
@@ -167,7 +172,7 @@ class NearestFramePairing(Generic[C, D]):
         return bool(self._colors) and depth_s - self._colors[-1][0] <= self._half_min_period_s
 
     def _pair_oldest(self) -> list[StampedPair[C, D]]:
-        """The pair of the oldest depth image that waits, if it has a partner."""
+        """Pair the oldest waiting depth image, if it has a partner."""
         depth_s, depth = self._depths.popleft()
         stamps_s = [self._last_discarded_s, *(stamp_s for stamp_s, _ in self._colors)]
         nearest = min(range(len(stamps_s)), key=lambda i: abs(stamps_s[i] - depth_s))
@@ -188,11 +193,12 @@ StampsUs = NDArray[np.int64]
 def pair_nearest(color_us: StampsUs, depth_us: StampsUs, max_skew_us: int) -> list[tuple[int, int]]:
     """Pair two rising lists of stamps (microseconds), at most `max_skew_us` apart, one to one.
 
-    Greedy over all candidates, closest first, as the TUM RGB-D benchmark's own ``associate.py``;
-    of two equally close the earlier goes first. Only neighbours within reach are ever listed, so
-    time and memory grow with the length of the lists.
+    Greedy over all candidates, closest first, as in the TUM RGB-D benchmark's ``associate.py``;
+    of two equally close ones the earlier is taken first. Only stamps within `max_skew_us` are
+    candidates, so time and memory are linear in the length of the lists.
 
-    Returns (index in color, index in depth), in order of time.
+    Returns:
+        Pairs (index in color, index in depth), in order of time.
     """
     first = np.searchsorted(depth_us, color_us - max_skew_us, side="left")
     last = np.searchsorted(depth_us, color_us + max_skew_us, side="right")
@@ -201,10 +207,10 @@ def pair_nearest(color_us: StampsUs, depth_us: StampsUs, max_skew_us: int) -> li
         for i in range(len(color_us))
         for j in range(first[i], last[i])
     )
-    partner: dict[int, int] = {}
-    taken: set[int] = set()
+    depth_of_color: dict[int, int] = {}
+    paired_depths: set[int] = set()
     for _, i, j in candidates:
-        if i not in partner and j not in taken:
-            partner[i] = j
-            taken.add(j)
-    return sorted(partner.items())
+        if i not in depth_of_color and j not in paired_depths:
+            depth_of_color[i] = j
+            paired_depths.add(j)
+    return sorted(depth_of_color.items())

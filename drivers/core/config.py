@@ -1,4 +1,4 @@
-"""Where the keys of a TOML text stand: `tomllib` says what they hold, not on which line."""
+"""TOML files read into dataclasses, with errors that name file, line and key."""
 
 import dataclasses
 import difflib
@@ -18,7 +18,10 @@ KeyPath = tuple[str, ...]
 
 
 def find_key_lines(text: str) -> dict[KeyPath, int]:
-    """First line (from 1) of every key and table of a valid TOML text, dotted keys as tuples."""
+    """Find the first line (from 1) of every key and table of a valid TOML text.
+
+    `tomllib` does not give line numbers. Dotted keys are tuples.
+    """
     lines: dict[KeyPath, int] = {}
     table: KeyPath = ()
     for number, statement in _split_statements(text):
@@ -34,15 +37,15 @@ def find_key_lines(text: str) -> dict[KeyPath, int]:
 
 
 def find_syntax_error_line(error: Exception, text: str) -> int:
-    """Line (from 1) that a message of `tomllib` names; the last one where it names the end."""
-    found = re.search(r"at line (\d+)", str(error))
-    return int(found[1]) if found else max(1, len(text.splitlines()))
+    """Find the line (from 1) in a message of `tomllib`; the last line if it names the end."""
+    match = re.search(r"at line (\d+)", str(error))
+    return int(match[1]) if match else max(1, len(text.splitlines()))
 
 
 def _split_statements(text: str) -> Iterator[tuple[int, str]]:
-    """Split into (line number, statement): the fewest whole lines that are valid TOML alone.
+    """Split into (line number, statement), a statement being the fewest lines that are valid TOML.
 
-    So the grammar (quoted keys, strings and arrays over many lines) stays with `tomllib`.
+    So `tomllib` handles all of the grammar (quoted keys, multi-line strings and arrays).
     """
     pending, start = "", 1
     for number, line in enumerate(text.split("\n"), 1):
@@ -61,7 +64,7 @@ def _is_toml(text: str) -> bool:
 
 
 def _header_path(header: Any) -> KeyPath:
-    """Path of a table from its parsed header, which nests exactly one key in each level."""
+    """Return a table's path from its parsed header, which nests exactly one key per level."""
     path: list[str] = []
     while header:
         key, header = next(iter(header.items()))
@@ -83,7 +86,7 @@ T = TypeVar("T")
 
 @dataclasses.dataclass(frozen=True)
 class FieldSpec:
-    """What a key means and what its value (or each value of its list) may be."""
+    """A key's description and the range of its value (or of each value of its list)."""
 
     description: str = ""
     minimum: float = -math.inf
@@ -92,12 +95,12 @@ class FieldSpec:
 
     @property
     def hint(self) -> str:
-        """The meaning as a clause to put behind a message."""
+        """The description in parentheses, to append to a message; "" if there is none."""
         return f" ({self.description})" if self.description else ""
 
     @property
     def range_text(self) -> str:
-        """The bounds in words; "" where there are none."""
+        """The range in words; "" if it is unbounded."""
         bounds = []
         if self.minimum > -math.inf:
             bounds.append(f"at least {self.minimum:.15g}")
@@ -116,7 +119,10 @@ def config_field(
     maximum: float = math.inf,
     exclusive_minimum: float = -math.inf,
 ) -> T:
-    """Dataclass field with a default: low <= value <= high, and value > above."""
+    """Declare a dataclass field with a default.
+
+    A value must fulfill minimum <= value <= maximum and value > exclusive_minimum.
+    """
     metadata = {"description": FieldSpec(description, minimum, maximum, exclusive_minimum)}
     return dataclasses.field(default=default, metadata=metadata)
 
@@ -128,7 +134,7 @@ def required_field(
     maximum: float = math.inf,
     exclusive_minimum: float = -math.inf,
 ) -> Any:
-    """Dataclass field that the file must give: low <= value <= high, and value > above."""
+    """Declare a dataclass field that the file must set, with the range of `config_field`."""
     return dataclasses.field(
         metadata={"description": FieldSpec(description, minimum, maximum, exclusive_minimum)}
     )
@@ -137,7 +143,8 @@ def required_field(
 def read_toml(path: Path, kind: type[T]) -> T:
     """Read a file into the dataclass `kind`. A Path is kept as it is written in the file.
 
-    Raises InputError ``FILE:LINE: key `a.b`: reason; what to do`` for whatever is wrong with it.
+    Raises:
+        InputError: The file is invalid. The message is ``FILE:LINE: key `a.b`: reason; action``.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -148,7 +155,7 @@ def read_toml(path: Path, kind: type[T]) -> T:
 
 
 def parse_toml(text: str, name: str, kind: type[T]) -> T:
-    """As `read_toml`, from a text; `name` is what messages call it."""
+    """Parse a TOML text as `read_toml` does; error messages start with `name`."""
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -175,12 +182,13 @@ def _check_schema_version(table: dict[str, Any]) -> None:
         raise _BadKeyError(
             ("schema",), f"is missing; put `schema = {SCHEMA_VERSION}` at the top of the file"
         )
-    found = table["schema"]
-    if type(found) is not int or found != SCHEMA_VERSION:
+    version = table["schema"]
+    if type(version) is not int or version != SCHEMA_VERSION:
         raise _BadKeyError(
             ("schema",),
-            f"version {_format_value(found)} cannot be read, only {SCHEMA_VERSION}; install the kinect-vo that "
-            f"the file was written for, or write it anew with `schema = {SCHEMA_VERSION}`",
+            f"version {_format_value(version)} cannot be read, only {SCHEMA_VERSION}; install the "
+            "kinect-vo that the file was written for, or rewrite the file with "
+            f"`schema = {SCHEMA_VERSION}`",
         )
 
 
@@ -192,11 +200,11 @@ def _build_dataclass(kind: type[T], table: dict[str, Any], path: KeyPath) -> T:
             raise _BadKeyError((*path, key), f"is unknown; {_suggest_name(key, fields)}")
     values = {}
     for name, field in fields.items():
-        description = field.metadata.get("description", FieldSpec())
+        spec = field.metadata.get("description", FieldSpec())
         if name in table:
-            values[name] = _convert_value(hints[name], table[name], description, (*path, name))
+            values[name] = _convert_value(hints[name], table[name], spec, (*path, name))
         elif field.default is field.default_factory is dataclasses.MISSING:
-            raise _BadKeyError((*path, name), f"is missing; add `{name} = ...`{description.hint}")
+            raise _BadKeyError((*path, name), f"is missing; add `{name} = ...`{spec.hint}")
     try:
         return kind(**values)
     except (ValueError, InputError) as error:
@@ -204,7 +212,7 @@ def _build_dataclass(kind: type[T], table: dict[str, Any], path: KeyPath) -> T:
 
 
 def _convert_value(kind: Any, value: Any, spec: FieldSpec, path: KeyPath) -> Any:
-    """`value` as TOML gave it, checked and converted to the type `kind`."""
+    """Check a parsed TOML value and convert it to the type `kind`."""
     if get_origin(kind) in (types.UnionType, Union):
         kind = next(arm for arm in get_args(kind) if arm is not type(None))
     if dataclasses.is_dataclass(kind):
@@ -230,9 +238,9 @@ def _convert_value(kind: Any, value: Any, spec: FieldSpec, path: KeyPath) -> Any
 def _convert_sequence(kind: Any, value: Any, spec: FieldSpec, path: KeyPath) -> Any:
     items = get_args(kind)
     length = None if get_origin(kind) is list or items[-1] is ... else len(items)
-    wanted = "a list" if length is None else f"a list of {length}"
-    matches = isinstance(value, list) and length in (None, len(value))
-    _check_type(matches, wanted, value, spec, path)
+    expected = "a list" if length is None else f"a list of {length}"
+    is_valid = isinstance(value, list) and length in (None, len(value))
+    _check_type(is_valid, expected, value, spec, path)
     return get_origin(kind)(_convert_value(items[0], item, spec, path) for item in value)
 
 
@@ -252,12 +260,12 @@ def _convert_number(kind: type[Any], value: Any, spec: FieldSpec, path: KeyPath)
 
 def _check_type(is_valid: bool, expected: str, value: Any, spec: FieldSpec, path: KeyPath) -> None:
     if not is_valid:
-        found = _format_value(value)
-        raise _BadKeyError(path, f"{found} is the wrong type; give {expected}{spec.hint}")
+        text = _format_value(value)
+        raise _BadKeyError(path, f"{text} is the wrong type; give {expected}{spec.hint}")
 
 
 def _format_value(value: Any) -> str:
-    """`value` roughly as the file has it, in a few words."""
+    """Format a value briefly, about as the file has it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):

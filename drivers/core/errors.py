@@ -1,25 +1,25 @@
-"""Errors meant for a person: what is wrong, where, and what to do, in one line."""
+"""Errors for users: each message is one line with what is wrong, where, and what to do."""
 
 
 class UserFacingError(Exception):
-    """Something failed while running. Its text is the one line that a user reads."""
+    """A failure at run time. The CLI prints the text as one line."""
 
     exit_code = 1
 
 
 class InputError(UserFacingError):
-    """What the user gave (a file, a key, an argument) is wrong. Trying again will not help."""
+    """A wrong file, key or argument from the user. Trying again does not help."""
 
     exit_code = 2
 
 
 class CameraError(UserFacingError):
-    """The camera cannot deliver. Trying again later may help."""
+    """The camera cannot deliver frames. Trying again later may help."""
 
 
 class CameraNotFoundError(CameraError):
-    """No such camera is there now; it may be plugged in later."""
+    """The camera is not connected; it may be plugged in later."""
 
 
 class CameraLostError(CameraError):
-    """The camera was delivering and has stopped (unplugged, crashed)."""
+    """The camera has stopped delivering (unplugged, crashed)."""

@@ -1,4 +1,4 @@
-"""Writing so that a reader never sees half of anything, whenever this process may be killed."""
+"""Files and folders: atomic writes, rotation, locks, and checks of disk space and permissions."""
 
 import errno
 import fcntl
@@ -13,10 +13,13 @@ from pathlib import Path
 
 
 def atomic_write(path: Path, data: bytes) -> None:
-    """Write a file under a temporary name, then give it its own. Raises OSError, leaving nothing.
+    """Write a file under a temporary name, then rename it, so that no reader sees half a file.
 
-    Survives a kill at any moment; not flushed to the disk itself, so after a power cut the newest
+    A kill at any moment is safe. The data are not flushed to the disk: after a power cut the newest
     files may be empty.
+
+    Raises:
+        OSError: The file cannot be written; nothing is left behind.
     """
     part = path.with_name(f".{path.name}.part")
     try:
@@ -31,17 +34,17 @@ class AppendOnlyFile:
     """A text file that grows by whole lines only."""
 
     def __init__(self, path: Path, header: str) -> None:
-        """Create the file with a comment as its first line. Raises OSError."""
+        """Create the file with `header` as a comment in its first line. Raises OSError."""
         self.path = path
         self._size = 0
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666)
         self.append(f"# {header}")
 
     def append(self, line: str) -> None:
-        """Add one line, or raise OSError and leave the file as it was."""
+        """Append one line. Raises OSError and leaves the file unchanged if that fails."""
         data = f"{line}\n".encode()
         try:
-            # One call, so a kill cannot come between two halves; a full disk can.
+            # One call writes the whole line, so a kill cannot split it; only a full disk can.
             while data:
                 data = data[os.write(self._fd, data) :]
         except OSError:
@@ -54,47 +57,47 @@ class AppendOnlyFile:
         os.close(self._fd)
 
 
-# Ending of the name of what is not whole yet.
+# Suffix of incomplete files and folders.
 PARTIAL_SUFFIX = ".part"
 
 
 def is_disk_full(error: OSError) -> bool:
-    """Whether there is no space left: on the disk, in a quota, or up to a limit of file sizes."""
+    """Whether the disk, the quota or the file size limit is exhausted."""
     return error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def free_disk_bytes(folder: Path) -> int:
-    """Bytes that are free on the folder's disk. Raises OSError.
+    """Return the free bytes on the folder's disk. Raises OSError.
 
-    A file system without a size, as /proc and some on a network are, is never full by this.
+    A file system that reports no size (/proc, some network file systems) counts as never full.
     """
     usage = shutil.disk_usage(folder)
     return usage.free if usage.total else sys.maxsize
 
 
 def check_writable(folder: Path) -> str:
-    """Why nothing can be kept in a folder, which may be yet to be made; "" if it can.
+    """Return why a folder cannot be written to, or "" if it can.
 
-    Nothing is made or written.
+    The folder need not exist. Nothing is created or written.
     """
-    for place in (folder, *folder.absolute().parents):
+    for ancestor in (folder, *folder.absolute().parents):
         try:
-            is_folder = stat.S_ISDIR(place.stat().st_mode)
+            is_folder = stat.S_ISDIR(ancestor.stat().st_mode)
         except FileNotFoundError:
             continue
         except OSError as error:
             return f"{folder}: cannot be used: {error.strerror}"
         if not is_folder:
-            return f"{folder}: cannot be used: {place} is no folder"
-        if not os.access(place, os.R_OK | os.W_OK | os.X_OK):
-            return f"{folder}: cannot be used: {place} may not be written to"
+            return f"{folder}: cannot be used: {ancestor} is not a folder"
+        if not os.access(ancestor, os.R_OK | os.W_OK | os.X_OK):
+            return f"{folder}: cannot be used: no permission to write to {ancestor}"
         return ""
     return f"{folder}: cannot be used"
 
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Hold a folder's lock. Raises BlockingIOError if another process holds it."""
+    """Hold the lock of a folder. Raises BlockingIOError if another process holds it."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -104,17 +107,17 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def folder_size_bytes(folder: Path) -> int:
-    """Bytes of all files below a folder; of one that is going away, those still there."""
+    """Return the bytes of all files below a folder; files that disappear meanwhile are skipped."""
     total = 0
-    for place, _, files in os.walk(folder):
+    for subfolder, _, files in os.walk(folder):
         for name in files:
             with suppress(OSError):
-                total += (Path(place) / name).lstat().st_size
+                total += (Path(subfolder) / name).lstat().st_size
     return total
 
 
 def describe_write_error(error: BaseException) -> str:
-    """What is wrong; the disk's own answer where there is one, as nothing of the folder is left."""
+    """Describe a failed write; the operating system's error, if there is one, comes first."""
     cause = error if isinstance(error, OSError) else error.__cause__
     if not isinstance(cause, OSError):
         return str(error)
@@ -124,9 +127,9 @@ def describe_write_error(error: BaseException) -> str:
 
 
 def rotate_file(path: Path, max_files: int) -> None:
-    """Make room for a new file: name the one that is there FILE-NNNN, delete the oldest.
+    """Rename an existing file to FILE-NNNN and delete the oldest, so that `max_files` remain.
 
-    The higher the number, the newer. Raises OSError.
+    The limit includes the new file. A higher number is newer. Raises OSError.
     """
     numbers = sorted(_rotation_numbers(path))
     if path.is_file():
@@ -137,9 +140,9 @@ def rotate_file(path: Path, max_files: int) -> None:
 
 
 def _rotation_numbers(path: Path) -> list[int]:
-    form = re.compile(re.escape(path.stem) + r"-(\d{4,})" + re.escape(path.suffix))
-    found = (form.fullmatch(each.name) for each in path.parent.iterdir() if each.is_file())
-    return [int(each[1]) for each in found if each]
+    pattern = re.compile(re.escape(path.stem) + r"-(\d{4,})" + re.escape(path.suffix))
+    matches = (pattern.fullmatch(file.name) for file in path.parent.iterdir() if file.is_file())
+    return [int(match[1]) for match in matches if match]
 
 
 def _rotated_path(path: Path, number: int) -> Path:

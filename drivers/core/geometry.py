@@ -1,4 +1,4 @@
-"""Rigid transforms and quaternions: the one place where they are converted.
+"""Rigid transforms and rotations, and all conversions between their forms.
 
 A rigid transform is a 4x4 float64 matrix. ``T_a_b`` maps coordinates in frame b to frame a,
 so ``T_a_c = T_a_b @ T_b_c``. Quaternions are x y z w everywhere.
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def rigid_transform(rotation: ArrayLike, translation_m: ArrayLike) -> Array:
-    """4x4 transform from a 3x3 rotation and a translation of 3 metres."""
+    """Make a 4x4 transform from a 3x3 rotation and a translation (3,) in meters."""
     T = np.eye(4)
     T[:3, :3] = rotation
     T[:3, 3] = translation_m
@@ -21,17 +21,17 @@ def rigid_transform(rotation: ArrayLike, translation_m: ArrayLike) -> Array:
 
 
 def inverse(T: Array) -> Array:
-    """Inverse of a rigid 4x4 transform."""
+    """Invert a rigid 4x4 transform."""
     R, t = T[:3, :3], T[:3, 3]
     return rigid_transform(R.T, -R.T @ t)
 
 
 def orthonormalize(T: Array) -> Array:
-    """The same rigid 4x4 transform without the rounding of its many products.
+    """Remove the rounding errors of many products from a rigid 4x4 transform.
 
-    Whoever inverts by transposing and multiplies again must use it: the rounding grows with each
-    round, at first unseen. Two steps of Newton's iteration towards the nearest rotation (Higham,
-    "Computing the Polar Decomposition", 1986); what is left over is the fourth power.
+    Needed wherever products of transforms are inverted by transposing and multiplied again: the
+    error then grows with each round. Two steps of Newton's iteration to the nearest rotation
+    (Higham, "Computing the Polar Decomposition", 1986); the error left is of fourth order.
     """
     R = T[:3, :3]
     for _ in range(2):
@@ -45,31 +45,34 @@ def transform_points(T: Array, points: Array) -> Array:
 
 
 def rotation_angle_rad(R: Array) -> float:
-    """Angle of a 3x3 rotation, 0 to pi. Exact near zero, unlike the arc cosine of the trace."""
+    """Return the angle of a 3x3 rotation, 0 to pi.
+
+    Exact near zero, unlike the arc cosine of the trace.
+    """
     axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     return float(np.arctan2(np.linalg.norm(axis), np.trace(R) - 1.0))
 
 
 def pose_distance(T: Array, other: Array) -> tuple[float, float]:
-    """Metres and radians between two rigid 4x4 transforms: of the motion from one to the other."""
+    """Return the length (meters) and the angle (radians) of the motion between two 4x4 poses."""
     motion = inverse(T) @ other
     return float(np.linalg.norm(motion[:3, 3])), rotation_angle_rad(motion[:3, :3])
 
 
 def poses_close(T: Array, other: Array, max_distance_m: float, max_angle_rad: float) -> bool:
-    """Whether two rigid 4x4 transforms are no further apart than this, by way and by turn."""
-    way_m, turn_rad = pose_distance(T, other)
-    return bool(way_m <= max_distance_m and turn_rad <= max_angle_rad)
+    """Whether two 4x4 poses differ by at most a distance and an angle."""
+    distance_m, angle_rad = pose_distance(T, other)
+    return bool(distance_m <= max_distance_m and angle_rad <= max_angle_rad)
 
 
 def skew_matrix(v: ArrayLike) -> Array:
-    """3x3 matrix with ``skew_matrix(v) @ w == cross(v, w)``."""
+    """Make the 3x3 matrix with ``skew_matrix(v) @ w == cross(v, w)``."""
     x, y, z = np.asarray(v, dtype=np.float64)
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def adjoint(T: Array) -> Array:
-    """6x6 adjoint of a rigid transform, twists as (translation, rotation)."""
+    """Return the 6x6 adjoint of a rigid transform, with twists as (translation, rotation)."""
     R = T[:3, :3]
     Ad = np.zeros((6, 6))
     Ad[:3, :3] = Ad[3:, 3:] = R
@@ -78,16 +81,17 @@ def adjoint(T: Array) -> Array:
 
 
 def transport_covariance(covariance: Array, T_reference_camera: Array) -> Array:
-    """Covariance (..., 6, 6) of a small motion in the reference's axes, as one in the camera's."""
+    """Transport a motion's covariance (..., 6, 6) from the reference's axes to the camera's."""
     Ad = adjoint(inverse(T_reference_camera))
     in_camera: Array = Ad @ covariance @ Ad.T
     return in_camera
 
 
 def rotation_from_quaternion(quaternion_xyzw: ArrayLike) -> Array:
-    """3x3 rotation from a quaternion (x y z w) of any non-zero length.
+    """Convert a quaternion (x y z w) of any non-zero length to a 3x3 rotation.
 
-    Raises ValueError if the quaternion is zero or not finite.
+    Raises:
+        ValueError: The quaternion is zero or not finite.
     """
     q = np.asarray(quaternion_xyzw, dtype=np.float64)
     largest = np.max(np.abs(q))
@@ -105,9 +109,9 @@ def rotation_from_quaternion(quaternion_xyzw: ArrayLike) -> Array:
 
 
 def quaternion_from_rotation(R: Array) -> Array:
-    """Unit quaternion (x y z w), w >= 0, of a 3x3 rotation.
+    """Convert a 3x3 rotation to a unit quaternion (x y z w) with w >= 0.
 
-    The eigenvector of Bar-Itzhack's symmetric 4x4 matrix: no branch, stable for every angle.
+    It is an eigenvector of Bar-Itzhack's symmetric 4x4 matrix: no branch, stable for every angle.
     """
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R
     K = np.array(
@@ -123,7 +127,7 @@ def quaternion_from_rotation(R: Array) -> Array:
 
 
 def so3_exp(rotation_vector_rad: ArrayLike) -> Array:
-    """Rodrigues' formula: 3x3 rotation about the vector by its length."""
+    """Convert a rotation vector (3,) in radians to a 3x3 rotation, by Rodrigues' formula."""
     v = np.asarray(rotation_vector_rad, dtype=np.float64)
     angle = float(np.linalg.norm(v))
     K = skew_matrix(v)
@@ -134,7 +138,7 @@ def so3_exp(rotation_vector_rad: ArrayLike) -> Array:
 
 
 def so3_log(R: Array) -> Array:
-    """Axis times angle (3,), radians, of a 3x3 rotation: inverse of `so3_exp`."""
+    """Convert a 3x3 rotation to a rotation vector (3,) in radians: the inverse of `so3_exp`."""
     q = quaternion_from_rotation(R)
     sine = float(np.linalg.norm(q[:3]))
     half_angle = float(np.arctan2(sine, q[3]))
@@ -144,12 +148,12 @@ def so3_log(R: Array) -> Array:
 
 
 def transform_from_pose(position_m: ArrayLike, quaternion_xyzw: ArrayLike) -> Array:
-    """4x4 transform from a position and a quaternion (x y z w)."""
+    """Make a 4x4 transform from a position (3,) in meters and a quaternion (x y z w)."""
     return rigid_transform(rotation_from_quaternion(quaternion_xyzw), position_m)
 
 
 def is_rigid(T: NDArray[Any], tolerance: float = 1e-6) -> bool:
-    """True if T is a finite 4x4 rigid transform with a proper rotation."""
+    """Whether T is a finite 4x4 rigid transform with a proper rotation."""
     if T.shape != (4, 4) or not np.all(np.isfinite(T)):
         return False
     R = T[:3, :3]
@@ -161,5 +165,5 @@ def is_rigid(T: NDArray[Any], tolerance: float = 1e-6) -> bool:
 
 # Optical axes (x right, y down, z forward) in REP 103's (x forward, y left, z up).
 R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-# The base that a camera without a mounting has: its own body.
+# The default mounting: the base has the camera's position, in REP 103 axes.
 T_BODY_CAMERA = rigid_transform(R_BODY_OPTICAL, np.zeros(3))

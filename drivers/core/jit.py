@@ -1,6 +1,6 @@
-"""How numeric kernels are compiled: one place, so that all of them share the same guarantees.
+"""Decorators that compile numeric kernels, all with the same guarantees.
 
-Numba takes half a second to import: whoever has no kernels to compile is spared that.
+Numba takes half a second to import, so it is imported with the first kernel.
 """
 
 import sys
@@ -14,9 +14,9 @@ R = TypeVar("R")
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile to machine code without Python's lock, cached on disk.
+    """Compile to machine code that releases the GIL, cached on disk.
 
-    ``fastmath`` stays off: results are then the same bits with SSE2, AVX2 and AVX-512.
+    ``fastmath`` stays off, so that results are bit-identical with SSE2, AVX2 and AVX-512.
     """
     compiled: Callable[P, R] = _njit()(nogil=True, cache=True, error_model="numpy")(function)
     return compiled
@@ -32,9 +32,9 @@ def inline_kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 @cache
 def _njit() -> Any:
-    """Numba's decorator, imported without SciPy's linear algebra: 13 MB in each process.
+    """Import Numba's decorator without SciPy's linear algebra, which takes 13 MB per process.
 
-    Numba imports that only to see whether it is there; a kernel that uses it gets it nevertheless.
+    Numba imports it only to check that it exists. A kernel that uses it still gets it.
     """
     import numba
 
@@ -49,9 +49,9 @@ def _njit() -> Any:
 
 @contextmanager
 def interruptible(check: Callable[[], None]) -> Iterator[None]:
-    """Call `check` before each kernel that is compiled in the block; what it raises ends the block.
+    """Call `check` before each compilation of a kernel in the block; its exception ends the block.
 
-    A signal's exception would be lost in LLVM's calls back into Python, or break the compiling.
+    A signal handler's exception would be lost in LLVM's callbacks, or break the compilation.
     """
     from numba.core import event
 

@@ -1,4 +1,4 @@
-"""Memory that a process has no use for any more, given back: a robot's board has little."""
+"""Fewer malloc arenas and the release of unused memory, for robots with little memory."""
 
 import ctypes
 import os
@@ -6,14 +6,14 @@ from pathlib import Path
 
 _ARENA_MAX = -8  # mallopt(3)
 _MADV_DONTNEED = 4  # madvise(2)
-# Needed only while kernels are compiled or loaded.
+# The compiler is needed only while kernels are compiled or loaded.
 _COMPILER_LIBRARY = "libllvmlite"
 
 
 def limit_malloc_arenas(max_arenas: int = 2) -> None:
-    """Let the threads of this process, and of those that it starts, share a few malloc arenas.
+    """Limit the malloc arenas of this process and of the processes that it starts.
 
-    Memory that threads free stays in their arenas, of which there may be eight for each core.
+    Freed memory stays in the arenas of its threads. The default limit is eight per core.
     """
     os.environ.setdefault("MALLOC_ARENA_MAX", str(max_arenas))
     libc = ctypes.CDLL(None)
@@ -22,17 +22,16 @@ def limit_malloc_arenas(max_arenas: int = 2) -> None:
 
 
 def release_memory() -> None:
-    """Give back what was needed to prepare kernels: freed memory and the compiler's code.
+    """Return freed memory and the compiler's code to the system, after kernels are prepared.
 
-    The code is mapped from a file, so it comes back by itself where it is needed again.
+    The code is mapped from a file, so the kernel loads it again when it is needed.
     """
     libc = ctypes.CDLL(None)
     if hasattr(libc, "malloc_trim"):
         libc.malloc_trim(0)
     for line in Path("/proc/self/maps").read_text().splitlines():
         addresses, access, *_ = line.split()
-        if _COMPILER_LIBRARY in line and access.startswith(
-            "r-x"
-        ):  # not its data, which is relocated
+        # Only the code: the library's data are relocated and could not be loaded again.
+        if _COMPILER_LIBRARY in line and access.startswith("r-x"):
             begin, end = (int(address, 16) for address in addresses.split("-"))
             libc.madvise(ctypes.c_void_p(begin), ctypes.c_size_t(end - begin), _MADV_DONTNEED)

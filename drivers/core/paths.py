@@ -1,4 +1,4 @@
-"""Where the program keeps things: what it can make again, and what it cannot."""
+"""Folders of the program: cache, state, output and compiled kernels."""
 
 import hashlib
 import os
@@ -12,17 +12,20 @@ from pathlib import Path
 from drivers.core.errors import InputError, UserFacingError
 
 SOURCE_PACKAGES = ("drivers", "vo_service")
-# Below the environment's prefix: what set-up has compiled for all who use the environment.
+# Below the environment's prefix: kernels that setup has compiled for all users.
 PREBUILT_KERNELS = "share/kinect-vo/kernels"
-# Several checkouts and versions may share a computer.
+# One folder per state of the source: several checkouts and versions may share a computer.
 MAX_KERNEL_FOLDERS = 4
 
 
 def cache_folder() -> Path:
-    """A writable folder of our own; systemd's, the user's, or in the last resort a temporary one.
+    """Return a writable folder for files that can be made again.
 
-    The first of $CACHE_DIRECTORY (systemd), $XDG_CACHE_HOME/kinect-vo, ~/.cache/kinect-vo and
-    $TMPDIR/kinect-vo-UID that can be written to. Raises UserFacingError if none can.
+    It is the first writable one of $CACHE_DIRECTORY (systemd), $XDG_CACHE_HOME/kinect-vo,
+    ~/.cache/kinect-vo and $TMPDIR/kinect-vo-UID.
+
+    Raises:
+        UserFacingError: None of them is writable.
     """
     for folder in _candidate_folders("CACHE_DIRECTORY", "XDG_CACHE_HOME", ".cache"):
         with suppress(OSError):
@@ -32,16 +35,19 @@ def cache_folder() -> Path:
     with suppress(OSError):
         return _temporary_folder()
     raise UserFacingError(
-        "no folder can be written to for what is worth keeping (compiled kernels); name one in "
-        "XDG_CACHE_HOME"
+        "no folder is writable for the cache (compiled kernels); set XDG_CACHE_HOME to a writable "
+        "folder"
     )
 
 
 def state_folder() -> Path:
-    """A writable folder of our own for what cannot be made again: incidents, recordings.
+    """Return a writable folder for files that cannot be made again: incidents, recordings.
 
-    The first of $STATE_DIRECTORY (systemd), $XDG_STATE_HOME/kinect-vo and ~/.local/state/kinect-vo
-    that can be written to. Raises UserFacingError if none can.
+    It is the first writable one of $STATE_DIRECTORY (systemd), $XDG_STATE_HOME/kinect-vo and
+    ~/.local/state/kinect-vo.
+
+    Raises:
+        UserFacingError: None of them is writable.
     """
     for folder in _candidate_folders("STATE_DIRECTORY", "XDG_STATE_HOME", ".local/state"):
         with suppress(OSError):
@@ -49,13 +55,13 @@ def state_folder() -> Path:
             if os.access(folder, os.W_OK | os.X_OK):
                 return folder
     raise UserFacingError(
-        "no folder can be written to for what is to be kept (incidents, recordings); name one in "
-        "XDG_STATE_HOME"
+        "no folder is writable for incidents and recordings; set XDG_STATE_HOME to a writable "
+        "folder"
     )
 
 
 def create_output_folder(folder: Path) -> None:
-    """Make the folder that --output names, if it is not there. Raises InputError."""
+    """Create the folder of --output if it does not exist. Raises InputError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -65,33 +71,35 @@ def create_output_folder(folder: Path) -> None:
 
 
 def kernel_folder() -> Path:
-    """Where compiled kernels of this very source are kept; those of older sources are removed.
+    """Return the folder for compiled kernels of this state of the source; old ones are removed.
 
-    Numba's own cache looks at a kernel's file alone: it would go on using the old code of a helper
-    that was inlined from another file. So each state of the source has a folder of its own. Where
-    set-up has compiled kernels into the Python environment, the folder begins with a copy of them:
-    the environment may belong to another user.
+    Numba's cache checks only a kernel's own file: it would keep the old code of a helper inlined
+    from another file. So each state of the source has its own folder. It starts as a copy of the
+    kernels that setup has compiled into the Python environment, if any: that environment may
+    belong to another user.
     """
-    kernels, state = cache_folder() / "kernels", _source_digest()
-    folder = kernels / state
+    kernels, digest = cache_folder() / "kernels", _source_digest()
+    folder = kernels / digest
     with suppress(OSError):
         if not folder.exists():
-            _copy_atomically(Path(sys.prefix) / PREBUILT_KERNELS / state, folder)
+            _copy_atomically(Path(sys.prefix) / PREBUILT_KERNELS / digest, folder)
         folder.mkdir(parents=True, exist_ok=True)
         folder.touch()
-        kept = sorted(kernels.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
-        for old in kept[MAX_KERNEL_FOLDERS:]:
+        newest_first = sorted(
+            kernels.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True
+        )
+        for old in newest_first[MAX_KERNEL_FOLDERS:]:
             shutil.rmtree(old, ignore_errors=True)
     return folder
 
 
 def _copy_atomically(source: Path, folder: Path) -> None:
-    """Copy a folder that may not exist; `folder` appears when all of it is there."""
+    """Copy a folder if it exists; `folder` appears only when the copy is complete."""
     if source.is_dir():
         part = folder.with_name(f"{folder.name}.{os.getpid()}.part")
         try:
             shutil.copytree(source, part)
-            part.rename(folder)  # fails if another process was quicker
+            part.rename(folder)  # fails if another process was faster
         finally:
             shutil.rmtree(part, ignore_errors=True)
 
@@ -100,31 +108,31 @@ def _source_digest() -> str:
     digest = hashlib.sha256()
     for package in SOURCE_PACKAGES:
         for source in sorted((Path(__file__).parents[2] / package).rglob("*.py")):
-            state = source.stat()
-            digest.update(f"{source} {state.st_mtime_ns} {state.st_size}\n".encode())
+            status = source.stat()
+            digest.update(f"{source} {status.st_mtime_ns} {status.st_size}\n".encode())
     return digest.hexdigest()[:16]
 
 
 def _candidate_folders(systemd_variable: str, xdg_variable: str, below_home: str) -> list[Path]:
-    """Systemd's folder, the user's choice, the usual one: as far as there are any."""
-    given = os.environ.get(systemd_variable, "").split(":")[0]
-    folders = [Path(given)] if given else []
-    chosen = os.environ.get(xdg_variable)
-    if chosen:
-        folders.append(Path(chosen) / "kinect-vo")
+    """List systemd's folder, the user's (XDG) and the default one, as far as they exist."""
+    systemd_folder = os.environ.get(systemd_variable, "").split(":")[0]
+    folders = [Path(systemd_folder)] if systemd_folder else []
+    xdg_folder = os.environ.get(xdg_variable)
+    if xdg_folder:
+        folders.append(Path(xdg_folder) / "kinect-vo")
     with suppress(RuntimeError):  # a user without a home
         folders.append(Path.home() / below_home / "kinect-vo")
     return folders
 
 
 def _temporary_folder() -> Path:
-    """One for each user, the same every time. Raises OSError unless it is this user's alone.
+    """Return this user's temporary folder. Raises OSError if others can write to it.
 
-    Anybody may make a folder of that name first, and what lies in it is run.
+    Code in this folder is executed, and anybody may have created a folder of that name.
     """
     folder = Path(tempfile.gettempdir()) / f"kinect-vo-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
-    state = folder.lstat()
-    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & 0o077:
-        raise PermissionError(f"{folder}: is not this user's alone")
+    status = folder.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
+        raise PermissionError(f"{folder}: other users have access to it")
     return folder

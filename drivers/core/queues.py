@@ -1,4 +1,4 @@
-"""A thread that takes work off the odometry's hands: whatever blocks, blocks there."""
+"""Bounded queues and the worker thread that reads one, so that blocking work delays no odometry."""
 
 import logging
 import threading
@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 class BoundedQueue(ABC, Generic[T]):
-    """A bounded queue between one giver and one taker. `dropped` counts what was given up."""
+    """A bounded queue between one producer and one consumer; `dropped` counts discarded items."""
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
@@ -28,7 +28,7 @@ class BoundedQueue(ABC, Generic[T]):
         """Called with the lock held while the queue is full."""
 
     def put(self, item: T) -> None:
-        """Hand over one item. After `close` nothing is taken any more."""
+        """Add one item; after `close` it is discarded."""
         with self._changed:
             if len(self._items) >= self.capacity and not self._is_closed:
                 self._make_room()
@@ -37,7 +37,7 @@ class BoundedQueue(ABC, Generic[T]):
                 self._changed.notify_all()
 
     def get(self) -> T:
-        """Wait for the oldest item. Raises Closed when there will be no more."""
+        """Wait for the oldest item. Raises QueueClosed if the queue is closed and empty."""
         with self._changed:
             self._changed.wait_for(lambda: self._items or self._is_closed)
             if not self._items:
@@ -46,14 +46,14 @@ class BoundedQueue(ABC, Generic[T]):
             return self._items.popleft()
 
     def close(self) -> None:
-        """Take no more; what waits can still be taken."""
+        """Accept no more items; those in the queue can still be read."""
         with self._changed:
             self._is_closed = True
             self._changed.notify_all()
 
 
 class DropOldestQueue(BoundedQueue[T]):
-    """The newest wins: the giver never waits."""
+    """A queue that drops its oldest item when full: the producer never waits."""
 
     def _make_room(self) -> None:
         self._items.popleft()
@@ -61,21 +61,21 @@ class DropOldestQueue(BoundedQueue[T]):
 
 
 class BlockingQueue(BoundedQueue[T]):
-    """Nothing is lost: the giver waits until there is room."""
+    """A queue that loses nothing: the producer waits until there is room."""
 
     def _make_room(self) -> None:
         self._changed.wait_for(lambda: len(self._items) < self.capacity or self._is_closed)
 
 
 class QueueClosed(Exception):  # noqa: N818 (like StopIteration: not an error)
-    """The hand-over is closed and empty."""
+    """The queue is closed and empty."""
 
 
 class WorkerThread(Generic[T]):
     """Calls `handle` for each item on a thread of its own, then `finish` once.
 
-    An error is logged the first time only; the items after it are still handled. The thread is a
-    daemon: one that is stuck in a library does not keep the process alive.
+    Only the first error is logged; later items are still handled. The thread is a daemon, so that
+    a hung library does not keep the process alive.
     """
 
     def __init__(
@@ -95,15 +95,19 @@ class WorkerThread(Generic[T]):
 
     @property
     def dropped(self) -> int:
-        """Items that newer ones replaced before they were handled."""
+        """The number of items that newer ones replaced before they were handled."""
         return self._queue.dropped
 
     def put(self, item: T) -> None:
-        """Hand over one item."""
+        """Add one item to the queue."""
         self._queue.put(item)
 
     def close(self, timeout_s: float) -> bool:
-        """Handle what waits, finish. False if that takes longer: the thread is left to itself."""
+        """Handle the waiting items, then finish.
+
+        Returns:
+            False if that takes longer than `timeout_s`; the thread then continues on its own.
+        """
         self._queue.close()
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
@@ -118,7 +122,7 @@ class WorkerThread(Generic[T]):
     def _run_logging_errors(self, function: Callable[[], None]) -> None:
         try:
             function()
-        except BaseException as error:  # a panic in a Rust library is no Exception
+        except BaseException as error:  # a panic in a Rust library is not an Exception
             self.errors += 1
             if self.errors == 1:
                 logger.error(

@@ -1,19 +1,22 @@
-"""At most so often."""
+"""Rate limits: a throttle on a caller's clock, and a token bucket."""
 
 import time
 from collections.abc import Callable
 
 
 class Throttle:
-    """Lets something through at most once a period, on whatever clock the caller has."""
+    """Allows an event at most once per period, on the caller's clock."""
 
     def __init__(self, period_s: float) -> None:
-        # A camera's stamps are never exactly even: a frame that is almost due is due.
+        # A camera's stamps jitter: a frame that is almost due counts as due.
         self._period_s = 0.9 * period_s
         self._last_s = float("-inf")
 
     def allow(self, now_s: float) -> bool:
-        """True if the period has passed, or the clock was set back."""
+        """Return whether the period has passed since the last allowed event.
+
+        Always True if the clock was set back.
+        """
         if 0.0 <= now_s - self._last_s < self._period_s:
             return False
         self._last_s = now_s
@@ -21,10 +24,7 @@ class Throttle:
 
 
 class TokenBucket:
-    """Holds up to a second's worth of tokens (at least one) and fills at a steady rate.
-
-    For one thread.
-    """
+    """A token bucket that holds the tokens of one second (at least one). Not thread-safe."""
 
     def __init__(self, per_second: float, now_s: Callable[[], float] = time.monotonic) -> None:
         self.per_second = per_second
@@ -34,7 +34,7 @@ class TokenBucket:
         self._last_refill_s = now_s()
 
     def try_acquire(self) -> bool:
-        """Take a token; False where there is none."""
+        """Take a token; return False if there is none."""
         self._refill()
         if self._tokens < 1.0:
             return False
@@ -42,7 +42,7 @@ class TokenBucket:
         return True
 
     def seconds_until_next(self) -> float:
-        """Seconds until there is a token; 0 where there is one."""
+        """Return the seconds until there is a token; 0 if there is one."""
         self._refill()
         return max(0.0, (1.0 - self._tokens) / self.per_second)
 

@@ -1,4 +1,4 @@
-"""Trajectories in the TUM RGB-D benchmark's text format: ``stamp tx ty tz qx qy qz qw`` a line."""
+"""Trajectories in the TUM RGB-D benchmark's format: ``stamp tx ty tz qx qy qz qw`` per line."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,16 +10,21 @@ from drivers.core.errors import InputError
 from drivers.core.geometry import Array, quaternion_from_rotation, transform_from_pose
 
 COLUMNS = "stamp tx ty tz qx qy qz qw"
-# Beyond these a file is in other units: nanoseconds, say.
+# Larger values mean that a file is in other units, such as nanoseconds.
 MAX_STAMP_S = 1e11
 MAX_POSITION_M = 1e9
-# Stamps that lie closer than this may belong to each other.
+# The largest difference of two stamps of the same instant.
 MAX_STAMP_DIFFERENCE_S = 0.020
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A trajectory: `stamps_s` (N,) strictly rising, `T_world_camera` (N, 4, 4)."""
+    """A trajectory.
+
+    Attributes:
+        stamps_s: (N,), strictly rising.
+        T_world_camera: (N, 4, 4), camera poses in the world frame.
+    """
 
     stamps_s: Array
     T_world_camera: Array
@@ -29,10 +34,11 @@ class Trajectory:
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """Read a TUM-format file; blank lines and ``#`` comments are passed over.
+    """Read a TUM-format file; blank lines and ``#`` comments are skipped.
 
-    Raises InputError naming the file and line if it cannot be read, does not parse, holds NaN,
-    a quaternion that is no rotation or values in other units, or if stamps repeat or go backwards.
+    Raises:
+        InputError: The file cannot be read or parsed, holds NaN, a quaternion that is no rotation
+            or values in other units, or its stamps do not rise. The message names file and line.
     """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
@@ -49,8 +55,8 @@ def read_trajectory(path: Path) -> Trajectory:
         stamp_s, T = _parse_pose(text, f"{path}:{number}")
         if stamps and stamp_s <= stamps[-1]:
             raise InputError(
-                f"{path}:{number}: stamp {text[0]} does not come after the one before "
-                f"({stamps[-1]:.6f}): sort the file by its first column and remove repeats"
+                f"{path}:{number}: stamp {text[0]} is not after the previous one "
+                f"({stamps[-1]:.6f}): sort the file by its first column and remove duplicates"
             )
         stamps.append(stamp_s)
         poses.append(T)
@@ -60,7 +66,10 @@ def read_trajectory(path: Path) -> Trajectory:
 
 
 def format_pose_line(stamp_s: float, T_world_camera: Array) -> str:
-    """One line of a trajectory file, with its newline. Microseconds, 0.1 um, 1e-9 of a rotation."""
+    """Format one line of a trajectory file, with its newline.
+
+    The resolution is 1 us of the stamp, 0.1 um of the position and 1e-9 of the quaternion.
+    """
     q = quaternion_from_rotation(T_world_camera[:3, :3])
     position = " ".join(f"{v:.7f}" for v in T_world_camera[:3, 3])
     return f"{stamp_s:.6f} {position} {' '.join(f'{v:.9f}' for v in q)}\n"
@@ -74,10 +83,10 @@ def _parse_pose(text: list[str], where: str) -> tuple[float, Array]:
     except ValueError as error:
         raise InputError(f"{where}: {error}; expected numbers: {COLUMNS}") from error
     if not np.all(np.isfinite(values)):
-        raise InputError(f"{where}: a value is not finite: remove the line, a lost pose has none")
+        raise InputError(f"{where}: a value is not finite: remove the line")
     if abs(values[0]) > MAX_STAMP_S or max(map(abs, values[1:4])) > MAX_POSITION_M:
         raise InputError(
-            f"{where}: stamps must be in seconds and positions in metres; convert them"
+            f"{where}: stamps must be in seconds and positions in meters; convert them"
         )
     try:
         return values[0], transform_from_pose(values[1:4], values[4:8])
@@ -86,7 +95,10 @@ def _parse_pose(text: list[str], where: str) -> tuple[float, Array]:
 
 
 def nearest_indices(stamps_s: Array, query_s: Array) -> NDArray[np.intp]:
-    """For each of `query_s`, the index of the nearest of the rising `stamps_s`; ties: earlier."""
+    """Return the index of the nearest of the rising `stamps_s` for each query.
+
+    Of two equally near stamps the earlier one is taken.
+    """
     after = np.searchsorted(stamps_s, query_s, side="right").clip(max=len(stamps_s) - 1)
     before = (after - 1).clip(min=0)
     is_before = query_s - stamps_s[before] <= stamps_s[after] - query_s
@@ -96,7 +108,7 @@ def nearest_indices(stamps_s: Array, query_s: Array) -> NDArray[np.intp]:
 def has_match(
     stamps_s: Array, reference_s: Array, max_difference_s: float = MAX_STAMP_DIFFERENCE_S
 ) -> NDArray[np.bool_]:
-    """For each of `stamps_s`, whether one of the rising `reference_s` is within reach."""
+    """Return for each stamp whether one of the rising `reference_s` is near enough."""
     return (
         np.abs(reference_s[nearest_indices(reference_s, stamps_s)] - stamps_s) <= max_difference_s
     )

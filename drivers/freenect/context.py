@@ -1,4 +1,4 @@
-"""libfreenect's context and device, called in the order that works and always given back."""
+"""libfreenect's context and device, with calls in an order that works, and always released."""
 
 import ctypes
 import logging
@@ -32,13 +32,13 @@ RawFrameCallback = Callable[[int, int], None]  # address of the pixels, device s
 
 
 class FreenectContext:
-    """One attempt with a Kinect. libfreenect has no locks: one thread makes all the calls.
+    """A libfreenect context. libfreenect has no locks: one thread must make all the calls.
 
-    After any failure it is closed and a new one made: libfreenect keeps half-open devices.
+    After any failure, close it and make a new one, because libfreenect keeps half-open devices.
     """
 
     def __init__(self, library: ctypes.CDLL, log: LibfreenectLog) -> None:
-        """Raises CameraError if USB cannot be used at all."""
+        """Create the context. Raises CameraError if there is no access to USB at all."""
         self.library, self.log = library, log
         self._pointer = ctypes.c_void_p()
         if library.freenect_init(ctypes.byref(self._pointer), None) < 0:
@@ -50,15 +50,15 @@ class FreenectContext:
         self._callback_error: Exception | None = None
 
     def close(self) -> None:
-        """Give the context back, and whatever is still open in it."""
+        """Release the context and all devices that are still open in it."""
         self.library.freenect_shutdown(self._pointer)
 
     def device_count(self) -> int:
-        """Kinects on the bus, those that may not be opened included."""
+        """Return the number of Kinects on the bus, including those without permission to open."""
         return int(self.library.freenect_num_devices(self._pointer))
 
     def list_serials(self) -> list[str]:
-        """Serial numbers of the Kinects that may be opened."""
+        """Return the serial numbers of the Kinects that this user may open."""
         first = ctypes.POINTER(DeviceAttributes)()
         self.library.freenect_list_device_attributes(self._pointer, ctypes.byref(first))
         serials, item = [], first
@@ -70,12 +70,12 @@ class FreenectContext:
 
     @contextmanager
     def open_device(self, serial: str) -> Iterator["FreenectDevice | None"]:
-        """The Kinect of that serial number; None if libfreenect cannot open it."""
+        """Open the Kinect with this serial number; None if libfreenect cannot open it."""
         pointer = ctypes.c_void_p()
-        opened = self.library.freenect_open_device_by_camera_serial(
+        result = self.library.freenect_open_device_by_camera_serial(
             self._pointer, ctypes.byref(pointer), serial.encode()
         )
-        if opened < 0:
+        if result < 0:
             yield None
             return
         device = FreenectDevice(self, pointer, serial)
@@ -85,14 +85,17 @@ class FreenectContext:
             device.close()
 
     def process_events(self, timeout: TimeValue) -> bool:
-        """Let libfreenect work; False once the device is gone. Raises what a callback raised."""
+        """Process USB events; return False once the device is gone.
+
+        Exceptions of the callbacks are raised here.
+        """
         result = self.library.freenect_process_events_timeout(self._pointer, timeout)
         if self._callback_error is not None:
             raise self._callback_error
         return bool(result >= 0 or result == INTERRUPTED)
 
     def make_callback(self, function: RawFrameCallback) -> Any:
-        """A callback; what it raises is kept, for an exception cannot pass through C."""
+        """Wrap a function as a C callback; its exception is kept, as it cannot pass through C."""
 
         def callback(_device: int, pixels: int, stamp: int) -> None:
             try:
@@ -134,15 +137,15 @@ class FreenectDevice:
                 raise start_failed_error(step, self.log)
 
     def set_flag(self, flag: Flag, is_on: bool) -> None:
-        """Switch something of the color camera, once it streams; a refusal is only logged."""
+        """Set a flag of the color camera, once it streams; a failure is only logged."""
         if self._library.freenect_set_flag(self._pointer, flag, is_on) < 0:
-            what, state = flag.name.lower().replace("_", " "), "on" if is_on else "off"
-            _log.warning("the Kinect does not take %s = %s", what, state)
+            name, state = flag.name.lower().replace("_", " "), "on" if is_on else "off"
+            _log.warning("the Kinect does not accept %s = %s", name, state)
 
     def read_raw_to_mm(self) -> NDArray[np.uint16]:
-        """(2048,) uint16: libfreenect's millimetres for each raw value of this very Kinect.
+        """Read libfreenect's millimeters per raw depth value of this Kinect, (2048,) uint16.
 
-        To be asked for while depth streams in millimetres.
+        Valid while depth streams in millimeters.
         """
         registration = self._library.freenect_copy_registration(self._pointer)
         table = np.ctypeslib.as_array(registration.raw_to_mm, (RAW_VALUES,)).copy()
@@ -150,7 +153,7 @@ class FreenectDevice:
         return table
 
     def close(self) -> None:
-        """Stop both streams, then close: closing while both run crashes libfreenect later on."""
+        """Stop both streams, then close: closing while both run crashes libfreenect later."""
         self._library.freenect_stop_depth(self._pointer)
         self._library.freenect_stop_video(self._pointer)
         self._library.freenect_close_device(self._pointer)

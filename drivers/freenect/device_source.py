@@ -1,4 +1,4 @@
-"""What is behind libfreenect: a Kinect, or a dump that fakenect plays."""
+"""The interface to what libfreenect reads from: a Kinect, or a dump that fakenect plays."""
 
 import ctypes
 from contextlib import AbstractContextManager
@@ -13,17 +13,18 @@ from drivers.freenect.watchdog import StreamTimeouts
 
 
 class StampConverter(Protocol):
-    """Puts a stream's device seconds on the camera's clock."""
+    """Converts a stream's device stamps to the camera's clock."""
 
     def to_host_s(self, device_s: float, receive_time_s: float) -> float:
-        """The instant of `device_s`, of a frame that was whole at `receive_time_s`; frames in order."""
+        """Convert a frame's device stamp; call it for frames in order."""
         ...
 
 
 class DeviceSource(Protocol):
-    """Where the real device and the dump differ.
+    """The differences between a real device and a dump.
 
-    shortest_period_s  color images are never closer together
+    Attributes:
+        min_period_s: The shortest period between color images.
     """
 
     name: str
@@ -32,7 +33,7 @@ class DeviceSource(Protocol):
     min_period_s: float
 
     def load(self) -> ctypes.CDLL:
-        """The library. Raises UserFacingError without it, InputError for a dump of no use."""
+        """Load the library. Raises UserFacingError without it, InputError for an invalid dump."""
         ...
 
     def open(self, context: FreenectContext) -> AbstractContextManager[FreenectDevice]:
@@ -40,21 +41,21 @@ class DeviceSource(Protocol):
         ...
 
     def depth_format(self, wanted: DepthFormat) -> DepthFormat:
-        """What to ask the library for."""
+        """Return the depth format to set in the library."""
         ...
 
     def configure(self, device: FreenectDevice) -> DepthFilter:
-        """Apply the settings, now that both streams run; tells which depths are readings."""
+        """Apply the settings while both streams run; return the filter of valid depths."""
         ...
 
     def make_end_exception(self) -> Exception:
-        """Why libfreenect has no more events."""
+        """Make the exception for the end of libfreenect's events."""
         ...
 
     def make_queue(self) -> FrameQueue:
-        """How pairs are passed on."""
+        """Make the queue that passes image pairs to the reader."""
         ...
 
     def make_stamp_converter(self) -> StampConverter:
-        """For the color stream, from its first image on."""
+        """Make the converter for the color stream, which starts with the first image."""
         ...

@@ -1,4 +1,4 @@
-"""What went wrong, in words that say what to do: read off libfreenect's log."""
+"""Error messages with a remedy, made from libfreenect's log."""
 
 from drivers.core.errors import CameraError, CameraLostError, CameraNotFoundError
 from drivers.freenect.libfreenect_log import LibfreenectLog
@@ -12,14 +12,15 @@ def device_not_found_error(serial: str, present_serials: list[str]) -> CameraNot
     """The Kinect is not on the bus; `serial` "" means any."""
     if serial and present_serials:
         return CameraNotFoundError(
-            f"no Kinect with the serial number {serial} on the USB; there is {', '.join(present_serials)}"
+            f"no Kinect with the serial number {serial} is on the USB; connected: "
+            f"{', '.join(present_serials)}"
         )
-    wanted = f"no Kinect {serial}" if serial else "no Kinect"
-    return CameraNotFoundError(f"{wanted} on the USB; plug it in, and its own power supply too")
+    name = f"no Kinect {serial}" if serial else "no Kinect"
+    return CameraNotFoundError(f"{name} on the USB; plug it in, and its own power supply too")
 
 
 def no_permission_error() -> CameraError:
-    """It is there, and this user may not open it."""
+    """A Kinect is connected, but this user may not open it."""
     return CameraError(
         "a Kinect is plugged in, but this user may not open it; run: sudo kinect-vo udev install, "
         "then unplug it and plug it in again (replug after installing the rule)"
@@ -27,12 +28,12 @@ def no_permission_error() -> CameraError:
 
 
 def open_failed_error(log: LibfreenectLog) -> CameraError:
-    """It was found and could not be opened."""
-    # Not the last words: libfreenect goes on complaining of what follows from it.
-    held = next(filter(None, map(log.find, DEVICE_BUSY_LINES)), "")
-    if held:
+    """The Kinect was found but could not be opened."""
+    # Not the last line: libfreenect logs further errors that follow from this one.
+    busy_line = next(filter(None, map(log.find, DEVICE_BUSY_LINES)), "")
+    if busy_line:
         return CameraError(
-            f"the Kinect is held by another program or the kernel ({held}); stop the "
+            f"the Kinect is held by another program or the kernel ({busy_line}); stop the "
             "program that uses it, and for the kernel's webcam driver run: sudo kinect-vo udev "
             "install, then sudo modprobe -r gspca_kinect"
         )
@@ -42,35 +43,36 @@ def open_failed_error(log: LibfreenectLog) -> CameraError:
 
 
 def start_failed_error(step: str, log: LibfreenectLog) -> CameraError:
-    """It is open, and a stream does not start."""
+    """The Kinect is open, but a stream does not start."""
     return CameraError(
         f"libfreenect cannot {step} ({log.last_line}); unplug the Kinect and plug it in again"
     )
 
 
 def no_bandwidth_error(log: LibfreenectLog) -> CameraError:
-    """The system has no room for the streams on this bus."""
+    """The USB bus has not enough bandwidth for the streams."""
     return CameraError(
-        f"no USB bandwidth for the Kinect ({log.last_line}); {OWN_CONTROLLER_ADVICE} and no hub before it"
+        f"no USB bandwidth for the Kinect ({log.last_line}); {OWN_CONTROLLER_ADVICE} and no hub "
+        "before it"
     )
 
 
 def device_hung_error() -> CameraError:
-    """A call of libfreenect does not come back."""
+    """A call of libfreenect does not return."""
     return CameraError(
         "libfreenect hangs: the Kinect does not answer; unplug it and start this program again"
     )
 
 
 def unplugged_error() -> CameraLostError:
-    """The device was given up."""
+    """The device has disappeared."""
     return CameraLostError(
         "the Kinect is gone: unplugged, or without its own power supply; plug it in again"
     )
 
 
 def stream_not_started_error(stream: str, timeout_s: float) -> CameraLostError:
-    """A stream that was started never sent an image."""
+    """A stream was started but never sent an image."""
     return CameraLostError(
         f"the Kinect sent no {stream} image within {timeout_s:g} s of its start: no USB bandwidth "
         f"or no 12 V supply; {OWN_CONTROLLER_ADVICE} and check its power supply"
@@ -78,7 +80,7 @@ def stream_not_started_error(stream: str, timeout_s: float) -> CameraLostError:
 
 
 def stream_stalled_error(stream: str, timeout_s: float) -> CameraLostError:
-    """A stream stopped."""
+    """A stream has stopped."""
     return CameraLostError(
         f"the Kinect sent no {stream} image for {timeout_s:g} s; it is opened again (if this comes "
         "back: check its power supply and cable)"
@@ -86,5 +88,7 @@ def stream_stalled_error(stream: str, timeout_s: float) -> CameraLostError:
 
 
 def packet_loss_message(incomplete: int, images: int) -> str:
-    """Images come, most of them with holes."""
-    return f"losing USB packets: {incomplete} of {images} frames torn; {OWN_CONTROLLER_ADVICE}"
+    """Describe a stream in which most images are incomplete."""
+    return (
+        f"losing USB packets: {incomplete} of {images} images incomplete; {OWN_CONTROLLER_ADVICE}"
+    )

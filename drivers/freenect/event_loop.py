@@ -1,4 +1,4 @@
-"""The one thread that calls libfreenect: from opening the device to closing it."""
+"""The only thread that calls libfreenect, from opening the device to closing it."""
 
 import ctypes
 import threading
@@ -15,14 +15,14 @@ from drivers.freenect.library import DepthFormat, TimeValue
 from drivers.freenect.valid_depth import DepthFilter
 
 EVENTS_TIMEOUT = TimeValue(0, 20_000)
-# Longer than a supervisor that can kill the process waits.
+# Longer than a supervisor waits before it kills the process.
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 1.5
 
 
 @dataclass(frozen=True)
 class StartedDevice:
-    """What is known once both streams run."""
+    """The properties of a device whose streams run."""
 
     serial: str
     depth_filter: DepthFilter
@@ -30,7 +30,7 @@ class StartedDevice:
 
 @dataclass(frozen=True)
 class StreamCallbacks:
-    """Who gets the images, and why there are no more."""
+    """Called on libfreenect's thread with each image, and with the exception that ends them."""
 
     on_color: RawFrameCallback
     on_depth: RawFrameCallback
@@ -38,10 +38,10 @@ class StreamCallbacks:
 
 
 class FreenectEventLoop:
-    """Runs libfreenect in a thread until it is stopped or the device ends.
+    """Runs libfreenect in a thread until it is stopped or the device is gone.
 
-    libfreenect may hang, and cannot be interrupted then: waiting for it has limits, and a thread
-    that hangs is left behind.
+    libfreenect may hang and cannot be interrupted, so every wait has a timeout, and a thread that
+    hangs is abandoned.
     """
 
     def __init__(
@@ -65,26 +65,26 @@ class FreenectEventLoop:
             raise device_hung_error() from error
 
     def stop(self) -> None:
-        """Have the device closed, and wait for that, but not for ever."""
+        """Close the device; wait at most `STOP_TIMEOUT_S`."""
         self._is_stopped = True
         self.join(STOP_TIMEOUT_S)
 
     def join(self, timeout_s: float) -> bool:
-        """Wait for the thread to end; False if it is still there."""
+        """Wait for the thread to end; return False if it still runs."""
         if self._thread.is_alive():
             self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
     def _run(self, callbacks: StreamCallbacks) -> None:
-        """Body of the thread. What goes wrong reaches `start`, or later the taker of the end."""
+        """Body of the thread. An exception reaches `start`, or later `on_end`."""
         try:
             with (
                 closing(FreenectContext(self._library, self._log)) as context,
                 self._source.open(context) as device,
             ):
                 device.start(self._depth_format, callbacks.on_color, callbacks.on_depth)
-                measured = self._source.configure(device)
-                self._started.set_result(StartedDevice(device.serial, measured))
+                depth_filter = self._source.configure(device)
+                self._started.set_result(StartedDevice(device.serial, depth_filter))
                 self._process_events(context)
         except Exception as error:
             if self._started.done():

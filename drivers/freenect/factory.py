@@ -1,4 +1,4 @@
-"""Cameras through libfreenect put together: functions that another process can be told to call."""
+"""Factories of cameras that use libfreenect, to be called in a worker process."""
 
 from pathlib import Path
 
@@ -12,25 +12,30 @@ from drivers.sensor_config import SensorConfig
 
 
 def make_kinect_camera(serial: str, settings: SensorConfig, camera_file: Path | None) -> RgbdCamera:
-    """The Kinect with this serial number, "" for the first one found, and its base.
+    """Make the Kinect with this serial number ("" for the first one found), with its motor unit.
 
-    Raises InputError for a camera file that does not fit.
+    Raises:
+        InputError: The camera file does not fit the Kinect.
     """
     from drivers.kinect_usb.hotplug import wait_for_device
     from drivers.kinect_usb.kinect_motor_unit import KinectMotorUnit
 
-    kinect, images = KinectSource(serial, settings), KinectRectifier(camera_file, settings.mirror)
-    return FreenectCamera(kinect, images, KinectMotorUnit(), settings, wait_for_device)
+    source = KinectSource(serial, settings)
+    rectifier = KinectRectifier(camera_file, settings.mirror)
+    return FreenectCamera(source, rectifier, KinectMotorUnit(), settings, wait_for_device)
 
 
 def make_fakenect_camera(
     folder: Path, camera_file: Path | None, playback_mode: PlaybackMode = PlaybackMode.REALTIME
 ) -> RgbdCamera:
-    """A dump in libfreenect's own format, with depth in millimetres; one a process.
+    """Make the camera of a dump in libfreenect's format with depth in millimeters.
 
-    Raises InputError for a camera file that does not fit.
+    Only one can exist in a process.
+
+    Raises:
+        InputError: The camera file does not fit the Kinect.
     """
-    images = KinectRectifier(camera_file, is_mirrored=False)
+    rectifier = KinectRectifier(camera_file, is_mirrored=False)
     return FreenectCamera(
-        FakenectSource(folder, playback_mode), images, NullMotorUnit(), SensorConfig()
+        FakenectSource(folder, playback_mode), rectifier, NullMotorUnit(), SensorConfig()
     )

@@ -1,4 +1,4 @@
-"""A recorded folder in libfreenect's own format, played by fakenect: another libfreenect."""
+"""A dump in libfreenect's own format, played by fakenect, a replacement of libfreenect."""
 
 import ctypes
 import os
@@ -26,18 +26,22 @@ LIBRARY_PATTERN = "fakenect/libfreenect.so.0.5"
 
 
 class RecordedStampConverter:
-    """Stamps are the recorded device's own."""
+    """Keeps the stamps of the recorded device."""
 
     def to_host_s(self, device_s: float, receive_time_s: float) -> float:
-        """See `StampConverter`."""
         return device_s
 
 
 class FakenectSource:
-    """Plays a folder once, from its beginning; its depth is taken for registered millimetres.
+    """Plays a dump once from its start; its depth must be registered and in millimeters.
 
-    fakenect keeps to the times in the names of the files. In lockstep it also waits for the reader.
-    It ends the whole process where the folder is not as it should be: so that is checked before.
+    fakenect plays at the times in the file names. In lockstep it also waits for the reader.
+    It ends the whole process if the dump is invalid, so the dump is checked first.
+
+    Args:
+        folder: The folder of the dump.
+        playback_mode: Lockstep or realtime.
+        library: File of fakenect; None for the system's.
     """
 
     clock = Clock.RECORDED
@@ -47,12 +51,12 @@ class FakenectSource:
     def __init__(
         self, folder: Path, playback_mode: PlaybackMode, library: Path | None = None
     ) -> None:
-        """`library`: the file of fakenect, where it is not the system's."""
+
         self.name = f"fakenect:{folder}"
         self._folder, self._playback_mode, self._library = folder, playback_mode, library
 
     def load(self) -> ctypes.CDLL:
-        """See `Source`. Loads a copy: fakenect cannot begin again in the same library."""
+        """Check the dump and load a copy of fakenect, which can play only once per library."""
         check_dump_folder(self._folder)
         os.environ[PATH_VARIABLE] = str(self._folder.resolve())
         with tempfile.TemporaryDirectory() as folder:
@@ -61,25 +65,22 @@ class FakenectSource:
 
     @contextmanager
     def open(self, context: FreenectContext) -> Iterator[FreenectDevice]:
-        """See `Source`."""
         with context.open_device("") as device:
-            assert device is not None, "fakenect opens whatever it is asked for"
+            assert device is not None, "fakenect opens any serial number"
             yield device
 
     def depth_format(self, wanted: DepthFormat) -> DepthFormat:
-        """See `Source`: fakenect ends the process if it is asked for any other."""
+        """Return the only format with which fakenect does not end the process."""
         return DepthFormat.RAW_11_BIT
 
     def configure(self, device: FreenectDevice) -> DepthFilter:
-        """See `Source`: fakenect has nothing to set and no table."""
+        """Return a filter up to 10 m; fakenect has no settings and no table."""
         return ValidDepthMask(all_depths_to_10_m())
 
     def make_end_exception(self) -> Exception:
-        """See `Source`."""
         return EndOfStream()
 
     def make_queue(self) -> FrameQueue:
-        """See `Source`."""
         return (
             BlockingFrameQueue()
             if self._playback_mode is PlaybackMode.LOCKSTEP
@@ -87,7 +88,6 @@ class FakenectSource:
         )
 
     def make_stamp_converter(self) -> RecordedStampConverter:
-        """See `Source`."""
         return RecordedStampConverter()
 
 
@@ -102,19 +102,21 @@ def _find_system_library() -> Path:
 
 INDEX_FILE = "INDEX.txt"
 NO_DEPTH_RAW = 2047
-# One line of text, then the pixels; "a" is the accelerometer, of any size.
+# Bytes of the pixels, which follow one line of text; "a" is the accelerometer, of any size.
 PIXEL_BYTES = {"d": 480 * 640 * 2, "r": 480 * 640 * 3, "a": 0}
 _FILE_NAME = re.compile(r"([dra])-[0-9.]+-[0-9]+\.[a-z]+")
 
 
 def check_dump_folder(folder: Path) -> None:
-    """Raises InputError where fakenect would end the process, and for raw 11-bit depth."""
+    """Raise InputError if fakenect would end the process, or if the depth is raw 11-bit."""
     names = _read_index(folder)
     for name in names:
         _check_file(folder / name)
-    for kind, what in (("d", "depth"), ("r", "color")):
-        if not any(name.startswith(kind) for name in names):
-            raise InputError(f"{folder / INDEX_FILE}: names no {what} image; record the dump again")
+    for prefix, stream in (("d", "depth"), ("r", "color")):
+        if not any(name.startswith(prefix) for name in names):
+            raise InputError(
+                f"{folder / INDEX_FILE}: names no {stream} image; record the dump again"
+            )
     _check_unit(folder / next(name for name in names if name.startswith("d")))
 
 
@@ -124,8 +126,8 @@ def _read_index(folder: Path) -> list[str]:
         lines = index.read_text(encoding="utf-8").split("\n")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
-            f"{index}: cannot be read ({_error_text(error)}); a dump is a folder with {INDEX_FILE} and the "
-            "files that it names"
+            f"{index}: cannot be read ({_error_text(error)}); a dump is a folder with "
+            f"{INDEX_FILE} and the files that it names"
         ) from error
     names = lines[:-1] if lines[-1] == "" else lines
     for number, name in enumerate(names, start=1):
@@ -151,7 +153,7 @@ def _check_file(path: Path) -> None:
 
 
 def _read_header(path: Path, pixel_bytes: int) -> bytes:
-    """What stands before the pixels; b"" if there is less than that."""
+    """Read what precedes the pixels; b"" if the file is too short."""
     try:
         with path.open("rb") as file:
             size = path.stat().st_size
@@ -167,9 +169,9 @@ def _check_unit(path: Path) -> None:
     if depth.max() == NO_DEPTH_RAW:
         raise InputError(
             f"{path}: holds raw 11-bit depth, as fakenect-record writes it; only a dump of "
-            "registered depth in millimetres can be played"
+            "registered depth in millimeters can be played"
         )
 
 
 def _error_text(error: OSError | UnicodeDecodeError) -> str:
-    return error.strerror or "" if isinstance(error, OSError) else "not a text"
+    return error.strerror or "" if isinstance(error, OSError) else "not a text file"

@@ -1,4 +1,4 @@
-"""Between the thread that gets images and the one that reads frames."""
+"""Queues of one image pair between libfreenect's thread and the reader's."""
 
 import threading
 from abc import ABC, abstractmethod
@@ -14,11 +14,12 @@ from drivers.time_sync import StampedPair
 
 @dataclass(frozen=True, eq=False, slots=True, weakref_slot=True)
 class PooledImage:
-    """One image in its slot.
+    """One image in its buffer.
 
-    seq        number of the image in its stream, those that got lost included
-    receive_time_s  CLOCK_MONOTONIC when the host had all of it
-    pixels     (480, 640, 3) uint8 RGB or (480, 640) uint16
+    Attributes:
+        seq: Number of the image in its stream, lost ones included.
+        receive_time_s: CLOCK_MONOTONIC when the host had received all of it.
+        pixels: (480, 640, 3) uint8 RGB or (480, 640) uint16.
     """
 
     seq: int
@@ -30,14 +31,14 @@ ImagePair = StampedPair[PooledImage, PooledImage]
 
 
 class FrameQueueClosedError(CameraLostError):
-    """Nobody reads any more, or should."""
+    """The queue is closed: the camera is not open."""
 
     def __init__(self) -> None:
         super().__init__("the camera is not open; open it first")
 
 
 class FrameQueue(ABC):
-    """Room for one pair of images."""
+    """A queue for one pair of images."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -47,10 +48,15 @@ class FrameQueue(ABC):
 
     @abstractmethod
     def put(self, pair: ImagePair) -> None:
-        """Leave a pair for the reader. Raises MailboxClosedError after `close`, as `take` does."""
+        """Add a pair. Raises FrameQueueClosedError after `close`."""
 
     def get(self, timeout_s: float) -> ImagePair:
-        """Wait for a pair. Raises NoFrameYet, or what `finish` was given."""
+        """Wait for a pair.
+
+        Raises:
+            FrameTimeout: No pair arrived within `timeout_s`.
+            Exception: The exception given to `finish`, after the last pair.
+        """
         with self._changed:
             self._changed.wait_for(lambda: self._pair or self._end, timeout_s)
             pair, self._pair = self._pair, None
@@ -61,13 +67,13 @@ class FrameQueue(ABC):
             return pair
 
     def finish(self, exception: Exception) -> None:
-        """Nothing will follow: `end` is raised behind the last pair. Only the first one counts."""
+        """End the stream: `get` raises `exception` after the last pair. The first call counts."""
         with self._changed:
             self._end = self._end or exception
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Nobody reads any more."""
+        """Discard the pair; further calls raise FrameQueueClosedError."""
         with self._changed:
             self._pair, self._end = None, FrameQueueClosedError()
             self._changed.notify_all()
@@ -80,20 +86,20 @@ class FrameQueue(ABC):
 
 
 class LatestFrameQueue(FrameQueue):
-    """A newer pair replaces one that was not read in time."""
+    """A queue in which a newer pair replaces one that was not read in time."""
 
     def put(self, pair: ImagePair) -> None:
-        """See `FrameQueue`; never waits."""
+        """Add a pair without waiting."""
         with self._changed:
             self.dropped += self._pair is not None
             self._store(pair)
 
 
 class BlockingFrameQueue(FrameQueue):
-    """Every pair: the source waits for the reader."""
+    """A queue that delivers every pair: the source waits for the reader."""
 
     def put(self, pair: ImagePair) -> None:
-        """See `FrameQueue`; waits while the pair before has not been read."""
+        """Wait until the previous pair is read, then add a pair."""
         with self._changed:
             self._changed.wait_for(lambda: self._pair is None or self._end)
             self._store(pair)

@@ -1,6 +1,6 @@
-"""libfreenect's C interface, as far as it is used, through ctypes.
+"""The parts of libfreenect's C interface that are used, through ctypes.
 
-One library a process: once fakenect is loaded, the SONAME finds fakenect too.
+A process can use one library: once fakenect is loaded, the SONAME finds fakenect too.
 """
 
 import ctypes
@@ -30,11 +30,11 @@ PACKAGE = "libfreenect0.5"
 
 CAMERA_ONLY = 1 << 1
 LOG_SPEW = 6
-INTERRUPTED = -10  # from libusb: a signal came; nothing is wrong
+INTERRUPTED = -10  # from libusb: a signal arrived; not an error
 
 
 class DepthFormat(IntEnum):
-    """What a depth image holds."""
+    """The unit and the view of a depth image."""
 
     RAW_11_BIT = 0
     REGISTERED_MM = 4  # as seen by the color camera
@@ -42,7 +42,7 @@ class DepthFormat(IntEnum):
 
 
 class Flag(IntEnum):
-    """Switches of the color camera. Mirroring is done in software, see `Images`."""
+    """Flags of the color camera. Mirroring is done in software, see `KinectRectifier`."""
 
     AUTO_WHITE_BALANCE = 1 << 1
     AUTO_EXPOSURE = 1 << 14
@@ -78,7 +78,7 @@ DeviceAttributes._fields_ = (("next", POINTER(DeviceAttributes)), ("camera_seria
 
 
 class Registration(Structure):
-    """freenect_registration; returned by value, its tables are the caller's to free."""
+    """freenect_registration; returned by value, the caller frees its tables."""
 
     _fields_ = (
         ("registration_polynomials", c_int32 * 29),
@@ -133,10 +133,12 @@ _PROTOTYPES: dict[str, tuple[Any, list[Any]]] = {
 
 
 def load_library(path: str = SONAME) -> ctypes.CDLL:
-    """Load libfreenect, found by its SONAME or at a path.
+    """Load libfreenect by its SONAME or path.
 
-    fakenect lacks some of the functions; they are then not there either (`hasattr` tells).
-    Raises UserFacingError if the library is not installed.
+    Functions that fakenect lacks are missing in the result too (check with `hasattr`).
+
+    Raises:
+        UserFacingError: The library is not installed.
     """
     try:
         library = ctypes.CDLL(path)

@@ -1,4 +1,4 @@
-"""How the Kinect's two images become a frame's: filter, registration, lens, mirror, unit."""
+"""From the Kinect's images to a frame's: valid depth, registration, undistortion, mirroring."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,62 +18,69 @@ from drivers.rectify import SoftwareRegistration, Undistorter, make_undistorter
 Pixel = TypeVar("Pixel", np.uint8, np.uint16)
 
 WIDTH, HEIGHT = 640, 480
-MILLIMETRES_PER_METRE = 1000.0
-# A camera file corrects the Kinect's scale by per cent; beyond this it is one for another unit.
+MILLIMETERS_PER_METER = 1000.0
+# A camera file corrects the scale by a few percent; beyond this it is for another unit.
 MAX_SCALE_CORRECTION = 1.25
-# The usual values for the color camera, to which the Kinect's own registration maps.
+# Usual values of the color camera, to which libfreenect registers depth.
 DEFAULT_CALIBRATION = CameraCalibration(
-    WIDTH, HEIGHT, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, MILLIMETRES_PER_METRE
+    WIDTH, HEIGHT, 525.0, 525.0, 319.5, 239.5, NO_DISTORTION, MILLIMETERS_PER_METER
 )
 
 
 @dataclass(frozen=True)
 class HardwareRegistration:
-    """libfreenect moves depth to where the color camera sees it, lens distortion included."""
+    """Registration by libfreenect, to the color camera's distorted image."""
 
     undistorter: Undistorter
     depth_factor: float
     depth_format = DepthFormat.REGISTERED_MM
 
     def register(self, depth_mm: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        """(480, 640) uint16: what the undistorted color camera sees."""
+        """Map registered depth (480, 640) uint16 to the undistorted color image."""
         return self.undistorter.undistort_depth(depth_mm)
 
 
 class KinectSoftwareRegistration(SoftwareRegistration):
-    """Depth as its own camera sees it, moved by the `[depth]` table of the camera file."""
+    """Registration of unregistered depth by the `[depth]` table of the camera file."""
 
     depth_format = DepthFormat.MM
 
 
 class KinectRectifier:
-    """Makes what the reader gets of what the callbacks got.
+    """Converts the Kinect's images to undistorted color and registered depth.
 
-    Mirrored are the finished images: libfreenect's registration holds only for unmirrored depth.
+    The finished images are mirrored, because libfreenect's registration needs unmirrored depth.
+
+    Args:
+        camera_file: Camera file; None for the usual values.
+        is_mirrored: Whether to swap left and right.
+
+    Raises:
+        InputError: The camera file does not fit the Kinect.
     """
 
     def __init__(self, camera_file: Path | None, is_mirrored: bool) -> None:
-        """Raises InputError if the camera file does not fit the Kinect."""
-        file = DEFAULT_CALIBRATION if camera_file is None else read_calibration(camera_file)
-        _check_calibration(file, camera_file)
-        self._undistorter = make_undistorter(file.pinhole, file.distortion)
-        self._registration = _make_registration(file, self._undistorter)
+        calibration = DEFAULT_CALIBRATION if camera_file is None else read_calibration(camera_file)
+        _check_calibration(calibration, camera_file)
+        pinhole = calibration.pinhole
+        self._undistorter = make_undistorter(pinhole, calibration.distortion)
+        self._registration = _make_registration(calibration, self._undistorter)
         self._is_mirrored = is_mirrored
-        self.camera = _mirror_intrinsics(file.pinhole) if is_mirrored else file.pinhole
+        self.camera = _mirror_intrinsics(pinhole) if is_mirrored else pinhole
         self.depth_format = self._registration.depth_format
         self.depth_factor = self._registration.depth_factor
-        self.readout_s, self.depth_offset_s = file.readout_s, file.depth_offset_s
+        self.readout_s, self.depth_offset_s = calibration.readout_s, calibration.depth_offset_s
         self.intrinsics_source = "default" if camera_file is None else f"camera file {camera_file}"
 
     def rectify_color(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(480, 640, 3) uint8 BGR of the pinhole `camera`, in memory of its own."""
+        """Convert an image to (480, 640, 3) uint8 BGR of the pinhole `camera`, as a copy."""
         bgr: NDArray[np.uint8] = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)  # type: ignore[assignment]
         return self._mirror(self._undistorter.undistort_color(bgr))
 
     def rectify_depth(
         self, depth_mm: NDArray[np.uint16], depth_filter: DepthFilter
     ) -> NDArray[np.uint16]:
-        """(480, 640) uint16 of the same camera, 0 = no reading, in memory of its own."""
+        """Convert depth to (480, 640) uint16 of the same camera, 0 = no reading, as a copy."""
         return self._mirror(self._registration.register(depth_filter(depth_mm)))
 
     def _mirror(self, image: NDArray[Pixel]) -> NDArray[Pixel]:
@@ -95,16 +102,16 @@ def _mirror_intrinsics(camera: PinholeCamera) -> PinholeCamera:
 
 
 def _check_calibration(calibration: CameraCalibration, path: Path | None) -> None:
-    """Raise InputError where the file is of another camera."""
-    for what, table in (("", calibration), ("[depth] of ", calibration.depth)):
+    """Raise InputError if the file is for another camera."""
+    for prefix, table in (("", calibration), ("[depth] of ", calibration.depth)):
         if table is not None and (table.width, table.height) != (WIDTH, HEIGHT):
             raise InputError(
-                f"{path}: {what}this file is for {table.width}x{table.height}, but the Kinect's "
+                f"{path}: {prefix}this file is for {table.width}x{table.height}, but the Kinect's "
                 f"images are {WIDTH}x{HEIGHT}; give the camera file of this Kinect"
             )
-    correction = calibration.depth_factor / MILLIMETRES_PER_METRE
+    correction = calibration.depth_factor / MILLIMETERS_PER_METER
     if not 1 / MAX_SCALE_CORRECTION < correction < MAX_SCALE_CORRECTION:
         raise InputError(
-            f"{path}: depth_factor is {calibration.depth_factor:g}, but the Kinect tells millimetres; "
-            f"set depth_factor = {MILLIMETRES_PER_METRE}"
+            f"{path}: depth_factor is {calibration.depth_factor:g}, but the Kinect's depth is in "
+            f"millimeters; set depth_factor = {MILLIMETERS_PER_METER}"
         )

@@ -1,4 +1,4 @@
-"""One time that the device is open: from its callbacks to pairs of images."""
+"""A capture session: from opening the device to closing it, with pairs of images."""
 
 import ctypes
 import time
@@ -20,25 +20,24 @@ TICKS_PER_SECOND, STAMP_BITS = 60e6, 32
 
 
 class NullSession:
-    """Before the first one."""
+    """The session before the first `open`."""
 
     counters = CameraCounters()
     incomplete_images = (0, 0)
 
     def get(self, timeout_s: float) -> ImagePair:
-        """Raises MailboxClosedError."""
+        """Raise FrameQueueClosedError."""
         raise FrameQueueClosedError
 
     def stop(self) -> None:
-        """See `CaptureSession`."""
+        pass
 
     def wait_until_ended(self, timeout_s: float) -> bool:
-        """See `CaptureSession`."""
         return True
 
 
 class CaptureSession:
-    """Not open again after `stop`: libfreenect, clocks and counts begin anew with the next one."""
+    """One use of the device, which ends with `stop`. The next one has new clocks and counters."""
 
     def __init__(self, library: ctypes.CDLL, source: DeviceSource, depth: DepthFormat) -> None:
         self._log = LibfreenectLog()
@@ -51,13 +50,13 @@ class CaptureSession:
         self._loop = FreenectEventLoop(library, source, depth, self._log)
 
     def start(self) -> StartedDevice:
-        """Raises CameraError."""
+        """Open the device and start its streams. Raises CameraError."""
         started = self._loop.start(self._make_callbacks())
         self._watchdog = self._make_watchdog()
         return started
 
     def get(self, timeout_s: float) -> ImagePair:
-        """Wait for a pair. Raises NoFrameYet, EndOfStream, CameraLostError."""
+        """Wait for a pair. Raises FrameTimeout, EndOfStream, CameraLostError."""
         deadline_s = time.monotonic() + timeout_s
         while True:
             until_s = min(deadline_s, self._watchdog.due_s)
@@ -69,40 +68,39 @@ class CaptureSession:
                     raise
 
     def stop(self) -> None:
-        """Close the device. What was counted can still be asked for."""
+        """Close the device. The counters remain valid."""
         self._queue.close()
         self._loop.stop()
 
     def wait_until_ended(self, timeout_s: float) -> bool:
-        """Wait until libfreenect has let go of the device; False if it hangs."""
+        """Wait until libfreenect has released the device; return False if it hangs."""
         return self._loop.join(timeout_s)
 
     @property
     def counters(self) -> CameraCounters:
         """Totals of this session."""
-        log, mailbox = self._log, self._queue
+        log, queue = self._log, self._queue
         return CameraCounters(
-            delivered=mailbox.delivered,
-            dropped=mailbox.dropped,
+            delivered=queue.delivered,
+            dropped=queue.dropped,
             skipped=log.depth.incomplete + self._pairing.unpaired,
             lost_packets=log.color.lost_packets + log.depth.lost_packets,
         )
 
     @property
     def incomplete_images(self) -> tuple[int, int]:
-        """Torn images and all images of the last second, both streams together."""
+        """Incomplete images and all images of the last second, of both streams together."""
         now_s = time.monotonic()
-        (torn, images), (torn_depth, depths) = (
-            stream.count_recent(now_s) for stream in (self._log.color, self._log.depth)
-        )
-        return torn + torn_depth, images + depths
+        incomplete_color, colors = self._log.color.count_recent(now_s)
+        incomplete_depth, depths = self._log.depth.count_recent(now_s)
+        return incomplete_color + incomplete_depth, colors + depths
 
     def _make_watchdog(self) -> StreamWatchdog:
         streams = {"color": self._log.color, "depth": self._log.depth}
         return StreamWatchdog(streams, self._timeouts, time.monotonic())
 
     def _make_callbacks(self) -> StreamCallbacks:
-        """For the thread alone: kept here, they and their slots would be gone only much later."""
+        """Make the callbacks. Only the thread holds them, so their buffers are freed with it."""
         clock = StampUnwrapper(TICKS_PER_SECOND, STAMP_BITS)
         color, depth = BufferPool((480, 640, 3), np.uint8), BufferPool((480, 640), np.uint16)
         return StreamCallbacks(
@@ -111,7 +109,7 @@ class CaptureSession:
             self._finish,
         )
 
-    # The thread that runs libfreenect calls these.
+    # libfreenect's thread calls these.
 
     def _add_color(self, device_s: float, image: PooledImage) -> None:
         self._put_pairs(self._pairing.add_color(device_s, image))

@@ -1,4 +1,4 @@
-"""Notices that a stream never begins, or stops."""
+"""Detection of a stream that does not start, or stops."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from drivers.freenect.libfreenect_log import StreamHealth
 
 @dataclass(frozen=True)
 class StreamTimeouts:
-    """How long to wait, for each stream, in seconds: for its first image, for the next one."""
+    """Time limits for the first and for the next image of each stream."""
 
     first_image_s: float
     next_image_s: float
 
 
 class StreamWatchdog:
-    """Watches streams by name, started at `started_s` (CLOCK_MONOTONIC)."""
+    """Checks the activity of named streams that were started at `started_s` (CLOCK_MONOTONIC)."""
 
     def __init__(
         self, streams: Mapping[str, StreamHealth], timeouts: StreamTimeouts, started_s: float
@@ -25,11 +25,11 @@ class StreamWatchdog:
 
     @property
     def due_s(self) -> float:
-        """When `check` is to be asked: nothing can be amiss before."""
+        """The earliest time at which `check` can fail."""
         return min(self._due_s(stream) for stream in self._streams.values())
 
     def check(self, now_s: float) -> None:
-        """Raises CameraLostError if a stream has been silent for too long."""
+        """Raise CameraLostError if a stream has been silent for too long."""
         for name, stream in self._streams.items():
             if now_s < self._due_s(stream):
                 continue

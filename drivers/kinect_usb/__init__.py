@@ -1,1 +1,1 @@
-"""What libusb sees of a Kinect: its devices, the motor, the light and the accelerometer."""
+"""The Kinect's USB devices, motor, LED and accelerometer, through libusb."""

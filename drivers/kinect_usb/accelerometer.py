@@ -1,4 +1,4 @@
-"""Gravity over the last second, from the counts of a Kinect's accelerometer (Kionix KXSD9)."""
+"""Gravity averaged over one second, from the counts of a Kinect's accelerometer (KXSD9)."""
 
 import math
 from collections import deque
@@ -16,7 +16,7 @@ AVERAGING_WINDOW_S = 1.0
 
 
 def gravity_from_counts(x: int, y: int, z: int) -> Vector | None:
-    """Gravity in camera axes, m/s^2; None for three zeros, which are no data."""
+    """Convert counts to gravity in camera axes, m/s^2; None for three zeros (no data)."""
     if not any((x, y, z)):
         return None
     per_count = STANDARD_GRAVITY_M_S2 / COUNTS_PER_G
@@ -24,17 +24,17 @@ def gravity_from_counts(x: int, y: int, z: int) -> Vector | None:
 
 
 class GravityFilter:
-    """Gravity over the last second. One thread adds to it; any thread may ask."""
+    """The mean gravity of the last second. One thread adds readings; any thread may read it."""
 
     def __init__(self) -> None:
         self._readings: deque[tuple[float, Vector]] = deque()
         self._ignored_until_s = -math.inf
-        self._mean: tuple[float, Vector] | None = None  # replaced whole, so that no lock is needed
+        self._mean: tuple[float, Vector] | None = None  # replaced as a whole: needs no lock
 
     def add(self, gravity: Vector | None, now_s: float, is_moving: bool) -> bool:
-        """Take a reading; returns False if it cannot be gravity, and is left out.
+        """Add a reading; return False if it cannot be gravity and is ignored.
 
-        While the head moves the reading stands alone: those before it were of another pose.
+        While the head moves, earlier readings are discarded because the pose has changed.
         """
         if is_moving or now_s < self._ignored_until_s:
             self.reset()
@@ -48,15 +48,15 @@ class GravityFilter:
         return True
 
     def ignore_until(self, until_s: float) -> None:
-        """The head has been told to move."""
+        """Discard earlier readings until then, because the head starts to move."""
         self._ignored_until_s = until_s
 
     def reset(self) -> None:
-        """What was measured is of another time."""
+        """Discard all readings."""
         self._readings.clear()
         self._mean = None
 
     def mean_at(self, now_s: float) -> Vector | None:
-        """The mean of the last second's readings; None if the last one is older. Never waits."""
+        """Return the mean of the last second; None if the last reading is older. Never waits."""
         mean = self._mean
         return mean[1] if mean is not None and now_s - mean[0] <= AVERAGING_WINDOW_S else None

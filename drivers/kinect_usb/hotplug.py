@@ -1,4 +1,4 @@
-"""A hint that a sensor was plugged in, so that opening it again need not wait."""
+"""Detection of a newly plugged-in sensor, so that it is opened again without delay."""
 
 import time
 from collections.abc import Callable
@@ -8,9 +8,11 @@ from drivers.kinect_usb.usb_ids import UsbRole, find_usb_id, is_supported
 
 
 def open_udev_monitor() -> Any:
-    """A pyudev monitor of USB devices, whose permissions udev has set by then.
+    """Open a pyudev monitor of USB devices; udev has set their permissions before an event.
 
-    Raises ImportError without libudev, OSError where there is no netlink (some containers).
+    Raises:
+        ImportError: libudev is not installed.
+        OSError: There is no netlink, as in some containers.
     """
     import pyudev
 
@@ -21,9 +23,12 @@ def open_udev_monitor() -> Any:
 
 
 def wait_for_device(timeout_s: float, open_monitor: Callable[[], Any] = open_udev_monitor) -> bool:
-    """Wait until a supported sensor's camera is plugged in, at most `timeout_s`; True if one was.
+    """Wait until a supported sensor's camera is plugged in, at most `timeout_s`.
 
-    Only a hint: where udev cannot be asked it sleeps for the whole time.
+    Without udev it sleeps for the whole time.
+
+    Returns:
+        Whether one was plugged in.
     """
     deadline_s = time.monotonic() + timeout_s
     try:
@@ -32,15 +37,15 @@ def wait_for_device(timeout_s: float, open_monitor: Callable[[], Any] = open_ude
             event = monitor.poll(timeout=remaining_s)
             if event is not None and _is_new_camera(event):
                 return True
-    except (ImportError, OSError, ValueError):  # no udev here, or an event beyond understanding
+    except (ImportError, OSError, ValueError):  # no udev, or an event that cannot be parsed
         time.sleep(max(0.0, deadline_s - time.monotonic()))
     return False
 
 
 def _is_new_camera(event: Any) -> bool:
-    """True for an "add" with PRODUCT=45e/2ae/10b: vendor, product and revision in hexadecimal."""
+    """Whether a supported camera was added; PRODUCT=45e/2ae/10b is vendor/product/revision."""
     vendor, product, *_ = event.properties.get("PRODUCT", "0/0").split("/")
-    known = find_usb_id(int(vendor, 16), int(product, 16))
-    if event.action != "add" or known is None:
+    usb_id = find_usb_id(int(vendor, 16), int(product, 16))
+    if event.action != "add" or usb_id is None:
         return False
-    return known.role is UsbRole.CAMERA and is_supported(known.model)
+    return usb_id.role is UsbRole.CAMERA and is_supported(usb_id.model)

@@ -21,32 +21,31 @@ LED_VALUES = {
     Led.BLINK_GREEN: 4,
     Led.BLINK_RED_YELLOW: 6,
 }
-# Two bytes of no use, x y z in counts, twice the tilt in degrees, status of the motor.
+# Two unused bytes, x y z in counts, twice the tilt in degrees, status of the motor.
 STATE = struct.Struct(">2x3hbB")
 TILT_UNKNOWN, STATUS_MOVING = -128, 4
 
 
 class Kinect1414Motor:
-    """See `MotorDevice`."""
+    """The `MotorDevice` of a Kinect 1414."""
 
     def __init__(self, device: usb.core.Device, name: str) -> None:
         self.name = name
         self._device = device
 
     def set_led(self, led: Led) -> None:
-        """See `MotorDevice`."""
         self._send(SET_LED, LED_VALUES[led])
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """See `MotorDevice`."""
         self._send(SET_TILT, round(2 * clamp_tilt_deg(tilt_deg)) & 0xFFFF)
 
     def read(self) -> MotorUnitReading:
-        """See `MotorDevice`."""
         with translate_usb_errors(self.name):
             data = bytes(self._device.ctrl_transfer(IN, GET_STATE, 0, 0, STATE.size, TIMEOUT_MS))
         if len(data) != STATE.size:
-            raise CameraError(f"{self.name}: answers with {len(data)} bytes; plug it in again")
+            raise CameraError(
+                f"{self.name}: answers with {len(data)} bytes; unplug it and plug it in again"
+            )
         x, y, z, half_degrees, status = STATE.unpack(data)
         return MotorUnitReading(
             gravity_m_s2=gravity_from_counts(x, y, z),
@@ -55,7 +54,6 @@ class Kinect1414Motor:
         )
 
     def close(self) -> None:
-        """See `MotorDevice`."""
         usb.util.dispose_resources(self._device)
 
     def _send(self, request: int, value: int) -> None:

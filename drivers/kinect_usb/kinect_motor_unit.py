@@ -1,4 +1,4 @@
-"""A Kinect's motor, light and accelerometer beside its camera, whatever becomes of either."""
+"""A Kinect's motor, LED and accelerometer, independent of the state of its camera."""
 
 import logging
 import threading
@@ -19,16 +19,18 @@ from drivers.sensor_config import Led, SensorConfig
 
 READ_PERIOD_S, RECONNECT_PERIOD_S = 0.1, 2.0
 INITIAL_READINGS = 8
-# How long the head may take from one end to the other: until then, readings just past mislead.
+# The longest time that the head takes from end to end; readings of this time are not averaged.
 MAX_TILT_DURATION_S = 4.0
 JOIN_TIMEOUT_S = 3.0
 _log = logging.getLogger(__name__)
 
 
 def open_motor_device(serial: str) -> MotorDevice:
-    """The base of the Kinect `serial`, "" for the first one.
+    """Open the motor device of the Kinect `serial`, "" for the first one.
 
-    Raises CameraError (not there, no permission, no firmware), UserFacingError without libusb.
+    Raises:
+        CameraError: It is not connected, or there is no permission or firmware.
+        UserFacingError: libusb is not installed.
     """
     kinect = find_kinect(serial)
     if kinect.motor_device is None:
@@ -36,12 +38,12 @@ def open_motor_device(serial: str) -> MotorDevice:
             f"{kinect.name}: its motor and accelerometer are not on the USB; unplug it and plug it "
             "in again"
         )
-    make = Kinect1414Motor if kinect.motor_device.id.role is UsbRole.MOTOR else AudioMotor
-    return make(kinect.motor_device.handle, f"{kinect.model} {kinect.motor_device.id.role}")
+    motor_class = Kinect1414Motor if kinect.motor_device.id.role is UsbRole.MOTOR else AudioMotor
+    return motor_class(kinect.motor_device.handle, f"{kinect.model} {kinect.motor_device.id.role}")
 
 
 class KinectMotorUnit:
-    """See `MotorUnit`. A thread of its own reads it, and looks for it again when it has gone."""
+    """A `MotorUnit` that a thread of its own reads, and opens again after it was unplugged."""
 
     is_present = True
 
@@ -58,7 +60,7 @@ class KinectMotorUnit:
 
     @property
     def gravity_m_s2(self) -> Vector | None:
-        """See `MotorUnit`; never waits. In a mirrored picture, left and right are swapped here too."""
+        """Gravity over the last second; never waits. With mirrored images it is mirrored too."""
         gravity = self._gravity_filter.mean_at(time.monotonic())
         settings = self._settings
         if gravity is None or settings is None or not settings.mirror:
@@ -66,7 +68,6 @@ class KinectMotorUnit:
         return (-gravity[0], gravity[1], gravity[2])
 
     def open(self, serial: str) -> None:
-        """See `MotorUnit`."""
         self.close()
         self._serial, self._settings, self._fault_log = serial, None, _FaultLog()
         self._stop = threading.Event()
@@ -77,38 +78,34 @@ class KinectMotorUnit:
         self._thread.start()
 
     def apply(self, settings: SensorConfig) -> None:
-        """See `MotorUnit`."""
         self._settings = settings
         with self._lock:
             if self._device is not None:
                 self._try_action(self._device, lambda device: self._configure(device, settings))
 
     def set_led(self, led: Led) -> None:
-        """See `MotorUnit`."""
         with self._lock:
             self._store_settings(led=led)
             self._require_device().set_led(led)
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """See `MotorUnit`."""
         with self._lock:
             self._store_settings(tilt_deg=tilt_deg)
             self._tilt(self._require_device(), tilt_deg)
 
     def read(self) -> MotorUnitReading:
-        """Tilt and accelerometer now. Raises CameraError as `set_led`."""
+        """Read tilt and accelerometer now. Raises CameraError as `set_led` does."""
         with self._lock:
             return self._require_device().read()
 
     def close(self) -> None:
-        """See `MotorUnit`."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(JOIN_TIMEOUT_S)
         self._gravity_filter.reset()
 
     def _run(self, stop: threading.Event) -> None:
-        """Body of the thread; it lets go of the device itself, so that nobody waits for it."""
+        """Body of the thread; it also closes the device, so that `close` does not wait for it."""
         while not stop.wait(RECONNECT_PERIOD_S if self._device is None else READ_PERIOD_S):
             self._read_device(1)
         with self._lock:
@@ -117,7 +114,7 @@ class KinectMotorUnit:
             self._disconnect()
 
     def _read_device(self, readings: int) -> None:
-        """Read the device, found first where it was away."""
+        """Read the device, after connecting to it if needed."""
         with self._lock:
             try:
                 device = self._device or self._connect()
@@ -147,11 +144,11 @@ class KinectMotorUnit:
 
     def _require_device(self) -> MotorDevice:
         if self._device is None:
-            raise CameraError("the Kinect's motor is not there now; it is being looked for")
+            raise CameraError("the Kinect's motor is not connected now; the driver searches for it")
         return self._device
 
     def _store_settings(self, **changed: Any) -> None:
-        """For when it is back; nothing is kept from before `apply`."""
+        """Store settings for the next connection; before `apply` nothing is stored."""
         if self._settings is not None:
             self._settings = replace(self._settings, **changed)
 
@@ -165,12 +162,12 @@ class KinectMotorUnit:
         self._gravity_filter.ignore_until(until_s=time.monotonic() + MAX_TILT_DURATION_S)
 
     def _read_gravity(self, device: MotorDevice, readings: int) -> None:
-        found = [self._add_reading(device.read()) for _ in range(readings)]
-        if any(found):
-            self._fault_log.clear(f"{device.name}: gives gravity again")
+        is_gravity = [self._add_reading(device.read()) for _ in range(readings)]
+        if any(is_gravity):
+            self._fault_log.clear(f"{device.name}: measures gravity again")
         elif readings == INITIAL_READINGS:
             self._fault_log.report(
-                f"{device.name}: gives no gravity; the first view counts as level"
+                f"{device.name}: measures no gravity; the first camera pose counts as level"
             )
 
     def _add_reading(self, reading: MotorUnitReading) -> bool:
@@ -178,7 +175,7 @@ class KinectMotorUnit:
 
 
 class _FaultLog:
-    """Says the first of a run of troubles, and when they are over."""
+    """Logs the first of consecutive faults as a warning, and their end."""
 
     def __init__(self) -> None:
         self._is_reported = False

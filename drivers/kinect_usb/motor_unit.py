@@ -1,4 +1,4 @@
-"""What a camera knows of the Kinect's motor, light and accelerometer; free of any USB library."""
+"""The interface to the Kinect's motor, LED and accelerometer, independent of any USB library."""
 
 import math
 from dataclasses import dataclass
@@ -10,61 +10,62 @@ from drivers.sensor_config import Led, SensorConfig
 
 
 class MotorUnit(Protocol):
-    """The Kinect's base. Unless it says so nothing raises: trouble is said in the log, once.
+    """The Kinect's motor, LED and accelerometer.
 
-    What is set lasts until it is closed: it is done again, or at last, when the base is back.
+    Faults are logged once; only methods that say so raise. Settings persist until `close`: they are
+    applied again when the motor unit is connected again.
     """
 
-    is_present: bool  # False: this camera has none
+    is_present: bool  # False for a camera without motor unit
 
     @property
     def gravity_m_s2(self) -> Vector | None:
-        """Gravity in camera axes over the last second; None while it is not known."""
+        """Gravity in camera axes over the last second; None while it is unknown."""
         ...
 
     def open(self, serial: str) -> None:
-        """Find the base of the camera `serial` ("" for the only one) and measure gravity."""
+        """Find the motor unit of the camera `serial` ("" for the only one); measure gravity."""
         ...
 
     def apply(self, settings: SensorConfig) -> None:
-        """Switch the light and tilt the head, now and again whenever it was away."""
+        """Set the LED and the tilt, now and after each new connection."""
         ...
 
     def set_led(self, led: Led) -> None:
-        """Switch the light. Raises CameraError if that cannot be done now."""
+        """Set the LED. Raises CameraError if that is not possible now."""
         ...
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """Start tilting the head, +-31 degrees at most. Raises CameraError as `set_led`."""
+        """Start tilting the head, at most +-31 degrees. Raises CameraError as `set_led` does."""
         ...
 
     def close(self) -> None:
-        """Switch the light off and let go. Safe to call twice; `open` may follow."""
+        """Switch the LED off and close. Safe to call twice; `open` may follow."""
         ...
 
 
 class NullMotorUnit:
-    """For cameras without motor, light and accelerometer."""
+    """The motor unit of a camera without motor, LED and accelerometer."""
 
     is_present = False
     gravity_m_s2: Vector | None = None
 
     def open(self, serial: str) -> None:
-        """See `MotorUnit`."""
+        pass
 
     def apply(self, settings: SensorConfig) -> None:
-        """See `MotorUnit`."""
+        pass
 
     def set_led(self, led: Led) -> None:
-        """Raises CameraError."""
-        raise CameraError("it has no light")
+        """Raise CameraError."""
+        raise CameraError("it has no LED")
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """Raises CameraError."""
+        """Raise CameraError."""
         raise CameraError("it has no motor")
 
     def close(self) -> None:
-        """See `MotorUnit`."""
+        pass
 
 
 TIMEOUT_MS = 500
@@ -73,11 +74,12 @@ MAX_TILT_DEG = 31
 
 @dataclass(frozen=True)
 class MotorUnitReading:
-    """One reading.
+    """One reading of a motor device.
 
-    gravity_m_s2  in camera axes; None where the device gives no data
-    tilt_deg      of the head against the horizon, up is positive; None while it is not known
-    is_moving     the motor runs
+    Attributes:
+        gravity_m_s2: Gravity in camera axes; None if the device gives no data.
+        tilt_deg: Tilt of the head against the horizon, up is positive; None while it is unknown.
+        is_moving: Whether the motor runs.
     """
 
     gravity_m_s2: Vector | None
@@ -86,16 +88,16 @@ class MotorUnitReading:
 
 
 class MotorDevice(Protocol):
-    """An open device. Every method raises CameraError, CameraLostError if it is unplugged."""
+    """An open device. Every method raises CameraError, or CameraLostError if it is unplugged."""
 
     name: str
 
     def set_led(self, led: Led) -> None:
-        """Switch the light."""
+        """Set the LED."""
         ...
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """Start tilting the head; angles beyond +-31 degrees are taken as 31."""
+        """Start tilting the head; angles are limited to +-31 degrees."""
         ...
 
     def read(self) -> MotorUnitReading:
@@ -103,12 +105,12 @@ class MotorDevice(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of it. Never raises."""
+        """Close the device. Never raises."""
         ...
 
 
 def clamp_tilt_deg(tilt_deg: float) -> float:
-    """An angle that the head can take. Raises ValueError for NaN."""
+    """Limit an angle to the range of the head. Raises ValueError for NaN."""
     if math.isnan(tilt_deg):
         raise ValueError("the tilt is not a number")
     return max(-MAX_TILT_DEG, min(MAX_TILT_DEG, tilt_deg))

@@ -1,4 +1,4 @@
-"""Which sensors are plugged in: their parts on the USB, put together."""
+"""Detection of connected sensors: their USB devices, grouped by sensor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -31,10 +31,11 @@ SPEEDS_MBIT_S = {
 class UsbDevice:
     """One USB device of a sensor.
 
-    model         the first of those that share the id, unless the part belongs to a `Sensor`
-    ports         from the root hub's port outwards; () where the system does not tell
-    speed_mbit_s  that it was connected with; None where the system does not tell
-    handle        pyusb's object, not opened
+    Attributes:
+        model: The first of those that share the id, unless the part belongs to a `Sensor`.
+        ports: From the root hub's port outwards; () where the system does not tell.
+        speed_mbit_s: That it was connected with; None where the system does not tell.
+        handle: Pyusb's object, not opened.
     """
 
     id: UsbId
@@ -47,23 +48,23 @@ class UsbDevice:
 
     @property
     def location(self) -> str:
-        """For people: ``bus 1 port 2.1``."""
+        """The place for messages: ``bus 1 port 2.1``."""
         if not self.ports:
             return f"bus {self.bus} device {self.address}"
         return f"bus {self.bus} port {'.'.join(map(str, self.ports))}"
 
     @property
     def hub_path(self) -> tuple[int, ...]:
-        """Bus and ports of the hub that it hangs on: the parts of one sensor share it."""
+        """Bus and ports of its hub, which all devices of one sensor share."""
         return (self.bus, *self.ports[:-1])
 
     def read_serial(self) -> str:
-        """Ask the device for its serial number; "" if it has none or may not be opened."""
+        """Read the serial number; "" if there is none or the device may not be opened."""
         self.handle.default_timeout = TIMEOUT_MS
         try:
             serial = self.handle.serial_number
         except (usb.core.USBError, ValueError, NotImplementedError):
-            return ""  # pyusb raises ValueError where it may not ask
+            return ""  # pyusb raises ValueError without permission
         finally:
             usb.util.dispose_resources(self.handle)
         return str(serial or "").strip("\0")
@@ -71,14 +72,14 @@ class UsbDevice:
 
 @dataclass(frozen=True)
 class ConnectedSensor:
-    """A camera with whatever belongs to it."""
+    """A sensor: its camera and its other USB devices."""
 
     camera: UsbDevice
     other_devices: tuple[UsbDevice, ...] = ()
 
     @property
     def model(self) -> SensorModel:
-        """Which one it is."""
+        """The model, as its camera identifies it."""
         return self.camera.model
 
     @property
@@ -88,70 +89,74 @@ class ConnectedSensor:
 
     @property
     def name(self) -> str:
-        """For people: model and place."""
+        """Model and place, for messages."""
         return f"{self.model} ({self.camera.location})"
 
     @property
     def motor_device(self) -> UsbDevice | None:
-        """The part with motor, light and accelerometer; None for a sensor without or not seen."""
+        """The device with motor, LED and accelerometer; None if there is none."""
         role = UsbRole.MOTOR if self.model is SensorModel.K1414 else UsbRole.AUDIO
-        return next((part for part in self.other_devices if part.id.role is role), None)
+        return next((device for device in self.other_devices if device.id.role is role), None)
 
     def read_serial(self) -> str:
-        """The number that libfreenect knows it by: where the camera has none, the audio's."""
-        serial = self.camera.read_serial()
-        if serial.strip("0"):
-            return serial
-        audio = [part for part in self.other_devices if part.id.role is UsbRole.AUDIO]
-        return next((found for part in audio if (found := part.read_serial())), serial)
+        """Read the serial number that libfreenect uses: the camera's, else the audio device's."""
+        camera_serial = self.camera.read_serial()
+        if camera_serial.strip("0"):
+            return camera_serial
+        audio = [device for device in self.other_devices if device.id.role is UsbRole.AUDIO]
+        return next((serial for device in audio if (serial := device.read_serial())), camera_serial)
 
 
 def find_usb_devices() -> list[UsbDevice]:
-    """Every USB device of a sensor that is known, supported or not; none of them is opened.
+    """Find the USB devices of all known sensors, supported or not, without opening them.
 
-    Raises UserFacingError if libusb is not installed, CameraError if it cannot list the devices.
+    Raises:
+        UserFacingError: libusb is not installed.
+        CameraError: libusb cannot list the devices.
     """
     with translate_usb_errors("the USB"):
-        found = list(usb.core.find(find_all=True) or ())
-    known = [(find_usb_id(device.idVendor, device.idProduct), device) for device in found]
-    parts = [_make_usb_device(line, device) for line, device in known if line is not None]
-    return sorted(parts, key=lambda part: (part.bus, part.ports, part.address))
+        handles = list(usb.core.find(find_all=True) or ())
+    usb_ids = [(find_usb_id(handle.idVendor, handle.idProduct), handle) for handle in handles]
+    devices = [_make_usb_device(usb_id, handle) for usb_id, handle in usb_ids if usb_id is not None]
+    return sorted(devices, key=lambda device: (device.bus, device.ports, device.address))
 
 
 def find_connected_sensors() -> list[ConnectedSensor]:
-    """Every sensor plugged in, as `find_usb_devices`, in the order of their places."""
+    """Find all connected sensors in the order of their places; errors as `find_usb_devices`."""
     return group_by_sensor(find_usb_devices())
 
 
 def find_kinect(serial: str) -> ConnectedSensor:
-    """The Kinect of this serial number; the first one for "".
+    """Find the Kinect with this serial number, or the first one for "".
 
-    Serial numbers are asked for only where there is a choice.
-    Raises CameraNotFoundError if there is none, otherwise as `find_usb_devices`.
+    Serial numbers are read only if there are several Kinects.
+
+    Raises:
+        CameraNotFoundError: There is none. Other errors are those of `find_usb_devices`.
     """
     kinects = [sensor for sensor in find_connected_sensors() if is_kinect(sensor.model)]
     if serial and len(kinects) > 1:
         kinects = [kinect for kinect in kinects if kinect.read_serial() == serial]
     if not kinects:
-        wanted = f"no Kinect {serial}" if serial else "no Kinect"
-        raise CameraNotFoundError(f"{wanted} on the USB; plug it in, and its own power supply too")
+        name = f"no Kinect {serial}" if serial else "no Kinect"
+        raise CameraNotFoundError(f"{name} on the USB; plug it in, and its own power supply too")
     return kinects[0]
 
 
 def group_by_sensor(devices: Sequence[UsbDevice]) -> list[ConnectedSensor]:
-    """Put cameras together with what hangs on the same hub: a Kinect has one inside.
+    """Group each camera with the other devices on its hub: a Kinect contains a hub.
 
-    The camera says which model all of them are; the ids of the others are shared by two.
+    The camera determines the model, because two models share the ids of the other devices.
     """
-    cameras = [part for part in devices if part.id.role is UsbRole.CAMERA]
-    others = [part for part in devices if part.id.role is not UsbRole.CAMERA]
+    cameras = [device for device in devices if device.id.role is UsbRole.CAMERA]
+    others = [device for device in devices if device.id.role is not UsbRole.CAMERA]
     return [
         ConnectedSensor(
             camera,
             tuple(
-                replace(part, model=camera.model)
-                for part in others
-                if part.hub_path == camera.hub_path
+                replace(device, model=camera.model)
+                for device in others
+                if device.hub_path == camera.hub_path
             ),
         )
         for camera in cameras
@@ -159,10 +164,11 @@ def group_by_sensor(devices: Sequence[UsbDevice]) -> list[ConnectedSensor]:
 
 
 def _make_usb_device(usb_id: UsbId, device: usb.core.Device) -> UsbDevice:
-    newer = usb_id.model is SensorModel.K1414 and usb_id.role is UsbRole.CAMERA
+    is_camera = usb_id.model is SensorModel.K1414 and usb_id.role is UsbRole.CAMERA
+    is_1473 = is_camera and device.bcdDevice != REVISION_1414
     return UsbDevice(
         id=usb_id,
-        model=SensorModel.K1473 if newer and device.bcdDevice != REVISION_1414 else usb_id.model,
+        model=SensorModel.K1473 if is_1473 else usb_id.model,
         bus=int(device.bus or 0),
         address=int(device.address or 0),
         ports=tuple(device.port_numbers or ()),

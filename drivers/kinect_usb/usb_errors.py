@@ -1,4 +1,4 @@
-"""What went wrong on the USB, said for a person."""
+"""Translation of pyusb's errors into messages for users."""
 
 import errno
 from collections.abc import Iterator
@@ -11,16 +11,18 @@ from drivers.core.errors import CameraError, CameraLostError, UserFacingError
 
 @contextmanager
 def translate_usb_errors(device_name: str) -> Iterator[None]:
-    """Turn pyusb's errors into a CameraError about `what`; CameraLostError if it is unplugged.
+    """Turn pyusb's errors in the block into errors about the device.
 
-    Raises UserFacingError if libusb is not installed.
+    Raises:
+        CameraLostError: The device was unplugged.
+        CameraError: Another error of the device.
+        UserFacingError: libusb is not installed.
     """
     try:
         yield
     except usb.core.NoBackendError as error:
         raise UserFacingError(
-            "libusb-1.0.so.0 is not installed, without which no Kinect is found; "
-            "apt install libusb-1.0-0"
+            "libusb-1.0.so.0 is not installed, so no Kinect can be found; apt install libusb-1.0-0"
         ) from error
     except (usb.core.USBError, NotImplementedError) as error:
         raise _camera_error(device_name, error) from error
@@ -31,7 +33,7 @@ def _camera_error(device_name: str, error: Exception) -> CameraError:
     if number in (errno.ENODEV, errno.ENOENT):
         return CameraLostError(f"{device_name}: unplugged; plug it in again")
     if number in (errno.EACCES, errno.EPERM):
-        return CameraError(f"{device_name}: no permission; kinect-vo doctor says how to get it")
+        return CameraError(f"{device_name}: no permission; kinect-vo doctor shows how to get it")
     if number == errno.EBUSY:
         return CameraError(f"{device_name}: in use by another program; close that first")
     if isinstance(error, usb.core.USBTimeoutError):

@@ -1,15 +1,15 @@
-"""The USB ids of the sensors that this program knows, and of those that it cannot drive."""
+"""The USB ids of supported sensors, and of known sensors that are not supported."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
 MICROSOFT, PRIMESENSE = 0x045E, 0x1D27
-# libfreenect tells the two models that share an id by the revision of the camera.
+# libfreenect distinguishes the two models with the same id by the camera's revision.
 REVISION_1414 = 0x010B
 
 
 class SensorModel(StrEnum):
-    """A sensor, as it is called on its label."""
+    """A sensor model, named as on its label."""
 
     K1414 = "Kinect 1414"
     K1473 = "Kinect 1473"
@@ -23,10 +23,10 @@ class SensorModel(StrEnum):
 
 
 class UsbRole(StrEnum):
-    """Which part of a sensor a USB device is. Each part of a Kinect is a device of its own."""
+    """The function of a USB device in a sensor. A Kinect consists of several USB devices."""
 
     CAMERA = "camera"
-    COLOR = "color camera"  # only where it is a device beside the depth camera
+    COLOR = "color camera"  # only if it is a device separate from the depth camera
     MOTOR = "motor"
     AUDIO = "audio"
     HUB = "hub"
@@ -34,7 +34,7 @@ class UsbRole(StrEnum):
 
 @dataclass(frozen=True)
 class UsbId:
-    """One kind of USB device. `product` None: every product of the vendor that has no own line."""
+    """A kind of USB device; `product` None stands for all of the vendor's unlisted products."""
 
     vendor: int
     product: int | None
@@ -43,7 +43,7 @@ class UsbId:
 
     @property
     def text(self) -> str:
-        """As lsusb writes it: ``045e:02ae``; ``1d27:*`` for every product."""
+        """The id in the format of lsusb: ``045e:02ae``; ``1d27:*`` for every product."""
         product = "*" if self.product is None else f"{self.product:04x}"
         return f"{self.vendor:04x}:{product}"
 
@@ -67,7 +67,7 @@ PRIMESENSE_IDS = (
     UsbId(PRIMESENSE, None, UsbRole.CAMERA, SensorModel.PRIMESENSE),
 )
 SUPPORTED_IDS = KINECT_IDS + PRIMESENSE_IDS
-# Later sensors have other electronics: known by name, so that they are not looked for in vain.
+# Unsupported models (different hardware), listed so that messages can name them.
 UNSUPPORTED_IDS = (
     UsbId(MICROSOFT, 0x02C4, UsbRole.CAMERA, SensorModel.KINECT_V2),
     UsbId(MICROSOFT, 0x02D8, UsbRole.CAMERA, SensorModel.KINECT_V2),
@@ -81,17 +81,17 @@ UNSUPPORTED_IDS = (
 
 
 def find_usb_id(vendor: int, product: int) -> UsbId | None:
-    """The line of a device; None for a device that is no sensor known here."""
-    lines = [line for line in SUPPORTED_IDS + UNSUPPORTED_IDS if line.vendor == vendor]
-    exact = [line for line in lines if line.product == product]
-    return next(iter(exact + [line for line in lines if line.product is None]), None)
+    """Find the entry of a USB device; None for an unknown device."""
+    of_vendor = [usb_id for usb_id in SUPPORTED_IDS + UNSUPPORTED_IDS if usb_id.vendor == vendor]
+    exact = [usb_id for usb_id in of_vendor if usb_id.product == product]
+    return next(iter(exact + [usb_id for usb_id in of_vendor if usb_id.product is None]), None)
 
 
 def is_kinect(model: SensorModel) -> bool:
-    """True for the sensors that libfreenect drives."""
+    """Whether libfreenect drives the sensor."""
     return model in (SensorModel.K1414, SensorModel.K1473, SensorModel.K4W)
 
 
 def is_supported(model: SensorModel) -> bool:
-    """False for the sensors that are known by name only."""
+    """Whether the sensor is supported, not only known by name."""
     return model not in (SensorModel.KINECT_V2, SensorModel.AZURE)

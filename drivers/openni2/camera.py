@@ -18,11 +18,15 @@ from drivers.sensor_config import SensorConfig
 
 
 class OpenNI2Camera(RgbdCamera):
-    """The newest frames of a sensor, on the reader's thread (see `drivers.openni2.library`).
+    """A live sensor, read on the reader's thread (see `drivers.openni2.library`).
 
-    `wanted` is the sensor's URI or serial number, "" for the first one. The sensor is asked to
-    register depth to color and to take both at once, and the answer is checked:
-    `drivers.openni2.rectify` has the rule. Depth and color are paired by nearest stamp.
+    Registration of depth and synchronous capture are enabled if the sensor supports them; for the
+    rule of registration see `drivers.openni2.rectify`. Depth and color are paired by nearest stamp.
+
+    Args:
+        device_id: The sensor's URI or serial number; "" for the first one.
+        camera_file: Camera file; None for the sensor's own intrinsics.
+        settings: Applied whenever the sensor is opened.
     """
 
     clock = Clock.MONOTONIC
@@ -43,7 +47,7 @@ class OpenNI2Camera(RgbdCamera):
         self._status = CameraStatus(CameraState.ABSENT, "not opened yet")
 
     def open(self) -> None:
-        """Start delivering. Raises as `RgbdCamera.open`; UserFacingError without libOpenNI2."""
+        """Start delivering frames. Raises also UserFacingError if libOpenNI2 is not installed."""
         self.close()
         self._calibration_file = CalibrationFile.read(self._camera_file)
         self._status = CameraStatus(CameraState.OPENING)
@@ -62,9 +66,9 @@ class OpenNI2Camera(RgbdCamera):
         self._status = CameraStatus(CameraState.STARTING)
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        """The newest frame, as the contract says."""
+        """Wait for the newest frame, see `RgbdCamera.read`."""
         if self._stream is None or not self._is_open:
-            raise CameraLostError(f"{self.name}: is not open")
+            raise CameraLostError(f"{self.name}: is not open; open it first")
         try:
             frame = self._stream.read(timeout_s)
         except CameraLostError as error:
@@ -74,22 +78,21 @@ class OpenNI2Camera(RgbdCamera):
         return frame
 
     def close(self) -> None:
-        """Stop and release everything; what has been counted can still be asked for."""
+        """Stop and release everything. The counters remain valid."""
         self._is_open = False
         if self._stream is not None:
             self._stream.close()
 
     @property
     def counters(self) -> CameraCounters:
-        """Totals since `open`; `skipped` counts images torn or without a partner."""
+        """Totals since `open`; `skipped` counts incomplete and unpaired images."""
         return self._stream.counters if self._stream else CameraCounters()
 
     @property
     def status(self) -> CameraStatus:
-        """See `RgbdCamera`."""
         return self._status
 
     @property
     def intrinsics_source(self) -> str:
-        """See `RgbdCamera`; "" before `open`."""
+        """The origin of the intrinsics; "" before `open`."""
         return self._stream.rectifier.intrinsics_source if self._stream else ""

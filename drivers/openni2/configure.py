@@ -1,4 +1,4 @@
-"""How a sensor is set up for registered frames, and what came of it."""
+"""Configuration of a sensor's streams for registered frames."""
 
 import logging
 
@@ -17,14 +17,19 @@ _log = logging.getLogger(__name__)
 def configure_device(
     name: str, device: OpenNI2Device, calibration_file: CalibrationFile, settings: SensorConfig
 ) -> SourceProperties:
-    """Create the streams of a device and choose how they deliver; what they will deliver.
+    """Create and configure the streams of a device.
 
-    Raises InputError if the device lacks what is needed, OpenNI2Error if a call fails.
+    Returns:
+        The properties of the images that the streams will deliver.
+
+    Raises:
+        InputError: The device lacks a sensor or a video mode.
+        OpenNI2Error: A call fails.
     """
     color, depth = (_create_stream(name, device, sensor, calibration_file) for sensor in SensorType)
     is_registered = device.enable_depth_registration(not calibration_file.has_depth_camera)
     if not device.enable_depth_color_sync():
-        _log.info("%s: does not take depth and color together; they are paired by stamp", name)
+        _log.info("%s: cannot capture depth and color in sync; they are paired by stamp", name)
     for stream in (color, depth):
         _try_set_flag(stream, StreamProperty.MIRRORING, settings.mirror)
     return SourceProperties(
@@ -40,9 +45,10 @@ def configure_device(
 
 
 def start_streams(device: OpenNI2Device, settings: SensorConfig) -> None:
-    """Start the streams, then set exposure and white balance: starting them may reset these.
+    """Start the streams, then set exposure and white balance, which the start may reset.
 
-    Raises OpenNI2Error.
+    Raises:
+        OpenNI2Error: A stream does not start.
     """
     for stream in device.streams:
         stream.start()
@@ -67,7 +73,7 @@ def _create_stream(
 
 
 def _try_set_flag(stream: OpenNI2Stream, prop: StreamProperty, is_on: bool) -> None:
-    """Set what this sensor has; one that refuses still delivers."""
+    """Set a flag if the sensor has it; a failure is only logged."""
     if not stream.has_property(prop):
         return
     try:

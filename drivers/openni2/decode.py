@@ -1,4 +1,4 @@
-"""From an image in libOpenNI2's memory to an array of our own."""
+"""Conversion of images in libOpenNI2's memory to NumPy arrays."""
 
 import ctypes
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.openni2.library import OniFrame, PixelFormat, VideoMode
 
-# Depth values per metre.
+# Depth values per meter.
 DEPTH_FACTORS = {PixelFormat.DEPTH_1_MM: 1000.0, PixelFormat.DEPTH_100_UM: 10000.0}
 TO_BGR = {
     PixelFormat.RGB888: (cv2.COLOR_RGB2BGR, 3),
@@ -19,11 +19,11 @@ TO_BGR = {
 
 
 class IncompleteFrameError(Exception):
-    """A frame that is not what its stream promised."""
+    """A frame whose size differs from its stream's video mode."""
 
 
 def format_name(mode: VideoMode) -> str:
-    """The format's name, or its number."""
+    """Return the name of a pixel format, or its number."""
     return (
         PixelFormat(mode.format).name
         if mode.format in set(PixelFormat)
@@ -32,19 +32,23 @@ def format_name(mode: VideoMode) -> str:
 
 
 def decode_color(frame: OniFrame) -> NDArray[np.uint8]:
-    """(height, width, 3) uint8 BGR, a copy. Raises TornFrameError."""
+    """Copy an image as (height, width, 3) uint8 BGR. Raises IncompleteFrameError."""
     code, channels = TO_BGR[PixelFormat(frame.mode.format)]
     return cv2.cvtColor(_pixels(frame, channels), code)  # type: ignore[return-value]
 
 
 def decode_depth(frame: OniFrame) -> NDArray[np.uint16]:
-    """(height, width) uint16 in the stream's unit, a copy; 0 is none. Raises TornFrameError."""
+    """Copy depth as (height, width) uint16 in the stream's unit; 0 = no reading.
+
+    Raises:
+        IncompleteFrameError: The frame has the wrong size.
+    """
     depth: NDArray[np.uint16] = _pixels(frame, 2).view(np.uint16)[..., 0].copy()
     return depth
 
 
 def _pixels(frame: OniFrame, channels: int) -> NDArray[np.uint8]:
-    """(height, width, channels) uint8, in the library's memory."""
+    """Return a (height, width, channels) uint8 view of the library's memory."""
     height, width = frame.height, frame.width
     is_whole = (width, height) == (frame.mode.width, frame.mode.height)
     if not is_whole or frame.size != height * width * channels:

@@ -1,6 +1,6 @@
-"""A device or a recording of libOpenNI2 and its streams, opened and taken down in the right order.
+"""libOpenNI2's devices and recordings, with streams that open and close in the right order.
 
-Raises OpenNI2Error where a call fails.
+Methods raise OpenNI2Error if a call fails.
 """
 
 import ctypes
@@ -28,15 +28,15 @@ from drivers.openni2.library import (
 )
 from drivers.openni2.stream import OpenNI2Stream
 
-# A driver's thread may still be on its way through a stream that has just been stopped, and
-# destroying the stream under it crashes. Nothing tells when it is through.
+# A driver's thread may still use a stream after its stop, and destroying the stream then crashes.
+# The library does not report when the thread has finished.
 SETTLE_S = 0.2
 NO_USB_ID = (0, 0)
 
 
 @dataclass(frozen=True)
 class DetectedDevice:
-    """A device that libOpenNI2 sees."""
+    """A device that libOpenNI2 lists."""
 
     uri: str
     vendor: str
@@ -45,14 +45,14 @@ class DetectedDevice:
 
 
 def detect_devices(openni2: OpenNI2) -> list[DetectedDevice]:
-    """What is plugged in, without the recordings that have been opened: the library lists both."""
+    """List the connected devices, without the open recordings that the library lists too."""
     library = openni2.library
     devices, count = ctypes.POINTER(DeviceInfo)(), ctypes.c_int()
     status = library.oniGetDeviceList(ctypes.byref(devices), ctypes.byref(count))
     check_status(library, status, "OpenNI2 cannot list its devices")
-    found = [_make_detected_device(devices[i]) for i in range(count.value)]
+    listed = [_make_detected_device(devices[i]) for i in range(count.value)]
     library.oniReleaseDeviceList(devices)
-    return [device for device in found if device.usb_id != NO_USB_ID]
+    return [device for device in listed if device.usb_id != NO_USB_ID]
 
 
 def _make_detected_device(info: DeviceInfo) -> DetectedDevice:
@@ -61,7 +61,7 @@ def _make_detected_device(info: DeviceInfo) -> DetectedDevice:
 
 
 class OpenNI2Device:
-    """An open device or recording. Close it whatever happens."""
+    """An open device or recording. The caller must close it."""
 
     def __init__(self, openni2: OpenNI2, uri: str) -> None:
         self._openni2, self._library = openni2, openni2.library
@@ -77,11 +77,11 @@ class OpenNI2Device:
         return stream
 
     def has_sensor(self, sensor: SensorType) -> bool:
-        """Whether there is such a sensor."""
+        """Whether the device has this sensor."""
         return bool(self._library.oniDeviceGetSensorInfo(self._handle, sensor))
 
     def video_modes(self, sensor: SensorType) -> list[VideoMode]:
-        """What a sensor can deliver."""
+        """List the video modes of a sensor."""
         info = self._library.oniDeviceGetSensorInfo(self._handle, sensor).contents
         return [VideoMode.from_buffer_copy(info.modes[i]) for i in range(info.mode_count)]
 
@@ -94,31 +94,31 @@ class OpenNI2Device:
 
     @property
     def serial(self) -> str:
-        """The serial number; "" where the device does not tell."""
+        """The serial number; "" if the device does not report it."""
         text = ctypes.create_string_buffer(MAX_TEXT_BYTES)
         self._read_property(DeviceProperty.SERIAL, text)
         return text.value.decode(errors="replace")
 
     def enable_depth_registration(self, is_wanted: bool) -> bool:
-        """Ask for depth in the color camera's pixels, or in its own; what is now the case."""
+        """Switch the registration of depth to color on or off; return whether it is on."""
         supports = self._library.oniDeviceIsImageRegistrationModeSupported
-        # Some drivers take a mode that they do not have, and then give it back as set.
+        # Some drivers accept a mode that they do not support, and then report it as set.
         if not supports(self._handle, REGISTRATION_DEPTH_TO_COLOR):
             return False
-        now = ctypes.c_int(REGISTRATION_DEPTH_TO_COLOR if is_wanted else REGISTRATION_OFF)
-        self.set_property(DeviceProperty.IMAGE_REGISTRATION, now)
-        self._read_property(DeviceProperty.IMAGE_REGISTRATION, now)
-        return now.value == REGISTRATION_DEPTH_TO_COLOR
+        mode = ctypes.c_int(REGISTRATION_DEPTH_TO_COLOR if is_wanted else REGISTRATION_OFF)
+        self.set_property(DeviceProperty.IMAGE_REGISTRATION, mode)
+        self._read_property(DeviceProperty.IMAGE_REGISTRATION, mode)
+        return mode.value == REGISTRATION_DEPTH_TO_COLOR
 
     def enable_depth_color_sync(self) -> bool:
-        """Ask for depth and color to be taken together; whether they are."""
+        """Enable synchronous capture of depth and color; return whether it is on."""
         status = self._library.oniDeviceEnableDepthColorSync(self._handle)
         return status == 0 and bool(self._library.oniDeviceGetDepthColorSyncEnabled(self._handle))
 
     def wait_for_any_stream(
         self, streams: Sequence[OpenNI2Stream], timeout_s: float
     ) -> OpenNI2Stream | None:
-        """The first stream that has a frame; None after `timeout_s`."""
+        """Wait for the first stream that has a frame; None after `timeout_s`."""
         handles = (ctypes.c_void_p * len(streams))(*(stream.handle for stream in streams))
         ready = ctypes.c_int(-1)
         status = self._library.oniWaitForAnyStream(
@@ -131,19 +131,21 @@ class OpenNI2Device:
 
     @contextmanager
     def on_unplug(self, callback: Callable[[], None]) -> Iterator[None]:
-        """Within the block, `call` is called (by another thread) when this device goes away."""
+        """Within the block, call `callback` on another thread when this device is unplugged."""
         uri = self._read_info().uri
 
-        def gone(info: Any, _: Any) -> None:
+        def on_disconnect(info: Any, _: Any) -> None:
             if info.contents.uri == uri:
                 callback()
 
-        functions = DeviceCallbacks(DEVICE_CALLBACK(), DEVICE_CALLBACK(gone), STATE_CALLBACK())
+        functions = DeviceCallbacks(
+            DEVICE_CALLBACK(), DEVICE_CALLBACK(on_disconnect), STATE_CALLBACK()
+        )
         handle = ctypes.c_void_p()
         status = self._library.oniRegisterDeviceCallbacks(
             ctypes.byref(functions), None, ctypes.byref(handle)
         )
-        check_status(self._library, status, "unplugging cannot be watched")
+        check_status(self._library, status, "cannot detect unplugging")
         try:
             yield
         finally:
@@ -167,7 +169,7 @@ class OpenNI2Device:
     def _read_info(self) -> DeviceInfo:
         info = DeviceInfo()
         status = self._library.oniDeviceGetInfo(self._handle, ctypes.byref(info))
-        check_status(self._library, status, "the device says nothing of itself")
+        check_status(self._library, status, "the device's information cannot be read")
         return info
 
     def _read_property(self, prop: DeviceProperty, value: Any) -> bool:

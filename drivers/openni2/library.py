@@ -1,9 +1,8 @@
-"""libOpenNI2 through ctypes: its structures, its numbers, and how it is found.
+"""libOpenNI2 through ctypes: its structures, constants and functions.
 
-Call it from one thread only, which must live as long as the process (the main thread, say). The
-library remembers every thread that ever called it. At the first call of another one it asks the
-system whether those still live, and crashes where one has ended and its memory is gone.
-So nothing here has a thread of its own.
+Call it from one thread only, which must live as long as the process, such as the main thread. The
+library remembers every thread that ever called it. At the first call of another thread it checks
+whether those still exist, and crashes if one has ended. So this package starts no threads.
 """
 
 import ctypes
@@ -20,14 +19,14 @@ MAX_TEXT_BYTES = 256
 
 
 class SensorType(IntEnum):
-    """What a stream comes from."""
+    """The sensor of a stream."""
 
     COLOR = 2
     DEPTH = 3
 
 
 class PixelFormat(IntEnum):
-    """How a pixel is stored."""
+    """The storage format of a pixel."""
 
     DEPTH_1_MM = 100
     DEPTH_100_UM = 101
@@ -63,7 +62,7 @@ TIMED_OUT = 102
 
 
 class VideoMode(ctypes.Structure):
-    """Format, size in pixels and images a second."""
+    """Format, size in pixels and images per second."""
 
     _fields_ = (
         ("format", ctypes.c_int),
@@ -74,7 +73,7 @@ class VideoMode(ctypes.Structure):
 
 
 class SensorInfo(ctypes.Structure):
-    """What a sensor can deliver."""
+    """The video modes of a sensor."""
 
     _fields_ = (
         ("sensor", ctypes.c_int),
@@ -84,7 +83,7 @@ class SensorInfo(ctypes.Structure):
 
 
 class DeviceInfo(ctypes.Structure):
-    """A device that is there, or that has been opened."""
+    """A connected device or an open recording."""
 
     _fields_ = (
         ("uri", ctypes.c_char * MAX_TEXT_BYTES),
@@ -96,7 +95,7 @@ class DeviceInfo(ctypes.Structure):
 
 
 class OniFrame(ctypes.Structure):
-    """One image, in the library's memory until it is released; `stamp_us` is its own clock."""
+    """An image in the library's memory, until it is released; `stamp_us` is the device's clock."""
 
     _fields_ = (
         ("size", ctypes.c_int),
@@ -115,7 +114,7 @@ class OniFrame(ctypes.Structure):
 
 
 class Cropping(ctypes.Structure):
-    """The part of the image that is delivered."""
+    """The delivered part of the image."""
 
     _fields_ = (
         ("is_on", ctypes.c_int),
@@ -131,7 +130,7 @@ STATE_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.POINTER(DeviceInfo), ctypes.c_int
 
 
 class DeviceCallbacks(ctypes.Structure):
-    """Called from the library's threads; a function left out is null."""
+    """Callbacks on the library's threads; null for none."""
 
     _fields_ = (
         ("connected", DEVICE_CALLBACK),
@@ -157,35 +156,38 @@ def load_library() -> ctypes.CDLL:
 
 
 class OpenNI2:
-    """libOpenNI2, started: its drivers look for sensors until nobody holds this object any more.
+    """The initialized libOpenNI2. Its drivers detect sensors until the object is deleted.
 
-    Hold on to it between two times that a camera is opened: starting leaks 140 kB each time.
+    Keep it while a camera is closed and opened again: each start leaks 140 kB.
+
+    Raises:
+        UserFacingError: libOpenNI2 is not installed.
+        OpenNI2Error: libOpenNI2 does not start.
     """
 
     def __init__(self) -> None:
-        """Raises UserFacingError if it is not installed, OpenNI2Error if it does not start."""
         self.library = load_library()
         check_status(self.library, self.library.oniInitialize(API_VERSION), "OpenNI2 cannot start")
         weakref.finalize(self, self.library.oniShutdown)
 
 
 def check_status(library: ctypes.CDLL, status: int, what: str) -> None:
-    """Raise OpenNI2Error unless `status` is that of success."""
+    """Raise OpenNI2Error unless `status` means success."""
     if status == 0:
         return
-    said = library.oniGetExtendedError().decode(errors="replace")
-    raise OpenNI2Error("; ".join([what, *filter(None, map(str.strip, said.splitlines()))]))
+    details = library.oniGetExtendedError().decode(errors="replace")
+    raise OpenNI2Error("; ".join([what, *filter(None, map(str.strip, details.splitlines()))]))
 
 
 def read_property(get: Any, handle: ctypes.c_void_p, prop: int, value: Any) -> bool:
-    """Fill `value` through a library's `get`; False if the property is not there."""
+    """Read a property into `value` with a function of the library; False if it does not exist."""
     size = ctypes.c_int(ctypes.sizeof(value))
     status: int = get(handle, prop, ctypes.byref(value), ctypes.byref(size))
     return status == 0
 
 
 def _declare_functions(library: ctypes.CDLL) -> None:
-    """Say what the calls take and give; a handle is a pointer that must not be cut to an int."""
+    """Declare argument and result types; without them a handle would be truncated to an int."""
     handle, number = ctypes.c_void_p, ctypes.c_int
     pointer, size = ctypes.c_void_p, ctypes.POINTER(ctypes.c_int)
     declare = partial(_declare_function, library)

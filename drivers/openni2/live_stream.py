@@ -1,4 +1,4 @@
-"""A sensor that is open: its newest frames, and whether it is still there."""
+"""An open sensor: its newest frames, and the detection of its loss."""
 
 import logging
 import threading
@@ -20,18 +20,18 @@ from drivers.openni2.stream import OpenNI2Stream
 from drivers.sensor_config import SensorConfig
 from drivers.time_sync import HostClockSync, NearestFramePairing, StampedPair
 
-# Which instant the stamps mark is written nowhere. They are taken for that of the middle row, and
-# an image to need as long from there to the host as a Kinect's.
+# The meaning of the stamps is undocumented. They are assumed to be the time of the middle row, and
+# the time from there to the host is assumed to be a Kinect's.
 ASSUMED_READOUT_S = 0.020
 FIRST_IMAGE_TIMEOUT_S, NEXT_IMAGE_TIMEOUT_S = 2.0, 1.0
-# How long the library may wait before the time-outs are looked at.
+# The longest wait in the library between two checks of the timeouts.
 POLL_S = 0.1
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class ReceivedColorImage:
-    """A color image: its number at the sensor, and CLOCK_MONOTONIC when it was fetched."""
+    """A color image, its number at the sensor, and CLOCK_MONOTONIC when it was received."""
 
     index: int
     receive_time_s: float
@@ -42,7 +42,12 @@ ReceivedPairs = list[StampedPair[ReceivedColorImage, NDArray[np.uint16]]]
 
 
 class LiveStream:
-    """Made when a sensor is opened, gone when it is closed."""
+    """One use of a sensor, from opening to closing it.
+
+    Raises:
+        CameraError: The sensor cannot be opened.
+        InputError: The sensor does not fit the camera file, or cannot deliver registered frames.
+    """
 
     def __init__(
         self,
@@ -52,7 +57,7 @@ class LiveStream:
         calibration_file: CalibrationFile,
         settings: SensorConfig,
     ) -> None:
-        """Raises CameraError if the sensor cannot be opened, InputError if it cannot be used."""
+
         self._name = name
         self._unplugged = threading.Event()
         with ExitStack() as undo:
@@ -64,7 +69,7 @@ class LiveStream:
                 self.rectifier = make_rectifier(source, calibration_file)
                 start_streams(self._device, settings)
             except OpenNI2Error as error:
-                raise CameraError(f"{name}: {error}; plug it out and in again") from error
+                raise CameraError(f"{name}: {error}; unplug it and plug it in again") from error
             self._streams = self._device.streams
             self._exit_stack = undo.pop_all()
         self._watchdogs = {stream.sensor: _SilenceTimer() for stream in self._streams}
@@ -74,7 +79,7 @@ class LiveStream:
         self._delivered = self._dropped = self._incomplete = 0
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        """The newest frame. Raises NoFrameYet, CameraLostError."""
+        """Wait for the newest frame. Raises FrameTimeout, CameraLostError."""
         deadline_s = time.monotonic() + timeout_s
         while True:
             if pairs := self._poll(deadline_s - time.monotonic()):
@@ -84,7 +89,7 @@ class LiveStream:
 
     @property
     def counters(self) -> CameraCounters:
-        """Totals since it was opened; `skipped` counts images torn or without a partner."""
+        """Totals since the start; `skipped` counts incomplete and unpaired images."""
         return CameraCounters(
             self._delivered, self._dropped, self._incomplete + self._pairing.unpaired
         )
@@ -94,15 +99,15 @@ class LiveStream:
         self._exit_stack.close()
 
     def _poll(self, timeout_s: float) -> ReceivedPairs:
-        """Wait for an image of either stream, at most a tick; the pairs that it decides."""
+        """Wait at most `POLL_S` for an image of either stream; return the pairs it completes."""
         begin_s = time.monotonic()
         try:
             stream = self._device.wait_for_any_stream(
                 self._streams, max(0.0, min(timeout_s, POLL_S))
             )
             waited_s = time.monotonic() - begin_s
-            for sensor, silence in self._watchdogs.items():
-                silence.add(waited_s, has_received=stream is not None and stream.sensor is sensor)
+            for sensor, watchdog in self._watchdogs.items():
+                watchdog.add(waited_s, has_received=stream is not None and stream.sensor is sensor)
             self._check_connection()
             return [] if stream is None else self._read_stream(stream)
         except OpenNI2Error as error:
@@ -121,19 +126,19 @@ class LiveStream:
                 return []
 
     def _check_connection(self) -> None:
-        """Raise CameraLostError if the sensor has gone or a stream is silent for too long."""
+        """Raise CameraLostError if the sensor was unplugged or a stream is silent for too long."""
         if self._unplugged.is_set():
             raise CameraLostError(f"{self._name}: unplugged")
-        for sensor, silence in self._watchdogs.items():
-            if silence.has_timed_out:
-                what = (
+        for sensor, watchdog in self._watchdogs.items():
+            if watchdog.has_timed_out:
+                fault = (
                     f"stopped for {NEXT_IMAGE_TIMEOUT_S:g} s"
-                    if silence.has_received
-                    else "did not begin"
+                    if watchdog.has_received
+                    else "did not start"
                 )
                 raise CameraLostError(
-                    f"{self._name}: its {sensor.name.lower()} stream {what}; if it stays so, plug "
-                    "it into a USB port of its own"
+                    f"{self._name}: its {sensor.name.lower()} stream {fault}; if this persists, "
+                    "plug the sensor into a USB port on a controller of its own"
                 )
 
     def _make_frame(self, pair: StampedPair[ReceivedColorImage, NDArray[np.uint16]]) -> RgbdFrame:
@@ -159,7 +164,7 @@ class LiveStream:
 
 @dataclass
 class _SilenceTimer:
-    """How long a stream has been waited for; time in which nobody waited does not count."""
+    """The time spent waiting for a stream; time without a waiting reader does not count."""
 
     waited_s: float = 0.0
     has_received: bool = False

@@ -13,11 +13,11 @@ from drivers.sensor_config import SensorConfig
 class OniCamera(RgbdCamera):
     """Plays a recording through libOpenNI2, on the reader's thread (see `drivers.openni2.library`).
 
-    Stamps are the recording's own (microseconds since it began, as a rule). Color and depth are
-    paired by nearest stamp over the whole file, so both paces deliver the same frames.
-    `drivers.openni2.rectify` has the rule by which depth counts as registered. A recording that
-    was taken mirrored is turned back (`settings.mirror` asks for it mirrored); the other settings
-    have no meaning for it. A pair that cannot be read is skipped, counted and reported in the log.
+    Stamps are the recording's own (usually microseconds since its start). Color and depth are
+    paired by nearest stamp over the whole file, so both playback modes deliver the same frames.
+    For the rule of registration see `drivers.openni2.rectify`. Of the settings only `mirror` is
+    used; a mirrored recording is mirrored back unless it is set. A pair that cannot be read is
+    skipped, counted and logged.
     """
 
     clock = Clock.RECORDED
@@ -37,23 +37,23 @@ class OniCamera(RgbdCamera):
         self._is_open = False
 
     def open(self) -> None:
-        """Check the file and start to play. Raises InputError for a file without use."""
+        """Check the file and start playback. Raises InputError if the file cannot be used."""
         self.close()
-        choice = CalibrationFile.read(self._camera_file)
+        calibration_file = CalibrationFile.read(self._camera_file)
         self._openni2 = self._openni2 or OpenNI2()
         self._playback = OniPlayback(
-            self._openni2, self._path, choice, self._playback_mode, self._mirror
+            self._openni2, self._path, calibration_file, self._playback_mode, self._mirror
         )
         self._is_open = True
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        """The next frame at this pace, as the contract says."""
+        """Wait for the next frame, see `RgbdCamera.read`."""
         if self._playback is None or not self._is_open:
-            raise CameraError(f"{self.name}: the recording is not open")
+            raise CameraError(f"{self.name}: the recording is not open; open it first")
         return self._playback.read(timeout_s)
 
     def close(self) -> None:
-        """Stop playing; what has been counted can still be asked for."""
+        """Stop playback. The counters remain valid."""
         self._is_open = False
         if self._playback is not None:
             self._playback.close()
@@ -65,15 +65,15 @@ class OniCamera(RgbdCamera):
 
     @property
     def intrinsics_source(self) -> str:
-        """See `RgbdCamera`; "" before `open`."""
+        """The origin of the intrinsics; "" before `open`."""
         return self._playback.rectifier.intrinsics_source if self._playback else ""
 
     @property
     def frame_count(self) -> int | None:
-        """Pairs of color and depth; None before `open`."""
+        """The number of pairs of color and depth; None before `open`."""
         return len(self._playback.index.pairs) if self._playback else None
 
     @property
     def unpaired(self) -> int | None:
-        """Images without a partner within 20 ms; None before `open`."""
+        """The number of images without a partner within 20 ms; None before `open`."""
         return self._playback.index.unpaired if self._playback else None

@@ -1,8 +1,8 @@
-"""What lies in an .oni recording, in order: read from its record headers, not its images.
+"""The index of an .oni recording, read from its record headers.
 
-libOpenNI2 plays such a file but does not say what comes next, when it is through, or why it gives
-up in the middle. All of that is known from here before the first image is played. The layout is
-that of the library's own file driver (Source/Drivers/OniFile/DataRecords.h).
+libOpenNI2 plays such a file but does not report which image is next, when the file ends, or why it
+stops early. The index gives this before the first image is played. The layout is that of the
+library's file driver (Source/Drivers/OniFile/DataRecords.h).
 """
 
 import os
@@ -25,16 +25,16 @@ FILE_MAGIC, RECORD_MAGIC = b"NI10", 0x0052494E
 FILE_VERSION = (1, 0, 1, 0)
 IMAGE_RECORD, END_RECORD, NODE_ADDED_RECORD = 0x0A, 0x0B, 0x0D
 SENSOR_TYPES = {2: SensorType.DEPTH, 3: SensorType.COLOR}
-# Partners farther apart in the file than this would have to be kept in memory for too long.
+# Images farther apart in the file are not paired: one would stay in memory too long.
 MAX_PAIR_DISTANCE_IMAGES = 60
-# The library's own buffers: more than this it does not read.
+# Sizes of the library's own buffers.
 MAX_IMAGE_BYTES = 1600 * 1200 * 3
 MAX_FIELDS_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
 class IndexedImage:
-    """One image: its sensor, and its stamp in microseconds on the recording's clock."""
+    """One image of the recording: its sensor and its stamp on the recording's clock."""
 
     sensor: SensorType
     stamp_us: int
@@ -45,10 +45,12 @@ class IndexedImage:
 
 @dataclass(frozen=True)
 class OniIndex:
-    """A whole recording.
+    """The images of a recording and their pairs.
 
-    images  all depth and color images, in the order in which they are played
-    pairs   positions in `images` of color and depth that belong together, in order of time
+    Attributes:
+        images: All depth and color images, in playback order.
+        pairs: Positions in `images` of the color and the depth image of each pair, in order of
+            time.
     """
 
     images: list[IndexedImage]
@@ -56,21 +58,21 @@ class OniIndex:
 
     @property
     def unpaired(self) -> int:
-        """Images without a partner within 20 ms."""
+        """The number of images without a partner within 20 ms."""
         return len(self.images) - 2 * len(self.pairs)
 
     def stamp_s(self, position: int) -> float:
-        """Stamp of one image in seconds."""
+        """Return the stamp of one image in seconds."""
         return self.images[position].stamp_us / 1e6
 
     def skew_s(self, pair: tuple[int, int]) -> float:
-        """Instant of depth minus instant of color."""
+        """Return the stamp of depth minus the stamp of color."""
         color, depth = pair
         return (self.images[depth].stamp_us - self.images[color].stamp_us) / 1e6
 
 
 def read_oni_index(path: Path) -> OniIndex:
-    """Read the index of a recording. Raises InputError if it cannot be played to its end."""
+    """Read the index of a recording. Raises InputError if the file cannot be played to its end."""
     if path.is_dir():
         raise InputError(f"{path}: is a folder; give an .oni file")
     try:
@@ -86,8 +88,8 @@ def read_oni_index(path: Path) -> OniIndex:
     pairs = _pair_images(images)
     if not pairs:
         raise InputError(
-            f"{path}: no color image within {MAX_PAIR_SKEW_US / 1e3:.0f} ms of a depth image; record "
-            "both streams at once"
+            f"{path}: no color image within {MAX_PAIR_SKEW_US / 1e3:.0f} ms of a depth image; "
+            "record both streams at once"
         )
     return OniIndex(images, pairs)
 
@@ -101,12 +103,12 @@ class _Record:
 
 
 def _read_images(file: BinaryIO, path: Path) -> Iterator[IndexedImage]:
-    """The images of the first depth and the first color node: those that the library plays."""
+    """Yield the images of the first depth and the first color node, which the library plays."""
     nodes: dict[int, tuple[SensorType, int]] = {}
     for record in _read_records(file, path):
         if record.kind == NODE_ADDED_RECORD:
             sensor, count = _parse_node(record.fields, path)
-            if sensor and sensor not in (known for known, _ in nodes.values()):
+            if sensor and sensor not in (node_sensor for node_sensor, _ in nodes.values()):
                 nodes[record.node] = (sensor, count)
         elif record.kind == IMAGE_RECORD and record.node in nodes:
             sensor, count = nodes[record.node]
@@ -117,26 +119,26 @@ def _read_images(file: BinaryIO, path: Path) -> Iterator[IndexedImage]:
 
 
 def _read_records(file: BinaryIO, path: Path) -> Iterator[_Record]:
-    """All records up to the one that ends the file."""
+    """Yield all records before the end record."""
     size = os.fstat(file.fileno()).st_size
     _check_header(file.read(FILE_HEADER.size), path)
     while True:
-        at = file.tell()
-        head = file.read(RECORD_HEADER.size)
-        if not head:
+        offset = file.tell()
+        header = file.read(RECORD_HEADER.size)
+        if not header:
             raise _unfinished_error(path)
-        if len(head) < RECORD_HEADER.size:
-            raise _truncated_error(path, at)
-        magic, kind, node, fields_size, payload_size, _ = RECORD_HEADER.unpack(head)
+        if len(header) < RECORD_HEADER.size:
+            raise _truncated_error(path, offset)
+        magic, kind, node, fields_size, payload_size, _ = RECORD_HEADER.unpack(header)
         fields_size -= RECORD_HEADER.size
         if magic != RECORD_MAGIC or not 0 <= fields_size <= MAX_FIELDS_BYTES:
-            raise InputError(f"{path}: damaged at byte {at}; copy or record it again")
-        if at + RECORD_HEADER.size + fields_size + payload_size > size:
-            raise _truncated_error(path, at)
+            raise InputError(f"{path}: damaged at byte {offset}; copy or record it again")
+        if offset + RECORD_HEADER.size + fields_size + payload_size > size:
+            raise _truncated_error(path, offset)
         if kind == IMAGE_RECORD and (
             payload_size > MAX_IMAGE_BYTES or fields_size < IMAGE_FIELDS.size
         ):
-            raise InputError(f"{path}: damaged image at byte {at}; copy or record it again")
+            raise InputError(f"{path}: damaged image at byte {offset}; copy or record it again")
         if kind == END_RECORD:
             return
         yield _Record(kind, node, file.read(fields_size), payload_size)
@@ -149,13 +151,13 @@ def _check_header(header: bytes, path: Path) -> None:
     version = FILE_HEADER.unpack(header)[1:5]
     if version != FILE_VERSION:
         raise InputError(
-            f"{path}: its format is version {'.'.join(map(str, version))}, only "
-            f"{'.'.join(map(str, FILE_VERSION))} is read; record it with OpenNI2"
+            f"{path}: its format has version {'.'.join(map(str, version))}, only "
+            f"{'.'.join(map(str, FILE_VERSION))} is supported; record it with OpenNI2"
         )
 
 
 def _parse_node(fields: bytes, path: Path) -> tuple[SensorType | None, int]:
-    """The sensor of a node, and how many images it has."""
+    """Parse the sensor of a node and its number of images."""
     try:
         (name_size,) = struct.unpack_from("<I", fields)
         kind, _, count = struct.unpack_from("<I4sI", fields, 4 + name_size)
@@ -168,12 +170,12 @@ def _pair_images(images: list[IndexedImage]) -> list[tuple[int, int]]:
     colors, depths = (_increasing_positions(images, sensor) for sensor in SensorType)
     stamps_us = np.array([image.stamp_us for image in images], dtype=np.int64)
     pairs = pair_nearest(stamps_us[colors], stamps_us[depths], MAX_PAIR_SKEW_US)
-    found = ((colors[i], depths[j]) for i, j in pairs)
-    return [(i, j) for i, j in found if abs(i - j) <= MAX_PAIR_DISTANCE_IMAGES]
+    positions = ((colors[i], depths[j]) for i, j in pairs)
+    return [(i, j) for i, j in positions if abs(i - j) <= MAX_PAIR_DISTANCE_IMAGES]
 
 
 def _increasing_positions(images: list[IndexedImage], sensor: SensorType) -> list[int]:
-    """Positions of a sensor's images, without those whose stamp repeats or goes back."""
+    """Return the positions of a sensor's images whose stamps rise."""
     positions, last_us = [], -1
     for position, image in enumerate(images):
         if image.sensor is sensor and image.stamp_us > last_us:
@@ -184,10 +186,10 @@ def _increasing_positions(images: list[IndexedImage], sensor: SensorType) -> lis
 
 def _unfinished_error(path: Path) -> InputError:
     return InputError(
-        f"{path}: was never finished (the recorder was killed or the disk was full), and "
-        "libOpenNI2 cannot play it; record it again"
+        f"{path}: is unfinished (the recorder was killed or the disk was full), and libOpenNI2 "
+        "cannot play it; record it again"
     )
 
 
-def _truncated_error(path: Path, at: int) -> InputError:
-    return InputError(f"{path}: is cut short at byte {at}; copy it again")
+def _truncated_error(path: Path, offset: int) -> InputError:
+    return InputError(f"{path}: is truncated at byte {offset}; copy it again")

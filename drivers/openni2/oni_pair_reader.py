@@ -1,4 +1,4 @@
-"""Color and depth that belong together, out of a file in which they lie apart."""
+"""Reading of color and depth pairs that are not adjacent in the file."""
 
 import time
 
@@ -12,11 +12,11 @@ from drivers.openni2.oni_player import OniPlayer
 
 
 class OniPairReader:
-    """Goes through a recording once, and keeps an image until its partner is there."""
+    """Reads a recording once from start to end, and keeps an image until its partner is read."""
 
     def __init__(self, player: OniPlayer, index: OniIndex) -> None:
         self._player, self._index = player, index
-        self._seq_of_image = {at: seq for seq, pair in enumerate(index.pairs) for at in pair}
+        self._seq_of_image = {i: seq for seq, pair in enumerate(index.pairs) for i in pair}
         self._position = 0
         self._colors: dict[int, NDArray[np.uint8]] = {}
         self._depths: dict[int, NDArray[np.uint16]] = {}
@@ -25,11 +25,15 @@ class OniPairReader:
     def read_pair(
         self, seq: int, deadline_s: float
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-        """Color (height, width, 3) BGR and depth (height, width) of pair `seq`.
+        """Read pair `seq`; earlier pairs are discarded.
 
-        Pairs before it can no longer be had. Raises NoFrameYet at `deadline_s` (CLOCK_MONOTONIC),
-        TornFrameError if one of the two images is not whole, CameraError if the library does not
-        play the file as it should.
+        Returns:
+            Color (height, width, 3) BGR uint8 and depth (height, width) uint16.
+
+        Raises:
+            FrameTimeout: The pair is not read by `deadline_s` (CLOCK_MONOTONIC).
+            IncompleteFrameError: One of the two images is incomplete.
+            CameraError: The library does not play the file in order.
         """
         last = max(self._index.pairs[seq])
         while self._position <= last:
@@ -40,7 +44,7 @@ class OniPairReader:
         return self._colors[seq], self._depths[seq]
 
     def _read_image(self, min_seq: int, deadline_s: float) -> None:
-        """Play the next image; keep it if pair `wanted` or a later one needs it."""
+        """Play the next image; keep it if it belongs to pair `min_seq` or a later one."""
         seq = self._seq_of_image.get(self._position, -1)
         expected = self._index.images[self._position]
         self._player.wait_for_image(expected, deadline_s - time.monotonic())
@@ -57,6 +61,6 @@ class OniPairReader:
             self._player.stop()
 
     def _discard_before(self, min_seq: int) -> None:
-        for kept in (self._colors, self._depths, self._incomplete):
-            for seq in [seq for seq in kept if seq < min_seq]:
-                del kept[seq]
+        for by_seq in (self._colors, self._depths, self._incomplete):
+            for seq in [seq for seq in by_seq if seq < min_seq]:
+                del by_seq[seq]

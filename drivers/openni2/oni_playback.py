@@ -1,4 +1,4 @@
-"""A recording that is open: its frames, one after another."""
+"""Playback of an open .oni recording, frame by frame."""
 
 import logging
 import time
@@ -19,7 +19,11 @@ _log = logging.getLogger(__name__)
 
 
 class OniPlayback:
-    """Made when a recording is opened, gone when it is closed."""
+    """One playback of a recording, from opening to closing it.
+
+    Raises:
+        InputError: The file cannot be used, or does not fit the camera file.
+    """
 
     def __init__(
         self,
@@ -29,7 +33,7 @@ class OniPlayback:
         playback_mode: PlaybackMode,
         mirror: bool,
     ) -> None:
-        """Raises InputError for a file without use, or one that does not fit the camera file."""
+
         self.index = read_oni_index(path)
         with ExitStack() as undo:
             player = OniPlayer(openni2, path)
@@ -45,7 +49,7 @@ class OniPlayback:
         self.counters = CameraCounters()
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        """The next frame. Raises NoFrameYet, EndOfStream, CameraError as the contract says."""
+        """Wait for the next frame. Raises FrameTimeout, EndOfStream, CameraError."""
         deadline_s = time.monotonic() + timeout_s
         while self._next_seq < len(self.index.pairs):
             seq = self._scheduler.wait_until_due(self._next_seq, deadline_s - time.monotonic())
@@ -57,7 +61,7 @@ class OniPlayback:
             else:
                 self._advance(seq, delivered=1)
                 return frame
-        # At the end of the file the library's thread would spin on one core.
+        # At the end of the file the library's thread would keep one core busy.
         self._player.stop()
         raise EndOfStream
 
@@ -81,11 +85,11 @@ class OniPlayback:
         )
 
     def _advance(self, seq: int, delivered: int = 0, skipped: int = 0) -> None:
-        now = self.counters
+        counters = self.counters
         self.counters = replace(
-            now,
-            delivered=now.delivered + delivered,
-            dropped=now.dropped + seq - self._next_seq,
-            skipped=now.skipped + skipped,
+            counters,
+            delivered=counters.delivered + delivered,
+            dropped=counters.dropped + seq - self._next_seq,
+            skipped=counters.skipped + skipped,
         )
         self._next_seq = seq + 1

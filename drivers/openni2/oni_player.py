@@ -1,4 +1,4 @@
-"""A recording being played by libOpenNI2, image by image, none left out."""
+"""Playback of every image of a recording by libOpenNI2."""
 
 import ctypes
 import time
@@ -22,26 +22,25 @@ from drivers.openni2.oni_index import IndexedImage
 from drivers.openni2.rectify import DepthRegistration, SourceProperties
 from drivers.openni2.stream import OpenNI2Stream
 
-# The next image is played only once it is asked for. (0 would be "as fast as it goes", and drops.)
+# The next image is played only when it is read. (0 would be as fast as possible, and drops.)
 SPEED_ON_DEMAND = -1.0
-# It comes at once, unless the library has given up on the file.
+# An image arrives at once, unless the library has stopped playing the file.
 IMAGE_TIMEOUT_S = 2.0
 
 
 class OniPlayer:
-    """Plays a file whose index has been read."""
+    """Plays a file whose index has been read. Raises InputError if libOpenNI2 rejects the file."""
 
     def __init__(self, openni2: OpenNI2, path: Path) -> None:
-        """Raises InputError if libOpenNI2 does not take the file."""
         self._path = path
         with ExitStack() as undo:
-            # A path of its own: the library shares one player among all who open the same path, and
-            # has no room for long ones.
+            # A short and unique path: the library shares one player per path, and has no room for
+            # long paths.
             uri = f"/proc/self/fd/{undo.enter_context(path.open('rb')).fileno()}"
             try:
                 self._device = OpenNI2Device(openni2, uri)
                 undo.callback(self._device.close)
-                # Seeking hangs, and a file that begins again would need it: never repeat.
+                # Repeating needs seeking, which hangs.
                 self._device.set_property(DeviceProperty.PLAYBACK_REPEAT, ctypes.c_int(0))
                 self._device.set_property(
                     DeviceProperty.PLAYBACK_SPEED, ctypes.c_float(SPEED_ON_DEMAND)
@@ -50,14 +49,14 @@ class OniPlayer:
                     sensor: self._device.create_stream(sensor) for sensor in SensorType
                 }
             except OpenNI2Error as error:
-                raise InputError(f"{path}: libOpenNI2 does not take it: {error}") from error
+                raise InputError(f"{path}: libOpenNI2 cannot play it: {error}") from error
             for stream in self._streams.values():
                 _check_stream(stream, path)
             self._exit_stack = undo.pop_all()
         self._waited_s = 0.0
 
     def read_properties(self, mirror: bool) -> SourceProperties:
-        """What the recording says of its images; `mirror` is how they are wanted."""
+        """Read the properties of the images; `mirror` says whether frames shall be mirrored."""
         color, depth = self._streams[SensorType.COLOR], self._streams[SensorType.DEPTH]
         return SourceProperties(
             name=f"openni2:{self._path}",
@@ -71,14 +70,16 @@ class OniPlayer:
         )
 
     def start(self) -> None:
-        """Begin: then call `image` for every image of the index, in its order."""
+        """Start playback. Then wait for and read every image of the index, in its order."""
         for stream in self._streams.values():
             stream.start()
 
     def wait_for_image(self, expected: IndexedImage, timeout_s: float) -> None:
         """Wait for the next image of the file.
 
-        Raises NoFrameYet after `timeout_s`, CameraError if it cannot be expected any more.
+        Raises:
+            FrameTimeout: It did not arrive within `timeout_s`.
+            CameraError: The library has stopped playing the file.
         """
         begin_s = time.monotonic()
         stream = self._streams[expected.sensor]
@@ -92,9 +93,10 @@ class OniPlayer:
 
     @contextmanager
     def read_image(self, expected: IndexedImage) -> Iterator[OniFrame]:
-        """The image that was waited for, valid within the block.
+        """Read the image after `wait_for_image`; it is valid within the block.
 
-        Raises CameraError if it is another one.
+        Raises:
+            CameraError: The library played another image.
         """
         with self._streams[expected.sensor].read_frame() as frame:
             if frame.stamp_us != expected.stamp_us:
@@ -105,7 +107,7 @@ class OniPlayer:
             yield frame
 
     def stop(self) -> None:
-        """Call it when the last image is there: the library would spin at the end of the file."""
+        """Stop after the last image; otherwise the library keeps a core busy at the file's end."""
         self._device.stop()
 
     def close(self) -> None:
@@ -114,14 +116,14 @@ class OniPlayer:
 
 
 def _check_stream(stream: OpenNI2Stream, path: Path) -> None:
-    """Raise InputError for a stream that cannot be used."""
+    """Raise InputError for a stream that is not supported."""
     try:
         mode, name = stream.video_mode, stream.sensor.name.lower()
     except OpenNI2Error as error:
         raise InputError(f"{path}: {error}; record it again") from error
-    known = DEPTH_FACTORS if stream.sensor is SensorType.DEPTH else TO_BGR
-    if mode.format not in known:
-        names = ", ".join(known_format.name for known_format in known)
+    formats = DEPTH_FACTORS if stream.sensor is SensorType.DEPTH else TO_BGR
+    if mode.format not in formats:
+        names = ", ".join(pixel_format.name for pixel_format in formats)
         raise InputError(
             f"{path}: its {name} format ({format_name(mode)}) is not supported; record one of "
             f"{names}"

@@ -1,12 +1,13 @@
-"""How a source's raw images become a frame's: lens, registration, unit, and who says so.
+"""Undistortion and registration of a source's raw images.
 
-The rule of registration, for everything that libOpenNI2 opens:
+The rule of registration, for devices and recordings:
 
-- A camera file with a `[depth]` table says that depth is a camera of its own: a device is told not
-  to register, and registration happens here.
-- A camera file without one says that a recording's depth is registered. A device says so itself.
-- Without a camera file a device must register, and say that it does. A recording is refused: the
-  format has no place for it, and depth taken for registered when it is not bends every pose.
+- A camera file with a `[depth]` table describes a separate depth camera: registration by the
+  device is switched off, and the driver registers depth.
+- A camera file without that table declares a recording's depth as registered. A device reports
+  itself whether it registers.
+- Without a camera file a device must report that it registers. A recording is rejected, because
+  its format does not store this, and unregistered depth taken for registered distorts every pose.
 """
 
 from dataclasses import dataclass
@@ -26,14 +27,14 @@ from drivers.rectify import SoftwareRegistration, Undistorter, make_undistorter
 
 # The usual values of these sensors, for an image 640 pixels wide.
 DEFAULT_FOCAL_PX, DEFAULT_WIDTH_PX = 525.0, 640
-# A camera file corrects a sensor's scale by per cent; beyond this it is one for another unit.
+# A camera file corrects the scale by a few percent; beyond this it is for another unit.
 MAX_SCALE_CORRECTION = 1.25
 
 Size = tuple[int, int]
 
 
 class DepthRegistration(Enum):
-    """Whether the depth that a source delivers is registered to its color image."""
+    """Whether a source delivers depth that is registered to its color image."""
 
     YES = "yes"
     NO = "no"
@@ -42,7 +43,7 @@ class DepthRegistration(Enum):
 
 @dataclass(frozen=True)
 class SourceProperties:
-    """What a device or a recording says of its images; sizes are (width, height)."""
+    """The properties of the images of a device or a recording; sizes are (width, height)."""
 
     name: str
     color_size: Size
@@ -56,35 +57,35 @@ class SourceProperties:
 
 @dataclass(frozen=True)
 class CalibrationFile:
-    """The camera file that the user gave, if any."""
+    """The user's camera file, if there is one."""
 
     path: Path | None
     calibration: CameraCalibration | None
 
     @classmethod
     def read(cls, path: Path | None) -> "CalibrationFile":
-        """Read it. Raises InputError."""
+        """Read a camera file. Raises InputError."""
         return cls(path, None if path is None else read_calibration(path))
 
     @property
     def has_depth_camera(self) -> bool:
-        """Whether depth is to be registered here."""
+        """Whether the driver has to register depth."""
         return self.calibration is not None and self.calibration.depth is not None
 
 
 class DepthRectifier(Protocol):
-    """Makes depth as delivered the depth of the undistorted color camera."""
+    """Maps delivered depth to the undistorted color camera."""
 
     def __call__(self, image: NDArray[np.uint16], /) -> NDArray[np.uint16]:
-        """(height, width) uint16 in the same unit."""
+        """Map (height, width) uint16; the unit stays the same."""
         ...
 
 
 @dataclass(frozen=True)
 class OpenNI2Rectifier:
-    """Makes a frame's images. `intrinsics_source` says where `camera` comes from.
+    """Converts delivered images to a frame's images.
 
-    The timing is the camera file's, see `CameraCalibration`; zero without one.
+    The timing is that of the camera file, see `CameraCalibration`, or zero without one.
     """
 
     camera: PinholeCamera
@@ -98,43 +99,47 @@ class OpenNI2Rectifier:
     depth_offset_s: float = 0.0
 
     def rectify_color(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Undistorted."""
+        """Undistort a color image (height, width, 3) uint8."""
         if self.flip_color:
             image = cv2.flip(image, 1)  # type: ignore[assignment]
         return self.undistorter.undistort_color(image)
 
     def rectify_depth(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        """Undistorted and registered."""
+        """Undistort and register a depth image (height, width) uint16."""
         if self.flip_depth:
             image = cv2.flip(image, 1)  # type: ignore[assignment]
         return self.depth_rectifier(image)
 
 
 def make_rectifier(source: SourceProperties, calibration_file: CalibrationFile) -> OpenNI2Rectifier:
-    """Raises InputError where file and source do not fit, or depth cannot be registered."""
-    if calibration_file.calibration is None:
+    """Make the rectifier of a source.
+
+    Raises:
+        InputError: The camera file does not fit the source, or depth cannot be registered.
+    """
+    calibration = calibration_file.calibration
+    if calibration is None:
         return _make_uncalibrated_rectifier(source)
-    _check_calibration(source, calibration_file.calibration, f"camera file {calibration_file.path}")
-    camera, depth = calibration_file.calibration.pinhole, calibration_file.calibration.depth
-    lens = make_undistorter(camera, calibration_file.calibration.distortion)
-    path: DepthRectifier
+    file_name = f"camera file {calibration_file.path}"
+    _check_calibration(source, calibration, file_name)
+    camera, depth = calibration.pinhole, calibration.depth
+    undistorter = make_undistorter(camera, calibration.distortion)
+    depth_rectifier: DepthRectifier
     if depth is None:
-        path, factor = lens.undistort_depth, calibration_file.calibration.depth_factor
+        depth_rectifier, factor = undistorter.undistort_depth, calibration.depth_factor
     else:
-        registration = SoftwareRegistration(
-            camera, depth, calibration_file.calibration.depth_factor
-        )
-        path, factor = registration.register, registration.depth_factor
+        registration = SoftwareRegistration(camera, depth, calibration.depth_factor)
+        depth_rectifier, factor = registration.register, registration.depth_factor
     return OpenNI2Rectifier(
         camera,
         factor,
-        f"camera file {calibration_file.path}",
-        lens,
-        path,
+        file_name,
+        undistorter,
+        depth_rectifier,
         source.flip_color,
         source.flip_depth,
-        calibration_file.calibration.readout_s,
-        calibration_file.calibration.depth_offset_s,
+        calibration.readout_s,
+        calibration.depth_offset_s,
     )
 
 
@@ -142,29 +147,29 @@ def _make_uncalibrated_rectifier(source: SourceProperties) -> OpenNI2Rectifier:
     if source.registration is not DepthRegistration.YES:
         raise _unregistered_error(source)
     _check_same_size(source)
-    camera, told = _source_intrinsics(source)
-    lens = make_undistorter(camera, NO_DISTORTION)
+    camera, intrinsics_source = _source_intrinsics(source)
+    undistorter = make_undistorter(camera, NO_DISTORTION)
     return OpenNI2Rectifier(
         camera,
         source.depth_factor,
-        told,
-        lens,
-        lens.undistort_depth,
+        intrinsics_source,
+        undistorter,
+        undistorter.undistort_depth,
         source.flip_color,
         source.flip_depth,
     )
 
 
 def _source_intrinsics(source: SourceProperties) -> tuple[PinholeCamera, str]:
-    """Intrinsics from the field of view that the source tells, else the usual ones."""
+    """Return the intrinsics by the source's field of view, else the usual ones, and which."""
     width, height = source.color_size
-    centre = ((width - 1) / 2, (height - 1) / 2)
-    across, down = source.color_fov_rad
-    if 0.1 < across < 3.0 and 0.1 < down < 3.0:
-        fx, fy = width / (2 * tan(across / 2)), height / (2 * tan(down / 2))
-        return PinholeCamera(width, height, fx, fy, *centre), "factory"
+    center = ((width - 1) / 2, (height - 1) / 2)
+    horizontal_rad, vertical_rad = source.color_fov_rad
+    if 0.1 < horizontal_rad < 3.0 and 0.1 < vertical_rad < 3.0:
+        fx, fy = width / (2 * tan(horizontal_rad / 2)), height / (2 * tan(vertical_rad / 2))
+        return PinholeCamera(width, height, fx, fy, *center), "factory"
     focal = DEFAULT_FOCAL_PX * width / DEFAULT_WIDTH_PX
-    return PinholeCamera(width, height, focal, focal, *centre), "default"
+    return PinholeCamera(width, height, focal, focal, *center), "default"
 
 
 def _check_calibration(source: SourceProperties, calibration: CameraCalibration, name: str) -> None:
@@ -174,7 +179,7 @@ def _check_calibration(source: SourceProperties, calibration: CameraCalibration,
         _check_size(source, "depth", source.depth_size, depth_size, f"[depth] of {name}")
         if source.registration is DepthRegistration.YES:
             raise InputError(
-                f"{source.name}: registers its depth and cannot be told not to; leave [depth] "
+                f"{source.name}: registers its depth and cannot switch that off; leave [depth] "
                 f"out of {name}"
             )
     else:
@@ -185,15 +190,17 @@ def _check_calibration(source: SourceProperties, calibration: CameraCalibration,
     if not 1 / MAX_SCALE_CORRECTION < correction < MAX_SCALE_CORRECTION:
         raise InputError(
             f"{name}: depth_factor is {calibration.depth_factor:g}, but {source.name} delivers "
-            f"{source.depth_factor:g} per metre; set depth_factor = {source.depth_factor:.1f}"
+            f"{source.depth_factor:g} per meter; set depth_factor = {source.depth_factor:.1f}"
         )
 
 
-def _check_size(source: SourceProperties, what: str, has: Size, wanted: Size, name: str) -> None:
-    if has != wanted:
+def _check_size(
+    source: SourceProperties, stream: str, size: Size, expected: Size, name: str
+) -> None:
+    if size != expected:
         raise InputError(
-            f"{source.name}: {what} is {has[0]}x{has[1]}, but {name} is for "
-            f"{wanted[0]}x{wanted[1]}; give the camera file of these images"
+            f"{source.name}: {stream} is {size[0]}x{size[1]}, but {name} is for "
+            f"{expected[0]}x{expected[1]}; give the camera file of these images"
         )
 
 
@@ -209,7 +216,7 @@ def _check_same_size(source: SourceProperties) -> None:
 def _unregistered_error(source: SourceProperties) -> InputError:
     if source.registration is DepthRegistration.UNKNOWN:
         return InputError(
-            f"{source.name}: does not say whether its depth was registered to color; give a "
+            f"{source.name}: does not store whether its depth was registered to color; give a "
             "camera file: without a [depth] table if it was, with one if it was not (kinect-vo "
             "calibrate --depth)"
         )

@@ -1,4 +1,4 @@
-"""One sensor's stream of libOpenNI2. Raises OpenNI2Error where a call fails."""
+"""The image stream of one sensor of libOpenNI2."""
 
 import ctypes
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from drivers.openni2.library import (
 
 
 class OpenNI2Stream:
-    """One sensor's images."""
+    """The image stream of one sensor. Its methods raise OpenNI2Error if a call fails."""
 
     def __init__(self, library: ctypes.CDLL, device: ctypes.c_void_p, sensor: SensorType) -> None:
         self._library, self.sensor = library, sensor
@@ -27,7 +27,7 @@ class OpenNI2Stream:
         check_status(library, status, f"no {sensor.name.lower()} stream")
 
     def start(self) -> None:
-        """Begin to deliver."""
+        """Start delivering images."""
         what = f"the {self.sensor.name.lower()} stream cannot be started"
         check_status(self._library, self._library.oniStreamStart(self.handle), what)
 
@@ -40,43 +40,46 @@ class OpenNI2Stream:
         return mode
 
     def set_video_mode(self, mode: VideoMode) -> None:
-        """Choose one of the device's modes; before `start`."""
-        # A sensor with a single mode may refuse to be told so.
+        """Set one of the device's modes, before `start`."""
+        # A sensor with a single mode may reject setting it.
         if bytes(mode) != bytes(self.video_mode):
             self._set_property(StreamProperty.VIDEO_MODE, mode)
 
     @property
     def fov_rad(self) -> tuple[float, float]:
-        """Horizontal and vertical field of view; zeros where the sensor does not tell."""
-        across, down = ctypes.c_float(0.0), ctypes.c_float(0.0)
-        self._read_property(StreamProperty.HORIZONTAL_FOV, across)
-        self._read_property(StreamProperty.VERTICAL_FOV, down)
-        return across.value, down.value
+        """Horizontal and vertical field of view; zeros if the sensor does not report them."""
+        horizontal, vertical = ctypes.c_float(0.0), ctypes.c_float(0.0)
+        self._read_property(StreamProperty.HORIZONTAL_FOV, horizontal)
+        self._read_property(StreamProperty.VERTICAL_FOV, vertical)
+        return horizontal.value, vertical.value
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether left and right are swapped; False where the sensor does not tell."""
+        """Whether left and right are swapped; False if the sensor does not report it."""
         mirrored = ctypes.c_int(0)
         self._read_property(StreamProperty.MIRRORING, mirrored)
         return mirrored.value != 0
 
     @property
     def cropping(self) -> Cropping | None:
-        """Which part of the image is delivered; None where the sensor does not tell."""
+        """The delivered part of the image; None if the sensor does not report it."""
         cropping = Cropping()
         return cropping if self._read_property(StreamProperty.CROPPING, cropping) else None
 
     def has_property(self, prop: StreamProperty) -> bool:
-        """Whether the stream knows a property."""
+        """Whether the stream has a property."""
         return bool(self._library.oniStreamIsPropertySupported(self.handle, prop))
 
     def set_flag(self, prop: StreamProperty, is_on: bool) -> None:
-        """Set a property that is on or off."""
+        """Set a boolean property."""
         self._set_property(prop, ctypes.c_int(is_on))
 
     @contextmanager
     def read_frame(self) -> Iterator[OniFrame]:
-        """The next image, valid within the block. Blocks until there is one: `wait` first."""
+        """Read the next image, which is valid within the block.
+
+        Blocks until there is one; call `OpenNI2Device.wait_for_any_stream` first.
+        """
         pointer = ctypes.POINTER(OniFrame)()
         status = self._library.oniStreamReadFrame(self.handle, ctypes.byref(pointer))
         check_status(self._library, status, f"no frame from the {self.sensor.name.lower()} stream")

@@ -1,4 +1,4 @@
-"""Which of a sensor's video modes to use."""
+"""Choice of a sensor's video mode."""
 
 from collections.abc import Sequence
 
@@ -14,27 +14,28 @@ PREFERRED_SIZE, PREFERRED_FPS = (640, 480), 30
 def choose_video_mode(
     sensor: SensorType, modes: Sequence[VideoMode], calibration: CameraCalibration | None
 ) -> VideoMode:
-    """The mode of the camera file's size, else the usual one, at 30 images a second if it can be.
+    """Choose the mode with the camera file's size, else 640x480, and nearest to 30 images/s.
 
-    Raises InputError if no mode will do.
+    Raises:
+        InputError: No mode is usable.
     """
-    known = list(TO_BGR) if sensor is SensorType.COLOR else list(DEPTH_FACTORS)
-    usable = [mode for mode in modes if mode.format in known]
+    formats = list(TO_BGR) if sensor is SensorType.COLOR else list(DEPTH_FACTORS)
+    usable = [mode for mode in modes if mode.format in formats]
     if not usable:
         raise InputError(
-            f"the sensor's {sensor.name.lower()} has no format that is supported; use another one"
+            f"the sensor's {sensor.name.lower()} has no supported format; use another sensor"
         )
     size = _wanted_size(sensor, calibration)
     fitting = [mode for mode in usable if (mode.width, mode.height) == size]
     if not fitting and calibration is not None:
         sizes = ", ".join(sorted({f"{mode.width}x{mode.height}" for mode in usable}))
         raise InputError(
-            f"the sensor has no {sensor.name.lower()} of {size[0]}x{size[1]}, for which the camera "
-            f"file is; it has {sizes}"
+            f"the sensor has no {sensor.name.lower()} of {size[0]}x{size[1]}, the size in the "
+            f"camera file; it has {sizes}"
         )
 
     def preference(mode: VideoMode) -> tuple[int, int]:
-        return abs(mode.fps - PREFERRED_FPS), _format_rank(mode, known, calibration)
+        return abs(mode.fps - PREFERRED_FPS), _format_rank(mode, formats, calibration)
 
     return min(fitting or usable, key=preference)
 
@@ -48,10 +49,10 @@ def _wanted_size(sensor: SensorType, calibration: CameraCalibration | None) -> S
 
 
 def _format_rank(
-    mode: VideoMode, known: Sequence[int], calibration: CameraCalibration | None
+    mode: VideoMode, formats: Sequence[int], calibration: CameraCalibration | None
 ) -> int:
-    """0 is best: the unit that the camera file is for, then the order in which they are known."""
+    """Rank a mode's format, 0 is best: the camera file's unit first, then in listed order."""
     factor = DEPTH_FACTORS.get(PixelFormat(mode.format))
     if calibration is not None and factor == calibration.depth_factor:
         return 0
-    return 1 + known.index(mode.format)
+    return 1 + formats.index(mode.format)

@@ -1,4 +1,4 @@
-"""Any camera, in a process of its own: a native library that hangs or crashes is started again."""
+"""Any camera in a process of its own, which is restarted if a native library hangs or crashes."""
 
 import time
 from dataclasses import replace
@@ -23,16 +23,26 @@ from drivers.subprocess_camera.timeouts import Timeouts
 
 
 class SubprocessCamera(RgbdCamera):
-    """The camera that `recipe` makes, in a process of its own; frames come through shared memory.
+    """A camera in a process of its own; frames pass through shared memory.
 
-    A live camera (`clock` monotonic) is opened, and opened again, for as long as this one is open:
-    `open` returns at once, `read` has no frame while the camera is away, and `condition` says why.
-    `seq` and stamps rise over all of that, and over `close` and `open` here.
+    A live camera (`clock` is monotonic) is opened again after each loss: `open` returns at once,
+    `read` times out while the camera is lost, and `status` gives the reason. `seq` and stamps rise
+    across all of these, and across `close` and `open`.
 
-    A recording is opened by `open`, starts to run with the first `read` and is never begun anew by
-    itself: if its process dies, `read` raises CameraLostError.
+    A recording is opened by `open` and starts with the first `read`. It is never restarted: if its
+    process dies, `read` raises CameraLostError.
 
-    In lockstep a late reader makes the camera wait; in realtime it gets the newest frame.
+    In lockstep the camera waits for a late reader; in realtime the reader gets the newest frame.
+
+    A permanent error (InputError, a library that is not installed) is raised by `open` of a
+    recording, and by `read` of a live camera.
+
+    Args:
+        name: Name for messages.
+        clock: Clock of the stamps; monotonic for a live camera.
+        factory: Makes the camera in the worker process; a module's class or function, or a partial.
+        playback_mode: Lockstep or realtime.
+        timeouts: Time limits of the worker process.
     """
 
     def __init__(
@@ -43,11 +53,7 @@ class SubprocessCamera(RgbdCamera):
         playback_mode: PlaybackMode,
         timeouts: Timeouts = Timeouts(),  # noqa: B008 (frozen)
     ) -> None:
-        """`recipe` is called in the other process: a class or function of a module, or a partial.
 
-        What is wrong for good (InputError, a library that is not installed) is raised by `open`
-        of a recording, and by `read` of a live camera.
-        """
         self.name, self.clock = name, clock
         self._is_live = clock is Clock.MONOTONIC
         self._ring = FrameRingReader(playback_mode)
@@ -58,7 +64,7 @@ class SubprocessCamera(RgbdCamera):
         self._delivered = self._skipped = 0
 
     def open(self) -> None:
-        """Start the process; see the class."""
+        """Start the worker process; see the class."""
         self.close()
         self._delivered = self._skipped = 0
         try:
@@ -71,7 +77,7 @@ class SubprocessCamera(RgbdCamera):
             raise
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        """See `RgbdCamera`. Raises also what is wrong for good."""
+        """Wait for the next frame, see `RgbdCamera.read`. Raises also permanent errors."""
         deadline_s = time.monotonic() + timeout_s
         while True:
             frame = self._sequencer(self._get_frame(max(0.0, deadline_s - time.monotonic())))
@@ -81,7 +87,7 @@ class SubprocessCamera(RgbdCamera):
             self._skipped += 1
 
     def close(self) -> None:
-        """End the process; what was found out and counted can still be asked for."""
+        """End the process. Properties and counters remain valid."""
         try:
             self._supervisor.stop()
         finally:
@@ -89,52 +95,52 @@ class SubprocessCamera(RgbdCamera):
 
     @property
     def counters(self) -> CameraCounters:
-        """Totals since `open`, however often the camera was opened; up to 0.3 s behind."""
-        mine = CameraCounters(dropped=self._ring.dropped, skipped=self._skipped)
-        return replace(self._supervisor.counters + mine, delivered=self._delivered)
+        """Totals since `open` over all restarts of the camera; up to 0.3 s old."""
+        own = CameraCounters(dropped=self._ring.dropped, skipped=self._skipped)
+        return replace(self._supervisor.counters + own, delivered=self._delivered)
 
     @property
     def status(self) -> CameraStatus:
-        """How the camera is, or what became of its process."""
+        """The status of the camera, or of its process."""
         return self._supervisor.status
 
     @property
     def intrinsics_source(self) -> str:
-        """What the camera says; "" until it has been open."""
+        """The origin of the intrinsics; "" until the camera has been open."""
         return self._supervisor.camera_properties.intrinsics_source
 
     @property
     def frame_count(self) -> int | None:
-        """What the camera says; None until it has been open."""
+        """The camera's number of frames; None until it has been open."""
         return self._supervisor.camera_properties.frame_count
 
     @property
     def has_motor(self) -> bool:
-        """What the camera says; True until it has been open."""
+        """Whether the camera has a motor and an LED; True until it has been open."""
         return self._supervisor.camera_properties.has_motor
 
     def set_tilt_deg(self, tilt_deg: float) -> None:
-        """See `RgbdCamera`. If the motor is not there, the log says so, a little later."""
+        """Request a tilt, see `RgbdCamera.set_tilt_deg`. A missing motor is logged later."""
         if not self.has_motor:
             super().set_tilt_deg(tilt_deg)
         self._request(SetTilt(tilt_deg))
 
     def set_led(self, led: Led) -> None:
-        """See `RgbdCamera`, and `set_tilt_deg`."""
+        """Request a state of the LED, as `set_tilt_deg` does."""
         if not self.has_motor:
             super().set_led(led)
         self._request(SetLed(led))
 
     @property
     def ground_truth(self) -> Trajectory | None:
-        """What the camera says; None until it has been open."""
+        """True poses from the camera; None until it has been open."""
         return self._supervisor.camera_properties.ground_truth
 
     def _request(self, request: DeviceRequest) -> None:
-        """Raises CameraError if the camera is not open to hear it now."""
+        """Send a request. Raises CameraError if the camera is not open now."""
         if not self._supervisor.send_request(request):
             raise CameraError(
-                f"{self.name}: not open now ({self.status}); it is done as soon as it is open"
+                f"{self.name}: not open now ({self.status}); the setting is applied when it opens"
             )
 
     def _get_frame(self, timeout_s: float) -> RgbdFrame:

@@ -1,4 +1,4 @@
-"""What the driver's process does with its camera: open it, pass frames on, open it again."""
+"""The loop of the worker process: open the camera, pass its frames on, open it again."""
 
 import threading
 import time
@@ -29,10 +29,10 @@ POLL_S = 0.25
 
 
 class CaptureLoop:
-    """Runs until it is stopped, a recording ends, or an error comes that waiting will not mend.
+    """Reads a camera until it is stopped, a recording ends, or a permanent error occurs.
 
-    A camera that fails again and again would say "opening, absent, opening, absent": what was said
-    last stays until something better is known.
+    The status does not alternate between "opening" and "absent" while a camera fails repeatedly:
+    the last one stays until the camera delivers.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class CaptureLoop:
         self._last_heartbeat_s = 0.0
 
     def run(self) -> None:
-        """Raises what the camera raised, unless it is opened again for it."""
+        """Run the loop. Raises the camera's exceptions after which it is not opened again."""
         while not self._stop.is_set():
             try:
                 self._open()
@@ -75,9 +75,9 @@ class CaptureLoop:
         self._enter_phase(WorkerPhase.OPENING, self._status)
         self._camera.open()
         self._is_open = True
-        is_flaky = self._status.state is CameraState.LOST
-        starting = self._status if is_flaky else CameraStatus(CameraState.STARTING)
-        self._enter_phase(WorkerPhase.STARTING, starting)
+        was_lost = self._status.state is CameraState.LOST
+        status = self._status if was_lost else CameraStatus(CameraState.STARTING)
+        self._enter_phase(WorkerPhase.STARTING, status)
         self._send_properties()
 
     def _close(self) -> None:
@@ -87,7 +87,7 @@ class CaptureLoop:
         self._is_open = False
 
     def _stream(self) -> None:
-        """Pass frames on until stopped."""
+        """Pass frames on until the loop is stopped."""
         waiting_since_s = time.monotonic()
         while not self._stop.is_set():
             self._send_heartbeat_if_due()
@@ -103,7 +103,7 @@ class CaptureLoop:
                 self._enter_streaming()
 
     def _check_first_frame(self, since_s: float) -> None:
-        """Raise CameraLostError if a live camera does not begin to send."""
+        """Raise CameraLostError if a live camera sends no first frame in time."""
         is_late = time.monotonic() - since_s > self._timeouts.first_frame_s
         if is_late and self._is_live and self._phase is WorkerPhase.STARTING:
             limit_s = self._timeouts.first_frame_s
@@ -120,7 +120,7 @@ class CaptureLoop:
             self._send_properties()
 
     def _wait_for_reconnect(self) -> None:
-        """Until the next attempt."""
+        """Wait until the next attempt to open the camera."""
         if not self._stop.is_set():
             self._enter_phase(WorkerPhase.WAITING, self._status)
             self._camera.wait_for_reconnect(self._backoff.next_s())
@@ -135,7 +135,7 @@ class CaptureLoop:
         self._send_heartbeat()
 
     def _send_heartbeat_if_due(self) -> None:
-        """A sign of life, not too often."""
+        """Send a heartbeat if the last one is old enough."""
         if time.monotonic() - self._last_heartbeat_s >= POLL_S:
             self._send_heartbeat()
 
@@ -144,13 +144,13 @@ class CaptureLoop:
         self._send(CameraHeartbeat(self._phase, self._status_with_reason(), self._counters()))
 
     def _status_with_reason(self) -> CameraStatus:
-        """What the camera has to say of its stream goes out as well: that most frames are torn."""
+        """Return the status with the camera's reason, such as many incomplete frames."""
         if self._phase is WorkerPhase.STREAMING:
             return replace(self._status, reason=self._camera.status.reason)
         return self._status
 
     def _counters(self) -> CameraCounters:
-        """Totals; the camera's own count from 0 again whenever it is opened."""
+        """Return the totals; the camera's own counters restart at 0 whenever it is opened."""
         return (
             self._earlier_counters + self._camera.counters
             if self._is_open
@@ -159,10 +159,10 @@ class CaptureLoop:
 
     def _send_properties(self) -> None:
         camera = self._camera
-        facts = CameraProperties(
+        properties = CameraProperties(
             intrinsics_source=camera.intrinsics_source,
             frame_count=camera.frame_count,
             has_motor=camera.has_motor,
             ground_truth=camera.ground_truth,
         )
-        self._send(facts)
+        self._send(properties)

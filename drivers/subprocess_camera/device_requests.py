@@ -1,4 +1,4 @@
-"""What may be asked of a camera while it works; it is passed on to the driver's process."""
+"""Requests to a running camera, passed on to its worker process."""
 
 from dataclasses import dataclass
 
@@ -8,23 +8,23 @@ from drivers.sensor_config import Led
 
 @dataclass(frozen=True)
 class SetTilt:
-    """See `RgbdCamera.set_tilt_deg`."""
+    """Tilt the head, see `RgbdCamera.set_tilt_deg`."""
 
     tilt_deg: float
 
     def apply(self, camera: RgbdCamera) -> None:
-        """Raises CameraError if it cannot be done now."""
+        """Apply the request. Raises CameraError if that is not possible now."""
         camera.set_tilt_deg(self.tilt_deg)
 
 
 @dataclass(frozen=True)
 class SetLed:
-    """See `RgbdCamera.set_led`."""
+    """Set the LED, see `RgbdCamera.set_led`."""
 
     led: Led
 
     def apply(self, camera: RgbdCamera) -> None:
-        """Raises CameraError if it cannot be done now."""
+        """Apply the request. Raises CameraError if that is not possible now."""
         camera.set_led(self.led)
 
 

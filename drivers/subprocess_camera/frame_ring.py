@@ -1,4 +1,9 @@
-"""How whole frames lie in shared memory."""
+"""Frames in shared memory, passed from the worker process to the service by tokens in pipes.
+
+A token is the number of a slot. The writer takes a free token, fills the slot and passes the token
+on; the reader copies the frame and returns the token. In realtime a writer without a free token
+takes back the oldest filled one.
+"""
 
 import math
 import mmap
@@ -18,7 +23,7 @@ from drivers.camera import FrameTimeout, PinholeCamera, PlaybackMode, RgbdFrame
 from drivers.core.errors import UserFacingError
 
 SLOT_COUNT = 4
-# Room for 12 megapixels. Memory that is never touched is never used: 640x480 takes 1.5 MB a slot.
+# Enough for 12 megapixels. Untouched memory is not allocated: 640x480 takes 1.5 MB per slot.
 SLOT_BYTES = 64 * 2**20
 # Ordinal in the ring, seq, lost_packets; stamps, skew, readout and depth factor; gravity; camera.
 _HEADER = Struct("=3q 6d 3d 2q 4d")
@@ -27,19 +32,19 @@ _NO_GRAVITY = (math.nan,) * 3
 
 
 class FrameSlots:
-    """`SLOTS` frames in one block of memory. Who may touch which slot is the ring's business."""
+    """`SLOT_COUNT` frames in one block of memory. The ring controls the access to the slots."""
 
     def __init__(self, memory_fd: int) -> None:
-        """Map the memory, SLOTS * SLOT_BYTES of it."""
+        """Map the memory of SLOT_COUNT * SLOT_BYTES."""
         self._memory = mmap.mmap(memory_fd, SLOT_COUNT * SLOT_BYTES)
 
     def write(self, slot: int, ordinal: int, frame: RgbdFrame) -> None:
-        """Copy a frame into a slot. Raises UserFacingError if it is too large for any."""
+        """Copy a frame into a slot. Raises UserFacingError if it is too large."""
         camera = frame.camera
         if _HEADER_BYTES + camera.width * camera.height * 5 > SLOT_BYTES:
             raise UserFacingError(
-                f"frames of {camera.width}x{camera.height} are too large to come from a process "
-                "of its own; choose a smaller mode of the camera"
+                f"frames of {camera.width}x{camera.height} are too large for the shared memory; "
+                "choose a smaller mode of the camera"
             )
         values = _pack_header(ordinal, frame)
         _HEADER.pack_into(self._memory, slot * SLOT_BYTES, *values)
@@ -48,22 +53,22 @@ class FrameSlots:
         np.copyto(depth, frame.depth_raw)
 
     def read(self, slot: int) -> tuple[int, RgbdFrame]:
-        """The ordinal and a copy of the frame in a slot."""
+        """Return the ordinal and a copy of the frame in a slot."""
         values = _HEADER.unpack_from(self._memory, slot * SLOT_BYTES)
         color, depth = self._images(slot, *values[12:14])
         return values[0], _make_frame(values, color.copy(), depth.copy())
 
     def close(self) -> None:
         """Unmap the memory."""
-        # Ctrl-C may have come in the middle of a copy, and its traceback still hold the images:
-        # the memory is then unmapped when that is forgotten.
+        # After Ctrl-C in the middle of a copy, the traceback may still hold the images. The memory
+        # is then unmapped when the traceback is deleted.
         with suppress(BufferError):
             self._memory.close()
 
     def _images(
         self, slot: int, width: int, height: int
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
-        """Color and depth where they lie."""
+        """Return views of color and depth in a slot."""
         begin = slot * SLOT_BYTES + _HEADER_BYTES
         depth_begin = begin + 3 * width * height
         depth_begin += depth_begin % 2
@@ -74,7 +79,7 @@ class FrameSlots:
 
 
 def _pack_header(ordinal: int, frame: RgbdFrame) -> tuple[float, ...]:
-    """What is not image, as numbers; NaN stands for None."""
+    """Return a frame's fields other than the images as numbers; NaN stands for None."""
     device_stamp_s = math.nan if frame.device_stamp_s is None else frame.device_stamp_s
     gravity = _NO_GRAVITY if frame.gravity_m_s2 is None else frame.gravity_m_s2
     c = frame.camera
@@ -109,17 +114,17 @@ def _make_frame(
     )
 
 
-_END_TOKEN = SLOT_COUNT  # the token that says: no frame will follow
+_END_TOKEN = SLOT_COUNT  # sent after the last frame
 _ALL_TOKENS = bytes(range(SLOT_COUNT))
 
 
 class FrameRingEndedError(Exception):
-    """No frame is left and none will follow."""
+    """No frame is left, and none will follow."""
 
 
 @dataclass(frozen=True)
 class FrameRingFds:
-    """The file descriptors that a writer in another process needs; the same numbers there."""
+    """The file descriptors of a writer; a process that inherits them has the same numbers."""
 
     memory_fd: int
     free_read_fd: int
@@ -128,22 +133,22 @@ class FrameRingFds:
 
     @property
     def all(self) -> tuple[int, int, int, int]:
-        """Every one of them."""
+        """All file descriptors."""
         return self.memory_fd, self.free_read_fd, self.filled_read_fd, self.filled_write_fd
 
 
 class FrameRingReader:
-    """The end that owns the ring. One thread takes; another may reset and finish it."""
+    """The reading end, which owns the ring. One thread reads; another may reset and finish it."""
 
     def __init__(self, playback_mode: PlaybackMode) -> None:
         self._max_tokens = 1 if playback_mode is PlaybackMode.LOCKSTEP else SLOT_COUNT + 1
         self._lock = threading.Lock()
         self._is_open = self._is_ended = self._has_allowed_writes = False
         self._next_ordinal = 0
-        self.dropped = 0  # frames that were never taken, since `open`
+        self.dropped = 0  # frames since `open` that were never read
 
     def open(self) -> None:
-        """Make the ring. Nobody writes before `grant`, or the first `take`."""
+        """Create the ring. The writer waits for `allow_writes` or the first `get`."""
         memory = os.memfd_create("camera-frames")
         os.ftruncate(memory, SLOT_COUNT * SLOT_BYTES)
         self._slots = FrameSlots(memory)
@@ -155,14 +160,14 @@ class FrameRingReader:
         self._next_ordinal = self.dropped = 0
 
     def allow_writes(self) -> None:
-        """Let the writer begin, if it has not been let yet."""
+        """Allow the writer to start, if it is not allowed already."""
         with self._lock:
             if self._is_open and not self._has_allowed_writes:
                 self._has_allowed_writes = True
                 os.write(self._free_write_fd, _ALL_TOKENS)
 
     def reset(self) -> None:
-        """Begin afresh, with every slot free, now that the writer is no more; `grant` it again."""
+        """Free all slots after the writer's process has ended; call `allow_writes` again."""
         with self._lock:
             if self._is_open:
                 unread = _read_tokens(self.fds.filled_read_fd, SLOT_COUNT)
@@ -173,15 +178,17 @@ class FrameRingReader:
                 self._next_ordinal = 0
 
     def finish(self) -> None:
-        """No frame will follow, as the writer is no more: `take` says so behind the last one."""
+        """End the stream after the writer has ended: `get` raises after the last frame."""
         with self._lock:
             if self._is_open:
                 os.write(self.fds.filled_write_fd, bytes([_END_TOKEN]))
 
     def get(self, timeout_s: float) -> RgbdFrame:
-        """Copy out the frame that is next at this pace.
+        """Copy the next frame (lockstep) or the newest one (realtime).
 
-        Raises NoFrameYet after `timeout_s`, RingEndedError if none is left and none will follow.
+        Raises:
+            FrameTimeout: No frame arrived within `timeout_s`.
+            FrameRingEndedError: No frame is left, and none will follow.
         """
         deadline_s = time.monotonic() + timeout_s
         self.allow_writes()
@@ -226,7 +233,7 @@ class FrameRingReader:
 
 
 class FrameRingWriter:
-    """The other end, in the process that has the camera."""
+    """The writing end, in the camera's process."""
 
     def __init__(self, fds: FrameRingFds, playback_mode: PlaybackMode) -> None:
         self._slots = FrameSlots(fds.memory_fd)
@@ -241,7 +248,7 @@ class FrameRingWriter:
         self._ordinal = 0
 
     def acquire(self, timeout_s: float) -> bool:
-        """Wait for a slot to write into; at once if there is one in hand."""
+        """Wait for a slot to write to; return at once if one is held already."""
         deadline_s = time.monotonic() + timeout_s
         while not self._held_token:
             self._held_token = next(
@@ -254,7 +261,7 @@ class FrameRingWriter:
         return bool(self._held_token)
 
     def put(self, frame: RgbdFrame) -> None:
-        """Copy a frame into the slot in hand and pass it on."""
+        """Copy a frame into the held slot and pass it on."""
         self._slots.write(self._held_token[0], self._ordinal, frame)
         os.write(self._filled_write_fd, self._held_token)
         self._held_token = b""
@@ -262,7 +269,7 @@ class FrameRingWriter:
 
 
 def _read_tokens(fd: int, max_tokens: int) -> bytes:
-    """The tokens waiting in a pipe, up to so many."""
+    """Read the tokens that are in a pipe, at most `max_tokens`."""
     with suppress(BlockingIOError):
         return os.read(fd, max_tokens)
     return b""

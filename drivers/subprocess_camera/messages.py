@@ -1,4 +1,4 @@
-"""What the service's process and the driver's process say to each other, beside frames."""
+"""Messages between the service and a camera's worker process, besides frames."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,15 +11,16 @@ from drivers.subprocess_camera.device_requests import DeviceRequest
 from drivers.subprocess_camera.frame_ring import FrameRingFds
 from drivers.subprocess_camera.timeouts import Timeouts, WorkerPhase
 
-# Makes the camera, in the driver's process: a class or function of a module, or a partial of one.
+# Makes the camera in the worker process: a class or function of a module, or a partial of one.
 CameraFactory = Callable[[], RgbdCamera]
 
 
 @dataclass(frozen=True)
 class CameraWorkerConfig:
-    """What a driver's process is for.
+    """The configuration of a camera's worker process.
 
-    is_live  a camera that goes is opened again; a recording that goes is an error
+    Attributes:
+        is_live: Whether a lost camera is opened again; the loss of a recording is an error.
     """
 
     factory: CameraFactory
@@ -30,11 +31,12 @@ class CameraWorkerConfig:
 
 @dataclass(frozen=True)
 class StartCameraWorker:
-    """To the driver, first and once; after it come wishes, and None at the end.
+    """To the worker, as the first message; requests follow, and None at the end.
 
-    condition  what is known of the camera so far
-    wishes     what was asked of the camera so far
-    log_level  of the service's log
+    Attributes:
+        status: The status of the camera so far.
+        requests: The requests to the camera so far.
+        log_level: Level of the service's log.
     """
 
     config: CameraWorkerConfig
@@ -46,9 +48,9 @@ class StartCameraWorker:
 
 @dataclass(frozen=True)
 class CameraHeartbeat:
-    """From the driver, at every change and several times a second: its sign of life.
+    """From the worker, at every change and several times a second: it is alive.
 
-    The counters are totals over all times that this driver opened its camera.
+    The counters are totals over all times that this worker opened its camera.
     """
 
     phase: WorkerPhase
@@ -58,9 +60,9 @@ class CameraHeartbeat:
 
 @dataclass(frozen=True)
 class CameraProperties:
-    """From the driver, after `open` and with the first frame: what the camera says of itself.
+    """From the worker, after `open` and with the first frame: the properties of the camera.
 
-    Whether it has a base nobody knows before that.
+    The defaults hold before that; then it is unknown whether there is a motor.
     """
 
     intrinsics_source: str = ""
@@ -71,7 +73,7 @@ class CameraProperties:
 
 @dataclass(frozen=True)
 class CameraFinished:
-    """From the driver, last: no frame will follow, because of an error or without one."""
+    """From the worker, as the last message: no frame will follow; the error is None at the end."""
 
     error: UserFacingError | None = None
 

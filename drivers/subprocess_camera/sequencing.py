@@ -1,4 +1,4 @@
-"""What a reader sees of frames that come from one process after another."""
+"""Sequence numbers and times of frames that come from successive worker processes."""
 
 import time
 from collections.abc import Callable
@@ -10,17 +10,17 @@ Sequencer = Callable[[RgbdFrame], RgbdFrame | None]
 
 
 def make_sequencer(clock: Clock, playback_mode: PlaybackMode) -> Sequencer:
-    """The rule for a camera: a frame as it is to be delivered, or None for one that must not be."""
+    """Make the function that returns a frame as delivered, or None for a frame to discard."""
     if clock is Clock.MONOTONIC:
         return MonotonicSequence()
     return stamp_receive_time if playback_mode is PlaybackMode.LOCKSTEP else pass_through
 
 
 class MonotonicSequence:
-    """A live camera: `seq` and stamps rise for ever, however often it is opened again.
+    """Keeps `seq` and stamps of a live camera rising, however often it is opened again.
 
-    A camera that was opened again counts from 0, and here on from the last number. Its new idea of
-    the device's clock may put its first frames before the last ones: those are left out.
+    A camera that is opened again counts from 0; its numbers continue here from the last one. Its
+    new clock estimate may put its first frames before the last ones: those are discarded.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class MonotonicSequence:
         self._seq_offset = 0
 
     def __call__(self, frame: RgbdFrame) -> RgbdFrame | None:
-        """The frame with its number here; None if its stamp does not rise."""
+        """Return the frame with its new number; None if its stamp does not rise."""
         if frame.stamp_s <= self._last_stamp_s:
             return None
         if frame.seq + self._seq_offset <= self._last_seq:
@@ -39,10 +39,10 @@ class MonotonicSequence:
 
 
 def stamp_receive_time(frame: RgbdFrame) -> RgbdFrame:
-    """A recording in lockstep: a frame arrives when it is asked for, as without a process."""
+    """Set the receive time to now: in lockstep a frame arrives when it is read."""
     return replace(frame, receive_time_s=time.monotonic())
 
 
 def pass_through(frame: RgbdFrame) -> RgbdFrame:
-    """A recording at its own pace."""
+    """Return the frame unchanged, for a recording in realtime."""
     return frame

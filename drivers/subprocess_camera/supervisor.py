@@ -1,4 +1,4 @@
-"""Keeps a driver's process running: starts it, watches the clock, kills it, starts it again."""
+"""Supervision of a camera's worker process: start, time limits, kill and restart."""
 
 import logging
 import os
@@ -30,9 +30,9 @@ CAMERA_WORKER = WorkerSpec("drivers.subprocess_camera.worker_main", "driver")
 
 
 class CameraWorkerSupervisor:
-    """A thread that owns the process, so that it is watched even while nobody reads frames.
+    """Runs and restarts the worker process on a thread of its own, even while nobody reads frames.
 
-    What is known of the camera can be asked for at any time, from any thread.
+    Status, properties and counters may be read at any time from any thread.
     """
 
     status: CameraStatus
@@ -46,14 +46,13 @@ class CameraWorkerSupervisor:
         self._thread = threading.Thread()
         self._is_done = threading.Event()
         self._is_done.set()
-        self._requests: dict[
-            type[DeviceRequest], DeviceRequest
-        ] = {}  # for every process from now on
-        self._unsent_requests: deque[DeviceRequest] = deque()  # to the process that runs
+        # The last request of each type, for every new process.
+        self._requests: dict[type[DeviceRequest], DeviceRequest] = {}
+        self._unsent_requests: deque[DeviceRequest] = deque()  # for the running process
         self._reset()
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread and the worker process."""
         self._reset()
         self._wake = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._thread = threading.Thread(target=self._run, name="driver-supervisor", daemon=True)
@@ -61,29 +60,29 @@ class CameraWorkerSupervisor:
         self._thread.start()
 
     def wait_until_open(self) -> None:
-        """Until the camera is open for the first time. Raises what kept it from that."""
+        """Wait until the camera is open for the first time. Raises the error that prevents it."""
         self._is_settled.wait()
         if self.final_exception is not None and not self._was_open:
             raise self.final_exception
 
     def stop(self) -> None:
-        """End the process: in order if it can, by force if not. Safe to call at any time.
+        """End the process in order if possible, otherwise by force. Safe to call at any time.
 
-        An interrupted call does no harm: the thread brings it to an end.
+        If the call is interrupted, the thread still ends the process.
         """
         self._stopping.set()
         with self._lock:
             if self._wake >= 0:
                 os.eventfd_write(self._wake, 1)
-        # Not `join` at once: a thread whose `join` was interrupted counts as ended in CPython 3.11.
+        # Before `join`: a thread whose `join` was interrupted counts as ended in CPython 3.11.
         self._is_done.wait()
         if self._thread.is_alive():
             self._thread.join()
 
     def send_request(self, request: DeviceRequest) -> bool:
-        """Pass a wish on, without waiting; False if the camera is not open to hear it now.
+        """Send a request without waiting; return False if the camera is not open now.
 
-        It is then done when the camera is opened, as it is again whenever the camera is.
+        The request is applied again whenever the camera is opened.
         """
         with self._lock:
             self._requests[type(request)] = request
@@ -95,16 +94,13 @@ class CameraWorkerSupervisor:
 
     @property
     def counters(self) -> CameraCounters:
-        """What the camera counted, in all processes since `start`."""
-        before, now = self._counted
-        return before + now
+        """The camera's totals over all processes since `start`."""
+        earlier, current = self._counted
+        return earlier + current
 
     def _reset(self) -> None:
-        self.status, self.camera_properties, self.final_exception = (
-            CameraStatus(CameraState.OPENING),
-            CameraProperties(),
-            None,
-        )
+        self.status = CameraStatus(CameraState.OPENING)
+        self.camera_properties, self.final_exception = CameraProperties(), None
         self._counted = CameraCounters(), CameraCounters()  # earlier processes, and this one
         self._phase, self._was_open = WorkerPhase.LAUNCHING, False
         self._backoff = ExponentialBackoff(
@@ -114,7 +110,7 @@ class CameraWorkerSupervisor:
         self._wake = -1
 
     def _run(self) -> None:
-        """Body of the thread: one process after another. Errors in it reach the reader."""
+        """Body of the thread: run one process after another. Its errors reach the reader."""
         try:
             while not self._stopping.is_set() and self.final_exception is None:
                 self._run_process()
@@ -130,7 +126,7 @@ class CameraWorkerSupervisor:
             self._is_done.set()
 
     def _run_process(self) -> None:
-        """From the start of a process until nothing is left of it."""
+        """Run one process from its start until it has ended."""
         self._phase = WorkerPhase.LAUNCHING
         if self._config.is_live:
             self._ring.allow_writes()
@@ -139,36 +135,35 @@ class CameraWorkerSupervisor:
                 CAMERA_WORKER, self._ring.fds.all, self._config.timeouts.closing_s
             ) as process:
                 process.send(self._start_message())
-                trouble = self._monitor(process)
+                fault = self._monitor(process)
         except OSError as error:
             self._handle_exit(f"cannot be started: {error.strerror}")
         else:
-            self._handle_exit(trouble or process.exit_reason)
+            self._handle_exit(fault or process.exit_reason)
         self._counted = self.counters, CameraCounters()
 
     def _start_message(self) -> StartCameraWorker:
         level = logging.getLogger().getEffectiveLevel()
         with self._lock:
             self._unsent_requests.clear()
-            wishes = tuple(self._requests.values())
-        return StartCameraWorker(self._config, self._ring.fds, self.status, wishes, level)
+            requests = tuple(self._requests.values())
+        return StartCameraWorker(self._config, self._ring.fds, self.status, requests, level)
 
     def _monitor(self, process: WorkerProcess) -> str:
-        """Listen until it ends, or must: returns what is wrong with it if it had to be killed."""
+        """Receive messages until the process ends; return the fault if it had to be killed."""
         due_s = time.monotonic() + self._heartbeat_timeout_s()
         while not self._stopping.is_set():
             try:
-                word: CameraWorkerMessage | None = process.receive(
+                message: CameraWorkerMessage | None = process.receive(
                     max(0.0, due_s - time.monotonic()), self._wake
                 )
             except EOFError:
                 return ""
             self._send_pending_requests(process)
-            if word is not None:
-                self._handle_message(word)
-            if isinstance(
-                word, CameraHeartbeat
-            ):  # a log line is no sign of life: other threads log too
+            if message is not None:
+                self._handle_message(message)
+            # A log message does not show that the capture loop runs: other threads log too.
+            if isinstance(message, CameraHeartbeat):
                 due_s = time.monotonic() + self._heartbeat_timeout_s()
             elif time.monotonic() >= due_s:
                 process.kill()
@@ -189,8 +184,8 @@ class CameraWorkerSupervisor:
 
     def _handle_message(self, message: CameraWorkerMessage) -> None:
         match message:
-            case CameraHeartbeat(phase, condition, counters):
-                self._phase, self.status = phase, condition
+            case CameraHeartbeat(phase, status, counters):
+                self._phase, self.status = phase, status
                 self._counted = self._counted[0], counters
                 if phase is WorkerPhase.STREAMING:
                     self._backoff.reset()
@@ -203,7 +198,7 @@ class CameraWorkerSupervisor:
                 logging.getLogger(logger).log(level, "%s", text)
 
     def _handle_exit(self, reason: str) -> None:
-        """Say what became of a process that nobody told to end."""
+        """Report the end of a process that was not stopped by the service."""
         if self.final_exception is not None or self._stopping.is_set():
             return
         text = f"the driver {reason}"
@@ -221,7 +216,7 @@ class CameraWorkerSupervisor:
             self._finish(CameraLostError(f"{text}; open the recording again"))
 
     def _finish(self, exception: Exception) -> None:
-        """No frame will follow those in the ring."""
+        """End the stream after the frames in the ring."""
         self.final_exception = exception
         self._ring.finish()
         self._is_settled.set()

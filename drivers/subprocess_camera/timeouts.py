@@ -1,11 +1,11 @@
-"""How long a driver may take for what, and how soon it is tried again."""
+"""Time limits of a worker process in each phase, and the delay between retries."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
 
 class WorkerPhase(StrEnum):
-    """What the driver is busy with, as it may hang while doing it."""
+    """What the worker is doing; each phase has its own time limit."""
 
     LAUNCHING = "starting up"
     OPENING = "opening the camera"
@@ -17,18 +17,19 @@ class WorkerPhase(StrEnum):
 
 @dataclass(frozen=True)
 class Timeouts:
-    """Seconds. A driver that says nothing for longer is taken for hung, and killed.
+    """Time limits in seconds. A worker that sends nothing for longer counts as hung and is killed.
 
-    launching_s      until the new process says its first word: Python and OpenCV, from a slow disk
-    opening_s        for the camera's `open`: said, and the process ended, within 5 s
-    closing_s        for the camera's `close`
-    heartbeat_s      between two words of a driver that waits for frames or delivers them
-    first_frame_s    from `open` until a live camera counts as lost if it sends nothing; a little
-                     more than the 2 s that cameras allow themselves, since they know more to say
-    initial_retry_s    before a camera or driver that failed is tried again; doubled each time, up to
-    max_retry_s
-    orphan_s         until a driver whose service is gone ends even if it hangs in native code that
-                     holds Python's lock
+    Attributes:
+        launching_s: Until the first message: Python and OpenCV may load from a slow disk.
+        opening_s: For the camera's `open`; with killing the process it stays below 5 s.
+        closing_s: For the camera's `close`.
+        heartbeat_s: Between two messages while the worker waits for frames or delivers them.
+        first_frame_s: From `open` to the first frame of a live camera. It is longer than the
+            cameras' own 2 s, because their errors say more.
+        initial_retry_s: Delay before the first retry; it doubles with each failure.
+        max_retry_s: The longest delay before a retry.
+        orphan_s: Until a worker whose service has ended exits, even if it hangs in native code
+            that holds the GIL.
     """
 
     launching_s: float = 20.0
@@ -41,7 +42,7 @@ class Timeouts:
     orphan_s: float = 10.0
 
     def heartbeat_timeout_s(self, phase: WorkerPhase) -> float:
-        """How long the driver may say nothing in this phase."""
+        """Return the longest time without a message in this phase."""
         match phase:
             case WorkerPhase.LAUNCHING:
                 return self.launching_s

@@ -1,6 +1,6 @@
-"""The driver's process: ``python -m drivers.subprocess_camera.worker_main FD``, started by `WorkerProcess`.
+"""The worker process of a camera: ``python -m drivers.subprocess_camera.worker_main FD``.
 
-It ends with the service, whatever happens: in order where that is possible, by force where not.
+`WorkerProcess` starts it. It always ends with the service, by force if necessary.
 """
 
 import logging
@@ -32,28 +32,27 @@ _log = logging.getLogger(__name__)
 
 
 def main(connection: "Connection[Any, Any]") -> None:
-    """Work until the service says that this is the end, or is gone."""
+    """Run the camera until the service ends the process or is gone."""
     ignore_terminal_signals()
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_hear`
-    job: StartCameraWorker = connection.recv()
-    outbox = ParentConnection(connection)
-    forward_logs(outbox, job.log_level)
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # see `_receive_request`
+    start: StartCameraWorker = connection.recv()
+    parent = ParentConnection(connection)
+    forward_logs(parent, start.log_level)
     cv2.setNumThreads(1)
     stop = threading.Event()
-    wishes: SimpleQueue[DeviceRequest] = SimpleQueue()
-    listening = (connection, wishes, stop, job.config.timeouts)
-    threading.Thread(target=_receive_requests, args=listening, daemon=True).start()
+    requests: SimpleQueue[DeviceRequest] = SimpleQueue()
+    receiver_args = (connection, requests, stop, start.config.timeouts)
+    threading.Thread(target=_receive_requests, args=receiver_args, daemon=True).start()
     try:
-        camera = job.config.factory()
-        for wish in job.requests:
-            with suppress(CameraError):  # it is not open yet: it remembers
-                wish.apply(camera)
-        threading.Thread(target=_apply_requests, args=(wishes, camera), daemon=True).start()
-        CaptureLoop(
-            camera, FrameRingWriter(job.ring_fds, job.config.playback_mode), job, outbox.send, stop
-        ).run()
+        camera = start.config.factory()
+        for request in start.requests:
+            with suppress(CameraError):  # not open yet: the camera stores the setting
+                request.apply(camera)
+        threading.Thread(target=_apply_requests, args=(requests, camera), daemon=True).start()
+        ring = FrameRingWriter(start.ring_fds, start.config.playback_mode)
+        CaptureLoop(camera, ring, start, parent.send, stop).run()
     except UserFacingError as error:
-        outbox.send(CameraFinished(error))
+        parent.send(CameraFinished(error))
 
 
 def _receive_requests(
@@ -62,17 +61,17 @@ def _receive_requests(
     stop: threading.Event,
     timeouts: Timeouts,
 ) -> None:
-    """Body of the thread that hears the service's wishes, and ends the process with it."""
+    """Body of the thread that receives requests, and ends the process with the service."""
     with suppress(EOFError, OSError):
-        while (wish := _receive_request(connection, timeouts)) is not None:
-            requests.put(wish)
+        while (request := _receive_request(connection, timeouts)) is not None:
+            requests.put(request)
     stop.set()
     threading.main_thread().join(timeouts.closing_s)
     os._exit(1)
 
 
 def _apply_requests(requests: "SimpleQueue[DeviceRequest]", camera: RgbdCamera) -> None:
-    """Body of the thread that does as it is told: neither frames nor the service wait for it."""
+    """Body of the thread that applies requests, so that neither frames nor the service wait."""
     while True:
         try:
             requests.get().apply(camera)
@@ -83,14 +82,14 @@ def _apply_requests(requests: "SimpleQueue[DeviceRequest]", camera: RgbdCamera) 
 def _receive_request(
     connection: "Connection[Any, Any]", timeouts: Timeouts
 ) -> DeviceRequest | None:
-    """The next wish; None at the end. Raises EOFError or OSError if the service is gone."""
+    """Wait for a request; None at the end. Raises EOFError or OSError if the service is gone."""
     while True:
-        # The kernel's alarm clock ends the process if nobody sets it again: native code that hangs
-        # while it holds Python's lock stops this thread too.
+        # The kernel's timer ends the process unless it is set again: native code that hangs while
+        # it holds the GIL stops this thread too.
         signal.setitimer(signal.ITIMER_REAL, timeouts.orphan_s)
         if connection.poll(timeouts.orphan_s / 3):
-            wish: DeviceRequest | None = connection.recv()
-            return wish
+            request: DeviceRequest | None = connection.recv()
+            return request
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""``accelerometer.txt`` of a TUM folder: ``timestamp ax ay az``, as a Kinect's accelerometer."""
+"""The file ``accelerometer.txt`` of a TUM folder, with lines of ``timestamp ax ay az``."""
 
 import math
 from dataclasses import dataclass
@@ -30,9 +30,9 @@ class GravitySeries:
     gravity_m_s2: Array
 
     def mean_at(self, stamp_s: float) -> Vector | None:
-        """The reading of this very stamp, else the mean of the second before; None without any.
+        """Return the reading with this stamp, else the mean of the second before; None without any.
 
-        A recording made here has one reading a frame, which was smoothed when it was live.
+        This program's recordings have one reading per frame, which is already smoothed.
         """
         end = int(np.searchsorted(self.stamps_s, stamp_s, side="right"))
         begin = int(np.searchsorted(self.stamps_s, stamp_s - AVERAGING_WINDOW_S))
@@ -45,9 +45,10 @@ class GravitySeries:
 
 
 def read_gravity(folder: Path) -> GravitySeries:
-    """The folder's track, without what cannot be gravity; empty where there is no such file.
+    """Read a folder's gravity without invalid readings; empty if there is no such file.
 
-    Raises InputError naming file and line if it does not parse.
+    Raises:
+        InputError: The file does not parse; the message names file and line.
     """
     path = folder / ACCELEROMETER_FILE
     rows = read_rows(path, COLUMNS) if path.exists() else []
@@ -58,14 +59,14 @@ def read_gravity(folder: Path) -> GravitySeries:
 
 
 class AccelerometerWriter:
-    """Writes the file; there is none before there is a reading."""
+    """Writes the file, which is created with the first reading."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / ACCELEROMETER_FILE
         self._files: list[AppendOnlyFile] = []
 
     def add(self, stamp: str, gravity_m_s2: Vector | None) -> None:
-        """Add a line, from which exactly the same gravity is read. Raises OSError."""
+        """Add a line; `read_gravity` gives back exactly the same gravity. Raises OSError."""
         if gravity_m_s2 is None:
             return
         if not self._files:

@@ -21,9 +21,13 @@ _log = logging.getLogger(__name__)
 class TumCamera(RgbdCamera):
     """Replays a folder; a thread of its own decodes ahead of the reader.
 
-    `camera_file` wins over FOLDER/camera.toml, which wins over TUM's own cameras, known by the
-    folder's name. `every` uses each n-th pair only; `seq` counts what is used.
-    A frame in the middle that cannot be read is skipped, counted and reported in the log.
+    A frame that cannot be read is skipped, counted and logged, except the first one.
+
+    Args:
+        folder: The recording.
+        camera_file: Camera file; None to find one, see `find_calibration`.
+        playback_mode: Lockstep or realtime.
+        every: Use only every n-th pair; `seq` counts the used pairs.
     """
 
     clock = Clock.RECORDED
@@ -47,7 +51,7 @@ class TumCamera(RgbdCamera):
         self._buffer.close()
 
     def open(self) -> None:
-        """Check the folder and start decoding. Raises InputError for a folder without use."""
+        """Check the folder and start decoding. Raises InputError if the folder cannot be used."""
         self.close()
         self._opened = open_tum_folder(self._folder, self._camera_file)
         self._pairs = self._opened.frames.pairs[:: self._every]
@@ -61,14 +65,14 @@ class TumCamera(RgbdCamera):
         self._thread.start()
 
     def read(self, timeout_s: float) -> RgbdFrame:
-        """The next frame at this pace, as the contract says."""
+        """Wait for the next frame, see `RgbdCamera.read`."""
         return self._buffer.get(timeout_s)
 
     def close(self) -> None:
-        """Stop the decoding; what has been counted can still be asked for."""
+        """Stop decoding. The counters remain valid."""
         self._buffer.close()
         if self._thread.is_alive():
-            # A read from a dead network disk can hang; the thread is then left to itself.
+            # A read from a dead network disk can hang; the thread is then abandoned.
             self._thread.join(JOIN_TIMEOUT_S)
 
     @property
@@ -78,17 +82,17 @@ class TumCamera(RgbdCamera):
 
     @property
     def frame_count(self) -> int | None:
-        """Pairs that are used; None before `open`."""
+        """The number of used pairs; None before `open`."""
         return len(self._pairs) if self._opened else None
 
     @property
     def unpaired(self) -> int | None:
-        """Color and depth images without a partner within 20 ms; None before `open`."""
+        """The number of images without a partner within 20 ms; None before `open`."""
         return self._opened.frames.unpaired if self._opened else None
 
     @property
     def ground_truth(self) -> Trajectory | None:
-        """FOLDER/groundtruth.txt, if there is one; None before `open`."""
+        """The poses of FOLDER/groundtruth.txt, if it exists; None before `open`."""
         return self._opened.ground_truth if self._opened else None
 
 
@@ -100,7 +104,7 @@ def _make_buffer(playback_mode: PlaybackMode, pairs: Sequence[FramePair]) -> Fra
 
 
 def _decode_ahead(pairs: Sequence[FramePair], folder: TumFolder, buffer: FrameBuffer) -> None:
-    """Body of the decoding thread. Whatever goes wrong in it reaches the reader."""
+    """Body of the decoding thread. Its errors reach the reader."""
     try:
         _fill_buffer(buffer, pairs, folder)
         buffer.finish(EndOfStream())

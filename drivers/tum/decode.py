@@ -1,4 +1,4 @@
-"""From image files to arrays, refusing whatever is not whole."""
+"""Decoding of image files, with checks that they are complete."""
 
 import struct
 import zlib
@@ -21,13 +21,21 @@ DepthImage = NDArray[np.uint16]
 
 
 class UnreadableFrameError(Exception):
-    """A frame's file is missing, broken or of the wrong kind: ``FILE: reason; what to do``."""
+    """A frame's file is missing, broken or of the wrong kind: ``FILE: reason; action``."""
 
 
 def load_pair(pair: FramePair, size: tuple[int, int]) -> tuple[BgrImage, DepthImage]:
-    """Color (height, width, 3) BGR uint8 and depth (height, width) uint16 of one frame.
+    """Load the two images of a frame.
 
-    `size` is (width, height) of the camera. Raises UnreadableFrameError.
+    Args:
+        pair: The image files.
+        size: (width, height) of the camera.
+
+    Returns:
+        Color (height, width, 3) BGR uint8 and depth (height, width) uint16.
+
+    Raises:
+        UnreadableFrameError: A file cannot be decoded or has the wrong size.
     """
     color = load_color(pair.color.file)
     depth = load_depth(pair.depth.file)
@@ -45,12 +53,12 @@ def load_pair(pair: FramePair, size: tuple[int, int]) -> tuple[BgrImage, DepthIm
 
 
 def load_color(file: Path) -> BgrImage:
-    """(height, width, 3) BGR uint8 of a PNG or JPEG. Raises UnreadableFrameError."""
+    """Load (height, width, 3) BGR uint8 from a PNG or JPEG. Raises UnreadableFrameError."""
     image = _load(file)
     if image.dtype != np.uint8:
         raise UnreadableFrameError(
-            f"{file}: color is not 8 bits a channel; give the color image here "
-            "(in associations.txt color stands before depth)"
+            f"{file}: color does not have 8 bits per channel; give the color image here "
+            "(in associations.txt color comes before depth)"
         )
     if image.ndim == 2:
         return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)  # type: ignore[return-value]
@@ -60,26 +68,26 @@ def load_color(file: Path) -> BgrImage:
 
 
 def load_depth(file: Path) -> DepthImage:
-    """(height, width) uint16 of a PNG. Raises UnreadableFrameError."""
+    """Load (height, width) uint16 from a PNG. Raises UnreadableFrameError."""
     image = _load(file)
     if image.ndim != 2 or image.dtype != np.uint16:
         raise UnreadableFrameError(
             f"{file}: depth has {image.dtype.itemsize * 8} bits and "
             f"{1 if image.ndim == 2 else image.shape[2]} channel(s), where 16 bits and 1 channel "
-            "are needed; export the sensor's raw depth, not a picture of it"
+            "are needed; export the sensor's raw depth, not a visualization"
         )
     return image
 
 
 def _load(file: Path) -> NDArray[Any]:
-    """Any whole PNG or JPEG as it is stored, channels in BGR order."""
+    """Load a complete PNG or JPEG as it is stored, channels in BGR order."""
     try:
         data = file.read_bytes()
     except OSError as error:
         raise UnreadableFrameError(f"{file}: cannot be read: {error.strerror}") from error
     fault = _find_fault(data)
     if fault:
-        raise UnreadableFrameError(f"{file}: {fault}; restore it or take it out of the list")
+        raise UnreadableFrameError(f"{file}: {fault}; restore it or remove it from the list")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -90,9 +98,9 @@ def _load(file: Path) -> NDArray[Any]:
 
 
 def _find_fault(data: bytes) -> str:
-    """Why an image file is not whole, "" if it is.
+    """Return why an image file is incomplete; "" if it is complete.
 
-    OpenCV would fill what is missing with gray, or complain on standard error: so look first.
+    OpenCV would fill missing parts with gray, or print to standard error.
     """
     if not data:
         return "is empty (0 bytes)"
@@ -104,7 +112,7 @@ def _find_fault(data: bytes) -> str:
 
 
 def _find_png_fault(data: bytes) -> str:
-    """Walk the chunks (length, type, data, CRC) up to IEND: PNG specification, section 5."""
+    """Check the chunks (length, type, data, CRC) up to IEND: PNG specification, section 5."""
     position = len(PNG_SIGNATURE)
     while position + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, position)
@@ -117,23 +125,22 @@ def _find_png_fault(data: bytes) -> str:
         if data[position + 4 : position + 8] == b"IEND":
             return ""
         position = end
-    return f"is truncated (the PNG breaks off after {len(data)} bytes)"
+    return f"is truncated (the PNG ends after {len(data)} bytes)"
 
 
 def _find_jpeg_fault(data: bytes) -> str:
-    """Walk the segments to the scan, then look for the end: ITU-T T.81, annex B.
+    """Check the segments up to the scan, then search the end marker: ITU-T T.81, annex B.
 
-    In a scan 0xFF is always escaped, so an end marker found there is the real one, not one of an
-    embedded preview.
+    In a scan 0xFF is always escaped, so an end marker there is not that of an embedded preview.
     """
     position = len(JPEG_START)
     while position + 4 <= len(data) and data[position] == 0xFF:
         if data[position + 1] == JPEG_SCAN:
-            whole = data.find(JPEG_END, position) >= 0
-            return "" if whole else f"is truncated (the JPEG breaks off after {len(data)} bytes)"
+            is_complete = data.find(JPEG_END, position) >= 0
+            return "" if is_complete else f"is truncated (the JPEG ends after {len(data)} bytes)"
         (length,) = struct.unpack_from(">H", data, position + 2)
         position += 2 + length
-    return "is truncated or damaged (the JPEG has no picture in it)"
+    return "is truncated or damaged (the JPEG contains no image)"
 
 
 def _size_text(image: NDArray[Any]) -> str:

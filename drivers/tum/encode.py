@@ -1,4 +1,4 @@
-"""From a frame to the bytes of its image files and the text of its stamps."""
+"""Encoding of a frame's images and stamps."""
 
 from dataclasses import dataclass
 from decimal import Decimal
@@ -16,27 +16,27 @@ MICROSECOND = Decimal("1e-6")
 
 
 class ColorFormat(StrEnum):
-    """How color images are stored; depth is always PNG."""
+    """The file format of color images; depth is always PNG."""
 
-    PNG = "png"  # exact
-    JPEG = "jpg"  # far smaller and quicker, but not exact
+    PNG = "png"  # lossless
+    JPEG = "jpg"  # far smaller and faster, but lossy
 
 
 @dataclass(frozen=True)
 class FrameStamps:
-    """When the two images of a frame were taken, exactly, in seconds."""
+    """The exact stamps of a frame's two images, in seconds."""
 
     color: Decimal
     depth: Decimal
 
     @classmethod
     def from_frame(cls, frame: RgbdFrame) -> Self:
-        """From the shortest decimals that are the frame's floats: sums of them are exact."""
+        """Convert a frame's stamps by the shortest decimals of its floats, with an exact sum."""
         color = Decimal(repr(float(frame.stamp_s)))
         return cls(color, EXACT_CONTEXT.add(color, Decimal(repr(float(frame.skew_s)))))
 
     def is_after(self, other: "FrameStamps") -> bool:
-        """True if both come later than those of `other`, to the microsecond."""
+        """Whether both stamps are later than those of `other`, to the microsecond."""
         return round_to_microseconds(self.color) > round_to_microseconds(other.color) and (
             round_to_microseconds(self.depth) > round_to_microseconds(other.depth)
         )
@@ -47,7 +47,7 @@ EARLIEST_STAMPS = FrameStamps(Decimal("-Infinity"), Decimal("-Infinity"))
 
 @dataclass(frozen=True)
 class EncodedFrame:
-    """A frame as it goes to disk."""
+    """A frame as it is stored on disk."""
 
     stamps: FrameStamps
     color: bytes
@@ -56,7 +56,7 @@ class EncodedFrame:
 
 
 def encode_frame(frame: RgbdFrame, stamps: FrameStamps, color_format: ColorFormat) -> EncodedFrame:
-    """Make the image files of a frame."""
+    """Encode the images of a frame."""
     depth = _encode_image(frame.depth_raw, ColorFormat.PNG)
     return EncodedFrame(
         stamps, _encode_image(frame.color_bgr, color_format), depth, frame.gravity_m_s2
@@ -64,12 +64,12 @@ def encode_frame(frame: RgbdFrame, stamps: FrameStamps, color_format: ColorForma
 
 
 def round_to_microseconds(stamp: Decimal) -> Decimal:
-    """`stamp` rounded to a microsecond: what file names show."""
+    """Round a stamp to a microsecond, as in file names."""
     return stamp.quantize(MICROSECOND) if stamp.is_finite() else stamp
 
 
 def format_stamp(stamp: Decimal) -> str:
-    """To the microsecond as is usual, with more digits only where there are more."""
+    """Format a stamp with six decimals, or with more if it needs them."""
     short = round_to_microseconds(stamp)
     return f"{short if short == stamp else stamp:f}"
 

@@ -1,4 +1,4 @@
-"""A recording in the layout of the TUM RGB-D benchmark: everything that can be checked at once."""
+"""A recording in the layout of the TUM RGB-D benchmark, checked before playback."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from drivers.tum.index_files import FramePair, ListedImage, read_associations, r
 
 @dataclass(frozen=True)
 class FolderFrames:
-    """The frames of a folder, and how many images were left without a partner."""
+    """The frames of a folder, and the number of images without a partner."""
 
     pairs: list[FramePair]
     unpaired: int = 0
@@ -24,7 +24,7 @@ class FolderFrames:
 
 @dataclass(frozen=True)
 class TumFolder:
-    """A folder that has been checked: it can be replayed from its first frame."""
+    """A checked folder that can be replayed."""
 
     frames: FolderFrames
     calibration: CameraCalibration
@@ -33,9 +33,10 @@ class TumFolder:
 
 
 def open_tum_folder(folder: Path, camera_file: Path | None) -> TumFolder:
-    """Read a folder's lists, camera, ground truth and gravity, and try its first frame.
+    """Read a folder's lists, camera, ground truth and gravity, and load its first frame.
 
-    Raises InputError for whatever makes the folder as a whole unusable.
+    Raises:
+        InputError: The folder cannot be used.
     """
     _check_folder(folder)
     frames = read_frame_pairs(folder)
@@ -44,11 +45,11 @@ def open_tum_folder(folder: Path, camera_file: Path | None) -> TumFolder:
     try:
         load_pair(frames.pairs[0], (camera.width, camera.height))
     except UnreadableFrameError as error:
-        where = frames.pairs[0].color.location
-        raise InputError(f"{error} (the first frame, {where})") from error
-    truth = folder / "groundtruth.txt"
-    known_truth = read_trajectory(truth) if truth.exists() else None
-    return TumFolder(frames, camera, known_truth, read_gravity(folder))
+        location = frames.pairs[0].color.location
+        raise InputError(f"{error} (the first frame, {location})") from error
+    truth_file = folder / "groundtruth.txt"
+    ground_truth = read_trajectory(truth_file) if truth_file.exists() else None
+    return TumFolder(frames, camera, ground_truth, read_gravity(folder))
 
 
 def _check_folder(folder: Path) -> None:
@@ -65,9 +66,10 @@ def _check_folder(folder: Path) -> None:
 
 
 def read_frame_pairs(folder: Path) -> FolderFrames:
-    """The frames that the lists of a folder name, without a look at its images or its camera.
+    """Read the frames in a folder's lists, without its images and its camera.
 
-    Raises InputError if a list is missing, does not parse, or no two images belong together.
+    Raises:
+        InputError: A list is missing or does not parse, or no two images can be paired.
     """
     associations = folder / "associations.txt"
     if associations.exists():
@@ -79,13 +81,13 @@ def read_frame_pairs(folder: Path) -> FolderFrames:
                 "or associations.txt"
             )
     color, depth = read_image_list(folder / "rgb.txt"), read_image_list(folder / "depth.txt")
-    found = pair_nearest(_stamps_us(color), _stamps_us(depth), MAX_PAIR_SKEW_US)
-    if not found:
+    indices = pair_nearest(_stamps_us(color), _stamps_us(depth), MAX_PAIR_SKEW_US)
+    if not indices:
         raise InputError(
-            f"{folder}: no color and depth images within {MAX_PAIR_SKEW_US // 1000} ms of each other; "
-            "rgb.txt and depth.txt must be of one recording, with stamps in seconds"
+            f"{folder}: no color and depth images within {MAX_PAIR_SKEW_US // 1000} ms of each "
+            "other; rgb.txt and depth.txt must be of one recording, with stamps in seconds"
         )
-    pairs = [FramePair(color[i], depth[j]) for i, j in found]
+    pairs = [FramePair(color[i], depth[j]) for i, j in indices]
     return FolderFrames(pairs, len(color) + len(depth) - 2 * len(pairs))
 
 
@@ -94,13 +96,13 @@ def _stamps_us(images: list[ListedImage]) -> StampsUs:
 
 
 def _check_files(pairs: list[FramePair]) -> None:
-    """Raise unless the first frame's files are there and most of the others' too."""
-    missing = [_missing_file(pair) for pair in pairs]
-    named = [image for image in missing if image is not None]
-    if missing[0] is not None or 2 * len(named) > len(pairs):
+    """Raise InputError unless the files of the first frame and of most others exist."""
+    missing_of_frame = [_missing_file(pair) for pair in pairs]
+    missing = [image for image in missing_of_frame if image is not None]
+    if missing_of_frame[0] is not None or 2 * len(missing) > len(pairs):
         raise InputError(
-            f"{named[0].location}: names {named[0].file}, which is missing "
-            f"({len(named)} of {len(pairs)} frames lack a file); restore it or remove the line"
+            f"{missing[0].location}: names {missing[0].file}, which is missing "
+            f"({len(missing)} of {len(pairs)} frames lack a file); restore it or remove the line"
         )
 
 

@@ -1,4 +1,4 @@
-"""From a pair of image files to the frame that odometry sees."""
+"""Reading of frames from pairs of image files."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""The text lists of a TUM folder: which image was taken when."""
+"""The text lists of a TUM folder, with stamps and image files."""
 
 from dataclasses import dataclass
 from decimal import Context, Decimal, InvalidOperation
@@ -7,15 +7,15 @@ from pathlib import Path, PurePath
 
 from drivers.core.errors import InputError
 
-# Stamps are kept as written: 17 digits of seconds do not fit a float, and a difference of two
-# stamps is then exact. The precision holds the sum of any two floats that have been printed.
+# Stamps are kept as decimals: 17 digits of seconds do not fit a float, and differences are exact.
+# The precision holds the sum of any two printed floats.
 EXACT_CONTEXT = Context(prec=100)
 _MAX_STAMP_S = Decimal(10**11)
 
 
 @dataclass(frozen=True)
 class ListedImage:
-    """One image of a list: its stamp in seconds, its file, and where the list says so."""
+    """One image of a list: its stamp in seconds, its file, and its line in the list."""
 
     stamp: Decimal
     file: Path
@@ -29,23 +29,24 @@ class ListedImage:
 
 @dataclass(frozen=True)
 class FramePair:
-    """Color and depth that belong together."""
+    """The color and the depth image of one frame."""
 
     color: ListedImage
     depth: ListedImage
 
     @property
     def skew_s(self) -> float:
-        """Instant of depth minus instant of color."""
+        """Stamp of depth minus stamp of color."""
         return float(EXACT_CONTEXT.subtract(self.depth.stamp, self.color.stamp))
 
 
 def read_image_list(path: Path) -> list[ListedImage]:
     """Read ``rgb.txt`` or ``depth.txt``: lines of ``stamp file``, ``#`` comments.
 
-    Files are below the list's folder. Raises InputError naming file and line if the list cannot be
-    read, is empty, does not parse, if a path leads out of the folder by what it says (absolute, or
-    with ``..``; links are followed), or if stamps repeat or go backwards.
+    Raises:
+        InputError: The list cannot be read, is empty or does not parse, its stamps do not rise, or
+            a path is absolute or contains ``..`` (links are followed). The message names file and
+            line.
     """
     images = [_parse_image(words, path, n) for n, words in _read_image_rows(path, "stamp file")]
     _check_increasing(images)
@@ -55,7 +56,8 @@ def read_image_list(path: Path) -> list[ListedImage]:
 def read_associations(path: Path) -> list[FramePair]:
     """Read ``associations.txt``: lines of ``stamp color_file stamp depth_file``.
 
-    Raises InputError as `read_image_list`, for either column of stamps.
+    Raises:
+        InputError: As for `read_image_list`, for both columns of stamps.
     """
     rows = _read_image_rows(path, "stamp color_file stamp depth_file")
     pairs = [FramePair(_parse_image(w[:2], path, n), _parse_image(w[2:], path, n)) for n, w in rows]
@@ -65,9 +67,17 @@ def read_associations(path: Path) -> list[FramePair]:
 
 
 def read_rows(path: Path, columns: str) -> list[tuple[int, list[str]]]:
-    """The line number and the words of every line that is neither blank nor a comment.
+    """Read a list's lines other than blank lines and comments.
 
-    Raises InputError naming the file, and the line where the number of words is not that of `form`.
+    Args:
+        path: The list.
+        columns: Names of the columns, separated by spaces.
+
+    Returns:
+        The number (from 1) and the columns of each line.
+
+    Raises:
+        InputError: The list cannot be read, or a line has a wrong number of columns.
     """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
@@ -97,28 +107,29 @@ def _read_image_rows(path: Path, columns: str) -> list[tuple[int, list[str]]]:
 
 
 def _parse_image(words: list[str], path: Path, number: int) -> ListedImage:
-    where = f"{path}:{number}"
+    location = f"{path}:{number}"
     try:
         stamp = Decimal(words[0])
     except InvalidOperation as error:
         raise InputError(
-            f'{where}: "{words[0]}" is not a stamp; the column must be seconds, as 1305031102.1753'
+            f'{location}: "{words[0]}" is not a stamp; the column must be seconds, such as '
+            "1305031102.1753"
         ) from error
     if not stamp.is_finite() or abs(stamp) > _MAX_STAMP_S:
-        raise InputError(f"{where}: stamp {words[0]} is not in seconds; rewrite the list")
-    return ListedImage(stamp, path.parent / _resolve_inside(words[1], where), where)
+        raise InputError(f"{location}: stamp {words[0]} is not in seconds; rewrite the list")
+    return ListedImage(stamp, path.parent / _resolve_inside(words[1], location), location)
 
 
 def _resolve_inside(text: str, location: str) -> PurePath:
-    """The path of an image, from the list's folder. Raises InputError if it leads out of that.
+    """Return an image's path relative to the list's folder. Raises InputError if it leads outside.
 
-    What the list says counts, not what is on the disk: a folder may be a link to another disk.
+    Only the text is checked: on disk a folder may be a link to another disk.
     """
     path = PurePath(text)
     if path.is_absolute() or ".." in path.parts:
         raise InputError(
-            f'{location}: "{text}" leads out of the recording\'s folder; put the image (or a link to '
-            "it) into that folder, and write its path from there"
+            f'{location}: "{text}" leads out of the recording\'s folder; put the image (or a link '
+            "to it) into that folder, and give its path relative to it"
         )
     return path
 
@@ -128,6 +139,6 @@ def _check_increasing(images: list[ListedImage]) -> None:
         if image.stamp_s <= before.stamp_s:
             fault = "repeats" if image.stamp_s == before.stamp_s else "goes back"
             raise InputError(
-                f"{image.location}: stamp {image.stamp} {fault} (the one before is {before.stamp}); "
-                "sort the list by its stamps and remove repeats"
+                f"{image.location}: stamp {image.stamp} {fault} (the previous one is "
+                f"{before.stamp}); sort the list by its stamps and remove duplicates"
             )

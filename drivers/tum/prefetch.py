@@ -1,4 +1,4 @@
-"""Between the thread that decodes and the one that reads: a few frames, and the pace."""
+"""Buffers of decoded frames between the decoding thread and the reader, for both playback modes."""
 
 import math
 import threading
@@ -16,11 +16,11 @@ MAX_BUFFERED_FRAMES = 4
 
 
 class BufferClosedError(Exception):
-    """Tells the decoding thread that nobody reads any more."""
+    """The buffer is closed, so the decoding thread must end."""
 
 
 class FrameBuffer(ABC):
-    """At most CAPACITY decoded frames, in order of time. One thread puts, another takes."""
+    """At most `MAX_BUFFERED_FRAMES` decoded frames in order, from one thread to another."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -30,7 +30,7 @@ class FrameBuffer(ABC):
 
     @abstractmethod
     def next_index(self, index: int) -> int:
-        """Index of the frame to decode, now that those before `index` are done."""
+        """Return the index of the frame to decode, `index` or a later one."""
 
     @abstractmethod
     def put(self, frame: RgbdFrame) -> None:
@@ -38,9 +38,11 @@ class FrameBuffer(ABC):
 
     @abstractmethod
     def get(self, timeout_s: float) -> RgbdFrame:
-        """Wait for the frame that is next at this pace.
+        """Wait for the next frame of this playback mode.
 
-        Raises NoFrameYet after `timeout_s`, and what `finish` was given when no frame is left.
+        Raises:
+            FrameTimeout: No frame is ready within `timeout_s`.
+            Exception: The exception given to `finish`, when no frame is left.
         """
 
     def count_skipped(self) -> None:
@@ -49,21 +51,21 @@ class FrameBuffer(ABC):
             self._skipped += 1
 
     def finish(self, exception: Exception) -> None:
-        """No frame will follow: `end` (EndOfStream or an error) is raised behind the last one."""
+        """End the stream: after the last frame `get` raises `exception`."""
         with self._changed:
             self._end = self._end or exception
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Forget the frames and wake both threads."""
+        """Discard the frames and wake both threads."""
         with self._changed:
             self._frames.clear()
-            self._end = CameraError("the recording is not open")
+            self._end = CameraError("the recording is not open; open it first")
             self._changed.notify_all()
 
     @property
     def counters(self) -> CameraCounters:
-        """What became of the frames so far."""
+        """Totals of delivered, dropped and skipped frames."""
         with self._changed:
             return CameraCounters(self._delivered, self._dropped, self._skipped)
 
@@ -83,10 +85,10 @@ class FrameBuffer(ABC):
 
 
 class LockstepBuffer(FrameBuffer):
-    """Every frame, when the reader asks for it."""
+    """Delivers every frame when it is read."""
 
     def next_index(self, index: int) -> int:
-        """Each frame in turn."""
+        """Return `index`: every frame is decoded."""
         return index
 
     def put(self, frame: RgbdFrame) -> None:
@@ -96,7 +98,7 @@ class LockstepBuffer(FrameBuffer):
             self._changed.wait_for(lambda: not self._is_full())
 
     def get(self, timeout_s: float) -> RgbdFrame:
-        """Wait for the next frame; it arrives when it is asked for."""
+        """Wait for the next frame; its receive time is now."""
         with self._changed:
             self._changed.wait_for(lambda: self._frames or self._end, timeout_s)
             if self._frames:
@@ -105,10 +107,13 @@ class LockstepBuffer(FrameBuffer):
 
 
 class RealtimeBuffer(FrameBuffer):
-    """Each frame when it is due, a newer one instead of it once that is due.
+    """Delivers each frame when it is due; frames that were not read in time are dropped.
 
-    `offsets_s` are the frames' stamps since the first; the recording starts to run when the first
-    frame is asked for. A frame's `seq` is its index there.
+    Playback starts when the first frame is read.
+
+    Args:
+        offsets_s: Stamps of the frames relative to the first; a frame's `seq` is its index here.
+        clock: Returns the time in seconds.
     """
 
     def __init__(
@@ -120,15 +125,15 @@ class RealtimeBuffer(FrameBuffer):
         self._start_s = math.inf
 
     def next_index(self, index: int) -> int:
-        """Pass over frames that are out of date already: decoding them would be wasted."""
+        """Skip frames that are outdated already, without decoding them."""
         with self._changed:
             newest_due = bisect_right(self._offsets_s, self._clock() - self._start_s) - 1
-            wanted = max(index, newest_due)
-            self._dropped += wanted - index
-            return wanted
+            next_index = max(index, newest_due)
+            self._dropped += next_index - index
+            return next_index
 
     def put(self, frame: RgbdFrame) -> None:
-        """Add a frame; while there is no room, wait for the oldest to be read or out of date."""
+        """Add a frame; while the buffer is full, wait until the oldest is read or outdated."""
         with self._changed:
             self._append(frame)
             self._drop_outdated()
@@ -137,7 +142,7 @@ class RealtimeBuffer(FrameBuffer):
                 self._drop_outdated()
 
     def get(self, timeout_s: float) -> RgbdFrame:
-        """Wait for a frame to be due; it arrives when it is due, or decoded if that is later."""
+        """Wait for a due frame; its receive time is the later one of due and decoded."""
         with self._changed:
             if self._start_s == math.inf:
                 self._start_s = self._clock()
@@ -165,5 +170,5 @@ class RealtimeBuffer(FrameBuffer):
         return self._start_s + self._offsets_s[frame.seq]
 
     def _seconds_until_due(self, frame: RgbdFrame) -> float:
-        """Seconds until `frame` is due, as long as can be before the start."""
+        """Return the seconds until a frame is due; before the start, the longest timeout."""
         return min(max(0.0, self._due_s(frame) - self._clock()), threading.TIMEOUT_MAX)

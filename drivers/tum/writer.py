@@ -1,4 +1,4 @@
-"""Recording any camera into a TUM folder that replays as the same frames, bit for bit."""
+"""Recording of any camera into a TUM folder that replays the same frames, bit for bit."""
 
 import logging
 from collections import deque
@@ -37,10 +37,18 @@ _log = logging.getLogger(__name__)
 class TumWriter:
     """Writes ``rgb/``, ``depth/``, their lists, the camera file, gravity and the ground truth.
 
-    Images are encoded on threads and written on the caller's, in order; memory stays bounded. A
-    frame is listed once both its images are in place, so the folder can be replayed whenever the
-    process is killed. A frame whose stamp does not come after the one before, to the microsecond,
-    has no place in a recording: it is left out, counted and reported in the log.
+    Images are encoded on threads and written in order on the caller's; memory is bounded. A frame
+    is listed after both its images are written, so the folder can be replayed even if the process
+    is killed. A frame whose stamp is not after the previous one, to the microsecond, is skipped,
+    counted and logged.
+
+    Args:
+        folder: Created; it must not exist or be empty.
+        ground_truth: Written to groundtruth.txt.
+        color_format: File format of the color images.
+
+    Raises:
+        InputError: The folder cannot be created or is not empty.
     """
 
     def __init__(
@@ -50,7 +58,7 @@ class TumWriter:
         ground_truth: Trajectory | None = None,
         color_format: ColorFormat = ColorFormat.PNG,
     ) -> None:
-        """Create the folder. Raises InputError if it cannot be created or is not empty."""
+
         self.folder = folder
         self.written = self.skipped = 0
         self._color_format = color_format
@@ -65,8 +73,9 @@ class TumWriter:
     def write(self, frame: RgbdFrame) -> None:
         """Add a frame; it may reach the disk a few frames later.
 
-        Raises UserFacingError if the disk is full or refuses (what was written stays whole), or
-        if the camera is not the one that the recording began with.
+        Raises:
+            UserFacingError: Writing fails (complete frames remain), or the camera differs from
+                that of the first frame.
         """
         if self._failure:
             raise self._failure
@@ -84,7 +93,7 @@ class TumWriter:
             self._commit(self._pending.popleft().result())
 
     def close(self) -> None:
-        """Write what is pending. Safe to call twice. Raises as `write`, but not what it raised."""
+        """Write pending frames. Safe to call twice. Raises as `write`, but no error twice."""
         try:
             while self._pending and not self._failure:
                 self._commit(self._pending.popleft().result())
@@ -107,16 +116,16 @@ class TumWriter:
         self.close()
 
     def _write_calibration(self, frame: RgbdFrame) -> None:
-        """Write the camera file with the first frame; from then on the camera must stay."""
-        found = _make_calibration(frame)
+        """Write the camera file with the first frame; later frames must have the same camera."""
+        calibration = _make_calibration(frame)
         if not self._calibrations:
             self._write_files(
-                [(self.folder / CAMERA_FILE_NAME, format_calibration(found).encode())]
+                [(self.folder / CAMERA_FILE_NAME, format_calibration(calibration).encode())]
             )
-            self._calibrations.append(found)
-        if found != self._calibrations[0]:
+            self._calibrations.append(calibration)
+        if calibration != self._calibrations[0]:
             raise UserFacingError(
-                f"{self.folder}: the camera changed while it was recorded (now {frame.camera}, "
+                f"{self.folder}: the camera changed during recording (now {frame.camera}, "
                 f"depth factor {frame.depth_factor}, readout {frame.readout_s} s); record it into "
                 "another folder"
             )
@@ -133,14 +142,14 @@ class TumWriter:
         lines = (color_line, depth_line, f"{color_line} {depth_line}")
         try:
             self._accelerometer.add(format_stamp(stamps.color), frame.gravity_m_s2)
-            for growing, line in zip(self._index_files, lines, strict=True):
-                growing.append(line)
+            for index_file, line in zip(self._index_files, lines, strict=True):
+                index_file.append(line)
         except OSError as error:
             raise self._set_failure(error) from error
         self.written += 1
 
     def _write_files(self, files: Sequence[tuple[Path, bytes]]) -> None:
-        """Write all of them or none."""
+        """Write all files or none."""
         try:
             for path, data in files:
                 atomic_write(path, data)
@@ -150,11 +159,11 @@ class TumWriter:
             raise self._set_failure(error) from error
 
     def _set_failure(self, error: OSError) -> UserFacingError:
-        full = is_disk_full(error)
-        cause = "the disk is full" if full else f"cannot be written: {error.strerror}"
+        is_full = is_disk_full(error)
+        cause = "the disk is full" if is_full else f"cannot be written: {error.strerror}"
         self._failure = UserFacingError(
             f"{self.folder}: {cause}; the {self.written} frames recorded so far are complete; "
-            f"{'free some space' if full else 'see to the disk'} and record into a new folder"
+            f"{'free some space' if is_full else 'check the disk'} and record into a new folder"
         )
         return self._failure
 
@@ -184,9 +193,9 @@ def _create_folder(folder: Path, ground_truth: Trajectory | None) -> list[Append
 
 
 def _make_calibration(frame: RgbdFrame) -> CameraCalibration:
-    """The camera of a frame, which is undistorted already.
+    """Make the calibration of a frame, which is already undistorted.
 
-    Its stamps are written with the whole skew, so depth is where they say: no offset is left.
+    The depth stamps are written with the whole skew, so the depth offset is zero.
     """
     c, timing = frame.camera, (frame.readout_s, 0.0)
     intrinsics = (c.width, c.height, c.fx, c.fy, c.cx, c.cy)

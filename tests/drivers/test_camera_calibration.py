@@ -21,7 +21,7 @@ from drivers.core.errors import InputError
 from drivers.core.geometry import is_rigid
 
 TEXT = format_calibration(TUM_CALIBRATIONS["1"])
-MILLIMETRES = TEXT.replace("depth_factor = 5000.0", "depth_factor = 1000.0")
+MILLIMETERS = TEXT.replace("depth_factor = 5000.0", "depth_factor = 1000.0")
 
 
 def complaint(tmp_path: Path, old: str, new: str) -> str:
@@ -182,12 +182,12 @@ def test_the_folder_here_is_known_by_its_real_name(
 def test_the_file_in_the_folder_wins_over_its_name(tmp_path: Path) -> None:
     folder = tmp_path / "freiburg1"
     folder.mkdir()
-    (folder / "camera.toml").write_text(MILLIMETRES)
+    (folder / "camera.toml").write_text(MILLIMETERS)
     assert find_calibration(folder, None).depth_factor == 1000.0
 
 
 def test_the_file_given_wins_over_the_one_in_the_folder(tmp_path: Path) -> None:
-    (tmp_path / "camera.toml").write_text(MILLIMETRES)
+    (tmp_path / "camera.toml").write_text(MILLIMETERS)
     given_file = tmp_path / "mine.toml"
     given_file.write_text(TEXT)
     assert find_calibration(tmp_path, given_file).depth_factor == 5000.0

@@ -44,12 +44,12 @@ def test_a_folder_may_have_a_colon_in_its_name() -> None:
     ("source", "said"),
     [
         ("kinekt", "camera 'kinekt' is unknown; use one of: freenect"),
-        ("fakenect", "needs a dump's folder: fakenect:FOLDER"),
+        ("fakenect", "needs the folder of a dump: fakenect:FOLDER"),
         ("", "camera '' is unknown"),
         ("desk", "camera 'desk' is unknown"),
         ("tum", "needs a folder: tum:FOLDER"),
         ("tum:", "needs a folder: tum:FOLDER"),
-        ("synthetic:7", "it takes nothing after its name"),
+        ("synthetic:7", "it takes no argument"),
     ],
 )
 def test_a_source_that_is_none_says_what_to_write(source: str, said: str) -> None:

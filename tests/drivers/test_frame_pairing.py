@@ -33,7 +33,7 @@ def irregular() -> st.SearchStrategy[list[float]]:
 
 
 @given(irregular(), irregular(), st.floats(-0.03, 0.03))
-def test_no_depth_image_gets_the_farther_neighbour(
+def test_no_depth_image_gets_the_farther_neighbor(
     colors_s: list[float], depths_s: list[float], late_s: float
 ) -> None:
     for pair in run(colors_s, depths_s, late_s)[0]:

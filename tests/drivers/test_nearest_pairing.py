@@ -36,7 +36,7 @@ def test_pairs_are_those_of_the_brute_force_greedy(
 
 
 @given(stamps, stamps, st.integers(0, 60))
-def test_the_farther_neighbour_is_never_taken_while_the_nearer_is_free(
+def test_the_farther_neighbor_is_never_taken_while_the_nearer_is_free(
     color: StampsUs, depth: StampsUs, within: int
 ) -> None:
     pairs = pair_nearest(color, depth, within)

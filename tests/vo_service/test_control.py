@@ -104,7 +104,7 @@ def test_the_head_is_tilted_and_lit() -> None:
     ("command", "words"),
     [
         (TiltCommand(1.0), "scripted: it has no motor"),
-        (LedCommand(Led.RED), "scripted: it has no light"),
+        (LedCommand(Led.RED), "scripted: it has no LED"),
         (SaveIncidentCommand(), "there is no flight recorder"),
         (StartRecordingCommand("x"), "there is no flight recorder"),
         (StopRecordingCommand(), "there is no flight recorder"),

@@ -1,4 +1,4 @@
-"""Something that goes wrong in the background, until it goes well again."""
+"""The current fault of a background process, logged once."""
 
 import logging
 
@@ -6,15 +6,18 @@ logger = logging.getLogger(__name__)
 
 
 class FaultReporter:
-    """What went wrong with one kind of thing, until that goes well; the same is said only once."""
+    """Holds the current fault in `text` ("" for none) and logs each new fault once.
+
+    Args:
+        name: Name of the process in the log.
+    """
 
     def __init__(self, name: str) -> None:
-        """`name` is what the log calls the process."""
         self.text = ""
         self._name = name
 
     def set(self, text: str) -> None:
-        """Remember it, "" for none."""
+        """Set the current fault, "" for none."""
         if text and text != self.text:
             logger.error("%s: %s", self._name, text)
         self.text = text

@@ -1,21 +1,21 @@
-"""What every process in the background is told or says, whatever else it does."""
+"""Messages that every background process sends or receives."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Shutdown:
-    """To the process, last: the service ends in order."""
+    """To the process, as the last message: the service ends in order."""
 
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """From the process, every second: it takes orders. What it says beside is up to it."""
+    """From the process, every second: it is alive and receives messages."""
 
 
 @dataclass(frozen=True)
 class LogMessage:
-    """From the driver, for the service's log."""
+    """From the worker, for the log of the service."""
 
     level: int
     logger_name: str

@@ -1,4 +1,4 @@
-"""What a process of ours says to the service that started it: words, and its log among them."""
+"""A worker process's connection to the service that started it, also for log messages."""
 
 import logging
 import signal
@@ -10,7 +10,10 @@ from drivers.core.process.messages import LogMessage
 
 
 class ParentConnection:
-    """Words for the service, from any thread. `is_connected` turns False when the service is gone."""
+    """Sends messages to the service from any thread.
+
+    `is_connected` becomes False when the service has ended.
+    """
 
     def __init__(self, connection: "Connection[Any, Any]") -> None:
         self._connection = connection
@@ -18,7 +21,7 @@ class ParentConnection:
         self.is_connected = True
 
     def send(self, message: object) -> bool:
-        """Send it. False if nobody hears it any more."""
+        """Send a message. Returns False if the service has ended."""
         try:
             with self._lock:
                 self._connection.send(message)
@@ -28,16 +31,16 @@ class ParentConnection:
 
 
 def ignore_terminal_signals(*more: signal.Signals) -> None:
-    """Ignore Ctrl-C, a stop of the systemd unit, and `more`: these reach every process.
+    """Ignore Ctrl-C, the stop signal of systemd and `more`.
 
-    The service decides what they mean.
+    These signals reach every process, but only the service handles them.
     """
     for number in (signal.SIGINT, signal.SIGTERM, *more):
         signal.signal(number, signal.SIG_IGN)
 
 
 def forward_logs(parent: ParentConnection, level: int) -> None:
-    """From now on what this process logs stands in the service's log."""
+    """Send all log records of this process to the service's log."""
     handlers = [_ForwardingHandler(parent)]
     logging.basicConfig(level=level, format="%(message)s", handlers=handlers)
 

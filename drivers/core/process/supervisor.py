@@ -1,4 +1,4 @@
-"""Keeps a process in the background running: starts it, passes on orders, starts it again."""
+"""Supervision of a background process: start, messages, restart after a crash."""
 
 import logging
 import math
@@ -21,27 +21,28 @@ from drivers.core.process.worker_process import start_module
 logger = logging.getLogger(__name__)
 
 _INITIAL_RETRY_S, _MAX_RETRY_S = 0.2, 30.0
-# Without a word for so long, it is stuck: on a disk that hangs, or stopped.
+# A process without a message for this long hangs, for example on a disk, or is stopped.
 HEARTBEAT_TIMEOUT_S = 10.0
-# How long the service waits for its end. What it has begun to write it then finishes by itself.
+# How long the service waits for its end. The process then finishes its writing alone.
 SHUTDOWN_TIMEOUT_S = 1.5
 REAP_TIMEOUT_S = 0.5
 
 
 class WorkerConfig(Protocol):
-    """What such a process is told first, and once: it can be pickled."""
+    """The first message to a background process; it can be pickled."""
 
     @property
     def fds(self) -> tuple[int, ...]:
-        """Files that the process shall have, each with the number that it has here."""
+        """File descriptors that the process inherits, with the same numbers."""
         ...
 
 
 @dataclass(frozen=True)
 class BackgroundWorkerSpec:
-    """A module that is run with the number of its end of a `Connection`; its name in the log.
+    """The module of a background process and its name in the log.
 
-    Its first word and one every second is a `Heartbeat`; it ends after `Shutdown`, and without us.
+    Its argument is the file descriptor of its `Connection`. It sends a `Heartbeat` at the start
+    and every second. It ends after `Shutdown`, and when the service has ended.
     """
 
     module: str
@@ -52,7 +53,14 @@ ConfigT = TypeVar("ConfigT", bound=WorkerConfig)
 
 
 class WorkerSupervisor(Generic[ConfigT]):
-    """A thread that owns the process. What it says goes to `hear`, on that thread."""
+    """Runs a background process and restarts it, on a thread of its own.
+
+    Args:
+        spec: Module and name of the process.
+        config: First message to each new process.
+        on_message: Called on the thread with each message of the process.
+        on_exit: Called on the thread after each process that ended without `close`.
+    """
 
     def __init__(
         self,
@@ -61,7 +69,7 @@ class WorkerSupervisor(Generic[ConfigT]):
         on_message: Callable[[Any], None],
         on_exit: Callable[[], None],
     ) -> None:
-        """Start. `died` is called after each process that ended by itself."""
+        """Start the thread and the process."""
         self._spec = spec
         self.config = config  # of the next process
         self._on_message, self._on_exit = on_message, on_exit
@@ -70,22 +78,24 @@ class WorkerSupervisor(Generic[ConfigT]):
         self._closing = threading.Event()
         self._last_message_s = time.monotonic()
         self._back_off = ExponentialBackoff(_INITIAL_RETRY_S, _MAX_RETRY_S)
-        self.is_ready = False  # it takes orders
-        self._thread = threading.Thread(target=self._run, name=f"{spec.name}-keeper", daemon=True)
+        self.is_ready = False  # the process receives messages
+        self._thread = threading.Thread(
+            target=self._run, name=f"{spec.name}-supervisor", daemon=True
+        )
         self._thread.start()
 
     @property
     def is_unresponsive(self) -> bool:
-        """Whether it has said nothing for so long that something must be wrong."""
+        """Whether the last message is older than `HEARTBEAT_TIMEOUT_S`."""
         return time.monotonic() - self._last_message_s > HEARTBEAT_TIMEOUT_S
 
     def send(self, message: object) -> None:
-        """Pass an order on; a process that dies before it is carried out forgets it."""
+        """Send a message. It is lost if the process dies before handling it."""
         self._outgoing.append(message)
         os.eventfd_write(self._wake, 1)
 
     def close(self) -> None:
-        """Let it end. One that still has something to write is left to finish by itself."""
+        """End the process. One that still writes data is left running until it has finished."""
         if not self._closing.is_set():
             self.send(Shutdown())
             self._closing.set()
@@ -102,12 +112,12 @@ class WorkerSupervisor(Generic[ConfigT]):
                 self._closing.wait(self._back_off.next_s())
 
     def _run_process(self) -> None:
-        """From the start of a process until it has ended, or is left to itself."""
+        """Run one process until it has ended, or is left running after `close`."""
         ours, theirs = Pipe()
         with ours:
             with theirs:
                 try:
-                    # It shares our stderr, for what it says after a crash.
+                    # It shares our stderr, which then shows the output of a crash.
                     fds = (theirs.fileno(), *self.config.fds)
                     process = start_module(self._spec.module, fds, subprocess.DEVNULL, stderr=None)
                 except OSError as error:
@@ -120,7 +130,7 @@ class WorkerSupervisor(Generic[ConfigT]):
                 process.wait(REAP_TIMEOUT_S)
 
     def _serve(self, connection: "Connection[Any, Any]") -> None:
-        """Pass on orders and listen until the end. Raises EOFError or OSError if it dies."""
+        """Send and receive messages until the end. Raises EOFError or OSError if it dies."""
         due_s = math.inf
         while (left_s := due_s - time.monotonic()) > 0.0:
             ready = wait([connection, self._wake], None if math.isinf(left_s) else left_s)
@@ -139,10 +149,10 @@ class WorkerSupervisor(Generic[ConfigT]):
             self._back_off.reset()
 
     def _send_pending(self, connection: "Connection[Any, Any]") -> bool:
-        """Send what there is to send; whether that was the last order."""
+        """Send all waiting messages. Returns whether the last one was `Shutdown`."""
         is_last = False
         while self._outgoing:
-            order = self._outgoing.popleft()
-            connection.send(order)
-            is_last = isinstance(order, Shutdown)
+            message = self._outgoing.popleft()
+            connection.send(message)
+            is_last = isinstance(message, Shutdown)
         return is_last

@@ -1,4 +1,4 @@
-"""A process of our own, such as a driver's, as seen from the service."""
+"""A worker process as seen from the service: its start, messages, output and end."""
 
 import logging
 import os
@@ -21,9 +21,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class WorkerSpec:
-    """A module that is run with the number of its end of a `Connection`, and its name in the log.
+    """The module of a worker process and its name in the log.
 
-    It must ignore SIGTERM and end when the other end of the connection is gone.
+    Its argument is the file descriptor of its `Connection`. It must ignore SIGTERM and end when
+    the other end of the connection is closed.
     """
 
     module: str
@@ -31,13 +32,20 @@ class WorkerSpec:
 
 
 class WorkerProcess:
-    """Starts the process; leaving the context ends it and leaves nothing of it.
+    """A running worker process. Leaving the context ends it.
 
-    What native libraries print goes to the log at level debug; the last line may explain a crash.
+    The output of native libraries is logged at level debug; the last line may explain a crash.
+
+    Args:
+        spec: Module and name of the process.
+        fds: File descriptors that the process inherits.
+        exit_timeout_s: How long the process may take to end before it is killed.
+
+    Raises:
+        OSError: The process cannot be started.
     """
 
     def __init__(self, spec: WorkerSpec, fds: Sequence[int], exit_timeout_s: float) -> None:
-        """`fds` go to the process; it may take `patience_s` to end by itself. Raises OSError."""
         self._exit_timeout_s = exit_timeout_s
         self._connection, theirs = Pipe()
         with theirs:
@@ -55,20 +63,24 @@ class WorkerProcess:
         self._output = _OutputLogger(spec.name, self._process.stdout)
 
     def send(self, message: object) -> None:
-        """Send a message; a process that has died hears nothing."""
+        """Send a message; it is lost if the process has died."""
         with suppress(OSError):
             self._connection.send(message)
 
     def send_parts(self, parts: Iterable[bytes | memoryview]) -> None:
-        """Send what the process puts together again; one that has died hears nothing."""
+        """Send the parts of one message; they are lost if the process has died."""
         with suppress(OSError):
             for part in parts:
                 self._connection.send_bytes(part)
 
     def receive(self, timeout_s: float, *wake_fds: int) -> Any:
-        """Wait for the next word. None: none yet, after `timeout_s` or as a wake can be read.
+        """Wait for the next message.
 
-        Raises EOFError if the process has ended.
+        Returns:
+            The message; None after `timeout_s`, or if one of `wake_fds` can be read.
+
+        Raises:
+            EOFError: The process has ended.
         """
         sources: list[Any] = [self._connection, *wake_fds, *self._output.sources]
         ready = wait(sources, timeout_s)
@@ -81,12 +93,12 @@ class WorkerProcess:
             raise EOFError from error
 
     def kill(self) -> None:
-        """End it now."""
+        """Kill the process."""
         self._process.kill()
 
     @property
     def exit_reason(self) -> str:
-        """How it ended, in words, once the context has been left."""
+        """How the process ended, in words; valid after leaving the context."""
         code = self._process.poll() or 0
         how = f"ended (exit code {code})"
         if code < 0:
@@ -110,7 +122,10 @@ class WorkerProcess:
             self._connection.close()
 
     def _reap(self) -> None:
-        """Hear it out, as a process that cannot speak cannot end; then kill it if it must be."""
+        """Wait for the end, then kill the process.
+
+        Its messages are read meanwhile: a process that blocks on sending cannot end.
+        """
         due_s = time.monotonic() + self._exit_timeout_s
         try:
             with suppress(EOFError):
@@ -119,23 +134,23 @@ class WorkerProcess:
             self._process.wait(max(0.0, due_s - time.monotonic()))
         except subprocess.TimeoutExpired:
             self._process.kill()
-            with suppress(subprocess.TimeoutExpired):  # it is stuck in the kernel
+            with suppress(subprocess.TimeoutExpired):  # the process hangs in the kernel
                 self._process.wait(_REAP_TIMEOUT_S)
 
 
 class _OutputLogger:
-    """Lines that the process prints."""
+    """Logs the lines that the process prints."""
 
     def __init__(self, name: str, pipe: IO[bytes]) -> None:
         self._name = name
         self._pipe = pipe
         self._partial_line = b""
-        self.sources = [pipe]  # to wait for, while something may come
+        self.sources = [pipe]  # to wait for; empty after the end of the output
         self.last_line = ""
         os.set_blocking(pipe.fileno(), False)
 
     def log_available(self) -> None:
-        """Log the lines that are there."""
+        """Log the lines that have arrived."""
         with suppress(BlockingIOError):
             while self.sources:
                 data = os.read(self._pipe.fileno(), 65536)
@@ -146,7 +161,7 @@ class _OutputLogger:
                     self._log_line(line)
 
     def close(self) -> None:
-        """Log what has no end of line, and release the pipe."""
+        """Log the incomplete last line and close the pipe."""
         self._log_line(self._partial_line)
         self._pipe.close()
 
@@ -160,12 +175,20 @@ class _OutputLogger:
 def start_module(
     module: str, fds: Sequence[int], stdout: int, stderr: int | None
 ) -> "subprocess.Popen[bytes]":
-    """Run a module of ours as a process that gets `fds`; the first, a connection, by its number.
+    """Run a module as a process.
 
-    `stdout` and `stderr` are as for `subprocess`. Raises OSError.
+    Args:
+        module: Name of the module.
+        fds: File descriptors that the process inherits. The first is the module's connection; its
+            number is the only argument.
+        stdout: As for `subprocess.Popen`.
+        stderr: As for `subprocess.Popen`.
+
+    Raises:
+        OSError: The process cannot be started.
     """
-    # The same modules as here, and none from the working folder. A session of its own: Ctrl-C in
-    # the terminal is for the service alone.
+    # The process imports the same modules as this one, and none from the working folder. It has a
+    # session of its own, so that Ctrl-C in the terminal reaches only the service.
     return subprocess.Popen(
         [sys.executable, "-P", "-m", module, str(fds[0])],
         stdin=subprocess.DEVNULL,

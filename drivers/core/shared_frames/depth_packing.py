@@ -1,8 +1,8 @@
-"""Depth images without loss in about half their size, in a quarter of a millisecond.
+"""Lossless depth compression to about half the size, in a quarter of a millisecond.
 
-The code is made for speed: one byte a pixel for its difference from the last pixel to the left
-that has a reading, and two bytes more, in a second part, where the difference does not fit.
-Smooth or noisy, a Kinect's depth takes 1.0 to 1.1 bytes a pixel. `depth_unpacking` reads it.
+The code is made for speed. Each pixel takes one byte: its difference from the previous pixel with
+a reading. A difference that does not fit takes two more bytes in a second part (the escapes).
+A Kinect's depth takes 1.0 to 1.1 bytes per pixel. `depth_unpacking` is the decoder.
 """
 
 from typing import Any
@@ -20,21 +20,28 @@ from drivers.core.shared_frames.depth_unpacking import (
 
 
 def max_packed_bytes(pixels: int) -> int:
-    """Bytes that a depth image of so many pixels takes at most."""
+    """Return the largest packed size of a depth image."""
     return 2 * pixels
 
 
 def pack_depth(depth_raw: NDArray[np.uint16], out: NDArray[np.uint8]) -> int:
-    """Pack an image into the first bytes of `out`; returns how many.
+    """Pack an image; one that would not shrink is copied.
 
-    out  (`max_packed_bytes`,) or more, at an even address. An image that would not shrink is copied.
+    Args:
+        depth_raw: (height, width) uint16.
+        out: Buffer of at least `max_packed_bytes` uint8, at an even address.
+
+    Returns:
+        The number of bytes written to the start of `out`.
     """
     pixels = depth_raw.size
     values = np.ascontiguousarray(depth_raw).reshape(-1).view()
-    values.flags.writeable = False  # as some cameras' are: one kind of array is compiled, not two
+    # Some cameras' arrays are read-only: with all read-only, one kind of array is compiled.
+    values.flags.writeable = False
     begin = escapes_offset(pixels)
-    most = max(0, (max_packed_bytes(pixels) - 2 - begin) // 2)  # so the size tells what was done
-    escapes = out[begin : begin + 2 * most].view(np.uint16)
+    # Packed data stay smaller than a copy, so that the decoder knows a copy by its size.
+    max_escapes = max(0, (max_packed_bytes(pixels) - 2 - begin) // 2)
+    escapes = out[begin : begin + 2 * max_escapes].view(np.uint16)
     count = _pack(values, out[:pixels], escapes)
     if count < 0:
         out[: 2 * pixels] = values.view(np.uint8)
@@ -43,13 +50,13 @@ def pack_depth(depth_raw: NDArray[np.uint16], out: NDArray[np.uint8]) -> int:
 
 
 def compile_kernels() -> None:
-    """Compile, or load, before the first frame: that holds Python's lock."""
+    """Compile or load the kernels before the first frame, since that holds the GIL."""
     pack_depth(np.zeros((2, 2), np.uint16), np.zeros(8, np.uint8))
 
 
 @kernel
 def _pack(values: NDArray[np.uint16], codes: NDArray[np.uint8], escapes: NDArray[np.uint16]) -> Any:
-    """How many differences did not fit into a byte; -1 if more than there is room for."""
+    """Return the number of escapes; -1 if there are more than `escapes` holds."""
     last = np.uint16(0)
     count = 0
     for pixel in range(values.size):

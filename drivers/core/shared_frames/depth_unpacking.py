@@ -1,21 +1,21 @@
-"""Reading packed depth: with NumPy alone, for a process that has no compiled kernels."""
+"""Decoding of packed depth with NumPy alone, for a process without compiled kernels."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-# What a pixel's byte means: 0 no reading; 1 to 254 the difference plus 128; 255 see the escapes.
+# A pixel's byte: 0 = no reading; 1 to 254 = the difference plus 128; 255 = see the escapes.
 ZERO_STEP_CODE = np.uint16(128)
 MAX_STEP_CODE = np.uint16(254)
 ESCAPE_CODE = np.uint8(255)
 
 
 def escapes_offset(pixels: int) -> int:
-    """Where the second part begins: at an even offset."""
+    """Return the even offset where the escapes begin."""
     return pixels + pixels % 2
 
 
 def unpack_depth(packed: bytes, height: int, width: int) -> NDArray[np.uint16]:
-    """The (height, width) image that was packed, bit for bit."""
+    """Unpack a (height, width) uint16 image, bit for bit."""
     pixels = height * width
     if len(packed) == 2 * pixels:
         return np.frombuffer(packed, np.uint16).reshape(height, width)

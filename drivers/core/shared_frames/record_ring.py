@@ -1,12 +1,12 @@
-"""A ring of records in shared memory: one process writes, another reads, and it outlives both.
+"""A ring of records in shared memory: one process writes, another reads.
 
-The memory comes from memfd_create: a file without a name, which is there as long as one process
-holds it. It grows only as it is filled. A record lies in one piece; the ring is filled from its
-beginning to its end, lap after lap, and a new record takes the place of the oldest ones.
+The memory comes from memfd_create: a file without a name, which exists as long as one process
+holds it. It grows only as it is filled. A record is contiguous. The ring is filled from start to
+end, lap after lap, and a new record replaces the oldest ones.
 
-Nobody waits for anybody. The writer says how far it will overwrite before it does, one record
-ahead; the reader copies a record first and looks afterwards whether it was still whole. So a
-writer that is killed at any instant leaves records that are whole, or known to be lost.
+There are no locks. Before it overwrites, the writer publishes how far, one record ahead. The
+reader copies a record first and checks afterwards whether it was still intact. So a writer that
+is killed at any instant leaves records that are whole, or known to be overwritten.
 """
 
 import errno
@@ -19,23 +19,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-# Records ever written, and the place up to which older records are given up.
+# Number of records ever written, and the position up to which older records are overwritten.
 _HEADER = struct.Struct("<QQ")
-# Which record it is, where, how long its payload is, and the note that lies behind the payload.
+# Number and position of a record, and the lengths of its payload and of the metadata behind it.
 _ENTRY = struct.Struct("<QQQQ")
-# Places count on from lap to lap. No lap is as long as this, so one number tells lap and offset.
+# A position is lap * stride + offset. No lap is as long as the stride.
 _LAP_STRIDE = 1 << 40
 _ALIGNMENT_BYTES = 64
 _GROWTH_BYTES = 1 << 20
-# More records than this a second are not expected: they would shorten what the ring holds.
+# With more records per second than this the ring holds a shorter time.
 MAX_RECORDS_PER_S = 60
-# A lap lasts this much longer than what the ring shall hold, for the records being replaced.
+# A lap lasts this much longer than the ring's duration, for the records being replaced.
 _SPARE_S = 0.2
 
 
 @dataclass(frozen=True)
 class RecordRingMemory:
-    """What a reader in another process needs: the file descriptor, with the same number there."""
+    """The shared memory of a ring; a process that inherits the file descriptor can read it."""
 
     fd: int
     entries: int
@@ -50,20 +50,25 @@ class RingRecord:
 
 
 class RecordRingWriter:
-    """The end that makes the ring. Not safe to use from two threads at once."""
+    """The writing end, which creates the ring. Not thread-safe.
+
+    Args:
+        name: Name of the memory file, for /proc.
+        duration_s: How long records are kept, as far as `max_bytes` allows.
+        max_bytes: Largest size of the records.
+
+    Raises:
+        OSError: The memory cannot be allocated.
+    """
 
     def __init__(self, name: str, duration_s: float, max_bytes: int) -> None:
-        """Holds what was written in the last `seconds`, or as much of it as `max_bytes` allow.
-
-        Raises OSError if the memory cannot be had.
-        """
         self._duration_s = duration_s + _SPARE_S
         entries = math.ceil(self._duration_s * MAX_RECORDS_PER_S)
         self._data_offset = _find_data_offset(entries)
         self._max_bytes = max_bytes
         self._allocated_bytes = self._lap = self._offset = self._count = self._overwritten_until = 0
         self._lap_start_s = 0.0
-        self.is_limited_by_bytes = False  # the bytes, not the seconds, have ended the last lap
+        self.is_limited_by_bytes = False  # `max_bytes`, not `duration_s`, has ended the last lap
         self.memory = RecordRingMemory(os.memfd_create(name), entries)
         try:
             os.ftruncate(self.memory.fd, self._data_offset + max_bytes)
@@ -76,20 +81,23 @@ class RecordRingWriter:
 
     @property
     def record_count(self) -> int:
-        """Records ever written."""
+        """The number of records ever written."""
         return self._count
 
     @property
     def used_bytes(self) -> int:
-        """Memory that has been taken for records so far."""
+        """The memory allocated for records so far."""
         return self._allocated_bytes
 
     def reserve(self, max_bytes: int, time_s: float) -> NDArray[np.uint8]:
-        """Room to write the next record of at most `bound` bytes, its note included.
+        """Return the buffer for the next record.
 
-        time_s  of the record, on the records' own clock
+        Args:
+            max_bytes: Largest size of the record, its metadata included.
+            time_s: Time of the record, on the records' own clock.
 
-        Raises OSError if there is no memory for it.
+        Raises:
+            OSError: There is not enough memory.
         """
         if not self._has_room(max_bytes):
             self._start_lap(is_limited_by_bytes=True)
@@ -101,12 +109,19 @@ class RecordRingWriter:
         return self._data[self._offset : self._offset + max_bytes]
 
     def commit(self, length: int, metadata: bytes, max_bytes: int, time_s: float) -> None:
-        """Add what was written into the first `length` bytes of the room, with a note."""
+        """Add the record in the reserved buffer, and reserve the next one.
+
+        Args:
+            length: Number of payload bytes written to the start of the buffer.
+            metadata: Stored behind the payload.
+            max_bytes: Largest size of the next record.
+            time_s: Time of the record, as for `reserve`.
+        """
         end = self._offset + length + len(metadata)
         self._data[end - len(metadata) : end] = np.frombuffer(metadata, np.uint8)
         entry = _HEADER.size + self._count % self.memory.entries * _ENTRY.size
-        place = self._lap * _LAP_STRIDE + self._offset
-        _ENTRY.pack_into(self._map, entry, self._count, place, length, len(metadata))
+        position = self._lap * _LAP_STRIDE + self._offset
+        _ENTRY.pack_into(self._map, entry, self._count, position, length, len(metadata))
         self._count += 1
         self._offset = end + -end % _ALIGNMENT_BYTES
         # One record ahead, so that a reader knows long before the bytes change.
@@ -116,7 +131,7 @@ class RecordRingWriter:
         self._mark_overwritten(self._offset + max_bytes)
 
     def close(self) -> None:
-        """Release the memory; a reader keeps it for itself."""
+        """Release the memory; it stays mapped in readers."""
         del self._data
         self._map.close()
         os.close(self.memory.fd)
@@ -125,7 +140,7 @@ class RecordRingWriter:
         self._lap, self._offset, self.is_limited_by_bytes = self._lap + 1, 0, is_limited_by_bytes
 
     def _has_room(self, max_bytes: int) -> bool:
-        """Whether a record fits behind the last one; takes more memory for it if it must."""
+        """Whether a record fits behind the last one; allocates more memory if needed."""
         end = self._offset + max_bytes
         if end <= self._allocated_bytes:
             return True
@@ -136,7 +151,7 @@ class RecordRingWriter:
             - self._allocated_bytes
         )
         try:
-            # Asked for in words: memory that is only touched and cannot be had kills the process.
+            # Allocated explicitly: touching memory that is not available kills the process.
             os.posix_fallocate(self.memory.fd, self._data_offset + self._allocated_bytes, more)
         except OSError:
             return False
@@ -151,7 +166,7 @@ class RecordRingWriter:
 
 
 class RecordRingReader:
-    """Looks into a ring, in this process or another."""
+    """The reading end of a ring, in this process or another."""
 
     def __init__(self, memory: RecordRingMemory) -> None:
         self._memory = memory
@@ -160,42 +175,42 @@ class RecordRingReader:
 
     @property
     def record_count(self) -> int:
-        """Records ever written: the next one's number."""
+        """The number of records ever written, which is the next record's number."""
         count: int = _HEADER.unpack_from(self._map)[0]
         return count
 
     @property
     def oldest_number(self) -> int:
-        """Number of the oldest record that may still be there."""
+        """The number of the oldest record that may still exist."""
         return max(0, self.record_count - self._memory.entries + 1)
 
     def read_record(self, number: int) -> RingRecord | None:
-        """A copy of a record; None if it has been overwritten."""
+        """Copy a record; None if it has been overwritten."""
         return self._copy(number, is_whole=True)
 
     def read_metadata(self, number: int) -> bytes | None:
-        """A copy of a record's note; None if the record has been overwritten."""
+        """Copy a record's metadata; None if the record has been overwritten."""
         record = self._copy(number, is_whole=False)
         return None if record is None else record.metadata
 
     def close(self) -> None:
-        """Let go of the memory."""
+        """Release the memory."""
         self._map.close()
 
     def _copy(self, number: int, *, is_whole: bool) -> RingRecord | None:
-        at = _HEADER.size + number % self._memory.entries * _ENTRY.size
-        found, place, length, note_length = _ENTRY.unpack_from(self._map, at)
-        begin = self._data_offset + place % _LAP_STRIDE
+        entry = _HEADER.size + number % self._memory.entries * _ENTRY.size
+        entry_number, position, length, metadata_length = _ENTRY.unpack_from(self._map, entry)
+        begin = self._data_offset + position % _LAP_STRIDE
         middle = begin + length
         payload = self._map[begin:middle] if is_whole else b""
-        note = self._map[middle : middle + note_length]
-        written, given_up = _HEADER.unpack_from(self._map)
-        is_listed = found == number < written < number + self._memory.entries
-        is_intact = is_listed and given_up <= place + _LAP_STRIDE
-        return RingRecord(payload, note) if is_intact else None
+        metadata = self._map[middle : middle + metadata_length]
+        count, overwritten_until = _HEADER.unpack_from(self._map)
+        is_listed = entry_number == number < count < number + self._memory.entries
+        is_intact = is_listed and overwritten_until <= position + _LAP_STRIDE
+        return RingRecord(payload, metadata) if is_intact else None
 
 
 def _find_data_offset(entries: int) -> int:
-    """Where records begin: behind the header and the table, on a page of its own."""
+    """Return the offset of the first record: the first page behind header and table."""
     size = _HEADER.size + entries * _ENTRY.size
     return size + -size % mmap.PAGESIZE

@@ -24,7 +24,7 @@ class Lamp:
 
 @dataclass(frozen=True)
 class Room:
-    width: int = required_field("metres from wall to wall", minimum=1)
+    width: int = required_field("meters from wall to wall", minimum=1)
     name: str = config_field("kitchen", "what people call it")
     heated: bool = config_field(False, "has a stove")
     corner: tuple[float, float] = config_field((0.0, 0.0), "where it starts", minimum=-10.0)
@@ -122,7 +122,7 @@ def test_bounds_hold_for_each_value_of_a_list() -> None:
 
 def test_a_missing_required_key_says_what_it_is() -> None:
     assert complaint("name = 'x'") == (
-        "room.toml: key `width`: is missing; add `width = ...` (metres from wall to wall)"
+        "room.toml: key `width`: is missing; add `width = ...` (meters from wall to wall)"
     )
 
 

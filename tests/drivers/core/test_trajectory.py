@@ -13,7 +13,7 @@ from drivers.core.trajectory import format_pose_line, read_trajectory
 
 GOOD = "1.0 0 0 0 0 0 0 1\n"
 angles = st.floats(-np.pi, np.pi)
-metres = st.floats(-100.0, 100.0)
+meters = st.floats(-100.0, 100.0)
 
 
 def complaint(folder: Path, text: str | bytes) -> str:
@@ -41,7 +41,7 @@ def test_a_line_holds_stamp_position_and_quaternion_x_y_z_w(tmp_path: Path) -> N
     assert np.allclose(poses.T_world_camera, [quarter_turn_about_z, half_turn_about_x], atol=1e-8)
 
 
-@given(st.floats(0, 2e9), st.tuples(metres, metres, metres), st.tuples(angles, angles, angles))
+@given(st.floats(0, 2e9), st.tuples(meters, meters, meters), st.tuples(angles, angles, angles))
 def test_what_is_written_reads_back(
     tmp_path_factory: pytest.TempPathFactory,
     stamp_s: float,
@@ -73,10 +73,10 @@ def test_comments_blank_lines_commas_and_a_byte_order_mark_are_passed_over(tmp_p
         (GOOD + "inf 0 0 0 0 0 0 1\n", "FILE:2: a value is not finite"),
         (GOOD + "2 0 0 0 0 0 0 0\n", "FILE:2: not a rotation"),
         (GOOD + "2 0 0 x 0 0 0 1\n", "FILE:2: could not convert string to float: 'x'"),
-        (GOOD + GOOD, "FILE:2: stamp 1.0 does not come after the one before (1.000000): sort"),
+        (GOOD + GOOD, "FILE:2: stamp 1.0 is not after the previous one (1.000000): sort"),
         (GOOD + "0.5 0 0 0 0 0 0 1\n", "FILE:2: stamp 0.5 does not come after"),
         ("1305031449799600128 0 0 0 0 0 0 1\n", "FILE:1: stamps must be in seconds"),
-        ("1 0 1e300 0 0 0 0 1\n", "FILE:1: stamps must be in seconds and positions in metres"),
+        ("1 0 1e300 0 0 0 0 1\n", "FILE:1: stamps must be in seconds and positions in meters"),
         ("", "FILE: holds no pose; expected lines of: stamp tx ty tz qx qy qz qw"),
         ("# only a comment\n", "FILE: holds no pose"),
         (b"\xff\xfe1\x00", "FILE: is not a text file"),

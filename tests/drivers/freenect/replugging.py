@@ -32,8 +32,9 @@ FAST_TIMEOUTS = Timeouts(
 class HeldResources:
     """What the two processes hold while the Kinect streams, and what is open at the Kinect.
 
-    kinect     open handles, and transfers that were abandoned so far
-    memory_kb  resident, of the driver's process
+    Attributes:
+        kinect: Open handles, and transfers that were abandoned so far.
+        memory_kb: Resident, of the driver's process.
     """
 
     here: Counter[str]

@@ -164,7 +164,9 @@ def test_the_kinect_asked_for_is_opened(kinect: KinectSimulator, make_camera: Ma
     assert list_kinects() == [kinect.serial]
     with make_camera(kinect.serial) as camera:
         camera.read(3.0)
-    with pytest.raises(CameraNotFoundError, match=f"B999 on the USB; there is {kinect.serial}"):
+    with pytest.raises(
+        CameraNotFoundError, match=f"B999 is on the USB; connected: {kinect.serial}"
+    ):
         make_camera("B999").open()
 
 

@@ -81,7 +81,7 @@ def away(camera: FreenectCamera, tilt_deg: float) -> bool:
     try:
         camera.set_tilt_deg(tilt_deg)
     except CameraError as error:
-        return "motor is not there now" in str(error)
+        return "motor is not connected now" in str(error)
     return False
 
 
@@ -105,7 +105,7 @@ def test_what_was_asked_for_outlives_the_settings_and_a_base_that_was_away(
 def test_a_camera_without_a_base_has_neither(bare_camera: FreenectCamera) -> None:
     with pytest.raises(CameraError, match="freenect: it has no motor"):
         bare_camera.set_tilt_deg(1.0)
-    with pytest.raises(CameraError, match="freenect: it has no light"):
+    with pytest.raises(CameraError, match="freenect: it has no LED"):
         bare_camera.set_led(Led.RED)
 
 

@@ -59,7 +59,7 @@ def test_a_stream_that_only_tells_its_packet_size_is_not_heard_yet() -> None:
 
 def test_the_last_complaint_is_kept_and_chatter_is_not() -> None:
     log = LibfreenectLog()
-    assert log.last_line == "libfreenect does not say why"
+    assert log.last_line == "libfreenect gives no reason"
     log.add_line(ERROR, "Failed to claim camera interface: LIBUSB_ERROR_BUSY\n")
     log.add_line(SPEW, "Write Reg 0x0006 <= 0x02\n")
     assert log.last_line == "Failed to claim camera interface: LIBUSB_ERROR_BUSY"

@@ -201,7 +201,7 @@ def test_readings_that_are_no_gravity_are_none_and_said_once(
     wait_until(lambda: len(readings) > 2 * kinect_motor_unit.INITIAL_READINGS)
     assert base.gravity_m_s2 is None
     assert warnings(caplog) == [
-        "Kinect 1414 motor: gives no gravity; the first view counts as level"
+        "Kinect 1414 motor: measures no gravity; the first camera pose counts as level"
     ]
 
 
@@ -209,7 +209,7 @@ def test_commands_say_when_there_is_nobody_to_obey(plug_in: PlugIn, base: Kinect
     plug_in().unplug()
     base.open("")
     for command in (lambda: base.set_led(Led.RED), lambda: base.set_tilt_deg(3.0), base.read):
-        with pytest.raises(CameraError, match="not there now"):
+        with pytest.raises(CameraError, match="not connected now"):
             command()
 
 

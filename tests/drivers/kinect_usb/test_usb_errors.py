@@ -18,7 +18,7 @@ def raised(error: Exception) -> UserFacingError:
 @pytest.mark.parametrize(
     ("number", "text"),
     [
-        (errno.EACCES, "no permission; kinect-vo doctor says how to get it"),
+        (errno.EACCES, "no permission; kinect-vo doctor shows how to get it"),
         (errno.EBUSY, "in use by another program; close that first"),
         (errno.EIO, "[Errno 5] Input/Output Error; unplug it and plug it in again"),
     ],

@@ -98,9 +98,9 @@ def small_oni(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def in_millimetres(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The recording of the corner as a folder, in whole millimetres and microseconds."""
-    folder = tmp_path_factory.mktemp("recordings") / "millimetres"
+def in_millimeters(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recording of the corner as a folder, in whole millimeters and microseconds."""
+    folder = tmp_path_factory.mktemp("recordings") / "millimeters"
     with TumWriter(folder) as writer:
         for frame in read_all_frames(TumCamera(recording)):
             depth_mm = np.rint(frame.depth_m * 1000).astype(np.uint16)
@@ -110,8 +110,8 @@ def in_millimetres(recording: Path, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture(scope="session")
-def corner_oni(in_millimetres: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def corner_oni(in_millimeters: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same as an .oni recording."""
     path = tmp_path_factory.mktemp("recordings") / "corner.oni"
-    write_oni(path, frames_to_oni_images(read_all_frames(TumCamera(in_millimetres))))
+    write_oni(path, frames_to_oni_images(read_all_frames(TumCamera(in_millimeters))))
     return path

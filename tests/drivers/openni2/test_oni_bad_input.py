@@ -41,13 +41,13 @@ def test_other_version_of_the_format(small_oni: Path) -> None:
     content = bytearray(small_oni.read_bytes())
     content[6] = 0
     small_oni.write_bytes(content)
-    assert "its format is version 1.0.0.0, only 1.0.1.0 is read" in complaint(small_oni)
+    assert "its format has version 1.0.0.0, only 1.0.1.0 is supported" in complaint(small_oni)
 
 
 def test_recorder_that_was_killed(tmp_path: Path) -> None:
     path = tmp_path / "killed.oni"
     write_oni(path, make_images(3), OniSettings(finished=False))
-    assert "was never finished" in complaint(path)
+    assert "is unfinished" in complaint(path)
 
 
 @settings(
@@ -94,7 +94,7 @@ def test_streams_that_never_meet(tmp_path: Path) -> None:
 
 def test_no_camera_file(small_oni: Path) -> None:
     text = complaint(small_oni)
-    assert "does not say whether its depth was registered to color" in text
+    assert "does not store whether its depth was registered to color" in text
     assert "without a [depth] table if it was, with one if it was not" in text
 
 

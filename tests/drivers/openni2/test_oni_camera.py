@@ -42,9 +42,9 @@ def whole(frame: RgbdFrame) -> tuple[object, ...]:
     return (frame.seq, frame.stamp_s, frame.skew_s, frame.camera, frame.depth_factor)
 
 
-def test_frames_are_those_of_the_folder_bit_for_bit(corner_oni: Path, in_millimetres: Path) -> None:
-    played = list(read_all_frames(OniCamera(corner_oni, in_millimetres / "camera.toml")))
-    recorded = list(read_all_frames(TumCamera(in_millimetres)))
+def test_frames_are_those_of_the_folder_bit_for_bit(corner_oni: Path, in_millimeters: Path) -> None:
+    played = list(read_all_frames(OniCamera(corner_oni, in_millimeters / "camera.toml")))
+    recorded = list(read_all_frames(TumCamera(in_millimeters)))
     assert len(played) == len(recorded) == 12
     for ours, theirs in zip(played, recorded, strict=True):
         np.testing.assert_array_equal(ours.color_bgr, theirs.color_bgr)
@@ -52,11 +52,11 @@ def test_frames_are_those_of_the_folder_bit_for_bit(corner_oni: Path, in_millime
         assert whole(ours) == whole(theirs)
 
 
-def test_the_trajectory_is_that_of_the_folder(corner_oni: Path, in_millimetres: Path) -> None:
+def test_the_trajectory_is_that_of_the_folder(corner_oni: Path, in_millimeters: Path) -> None:
     oni, folder = SurfOdometry(), SurfOdometry()
-    played = OniCamera(corner_oni, in_millimetres / "camera.toml")
+    played = OniCamera(corner_oni, in_millimeters / "camera.toml")
     for ours, theirs in zip(
-        read_all_frames(played), read_all_frames(TumCamera(in_millimetres)), strict=True
+        read_all_frames(played), read_all_frames(TumCamera(in_millimeters)), strict=True
     ):
         a, b = oni.estimate(ours), folder.estimate(theirs)
         np.testing.assert_array_equal(a.T_world_camera, b.T_world_camera)
@@ -157,7 +157,7 @@ def test_realtime_gives_the_same_frames_to_a_reader_in_time(
     assert camera.counters.delivered + camera.counters.dropped == 8
 
 
-def test_depth_in_tenths_of_a_millimetre_has_its_own_factor(
+def test_depth_in_tenths_of_a_millimeter_has_its_own_factor(
     tmp_path: Path, camera_file: Path
 ) -> None:
     path = written(tmp_path / "fine.oni", make_images(2), OniSettings(depth_format=DEPTH_100_UM))

@@ -1,7 +1,7 @@
 """The live camera on the real libOpenNI2, whose file driver stands in for a sensor.
 
 A recording opened as a device runs on its own clock, drops what is not fetched in time, registers
-nothing and synchronises nothing, as a plain sensor would.
+nothing and synchronizes nothing, as a plain sensor would.
 """
 
 import subprocess
@@ -121,7 +121,7 @@ def test_stream_that_never_begins_is_a_lost_camera(tmp_path: Path, depth_camera_
     uri = sensor(tmp_path / "a.oni", [*late, make_image(OniSensor.DEPTH, 120 * 33_333)])
     with (
         OpenNI2Camera(uri, depth_camera_file) as camera,
-        pytest.raises(CameraLostError, match="its depth stream did not begin"),
+        pytest.raises(CameraLostError, match="its depth stream did not start"),
     ):
         camera.read(10.0)
 

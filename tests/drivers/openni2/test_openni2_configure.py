@@ -19,7 +19,7 @@ DEPTH_MM = VideoMode(PixelFormat.DEPTH_1_MM, 640, 480, 30)
 DEPTH_FINE = VideoMode(PixelFormat.DEPTH_100_UM, 640, 480, 30)
 
 
-def device(registers: bool = True, obeys: bool = True, synchronises: bool = True) -> OpenNI2Device:
+def device(registers: bool = True, obeys: bool = True, synchronizes: bool = True) -> OpenNI2Device:
     """A device of a library that answers as told."""
     state: dict[str, Any] = {"registration": 0, "sync": False}
 
@@ -33,7 +33,7 @@ def device(registers: bool = True, obeys: bool = True, synchronises: bool = True
         return 0
 
     def enable_sync(_: Any) -> int:
-        state["sync"] = synchronises
+        state["sync"] = synchronizes
         return 0
 
     library: Any = SimpleNamespace(
@@ -65,7 +65,7 @@ def test_registration_can_be_turned_off() -> None:
 
 def test_sync_is_what_the_device_says_afterwards() -> None:
     assert device().enable_depth_color_sync()
-    assert not device(synchronises=False).enable_depth_color_sync()
+    assert not device(synchronizes=False).enable_depth_color_sync()
 
 
 @pytest.mark.parametrize("modes", [[QVGA, FAST_VGA, VGA], [VGA_YUV, VGA], [VGA, FAST_VGA]])
@@ -95,5 +95,5 @@ def test_sensor_of_another_size_is_taken_without_a_camera_file() -> None:
 
 
 def test_unknown_formats_alone_are_refused() -> None:
-    with pytest.raises(InputError, match="no format that is supported"):
+    with pytest.raises(InputError, match="no supported format"):
         choose_video_mode(SensorType.COLOR, [VideoMode(204, 640, 480, 30)], None)

@@ -91,9 +91,9 @@ def test_small_correction_of_the_unit_is_taken() -> None:
         (
             replace(SENSOR, registration=DepthRegistration.UNKNOWN),
             None,
-            "does not say whether its depth",
+            "does not store whether its depth",
         ),
-        (SENSOR, WITH_DEPTH, "registers its depth and cannot be told not to"),
+        (SENSOR, WITH_DEPTH, "registers its depth and cannot switch that off"),
         (replace(SENSOR, depth_size=(320, 240)), None, "depth is 320x240, so it cannot"),
         (replace(SENSOR, depth_size=(320, 240)), PLAIN, "depth is 320x240, so it cannot"),
         (replace(SENSOR, color_size=(1280, 1024)), PLAIN, "color is 1280x1024, but camera file"),

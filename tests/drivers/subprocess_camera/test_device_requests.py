@@ -117,7 +117,7 @@ def test_a_camera_without_a_base_refuses(make_subprocess_camera: MakeSubprocessC
         wait_until_streaming(camera)
         with pytest.raises(CameraError, match="puppet: it has no motor"):
             camera.set_tilt_deg(1.0)
-        with pytest.raises(CameraError, match="puppet: it has no light"):
+        with pytest.raises(CameraError, match="puppet: it has no LED"):
             camera.set_led(Led.RED)
 
 

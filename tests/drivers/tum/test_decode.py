@@ -64,7 +64,7 @@ def test_a_file_cut_short_anywhere_is_refused(
         for length in (*range(60), len(data) // 2, len(data) - 5, len(data) - 1):
             with pytest.raises(UnreadableFrameError):
                 load(data[:length], depth)
-    with pytest.raises(UnreadableFrameError, match=r"d: is truncated \(the PNG breaks off after"):
+    with pytest.raises(UnreadableFrameError, match=r"d: is truncated \(the PNG ends after"):
         load(png, depth[:-20])
     assert capfd.readouterr().err == ""
 
@@ -94,7 +94,7 @@ def test_a_jpeg_with_an_embedded_preview_is_judged_by_the_picture_itself(load: L
         (b"", "is empty"),
         (b"not an image at all", "is not an image"),
         (b"GIF89a" + bytes(100), "is not an image"),
-        (b"\xff\xd8\xff\xd9", "no picture in it"),
+        (b"\xff\xd8\xff\xd9", "contains no image"),
     ],
 )
 def test_what_is_not_an_image_is_named(load: Load, data: bytes, reason: str) -> None:
@@ -117,7 +117,7 @@ def test_depth_must_be_16_bit_and_one_channel(load: Load, image: NDArray[np.uint
 
 
 def test_depth_in_the_place_of_color_is_refused(load: Load) -> None:
-    with pytest.raises(UnreadableFrameError, match="color is not 8 bits a channel"):
+    with pytest.raises(UnreadableFrameError, match="color does not have 8 bits per channel"):
         load(encoded(DEPTH), encoded(COLOR))
 
 

@@ -149,7 +149,7 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
 def test_another_camera_in_the_middle_is_refused(make_frame: FrameMaker, tmp_path: Path) -> None:
     with TumWriter(tmp_path / "r") as writer:
         writer.write(make_frame(0))
-        with pytest.raises(UserFacingError, match="the camera changed while it was recorded"):
+        with pytest.raises(UserFacingError, match="the camera changed during recording"):
             writer.write(dataclasses.replace(make_frame(1), depth_factor=1000.0))
         with pytest.raises(UserFacingError, match=r"readout 0\.03 s"):
             writer.write(make_frame(2, readout_s=0.03))

@@ -99,7 +99,7 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
         "the image is 320x240 but the camera is 640x240",
     ),
     "no pairs in range": (unmatch, "no color and depth images within 20 ms of each other"),
-    "no camera": (lambda f: (f / "camera.toml").unlink(), "no camera file, and the name says none"),
+    "no camera": (lambda f: (f / "camera.toml").unlink(), "no camera file, and the folder"),
     "camera typo": (
         replace_text("camera.toml", "fx = ", "f_x = "),
         "camera.toml:4: key `f_x`: is unknown; did you mean `fx`?",

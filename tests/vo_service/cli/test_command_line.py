@@ -146,7 +146,7 @@ def test_nowhere_to_keep_anything_is_one_line(
         monkeypatch.delenv(name, raising=False)
     outcome = run_in_process(capfd, "config", "check", "none.toml")
     assert outcome.code == 1
-    assert outcome.err.startswith("kinect-vo: error: no folder can be written to")
+    assert outcome.err.startswith("kinect-vo: error: no folder is writable")
     assert outcome.err.count("\n") == 1
 
 

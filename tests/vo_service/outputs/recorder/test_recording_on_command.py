@@ -103,7 +103,7 @@ def test_another_camera_ends_the_recording_and_the_reason_is_said(tmp_path: Path
         folder = Path(opened.start_recording("desk"))
         send_updates(opened, make_update(0), make_update(1), make_update(2, camera=other))
         wait_until(lambda: opened.recording == "")
-        assert "the camera changed while it was recorded" in opened.warning
+        assert "the camera changed during recording" in opened.warning
     assert len(read_recording(folder)) == 2
 
 

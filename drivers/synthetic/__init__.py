@@ -1,1 +1,1 @@
-"""A virtual Kinect: a furnished room, ray-cast, with the sensor's own faults and exact truth."""
+"""A virtual Kinect: a ray-cast furnished room, the sensor's errors, and exact ground truth."""

@@ -1,4 +1,4 @@
-"""Two corners of a room that look the same: each is the other, turned about the room's middle."""
+"""Perceptual aliasing: two corners of a room that look the same, turned by 180 degrees."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,11 +19,11 @@ from drivers.synthetic.assets.textures import (
 )
 from drivers.synthetic.solids import Solid, make_solid
 
-# So far from the corner, along both walls, everything is the same in both.
+# Within this distance of the corner, along both walls, both corners are the same.
 CORNER_SIZE_M = 2.6
 PANEL_M = 0.02
 CARPET_M = 0.005
-# What stands along the second wall leaves so much of the corner to the row along the first.
+# The row along the second wall keeps this distance from the corner for the row along the first.
 ROW_CLEARANCE_M = 0.75
 HALF_TURN = rigid_transform(so3_exp([0.0, 0.0, np.pi]), (0.0, 0.0, 0.0))
 
@@ -31,20 +31,29 @@ HALF_TURN = rigid_transform(so3_exp([0.0, 0.0, np.pi]), (0.0, 0.0, 0.0))
 def make_aliased_corners(
     seed: int, half_m: Array, height_m: float
 ) -> Iterator[tuple[Solid, Solid]]:
-    """What is in the corner at +x +y of a room of `half_m` (2,), each with its twin at -x -y."""
+    """Make the solids of both corners.
+
+    Args:
+        seed: Seed of the room.
+        half_m: Half of the room's size (2,).
+        height_m: The room's height.
+
+    Yields:
+        A solid of the corner at +x +y and its copy at -x -y.
+    """
     rng = np.random.default_rng([seed, 10])
     corner = rigid_transform(np.eye(3), (*half_m, 0.0))
     for number, solid in enumerate(_make_corner(rng, height_m)):
-        skins = tuple(
-            _with_fixed_seed((seed, 11, number, face), skin)
-            for face, skin in enumerate(solid.textures)
+        textures = tuple(
+            _with_fixed_seed((seed, 11, number, face), texture)
+            for face, texture in enumerate(solid.textures)
         )
-        here = replace(solid.transform(corner), textures=skins)
+        here = replace(solid.transform(corner), textures=textures)
         yield here, here.transform(HALF_TURN)
 
 
 def symmetrize_lights(lights: Array) -> Array:
-    """Lights (B, 4) that fall alike on both corners: half of each, and half from opposite."""
+    """Light both corners alike: each light (B, 4) at half power, and its copy turned by 180°."""
     opposite = lights * np.array([-1.0, -1.0, 1.0, 1.0])
     both: Array = np.concatenate([lights, opposite]) * np.array([1.0, 1.0, 1.0, 0.5])
     return both
@@ -73,23 +82,23 @@ def _make_corner(rng: np.random.Generator, height_m: float) -> Solids:
 
 
 def _hang_pictures(rng: np.random.Generator, wall: TexturePainter) -> TexturePainter:
-    sorts: tuple[TexturePainter, ...] = (poster(), poster(), picture(), page(0.05))
-    hung = [(sorts[rng.integers(len(sorts))], rng.uniform(0.3, 0.7)) for _ in range(6)]
-    return collage(wall, hung, 0.06)
+    prints: tuple[TexturePainter, ...] = (poster(), poster(), picture(), page(0.05))
+    pictures = [(prints[rng.integers(len(prints))], rng.uniform(0.3, 0.7)) for _ in range(6)]
+    return collage(wall, pictures, 0.06)
 
 
 def _place_against_wall(piece: Solids, along_m: float, yaw_rad: float) -> Solids:
-    """A piece with its back to a wall, its middle at `along_m` on the wall's own axis."""
+    """Place a piece with its back to a wall, its center at `along_m` on the wall's own axis."""
     away_m = PANEL_M
     x, y = (along_m, -away_m) if yaw_rad == 0.0 else (-away_m, along_m)
     place = rigid_transform(so3_exp([0.0, 0.0, yaw_rad]), (x, y, CARPET_M))
     return [solid.transform(place) for solid in piece]
 
 
-def _with_fixed_seed(key: tuple[int, ...], skin: TexturePainter) -> TexturePainter:
-    """The same skin, but always the same picture, wherever it is painted."""
+def _with_fixed_seed(key: tuple[int, ...], painter: TexturePainter) -> TexturePainter:
+    """Make a painter paint the same image every time."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
-        return skin(np.random.default_rng(key), height, width, texel_m)
+        return painter(np.random.default_rng(key), height, width, texel_m)
 
     return paint

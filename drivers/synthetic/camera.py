@@ -1,4 +1,4 @@
-"""The virtual Kinect as a camera: played like a real one, while it is rendered."""
+"""The virtual Kinect as a camera: it delivers frames like a real one while they are rendered."""
 
 import sys
 from contextlib import suppress
@@ -31,15 +31,18 @@ from drivers.synthetic.motion.factory import make_motion
 from drivers.synthetic.pacing import HostClock, make_pacer
 from drivers.synthetic.room import ROOM_HEIGHT_M
 
-# How often a live reader looks which frame is due, while none is rendered.
+# A live reader checks this often which frame is due while none is rendered.
 POLL_PERIOD_S = 0.02
 
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """How frames are made: rendered ahead by a process of its own and kept in `cache_dir`.
+    """How frames are rendered.
 
-    Without a `cache_dir` each frame is rendered when it is read. 0 threads: one a core.
+    Attributes:
+        cache_dir: A separate process renders ahead and stores the frames here. None: each frame
+            is rendered when it is read.
+        threads: Rendering threads; 0 for one per core.
     """
 
     cache_dir: Path | None = None
@@ -60,7 +63,17 @@ class SyntheticCamera(RgbdCamera):
         render_options: RenderOptions = RenderOptions(),
         host: HostClock = HostClock(),  # noqa: B008 (frozen)
     ) -> None:
-        """Raises InputError if `config` cannot be used: its track, or too many frames to keep."""
+        """Create a closed camera.
+
+        Args:
+            config: The room, the motion, the sensor and the faults.
+            playback_mode: Lockstep delivers every frame; realtime drops late ones.
+            render_options: Where and how frames are rendered.
+            host: Clock and sleep function; tests replace it.
+
+        Raises:
+            InputError: The track cannot be read, or there are too many frames to store.
+        """
         self.name = "synthetic"
         self._config = config
         self._host = host
@@ -78,12 +91,12 @@ class SyntheticCamera(RgbdCamera):
         self._counters = CameraCounters()
 
     def prepare(self) -> None:
-        """Paint the room, where that is done in the background."""
+        """Start painting the room, if that is done in the background."""
         with suppress(CameraError, InputError):
             self._frame_provider.prepare()
 
     def open(self) -> None:
-        """See `RgbdCamera`. Until the room is painted, `condition` says that it is opening."""
+        """See `RgbdCamera`. Until the room is painted, `status` is OPENING."""
         if self._is_disconnected and self._host.now_s() < self._reconnect_time_s:
             raise CameraNotFoundError("synthetic camera: unplugged; it comes back by itself")
         self._frame_provider.start()
@@ -121,8 +134,8 @@ class SyntheticCamera(RgbdCamera):
                 continue
             while seq > self._next_seq and self._fault_injector.has_fault(FaultKind.DROPPED, seq):
                 seq -= 1
-            passed_over, self._next_seq = seq - self._next_seq, seq + 1
-            self._add_to_counters(dropped=passed_over)
+            dropped, self._next_seq = seq - self._next_seq, seq + 1
+            self._add_to_counters(dropped=dropped)
             if not self._fault_injector.has_fault(FaultKind.DROPPED, seq):
                 self._add_to_counters(delivered=1)
                 return self._make_frame(seq, self._fault_injector)
@@ -142,19 +155,19 @@ class SyntheticCamera(RgbdCamera):
 
     @property
     def counters(self) -> CameraCounters:
-        """See `RgbdCamera`; `skipped` counts the frames dropped on request."""
+        """See `RgbdCamera`; `skipped` counts the frames dropped by a fault of the configuration."""
         return self._counters
 
     @property
     def frame_count(self) -> int | None:
-        """Frames of the whole run; None in a loop."""
+        """Number of frames of the whole run; None in a loop."""
         return None if self._config.loop else self._config.frame_count
 
     @property
     def ground_truth(self) -> Trajectory | None:
-        """The exact poses at every frame's true stamp, in the room's frame; None in a loop.
+        """Exact T_world_camera at every frame's true stamp, in the room's frame; None in a loop.
 
-        With a live pace the stamps, and so the truth, are known from the first `read` on.
+        In realtime mode the stamps, and so the ground truth, are known after the first `read`.
         """
         if self._config.loop or not self._pacer.has_started:
             return None
@@ -163,7 +176,7 @@ class SyntheticCamera(RgbdCamera):
         return Trajectory(stamps_s, self._motion.poses(seqs / self._config.rate_hz))
 
     def _wait_for_start(self, timeout_s: float) -> None:
-        """The camera is open once its first frame is rendered. Raises NoFrameYet."""
+        """Wait until the first frame is rendered. Raises FrameTimeout."""
         if not self._has_started:
             if not self._frame_provider.wait_until_started(timeout_s):
                 raise FrameTimeout
@@ -173,7 +186,7 @@ class SyntheticCamera(RgbdCamera):
         return max(0.0, deadline_s - self._host.now_s())
 
     def _raise_if_unplugged(self, seq: int) -> None:
-        """Raise CameraLostError if the camera is to be unplugged at a frame up to `seq`."""
+        """Raise CameraLostError if a fault unplugs the camera at a frame up to `seq`."""
         due = [fault for fault in self._pending_unplugs if self._next_seq <= fault.first <= seq]
         if not due:
             return
@@ -182,14 +195,14 @@ class SyntheticCamera(RgbdCamera):
         self._reconnect_time_s = self._host.now_s() + fault.seconds
         self._next_seq = fault.first + round(fault.seconds * self._config.rate_hz)
         self._is_open, self._is_disconnected = False, True
-        raise CameraLostError("synthetic camera: unplugged on request; open it again")
+        raise CameraLostError("synthetic camera: unplugged by a configured fault; open it again")
 
-    def _make_frame(self, seq: int, frames: FaultInjector) -> RgbdFrame:
-        images = frames.read_images(seq)
-        stamped_as, off_s = frames.stamp_source(seq)
+    def _make_frame(self, seq: int, fault_injector: FaultInjector) -> RgbdFrame:
+        images = fault_injector.read_images(seq)
+        stamp_seq, stamp_offset_s = fault_injector.stamp_source(seq)
         return RgbdFrame(
             seq=seq,
-            stamp_s=round(self._pacer.stamp_s(stamped_as) + off_s, 6),
+            stamp_s=round(self._pacer.stamp_s(stamp_seq) + stamp_offset_s, 6),
             receive_time_s=self._pacer.receive_time_s(seq),
             color_bgr=images.color_bgr,
             depth_raw=images.depth_raw,
@@ -201,7 +214,7 @@ class SyntheticCamera(RgbdCamera):
         )
 
     def _gravity(self, seq: int) -> Vector:
-        """What an accelerometer without fault would tell; the room's z is up."""
+        """The reading of a perfect accelerometer in camera axes; the room's z is up."""
         instant_s = np.array([seq / self._config.rate_hz])
         x, y, z = (-STANDARD_GRAVITY_M_S2 * self._motion.poses(instant_s)[0, 2, :3]).tolist()
         return (x, y, z)
@@ -217,11 +230,11 @@ class SyntheticCamera(RgbdCamera):
 
 
 def _make_frame_provider(
-    config: SyntheticConfig, pace: PlaybackMode, render_options: RenderOptions
+    config: SyntheticConfig, playback_mode: PlaybackMode, render_options: RenderOptions
 ) -> FrameProvider:
     if render_options.cache_dir is None:
         return OnDemandFrameProvider(config, render_options.threads)
-    rate_hz = config.rate_hz if pace is PlaybackMode.REALTIME else 0.0
+    rate_hz = config.rate_hz if playback_mode is PlaybackMode.REALTIME else 0.0
     return BackgroundFrameProvider(
         config, render_options.cache_dir, rate_hz, render_options.threads
     )

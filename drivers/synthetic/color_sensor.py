@@ -1,4 +1,4 @@
-"""From the light that reaches the lens to an 8-bit picture: blur, vignette, exposure, noise."""
+"""From the light that reaches the lens to an 8-bit image: blur, vignetting, exposure, noise."""
 
 import math
 
@@ -13,15 +13,15 @@ from drivers.synthetic.config import ColorSensorModel
 from drivers.synthetic.raytracing.raycast import Floats
 
 MAX_BLUR_TAPS = 12
-# So many rows are exposed at a time: what is made on the way then stays in the cache.
+# Rows exposed at a time; few enough that the temporary arrays stay in the processor's cache.
 BAND_ROWS = 32
 MID_GRAY = 128.0
-# A camera's automatic exposure hunts slowly: relative parts, and hertz.
+# Slow hunting of the automatic exposure: relative amplitude, frequency in hertz, phase in radians.
 GAIN_WAVES = ((0.7, 0.11, 0.3), (0.3, 0.43, 1.9))
 
 
 def gain_at(sensor: ColorSensorModel, time_s: float, duration_s: float) -> float:
-    """Exposure gain at a time; whole periods in `duration_s`, so that it can be looped."""
+    """Compute the exposure gain at a time; it has whole periods in `duration_s` for looping."""
     total = 0.0
     for part, frequency, phase in GAIN_WAVES:
         periods = max(1.0, round(frequency * duration_s))
@@ -30,11 +30,11 @@ def gain_at(sensor: ColorSensorModel, time_s: float, duration_s: float) -> float
 
 
 def vignetting_map(camera: PinholeCamera, loss: float) -> Floats:
-    """Brightness (H, W) kept at each pixel: `loss` is what is missing in the corners."""
+    """Compute the relative brightness (H, W) of each pixel; it is 1 - `loss` in the corners."""
     x = (np.arange(camera.width) - camera.cx) / (0.5 * camera.width)
     y = (np.arange(camera.height) - camera.cy) / (0.5 * camera.height)
-    kept = 1.0 - 0.5 * loss * (x**2 + (y**2)[:, None])
-    return kept.astype(np.float32)
+    brightness = 1.0 - 0.5 * loss * (x**2 + (y**2)[:, None])
+    return brightness.astype(np.float32)
 
 
 def expose(
@@ -44,7 +44,10 @@ def expose(
     sensor: ColorSensorModel,
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8: half of the noise's power at mid gray is shot noise, half read-out."""
+    """Expose an image (H, W, 3) to uint8.
+
+    At mid gray, half of the noise's power is shot noise and half is read-out noise.
+    """
     if sensor.softness_px > 0:
         image = cv2.GaussianBlur(image, (0, 0), sensor.softness_px)  # type: ignore[assignment]
     result = np.empty(image.shape, dtype=np.uint8)
@@ -68,11 +71,17 @@ def motion_blur(
     T_closing_now: Array,
     focal_px: float,
 ) -> Floats:
-    """Mean of `image` along each pixel's way from the shutter's opening to its closing.
+    """Average `image` along each pixel's motion from the shutter's opening to its closing.
 
-    `body` (H, W) is what each pixel sees. `T_opening_now`, `T_closing_now` (B, H, 4, 4) map a
-    body's points, in a row's camera coordinates at its own instant, to those when its exposure
-    begins and ends.
+    Args:
+        image: (H, W, 3).
+        rays: (H, W, 2) on the plane z = 1.
+        depth_m: (H, W).
+        body: (H, W) index of the body that each pixel sees.
+        T_opening_now: (B, H, 4, 4) maps a body's points from a row's camera coordinates at the
+            row's own instant to those at the beginning of its exposure.
+        T_closing_now: The same to the end of its exposure.
+        focal_px: Focal length of `image`.
     """
     height, width = depth_m.shape
     blurred = np.empty_like(image)
@@ -86,7 +95,7 @@ def motion_blur(
             taps = 1 + min(MAX_BLUR_TAPS - 1, int(math.sqrt(du * du + dv * dv) + 0.5))
             total[:] = 0.0
             for k in range(taps):
-                # The light of this pixel came from where the surface was: against the motion.
+                # Sample against the motion: there the surface was when its light arrived.
                 along = (k + 0.5) / taps - 0.5
                 i = min(max(u - along * du, 0.0), width - 1.001)
                 j = min(max(v - along * dv, 0.0), height - 1.001)
@@ -110,7 +119,7 @@ def motion_blur(
 def project_transformed(
     T: Array, b: int, v: int, x: float, y: float, z: float
 ) -> tuple[float, float]:
-    """Where on the plane z = 1 the point (x, y, 1) z is seen after the rigid motion T[b, v]."""
+    """Project the point (x, y, 1) z onto the plane z = 1 after the rigid motion T[b, v]."""
     depth = T[b, v, 2, 0] * x + T[b, v, 2, 1] * y + T[b, v, 2, 2] + T[b, v, 2, 3] / z
     return (
         (T[b, v, 0, 0] * x + T[b, v, 0, 1] * y + T[b, v, 0, 2] + T[b, v, 0, 3] / z) / depth,

@@ -1,4 +1,4 @@
-"""What the virtual Kinect sees and how badly: every fault is one number, zero or False is off."""
+"""Configuration of the virtual Kinect: each sensor fault is one number; 0 or False disables it."""
 
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -20,12 +20,12 @@ class MotionKind(StrEnum):
     HAND_HELD = "hand-held"  # a slow sweep with the tremor of a hand
     SMOOTH = "smooth"  # the sweep alone
     STILL = "still"
-    FLOOR = "floor"  # a hand over the bare floor: one plane is all that is mostly seen
-    ORBIT = "orbit"  # a walk around what stands in the middle, with fast turns
+    FLOOR = "floor"  # a hand over the bare floor: most views show one plane
+    ORBIT = "orbit"  # a walk around the tables in the middle, with fast turns
     TOUR = "tour"  # a walk through a large room, several times past the same places
-    WALL = "wall"  # looks aside, then straight at the wall that `bare_wall` means, and back
+    WALL = "wall"  # looks aside, then straight at the wall of `bare_wall`, and back
     FAST_TURN = "fast-turn"  # a hand that turns away and back, each in half a second
-    CREEP = "creep"  # straight on by a millimetre a second
+    CREEP = "creep"  # straight on at a millimeter a second
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class ColorSensorModel:
     """The color sensor. The defaults are those of a Kinect v1 indoors."""
 
     distortion: tuple[float, ...] = config_field(
-        (0.05, -0.10, 0.0005, -0.0005, 0.0), "five values of the lens: k1 k2 p1 p2 k3"
+        (0.05, -0.10, 0.0005, -0.0005, 0.0), "lens distortion, five values: k1 k2 p1 p2 k3"
     )
     noise_sigma: float = config_field(3.0, "noise at mid gray, gray levels", minimum=0.0)
     softness_px: float = config_field(
@@ -42,9 +42,7 @@ class ColorSensorModel:
     exposure_s: float = config_field(
         0.012, "motion blur, seconds; 0 = a perfect instant", minimum=0.0
     )
-    gain_drift: float = config_field(
-        0.12, "how far brightness drifts, relative; below 1", minimum=0.0
-    )
+    gain_drift: float = config_field(0.12, "relative drift of the brightness; below 1", minimum=0.0)
     vignetting: float = config_field(
         0.12, "loss of brightness in the corners, relative", minimum=0.0
     )
@@ -59,29 +57,31 @@ class DepthSensorModel:
         580.0, "focal length for an image 640 pixels wide", exclusive_minimum=0.0
     )
     baseline_m: float = config_field(
-        0.075, "from the projector to the infrared camera", exclusive_minimum=0.0
+        0.075, "baseline from the projector to the infrared camera, meters", exclusive_minimum=0.0
     )
     eye_offset_m: float = config_field(
-        0.025, "the infrared camera is so far left of the color camera"
+        0.025, "distance of the infrared camera to the left of the color camera, meters"
     )
     registration: bool = config_field(
-        True, "false = depth is seen through the color camera, without parallax"
+        True, "false = depth is measured from the color camera, without parallax"
     )
-    shadows: bool = config_field(True, "no reading where the projector's light is hidden")
+    shadows: bool = config_field(True, "no reading where the projector's light is occluded")
     disparity_step_px: float = config_field(
-        1.0 / 8.0, "steps of the disparity; 0 = exact", minimum=0.0
+        1.0 / 8.0, "quantization step of the disparity, pixels; 0 = exact", minimum=0.0
     )
-    disparity_sigma_px: float = config_field(0.07, "noise of the disparity", minimum=0.0)
+    disparity_sigma_px: float = config_field(0.07, "noise of the disparity, pixels", minimum=0.0)
     lateral_sigma_px: float = config_field(
-        0.7, "edges fray: the depth is that of a neighbour so far away", minimum=0.0
+        0.7, "ragged edges: mean distance of the pixel whose depth is read", minimum=0.0
     )
-    min_range_m: float = config_field(0.5, "nothing nearer is read", minimum=0.0)
-    max_range_m: float = config_field(5.0, "nothing farther is read", exclusive_minimum=0.0)
+    min_range_m: float = config_field(0.5, "smallest depth with a reading, meters", minimum=0.0)
+    max_range_m: float = config_field(
+        5.0, "largest depth with a reading, meters", exclusive_minimum=0.0
+    )
 
 
 @dataclass(frozen=True)
 class ShutterTiming:
-    """When rows are taken. Rows are read top to bottom; a stamp is that of the middle row."""
+    """Timing of the rows. Rows are read top to bottom; a stamp is that of the middle row."""
 
     readout_s: float = config_field(
         0.020, "rolling shutter: first row to last, of both images; at most a frame", minimum=0.0
@@ -90,48 +90,48 @@ class ShutterTiming:
 
 
 class DynamicObjectKind(StrEnum):
-    """What it is that moves."""
+    """Kinds of moving objects."""
 
     PARCEL = "parcel"  # a printed box that hangs in the air
-    PERSON = "person"  # stands on the floor, whatever the height that is given
+    PERSON = "person"  # stands on the floor; the view's height is ignored
 
 
 @dataclass(frozen=True)
 class DynamicObjectConfig:
-    """Something that goes by itself through the view, evenly as the camera sees it.
+    """An object that crosses the view at an even speed in the image.
 
-    It is there from `start_s` to `end_s`.
+    It is in the room from `begin_s` to `end_s`.
     """
 
-    kind: DynamicObjectKind = required_field("what moves")
-    begin_s: float = required_field("when it comes, seconds from the first frame", minimum=0.0)
-    end_s: float = required_field("when it has gone", exclusive_minimum=0.0)
+    kind: DynamicObjectKind = required_field("kind of the moving object")
+    begin_s: float = required_field("when it appears, seconds from the first frame", minimum=0.0)
+    end_s: float = required_field("when it disappears, seconds", exclusive_minimum=0.0)
     size_m: tuple[float, float, float] = config_field(
-        (0.5, 1.75, 0.3), "width, height and depth, metres", minimum=0.01, maximum=3.0
+        (0.5, 1.75, 0.3), "width, height and depth, meters", minimum=0.01, maximum=3.0
     )
-    distance_m: float = config_field(1.0, "how far along the view, metres", minimum=0.2)
+    distance_m: float = config_field(1.0, "distance along the optical axis, meters", minimum=0.2)
     begin_view: tuple[float, float] = config_field(
-        (-1.8, 0.0), "where the camera then sees it: right and down, in half images from the middle"
+        (-1.8, 0.0), "first place in the image: right and down, in half images from the middle"
     )
-    end_view: tuple[float, float] = config_field((1.8, 0.0), "where the camera sees it in the end")
+    end_view: tuple[float, float] = config_field((1.8, 0.0), "last place in the image")
 
     def __post_init__(self) -> None:
         if self.begin_s >= self.end_s:
-            raise InputError(f"mover {self.kind}: end_s must be after begin_s")
+            raise InputError(f"moving object {self.kind}: end_s must be after begin_s")
 
 
 @dataclass(frozen=True)
 class SyntheticConfig:
-    """A virtual Kinect in a room of its own. Raises InputError if a value makes no sense."""
+    """A virtual Kinect in a furnished room. Raises InputError for a value out of range."""
 
-    seed: int = config_field(1, "another seed is another room and another motion", minimum=0)
+    seed: int = config_field(1, "seed of the room and of the motion", minimum=0)
     duration_s: float = config_field(
-        20.0, "length of the film, seconds; one frame at least", exclusive_minimum=0.0
+        20.0, "length of the sequence, seconds; at least one frame", exclusive_minimum=0.0
     )
     rate_hz: float = config_field(30.0, "frames a second", exclusive_minimum=0.0)
     camera: PinholeCamera = config_field(KINECT_COLOR, "intrinsics of the color camera")
     depth_factor: float = config_field(
-        1000.0, "depth value of one metre", minimum=1.0, maximum=10000.0
+        1000.0, "depth value of one meter", minimum=1.0, maximum=10000.0
     )
     motion: MotionKind = config_field(
         MotionKind.HAND_HELD, "how the camera moves when no track is given"
@@ -139,16 +139,18 @@ class SyntheticConfig:
     track: Path | None = config_field(
         None, "a trajectory in TUM format (optical camera in a z-up world) to follow"
     )
-    track_start_s: float = config_field(0.0, "where in the track to begin, from its first stamp")
-    loop: bool = config_field(False, "play for ever; the motion then ends where it began")
+    track_start_s: float = config_field(
+        0.0, "start of playback in the track, seconds from its first stamp"
+    )
+    loop: bool = config_field(False, "play forever; the motion then ends where it began")
     bare_wall: bool = config_field(False, "one wall without texture")
     twin_corners: bool = config_field(False, "two opposite corners look the same")
-    texel_m: float = config_field(0.0025, "size of a texture's pixel, metres", minimum=0.001)
+    texel_m: float = config_field(0.0025, "size of a texture's pixel, meters", minimum=0.001)
     color: ColorSensorModel = field(default_factory=ColorSensorModel)
     depth: DepthSensorModel = field(default_factory=DepthSensorModel)
     timing: ShutterTiming = field(default_factory=ShutterTiming)
-    movers: tuple[DynamicObjectConfig, ...] = config_field((), "what moves by itself")
-    faults: tuple[Fault, ...] = config_field((), "what goes wrong with which frames")
+    movers: tuple[DynamicObjectConfig, ...] = config_field((), "moving objects")
+    faults: tuple[Fault, ...] = config_field((), "faults to inject, each into a range of frames")
 
     def __post_init__(self) -> None:
         half_frame_s = 0.5 / self.rate_hz if self.rate_hz > 0 else 0.0
@@ -166,18 +168,18 @@ class SyntheticConfig:
             (0 <= self.color.exposure_s <= 2 * half_frame_s, "exposure_s must fit in one frame"),
             (0 <= self.color.gain_drift < 1, "gain_drift must lie in 0 .. 1"),
         )
-        for holds, message in checks:
-            if not holds:
+        for is_valid, message in checks:
+            if not is_valid:
                 raise InputError(f"synthetic camera: {message}")
 
     @property
     def frame_count(self) -> int:
-        """Frames of one pass."""
+        """Number of frames of one pass."""
         return round(self.duration_s * self.rate_hz)
 
     @classmethod
     def ideal(cls) -> Self:
-        """No fault at all: exact depth, one instant, no noise."""
+        """A sensor without faults: exact depth, global shutter, no noise."""
         return cls(
             depth_factor=5000.0,
             color=ColorSensorModel(
@@ -202,7 +204,7 @@ class SyntheticConfig:
 
     @classmethod
     def fast(cls) -> Self:
-        """Stand-in for a live camera: quickly rendered, then played round and round."""
+        """A quickly rendered loop that replaces a live camera."""
         full = cls(duration_s=10.0, loop=True, texel_m=0.004)
-        eye = replace(full.color, distortion=NO_DISTORTION, exposure_s=0.0, smooth_edges=False)
-        return replace(full, color=eye)
+        color = replace(full.color, distortion=NO_DISTORTION, exposure_s=0.0, smooth_edges=False)
+        return replace(full, color=color)

@@ -1,9 +1,9 @@
-"""From true distance to what a structured-light sensor reports.
+"""From true depth to the readings of a structured-light sensor.
 
 The projector stands to the right of the infrared camera. Disparity is focal * baseline / depth;
 its noise and its step are constant, so both grow with depth squared (Khoshelham and Elberink,
-Accuracy and resolution of Kinect depth data, Sensors 2012, equation 10). The edges fray as in Handa
-et al., A benchmark for RGB-D visual odometry, ICRA 2014, section IV.
+Accuracy and resolution of Kinect depth data, Sensors 2012, equation 10). Edges are ragged as in
+Handa et al., A benchmark for RGB-D visual odometry, ICRA 2014, section IV.
 """
 
 import math
@@ -19,7 +19,7 @@ from drivers.synthetic.config import DepthSensorModel
 from drivers.synthetic.raytracing.intersect import FAR_M
 from drivers.synthetic.raytracing.raycast import Floats
 
-# The sensor matches windows of 9 x 9 pixels: neighbours share their errors.
+# The sensor matches windows of 9 x 9 pixels, so neighbors share their errors.
 NOISE_BLUR_PX = 1.2
 KINECT_WIDTH_PX = 640
 SHADOW_TOLERANCE_PX = 1.5
@@ -33,7 +33,16 @@ def infrared_camera(sensor: DepthSensorModel, color_camera: PinholeCamera) -> Pi
 
 
 def measure_depth(depth_m: Floats, sensor: DepthSensorModel, rng: np.random.Generator) -> Floats:
-    """(H, W) what the sensor reads in metres, 0 = no reading."""
+    """Simulate the sensor's readings.
+
+    Args:
+        depth_m: True depth (H, W).
+        sensor: The sensor's parameters.
+        rng: Generator of the noise.
+
+    Returns:
+        Measured depth (H, W) in meters, 0 = no reading.
+    """
     true_m = jitter_edges(depth_m, sensor.lateral_sigma_px, rng)
     scale = sensor.focal_px * sensor.baseline_m
     disparity_px = np.float32(scale) / true_m
@@ -47,12 +56,12 @@ def measure_depth(depth_m: Floats, sensor: DepthSensorModel, rng: np.random.Gene
         disparity_px = np.rint(disparity_px / sensor.disparity_step_px) * sensor.disparity_step_px
     with np.errstate(divide="ignore"):
         measured_m = np.float32(scale) / disparity_px
-    seen = (measured_m >= sensor.min_range_m) & (measured_m <= sensor.max_range_m) & ~hidden
-    return np.where(seen & (depth_m < FAR_M), measured_m, 0).astype(np.float32)
+    valid = (measured_m >= sensor.min_range_m) & (measured_m <= sensor.max_range_m) & ~hidden
+    return np.where(valid & (depth_m < FAR_M), measured_m, 0).astype(np.float32)
 
 
 def jitter_edges(depth_m: Floats, sigma_px: float, rng: np.random.Generator) -> Floats:
-    """Each pixel takes the depth of a neighbour `sigma_px` away on average."""
+    """Give each pixel the depth of a neighbor `sigma_px` away on average."""
     if sigma_px == 0:
         return depth_m
     height, width = depth_m.shape
@@ -65,7 +74,7 @@ def jitter_edges(depth_m: Floats, sigma_px: float, rng: np.random.Generator) -> 
 
 
 def _correlated_noise(shape: tuple[int, ...], rng: np.random.Generator) -> Floats:
-    """(H, W) noise of unit deviation that neighbours share."""
+    """Noise (H, W) of unit deviation, correlated between neighbors."""
     white = rng.standard_normal(shape, dtype=np.float32)
     # A Gaussian of width s leaves 1 / (4 pi s^2) of white noise's power.
     gain = np.float32(2.0 * np.sqrt(np.pi) * NOISE_BLUR_PX)
@@ -74,9 +83,10 @@ def _correlated_noise(shape: tuple[int, ...], rng: np.random.Generator) -> Float
 
 @kernel
 def find_shadows(disparity_px: Floats) -> NDArray[np.bool_]:
-    """(H, W) where something nearer hides the point from the projector.
+    """Mark the pixels (H, W) whose point is hidden from the projector.
 
-    The point of column u is in the projector's column u - disparity: the nearest one there has it.
+    The point of column u is in the projector's column u - disparity. The projector lights only the
+    nearest point of a column.
     """
     height, width = disparity_px.shape
     hidden = np.zeros((height, width), dtype=np.bool_)
@@ -106,10 +116,20 @@ def register_depth(
     infrared_offset_m: float,
     factor: float,
 ) -> NDArray[np.uint16]:
-    """Depth (H, W) as the color camera's raw, distorted image would see it, 0 = no reading.
+    """Register depth to the color camera's raw, distorted image.
 
-    Every reading is carried to the pixel where its point falls; the nearest wins. `infrared` is
-    focal length and centre, `color` fx fy cx cy; the infrared eye is `infrared_offset_m` to the left.
+    Each reading goes to the pixel onto which its point projects; the nearest reading wins.
+
+    Args:
+        measured_m: Depth (H, W) of the infrared camera, 0 = no reading.
+        infrared: Focal length, cx and cy of the infrared camera.
+        color: fx, fy, cx and cy of the color camera.
+        distortion: k1 k2 p1 p2 k3 of the color camera.
+        infrared_offset_m: Distance of the infrared camera to the left of the color camera.
+        factor: Depth value of one meter.
+
+    Returns:
+        Depth values (H, W), 0 = no reading.
     """
     height, width = measured_m.shape
     focal, cx, cy = infrared
@@ -131,7 +151,7 @@ def register_depth(
 
 @kernel
 def distort(x: float, y: float, k: Array) -> tuple[float, float]:
-    """Brown's model in OpenCV's order: k1 k2 p1 p2 k3."""
+    """Distort a point by Brown's model; `k` in OpenCV's order: k1 k2 p1 p2 k3."""
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
     return (

@@ -1,4 +1,4 @@
-"""What moves by itself through the view: bodies with solids and a path of their own."""
+"""Objects that move through the view: rigid bodies with solids and a trajectory."""
 
 import math
 from collections.abc import Sequence
@@ -16,18 +16,21 @@ from drivers.synthetic.motion.base import CameraMotion, rotations_from_vectors
 from drivers.synthetic.motion.spline import CubicSpline
 from drivers.synthetic.solids import Solid, SolidKind, make_solid
 
-# A body goes smoothly from where the camera is to see it at one such time to where at the next.
+# An object moves smoothly between waypoints; each is its configured place in the camera's view.
 WAYPOINT_PERIOD_S = 1.0
-# Where it is before and after: out of sight below the room.
+# Before and after its time an object is out of sight below the room.
 HIDDEN_DEPTH_M = 100.0
 
 
 @dataclass(frozen=True)
 class DynamicObject:
-    """Solids in a frame of their own, upright, its y axis away from the camera.
+    """A moving rigid body, upright, its y axis away from the camera.
 
-    The way is x, y, z in metres and the turn to the left in radians, over the time in seconds.
-    It is in the room from `start_s` to `end_s`.
+    Attributes:
+        solids: Its solids, in its own frame.
+        trajectory: x, y, z in meters and yaw in radians, over the time in seconds.
+        begin_s: When it enters the room.
+        end_s: When it leaves the room.
     """
 
     solids: Solids
@@ -37,38 +40,38 @@ class DynamicObject:
 
     def poses(self, times_s: Array) -> Array:
         """T_world_body (N, 4, 4) at `times_s` (N,)."""
-        at = self.trajectory(times_s)
-        zero = np.zeros(len(at))
-        T = np.tile(np.eye(4), (len(at), 1, 1))
-        T[:, :3, :3] = rotations_from_vectors(np.stack([zero, zero, at[:, 3]], axis=1))
-        T[:, :3, 3] = at[:, :3]
+        xyz_yaw = self.trajectory(times_s)
+        zero = np.zeros(len(xyz_yaw))
+        T = np.tile(np.eye(4), (len(xyz_yaw), 1, 1))
+        T[:, :3, :3] = rotations_from_vectors(np.stack([zero, zero, xyz_yaw[:, 3]], axis=1))
+        T[:, :3, 3] = xyz_yaw[:, :3]
         T[(times_s < self.begin_s) | (times_s > self.end_s), 2, 3] -= HIDDEN_DEPTH_M
         return T
 
     @property
     def solids_at_midpoint(self) -> Solids:
-        """Its solids in the world, in the middle of its way."""
+        """Its solids in the world, halfway through its time in the room."""
         (T,) = self.poses(np.array([0.5 * (self.begin_s + self.end_s)]))
         return [solid.transform(T) for solid in self.solids]
 
     def clearance_points_m(self, times_s: Array) -> Array:
-        """Points (M, 3) of the world from which furniture keeps away: the middles of its solids."""
-        middles_m = np.array([solid.T_world_solid[:3, 3] for solid in self.solids])
-        return np.concatenate([transform_points(T, middles_m) for T in self.poses(times_s)])
+        """World points (M, 3) that furniture must leave free: the centers of its solids."""
+        centers_m = np.array([solid.T_world_solid[:3, 3] for solid in self.solids])
+        return np.concatenate([transform_points(T, centers_m) for T in self.poses(times_s)])
 
 
 def make_dynamic_objects(config: SyntheticConfig, motion: CameraMotion) -> list[DynamicObject]:
-    """The movers of `config`, each on a way on which `path` has the camera see it as it asks."""
+    """Make the moving objects of `config`, each on a trajectory in front of the moving camera."""
     return [
         DynamicObject(
-            SOLID_BUILDERS[mover.kind](
-                np.random.default_rng([config.seed, 8, number]), mover.size_m
+            SOLID_BUILDERS[settings.kind](
+                np.random.default_rng([config.seed, 8, number]), settings.size_m
             ),
-            _make_trajectory(mover, config.camera, motion),
-            mover.begin_s,
-            mover.end_s,
+            _make_trajectory(settings, config.camera, motion),
+            settings.begin_s,
+            settings.end_s,
         )
-        for number, mover in enumerate(config.movers)
+        for number, settings in enumerate(config.movers)
     ]
 
 
@@ -81,24 +84,24 @@ def _make_trajectory(
     half_image = 0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy
     rays = np.column_stack([view * half_image, np.ones(count)])
     T_world_camera = motion.poses(times_s)
-    seen_m = [
+    positions_m = [
         transform_points(T, settings.distance_m * ray[None])[0]
         for T, ray in zip(T_world_camera, rays, strict=True)
     ]
-    on_floor = np.array([1.0, 1.0, 0.0 if settings.kind is DynamicObjectKind.PERSON else 1.0])
-    turn_rad = np.unwrap(np.arctan2(-T_world_camera[:, 0, 2], T_world_camera[:, 1, 2]))
-    return CubicSpline(times_s, np.column_stack([seen_m * on_floor, turn_rad]))
+    floor_mask = np.array([1.0, 1.0, 0.0 if settings.kind is DynamicObjectKind.PERSON else 1.0])
+    yaw_rad = np.unwrap(np.arctan2(-T_world_camera[:, 0, 2], T_world_camera[:, 1, 2]))
+    return CubicSpline(times_s, np.column_stack([positions_m * floor_mask, yaw_rad]))
 
 
 def _make_parcel(rng: np.random.Generator, size_m: Sequence[float]) -> Solids:
-    """A printed box about its own middle."""
+    """A printed box, centered at the origin."""
     width_m, height_m, depth_m = size_m
     print_ = collage(poster(), [(picture(), 0.4 * min(width_m, height_m))] * 3)
     return [make_solid((0.0, 0.0, 0.0), (width_m, depth_m, height_m), print_)]
 
 
 def _make_person(rng: np.random.Generator, size_m: Sequence[float]) -> Solids:
-    """Legs, body and head on the floor, stiff as a doll."""
+    """A rigid person on the floor: legs, body and head."""
     width_m, height_m, depth_m = size_m
     trousers = fabric(random_color(rng, 0.4, 40.0, 120.0), random_color(rng, 0.4, 40.0, 120.0))
     shirt = collage(fabric(random_color(rng), random_color(rng)), [(picture(), 0.25)] * 2)

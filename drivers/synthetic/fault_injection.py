@@ -1,4 +1,4 @@
-"""Faults on request: what goes wrong with which frames, applied as the frames are played."""
+"""Fault injection: configured faults, applied to frames when they are read."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,39 +15,39 @@ Depth = NDArray[np.uint16]
 
 
 class FaultKind(StrEnum):
-    """What can go wrong."""
+    """Kinds of faults."""
 
-    DROPPED = "dropped"  # the frame never comes
-    FROZEN = "frozen"  # the images of the last good frame again, under a new stamp
+    DROPPED = "dropped"  # the frame is not delivered
+    FROZEN = "frozen"  # the images of the last good frame again, with a new stamp
     BLACK = "black"  # the color image is black
     TORN = "torn"  # upper half new, lower half of the frame before
-    DARK = "dark"  # the lights are off: hardly more than noise; depth needs no light
-    COVERED = "covered"  # something lies on the camera: color is black, and no depth is read
-    NOISE = "noise"  # nothing but noise, in color and in depth
+    DARK = "dark"  # the lights are off: color is mostly noise; depth needs no light
+    COVERED = "covered"  # the camera is covered: color is black, and depth has no readings
+    NOISE = "noise"  # only noise, in color and in depth
     STAMP_JUMP = "stamp-jump"  # stamps are off by `seconds`
     STAMP_REPEAT = "stamp-repeat"  # the stamp of the frame before
-    UNPLUGGED = "unplugged"  # gone at this frame, back after `seconds`
+    UNPLUGGED = "unplugged"  # disconnected at this frame, back after `seconds`
 
 
 @dataclass(frozen=True)
 class Fault:
-    """`kind` strikes `count` frames from frame `first`; `seconds` where the kind asks for it."""
+    """A fault of `count` frames from frame `first`; `seconds` if the kind needs it."""
 
-    kind: FaultKind = required_field("what goes wrong")
-    first: int = required_field("number of the first frame that suffers, from 0", minimum=0)
-    count: int = config_field(1, "how many frames suffer", minimum=1)
+    kind: FaultKind = required_field("kind of fault")
+    first: int = required_field("number of the first affected frame, from 0", minimum=0)
+    count: int = config_field(1, "number of affected frames", minimum=1)
     seconds: float = config_field(
-        0.0, "how far stamps jump, or after how long an unplugged camera is back"
+        0.0, "size of a stamp jump, or how long an unplugged camera is away"
     )
 
     def __post_init__(self) -> None:
         if self.first < 0 or self.count < 1:
             raise InputError(f"fault {self.kind}: first must be at least 0 and count at least 1")
         if self.kind is FaultKind.UNPLUGGED and self.seconds <= 0:
-            raise InputError("fault unplugged: give the seconds until the camera comes back")
+            raise InputError("fault unplugged: seconds must be given: how long the camera is away")
 
     def applies_to(self, index: int) -> bool:
-        """True if frame `index` is one of those that suffer."""
+        """Whether frame `index` is affected."""
         return self.first <= index < self.first + self.count
 
 
@@ -67,18 +67,18 @@ DARK_NOISE_SIGMA = 3.0
 
 @dataclass(frozen=True)
 class FaultInjector:
-    """The images and stamps of `source` as they come through when `faults` strike."""
+    """Applies `faults` to the images and stamps of `source`."""
 
     source: ImageSource
     faults: tuple[Fault, ...]
     seed: int
 
     def has_fault(self, kind: FaultKind, index: int) -> bool:
-        """True if frame `index` suffers from `kind`."""
+        """Whether frame `index` has a fault of `kind`."""
         return any(fault.kind is kind and fault.applies_to(index) for fault in self.faults)
 
     def read_images(self, index: int) -> RenderedImages:
-        """What the driver is given as frame `index`."""
+        """Read the images of frame `index` with its faults."""
         images = self.source(self._last_unaffected(FaultKind.FROZEN, index))
         if self.has_fault(FaultKind.TORN, index):
             images = _tear(images, self.source(max(index - 1, 0)))
@@ -95,16 +95,16 @@ class FaultInjector:
         return images
 
     def stamp_source(self, index: int) -> tuple[int, float]:
-        """The frame whose stamp frame `index` bears, and the seconds by which it is off."""
-        off_s = sum(
+        """The frame whose stamp frame `index` has, and the error of that stamp in seconds."""
+        offset_s = sum(
             fault.seconds
             for fault in self.faults
             if fault.kind is FaultKind.STAMP_JUMP and fault.applies_to(index)
         )
-        return self._last_unaffected(FaultKind.STAMP_REPEAT, index), off_s
+        return self._last_unaffected(FaultKind.STAMP_REPEAT, index), offset_s
 
     def _last_unaffected(self, kind: FaultKind, index: int) -> int:
-        """The last frame before a repetition of that kind; `index` itself where there is none."""
+        """The last frame up to `index` without a fault of `kind`."""
         while index > 0 and self.has_fault(kind, index):
             index -= 1
         return index

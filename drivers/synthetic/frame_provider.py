@@ -1,4 +1,4 @@
-"""Where the virtual Kinect's frames come from: rendered when they are read, or ahead of that."""
+"""Sources of the virtual Kinect's frames: rendered when read, or rendered ahead."""
 
 import os
 import time
@@ -21,42 +21,46 @@ from drivers.synthetic.render_messages import (
 )
 from drivers.synthetic.rendered_sequence import RenderedSequence, create_sequence, files_for_config
 
-if TYPE_CHECKING:  # its kernels are slow to load, and a renderer in a process of its own has them
+if TYPE_CHECKING:  # its kernels are slow to load; the renderer's process loads them
     from drivers.synthetic.renderer import Renderer
 
 RENDERER = WorkerSpec("drivers.synthetic.render_worker", "renderer")
-# It is killed rather than waited for: what it has written stays.
+# The process is killed rather than waited for; the frames that it has written stay valid.
 STOP_TIMEOUT_S = 2.0
-# A single frame takes a second on a slow board; the first one is preceded by painting the room.
+# A frame takes a second on a slow board; the room is painted before the first one.
 MAX_FRAME_S = 120.0
 
-RenderProgress = Callable[[int, int], None]  # frames done, frames in all
+RenderProgress = Callable[[int, int], None]  # frames rendered, total frames
 
 
 class FrameProvider(Protocol):
-    """The frames of a configuration, which is played round and round: frame 0 follows the last."""
+    """Provides the frames of a configuration in a loop: frame 0 follows the last."""
 
     def prepare(self) -> None:
-        """Begin what can be done in the background. Raises as `start`."""
+        """Start work that can be done in the background. Raises as `start`."""
         ...
 
     def start(self) -> None:
-        """Begin. Raises InputError or CameraError if it cannot."""
+        """Start providing frames. Raises InputError or CameraError if that fails."""
         ...
 
     def wait_until_started(self, timeout_s: float) -> bool:
-        """Wait until the first frame is there. Raises as `newest`."""
+        """Wait until the first frame is rendered. Raises as `wait_for_newest`."""
         ...
 
     def wait_for_newest(self, first: int, last: int, timeout_s: float) -> int | None:
-        """The newest frame from `first` to `last` that is rendered; waits for one of them.
+        """Wait for the newest rendered frame from `first` to `last`.
 
-        None if there is none after `timeout_s`. Raises InputError or CameraError if none will come.
+        Returns:
+            Its number; None if none of them is rendered after `timeout_s`.
+
+        Raises:
+            InputError, CameraError: Rendering failed.
         """
         ...
 
     def read(self, seq: int) -> RenderedImages:
-        """A frame, whether or not it is rendered already. Raises as `newest`."""
+        """Read a frame; wait if it is not rendered yet. Raises as `wait_for_newest`."""
         ...
 
     def close(self) -> None:
@@ -65,7 +69,7 @@ class FrameProvider(Protocol):
 
 
 class OnDemandFrameProvider:
-    """Renders each frame when it is read, and keeps none."""
+    """Renders each frame when it is read, and stores none."""
 
     def __init__(self, config: SyntheticConfig, threads: int) -> None:
         self._config = config
@@ -73,7 +77,7 @@ class OnDemandFrameProvider:
         self._renderers: list[Renderer] = []
 
     def prepare(self) -> None:
-        """See `FrameProvider`: nothing is done in the background."""
+        """Do nothing: there is no background work."""
 
     def start(self) -> None:
         """Paint the room, the first time."""
@@ -99,14 +103,14 @@ class OnDemandFrameProvider:
 
 
 class BackgroundFrameProvider:
-    """Frames that a process of its own renders ahead of the reader and that are kept on disk.
+    """Provides frames that a separate process renders ahead of the reader and stores on disk.
 
-    The process runs while frames are missing. A live reader (`rate_hz` above 0) finds the frames
-    that could be rendered in time.
+    The process runs while frames are missing. A live reader (`rate_hz` above 0) gets the frames
+    that are rendered in time.
     """
 
     def __init__(self, config: SyntheticConfig, folder: Path, rate_hz: float, threads: int) -> None:
-        """Raises InputError if the frames are too many to keep or the track cannot be read."""
+        """Raises InputError if there are too many frames to store or the track cannot be read."""
         self._files = files_for_config(config, folder)
         self._job = RenderJob(
             config, self._files, rate_hz, threads or os.cpu_count() or 1, wake_fd=-1
@@ -121,7 +125,7 @@ class BackgroundFrameProvider:
         self.start()
 
     def start(self) -> None:
-        """See `FrameProvider`. Returns at once; a process that is at work goes on."""
+        """See `FrameProvider`. Returns at once; a running process continues."""
         if self._process is not None:
             return
         self.close()
@@ -149,13 +153,13 @@ class BackgroundFrameProvider:
         deadline_s = time.monotonic() + MAX_FRAME_S
         while (images := self._open_sequence.read(index)) is None:
             if time.monotonic() > deadline_s:
-                raise CameraLostError(f"synthetic camera: frame {index} is not rendered in time")
+                raise CameraLostError(f"synthetic camera: frame {index} was not rendered in time")
             self._ensure_process().send(RenderRequest(index))
             self._wait_for(seq, seq, 1.0)
         return images
 
     def wait_until_complete(self, progress: RenderProgress) -> None:
-        """Wait until no frame is missing. Raises as `newest`, and what `progress` raises."""
+        """Wait until no frame is missing. Raises as `wait_for_newest` and `progress`."""
         while missing := self._open_sequence.missing_frames().size:
             progress(self._files.count - missing, self._files.count)
             self._receive(0.1)
@@ -178,19 +182,19 @@ class BackgroundFrameProvider:
             for seq in range(last, max(first, last - self._files.count + 1) - 1, -1):
                 if self._open_sequence.is_rendered(seq % self._files.count):
                     return seq
-            left_s = deadline_s - time.monotonic()
-            if left_s <= 0.0:
+            remaining_s = deadline_s - time.monotonic()
+            if remaining_s <= 0.0:
                 return None
-            self._receive(left_s)
+            self._receive(remaining_s)
 
     def _ensure_process(self) -> WorkerProcess:
-        """The process, started where there is none. Raises CameraLostError."""
+        """Return the renderer's process; start it if needed. Raises CameraLostError."""
         if self._process is None:
             try:
                 self._process = WorkerProcess(RENDERER, (self._wake_fd,), STOP_TIMEOUT_S)
             except OSError as error:
                 raise CameraLostError(
-                    f"synthetic camera: the renderer cannot be started: {error.strerror}"
+                    f"synthetic camera: cannot start the renderer: {error.strerror}"
                 ) from error
             self._process.send(replace(self._job, wake_fd=self._wake_fd))
         return self._process
@@ -200,11 +204,11 @@ class BackgroundFrameProvider:
         if process is not None:
             process.kill()
             with process:
-                pass  # leaving it reaps it
+                pass  # the exit reaps it
 
     def _receive(self, timeout_s: float) -> None:
         """Wait until the process has written a frame. Raises InputError or CameraError."""
-        process = self._ensure_process()  # it has ended where all frames were there once
+        process = self._ensure_process()  # it has ended if all frames were rendered before
         try:
             message = process.receive(timeout_s, self._wake_fd)
             with suppress(BlockingIOError):
@@ -223,14 +227,21 @@ class BackgroundFrameProvider:
 def render_all(
     config: SyntheticConfig, folder: Path, progress: RenderProgress, threads: int = 0
 ) -> RenderedSequence:
-    """Render what is missing of a configuration, and open the result.
+    """Render the missing frames of a configuration and open the sequence.
 
-    Raises InputError or CameraError, and what `progress` raises.
+    Args:
+        config: What is rendered.
+        folder: Where rendered sequences are stored.
+        progress: Called about ten times a second.
+        threads: Rendering threads; 0 for one per core.
+
+    Raises:
+        InputError, CameraError: Rendering failed; also whatever `progress` raises.
     """
-    rendering = BackgroundFrameProvider(config, folder, 0.0, threads)
+    provider = BackgroundFrameProvider(config, folder, 0.0, threads)
     try:
-        rendering.start()
-        rendering.wait_until_complete(progress)
+        provider.start()
+        provider.wait_until_complete(progress)
     finally:
-        rendering.close()
+        provider.close()
     return create_sequence(files_for_config(config, folder))

@@ -1,4 +1,4 @@
-"""When a frame is handed over: as fast as it is taken, or as a live camera would."""
+"""When a frame is delivered: as fast as it is read, or as a live camera would."""
 
 import time
 from collections.abc import Callable
@@ -12,14 +12,14 @@ FIRST_STAMP_S = 1000.0
 
 @dataclass(frozen=True)
 class HostClock:
-    """The host's clock, and how to wait for it; tests bring their own."""
+    """The host's clock and how to wait; tests replace it."""
 
     now_s: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
 
 
 class FramePacer(Protocol):
-    """Decides which frame comes next, and when. Frame k is taken at stamp k / rate_hz."""
+    """Decides which frame is delivered next, and when. Frame k has the stamp k / rate_hz."""
 
     clock: Clock
 
@@ -29,15 +29,15 @@ class FramePacer(Protocol):
         ...
 
     def rewind(self) -> None:
-        """Frame 0 is taken when the next one is asked for."""
+        """Start again: the next frame read is frame 0."""
         ...
 
     def resume_at(self, seq: int) -> int:
-        """First frame to deliver after the camera was away until frame `seq`."""
+        """Return the first frame to deliver after the camera was away until frame `seq`."""
         ...
 
     def wait_for_frame(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
-        """Wait for a frame from `next_seq` to `last_seq`. Raises NoFrameYet."""
+        """Wait for a frame from `next_seq` to `last_seq`. Raises FrameTimeout."""
         ...
 
     def stamp_s(self, seq: int) -> float:
@@ -45,21 +45,21 @@ class FramePacer(Protocol):
         ...
 
     def receive_time_s(self, seq: int) -> float:
-        """CLOCK_MONOTONIC when a frame that was taken had arrived."""
+        """CLOCK_MONOTONIC at which a frame arrived completely."""
         ...
 
 
 def make_pacer(
     playback_mode: PlaybackMode, rate_hz: float, latency_s: float, host: HostClock
 ) -> FramePacer:
-    """`latency_s`: from a frame's stamp until all of it has arrived."""
+    """Make the pacer of a mode; `latency_s` is from a frame's stamp until all of it has arrived."""
     if playback_mode is PlaybackMode.REALTIME:
         return RealtimeFramePacer(rate_hz, latency_s, host)
     return LockstepFramePacer(rate_hz, host)
 
 
 class LockstepFramePacer:
-    """Every frame, at once, under stamps that are the same in every run."""
+    """Delivers every frame at once, with stamps that are the same in every run."""
 
     clock = Clock.RECORDED
 
@@ -69,31 +69,31 @@ class LockstepFramePacer:
 
     @property
     def has_started(self) -> bool:
-        """Always: the stamps are the same in every run."""
+        """Always true: the stamps are fixed."""
         return True
 
     def rewind(self) -> None:
-        """See `Pacer`."""
+        """See `FramePacer`."""
 
     def resume_at(self, seq: int) -> int:
-        """See `Pacer`."""
+        """See `FramePacer`."""
         return seq
 
     def wait_for_frame(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
-        """See `Pacer`."""
+        """See `FramePacer`."""
         return next_seq
 
     def stamp_s(self, seq: int) -> float:
-        """See `Pacer`."""
+        """See `FramePacer`."""
         return round(FIRST_STAMP_S + seq / self._rate_hz, 6)
 
     def receive_time_s(self, seq: int) -> float:
-        """See `Pacer`."""
+        """See `FramePacer`."""
         return self._host.now_s()
 
 
 class RealtimeFramePacer:
-    """A live camera: the newest frame that has arrived; older ones are gone."""
+    """Delivers the newest frame that has arrived, like a live camera; older ones are dropped."""
 
     clock = Clock.MONOTONIC
 
@@ -106,19 +106,19 @@ class RealtimeFramePacer:
 
     @property
     def has_started(self) -> bool:
-        """From the first `take` on."""
+        """True from the first `wait_for_frame`."""
         return self._has_started
 
     def rewind(self) -> None:
-        """See `Pacer`."""
+        """See `FramePacer`."""
         self._has_started = False
 
     def resume_at(self, seq: int) -> int:
-        """See `Pacer`."""
+        """See `FramePacer`."""
         return max(seq, self._newest() + 1)
 
     def wait_for_frame(self, next_seq: int, last_seq: int, timeout_s: float) -> int:
-        """See `Pacer`."""
+        """See `FramePacer`."""
         if not self._has_started:
             self._start_s, self._has_started = self._host.now_s(), True
         due_s = self.receive_time_s(next_seq)
@@ -130,11 +130,11 @@ class RealtimeFramePacer:
         return max(next_seq, min(self._newest(), last_seq))
 
     def stamp_s(self, seq: int) -> float:
-        """See `Pacer`."""
+        """See `FramePacer`."""
         return round(self._start_s + seq / self._rate_hz, 6)
 
     def receive_time_s(self, seq: int) -> float:
-        """See `Pacer`."""
+        """See `FramePacer`."""
         return self.stamp_s(seq) + self._latency_s
 
     def _newest(self) -> int:

@@ -1,4 +1,4 @@
-"""What the reader of rendered frames and the renderer's process say to each other."""
+"""Messages between the reader of rendered frames and the renderer's process."""
 
 from dataclasses import dataclass
 
@@ -9,9 +9,14 @@ from drivers.synthetic.rendered_sequence import SequenceFiles
 
 @dataclass(frozen=True)
 class RenderJob:
-    """What to render, and where to; `rate_hz` as for `RenderSchedule`.
+    """What to render and where to store it; the first message to the renderer.
 
-    `wake` is an eventfd that is written to after each frame.
+    Attributes:
+        config: What is rendered.
+        files: Where the frames are stored.
+        rate_hz: As for `RenderSchedule`.
+        threads: Rendering threads.
+        wake_fd: An eventfd that is written to after each frame.
     """
 
     config: SyntheticConfig
@@ -23,7 +28,7 @@ class RenderJob:
 
 @dataclass(frozen=True)
 class ReaderPosition:
-    """The reader wants this frame next."""
+    """The reader needs this frame next."""
 
     index: int
 
@@ -42,6 +47,6 @@ class RenderingComplete:
 
 @dataclass(frozen=True)
 class RenderingFailed:
-    """Why no more frames come."""
+    """Rendering stopped because of this error."""
 
     error: UserFacingError

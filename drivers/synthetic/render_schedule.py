@@ -1,4 +1,4 @@
-"""Which frame is rendered next: the first that can still be ready when the reader comes to it."""
+"""Render order: the next frame is the first that can be ready before the reader needs it."""
 
 import math
 import threading
@@ -10,10 +10,10 @@ from drivers.synthetic.rendered_sequence import RenderedSequence
 
 
 class RenderSchedule:
-    """Hands out the frames of a sequence that are missing, each once, to any number of threads.
+    """Assigns the missing frames of a sequence, each once, to any number of threads.
 
-    In lockstep (`rate_hz` 0) the reader waits, so frames come in order. A live reader does not
-    wait: frames that it will have passed before they can be ready are left for later.
+    In lockstep (`rate_hz` 0) the reader waits, so frames are rendered in order. A live reader does
+    not wait: frames that cannot be ready in time are rendered later.
     """
 
     def __init__(
@@ -27,12 +27,12 @@ class RenderSchedule:
         self._now_s = now_s
         self._lock = threading.Lock()
         self._urgent: deque[int] = deque()
-        self._started_s: dict[int, float] = {}  # frames being rendered, and since when
-        self._reader = (0, math.inf)  # index of the reader's next frame, and when it was there
-        self._render_s = 0.0  # how long the last frame took
+        self._started_s: dict[int, float] = {}  # start times of the frames being rendered
+        self._reader = (0, math.inf)  # index of the reader's next frame, and when it was reported
+        self._render_s = 0.0  # duration of the last frame's rendering
 
     def set_reader_position(self, index: int) -> None:
-        """The frame that the reader wants next."""
+        """Report the frame that the reader needs next."""
         self._reader = (index, self._now_s())
 
     def add_urgent(self, index: int) -> None:
@@ -40,7 +40,7 @@ class RenderSchedule:
         self._urgent.append(index)
 
     def next_frame(self) -> int | None:
-        """The frame to render now; None when none is missing."""
+        """Take the frame to render now; None if none is missing."""
         with self._lock:
             now_s = self._now_s()
             index = self._select_next(now_s)
@@ -49,7 +49,7 @@ class RenderSchedule:
             return index
 
     def mark_rendered(self, index: int) -> None:
-        """A frame that was taken has been written."""
+        """Report that a frame from `next_frame` has been written."""
         with self._lock:
             self._render_s = self._now_s() - self._started_s.pop(index)
 
@@ -63,7 +63,7 @@ class RenderSchedule:
         return next((i for i in missing if i >= first), missing[0] if missing else None)
 
     def _first_feasible(self, now_s: float) -> int:
-        """The first frame that is not due before it can be ready."""
+        """The first frame that can be ready before the reader needs it."""
         index, since_s = self._reader
         ahead_s = max(0.0, now_s - since_s) + self._render_s
         return min(index + int(ahead_s * self._rate_hz), self._sequence.files.count - 1)

@@ -1,7 +1,7 @@
 """The renderer's process: ``python -m drivers.synthetic.render_worker FD``.
 
-It renders the frames that are missing, in the order in which they are needed, and ends when there
-are none or when the process that started it is gone.
+It renders the missing frames in the order in which the reader needs them. It ends when no frame is
+missing or when its parent process ends.
 """
 
 import os
@@ -28,7 +28,7 @@ from drivers.synthetic.render_schedule import RenderSchedule
 from drivers.synthetic.rendered_sequence import RenderedSequence
 from drivers.synthetic.renderer import make_renderer
 
-# Live readers of the frames come first.
+# Live readers of the frames have priority.
 NICENESS = 10
 
 
@@ -44,14 +44,14 @@ def main(connection: "Connection[Any, Any]") -> None:
     except UserFacingError as error:
         outbox.send(RenderingFailed(error))
     except OSError as error:
-        message = f"{job.files.frames}: frames cannot be kept: {error.strerror or error}"
+        message = f"{job.files.frames}: cannot store frames: {error.strerror or error}"
         outbox.send(RenderingFailed(CameraError(message)))
 
 
 def _render_missing(
     job: RenderJob, connection: "Connection[Any, Any]", outbox: ParentConnection
 ) -> None:
-    """Raises UserFacingError if the configuration cannot be rendered, OSError for the disk."""
+    """Render the missing frames. Raises UserFacingError, and OSError for the disk."""
     sequence = RenderedSequence(job.files)
     schedule = RenderSchedule(sequence, job.rate_hz)
     threading.Thread(target=_receive_requests, args=(connection, schedule), daemon=True).start()
@@ -70,20 +70,20 @@ def _render_missing(
         while render_next():
             pass
 
-    render_next()  # with it, all kernels are there
+    render_next()  # compiles all kernels
     release_memory()
-    # A live reader has work to do meanwhile: one processor is left to it.
+    # One processor is left to a live reader.
     threads = max(1, job.threads - 1) if job.rate_hz else job.threads
     with ThreadPoolExecutor(threads) as pool:
-        others = [pool.submit(render_all) for _ in range(threads - 1)]
-        render_all()  # a thread more would hold as much freed memory again
-        for done in others:
-            done.result()
+        futures = [pool.submit(render_all) for _ in range(threads - 1)]
+        render_all()  # here, because another thread would hold as much freed memory again
+        for future in futures:
+            future.result()
     outbox.send(RenderingComplete())
 
 
 def _receive_requests(connection: "Connection[Any, Any]", schedule: RenderSchedule) -> None:
-    """Body of the thread that hears what the reader needs, and ends the process with it."""
+    """Receive the reader's requests, in a thread; end the process when the reader is gone."""
     with suppress(EOFError, OSError):
         while True:
             match connection.recv():
@@ -91,7 +91,7 @@ def _receive_requests(connection: "Connection[Any, Any]", schedule: RenderSchedu
                     schedule.set_reader_position(index)
                 case RenderRequest(index):
                     schedule.add_urgent(index)
-    os._exit(1)  # at once: a frame that is half-written does not count
+    os._exit(1)  # at once: a half-written frame is not marked as rendered
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""Rendered frames on disk: each is rendered once, by whichever process needs it first.
+"""Rendered frames on disk: each is rendered once, by the first process that needs it.
 
-KEY.frames holds the frames one after another, KEY.index a 64-bit number for each: 0 until the frame
-is written, then its checksum with the highest bit set. A frame therefore counts only when it is
-whole, even if a process was killed. Processes that render the same frame write the same bytes.
+KEY.frames holds the frames one after another. KEY.index holds a 64-bit number for each: 0 until the
+frame is written, then its checksum with the highest bit set. A frame is therefore valid only when
+it is complete, even if a process was killed. All processes render a frame to the same bytes.
 """
 
 import fcntl
@@ -31,7 +31,7 @@ _WRITTEN = 1 << 63
 
 @dataclass(frozen=True)
 class SequenceFiles:
-    """Where a sequence lies, and its frames: `count` of `height` x `width` pixels."""
+    """The files of a sequence of `count` frames of `height` x `width` pixels."""
 
     folder: Path
     key: str
@@ -51,7 +51,7 @@ class SequenceFiles:
 
     @property
     def frame_bytes(self) -> int:
-        """Size of a frame: BGR color (3 bytes a pixel), then depth (2)."""
+        """Size of a frame: BGR color (3 bytes per pixel), then depth (2)."""
         return 5 * self.height * self.width
 
     @property
@@ -61,22 +61,23 @@ class SequenceFiles:
 
 
 def files_for_config(config: SyntheticConfig, folder: Path) -> SequenceFiles:
-    """The files for a configuration; the key changes with whatever changes a pixel.
+    """Return the files of a configuration; their key changes with all that may change a pixel.
 
-    Raises InputError if the frames are too many to keep or the track cannot be read.
+    Raises:
+        InputError: There are too many frames to store, or the track cannot be read.
     """
     camera = config.camera
     files = SequenceFiles(folder, _key(config), config.frame_count, camera.height, camera.width)
     if files.total_bytes > MAX_SEQUENCE_BYTES:
         raise InputError(
-            f"synthetic camera: {files.count} frames are {files.total_bytes / 1e9:.1f} GB, at most "
-            f"{MAX_SEQUENCE_BYTES / 1e9:.1f} GB are kept: ask for a shorter duration, or loop"
+            f"synthetic camera: {files.count} frames need {files.total_bytes / 1e9:.1f} GB, the "
+            f"limit is {MAX_SEQUENCE_BYTES / 1e9:.1f} GB: set a shorter duration_s, or loop"
         )
     return files
 
 
 def _key(config: SyntheticConfig) -> str:
-    """A digest of the configuration, the renderer's code and its libraries; faults come later."""
+    """Digest of the configuration without faults, of the renderer's code and of its libraries."""
     digest = hashlib.sha256(repr(replace(config, faults=(), track=None)).encode())
     digest.update(f"{np.__version__} {cv2.__version__}".encode())
     here = Path(__file__).parent
@@ -88,7 +89,7 @@ def _key(config: SyntheticConfig) -> str:
         if config.track is not None:
             digest.update(config.track.read_bytes())
     except OSError as error:
-        raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
+        raise InputError(f"{error.filename}: cannot read it: {error.strerror}") from error
     return digest.hexdigest()[:24]
 
 
@@ -96,7 +97,7 @@ class RenderedSequence:
     """The frames of a sequence. Any number of threads and processes may use the same files."""
 
     def __init__(self, files: SequenceFiles) -> None:
-        """Open files that `create_sequence` has made. Raises OSError."""
+        """Open files that `create_sequence` created. Raises OSError."""
         self.files = files
         self._frames = os.open(files.frames, os.O_RDWR | os.O_CLOEXEC)
         index = os.open(files.index, os.O_RDWR | os.O_CLOEXEC)
@@ -118,18 +119,18 @@ class RenderedSequence:
         return bool(self._index[index])
 
     def missing_frames(self) -> NDArray[np.intp]:
-        """Indices of the frames that are not rendered, rising."""
+        """Indices of the frames that are not rendered, in ascending order."""
         return np.flatnonzero(self._index == 0)
 
     def read(self, index: int) -> RenderedImages | None:
-        """A frame; None if it is not rendered, or damaged: then it is to be rendered again."""
+        """Read a frame; None if it is not rendered. A damaged frame is marked as not rendered."""
         if not self.is_rendered(index):
             return None
         size = self.files.height, self.files.width
         images = RenderedImages(np.empty((*size, 3), np.uint8), np.empty(size, np.uint16))
         offset = index * self.files.frame_bytes
         length = os.preadv(self._frames, [images.color_bgr.data, images.depth_raw.data], offset)
-        # A checksum costs a millisecond: once for each frame is enough.
+        # A checksum takes a millisecond, so each frame is verified once.
         is_whole = length == self.files.frame_bytes and (
             self._is_verified[index] or _index_entry(images) == int(self._index[index])
         )
@@ -140,7 +141,7 @@ class RenderedSequence:
         return images
 
     def write(self, index: int, images: RenderedImages) -> None:
-        """Keep a frame. Raises OSError."""
+        """Store a frame. Raises OSError."""
         parts = [np.ascontiguousarray(part).data for part in (images.color_bgr, images.depth_raw)]
         length = os.pwritev(self._frames, parts, index * self.files.frame_bytes)
         if length != self.files.frame_bytes:
@@ -149,15 +150,18 @@ class RenderedSequence:
 
 
 def _index_entry(images: RenderedImages) -> int:
-    """What the index holds for a whole frame."""
+    """Index entry of a complete frame."""
     return _WRITTEN | zlib.crc32(images.depth_raw.tobytes(), zlib.crc32(images.color_bgr.tobytes()))
 
 
 def create_sequence(files: SequenceFiles) -> RenderedSequence:
-    """Open a sequence; where there is none yet, take its disk space, all frames missing.
+    """Open a sequence; if there is none, allocate its disk space with all frames missing.
 
-    The sequences that were unused longest go when the folder becomes too large. Raises InputError
-    if the folder cannot be written, CameraError if the disk is full.
+    The least recently used sequences are deleted when the folder becomes too large.
+
+    Raises:
+        InputError: The folder cannot be written.
+        CameraError: The disk is full.
     """
     try:
         files.folder.mkdir(parents=True, exist_ok=True)
@@ -167,19 +171,17 @@ def create_sequence(files: SequenceFiles) -> RenderedSequence:
             _allocate(files.index, 8 * files.count)
             return RenderedSequence(files)
     except (PermissionError, NotADirectoryError, FileExistsError) as error:
-        raise InputError(
-            f"{files.folder}: frames cannot be kept there: {error.strerror}"
-        ) from error
+        raise InputError(f"{files.folder}: cannot store frames there: {error.strerror}") from error
     except OSError as error:
         raise CameraError(
-            f"{files.folder}: cannot keep {files.total_bytes / 1e6:.0f} MB of frames: "
-            f"{error.strerror}; free some space or ask for a shorter duration"
+            f"{files.folder}: cannot store {files.total_bytes / 1e6:.0f} MB of frames: "
+            f"{error.strerror}; free some space or set a shorter duration_s"
         ) from error
 
 
 @contextmanager
 def _lock_folder(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder."""
+    """Lock a folder."""
     fd = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(fd, fcntl.LOCK_EX)
@@ -189,16 +191,16 @@ def _lock_folder(folder: Path) -> Iterator[None]:
 
 
 def _allocate(path: Path, size: int) -> None:
-    """Make a file of that size, zeros at first; one that has it already is left alone.
+    """Create a file of `size` zero bytes, unless the file has that size already.
 
-    A full disk under a memory map would kill the process, so the space is taken now.
+    A full disk under a memory map would kill the process, so the space is allocated now.
     """
     fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:
         if os.fstat(fd).st_size != size:
             os.ftruncate(fd, 0)
             os.posix_fallocate(fd, 0, size)
-        os.utime(fd)  # used now
+        os.utime(fd)  # the time of the last use
     except OSError:
         path.unlink()
         raise
@@ -207,16 +209,16 @@ def _allocate(path: Path, size: int) -> None:
 
 
 def _evict_old_sequences(files: SequenceFiles) -> None:
-    """Delete what was unused longest until this sequence fits.
+    """Delete the least recently used sequences until this one fits.
 
-    Another process may be playing it: files that are open stay readable after this.
+    Another process may be reading one; open files stay readable after their deletion.
     """
     others: dict[str, dict[Path, os.stat_result]] = defaultdict(dict)
     for path in files.folder.iterdir():
         if path.stem != files.key and path.is_file():
             others[path.stem][path] = path.stat()
-    sizes = {key: sum(state.st_size for state in found.values()) for key, found in others.items()}
-    used_s = {key: max(state.st_mtime for state in found.values()) for key, found in others.items()}
+    sizes = {key: sum(stat.st_size for stat in stats.values()) for key, stats in others.items()}
+    used_s = {key: max(stat.st_mtime for stat in stats.values()) for key, stats in others.items()}
     total = files.total_bytes + sum(sizes.values())
     for key in sorted(others, key=lambda key: used_s[key]):
         if total <= MAX_FOLDER_BYTES:

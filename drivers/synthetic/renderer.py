@@ -1,4 +1,4 @@
-"""One frame of the virtual Kinect, from the exact motion to the images that leave the driver."""
+"""Render a frame of the virtual Kinect, from the exact motion to the images of the driver."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ CLEARANCE_CHECKS_PER_S = 10
 
 @dataclass(frozen=True)
 class RoomModel:
-    """What there is to see: solids and their painted skins, and what of them moves by itself."""
+    """The solids of a room, their painted textures, and the moving objects."""
 
     solids: SolidArrays
     atlas: TextureAtlas
@@ -44,55 +44,75 @@ class RoomModel:
         threads: int,
         folder: FilePath | None = None,
     ) -> "RoomModel":
-        """The room of `config`, free of furniture where `path` and what moves want it.
+        """Build the room of `config`, without furniture in the way of the camera or moving objects.
 
-        What moves is lit as it is halfway, and throws no shadow.
+        Moving objects are lit once, for their position halfway, and cast no shadow.
         """
         checks = max(2, int(config.duration_s * CLEARANCE_CHECKS_PER_S))
         times_s = np.linspace(0.0, config.duration_s, checks)
-        movers = make_dynamic_objects(config, motion)
-        kept_free_m = [
-            motion.clearance_points_m(times_s),
-            *(mover.clearance_points_m(times_s) for mover in movers),
-        ]
-        free_m = np.concatenate(kept_free_m)
-        solids = build_room(config.seed, free_m, config.bare_wall, config.twin_corners)
+        dynamic_objects = make_dynamic_objects(config, motion)
+        clearance_points_m = np.concatenate(
+            [
+                motion.clearance_points_m(times_s),
+                *(moving.clearance_points_m(times_s) for moving in dynamic_objects),
+            ]
+        )
+        solids = build_room(config.seed, clearance_points_m, config.bare_wall, config.twin_corners)
         lights = make_lights(np.random.default_rng([config.seed, 4]), solids[0].half_m)
         if config.twin_corners:
             lights = symmetrize_lights(lights)
-        all_solids = [*solids, *(solid for mover in movers for solid in mover.solids_at_midpoint)]
-        hiding = SolidArrays.pack(solids)
+        all_solids = [
+            *solids,
+            *(s for moving in dynamic_objects for s in moving.solids_at_midpoint),
+        ]
+        occluders = SolidArrays.pack(solids)
         atlas = paint_atlas(
-            all_solids, hiding, lights, config.texel_m, config.seed, threads, folder
+            all_solids, occluders, lights, config.texel_m, config.seed, threads, folder
         )
-        return cls(SolidArrays.pack(solids, *(mover.solids for mover in movers)), atlas, movers)
+        arrays = SolidArrays.pack(solids, *(moving.solids for moving in dynamic_objects))
+        return cls(arrays, atlas, dynamic_objects)
 
     def poses_in_bodies(self, times_s: Array, T_world_camera: Array) -> Array:
-        """T_body_camera (B, N, 4, 4) of a camera (N, 4, 4): in the room, then in what moves."""
-        moved = [
-            np.linalg.inv(mover.poses(times_s)) @ T_world_camera for mover in self.dynamic_objects
+        """Express camera poses in each body's frame: the room's, then each moving object's.
+
+        Args:
+            times_s: Times (N,) of the poses.
+            T_world_camera: Camera poses (N, 4, 4).
+
+        Returns:
+            T_body_camera (B, N, 4, 4).
+        """
+        T_object_camera = [
+            np.linalg.inv(moving.poses(times_s)) @ T_world_camera for moving in self.dynamic_objects
         ]
-        return np.stack([T_world_camera, *moved])
+        return np.stack([T_world_camera, *T_object_camera])
 
 
 def make_renderer(
     config: SyntheticConfig, threads: int, folder: FilePath | None = None
 ) -> "Renderer":
-    """Build the path and the room of `config`, its textures in `folder`, see `paint_atlas`.
+    """Build the motion and the room of `config`, and their renderer.
 
-    Raises InputError if its track cannot be used.
+    Args:
+        config: What is rendered.
+        threads: Threads that paint the textures.
+        folder: Where the textures are stored; see `paint_atlas`.
+
+    Raises:
+        InputError: The track cannot be used.
     """
-    path = make_motion(config, ROOM_HEIGHT_M)
-    return Renderer(config, path, RoomModel.build(config, path, threads, folder))
+    motion = make_motion(config, ROOM_HEIGHT_M)
+    return Renderer(config, motion, RoomModel.build(config, motion, threads, folder))
 
 
 @dataclass(frozen=True)
 class NoiselessFrame:
-    """What reaches the sensor of one frame, before it measures with its noise.
+    """The input of the sensors for one frame, before noise.
 
-    light   (H, W, 3) float32 BGR on the color sensor, the lens's distortion in it
-    true_m  (H, W) float32 distance before the depth sensor
-    gain    exposure of the color image
+    Attributes:
+        light_bgr: (H, W, 3) light on the color sensor, with the lens's distortion.
+        depth_m: (H, W) true depth of the depth sensor.
+        gain: Exposure gain of the color image.
     """
 
     light_bgr: NDArray[np.float32]
@@ -101,31 +121,31 @@ class NoiselessFrame:
 
 
 class Renderer:
-    """A sensor moving through a room. It may be used on many threads."""
+    """Renders a sensor moving through a room. It is safe to use from many threads."""
 
     def __init__(self, config: SyntheticConfig, motion: CameraMotion, room: RoomModel) -> None:
         self._config = config
         self._motion = motion
         self._room = room
-        camera, eye = config.camera, config.depth
+        camera, sensor = config.camera, config.depth
         self._distortion = np.array(config.color.distortion)
         self._undistort = make_undistorter(camera, config.color.distortion)
         self._color_grid = RayGrid.from_rays(pixel_rays(camera, self._distortion))
-        self._infrared = depth_sensor.infrared_camera(eye, camera)
-        self._depth_grid, eye_offset_m = self._color_grid, 0.0
-        if eye.registration:
+        self._infrared = depth_sensor.infrared_camera(sensor, camera)
+        self._depth_grid, offset_m = self._color_grid, 0.0
+        if sensor.registration:
             self._depth_grid = RayGrid.from_rays(pixel_rays(self._infrared, np.zeros(5)))
-            eye_offset_m = eye.eye_offset_m
-        self._T_color_depth = rigid_transform(np.eye(3), (-eye_offset_m, 0.0, 0.0))
+            offset_m = sensor.eye_offset_m
+        self._T_color_depth = rigid_transform(np.eye(3), (-offset_m, 0.0, 0.0))
         self._vignette = color_sensor.vignetting_map(camera, config.color.vignetting)
 
     def render(self, index: int) -> RenderedImages:
-        """Frame `index`: the same bytes whenever and wherever it is rendered."""
+        """Render frame `index`; the bytes are the same in every run and process."""
         rng = np.random.default_rng([self._config.seed, 5, index])
         return self.apply_sensor_noise(self.render_noiseless(index), rng)
 
     def render_noiseless(self, index: int) -> NoiselessFrame:
-        """What frame `index` would show to a sensor without noise."""
+        """Render frame `index` without sensor noise."""
         stamp_s, config = index / self._config.rate_hz, self._config
         return NoiselessFrame(
             light_bgr=self._render_color(stamp_s),
@@ -136,9 +156,11 @@ class Renderer:
     def apply_sensor_noise(
         self, noiseless: NoiselessFrame, rng: np.random.Generator
     ) -> RenderedImages:
-        """What the sensor makes of it: other noise each time, if `rng` goes on."""
-        eye = self._config.color
-        color = color_sensor.expose(noiseless.light_bgr, noiseless.gain, self._vignette, eye, rng)
+        """Add the sensor's noise, drawn from `rng`."""
+        sensor = self._config.color
+        color = color_sensor.expose(
+            noiseless.light_bgr, noiseless.gain, self._vignette, sensor, rng
+        )
         depth = self._measure_depth(noiseless.depth_m, rng)
         return RenderedImages(
             self._undistort.undistort_color(color), self._undistort.undistort_depth(depth)
@@ -190,7 +212,7 @@ class Renderer:
         return image
 
     def _render_depth(self, middle_s: float) -> NDArray[np.float32]:
-        """(H, W) from the infrared camera; without registration, from the color camera."""
+        """Depth (H, W) from the infrared camera; without registration, from the color camera."""
         T_body_row = self._poses_in_bodies(self._row_times(middle_s)) @ self._T_color_depth
         grid = self._depth_grid
         view = prepare_scene(self._room.solids, grid, T_body_row)
@@ -199,9 +221,9 @@ class Renderer:
     def _measure_depth(
         self, true_m: NDArray[np.float32], rng: np.random.Generator
     ) -> NDArray[np.uint16]:
-        config, eye, camera = self._config, self._config.depth, self._config.camera
-        measured_m = depth_sensor.measure_depth(true_m, eye, rng)
-        if not eye.registration:
+        config, sensor, camera = self._config, self._config.depth, self._config.camera
+        measured_m = depth_sensor.measure_depth(true_m, sensor, rng)
+        if not sensor.registration:
             readings = np.minimum(measured_m * np.float32(config.depth_factor), 65535)
             depth: NDArray[np.uint16] = np.rint(readings).astype(np.uint16)
             return depth
@@ -210,13 +232,13 @@ class Renderer:
             (self._infrared.fx, self._infrared.cx, self._infrared.cy),
             (camera.fx, camera.fy, camera.cx, camera.cy),
             self._distortion,
-            eye.eye_offset_m,
+            sensor.eye_offset_m,
             config.depth_factor,
         )
 
 
 def pixel_rays(camera: PinholeCamera, distortion: Array) -> Array:
-    """(H, W, 2): where on the plane z = 1 each pixel of the raw image looks."""
+    """Compute the rays (H, W, 2) on the plane z = 1 of the pixels of the raw, distorted image."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     pixels = np.stack([u, v], axis=-1).reshape(-1, 1, 2).astype(np.float64)
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-12)

@@ -1,4 +1,4 @@
-"""A furnished room, another one for every seed: z up, origin on the middle of the floor."""
+"""A furnished room for each seed: z up, origin in the middle of the floor."""
 
 import numpy as np
 
@@ -20,17 +20,20 @@ from drivers.synthetic.solids import Solid, SolidKind, make_solid
 
 ROOM_HEIGHT_M = 2.7
 MIN_HALF_M = np.array([2.9, 2.5])
-# Between the camera's path and the walls: a row of furniture, and to be out of its reach.
+# Between the camera's path and the walls: a row of furniture and the camera's clearance.
 WALL_MARGIN_M = 1.6
 CAMERA_CLEARANCE_M = 0.35
 BARE_WALL = 3  # the wall at +y
 
 
 def build_room(seed: int, clearance_points_m: Array, bare_wall: bool, twin_corners: bool) -> Solids:
-    """A room for a camera that needs the points `clearance_points_m` (N, 3): itself, then its furniture.
+    """Build a room: its shell, then its furniture.
 
-    What would stand in the camera's way is left out. With `bare_wall` the wall at +y has neither
-    texture nor furniture. With `twin_corners` those at +x +y and -x -y look the same.
+    Args:
+        seed: Seed of the room.
+        clearance_points_m: Points (N, 3) that furniture must leave free.
+        bare_wall: The wall at +y has neither texture nor furniture.
+        twin_corners: The corners at +x +y and -x -y look the same.
     """
     rng = np.random.default_rng([seed, 2])
     half_m = np.maximum(MIN_HALF_M, np.abs(clearance_points_m[:, :2]).max(axis=0) + WALL_MARGIN_M)
@@ -43,9 +46,9 @@ def build_room(seed: int, clearance_points_m: Array, bare_wall: bool, twin_corne
         *(s for s in solids if _is_clear(s, clearance_points_m)),
     ]
     if twin_corners:
-        for here, there in make_aliased_corners(seed, half_m, ROOM_HEIGHT_M):
-            if _is_clear(here, clearance_points_m) and _is_clear(there, clearance_points_m):
-                room += [here, there]
+        for pair in make_aliased_corners(seed, half_m, ROOM_HEIGHT_M):
+            if all(_is_clear(solid, clearance_points_m) for solid in pair):
+                room += pair
     return room
 
 
@@ -66,9 +69,9 @@ def _make_shell(rng: np.random.Generator, half_m: Array, bare_wall: bool) -> Sol
 def _make_wall_texture(rng: np.random.Generator) -> TexturePainter:
     paint = random_color(rng, 0.25, 130.0, 220.0)
     ground = bricks((70.0, 90.0, 150.0)) if rng.uniform() < 0.3 else plaster(paint)
-    sorts: tuple[TexturePainter, ...] = (poster(), poster(), picture(), page(0.05), page())
-    hung = [(sorts[rng.integers(len(sorts))], rng.uniform(0.2, 0.8)) for _ in range(9)]
-    return collage(ground, hung, 0.06)
+    prints: tuple[TexturePainter, ...] = (poster(), poster(), picture(), page(0.05), page())
+    pictures = [(prints[rng.integers(len(prints))], rng.uniform(0.2, 0.8)) for _ in range(9)]
+    return collage(ground, pictures, 0.06)
 
 
 def _make_center_furniture(rng: np.random.Generator) -> Solids:
@@ -89,12 +92,12 @@ def _make_center_furniture(rng: np.random.Generator) -> Solids:
 def _place_along_wall(
     rng: np.random.Generator, wall: int, half_m: Array, corner_m: float
 ) -> Solids:
-    """A row of furniture with its back to a wall (0 to 3: -x, +x, -y, +y), clear of corners.
+    """Place a row of furniture with its back to a wall (0 to 3: -x, +x, -y, +y).
 
-    It keeps `corner_m` from the corner at +x +y and the one at -x -y.
+    It stays clear of the corners, and `corner_m` from those at +x +y and -x -y.
     """
     yaw = (np.pi / 2, -np.pi / 2, np.pi, 0.0)[wall]
-    away_m, reach_m = (half_m[0], half_m[1]) if wall < 2 else (half_m[1], half_m[0])
+    depth_m, reach_m = (half_m[0], half_m[1]) if wall < 2 else (half_m[1], half_m[0])
     turn = rigid_transform(so3_exp([0, 0, yaw]), (0, 0, 0))
     solids: Solids = []
     # One side of each corner stays free for the row of the next wall.
@@ -105,18 +108,18 @@ def _place_along_wall(
         piece, breadth_m = furniture.WALL_FURNITURE[rng.integers(len(furniture.WALL_FURNITURE))]
         if left + breadth_m > right:
             return solids
-        place = turn @ rigid_transform(np.eye(3), (left + breadth_m / 2, away_m - 0.02, 0.0))
+        place = turn @ rigid_transform(np.eye(3), (left + breadth_m / 2, depth_m - 0.02, 0.0))
         solids += [solid.transform(place) for solid in piece(rng)]
         left += breadth_m + rng.uniform(0.0, 0.3)
 
 
 def _is_clear(solid: Solid, clearance_points_m: Array) -> bool:
-    """Whether a camera can pass at all points (N, 3)."""
+    """Whether a camera has room at all points (N, 3)."""
     return _distance_m(solid, clearance_points_m) > CAMERA_CLEARANCE_M
 
 
 def _distance_m(solid: Solid, points_m: Array) -> float:
-    """Least distance from the points to the box around a solid."""
+    """Smallest distance from the points (N, 3) to the box around a solid."""
     local = transform_points(inverse(solid.T_world_solid), points_m)
     outside = np.maximum(np.abs(local) - solid.half_m, 0.0)
     return float(np.linalg.norm(outside, axis=1).min())

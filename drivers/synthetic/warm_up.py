@@ -11,7 +11,7 @@ CAMERA = PinholeCamera(64, 48, 52.5, 52.5, 31.5, 23.5)
 
 
 def warm_up_renderer() -> float:
-    """Render a tiny frame with all faults of the sensor and one with none; returns the seconds."""
+    """Render a tiny frame with all sensor faults and one with none; return the seconds it took."""
     begin_s = time.monotonic()
     for config in (SyntheticConfig(), SyntheticConfig.ideal()):
         tiny = replace(config, camera=CAMERA, duration_s=0.1, texel_m=0.05)

@@ -1,1 +1,1 @@
-"""What stands in the virtual room, and the textures on it."""
+"""Furniture and textures of the virtual room."""

@@ -25,15 +25,15 @@ WOODS = ((70.0, 115.0, 165.0), (95.0, 150.0, 200.0), (45.0, 70.0, 110.0), (150.0
 
 
 def random_wood(rng: np.random.Generator, board_m: float = 0.0) -> TexturePainter:
-    """Wood of one of a few sorts."""
+    """Choose one of a few kinds of wood."""
     return wood(WOODS[rng.integers(len(WOODS))], board_m)
 
 
 def table(rng: np.random.Generator, wide_m: float, deep_m: float, high_m: float) -> Solids:
-    """A table littered with papers and things."""
+    """A table with papers and small objects on it."""
     timber = random_wood(rng, rng.choice((0.0, 0.14)))
-    strewn = [(random_print(rng), rng.uniform(0.12, 0.3)) for _ in range(int(6 * wide_m * deep_m))]
-    top = (timber, timber, timber, timber, timber, collage(timber, strewn, 3.1))
+    papers = [(random_print(rng), rng.uniform(0.12, 0.3)) for _ in range(int(6 * wide_m * deep_m))]
+    top = (timber, timber, timber, timber, timber, collage(timber, papers, 3.1))
     solids = [make_solid((0, -deep_m / 2, high_m - 0.02), (wide_m, deep_m, 0.04), top)]
     solids += [
         make_solid((x, y, high_m / 2 - 0.02), (0.06, 0.06, high_m - 0.04), timber)
@@ -59,7 +59,7 @@ def desk(rng: np.random.Generator) -> Solids:
 
 
 def lamp(rng: np.random.Generator, x: float, y: float, z: float, high_m: float) -> Solids:
-    """A pole with a shade."""
+    """A pole with a shade, standing at (x, y, z)."""
     metal, shade = plaster(random_color(rng, 0.2)), fabric(random_color(rng), random_color(rng))
     wide = 0.18 + 0.1 * high_m
     return [
@@ -93,12 +93,12 @@ def bookcase(rng: np.random.Generator) -> Solids:
         while left < wide / 2 - 0.15 and z < high - 0.1:
             run = rng.uniform(0.12, min(0.6, wide / 2 - left))
             tall, back = rng.uniform(0.16, 0.26), rng.uniform(0.14, 0.24)
-            skin = book_spines() if rng.uniform() < 0.75 else parcel()
+            texture = book_spines() if rng.uniform() < 0.75 else parcel()
             solids.append(
                 make_solid(
                     (left + run / 2, -0.03 - back / 2, z + 0.015 + tall / 2),
                     (run, back, tall),
-                    skin,
+                    texture,
                 )
             )
             left += run + rng.uniform(0.0, 0.15)
@@ -106,14 +106,14 @@ def bookcase(rng: np.random.Generator) -> Solids:
 
 
 def cupboard(rng: np.random.Generator) -> Solids:
-    """Doors or drawers below, things on top."""
+    """Doors or drawers below, small objects on top."""
     wide, high, deep = rng.uniform(0.8, 1.6), rng.uniform(0.7, 1.1), rng.uniform(0.4, 0.55)
     body = random_wood(rng) if rng.uniform() < 0.6 else plaster(random_color(rng, 0.7, 90.0))
     front = cabinet_doors(body, int(rng.integers(2, 5)), int(rng.integers(1, 4)))
     stickers = [(random_print(rng), rng.uniform(0.08, 0.2)) for _ in range(5)]
-    skins = (body, body, collage(front, stickers), body, body, body)
+    textures = (body, body, collage(front, stickers), body, body, body)
     return [
-        make_solid((0, -deep / 2, high / 2), (wide, deep, high), skins),
+        make_solid((0, -deep / 2, high / 2), (wide, deep, high), textures),
         *scatter_objects(rng, wide, deep, high),
     ]
 

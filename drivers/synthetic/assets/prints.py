@@ -29,12 +29,12 @@ Canvas = NDArray[np.uint8]  # OpenCV smooths what it draws in bytes only
 
 
 def to_canvas(paint: Paint) -> Canvas:
-    """Paint in bytes, to draw on."""
+    """Convert paint to bytes, to draw on."""
     return np.clip(paint, 0.0, 255.0).astype(np.uint8)
 
 
 def picture(detail: float = 1.0) -> TexturePainter:
-    """A photograph's statistics: leaves of every size fallen on each other.
+    """A picture with the statistics of photographs: discs of all sizes on top of each other.
 
     Lee, Mumford and Huang, Occlusion models for natural images, IJCV 2001: radii with density
     r^-3 give the 1/f spectrum and the edges of natural scenes.
@@ -83,7 +83,7 @@ def _random_text(rng: np.random.Generator, length: int) -> str:
 def draw_text(
     rng: np.random.Generator, image: Canvas, left: float, base: float, high_px: float, ink: Color
 ) -> None:
-    """A line of random words from (`left`, `base`) to the right edge, letters `high_px` high."""
+    """Draw random words from (`left`, `base`) to the right edge, letters `high_px` high."""
     if high_px < 3.0:
         return
     font, scale = FONTS[rng.integers(len(FONTS))], high_px / 21.0
@@ -94,7 +94,7 @@ def draw_text(
 
 
 def page(heading_m: float = 0.02) -> TexturePainter:
-    """A printed sheet: a heading, lines of text, now and then a picture."""
+    """A printed sheet: a heading, lines of text, sometimes a picture."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         paper = rng.uniform(180.0, 235.0)
@@ -137,7 +137,7 @@ def poster() -> TexturePainter:
 
 
 def book_spines() -> TexturePainter:
-    """A row of books seen from their backs, of every breadth and height, with titles."""
+    """A row of book spines of different widths and heights, with titles."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         image = np.full((height, width, 3), 28.0, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Small things that stand on furniture, each at the origin of its own frame."""
+"""Small objects that stand on furniture, each at the origin of its own frame."""
 
 from collections.abc import Callable
 
@@ -16,7 +16,7 @@ FurnitureBuilder = Callable[[np.random.Generator], Solids]
 def random_box_size(
     rng: np.random.Generator, low_m: float, high_m: float, shape: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Random sides of a parcel, stretched to a `shape`."""
+    """Random size of a parcel, each side stretched by a factor of `shape`."""
     x, y, z = (rng.uniform(low_m, high_m) * stretch for stretch in shape)
     return x, y, z
 
@@ -29,8 +29,8 @@ def scatter_objects(rng: np.random.Generator, wide_m: float, deep_m: float, z: f
         for y in np.arange(-deep_m + cell / 2, 0.0, cell):
             if rng.uniform() < 0.5:
                 spot = rigid_transform(np.eye(3), (x + rng.uniform(-0.05, 0.05), y, z))
-                thing = SMALL_OBJECTS[rng.integers(len(SMALL_OBJECTS))]
-                solids += [solid.transform(spot) for solid in thing(rng)]
+                build = SMALL_OBJECTS[rng.integers(len(SMALL_OBJECTS))]
+                solids += [solid.transform(spot) for solid in build(rng)]
     return solids
 
 
@@ -39,17 +39,17 @@ def _books(rng: np.random.Generator) -> Solids:
     for _ in range(int(rng.integers(1, 5))):
         thick = rng.uniform(0.015, 0.05)
         side = book_spines()
-        skins = (side, side, side, side, poster(), poster())
+        textures = (side, side, side, side, poster(), poster())
         size = (rng.uniform(0.13, 0.21), rng.uniform(0.18, 0.26), thick)
-        solids.append(make_solid((0, 0, z + thick / 2), size, skins, rng.uniform(-1.5, 1.5)))
+        solids.append(make_solid((0, 0, z + thick / 2), size, textures, rng.uniform(-1.5, 1.5)))
         z += thick
     return solids
 
 
 def _packet(rng: np.random.Generator) -> Solids:
     size = random_box_size(rng, 0.06, 0.18, (1.0, 1.0, 1.3))
-    skin = poster() if rng.uniform() < 0.6 else parcel()
-    return [make_solid((0, 0, size[2] / 2), size, skin, rng.uniform(-1.5, 1.5))]
+    texture = poster() if rng.uniform() < 0.6 else parcel()
+    return [make_solid((0, 0, size[2] / 2), size, texture, rng.uniform(-1.5, 1.5))]
 
 
 def _mug(rng: np.random.Generator) -> Solids:
@@ -60,8 +60,8 @@ def _mug(rng: np.random.Generator) -> Solids:
 
 def _ball(rng: np.random.Generator) -> Solids:
     wide = rng.uniform(0.08, 0.2)
-    skin = collage(plaster(random_color(rng)), [(picture(), 0.1)] * 4)
-    return [make_solid((0, 0, wide / 2), (wide, wide, wide), skin, kind=SolidKind.SPHERE)]
+    texture = collage(plaster(random_color(rng)), [(picture(), 0.1)] * 4)
+    return [make_solid((0, 0, wide / 2), (wide, wide, wide), texture, kind=SolidKind.SPHERE)]
 
 
 def _standing_card(rng: np.random.Generator) -> Solids:
@@ -70,9 +70,9 @@ def _standing_card(rng: np.random.Generator) -> Solids:
 
 
 def random_print(rng: np.random.Generator) -> TexturePainter:
-    """Something printed that lies or hangs about."""
-    sorts = (page(), page(0.035), poster(), picture())
-    return sorts[rng.integers(len(sorts))]
+    """Choose a kind of print."""
+    prints = (page(), page(0.035), poster(), picture())
+    return prints[rng.integers(len(prints))]
 
 
 SMALL_OBJECTS: tuple[FurnitureBuilder, ...] = (_books, _books, _packet, _mug, _ball, _standing_card)

@@ -1,7 +1,8 @@
-"""Procedural surfaces: each call paints another piece, none of them a repeated tile.
+"""Procedural textures: each call paints a different image, without repeated tiles.
 
-A skin paints the face of a solid: float32 (height, width, 3) BGR, 0 to 255, from a random
-generator, the face's size in pixels and the size of a pixel in metres.
+A `TexturePainter` paints the face of a solid. Its arguments are a random generator, the height and
+width in pixels and the size of a pixel in meters. It returns float32 (height, width, 3) BGR from
+0 to 255.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +19,7 @@ Color = tuple[float, float, float]
 def fractal_noise(
     rng: np.random.Generator, height: int, width: int, coarsest_px: float, finest_px: float = 1.0
 ) -> Paint:
-    """(H, W) noise of about unit deviation, equal power in each octave: photographs' 1/f law."""
+    """Noise (H, W) of about unit deviation, equal power in each octave: photographs' 1/f law."""
     octaves = 1 + max(0, int(np.log2(max(coarsest_px, 1.0) / finest_px)))
     total = np.zeros((2, 2), dtype=np.float32)
     for size_px in finest_px * 2.0 ** np.arange(octaves - 1, -1, -1):
@@ -37,12 +38,12 @@ def _enlarge(image: Paint, width: int, height: int) -> Paint:
 def anisotropic_noise(
     rng: np.random.Generator, height: int, width: int, size_x: float, size_y: float
 ) -> Paint:
-    """(H, W) smooth noise of about unit deviation with blobs of the given size in pixels."""
+    """Smooth noise (H, W) of about unit deviation with blobs of the given size in pixels."""
     rows, columns = int(height / size_y) + 3, int(width / size_x) + 3
     coarse = rng.standard_normal((rows, columns), dtype=np.float32)
     if size_x <= 1.0 and size_y <= 1.0:
         return coarse[:height, :width]
-    # Only the part that is needed is enlarged: the offset keeps lattices of octaves apart.
+    # Only the needed part is enlarged; the random offset decorrelates the lattices of octaves.
     shift_x, shift_y = rng.uniform(0.5, 1.5, 2)
     M = np.array([[1 / size_x, 0.0, shift_x], [0.0, 1 / size_y, shift_y]])
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
@@ -51,7 +52,7 @@ def anisotropic_noise(
 
 
 def tint(color: Color, light: Paint) -> Paint:
-    """A color times a map of brightness (H, W): float32 (H, W, 3)."""
+    """Multiply a color by a brightness map (H, W): float32 (H, W, 3)."""
     result: Paint = light[..., None] * np.array(color, dtype=np.float32)
     return result
 
@@ -59,7 +60,7 @@ def tint(color: Color, light: Paint) -> Paint:
 def random_color(
     rng: np.random.Generator, saturation: float = 0.5, low: float = 60.0, high: float = 210.0
 ) -> Color:
-    """A random hue: saturation 0 is gray."""
+    """Choose a random hue; saturation 0 is gray."""
     brightness = rng.uniform(low, high)
     hue = rng.dirichlet((2.0, 2.0, 2.0)) * 3.0
     mix = (1.0 - saturation) + saturation * hue / max(hue.max(), 1.0)
@@ -68,7 +69,7 @@ def random_color(
 
 
 def flat_color(color: Color) -> TexturePainter:
-    """One flat color: what a bare wall is."""
+    """One flat color, for a bare wall."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         return np.full((height, width, 3), color, dtype=np.float32)
@@ -89,7 +90,7 @@ def plaster(color: Color, roughness: float = 0.04) -> TexturePainter:
 
 
 def fabric(color: Color, other: Color) -> TexturePainter:
-    """Woven cloth or carpet: irregular stripes, the second color a hint; yarn and wear."""
+    """Woven cloth or carpet: irregular stripes of a color mixed with a little of the other."""
     b, g, r = (0.75 * one + 0.15 * two for one, two in zip(color, other, strict=True))
     shade = (b, g, r)
 
@@ -105,7 +106,7 @@ def fabric(color: Color, other: Color) -> TexturePainter:
 
 
 def wood(color: Color, board_m: float = 0.0) -> TexturePainter:
-    """Grain along the width; with `board_m`, boards of that breadth, each cut elsewhere."""
+    """Wood grain along the width; with `board_m`, boards of that width and random lengths."""
 
     def grain(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         rings = anisotropic_noise(rng, height, width, 0.6 / texel_m, 0.04 / texel_m)
@@ -138,7 +139,7 @@ def wood(color: Color, board_m: float = 0.0) -> TexturePainter:
 
 
 def bricks(color: Color, brick_m: tuple[float, float] = (0.24, 0.075)) -> TexturePainter:
-    """A wall of bricks, each burnt differently, in rough mortar."""
+    """A wall of bricks of different shades, in rough mortar."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         image = np.full((height, width, 3), (120.0, 128.0, 140.0), dtype=np.float32)
@@ -156,7 +157,7 @@ def bricks(color: Color, brick_m: tuple[float, float] = (0.24, 0.075)) -> Textur
 
 
 def cabinet_doors(front: TexturePainter, columns: int, rows: int) -> TexturePainter:
-    """A cupboard's front: panels with gaps, bevels and handles."""
+    """The front of a cupboard: panels with gaps and handles."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         image = front(rng, height, width, texel_m)
@@ -188,14 +189,20 @@ def collage(
     pieces: Sequence[tuple[TexturePainter, float]],
     turn_rad: float = 0.5,
 ) -> TexturePainter:
-    """`pieces` (a skin and its breadth in metres) strewn over a ground, turned at random."""
+    """Scatter `pieces` over a background.
+
+    Args:
+        background: Texture below the pieces.
+        pieces: A texture and its width in meters for each piece.
+        turn_rad: Largest random rotation of a piece.
+    """
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         image = background(rng, height, width, texel_m)
-        for skin, breadth_m in pieces:
-            wide = max(4, min(width, round(breadth_m / texel_m)))
+        for paint_piece, width_m in pieces:
+            wide = max(4, min(width, round(width_m / texel_m)))
             high = max(4, min(height, round(wide * rng.uniform(0.65, 1.5))))
-            piece = skin(rng, high, wide, texel_m)
+            piece = paint_piece(rng, high, wide, texel_m)
             angle = rng.uniform(-turn_rad, turn_rad)
             _paste(image, piece, rng.uniform(0, width), rng.uniform(0, height), angle)
         return image
@@ -204,7 +211,7 @@ def collage(
 
 
 def _paste(image: Paint, piece: Paint, x: float, y: float, angle_rad: float) -> None:
-    """Lay `piece` with its middle at (x, y); only the window that it covers is touched."""
+    """Paste `piece`, centered at (x, y), into the window of `image` that it covers."""
     high, wide = piece.shape[:2]
     reach = int(np.hypot(high, wide) / 2) + 2
     left, top = max(0, int(x) - reach), max(0, int(y) - reach)
@@ -216,14 +223,14 @@ def _paste(image: Paint, piece: Paint, x: float, y: float, angle_rad: float) -> 
     M[:, 2] -= M[:, :2] @ ((wide - 1) / 2, (high - 1) / 2)
     size = window.shape[1], window.shape[0]
     warped = cv2.warpAffine(piece, M, size, flags=cv2.INTER_LINEAR)
-    cover = cv2.warpAffine(np.ones((high, wide), np.float32), M, size, flags=cv2.INTER_LINEAR)
-    window *= 1.0 - cover[..., None]
-    # Outside the piece the warp is black: what it adds there is nothing.
+    alpha = cv2.warpAffine(np.ones((high, wide), np.float32), M, size, flags=cv2.INTER_LINEAR)
+    window *= 1.0 - alpha[..., None]
+    # Outside the piece the warped image is black, so nothing is added there.
     window += warped
 
 
 def fixed_texture(image: Paint) -> TexturePainter:
-    """A skin that is painted already."""
+    """A texture that is painted already."""
 
     def paint(rng: np.random.Generator, height: int, width: int, texel_m: float) -> Paint:
         return image

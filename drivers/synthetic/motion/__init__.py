@@ -1,1 +1,1 @@
-"""How the virtual camera moves."""
+"""Motions of the virtual camera."""

@@ -1,4 +1,4 @@
-"""How the camera moves: the paths by name. All built-in ones can be looped."""
+"""Camera motions by name. All built-in ones can be looped."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from drivers.synthetic.motion.tour import TourMotion
 
 
 def make_motion(config: SyntheticConfig, room_height_m: float) -> CameraMotion:
-    """The path that `config` asks for. Raises InputError if the track cannot be used."""
+    """Make the motion of `config`. Raises InputError if the track cannot be used."""
     if config.track is not None:
         return RecordedMotion.read(config.track, config, room_height_m)
     rng, duration_s = np.random.default_rng([config.seed, 1]), config.duration_s

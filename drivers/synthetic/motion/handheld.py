@@ -1,4 +1,4 @@
-"""A camera in a hand that sweeps about: over a room, or over its floor."""
+"""Motion of a handheld camera: over a room, or over its floor."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from drivers.synthetic.motion.sinusoidal import TREMOR, Sinusoids, SinusoidSum
 
 @dataclass(frozen=True)
 class HandheldProfile:
-    """How a camera is carried: x y z, yaw, pitch and roll of its sweep about a middle pose."""
+    """The sweep of a handheld camera about a mean pose: x y z, yaw, pitch and roll."""
 
     sweep: tuple[Sinusoids, ...]
     camera_height_m: float
@@ -30,7 +30,7 @@ ROOM_SWEEP = HandheldProfile(
     camera_height_m=1.50,
     pitch_down_rad=0.45,
 )
-# About as fast as freiburg1/floor: a quarter of a metre and 15 degrees a second.
+# About as fast as freiburg1/floor: a quarter of a meter and 15 degrees per second.
 FLOOR_SWEEP = HandheldProfile(
     (
         ((0.60, 0.05), (0.20, 0.15)),
@@ -46,7 +46,7 @@ FLOOR_SWEEP = HandheldProfile(
 
 
 class HandheldMotion(CameraMotion):
-    """A sweep about the middle of the room with the tremor of the hand that holds the camera."""
+    """A sweep about the middle of the room, with the tremor of a hand."""
 
     def __init__(
         self,
@@ -73,17 +73,17 @@ class HandheldMotion(CameraMotion):
         return T
 
 
-# A little more than what a Kinect sees, as tangents; and how far along each ray one looks.
+# A little more than a Kinect's field of view, as tangents, and the fractions of each ray to check.
 VIEW_TAN_X, VIEW_TAN_Y = np.linspace(-0.7, 0.7, 5), np.linspace(-0.52, 0.52, 5)
 RAY_FRACTIONS = np.array([0.25, 0.5, 0.75, 1.0])
 MAX_UP_SLOPE = -0.2
-# Looks up from the floor and into the room: how far, and seconds from one to the next.
+# Looks up from the floor into the room: angle and period.
 LOOK_UP_RAD = 0.65
 LOOK_UP_PERIOD_S = 10.0
 
 
 class FloorMotion(CameraMotion):
-    """A hand that holds the camera over the bare floor: one plane is all that it mostly sees."""
+    """A handheld camera over the bare floor: most views show one plane."""
 
     def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
         self._handheld = HandheldMotion(rng, duration_s, FLOOR_SWEEP)
@@ -92,7 +92,7 @@ class FloorMotion(CameraMotion):
     def poses(self, times_s: Array) -> Array:
         """See `CameraMotion`."""
         looks = round(self._duration_s / LOOK_UP_PERIOD_S)
-        # Begins and ends at the floor; a look takes a fifth of the time from one to the next.
+        # It begins and ends at the floor; looking up takes a fifth of the period.
         up = LOOK_UP_RAD * np.sin(np.pi * looks * times_s / self._duration_s) ** 12
         T = self._handheld.poses(times_s)
         T[:, :3, :3] = T[:, :3, :3] @ rotations_from_vectors(
@@ -101,7 +101,7 @@ class FloorMotion(CameraMotion):
         return T
 
     def clearance_points_m(self, times_s: Array) -> Array:
-        """Points between the eye and the floor that it sees when it does not look up."""
+        """Points (M, 3) between the camera and the floor that it sees when it does not look up."""
         T = self._handheld.poses(times_s)
         x, y = (grid.ravel() for grid in np.meshgrid(VIEW_TAN_X, VIEW_TAN_Y))
         rays = np.stack([x, y, np.ones_like(x)], axis=1) @ T[:, :3, :3].transpose(0, 2, 1)

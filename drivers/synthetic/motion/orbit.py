@@ -1,4 +1,4 @@
-"""A walk around what stands in the middle of the room, with fast turns of the head."""
+"""A walk around the tables in the middle of the room, with fast turns of the camera."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ LAP_S = 20.0
 RADIUS_M = 1.75
 CAMERA_HEIGHT_M = 1.35
 TARGET_HEIGHT_M = 0.6
-# How far ahead and behind of an even walk, radians; so it comes to 0.3 to 0.8 metres a second.
+# Deviation from an even walk, radians; the speed is then 0.3 to 0.8 meters per second.
 PHASE_VARIATION_RAD = 0.4
 SWAY: tuple[Sinusoids, ...] = (
     ((0.12, 0.10), (0.04, 0.30)),  # radius
@@ -20,13 +20,13 @@ SWAY: tuple[Sinusoids, ...] = (
     ((0.05, 0.15),),  # pitch
     ((0.08, 0.15),),  # roll
 )
-# Looks aside (yaw) and up and down (pitch): amplitude in radians, seconds from one to the next.
-# Between two of them the eye rests on the middle; the fastest turn is 37 degrees a second.
+# Looks aside (yaw) and up and down (pitch): amplitude in radians, period in seconds.
+# Between two of them the camera faces the middle; the fastest turn is 37 degrees per second.
 LOOK_ASIDE = ((0.45, 5.0), (0.12, 4.0))
 
 
 class OrbitMotion(CameraMotion):
-    """Laps of about `LAP_S` around the middle; a shorter film is a part of one, there and back."""
+    """Laps of about `LAP_S` around the middle; a shorter sequence goes part of one and back."""
 
     def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
         self._sway = SinusoidSum.random(rng, duration_s, SWAY)
@@ -46,13 +46,13 @@ class OrbitMotion(CameraMotion):
         T = np.tile(np.eye(4), (len(times_s), 1, 1))
         eye_m = [radius_m * np.cos(along), radius_m * np.sin(along), height_m]
         T[:, :3, 3] = np.stack(eye_m, axis=1) + tremor[:, :3]
-        yaw = along + np.pi / 2 + aside[0] + sway[:, 3]  # to the middle, but for the glances
+        yaw = along + np.pi / 2 + aside[0] + sway[:, 3]  # to the middle, except when looking aside
         T[:, :3, :3] = look_rotations(yaw, down + aside[1] + sway[:, 4], sway[:, 5])
         T[:, :3, :3] = T[:, :3, :3] @ rotations_from_vectors(tremor[:, 3:])
         return T
 
     def _orbit_angle_rad(self, times_s: Array) -> Array:
-        """Where on the circle."""
+        """Angle on the circle."""
         laps = round(self._duration_s / LAP_S)
         phase = 2 * np.pi * times_s / self._duration_s
         uneven = min(PHASE_VARIATION_RAD, self._duration_s / LAP_S)

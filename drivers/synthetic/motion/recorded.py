@@ -1,4 +1,4 @@
-"""A recorded hand: any TUM trajectory becomes a smooth path through the room."""
+"""Recorded motion: a TUM trajectory becomes a smooth motion through the room."""
 
 from pathlib import Path
 
@@ -8,15 +8,15 @@ from drivers.core.errors import InputError
 from drivers.core.geometry import Array, quaternion_from_rotation
 from drivers.core.trajectory import Trajectory, read_trajectory
 from drivers.synthetic.config import SyntheticConfig
-from drivers.synthetic.motion.base import CameraMotion as MotionPath
+from drivers.synthetic.motion.base import CameraMotion
 from drivers.synthetic.motion.spline import CubicSpline
 
 FLOOR_MARGIN_M = 0.4
 CEILING_MARGIN_M = 0.4
 
 
-class RecordedMotion(MotionPath):
-    """A recorded track, moved into the middle of the room but neither turned nor scaled."""
+class RecordedMotion(CameraMotion):
+    """A recorded track, moved into the middle of the room but neither rotated nor scaled."""
 
     def __init__(
         self, trajectory: Trajectory, start_s: float, duration_s: float, loop: bool
@@ -25,7 +25,7 @@ class RecordedMotion(MotionPath):
         quaternions = np.array(
             [quaternion_from_rotation(T[:3, :3]) for T in trajectory.T_world_camera]
         )
-        # q and -q are one rotation: choose signs so that neighbours are close.
+        # q and -q are one rotation: choose signs so that neighbors are close.
         flips = np.sign(np.sum(quaternions[1:] * quaternions[:-1], axis=1) + 1e-12)
         quaternions[1:] *= np.cumprod(flips)[:, None]
         positions = trajectory.T_world_camera[:, :3, 3]
@@ -40,16 +40,15 @@ class RecordedMotion(MotionPath):
         available_s = float(track.stamps_s[-1] - track.stamps_s[0]) - config.track_start_s
         if len(track) < 2 or config.track_start_s < 0 or config.duration_s > available_s + 1e-6:
             raise InputError(
-                f"{file}: holds {available_s:.3f} s from its start at "
-                f"{config.track_start_s:g} s where duration_s is {config.duration_s:g}: "
-                "ask for a shorter duration"
+                f"{file}: has {available_s:.3f} s from track_start_s {config.track_start_s:g} on, "
+                f"but duration_s is {config.duration_s:g}: set a shorter duration_s"
             )
-        path = cls(track, config.track_start_s, config.duration_s, config.loop)
-        path._center(room_height_m)
-        return path
+        motion = cls(track, config.track_start_s, config.duration_s, config.loop)
+        motion._center(room_height_m)
+        return motion
 
     def poses(self, times_s: Array) -> Array:
-        """See `path.CameraMotion`."""
+        """See `CameraMotion`."""
         values = self._spline(self._start_s + self._playback_time(times_s))
         T = np.tile(np.eye(4), (len(times_s), 1, 1))
         T[:, :3, 3] = values[:, :3] + self._shift_m
@@ -57,7 +56,7 @@ class RecordedMotion(MotionPath):
         return T
 
     def _playback_time(self, times_s: Array) -> Array:
-        """In a loop the track is played there and back, slowing down at both ends."""
+        """In a loop the track is played forward and back, slower at both ends."""
         if not self._loop:
             return times_s
         phase = 2 * np.pi * times_s / self._duration_s
@@ -74,7 +73,7 @@ class RecordedMotion(MotionPath):
 
 
 def _rotations_from_quaternions(quaternions: Array) -> Array:
-    """(N, 4) x y z w of any length to (N, 3, 3)."""
+    """Convert quaternions (N, 4), x y z w of any length, to matrices (N, 3, 3)."""
     x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

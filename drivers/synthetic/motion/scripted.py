@@ -1,4 +1,4 @@
-"""Motions that are hard on purpose: to a bare wall, with fast turns, too slow to be seen."""
+"""Motions that are hard for odometry: facing a bare wall, fast turns, imperceptibly slow."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from drivers.synthetic.motion.base import CameraMotion, look_rotations, rotation
 from drivers.synthetic.motion.easing import cosine_ramp, smootherstep
 from drivers.synthetic.motion.handheld import ROOM_SWEEP, HandheldMotion, HandheldProfile
 
-# A hand that holds the camera level, two metres before the wall at +y.
+# A hand that holds the camera level, two meters from the wall at +y.
 LEVEL_AT_WALL = HandheldProfile(
     (
         ((0.15, 0.10), (0.06, 0.20)),
@@ -23,8 +23,8 @@ LEVEL_AT_WALL = HandheldProfile(
 TOWARD_WALL_M = 0.5
 LOOK_ASIDE_RAD = 1.15
 WALL_VIEW_PERIOD_S = 10.0
-# Two turns in so many seconds, there and back, each of them half a second long; how far they go, in
-# turns. Halfway through, the rate is pi times that: 2.5 and 3.8 radians a second.
+# Each period has a turn away and a turn back, half a second each. The angles alternate between
+# periods. Halfway through a turn the rate is pi times the angle: 2.5 and 3.8 radians per second.
 TURN_PAIR_PERIOD_S = 6.0
 TURN_S = 0.5
 TURN_ANGLES_RAD = (0.8, 1.2)
@@ -32,7 +32,7 @@ CREEP_SPEED_M_S = 0.001
 
 
 class WallMotion(CameraMotion):
-    """Looks aside, then for a third of the time straight at the wall at +y, then aside again."""
+    """Faces aside, then for a third of the time the wall at +y, then aside again."""
 
     def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
         self._handheld = HandheldMotion(rng, duration_s, LEVEL_AT_WALL)
@@ -41,17 +41,17 @@ class WallMotion(CameraMotion):
 
     def poses(self, times_s: Array) -> Array:
         """See `CameraMotion`."""
-        nearing = 0.5 - 0.5 * np.cos(2 * np.pi * times_s / self._period_s)
+        phase = 0.5 - 0.5 * np.cos(2 * np.pi * times_s / self._period_s)
         T = _rotate_yaw(
             self._handheld.poses(times_s),
-            LOOK_ASIDE_RAD * (1.0 - smootherstep(2.0 * nearing - 0.5)),
+            LOOK_ASIDE_RAD * (1.0 - smootherstep(2.0 * phase - 0.5)),
         )
         T[:, 1, 3] += TOWARD_WALL_M
         return T
 
 
 class FastTurnMotion(CameraMotion):
-    """A hand that sweeps about, and turns the camera away and back in no time."""
+    """A handheld sweep with fast turns away and back."""
 
     def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
         self._handheld = HandheldMotion(rng, duration_s, ROOM_SWEEP, sweep_scale=0.5)
@@ -70,10 +70,10 @@ class FastTurnMotion(CameraMotion):
 
 
 class CreepMotion(CameraMotion):
-    """Straight on by a millimetre a second, without a tremor; and back, where it is looped."""
+    """Straight on at a millimeter per second, without tremor; and back, if it is looped."""
 
     def __init__(self, rng: np.random.Generator, round_trip_s: float) -> None:
-        """`round_trip_s` may be infinite: it then never comes back."""
+        """`round_trip_s` is infinite if the camera never comes back."""
         yaw_rad, sideways_rad = rng.uniform(-np.pi, np.pi, 2)
         down_rad = ROOM_SWEEP.pitch_down_rad
         self._R = look_rotations(np.array([yaw_rad]), np.array([down_rad]), np.zeros(1))[0]
@@ -91,9 +91,9 @@ class CreepMotion(CameraMotion):
 
 
 def _rotate_yaw(T_world_camera: Array, yaw_rad: Array) -> Array:
-    """Each pose (N, 4, 4) turned to the left where it stands, by its own angle (N,)."""
+    """Turn each pose (N, 4, 4) to the left about its own position, by its own angle (N,)."""
     zero = np.zeros_like(yaw_rad)
-    turned = T_world_camera.copy()
+    result = T_world_camera.copy()
     turns = rotations_from_vectors(np.stack([zero, zero, yaw_rad], axis=1))
-    turned[:, :3, :3] = turns @ T_world_camera[:, :3, :3]
-    return turned
+    result[:, :3, :3] = turns @ T_world_camera[:, :3, :3]
+    return result

@@ -1,4 +1,4 @@
-"""Interpolating cubic splines: smooth to the acceleration, through every sample."""
+"""Interpolating cubic splines with a continuous second derivative."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from drivers.core.geometry import Array
 class CubicSpline:
     """Natural cubic spline through `values` (N, C) at strictly rising `knots` (N,), N >= 2.
 
-    Outside the knots the end values hold.
+    Outside the knots the end values are held.
     """
 
     def __init__(self, knots: Array, values: Array) -> None:
@@ -16,12 +16,12 @@ class CubicSpline:
         self._values = values
         self._second = _second_derivatives(knots, values)
 
-    def __call__(self, at: Array) -> Array:
-        """Values (M, C) at `at` (M,)."""
-        knots, at = self._knots, np.clip(at, self._knots[0], self._knots[-1])
-        i = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
+    def __call__(self, times: Array) -> Array:
+        """Values (M, C) at `times` (M,)."""
+        knots, times = self._knots, np.clip(times, self._knots[0], self._knots[-1])
+        i = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
         h = (knots[i + 1] - knots[i])[:, None]
-        b = (at - knots[i])[:, None] / h
+        b = (times - knots[i])[:, None] / h
         a = 1.0 - b
         bend = (a**3 - a) * self._second[i] + (b**3 - b) * self._second[i + 1]
         result: Array = a * self._values[i] + b * self._values[i + 1] + bend * h**2 / 6.0
@@ -29,7 +29,7 @@ class CubicSpline:
 
 
 def _second_derivatives(knots: Array, values: Array) -> Array:
-    """Thomas' algorithm on the tridiagonal system of a natural spline, all columns at once."""
+    """Solve the tridiagonal system of a natural spline by Thomas' algorithm, for all columns."""
     n = len(knots)
     h = np.diff(knots)
     slope = np.diff(values, axis=0) / h[:, None]

@@ -1,4 +1,4 @@
-"""A walk through a large room, lap after lap, now and then back the other way."""
+"""A walk through a large room in laps, sometimes in the opposite direction."""
 
 import numpy as np
 
@@ -8,14 +8,13 @@ from drivers.synthetic.motion.easing import smootherstep, smootherstep_integral
 from drivers.synthetic.motion.sinusoidal import TREMOR, Sinusoids, SinusoidSum
 
 LAP_S = 30.0
-# Half of the walk's length and breadth; its laps are 14 m long.
+# Half of the walk's length and width; its laps are 14 m long.
 HALF_M = np.array([2.6, 1.8])
 CAMERA_HEIGHT_M = 1.35
 LOOK_DOWN_RAD = 0.25
-# Where it looks: so far from the middle of the room towards where it goes, that is past the side
-# of the room rather than along it.
+# Angle of the view from the room's middle toward the direction of travel.
 LOOK_AHEAD_RAD = 1.8
-# What differs from lap to lap: 0.3 to 0.6 metres a second, glances of up to 25 degrees.
+# Variation from lap to lap: 0.3 to 0.6 meters per second, looks aside of up to 25 degrees.
 SWAY: tuple[Sinusoids, ...] = (
     ((0.10, 0.07), (0.02, 0.23)),  # outwards
     ((0.04, 0.11),),  # along the walk, radians
@@ -24,9 +23,9 @@ SWAY: tuple[Sinusoids, ...] = (
     ((0.07, 0.13), (0.05, 0.19)),  # pitch
     ((0.05, 0.15),),  # roll
 )
-# How far ahead and behind of an even walk, radians.
+# Deviation from an even walk, radians.
 PHASE_VARIATION_RAD = 0.25
-# Every so often it turns round, goes back for a while and turns round again.
+# Every `REVERSE_EVERY_S` it turns around, walks back for `REVERSE_S` and turns around again.
 REVERSE_EVERY_S = 90.0
 REVERSE_S = 15.0
 TURN_S = 10.0
@@ -35,7 +34,7 @@ TURN_S = 10.0
 class TourMotion(CameraMotion):
     """Laps of about `LAP_S` around the middle, twice or more past the same places.
 
-    A film that is too short for a lap is a part of one, there and back.
+    A sequence that is too short for a lap goes part of one and back.
     """
 
     def __init__(self, rng: np.random.Generator, duration_s: float) -> None:
@@ -43,13 +42,13 @@ class TourMotion(CameraMotion):
         self._tremor = SinusoidSum.random(rng, duration_s, TREMOR)
         self._start_rad = rng.uniform(0.0, 2 * np.pi)
         self._duration_s = duration_s
-        times = int(duration_s / REVERSE_EVERY_S)
-        middles_s = (np.arange(times) + 0.5) * duration_s / max(times, 1)
-        # When it is halfway round, away from its way and then back to it.
+        reversals = int(duration_s / REVERSE_EVERY_S)
+        middles_s = (np.arange(reversals) + 0.5) * duration_s / max(reversals, 1)
+        # (reversals, 2): the middle of turning around, first to walk back and then to walk on.
         self._turn_times_s = np.stack(
             [middles_s - REVERSE_S / 2, middles_s + REVERSE_S / 2], axis=1
         )
-        self._forward_s = duration_s - 2 * REVERSE_S * times
+        self._forward_s = duration_s - 2 * REVERSE_S * reversals
         self._laps = int(self._forward_s / LAP_S + 0.25)
 
     def poses(self, times_s: Array) -> Array:
@@ -61,7 +60,7 @@ class TourMotion(CameraMotion):
         T[:, :2, 3] = out * (HALF_M + sway[:, :1])
         T[:, 2, 3] = CAMERA_HEIGHT_M + sway[:, 2]
         T[:, :3, 3] += tremor[:, :3]
-        # Left of +y by the angle to the middle of the room, then aside to where it goes.
+        # Left of +y by the angle to the middle of the room, then toward the direction of travel.
         middle = along + np.pi / 2
         yaw = middle - LOOK_AHEAD_RAD * self._direction(times_s) + sway[:, 3]
         T[:, :3, :3] = look_rotations(yaw, LOOK_DOWN_RAD + sway[:, 4], sway[:, 5])
@@ -69,13 +68,13 @@ class TourMotion(CameraMotion):
         return T
 
     def _direction(self, times_s: Array) -> Array:
-        """1 where it goes on, -1 where it goes back, and between while it turns round."""
-        turned = smootherstep(self._turn_progress(times_s))
-        result: Array = 1.0 - 2.0 * np.sum(turned[..., 0] - turned[..., 1], axis=1)
+        """1 while it walks forward, -1 while it walks back, between while it turns around."""
+        progress = smootherstep(self._turn_progress(times_s))
+        result: Array = 1.0 - 2.0 * np.sum(progress[..., 0] - progress[..., 1], axis=1)
         return result
 
     def _tour_angle_rad(self, times_s: Array) -> Array:
-        """Where on the walk: `_direction` added up, at a pace that makes whole laps."""
+        """Angle on the tour: the integral of `_direction`, at a speed that gives whole laps."""
         turned_s = TURN_S * smootherstep_integral(self._turn_progress(times_s))
         walked_s = times_s - 2.0 * np.sum(turned_s[..., 0] - turned_s[..., 1], axis=1)
         uneven = min(PHASE_VARIATION_RAD, self._duration_s / LAP_S)
@@ -85,6 +84,6 @@ class TourMotion(CameraMotion):
         return result
 
     def _turn_progress(self, times_s: Array) -> Array:
-        """(N, times back, 2) how much of turning round is over."""
-        parts: Array = (times_s[:, None, None] - self._turn_times_s) / TURN_S + 0.5
-        return parts
+        """Progress (N, reversals, 2) of each time it turns around, 0 to 1 during the turn."""
+        result: Array = (times_s[:, None, None] - self._turn_times_s) / TURN_S + 0.5
+        return result

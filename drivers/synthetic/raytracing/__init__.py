@@ -1,1 +1,1 @@
-"""Rays through the virtual room, and the light on what they meet."""
+"""Ray tracing of the virtual room, and its lighting."""

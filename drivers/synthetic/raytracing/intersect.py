@@ -1,4 +1,4 @@
-"""Where a ray meets a solid, in the solid's own unit cube."""
+"""Intersection of a ray with a solid, in the solid's own unit cube."""
 
 import math
 
@@ -12,7 +12,7 @@ FAR_M = 1e6
 def intersect_box(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, inside: bool
 ) -> float:
-    """Where o + t d enters the unit cube (leaves it, if seen from `inside`); FAR_M if nowhere."""
+    """Return t where o + t d enters the unit cube, or leaves it if `inside`; FAR_M if nowhere."""
     ix, iy, iz = 1.0 / dx, 1.0 / dy, 1.0 / dz
     cx, cy, cz = -ox * ix, -oy * iy, -oz * iz
     rx, ry, rz = abs(ix), abs(iy), abs(iz)
@@ -27,7 +27,7 @@ def intersect_box(
 def intersect_sphere_or_cylinder(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, is_cylinder: bool
 ) -> float:
-    """Where o + t d first meets the unit ball, or the wall of the unit tube; FAR_M if nowhere."""
+    """Return t where o + t d first hits the unit sphere or open cylinder; FAR_M if nowhere."""
     w = 0.0 if is_cylinder else 1.0
     a = dx * dx + dy * dy + w * dz * dz
     half_b = ox * dx + oy * dy + w * oz * dz

@@ -1,4 +1,4 @@
-"""Light on the walls and the furniture, with soft shadows, worked out once on a coarse grid."""
+"""Light on the walls and the furniture, with soft shadows, computed once on a coarse grid."""
 
 import math
 
@@ -22,11 +22,14 @@ CELL_M = 0.08
 AMBIENT = 0.42
 LIGHTS_PER_LAMP = 3
 FALL_OFF_M = 2.0
-SURFACE_OFFSET_M = 0.01  # off the surface, lest it shadow itself
+SURFACE_OFFSET_M = 0.01  # keeps a surface from shadowing itself
 
 
 def make_lights(rng: np.random.Generator, half_m: Array) -> Array:
-    """Points of light (B, 4): position in metres and power; two lamps and a window, each soft."""
+    """Make point lights (B, 4), position in meters and power, of two lamps and a window.
+
+    Several points for each of them give soft shadows.
+    """
     x, y, high = half_m[0], half_m[1], 2 * half_m[2]
     lamps = (
         ((rng.uniform(-0.5, 0.5) * x, rng.uniform(-0.5, 0.5) * y, high - 0.15), 1.3),
@@ -42,22 +45,22 @@ def make_lights(rng: np.random.Generator, half_m: Array) -> Array:
 
 
 def compute_face_brightness(solid: Solid, face: int, solids: SolidArrays, lights: Array) -> Floats:
-    """Brightness (rows, columns) over a face, 1 is full light."""
+    """Compute the brightness (rows, columns) over a face; 1 is full light."""
     wide, high = solid.face_size_m(face)
     columns, rows = max(2, int(wide / CELL_M)), max(2, int(high / CELL_M))
     s, t = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
     unit, normal = _surface_points(solid.kind, face, s.ravel(), t.ravel())
-    R, centre = solid.T_world_solid[:3, :3], solid.T_world_solid[:3, 3]
-    points = (unit * solid.half_m) @ R.T + centre
+    R, center = solid.T_world_solid[:3, :3], solid.T_world_solid[:3, 3]
+    points = (unit * solid.half_m) @ R.T + center
     normals = normal @ R.T
     light = compute_brightness(
-        points, normals, lights, solids.kind, solids.to_unit, solids.centre_m
+        points, normals, lights, solids.kind, solids.to_unit, solids.center_m
     )
     return light.reshape(rows, columns)
 
 
 def _surface_points(kind: SolidKind, face: int, s: Array, t: Array) -> tuple[Array, Array]:
-    """Points in the unit cube and outward normals where a skin's pixel (s, t in 0..1) lies."""
+    """Unit cube points and outward normals at texture coordinates s, t in 0 .. 1."""
     if kind in (SolidKind.CYLINDER, SolidKind.SPHERE):
         angle, z = 2 * np.pi * (s - 0.5), 1.0 - 2.0 * t
         radius = np.ones_like(z) if kind is SolidKind.CYLINDER else np.sqrt(1.0 - z * z)
@@ -81,9 +84,12 @@ def compute_brightness(
     lights: Array,
     kind: NDArray[np.int64],
     to_unit: Array,
-    centre_m: Array,
+    center_m: Array,
 ) -> Floats:
-    """Brightness (N,) at points (N, 3) with unit normals: ambient, and each bulb not hidden."""
+    """Compute the brightness (N,) at points (N, 3) with unit normals.
+
+    It is the ambient light and the light of each point light that is not occluded.
+    """
     light = np.full(len(points), AMBIENT, dtype=np.float32)
     for i in range(len(points)):
         p, n = points[i], normals[i]
@@ -98,7 +104,7 @@ def compute_brightness(
                 p[1] + SURFACE_OFFSET_M * n[1],
                 p[2] + SURFACE_OFFSET_M * n[2],
             )
-            if not is_occluded(x, y, z, wx, wy, wz, kind, to_unit, centre_m):
+            if not is_occluded(x, y, z, wx, wy, wz, kind, to_unit, center_m):
                 light[i] += bulb[3] * cosine / (1.0 + (distance_m / FALL_OFF_M) ** 2)
     return light
 
@@ -113,13 +119,13 @@ def is_occluded(
     wz: float,
     kind: NDArray[np.int64],
     to_unit: Array,
-    centre_m: Array,
+    center_m: Array,
 ) -> bool:
-    """True if a solid other than the room stands between (x, y, z) and that plus (wx, wy, wz)."""
+    """Whether a solid other than the room is between (x, y, z) and (x + wx, y + wy, z + wz)."""
     for s in range(len(kind)):
         if kind[s] == ROOM:
             continue
-        M, c = to_unit[s], centre_m[s]
+        M, c = to_unit[s], center_m[s]
         ax, ay, az = x - c[0], y - c[1], z - c[2]
         ox, oy, oz = rotate(M, ax, ay, az)
         dx, dy, dz = rotate(M, wx, wy, wz)
@@ -134,7 +140,7 @@ def is_occluded(
 
 @kernel
 def rotate(M: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """M (3, 3) times (x, y, z)."""
+    """Multiply M (3, 3) by (x, y, z)."""
     return (
         M[0, 0] * x + M[0, 1] * y + M[0, 2] * z,
         M[1, 0] * x + M[1, 1] * y + M[1, 2] * z,

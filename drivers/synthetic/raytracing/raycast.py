@@ -1,7 +1,7 @@
-"""Which surface each pixel sees, and how far away: rays against solids.
+"""Ray casting: the solid that each pixel sees, and its depth.
 
-A ray of a pixel is (x, y, 1) in camera axes, so the ray's parameter is the depth z in metres.
-Every row has a pose of its own (rolling shutter).
+A ray of a pixel is (x, y, 1) in camera axes, so the ray's parameter is the depth z in meters.
+Every row has its own pose (rolling shutter).
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from drivers.synthetic.raytracing.intersect import (
 from drivers.synthetic.solids import SolidArrays, SolidKind
 
 TILE = 16
-# How far a solid's outline may move between the three rows that were looked at, in tan(angle).
+# How far a solid's outline may move between the three projected rows, in tan(angle).
 OUTLINE_MARGIN = 0.01
 BOX, ROOM, CYLINDER = int(SolidKind.BOX), int(SolidKind.ROOM), int(SolidKind.CYLINDER)
 
@@ -30,11 +30,14 @@ Indices = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class RaycastScene:
-    """Solids as seen from each row's pose: what rays are tested against.
+    """The solids as seen from each row's pose.
 
-    `frames` (H, S, 3, 4) maps camera coordinates at that row to a solid's unit cube;
-    `candidates` (tiles down, tiles across, S) lists the solids that a tile may see, nearest first,
-    ended by -1; `nearby_error_m` (S,) is where each begins.
+    Attributes:
+        kind: (S,) values of `SolidKind`.
+        frames: (H, S, 3, 4) maps camera coordinates of a row to a solid's unit cube.
+        candidates: (tile rows, tile columns, S + 1) solids that a tile may see, nearest first,
+            ended by -1.
+        near_m: (S,) smallest depth of each solid.
     """
 
     kind: NDArray[np.int64]
@@ -45,9 +48,11 @@ class RaycastScene:
 
 @dataclass(frozen=True)
 class RayGrid:
-    """Where each pixel looks: `rays` (H, W, 2) on the plane z = 1, and the bounds of each tile.
+    """The rays of all pixels, and their bounds in each tile.
 
-    `bounds` (tiles down, tiles across, 4): least and greatest x, least and greatest y.
+    Attributes:
+        rays: (H, W, 2) on the plane z = 1.
+        bounds: (tile rows, tile columns, 4): min x, max x, min y, max y.
     """
 
     rays: Array
@@ -55,7 +60,7 @@ class RayGrid:
 
     @classmethod
     def from_rays(cls, rays: Array) -> "RayGrid":
-        """The grid of `rays` (H, W, 2)."""
+        """Make the grid of `rays` (H, W, 2)."""
         down, across = np.arange(0, rays.shape[0], TILE), np.arange(0, rays.shape[1], TILE)
         bounds = [
             ufunc.reduceat(ufunc.reduceat(rays[..., channel], down, axis=0), across, axis=1)
@@ -66,8 +71,14 @@ class RayGrid:
 
 
 def prepare_scene(solids: SolidArrays, grid: RayGrid, T_body_camera: Array) -> RaycastScene:
-    """Prepare to cast the rays of `grid` from the poses of its rows in each body (B, H, 4, 4)."""
-    frames = unit_frames(solids.to_unit, solids.centre_m, solids.body, T_body_camera)
+    """Prepare the scene for casting the rays of `grid`.
+
+    Args:
+        solids: The solids.
+        grid: The rays.
+        T_body_camera: (B, H, 4, 4) pose of each row in each body's frame.
+    """
+    frames = unit_frames(solids.to_unit, solids.center_m, solids.body, T_body_camera)
     rows = np.array([0, len(grid.rays) // 2, len(grid.rays) - 1])
     T_camera_body = np.asarray(np.linalg.inv(T_body_camera[:, rows]), np.float64)
     outlines = project_outlines(solids.corners_m, solids.body, T_camera_body)
@@ -78,9 +89,9 @@ def prepare_scene(solids: SolidArrays, grid: RayGrid, T_body_camera: Array) -> R
 
 @kernel
 def unit_frames(
-    to_unit: Array, centre_m: Array, body: NDArray[np.int64], T_body_camera: Array
+    to_unit: Array, center_m: Array, body: NDArray[np.int64], T_body_camera: Array
 ) -> Array:
-    """(H, S, 3, 4): camera coordinates of a row to each solid's unit cube."""
+    """Transforms (H, S, 3, 4) from a row's camera coordinates to each solid's unit cube."""
     height = T_body_camera.shape[1]
     frames = np.empty((height, len(to_unit), 3, 4))
     for row in range(height):
@@ -90,18 +101,18 @@ def unit_frames(
                 for j in range(3):
                     frames[row, s, i, j] = M[i, 0] * T[0, j] + M[i, 1] * T[1, j] + M[i, 2] * T[2, j]
                 frames[row, s, i, 3] = (
-                    M[i, 0] * (T[0, 3] - centre_m[s, 0])
-                    + M[i, 1] * (T[1, 3] - centre_m[s, 1])
-                    + M[i, 2] * (T[2, 3] - centre_m[s, 2])
+                    M[i, 0] * (T[0, 3] - center_m[s, 0])
+                    + M[i, 1] * (T[1, 3] - center_m[s, 1])
+                    + M[i, 2] * (T[2, 3] - center_m[s, 2])
                 )
     return frames
 
 
 @kernel
 def project_outlines(corners_m: Array, body: NDArray[np.int64], T_camera_body: Array) -> Array:
-    """(S, 5): nearest depth, then least and greatest x and y on the plane z = 1.
+    """Bounds (S, 5) of each solid: smallest depth, then min x, max x, min y, max y at z = 1.
 
-    The union over the poses given. A solid wholly behind the camera has an empty range.
+    They are the union over the given poses. A solid behind the camera has an empty range.
     """
     outlines = np.empty((len(corners_m), 5))
     outlines[:] = np.inf
@@ -139,35 +150,35 @@ def _extend_outline(outline: Array, x: float, y: float, z: float) -> None:
 
 @kernel
 def list_candidates(outlines: Array, order: NDArray[np.int64], bounds: Array) -> Indices:
-    """Candidates of each tile: see `View`."""
+    """List the candidates of each tile; see `RaycastScene`."""
     lists = np.full((bounds.shape[0], bounds.shape[1], len(order) + 1), -1, dtype=np.int32)
     for i in range(bounds.shape[0]):
         for j in range(bounds.shape[1]):
             n = 0
             for s in order:
-                apart_x = (
+                is_outside_x = (
                     outlines[s, 1] > bounds[i, j, 1] + OUTLINE_MARGIN
                     or outlines[s, 2] < bounds[i, j, 0] - OUTLINE_MARGIN
                 )
-                apart_y = (
+                is_outside_y = (
                     outlines[s, 3] > bounds[i, j, 3] + OUTLINE_MARGIN
                     or outlines[s, 4] < bounds[i, j, 2] - OUTLINE_MARGIN
                 )
-                if not (apart_x or apart_y):
+                if not (is_outside_x or is_outside_y):
                     lists[i, j, n] = s
                     n += 1
     return lists
 
 
-# In the kernels below arrays are passed whole, with indices: a slice in an inner loop costs more
-# than the arithmetic, for its reference count is shared by all threads.
+# The kernels below get whole arrays and indices: a slice in an inner loop costs more than the
+# arithmetic, because all threads share its reference count.
 
 
 @kernel
 def cast_rays(
     rays: Array, kind: NDArray[np.int64], frames: Array, candidates: Indices, near_m: Array
 ) -> tuple[Floats, Indices]:
-    """Depth (H, W) in metres and index of the solid (H, W) that each pixel sees."""
+    """Cast all rays; returns depth (H, W) in meters and the index of the solid (H, W), or -1."""
     height, width = rays.shape[0], rays.shape[1]
     depth_m = np.empty((height, width), dtype=np.float32)
     solid = np.empty((height, width), dtype=np.int32)
@@ -189,11 +200,11 @@ def cast_ray(
     candidates: Indices,
     near_m: Array,
 ) -> tuple[float, int]:
-    """Depth and index of the first solid that the ray (x, y, 1) of pixel (v, u) meets.
+    """Depth and index of the first solid that the ray (x, y, 1) of pixel (v, u) hits.
 
-    FAR_M and -1 if it meets none.
+    FAR_M and -1 if it hits none.
     """
-    best, found = FAR_M, -1
+    best, solid = FAR_M, -1
     i, j = v // TILE, u // TILE
     for n in range(candidates.shape[2]):
         s = candidates[i, j, n]
@@ -205,8 +216,8 @@ def cast_ray(
         else:
             t = intersect_sphere_or_cylinder(ox, oy, oz, dx, dy, dz, kind[s] == CYLINDER)
         if t < best:
-            best, found = t, s
-    return best, found
+            best, solid = t, s
+    return best, solid
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""The color of what a ray meets."""
+"""The color of the surface that a ray hits."""
 
 import math
 
@@ -35,9 +35,9 @@ def shade(
     levels: Table,
     pixel: float,
 ) -> tuple[Floats, Indices]:
-    """Color (H, W, 3) of what was cast, and a number (H, W) for each surface met.
+    """Compute the color (H, W, 3) of the cast rays, and a number (H, W) for each surface.
 
-    `pixel` is the size of a pixel on the plane z = 1.
+    `depth_m` and `solid` come from `cast_rays`; `pixel` is a pixel's size on the plane z = 1.
     """
     height, width = depth_m.shape
     image = np.zeros((height, width, 3), dtype=np.float32)
@@ -120,7 +120,7 @@ def color_at(
     levels: Table,
     pixel: float,
 ) -> tuple[int, float, float, float]:
-    """Face and color where the ray (x, y, 1) of row v meets solid s at depth t."""
+    """Face and color where the ray (x, y, 1) of row v hits solid s at depth t."""
     ox, oy, oz, dx, dy, dz = in_unit_cube(x, y, v, s, frames)
     px, py, pz = ox + t * dx, oy + t * dy, oz + t * dz
     if kind >= CYLINDER:
@@ -135,7 +135,7 @@ def color_at(
     i, j = FACE_U_AXIS[axis], FACE_V_AXIS[axis]
     flip = FACE_FLIP[axis] * (1.0 if outside != (kind == ROOM) else -1.0)
     half_w, half_h = 0.5 * flip * wide, -0.5 * high
-    # How the texel under the ray moves from one pixel to the next, across and down.
+    # Movement of the texel under the ray from one pixel to the next, across and down.
     step = t * pixel
     kx, ky = frames[v, s, axis, 0] / d[axis], frames[v, s, axis, 1] / d[axis]
     b, g, r = sample_anisotropic(
@@ -166,7 +166,7 @@ def round_surface_color(
     levels: Table,
     pixel: float,
 ) -> Color3:
-    """Color of a tube or ball at (px, py, pz) in its unit cube: the skin is wound round it."""
+    """Color of a cylinder or sphere at (px, py, pz) in its unit cube."""
     wide, high = levels[s, 0, 0, 1], levels[s, 0, 0, 2]
     turn = math.atan2(py, px) / (2.0 * math.pi) + 0.5
     scale = math.sqrt(frames[v, s, 0, 0] ** 2 + frames[v, s, 1, 0] ** 2 + frames[v, s, 2, 0] ** 2)

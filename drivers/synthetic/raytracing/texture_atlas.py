@@ -1,4 +1,4 @@
-"""All skins of a room, painted and lit once, as one store of texels with mip levels."""
+"""All textures of a room, painted and lit once, in one array of texels with mip levels."""
 
 import mmap
 from collections.abc import Iterable
@@ -18,15 +18,16 @@ from drivers.synthetic.solids import FACES, Solid, SolidArrays, SolidKind
 
 MIP_LEVELS = 9
 MAX_FACE_PX = 6000
-ROOM_TEXEL_SCALE = 1.5  # walls and floor are seen from further away than what stands before them
+ROOM_TEXEL_SCALE = 1.5  # walls and floor are farther away than the furniture
 
 
 @dataclass(frozen=True)
 class TextureAtlas:
-    """Skins of S solids. Level k has half the size of level k - 1.
+    """Textures of S solids. Level k has half the size of level k - 1.
 
-    texels  (N, 3) uint8 BGR, the images of all levels one after the other
-    levels  (S, FACES, LEVELS, 3) int64: first texel, width, height
+    Attributes:
+        texels: (N, 3) uint8 BGR, the images of all levels one after the other.
+        levels: (S, FACES, MIP_LEVELS, 3) int64: first texel, width, height.
     """
 
     texels: NDArray[np.uint8]
@@ -42,10 +43,21 @@ def paint_atlas(
     threads: int,
     folder: Path | None = None,
 ) -> TextureAtlas:
-    """Paint every face by a generator of its own: the same picture for any number of threads.
+    """Paint every face with its own generator: the result is the same for any number of threads.
 
-    The texels lie in a file without a name in `folder` (default: the system's for such): what no
-    frame shows takes no memory. Raises OSError if the disk is full.
+    The texels are mapped from an unnamed file, so texels that no frame shows take no memory.
+
+    Args:
+        solids: The solids to paint.
+        arrays: The solids that cast shadows.
+        lights: Point lights (B, 4).
+        texel_m: Size of a texel.
+        seed: Seed of the textures.
+        threads: Painting threads.
+        folder: Folder of the unnamed file; None for the system's temporary folder.
+
+    Raises:
+        OSError: The disk is full.
     """
     faces = [(s, face) for s, solid in enumerate(solids) for face in range(_face_count(solid))]
 

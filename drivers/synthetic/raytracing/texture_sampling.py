@@ -1,4 +1,4 @@
-"""Filtered look-up in a skin with mip levels, so that nothing aliases."""
+"""Filtered lookup in a texture with mip levels, without aliasing."""
 
 import math
 
@@ -26,7 +26,7 @@ def sample_anisotropic(
     texels: Bytes,
     levels: Table,
 ) -> Color3:
-    """Mean over a pixel's footprint: samples along its longer side, as broad as its shorter."""
+    """Average over a pixel's footprint: samples along its longer side, as wide as its shorter."""
     across = math.sqrt(across_u * across_u + across_w * across_w)
     down = math.sqrt(down_u * down_u + down_w * down_w)
     long_u, long_w, longest = (
@@ -37,7 +37,7 @@ def sample_anisotropic(
     taps = min(MAX_TAPS, int(longest / max(breadth, 1e-9) + 0.5))
     if taps <= 1:
         return sample_trilinear(u, w, longest, s, face, texels, levels)
-    # One level will do: the taps overlap, which hides the step to the next.
+    # One level is enough: the samples overlap, which hides the step to the next level.
     k = int(mip_level(max(breadth, longest / taps), levels.shape[2]) + 0.5)
     scale_u = levels[s, face, k, 1] / levels[s, face, 0, 1]
     scale_w = levels[s, face, k, 2] / levels[s, face, 0, 2]
@@ -71,7 +71,7 @@ def sample_trilinear(
 
 @kernel
 def mip_level(size: float, levels: int) -> float:
-    """Mip level, with a fraction, whose texels are `size` texels of level 0 wide."""
+    """Fractional mip level whose texels are `size` texels of level 0 wide."""
     return min(max(math.log2(max(size, 1e-6)), 0.0), levels - 1.001)
 
 
@@ -79,7 +79,7 @@ def mip_level(size: float, levels: int) -> float:
 def sample_bilinear(
     u: float, w: float, s: int, face: int, k: int, texels: Bytes, levels: Table
 ) -> Color3:
-    """Sample of level k at (u, w) in its pixels; the first pixel's centre is 0.5."""
+    """Bilinear sample of level k at (u, w) in its pixels; the first pixel's center is 0.5."""
     first, width, height = levels[s, face, k, 0], levels[s, face, k, 1], levels[s, face, k, 2]
     x = min(max(u - 0.5, 0.0), width - 1.0)
     y = min(max(w - 0.5, 0.0), height - 1.0)
@@ -87,7 +87,7 @@ def sample_bilinear(
     fx, fy = x - column, y - row
     right = 1 if column + 1 < width else 0
     below = width if row + 1 < height else 0
-    # Unsigned: the compiler then need not look for negative indices.
+    # Unsigned indices save the compiler the check for negative ones.
     i = np.uint64(first + row * width + column)
     j, m, n = i + np.uint64(right), i + np.uint64(below), i + np.uint64(right + below)
     a, b, c, d = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy

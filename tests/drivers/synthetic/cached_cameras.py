@@ -1,4 +1,4 @@
-"""Virtual cameras whose films are kept, and a host whose clock only moves when somebody sleeps."""
+"""Virtual cameras with cached frames, and a host whose clock only advances during sleep."""
 
 import contextlib
 from collections.abc import Callable
@@ -17,7 +17,7 @@ RendererFactory = Callable[[SyntheticConfig], Renderer]
 
 
 class FakeHost:
-    """A clock that moves only when someone sleeps."""
+    """A host whose clock advances only during `sleep`."""
 
     def __init__(self) -> None:
         self.now_s = 5000.0
@@ -39,7 +39,7 @@ def read_frames(camera: SyntheticCamera) -> list[RgbdFrame]:
 
 
 def fill_sequence(config: SyntheticConfig, folder: Path, shared_renderer: RendererFactory) -> None:
-    """Render what is missing in this process: quicker than in another for a few frames."""
+    """Render missing frames in this process, which is faster than another for a few frames."""
     sequence = create_sequence(files_for_config(config, folder))
     missing = sequence.missing_frames()
     if missing.size:
@@ -50,7 +50,7 @@ def fill_sequence(config: SyntheticConfig, folder: Path, shared_renderer: Render
 
 
 class CachedCameras:
-    """Cameras whose films are rendered once for all tests."""
+    """Cameras whose frames are rendered once for all tests."""
 
     def __init__(self, folder: Path, shared_renderer: RendererFactory) -> None:
         self._films, self._shoot = folder, shared_renderer

@@ -21,35 +21,35 @@ def make_small(config: SyntheticConfig) -> SyntheticConfig:
 
 @pytest.fixture
 def faulty() -> SyntheticConfig:
-    """All of the Kinect's own faults, six frames."""
+    """All sensor faults of a Kinect, six frames."""
     return make_small(SyntheticConfig())
 
 
 @pytest.fixture
 def ideal() -> SyntheticConfig:
-    """No fault at all, six frames."""
+    """No sensor faults, six frames."""
     return make_small(SyntheticConfig.ideal())
 
 
 @pytest.fixture(scope="session")
-def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where films are kept, so that each is rendered once for all tests."""
-    return tmp_path_factory.mktemp("films")
+def sequence_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of rendered sequences, so that each is rendered once for all tests."""
+    return tmp_path_factory.mktemp("sequence_folder")
 
 
 @pytest.fixture
-def cached_cameras(films: Path, shared_renderer: RendererFactory) -> CachedCameras:
-    return CachedCameras(films, shared_renderer)
+def cached_cameras(sequence_folder: Path, shared_renderer: RendererFactory) -> CachedCameras:
+    return CachedCameras(sequence_folder, shared_renderer)
 
 
 @pytest.fixture(scope="session")
 def room() -> RoomModel:
-    """One room, free of furniture where the default motion goes."""
+    """One room, without furniture in the way of the default motion."""
     config = make_small(SyntheticConfig())
     return RoomModel.build(config, make_motion(config, ROOM_HEIGHT_M), threads=2)
 
 
 @pytest.fixture(scope="session")
 def shared_renderer(room: RoomModel) -> RendererFactory:
-    """Renderers through that room, whatever their motion and their sensor are like."""
+    """Make renderers of that room, for any motion and sensor."""
     return lambda variant: Renderer(variant, make_motion(variant, ROOM_HEIGHT_M), room)

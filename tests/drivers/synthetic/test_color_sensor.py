@@ -15,7 +15,7 @@ CLEAN = SyntheticConfig.ideal().color
 
 
 def blurred_edge(shift_m: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
-    """A black-white edge 2 m away, the camera sliding by `shift_m` while the shutter is open."""
+    """A black-white edge 2 m away; the camera moves by `shift_m` while the shutter is open."""
     image = np.zeros((96, 128, 3), dtype=np.float32)
     image[:, 64:] = 200.0
     opening, closing = slide(shift_m / 2), slide(-shift_m / 2)
@@ -40,7 +40,7 @@ def test_an_edge_is_smeared_as_far_as_the_image_moves() -> None:
     assert row.sum() == pytest.approx(64 * 200.0, rel=0.01)
 
 
-def test_noise_has_the_power_asked_for() -> None:
+def test_noise_has_the_configured_power() -> None:
     gray = np.full((96, 128, 3), 128.0, dtype=np.float32)
     eye = ColorSensorModel(noise_sigma=3.0, softness_px=0.0)
     picture = expose(gray, 1.0, EVEN, eye, np.random.default_rng(0))

@@ -49,7 +49,7 @@ def test_nothing_is_read_out_of_range() -> None:
 
 
 def test_the_projector_s_shadow_lies_left_of_what_is_nearer() -> None:
-    """Its breadth is the difference of the disparities: 43.5 px m (1 / 1 m - 1 / 2 m)."""
+    """Its width is the difference of the disparities: 43.5 px m (1 / 1 m - 1 / 2 m)."""
     scene = flat(2.0)
     scene[:, 300:400] = 1.0
     hidden = measure_depth(scene, replace(QUIET, shadows=True), rng()) == 0
@@ -58,7 +58,7 @@ def test_the_projector_s_shadow_lies_left_of_what_is_nearer() -> None:
     assert hidden[:, 279:299].all()
 
 
-def test_edges_fray_and_flat_surfaces_do_not() -> None:
+def test_edges_are_ragged_and_flat_surfaces_are_not() -> None:
     scene = flat(2.0)
     scene[:, 320:] = 1.0
     frayed = measure_depth(scene, replace(QUIET, lateral_sigma_px=0.7), rng())
@@ -83,7 +83,7 @@ def test_a_reading_is_registered_where_its_point_falls(
 
 
 def test_where_two_readings_fall_on_one_pixel_the_nearer_wins() -> None:
-    """At 0.5 m the infrared eye's parallax is 21 px larger than at 1 m: both fall on column 290."""
+    """At 0.5 m the infrared camera's parallax is 21 px larger than at 1 m: both hit column 290."""
     read = np.zeros((480, 640), dtype=np.float32)
     hits: dict[int, dict[float, int]] = {}
     for column in range(290, 340):

@@ -1,4 +1,4 @@
-"""What moves by itself, seen by a camera that stands still."""
+"""Moving objects, seen by a stationary camera."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,7 +25,7 @@ from drivers.synthetic.room import ROOM_HEIGHT_M
 pytestmark = pytest.mark.slow
 
 SMALL = PinholeCamera(128, 96, 105.0, 105.0, 63.5, 47.5)
-# Comes in from the left, is in the middle after a second, and is about to go after 1.5.
+# It enters from the left, is in the middle after a second, and is about to leave after 1.5.
 PARCEL = DynamicObjectConfig(
     DynamicObjectKind.PARCEL, 0.5, 1.5, (0.3, 0.3, 0.02), 1.0, (-1.5, 0.0), (1.5, 0.0)
 )
@@ -46,19 +46,19 @@ Shoot = Callable[[SyntheticConfig], Renderer]
 
 @pytest.fixture(scope="module")
 def shared_renderer() -> Shoot:
-    """Renderers of one room with the parcel in it, whatever their sensor is like."""
+    """Make renderers of one room with the parcel in it, for any sensor."""
     path = make_motion(STILL, ROOM_HEIGHT_M)
     room = RoomModel.build(STILL, path, threads=2)
     return lambda variant: Renderer(variant, path, room)
 
 
 def changed(renderer: Renderer, index: int) -> NDArray[np.bool_]:
-    """Pixels where something else is seen than in the first frame."""
+    """Pixels that show another surface than in the first frame."""
     result: NDArray[np.bool_] = renderer.render(index).depth_raw != renderer.render(0).depth_raw
     return result
 
 
-def test_it_covers_as_much_of_the_view_as_its_size_says_and_then_it_is_gone(
+def test_it_fills_the_view_by_its_size_and_then_leaves(
     shared_renderer: Shoot,
 ) -> None:
     renderer = shared_renderer(STILL)
@@ -72,7 +72,7 @@ def test_it_covers_as_much_of_the_view_as_its_size_says_and_then_it_is_gone(
     assert not changed(renderer, 16).any()
 
 
-def test_it_is_printed_and_of_another_color_than_what_it_hides(shared_renderer: Shoot) -> None:
+def test_it_differs_in_color_from_what_it_occludes(shared_renderer: Shoot) -> None:
     renderer = shared_renderer(STILL)
     seen = changed(renderer, 10)
     with_it, without = (renderer.render(index).color_bgr for index in (10, 0))
@@ -111,15 +111,15 @@ def test_a_person_stands_on_the_floor_before_the_camera() -> None:
     T_camera_body = inverse(path.poses(np.zeros(1))[0]) @ body.poses(np.ones(1))[0]
     assert T_camera_body[0, 3] == pytest.approx(0.0, abs=1e-9)
     assert T_camera_body[2, 3] > 0.5
-    assert T_camera_body[2, 1] > 0.8  # its back to where the camera looks
+    assert T_camera_body[2, 1] > 0.8  # its back is turned away from the camera
 
 
-def test_what_moves_is_the_same_whoever_renders_it(shared_renderer: Shoot) -> None:
+def test_moving_objects_are_the_same_in_every_renderer(shared_renderer: Shoot) -> None:
     a, b = shared_renderer(STILL).render(11), make_renderer(STILL, 1).render(11)
     np.testing.assert_array_equal(a.color_bgr, b.color_bgr)
     np.testing.assert_array_equal(a.depth_raw, b.depth_raw)
 
 
-def test_an_end_before_the_beginning_is_refused() -> None:
-    with pytest.raises(InputError, match="mover parcel: end_s must be after begin_s"):
+def test_an_end_before_the_beginning_is_rejected() -> None:
+    with pytest.raises(InputError, match="moving object parcel: end_s must be after begin_s"):
         replace(PARCEL, end_s=0.0)

@@ -31,7 +31,7 @@ def test_a_frozen_camera_repeats_its_last_images(
     assert len({frame.stamp_s for frame in frames}) == 6
 
 
-def test_black_and_dark_spare_the_depth(
+def test_black_and_dark_do_not_change_the_depth(
     cached_cameras: CachedCameras, ideal: SyntheticConfig
 ) -> None:
     clean, frames = (
@@ -45,7 +45,7 @@ def test_black_and_dark_spare_the_depth(
         np.testing.assert_array_equal(frames[seq].depth_raw, clean[seq].depth_raw)
 
 
-def test_a_covered_camera_sees_nothing_at_all(
+def test_a_covered_camera_sees_nothing(
     cached_cameras: CachedCameras, ideal: SyntheticConfig
 ) -> None:
     frames = cached_cameras.read_frames(ideal, Fault(FaultKind.COVERED, 2, 2))
@@ -53,7 +53,7 @@ def test_a_covered_camera_sees_nothing_at_all(
     assert covered == [False, False, True, True, False, False]
 
 
-def test_noise_leaves_nothing_of_either_image_and_is_the_same_every_time(
+def test_noise_replaces_both_images_and_is_repeatable(
     cached_cameras: CachedCameras, ideal: SyntheticConfig
 ) -> None:
     clean, frames = (

@@ -1,4 +1,4 @@
-"""Frames that a process renders ahead of the reader."""
+"""Frames that a separate process renders ahead of the reader."""
 
 import os
 import signal
@@ -36,7 +36,7 @@ START_S = 60.0
 
 @contextmanager
 def opened(camera: SyntheticCamera) -> Iterator[RgbdFrame]:
-    """The first frame of a camera."""
+    """Open a camera and yield its first frame."""
     with camera:
         yield camera.read(START_S)
 
@@ -55,7 +55,7 @@ def test_the_frames_are_those_rendered_on_demand_and_no_process_is_left(
         assert pixels([first, *read_frames(camera)]) == on_demand
     assert child_pids() == []
     with SyntheticCamera(faulty, PlaybackMode.LOCKSTEP, RenderOptions(tmp_path)) as again:
-        assert child_pids() == []  # all frames are there: none is rendered
+        assert child_pids() == []  # no frame is missing, so no process runs
         assert pixels(read_frames(again)) == on_demand
 
 
@@ -88,7 +88,7 @@ def test_a_live_reader_gets_the_newest_frame_that_is_rendered_and_the_rest_is_co
     seq: int,
     dropped: int,
 ) -> None:
-    """Frames 0, 1 and 3 are there; no other ever is."""
+    """Frames 0, 1 and 3 are rendered; no others ever are."""
     monkeypatch.setattr(frame_provider, "RENDERER", WorkerSpec(idle_renderer.__name__, "idle"))
     host, black = (
         FakeHost(),

@@ -1,4 +1,4 @@
-"""Which frame is rendered next."""
+"""The order in which frames are rendered."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +14,7 @@ FRAME = RenderedImages(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2), np.uint16
 
 
 class Renderers:
-    """Renders what a schedule asks for, each frame in `render_s` of a clock of its own."""
+    """Renders the frames of a schedule, each in `render_s` of its own clock."""
 
     def __init__(self, sequence: RenderedSequence, rate_hz: float, render_s: float) -> None:
         self.now_s = 100.0
@@ -44,7 +44,7 @@ def test_a_reader_that_waits_gets_all_frames_in_order(sequence: RenderedSequence
 
 
 def test_a_live_reader_finds_frames_that_were_ready_in_time(sequence: RenderedSequence) -> None:
-    """At 10 frames a second, each rendered in 0.35 s, about every fourth can be there in time."""
+    """At 10 frames per second and 0.35 s for each, about every fourth frame is ready in time."""
     renderers = Renderers(sequence, rate_hz=10.0, render_s=0.35)
     renderers.render()
     begin_s = renderers.now_s

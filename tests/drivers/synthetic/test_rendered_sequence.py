@@ -1,4 +1,4 @@
-"""Frames on disk: whole or not there, shared by processes, in a folder of bounded size."""
+"""Frames on disk: complete or missing, shared by processes, in a folder of limited size."""
 
 import errno
 import os
@@ -83,7 +83,7 @@ def test_damaged_files_never_give_a_wrong_frame(tmp_path: Path, damage: str) -> 
     assert sequence.missing_frames().tolist() == [0, 1, 2, 3, 4]
 
 
-def test_what_changes_a_pixel_changes_the_key_and_faults_on_request_do_not(
+def test_the_key_changes_with_the_pixels_and_not_with_injected_faults(
     tmp_path: Path, faulty: SyntheticConfig
 ) -> None:
     track = tmp_path / "track.txt"
@@ -101,7 +101,7 @@ def test_what_changes_a_pixel_changes_the_key_and_faults_on_request_do_not(
     assert files_for_config(others[2], tmp_path).key not in keys
 
 
-def test_the_folder_forgets_what_was_unused_longest(
+def test_the_least_recently_used_sequences_are_deleted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rendered_sequence, "MAX_FOLDER_BYTES", int(2.9 * BYTES))
@@ -136,12 +136,12 @@ def test_a_full_disk_is_a_clear_error_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_made_is_the_user_s_mistake(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_created_is_an_input_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="file: frames cannot be kept there"):
+    with pytest.raises(InputError, match="file: cannot store frames there"):
         create_sequence(files(tmp_path / "file"))
 
 
-def test_more_frames_than_are_kept_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"18000 frames are 27\.6 GB"):
+def test_too_many_frames_are_rejected(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"18000 frames need 27\.6 GB"):
         files_for_config(SyntheticConfig(duration_s=600.0), tmp_path)

@@ -22,7 +22,7 @@ Shoot = Callable[[SyntheticConfig], Renderer]
 LARGER = PinholeCamera(320, 240, 262.5, 262.5, 159.5, 119.5)
 
 
-def test_a_frame_is_the_same_whoever_renders_it(
+def test_a_frame_is_the_same_in_every_renderer(
     shared_renderer: Shoot, faulty: SyntheticConfig
 ) -> None:
     one, two = shared_renderer(faulty), make_renderer(faulty, threads=1)
@@ -34,7 +34,7 @@ def test_a_frame_is_the_same_whoever_renders_it(
 
 @pytest.fixture(scope="module")
 def rooms() -> dict[int, Renderer]:
-    """Rooms by seed, each seen five times on a long way through it."""
+    """Renderers by seed, each of five frames on a long path through its room."""
     config = replace(make_small(SyntheticConfig.ideal()), duration_s=20.0, rate_hz=0.25)
     return {seed: make_renderer(replace(config, seed=seed), 2) for seed in (1, 2, 3)}
 
@@ -46,7 +46,7 @@ def test_another_seed_is_another_room(rooms: dict[int, Renderer]) -> None:
 
 
 def test_points_seen_in_two_ideal_frames_agree(ideal: SyntheticConfig) -> None:
-    """Corners moved by depth and true poses, against where optical flow finds them."""
+    """Corners projected by depth and true poses, compared with optical flow."""
     config = replace(ideal, camera=LARGER, texel_m=0.005, rate_hz=10.0, duration_s=1.0)
     renderer = make_renderer(config, 2)
     one, two = renderer.render(0), renderer.render(1)
@@ -99,7 +99,7 @@ def test_depth_is_taken_later_than_color_by_the_skew(
     )
 
 
-def test_distortion_is_rendered_and_taken_out_again(
+def test_distortion_is_rendered_and_removed_again(
     shared_renderer: Shoot, ideal: SyntheticConfig
 ) -> None:
     distorted = replace(ideal, camera=LARGER, color=replace(ideal.color, distortion=FREIBURG1))
@@ -129,7 +129,7 @@ def test_the_kinect_s_depth_has_shadows_borders_and_steps(
 def test_a_bare_wall_has_neither_texture_nor_furniture(
     shared_renderer: Shoot, ideal: SyntheticConfig, tmp_path: Path
 ) -> None:
-    """A still camera 1.5 m before the wall at +y, looking straight at it."""
+    """A stationary camera 1.5 m before the wall at +y, facing it."""
     level = "0.70710678 0 0 -0.70710678"
     track = tmp_path / "still.txt"
     track.write_text("".join(f"{t} 0 0 1.9 {level}\n" for t in range(3)))
@@ -157,7 +157,7 @@ def test_standing_still_shows_the_same_scene(
 def test_every_fault_of_the_sensor_can_be_switched_off_alone(
     shared_renderer: Shoot, faulty: SyntheticConfig
 ) -> None:
-    """Each change of one number changes the frames: none is decoration."""
+    """Changing any one number changes the frames."""
     once = replace(faulty, camera=LARGER)
     eye, depth = once.color, once.depth
     variants = [

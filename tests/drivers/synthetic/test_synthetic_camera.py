@@ -30,7 +30,7 @@ def test_lockstep_delivers_every_frame_under_fixed_stamps(
 def test_two_runs_give_the_same_bytes_whatever_the_threads(
     cached_cameras: CachedCameras, faulty: SyntheticConfig
 ) -> None:
-    """Rendered as they are read, the room painted by one thread and by two, and from disk."""
+    """Rendered on demand, with a room painted by one thread and by two, and read from disk."""
     ways = (RenderOptions(threads=1), RenderOptions(threads=2))
     runs = [cached_cameras.read_frames(faulty)]
     for way in ways:
@@ -68,9 +68,7 @@ def test_opening_again_starts_over(cached_cameras: CachedCameras, ideal: Synthet
         camera.read(1.0)
 
 
-def test_a_loop_goes_on_for_ever_without_a_seam(
-    cached_cameras: CachedCameras, ideal: SyntheticConfig
-) -> None:
+def test_a_loop_has_no_seam(cached_cameras: CachedCameras, ideal: SyntheticConfig) -> None:
     with cached_cameras.open_camera(replace(ideal, loop=True)) as camera:
         frames = [camera.read(1.0) for _ in range(14)]
         assert camera.frame_count is None
@@ -123,12 +121,12 @@ def test_a_slow_reader_gets_the_newest_frame_and_the_rest_is_counted(
         ({"color": ColorSensorModel(distortion=(0.1,))}, "k1 k2 p1 p2 k3"),
     ],
 )
-def test_what_makes_no_sense_is_refused_by_name(change: dict[str, object], message: str) -> None:
+def test_invalid_values_are_rejected_by_name(change: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         replace(SyntheticConfig(), **change)  # type: ignore[arg-type]
 
 
-def test_every_frame_knows_which_way_is_down(
+def test_every_frame_has_the_direction_of_gravity(
     cached_cameras: CachedCameras, ideal: SyntheticConfig
 ) -> None:
     with cached_cameras.open_camera(ideal) as camera:

@@ -34,22 +34,22 @@ SKINS = {
 }
 
 
-def paint(skin: TexturePainter, seed: int = 0) -> NDArray[np.uint8]:
-    image = skin(np.random.default_rng(seed), 300, 420, 0.004)
+def paint(texture: TexturePainter, seed: int = 0) -> NDArray[np.uint8]:
+    image = texture(np.random.default_rng(seed), 300, 420, 0.004)
     assert image.shape == (300, 420, 3)
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
 @pytest.mark.parametrize("name", SKINS)
-def test_a_skin_is_repeatable_and_another_seed_paints_another(name: str) -> None:
+def test_a_texture_is_repeatable_and_another_seed_paints_another(name: str) -> None:
     one, again, other = (paint(SKINS[name], seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one, again)
     assert np.mean(cv2.absdiff(one, other)) > 1.0
 
 
 @pytest.mark.parametrize("name", SKINS)
-def test_no_two_places_of_a_skin_look_alike(name: str) -> None:
-    """A patch's best match elsewhere, by normalised correlation, is clearly worse than itself."""
+def test_no_two_places_of_a_texture_look_alike(name: str) -> None:
+    """The best match of a patch elsewhere, by normalized correlation, is clearly worse."""
     image = paint(SKINS[name])
     rng = np.random.default_rng(0)
     for _ in range(8):
@@ -65,8 +65,8 @@ def test_no_two_places_of_a_skin_look_alike(name: str) -> None:
 @pytest.mark.parametrize("width", [1, 4, 5, 60])
 @pytest.mark.parametrize("height", [1, 4, 7, 50])
 def test_even_the_smallest_face_can_be_painted(width: int, height: int) -> None:
-    for skin in SKINS.values():
-        image = skin(np.random.default_rng(0), height, width, 0.003)
+    for texture in SKINS.values():
+        image = texture(np.random.default_rng(0), height, width, 0.003)
         assert image.shape == (height, width, 3)
         assert np.all(np.isfinite(image))
 

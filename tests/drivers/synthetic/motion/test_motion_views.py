@@ -1,4 +1,4 @@
-"""What the motions with a scene of their own see."""
+"""The views of motions that need a certain scene."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 
 
 def heights_m(config: SyntheticConfig) -> Array:
-    """How high above the floor each pixel's point is, frame by frame (N, H * W)."""
+    """Height above the floor of each pixel's point, by frame (N, H * W)."""
     renderer = make_renderer(config, 2)
     rays = pixel_rays(config.camera, np.zeros(5)).reshape(-1, 2)
     times_s = np.arange(config.frame_count) / config.rate_hz
@@ -26,10 +26,12 @@ def heights_m(config: SyntheticConfig) -> Array:
     return np.array(heights)
 
 
-def test_over_the_floor_nothing_else_is_seen_but_when_it_looks_up(ideal: SyntheticConfig) -> None:
+def test_over_the_floor_only_the_floor_is_seen_except_when_it_looks_up(
+    ideal: SyntheticConfig,
+) -> None:
     config = replace(ideal, motion=MotionKind.FLOOR, duration_s=20.0, rate_hz=0.6)
     floor = np.mean(np.abs(heights_m(config)) < 0.01, axis=1)
-    assert np.mean(floor > 0.999) >= 0.6  # 7 of 12 at the least
+    assert np.mean(floor > 0.999) >= 0.6  # at least 7 of 12
     assert 0.3 < floor.min() < 0.95
 
 

@@ -1,4 +1,4 @@
-"""The motions that are hard on purpose."""
+"""The motions that are hard for odometry."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ def poses(motion: MotionKind) -> Array:
     return make_motion(replace(CONFIG, motion=motion), 2.7).poses(TIMES_S)
 
 
-def test_for_a_third_of_the_time_it_looks_at_the_wall_and_first_and_last_aside() -> None:
+def test_it_faces_the_wall_for_a_third_of_the_time_and_begins_and_ends_aside() -> None:
     T = poses(MotionKind.WALL)
     aside_rad = np.arctan2(-T[:, 0, 2], T[:, 1, 2])
     assert 0.3 < np.mean(np.abs(aside_rad) < 0.25) < 0.45
@@ -51,7 +51,7 @@ def test_fast_turns_take_half_a_second_at_two_to_four_radians_a_second() -> None
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_creep_goes_straight_on_by_a_millimetre_a_second(seed: int) -> None:
+def test_a_creep_goes_straight_on_at_a_millimeter_a_second(seed: int) -> None:
     path = make_motion(replace(CONFIG, motion=MotionKind.CREEP, seed=seed), 2.7)
     T = path.poses(TIMES_S)
     steps_m = np.diff(T[:, :3, 3], axis=0)

@@ -25,7 +25,7 @@ TIMES = np.linspace(0.0, 10.0, 2001)
 
 
 def track_poses(times_s: Array) -> Array:
-    """A track that turns right round, so that its quaternions change sign."""
+    """A track with a full turn, so that its quaternions change sign."""
     poses = [
         rigid_transform(
             so3_exp([0.1, 0.2, 0.0]) @ so3_exp([0, 0, 0.7 * t]),
@@ -78,19 +78,19 @@ def test_a_hand_trembles_about_the_smooth_path_and_still_is_still() -> None:
 @pytest.mark.parametrize(
     "motion", [motion for motion in MotionKind if motion is not MotionKind.STILL]
 )
-def test_another_seed_moves_otherwise(motion: MotionKind) -> None:
+def test_another_seed_gives_another_motion(motion: MotionKind) -> None:
     config = replace(CONFIG, motion=motion)
     a, b = (make_motion(replace(config, seed=seed), 2.7).poses(TIMES[:5]) for seed in (1, 2))
     assert np.abs(a - b).max() > 0.01
 
 
 def downward_rad(poses: Array) -> Array:
-    """How far each view's middle is below the horizon."""
+    """Angle of each view's center below the horizon."""
     result: Array = np.arcsin(-poses[:, 2, 2])
     return result
 
 
-def test_over_the_floor_it_looks_down_but_for_a_short_look_up_every_ten_seconds() -> None:
+def test_over_the_floor_it_looks_down_except_for_a_short_look_up_every_ten_seconds() -> None:
     config = replace(CONFIG, motion=MotionKind.FLOOR, duration_s=20.0)
     path = make_motion(config, 2.7)
     poses = path.poses(np.linspace(0.0, 20.0, 2001))
@@ -101,7 +101,7 @@ def test_over_the_floor_it_looks_down_but_for_a_short_look_up_every_ten_seconds(
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_what_is_kept_free_over_the_floor_reaches_down_to_what_is_seen_of_it(seed: int) -> None:
+def test_the_clearance_points_reach_down_to_the_visible_floor(seed: int) -> None:
     config = replace(CONFIG, motion=MotionKind.FLOOR, seed=seed)
     path = make_motion(config, 2.7)
     first = np.array([0.0])  # looking down
@@ -124,7 +124,7 @@ def test_an_orbit_goes_all_the_way_round_and_mostly_looks_at_the_middle() -> Non
     assert np.median(aside) < 0.2 < 0.35 < aside.max()
 
 
-def test_an_orbit_has_fast_turns_but_none_that_no_hand_makes() -> None:
+def test_an_orbit_has_fast_turns_but_no_faster_than_a_hand() -> None:
     config = replace(CONFIG, motion=MotionKind.ORBIT, duration_s=20.0)
     poses = make_motion(config, 2.7).poses(np.arange(600) / 30.0)
     steps = [inverse(a)[:3, :3] @ b[:3, :3] for a, b in pairwise(poses)]
@@ -135,7 +135,7 @@ def test_an_orbit_has_fast_turns_but_none_that_no_hand_makes() -> None:
 
 @pytest.mark.parametrize("motion", [MotionKind.FLOOR, MotionKind.ORBIT, MotionKind.TOUR])
 @pytest.mark.parametrize("duration_s", [0.2, 3.0, 7.0])
-def test_a_short_film_is_no_faster_for_it(motion: MotionKind, duration_s: float) -> None:
+def test_a_short_sequence_is_not_faster(motion: MotionKind, duration_s: float) -> None:
     config = replace(CONFIG, motion=motion, duration_s=duration_s)
     times_s = np.linspace(0.0, duration_s, 101)
     position_m = make_motion(config, 2.7).poses(times_s)[:, :3, 3]
@@ -163,7 +163,7 @@ def test_a_looped_track_goes_there_and_back(track: Path) -> None:
 
 
 def test_a_track_that_is_too_short_says_how_long_it_is(track: Path) -> None:
-    with pytest.raises(InputError, match=r"track.txt: holds 11.990 s .* duration_s is 20"):
+    with pytest.raises(InputError, match=r"track.txt: has 11.990 s .* duration_s is 20"):
         make_motion(replace(CONFIG, track=track, duration_s=20.0), 2.7)
 
 

@@ -1,4 +1,4 @@
-"""A walk several times past the same places, and two corners that cannot be told apart."""
+"""A walk several times past the same places, and two corners that look the same."""
 
 from dataclasses import replace
 
@@ -22,20 +22,20 @@ TOUR = SyntheticConfig(motion=MotionKind.TOUR, duration_s=60.0)
 
 
 def tour(seconds: float, seed: int = 1) -> tuple[Array, Array]:
-    """Times (N,) and poses (N, 4, 4), thirty a second."""
+    """Times (N,) and poses (N, 4, 4), thirty per second."""
     times_s = np.arange(round(30 * seconds)) / 30.0
     config = replace(TOUR, duration_s=seconds, seed=seed)
     return times_s, make_motion(config, ROOM_HEIGHT_M).poses(times_s)
 
 
 def around_rad(poses: Array) -> Array:
-    """How far round the middle of the room, on and on."""
+    """Unwrapped angle (N,) about the middle of the room."""
     result: Array = np.unwrap(np.arctan2(poses[:, 1, 3] / 1.8, poses[:, 0, 3] / 2.6))
     return result
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_in_a_minute_it_comes_past_every_place_twice_and_goes_as_a_hand_or_a_robot(
+def test_in_a_minute_it_passes_every_place_twice_at_the_speed_of_a_hand_or_a_robot(
     seed: int,
 ) -> None:
     _, poses = tour(60.0, seed)
@@ -47,7 +47,7 @@ def test_in_a_minute_it_comes_past_every_place_twice_and_goes_as_a_hand_or_a_rob
     assert 10.0 < np.median(rates) < np.percentile(rates, 95) < 40.0
 
 
-def test_in_ten_minutes_it_makes_many_laps_and_goes_back_now_and_then() -> None:
+def test_in_ten_minutes_it_makes_many_laps_and_sometimes_goes_back() -> None:
     _, poses = tour(600.0)
     around = around_rad(poses)
     assert around[-1] - around[0] == pytest.approx(14 * 2 * np.pi, abs=0.1)
@@ -64,7 +64,7 @@ def test_it_looks_where_it_goes_on_and_back() -> None:
     assert np.diff(around_rad(poses)).min() < -0.005
 
 
-def test_the_same_place_is_never_seen_just_the_same_on_another_lap() -> None:
+def test_a_place_is_never_seen_from_the_same_pose_on_another_lap() -> None:
     _, poses = tour(60.0)
     one, two = poses[:900], poses[900:]
     apart_m = np.linalg.norm(one[:, None, :3, 3] - two[None, :, :3, 3], axis=2)
@@ -76,7 +76,7 @@ def test_the_same_place_is_never_seen_just_the_same_on_another_lap() -> None:
 
 
 class StationaryMotion(CameraMotion):
-    """Stands on one spot."""
+    """A camera that does not move."""
 
     def __init__(self, T_world_camera: Array) -> None:
         self._T = T_world_camera
@@ -87,7 +87,7 @@ class StationaryMotion(CameraMotion):
 
 
 def looking(towards_rad: float) -> Array:
-    """T_world_camera from near the middle of the room, so far to the left of +y."""
+    """T_world_camera from near the middle of the room, turned left of +y."""
     T = np.eye(4)
     T[:3, :3] = look_rotations(np.array([towards_rad]), np.array([0.25]), np.zeros(1))[0]
     T[:3, 3] = (-0.7 * np.sin(towards_rad), 0.7 * np.cos(towards_rad), 1.4)
@@ -100,7 +100,7 @@ def test_two_corners_look_the_same_and_the_other_two_do_not(ideal: SyntheticConf
     room = RoomModel.build(config, make_motion(config, ROOM_HEIGHT_M), threads=2)
 
     def unlike(T: Array) -> tuple[float, float]:
-        """Mean difference of color, and share of other depth, seen from T and from opposite."""
+        """Mean difference of color and fraction of other depths, from T and from its opposite."""
         a, b = (
             Renderer(config, StationaryMotion(each), room).render(0) for each in (T, HALF_TURN @ T)
         )
@@ -113,27 +113,27 @@ def test_two_corners_look_the_same_and_the_other_two_do_not(ideal: SyntheticConf
     assert twins[1] < 0.01 < 0.3 < others[1]
 
 
-def test_every_piece_of_a_twin_corner_has_another_just_opposite() -> None:
+def test_every_piece_of_an_aliased_corner_has_its_copy_opposite() -> None:
     free_m = TourMotion(np.random.default_rng(1), 60.0).clearance_points_m(
         np.linspace(0.0, 60.0, 600)
     )
     plain, twins = (build_room(1, free_m, bare_wall=False, twin_corners=on) for on in (False, True))
-    # The shell of the room is its own opposite.
+    # The shell of the room is symmetric.
     assert count_of_pairs(plain[1:]) == 0
     assert count_of_pairs(twins[1:]) > 20
 
 
 def count_of_pairs(solids: Solids) -> int:
-    """Pieces that have one of the same size just opposite."""
+    """Count pieces that have one of the same size at the opposite place."""
     keys = {key(solid) for solid in solids}
     return sum(key(solid.transform(HALF_TURN)) in keys for solid in solids) // 2
 
 
 def key(solid: Solid) -> tuple[float, ...]:
-    """Where it is and how large, to a millimetre."""
+    """Place and size, to a millimeter."""
     return tuple(np.round([*solid.T_world_solid[:3, 3], *solid.half_m], 3) + 0.0)
 
 
-def test_twins_need_all_four_walls() -> None:
+def test_aliased_corners_need_all_four_walls() -> None:
     with pytest.raises(InputError, match="twin_corners need all four walls"):
         SyntheticConfig(twin_corners=True, bare_wall=True)

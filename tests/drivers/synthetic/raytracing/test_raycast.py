@@ -65,15 +65,15 @@ def test_the_nearer_box_hides_the_further_one() -> None:
     assert np.isclose(depth_m[0, 0], 2.9)
 
 
-def test_a_turned_box_is_met_at_its_turned_face() -> None:
-    """A cube of side 1 turned by 45 degrees shows its edge, sqrt(1/2) before its middle."""
+def test_a_turned_box_is_hit_at_its_turned_face() -> None:
+    """A cube of side 1 turned by 45 degrees shows its edge, sqrt(1/2) before its center."""
     solids = [make_solid((0, 3.0, 0), (1, 1, 1), GRAY, yaw_rad=np.pi / 4)]
     T = rigid_transform(FORWARD, (0.5 / CAMERA.fx * -3.0, 0, 0))
     depth_m, _ = see(solids, T)
     assert abs(depth_m[CENTRE] - (3.0 - np.sqrt(0.5))) < 0.05
 
 
-def test_a_ball_is_met_at_its_radius_and_the_empty_beyond_is_far() -> None:
+def test_a_sphere_is_hit_at_its_radius_and_empty_space_is_far() -> None:
     depth_m, solid = see(
         [make_solid((0, 2, 0), (1, 1, 1), GRAY, kind=SolidKind.SPHERE)], np.eye(4) @ pose()
     )
@@ -84,7 +84,7 @@ def test_a_ball_is_met_at_its_radius_and_the_empty_beyond_is_far() -> None:
     assert depth_m[0, 0] == np.float32(FAR_M)
 
 
-def test_one_looks_through_an_open_tube() -> None:
+def test_rays_pass_through_an_open_cylinder() -> None:
     down = rigid_transform(np.diag([1.0, -1.0, -1.0]), (0, 0, 2.0))
     tube, floor = (
         make_solid((0, 0, 0.5), (0.6, 0.6, 1.0), GRAY, kind=SolidKind.CYLINDER),
@@ -102,8 +102,8 @@ def pose() -> Array:
 
 @given(ANGLES, ANGLES, ANGLES, st.integers(0, 5))
 @settings(max_examples=10, deadline=None)
-def test_looking_only_at_candidates_changes_nothing(a: float, b: float, c: float, s: int) -> None:
-    """Culling by tile, with every row at another pose, against testing every solid."""
+def test_testing_only_candidates_changes_nothing(a: float, b: float, c: float, s: int) -> None:
+    """Compare culling by tile, with a different pose for every row, with testing every solid."""
     solids = build_room(s, np.array([[0.0, 0.0, 1.5]]), bare_wall=False, twin_corners=False)
     turns = np.linspace(-0.01, 0.01, CAMERA.height)
     T = np.array(
@@ -124,7 +124,7 @@ def test_looking_only_at_candidates_changes_nothing(a: float, b: float, c: float
         np.testing.assert_array_equal(culled, complete)
 
 
-def test_the_room_is_closed_wherever_one_looks() -> None:
+def test_the_room_is_closed_in_every_direction() -> None:
     solids = build_room(1, np.array([[0.0, 0.0, 1.5]]), bare_wall=False, twin_corners=False)
     for yaw in np.arange(0.0, 6.0, 1.0):
         T = inverse(rigid_transform(so3_exp([0, yaw, 0]) @ FORWARD.T, (0, 0, 0)))
